@@ -17,8 +17,8 @@ import jax
 import numpy as np
 
 from gaitsweep.contract import Model
-from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.kernel.cuda import CudaLanes
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
@@ -99,7 +99,7 @@ def measure(case: Case, lanes: int = 131072, contraction: bool = True) -> Measur
     spec = SweepSpec(
         model=case.model,
         recorder=case.recorder,
-        numerics=dataclasses.replace(case.numerics, contraction=contraction),
+        numerics=dataclasses.replace(case.numerics, contraction=contraction).resolve(case.model),
         n_rows=lanes,
         block=lanes,
         lanes=lanes,

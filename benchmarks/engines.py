@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.kernel.lanes import kernel_of
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
@@ -61,9 +61,10 @@ def measure(
         repeats: timed runs.
     """
     chosen = local_devices(devices)
-    model, numerics = Multilegged(), Numerics(dt=dt or STEPS[method], method=method)
+    model, dt = Multilegged(), dt or STEPS[method]
+    numerics = Numerics(dt=dt, method=method).resolve(model)
     recorder = CrossingRecorder(model, crossings=crossings)
-    name = f"gaitsweep, {engine}, {method}, dt {1e3 * numerics.dt:g} ms"
+    name = f"gaitsweep, {engine}, {method}, dt {1e3 * dt:g} ms"
     try:
         choose(engine, chosen[0], model, recorder, numerics, None)
     except EngineError as error:
@@ -73,7 +74,7 @@ def measure(
 
     def run(rows: int) -> tuple[Timings, BlockResult]:
         given: list[BlockResult] = []
-        work = SweepSpec(
+        spec = SweepSpec(
             model=model,
             recorder=recorder,
             numerics=numerics,
@@ -84,7 +85,7 @@ def measure(
             values=lambda first, last: _values(true[np.arange(first, last) % len(true), 0]),
             engine=engine,
         )
-        return sweep(work, [0], lambda _, block: given.append(block)), given[0]
+        return sweep(spec, [0], lambda _, block: given.append(block)), given[0]
 
     at_once = lanes * len(chosen)
     rows = at_once
@@ -126,7 +127,7 @@ def operations(method: str) -> int:
     model = Multilegged()
     numerics = Numerics(dt=STEPS[method], method=method)
     local_devices()  # sets float64 on
-    chunk = kernel_of(model, CrossingRecorder(model, crossings=1), numerics, None).chunk
+    chunk = kernel_of(model, CrossingRecorder(model, crossings=1), numerics.resolve(model), None).chunk
     program = chunk.program
     return sum(
         not program.steady[at] and program.nodes[at].op not in ("input", "constant")

@@ -39,18 +39,18 @@ def make_up(path: Path, template: Path, points: int) -> None:
     from gaitsweep.runs.summary import describe, sum_up
     from gaitsweep.table import ResultDirectory
 
-    ready = prepare(load_job(JOB, overrides(points)))
-    records, work = gs.load(template), ready.work
+    context = prepare(load_job(JOB, overrides(points)))
+    records, spec = gs.load(template), context.spec
     with ResultDirectory.open(
-        path, ready.job.resolved(engine=ready.engine), ready.job_hash, work.n_rows, work.block
+        path, context.job.resolved(engine=context.engine), context.job_hash, spec.n_rows, spec.block
     ) as directory:
-        describe(ready, directory)
+        describe(context, directory)
         for number in directory.missing_blocks():
             first, last = directory.rows_of(number)
             frame = records.iloc[np.arange(first, last) % len(records)].reset_index(drop=True)
-            frame = frame.assign(row=np.arange(first, last), **ready.plan.columns(first, last))
+            frame = frame.assign(row=np.arange(first, last), **context.design.columns(first, last))
             directory.write_part(number, frame)
-        sum_up(ready, directory, {})
+        sum_up(context, directory, {})
 
 
 def load(path: Path, columns: list[str] | None, rows: slice | None) -> None:
@@ -68,10 +68,10 @@ def command(*words: object) -> None:
         raise SystemExit(1)
 
 
-def measured(what: str, work: Callable[..., None], *given: object) -> None:
+def measured(what: str, spec: Callable[..., None], *given: object) -> None:
     """Print the largest memory (MB) and the time (s) of a process that does nothing else."""
     began = time.perf_counter()
-    process = multiprocessing.get_context("spawn").Process(target=_alone, args=(work, given))
+    process = multiprocessing.get_context("spawn").Process(target=_alone, args=(spec, given))
     process.start()
     process.join()
     seconds = time.perf_counter() - began
@@ -80,11 +80,11 @@ def measured(what: str, work: Callable[..., None], *given: object) -> None:
     print(f"    {what}: {seconds:.1f} s", flush=True)
 
 
-def _alone(work: Callable[..., None], given: tuple[object, ...]) -> None:
+def _alone(spec: Callable[..., None], given: tuple[object, ...]) -> None:
     sys.stdout.flush()
     with open(os.devnull, "w") as nowhere:
         out, sys.stdout = sys.stdout, nowhere
-        work(*given)
+        spec(*given)
         sys.stdout = out
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
     print(f"{peak:8.0f} MB", end="", flush=True)

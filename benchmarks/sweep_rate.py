@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gaitsweep.contract import HybridModel, SteppedModel
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.engine.sweep.sweep import Timings, sweep
@@ -65,8 +65,9 @@ def sweep_rate(
             for q in model.initial_conditions
         }
         work = SweepSpec(
-            model=model, recorder=CrossingRecorder(model, crossings=cycles), numerics=numerics, n_rows=n,
-            block=n, lanes=lanes, devices=devices, values=lambda a, b: (params, begin), engine=engine,
+            model=model, recorder=CrossingRecorder(model, crossings=cycles), n_rows=n, block=n, lanes=lanes,
+            numerics=numerics.resolve(model), devices=devices,
+            values=lambda a, b: (params, begin), engine=engine,
         )  # fmt: skip
         return sweep(work, [0], lambda _, block: simulated.append(float(np.sum(block.t_end))))
 

@@ -81,8 +81,8 @@ def job_of(
 
 def steps_of(job: Job) -> np.ndarray:
     """The longest step (s) of each row."""
-    steps = row_steps(job.plan, job.run, job.integration)
-    dt = np.empty(job.plan.n_rows)
+    steps = row_steps(job.design, job.run, job.integration)
+    dt = np.empty(job.design.n_rows)
     dt[steps.rows] = steps.dt
     return dt
 

@@ -77,7 +77,7 @@ def check_one(mutant: Mutant) -> Answer:
     try:
         with _alarm(HANGS):
             job = load_job(mutant.path)
-            job.plan.columns(0, min(job.plan.n_rows, 3))
+            job.design.columns(0, min(job.design.n_rows, 3))
             job.hash()
             good = True
     except UserError as error:
@@ -155,7 +155,7 @@ def by_command_line(count: int, seed: int, folder: Path) -> list[Answer]:
     while len(checks) < count - count // 10 or len(runs) < count // 10:
         mutant = shop.make(number := number + 1)
         try:
-            rows = load_job(mutant.path).plan.n_rows
+            rows = load_job(mutant.path).design.n_rows
         except UserError:
             rows = 0
         if rows and len(runs) < count // 10:

@@ -16,8 +16,8 @@ from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.search import Found, run_search
 from gaitsweep.fitting.search_job import load_search, read_search
 from gaitsweep.kinds import Settle
-from gaitsweep.kinds.part import plain
 from gaitsweep.runs.progress import Progress, progress_lines
+from gaitsweep.schema.strict_model import plain
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -17,7 +17,7 @@ from gaitsweep.contract import Model, Quantity
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec
-from gaitsweep.kinds.part import plain
+from gaitsweep.schema.strict_model import plain
 from gaitsweep.shipped import BUILTIN
 
 AnyModel = Model | type[Model] | str

@@ -44,23 +44,25 @@ class PoincareMap:
 
     def __init__(self, job: Job, cycles: int, without_start: Sequence[str]) -> None:
         """Use `gaitsweep.return_map`; `without_start` are the start values that were not given."""
-        plan = job.plan
-        names = [quantity.name for quantity in plan.model.parameters]
-        parameters, starts = plan.values(0, plan.n_rows)
-        moving = {name for name in names if plan.spans(name)}
+        design = job.design
+        names = [quantity.name for quantity in design.model.parameters]
+        parameters, starts = design.values(0, design.n_rows)
+        moving = {name for name in names if design.spans(name)}
         # parameters that follow others by a formula stay formulas, so that a branch moves them too
-        settings = {name: plan.derived.get(name, plan.settings[name]) for name in names if name not in moving}
-        settings |= {name: plan.derived[name] for name in moving if name in plan.derived}
-        settings |= {name: 0.0 for name in moving if name not in plan.derived}
-        self.model = plan.model
+        settings = {
+            name: design.derived.get(name, design.settings[name]) for name in names if name not in moving
+        }
+        settings |= {name: design.derived[name] for name in moving if name in design.derived}
+        settings |= {name: 0.0 for name in moving if name not in design.derived}
+        self.model = design.model
         self.mapping = BatchedReturnMap(
-            plan.model,
+            design.model,
             tuple(settings.items()),
             numerics=job.integration,
             engine=job.engine.name,
             cycles=cycles,
         )
-        self._values = {name: parameters[name] for name in moving if name not in plan.derived}
+        self._values = {name: parameters[name] for name in moving if name not in design.derived}
         self._parameters = parameters
         self._without_start = tuple(without_start)
         self._starts = {
@@ -244,7 +246,7 @@ class PoincareMap:
         return self.settled({}, 0)
 
     def _require_derivative(self) -> None:
-        method = self.mapping.numerics.of(self.model).method
+        method = self.mapping.integration.method
         if (refusal := derivative_refusal(method, self.model)) is not None:
             raise ArgumentError(
                 f"The return map of {self.model.name} by {method} has no derivative: {refusal}"
@@ -277,7 +279,7 @@ def return_map(
     fields = {"numerics": numerics, "engine": {"name": engine}}
     run = ReturnMap(crossings=1)
     job = job_of(model, values, run=run, params=params, start=start, any_start=True, **fields)
-    for caveat in job.plan.model.caveats():
+    for caveat in job.design.model.caveats():
         warnings.warn(caveat, stacklevel=2)
-    without = [q.name for q in job.plan.model.initial_conditions if q.default is None]
+    without = [q.name for q in job.design.model.initial_conditions if q.default is None]
     return PoincareMap(job, cycles, [name for name in without if name not in {**values, **(start or {})}])

@@ -16,8 +16,8 @@ from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.sensitivity import Sensitivity, run_sensitivity
 from gaitsweep.fitting.sensitivity_job import load_sensitivity, read_sensitivity
 from gaitsweep.kinds import Settle
-from gaitsweep.kinds.part import plain
 from gaitsweep.runs.progress import Progress, progress_lines
+from gaitsweep.schema.strict_model import plain
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -101,11 +101,13 @@ def simulate(
         return job_of(model, values, run=trace, params=params, start=start, **fields)
 
     job = job_with(duration if every is None else every)
-    if job.plan.groups:
-        raise ArgumentError(f"{job.plan.names[0]} is an axis, but one trajectory takes a number: use sweep.")
+    if job.design.groups:
+        raise ArgumentError(
+            f"{job.design.names[0]} is an axis, but one trajectory takes a number: use sweep."
+        )
     if every is None:
-        parameters, _ = job.plan.values(0, 1)
-        chosen = job.plan.model
+        parameters, _ = job.design.values(0, 1)
+        chosen = job.design.model
         known = {name: jnp.asarray(value[0]) for name, value in chosen.on_host(parameters).items()}
         cycle = float(chosen.period(chosen.params(known)))
         job = job_with(min(cycle / SAMPLES_PER_CYCLE, duration))

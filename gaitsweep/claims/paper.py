@@ -15,17 +15,17 @@ from gaitsweep import near_miss
 from gaitsweep.claims.measure import MEASURES
 from gaitsweep.errors import ArgumentError
 from gaitsweep.extension import folders
-from gaitsweep.job.yaml_document import Document, read_document
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, found, from_pydantic
-from gaitsweep.kinds.numbers import InvalidValue, Stem, read_stem
-from gaitsweep.kinds.part import Part
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, found, from_pydantic
+from gaitsweep.schema.numbers import InvalidValue, Stem, read_stem
+from gaitsweep.schema.strict_model import StrictModel
+from gaitsweep.schema.yaml_document import Document, read_document
 from gaitsweep.shipped import job_folders
 
 _Numbers = list[float]
 _Words = list[str]
 
 
-class PaperJob(Part):
+class PaperJob(StrictModel):
     """A sweep that claims are measured from."""
 
     job: Stem = Field(
@@ -39,7 +39,7 @@ class PaperJob(Part):
     )
 
 
-class Quick(Part):
+class Quick(StrictModel):
     """Fields of a claim that `--quick` replaces."""
 
     tolerance: float | None = Field(default=None, ge=0, description="absolute tolerance")
@@ -49,7 +49,7 @@ class Quick(Part):
     because: str | None = Field(default=None, description="why this tolerance")
 
 
-class Claim(Part):
+class Claim(StrictModel):
     """A figure, table, equation or sentence of a paper, and how it is judged."""
 
     id: str = Field(pattern=r"^[a-z][a-z0-9_]*$", description="name of the claim in the table")
@@ -97,7 +97,7 @@ class Claim(Part):
         return self.model_copy(update=replaced)
 
 
-class Paper(Part):
+class Paper(StrictModel):
     """A paper, the jobs that reproduce it, and its claims."""
 
     name: str = Field(description="name of the table of claims")
@@ -204,8 +204,8 @@ def _read(part: type[Any], value: Any, path: tuple[str | int, ...], wrong: list[
         return part.model_validate(value)
     except ValidationError as error:
         noun = "a claim" if part is Claim else "a job of a paper"
-        owners = {"": Owner(noun, part), "quick": Owner("quick", Quick)}
-        wrong.extend(from_pydantic(error, owners, "", path))
+        sections = {"": SchemaSection(noun, part), "quick": SchemaSection("quick", Quick)}
+        wrong.extend(from_pydantic(error, sections, "", path))
         return None
 
 

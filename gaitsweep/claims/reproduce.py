@@ -19,11 +19,11 @@ from gaitsweep.claims.verdict import ClaimVerdict, verdict
 from gaitsweep.errors import UserError
 from gaitsweep.expression import ExpressionError
 from gaitsweep.job import load_job
-from gaitsweep.job.yaml_document import read_document
 from gaitsweep.runs.execute import RESULTS, run_job
 from gaitsweep.runs.figures import FigureError
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.self_check_report import sentence
+from gaitsweep.schema.yaml_document import read_document
 from gaitsweep.table import Snapshot, load, replace_file, writing
 
 TABLE, PAGE = "claims.parquet", "index.html"

@@ -206,7 +206,7 @@ def _shown_progress(unit: str = "rows") -> Iterator[Progress]:
 
 def _leans_on_others(job: Job) -> bool:
     """Whether a job's model or figures need files beside the job, its config and its directory."""
-    shipped = type(job.plan.model).__module__.startswith("gaitsweep.")
+    shipped = type(job.design.model).__module__.startswith("gaitsweep.")
     return not shipped or any(getattr(figure, "with_table", None) is not None for figure in job.figures)
 
 
@@ -304,7 +304,7 @@ def _size_of(job_file: Path) -> str:
     """Count a job's rows, or its sets of constants, and warn of its rows; JobError where it is bad."""
     from gaitsweep.job import load_job
     from gaitsweep.job.checks import remarks_on_rows
-    from gaitsweep.job.yaml_document import read_document
+    from gaitsweep.schema.yaml_document import read_document
 
     fields = read_document(job_file).data
     if "search" in fields:
@@ -318,9 +318,9 @@ def _size_of(job_file: Path) -> str:
 
         return f"{load_sensitivity(job_file).design.n_rows} sets"
     job = load_job(job_file)
-    for remark in remarks_on_rows(job.plan, job.model):
+    for remark in remarks_on_rows(job.design, job.model):
         _tell(f"Warning: {job_file}: {remark}")
-    return f"{job.plan.n_rows} row{'s' * (job.plan.n_rows != 1)}"
+    return f"{job.design.n_rows} row{'s' * (job.design.n_rows != 1)}"
 
 
 @app.command()

@@ -36,7 +36,7 @@ from gaitsweep.engine.hidden_events import (
     switch_unseen,
     unresolved,
 )
-from gaitsweep.engine.numerics import ORDER, Numerics, tolerance_scale
+from gaitsweep.engine.numerics import ORDER, ResolvedNumerics, tolerance_scale
 from gaitsweep.engine.propose import METHODS, Method, Propose, move, own_steps
 from gaitsweep.engine.rarity import rarely, usually
 
@@ -163,7 +163,7 @@ def start(
 
 def advance(
     model: Model,
-    numerics: Numerics,
+    numerics: ResolvedNumerics,
     *,
     drive: Drive | None = None,
     sensitivities: bool = False,
@@ -180,7 +180,6 @@ def advance(
             corrected to first order, t_e - g/g', by a term of value zero.
         worked_out: the step and the rates at its beginning and end, if they are computed beforehand.
     """
-    numerics = numerics.of(model)
     steps = own_steps(numerics.method, model)
     if steps is not None:
         if sensitivities:
@@ -195,7 +194,7 @@ def advance(
 
 def _advance_hybrid(
     model: HybridModel,
-    numerics: Numerics,
+    numerics: ResolvedNumerics,
     drive: Drive | None,
     sensitivities: bool,
     worked_out: tuple[Propose, Flow, Flow] | None,
@@ -348,7 +347,7 @@ def _advance_hybrid(
     return attempt
 
 
-def _fitting_change(error: Rates, carry: Carry, trial: State, numerics: Numerics) -> jax.Array:
+def _fitting_change(error: Rates, carry: Carry, trial: State, numerics: ResolvedNumerics) -> jax.Array:
     """The factor on a step with which its error would meet the tolerance, with the safety factor CAUTION.
 
     It is at least CAUTION if the step itself meets the tolerance, and 0 if the error is NaN.
@@ -495,7 +494,7 @@ def _first_of(flags: jax.Array) -> jax.Array:
     return jnp.stack(first) if first else flags
 
 
-def _advance_stepped(model: FixedStepDynamics, numerics: Numerics, drive: Drive | None) -> Advance:
+def _advance_stepped(model: FixedStepDynamics, numerics: ResolvedNumerics, drive: Drive | None) -> Advance:
     def attempt(params: Params, carry: Carry) -> Carry:
         dt = carry.dt
         going = carry.halt == GOING

@@ -16,8 +16,9 @@ from gaitsweep.contract import HybridModel, Model, Params
 from gaitsweep.engine.propose import METHODS, own_steps
 
 # The name, among a row's initial conditions, of the factor on its steps: 1, or less if a row is repeated to
-# test how its results depend on the step. No name of a model has a dot.
-SHARE = "numerics.share"
+# test how its results depend on the step. No name of a model has a dot. An input of its own would give the
+# compiled kernels other arguments.
+STEP_FACTOR = "numerics.share"
 # Order of the local error in the step, for methods with step control.
 ORDER = 5
 # The recommended share of the longest accurate step.
@@ -32,7 +33,7 @@ FEWEST_STEPS = 8.0
 
 @dataclasses.dataclass(frozen=True)
 class Numerics:
-    """The numerics of a run; None or auto stands for the model's recommendation.
+    """The numerics that a job asks for; None or auto stands for the model's recommendation.
 
     `dt` is the longest step (s); `method` one of `METHODS`; `event_tolerance` the tolerance on event times
     (a share of the nominal period); `rtol` and `atol` the relative and absolute tolerances on the local
@@ -49,24 +50,49 @@ class Numerics:
     atol: float | None = None
     contraction: bool = True
 
-    def of(self, model: Model) -> Numerics:
-        """The numerics with the recommendations of a model, except `dt`."""
+    def resolve(self, model: Model) -> ResolvedNumerics:
+        """The numerics of runs of a model: its recommendations fill what is left open."""
         recommended = model.recommended
-        return dataclasses.replace(
-            self,
+        return ResolvedNumerics(
+            dt=self.dt,
             method=recommended.method if self.method == "auto" else self.method,
+            precision=self.precision,
+            event_tolerance=self.event_tolerance,
             rtol=recommended.rtol if self.rtol is None else self.rtol,
             atol=recommended.atol if self.atol is None else self.atol,
+            contraction=self.contraction,
         )
+
+
+@dataclasses.dataclass(frozen=True)
+class ResolvedNumerics:
+    """The numerics of runs of one model, as `Numerics` with nothing left to the model.
+
+    `dt` is the longest step (s) of all rows; None: that of each row follows from its parameters
+    (`step_of`). `factor`, at most 1, multiplies all steps; tolerances become finer accordingly.
+    """
+
+    dt: float | None
+    method: str
+    precision: str
+    event_tolerance: float
+    rtol: float
+    atol: float
+    contraction: bool
+    factor: float = 1.0
+
+    def refined(self, factor: float) -> ResolvedNumerics:
+        """The same with steps that are shorter by a further factor."""
+        return dataclasses.replace(self, factor=factor * self.factor)
 
     @property
     def adaptive(self) -> bool:
-        """Whether the method has step control; it must not be auto."""
+        """Whether the method has step control."""
         return METHODS[self.method].adaptive
 
     @property
     def steps_in_longest(self) -> float:
-        """Steps that the limit on attempts allows in each longest step; the method must not be auto."""
+        """Steps that the limit on attempts allows in each longest step."""
         return ADAPTIVE_STEPS if self.adaptive else 1.0
 
     @property
@@ -85,7 +111,7 @@ def longest_step(model: Model, method: str, params: Params) -> jax.Array | None:
 
     Args:
         model: the model.
-        method: a name of `METHODS`, not auto.
+        method: a name of `METHODS`.
         params: its parameters.
     """
     steps = own_steps(method, model)
@@ -104,23 +130,22 @@ def longest_step(model: Model, method: str, params: Params) -> jax.Array | None:
     return jnp.minimum(jnp.min(allowed / rates), model.period(params) / FEWEST_STEPS)
 
 
-def recommended_step(model: Model, numerics: Numerics, params: Params) -> jax.Array | None:
+def recommended_step(model: Model, numerics: ResolvedNumerics, params: Params) -> jax.Array | None:
     """The longest step (s) of a row: that of the numerics, or the recommendation of its model.
 
     None if neither is known.
     """
-    resolved = numerics.of(model)
-    if resolved.dt is not None:
-        return jnp.full_like(model.period(params), resolved.dt)
-    longest = longest_step(model, resolved.method, params)
-    if longest is None or own_steps(resolved.method, model) is not None:
+    if numerics.dt is not None:
+        return jnp.full_like(model.period(params), numerics.dt)
+    longest = longest_step(model, numerics.method, params)
+    if longest is None or own_steps(numerics.method, model) is not None:
         return longest
-    if METHODS[resolved.method].adaptive:
+    if numerics.adaptive:
         return longest * (FEWEST_STEPS / SHORTEST_CYCLE)
     return SAFETY * longest
 
 
-def step_of(model: Model, numerics: Numerics, params: Params) -> jax.Array:
+def step_of(model: Model, numerics: ResolvedNumerics, params: Params) -> jax.Array:
     """The `recommended_step` (s).
 
     Raises:
@@ -128,8 +153,7 @@ def step_of(model: Model, numerics: Numerics, params: Params) -> jax.Array:
     """
     dt = recommended_step(model, numerics, params)
     if dt is None:
-        method = numerics.of(model).method
-        raise ValueError(unknown_step(model, method))
+        raise ValueError(unknown_step(model, numerics.method))
     return dt
 
 

@@ -42,7 +42,7 @@ class ClusterRows:
 
     def __call__(self, job: Job, progress: Tell) -> pd.DataFrame:
         began = time.perf_counter()
-        block = max(_FEWEST_ROWS, job.plan.n_rows // (4 * max(self._cluster.workers.most, _WORKERS)))
+        block = max(_FEWEST_ROWS, job.design.n_rows // (4 * max(self._cluster.workers.most, _WORKERS)))
         one = job.model_copy(update={"engine": job.engine.model_copy(update={"block": block})})
 
         def tell(done: int, total: int, rate: float, fraction: float, note: str) -> None:

@@ -14,7 +14,7 @@ LEVELS = 4  # of each range, on which Morris's trajectories run
 
 
 @dataclasses.dataclass(frozen=True)
-class Design:
+class SensitivityDesign:
     """Sets of parameters.
 
     `sets` (n,) by name; `shares` (n, parameters) of their ranges, from 0 to 1, for morris and sobol;
@@ -40,7 +40,7 @@ class Design:
 
 def design_of(
     method: str, n: int | None, seed: int, ranges: Mapping[str, Free], base: Mapping[str, float]
-) -> Design:
+) -> SensitivityDesign:
     """The sets of a method.
 
     Args:
@@ -54,7 +54,7 @@ def design_of(
         return _one_at_a_time(ranges, base)
     assert n is not None
     shares = _trajectories(len(ranges), n, seed) if method == "morris" else _saltelli(len(ranges), n, seed)
-    return Design(method, sets_at(ranges, shares), shares=shares)
+    return SensitivityDesign(method, sets_at(ranges, shares), shares=shares)
 
 
 def unit_cube(dimension: int) -> dict[str, object]:
@@ -77,7 +77,7 @@ def _saltelli(dimension: int, n: int, seed: int) -> np.ndarray:
     return sobol.sample(unit_cube(dimension), n, calc_second_order=False, seed=seed)
 
 
-def _one_at_a_time(ranges: Mapping[str, Free], base: Mapping[str, float]) -> Design:
+def _one_at_a_time(ranges: Mapping[str, Free], base: Mapping[str, float]) -> SensitivityDesign:
     rows = [dict(base)]
     places = {}
     for name, each in ranges.items():
@@ -91,4 +91,4 @@ def _one_at_a_time(ranges: Mapping[str, Free], base: Mapping[str, float]) -> Des
                 rows.append({**base, name: value})
         places[name] = (here[0], here[1], here[2])
     sets = {name: np.array([row[name] for row in rows]) for name in ranges}
-    return Design("one_at_a_time", sets, places=places)
+    return SensitivityDesign("one_at_a_time", sets, places=places)

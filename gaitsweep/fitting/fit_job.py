@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from gaitsweep import effort, near_miss
+from gaitsweep.design.design import inside, must
 from gaitsweep.engine.propose import derivative_refusal
 from gaitsweep.fitting.free import Free
 from gaitsweep.fitting.measure_kinds import MEASURES
@@ -21,12 +21,20 @@ from gaitsweep.job import Job
 from gaitsweep.job.config import Config
 from gaitsweep.job.load import laid_over
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec
-from gaitsweep.job.plan import inside, must
 from gaitsweep.kinds import RUN_KINDS
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, found, from_pydantic, unknown_field
-from gaitsweep.kinds.diagnostics import Path as FieldPath
-from gaitsweep.kinds.part import Part, kind_of
 from gaitsweep.kinds.run_kind import RunKind, table_columns
+from gaitsweep.schema.diagnostics import (
+    Diagnostic,
+    JobError,
+    SchemaSection,
+    found,
+    read_model,
+    refuse,
+    unknown_field,
+    wrong_kind,
+)
+from gaitsweep.schema.diagnostics import Path as FieldPath
+from gaitsweep.schema.strict_model import StrictModel, kind_of
 from gaitsweep.shipped import job_file
 
 # Fields of a job that have no place beside sets of constants.
@@ -98,7 +106,7 @@ class FitJob:
         if isinstance(given, str):
             job = self._job_with({}, config=given)
         else:
-            _refuse(
+            refuse(
                 [
                     Diagnostic((name,), f"is not free here{near_miss.suggestion(name, self.free)}")
                     for name in given
@@ -106,11 +114,9 @@ class FitJob:
                 ]
             )
             job = self._job_with(given)
-        numbers = [name for name in self.free if name in self.spec.quantities]
-        there = job.plan.at(np.zeros(1, int), numbers)
+        values = job.design.row(0)
         return {
-            name: float(there[name][0]) if name in there else getattr(job.plan.model, name)
-            for name in self.free
+            name: values[name] if name in values else getattr(job.design.model, name) for name in self.free
         }
 
     def _job_with(self, values: Mapping[str, Any], config: str | None = None) -> Job:
@@ -159,29 +165,22 @@ def read_free(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> dict[str,
             )
             wrong.append(Diagnostic((*path, str(name)), text))
             continue
-        if (part := read_part(Free, each, (*path, str(name)), wrong)) is not None:
+        if (part := read_model(Free, each, (*path, str(name)), wrong)) is not None:
             read[str(name)] = part
     return read
 
 
 def read_measure(
-    value: Any, path: FieldPath, wrong: list[Diagnostic], beside: type[Part] | None = None
+    value: Any, path: FieldPath, wrong: list[Diagnostic], beside: type[StrictModel] | None = None
 ) -> Measure | None:
     """A measure; what is wrong with it is added to `wrong`; `beside` has other fields that stand there."""
-    if not isinstance(value, Mapping):
-        text = f"is {found(value)}, but takes fields, kind among them. {near_miss.allowing(MEASURES)}"
-        wrong.append(Diagnostic(path, text))
+    if (bad := wrong_kind(path, value, MEASURES)) is not None:
+        wrong.append(bad)
         return None
-    kind = value.get("kind")
-    if kind is None:
-        wrong.append(Diagnostic((*path, "kind"), f"is missing. {near_miss.allowing(MEASURES)}"))
-        return None
-    if not isinstance(kind, str) or kind not in MEASURES:
-        near = near_miss.suggestion(str(kind), MEASURES)
-        wrong.append(Diagnostic((*path, "kind"), f"is {found(kind)}, which is none{near}"))
-        return None
+    kind = value["kind"]
     part = MEASURES[kind]
-    own, more = Owner(str(path[-1]), part).fields, () if beside is None else Owner("", beside).fields
+    own = SchemaSection("", part).fields
+    more = () if beside is None else SchemaSection("", beside).fields
     unknown = [key for key in value if key not in own]
     wrong.extend(unknown_field((*path, str(key)), f"a measure ({kind})", [*own, *more]) for key in unknown)
     fields = {key: each for key, each in value.items() if key in own}
@@ -189,7 +188,7 @@ def read_measure(
         if (run := _read_run(part, fields["run"], (*path, "run"), wrong)) is None:
             return None
         fields["run"] = run
-    return read_part(part, fields, path, wrong)
+    return read_model(part, fields, path, wrong)
 
 
 def _read_run(measure: type[Measure], value: Any, path: FieldPath, wrong: list[Diagnostic]) -> RunKind | None:
@@ -210,17 +209,7 @@ def _read_run(measure: type[Measure], value: Any, path: FieldPath, wrong: list[D
     if value.get("refine") is not None:
         wrong.append(Diagnostic((*path, "refine"), "has no place in the run of a measure: take it out."))
         return None
-    return read_part(kinds[kind], value, path, wrong)
-
-
-def read_part(part: type[Part], value: Any, path: FieldPath, wrong: list[Diagnostic]) -> Any:
-    """A part of pydantic, or None where something is wrong with it, which is added to `wrong`."""
-    words = str(path[-1])
-    try:
-        return part.model_validate(value)
-    except ValidationError as error:
-        wrong.extend(from_pydantic(error, {words: Owner(words, part)}, words, path))
-        return None
+    return read_model(kinds[kind], value, path, wrong)
 
 
 def read_fit_job(
@@ -258,32 +247,32 @@ def read_fit_job(
         params = config.raw.get("params")
         spec, _ = read_model_spec(config.raw["model"], config.raw.get("structure"), params, [folder])
     if spec is None:
-        _refuse(wrong)
+        refuse(wrong)
         Job.model_validate(given, context={"folder": folder})  # says what is wrong with the model
         raise JobError([Diagnostic(("model",), "is missing.")])
     fit = FitJob(field, given, folder, free, measures, spec, config.raw)
     wrong.extend(_wrong_run(fit))
     wrong.extend(wrong_constants(fit))
     wrong.extend(wrong_measures(fit, listed))
-    _refuse(wrong)
+    refuse(wrong)
     for structure in fit.structures:
         try:
             job = fit.job_of(structure)
         except JobError as error:
             raise _at_the_choices(error, fit) from None
-        of_the_job = table_columns(job.plan, job.run)
+        of_the_job = table_columns(job.design, job.run)
         for name, measure in measures.items():
             columns = of_the_job
             if (run := measure.own_run) is not None:
                 columns = _columns_of_run(fit, structure, run, (field, listed, name, "run"), wrong)
             method = job.integration.method
-            if measure.on_map and (refusal := derivative_refusal(method, job.plan.model)) is not None:
+            if measure.on_map and (refusal := derivative_refusal(method, job.design.model)) is not None:
                 text = f"is fixed_point, but by {method} a return map has no derivative: {refusal}"
                 wrong.append(Diagnostic((field, listed, name, "kind"), text))
-            if (bad := measure.wrong(columns, job.plan.model)) is not None:
+            if (bad := measure.wrong(columns, job.design.model)) is not None:
                 key, text = bad
                 wrong.append(Diagnostic((field, listed, name, key), text))
-        _refuse(wrong)
+        refuse(wrong)
     return fit
 
 
@@ -303,9 +292,9 @@ def _columns_of_run(
             for each in error.diagnostics
             if each.path[:1] == ("run",)
         )
-        _refuse(wrong)
+        refuse(wrong)
         raise
-    return table_columns(job.plan, job.run)
+    return table_columns(job.design, job.run)
 
 
 def read_file(path: str | Path, overrides: Sequence[str], read: Any) -> Any:
@@ -321,11 +310,6 @@ def read_file(path: str | Path, overrides: Sequence[str], read: Any) -> Any:
             return read(document.data, path.parent)
         except JobError as error:
             raise document.located(error) from None
-
-
-def _refuse(wrong: Sequence[Diagnostic]) -> None:
-    if wrong:
-        raise JobError(wrong)
 
 
 def wrong_constants(fit: FitJob) -> list[Diagnostic]:

@@ -9,11 +9,11 @@ from typing import Any, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from gaitsweep.kinds.numbers import Flag, Real, wrong_value
-from gaitsweep.kinds.part import Part
+from gaitsweep.schema.numbers import Flag, Real, wrong_value
+from gaitsweep.schema.strict_model import StrictModel
 
 
-class Free(Part):
+class Free(StrictModel):
     """A constant that is searched: within a range, or one of some choices."""
 
     low: Real | None = Field(default=None, description="least value")

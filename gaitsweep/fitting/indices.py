@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.circular import wrapped_difference
-from gaitsweep.fitting.designs import LEVELS, Design, unit_cube
+from gaitsweep.fitting.designs import LEVELS, SensitivityDesign, unit_cube
 
 LEVEL = 0.95  # of confidence
 _RESAMPLES = 200  # of the bootstrap
@@ -50,7 +50,7 @@ class _Index:
     note: str = ""
 
 
-def indices(design: Design, outputs: Mapping[str, Output], seed: int) -> pd.DataFrame:
+def indices(design: SensitivityDesign, outputs: Mapping[str, Output], seed: int) -> pd.DataFrame:
     """The indices of each output with respect to each parameter.
 
     Args:
@@ -126,7 +126,7 @@ def _missing(names: tuple[str, ...], why: str, rows: int) -> dict[str, _Index]:
     return {name: _Index(np.nan, np.nan, rows, why) for name in names}
 
 
-def _changes(design: Design, output: Output) -> dict[str, dict[str, _Index]]:
+def _changes(design: SensitivityDesign, output: Output) -> dict[str, dict[str, _Index]]:
     """The changes from the job's own value to the ends and the middle of each range, and the elasticity."""
     assert design.places is not None
     y = output.values
@@ -164,7 +164,7 @@ def _elasticity(x: float, y: float, dx: float, dy: float, circular: bool) -> _In
     return _Index(np.nan, np.nan, 3, why)
 
 
-def _elementary_effects(design: Design, y: np.ndarray, seed: int) -> dict[str, dict[str, _Index]]:
+def _elementary_effects(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str, dict[str, _Index]]:
     """Morris's measures of the trajectories that are whole; effects are changes over the whole range."""
     assert design.shares is not None
     names, k = design.names, len(design.names)
@@ -197,7 +197,7 @@ def _elementary_effects(design: Design, y: np.ndarray, seed: int) -> dict[str, d
     }
 
 
-def _variance_shares(design: Design, y: np.ndarray, seed: int) -> dict[str, dict[str, _Index]]:
+def _variance_shares(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str, dict[str, _Index]]:
     """Sobol's indices of the first order and the total ones, of a design without a gap."""
     names = design.names
     if _constant(y):
@@ -223,7 +223,7 @@ def _variance_shares(design: Design, y: np.ndarray, seed: int) -> dict[str, dict
     }
 
 
-def _given_data(design: Design, y: np.ndarray, seed: int) -> dict[str, dict[str, _Index]]:
+def _given_data(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str, dict[str, _Index]]:
     """Indices of the first order from the sound rows.
 
     Only the base points A and B are used, since they are drawn independently of each other; the points

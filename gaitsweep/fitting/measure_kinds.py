@@ -14,7 +14,7 @@ from gaitsweep.fitting.measures import (
     Value,
 )
 from gaitsweep.fitting.ramp_measures import GaitSequence, Transition
-from gaitsweep.kinds.part import Registry
+from gaitsweep.schema.strict_model import Registry
 
 MEASURES: Registry[Measure] = Registry(
     "measure",

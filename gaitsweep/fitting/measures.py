@@ -18,9 +18,9 @@ from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.expression import ExpressionError, evaluate, functions_of, names_in
 from gaitsweep.kinds import FixedTime, Settle
-from gaitsweep.kinds.numbers import CountOrZero, InvalidValue, Text, checked, read_real, read_text
-from gaitsweep.kinds.part import Part
 from gaitsweep.kinds.run_kind import RunKind
+from gaitsweep.schema.numbers import CountOrZero, InvalidValue, Text, checked, read_real, read_text
+from gaitsweep.schema.strict_model import StrictModel
 
 MOST_CONDITIONS = 10_000  # rows of one measure
 
@@ -79,7 +79,7 @@ class Measured(NamedTuple):
 SetRows = Mapping[str, np.ndarray]
 
 
-class Measure(Part):
+class Measure(StrictModel):
     """A number that is measured of a set of constants."""
 
     on_map: ClassVar[bool] = False  # whether it is measured on the return map, not of rows

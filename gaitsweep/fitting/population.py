@@ -12,7 +12,8 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.contract import Model
-from gaitsweep.engine.numerics import SHARE
+from gaitsweep.design.design import inside
+from gaitsweep.engine.numerics import STEP_FACTOR
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.engines import default_lanes
@@ -21,11 +22,9 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.measures import FixedPoint, Measure, Measured
 from gaitsweep.fitting.ramp_measures import RampMeasure, crossings_of
 from gaitsweep.job import Job, JobError
-from gaitsweep.job.plan import Plan, inside
 from gaitsweep.job.step_lengths import longer_than_right
-from gaitsweep.job.vary import Group
 from gaitsweep.kinds.run_kind import RunKind
-from gaitsweep.runs.prepare import Prepared, prepare
+from gaitsweep.runs.prepare import RunContext, prepare
 
 # Rows of a block of a batch.
 _BLOCK = 1024
@@ -34,21 +33,6 @@ Condition = tuple[tuple[str, float], ...]
 Values = dict[str, np.ndarray]
 # Told how far the rows of a batch are; None where nobody is.
 Tell = Callable[[SweepProgress], None] | None
-
-
-@dataclasses.dataclass(frozen=True)
-class Column:
-    """Numbers (length,) of one name, as a plan reads its points."""
-
-    numbers: np.ndarray
-    formulas: tuple[str, ...] = ()
-
-    @property
-    def length(self) -> int:
-        return self.numbers.size
-
-    def at(self, index: np.ndarray, names: Mapping[str, Any]) -> np.ndarray:
-        return self.numbers[index]
 
 
 class Population:
@@ -74,7 +58,7 @@ class Population:
         self._job_of, self._structure, self.measures = job_of, tuple(structure), measures
         self._run = run
         self.run_elsewhere: Callable[[Job, Tell], pd.DataFrame] | None = None
-        self._ready: dict[tuple[Any, ...], Prepared] = {}
+        self._context: dict[tuple[Any, ...], RunContext] = {}
         self._preparing = threading.Lock()
         # conditions that several measures share are run once
         places: dict[Condition, int] = {}
@@ -117,13 +101,13 @@ class Population:
         """The rows of each set that have the job's own run."""
         return len(self._conditions)
 
-    def prepared(self, structure: Mapping[str, Any]) -> Prepared:
-        """The job of a choice of structure made ready; its program is compiled once."""
+    def prepared(self, structure: Mapping[str, Any]) -> RunContext:
+        """The context of the job of a choice of structure; its program is compiled once."""
         key = tuple(structure[name] for name in self._structure)
         with self._preparing:  # batches side by side would prepare it more than once
-            if key not in self._ready:
-                self._ready[key] = prepare(self._job_of(structure))
-            return self._ready[key]
+            if key not in self._context:
+                self._context[key] = prepare(self._job_of(structure))
+            return self._context[key]
 
     def measure(
         self,
@@ -162,22 +146,22 @@ class Population:
         }
         for structure, mine in self._by_structure(sets, n):
             try:
-                ready = self.prepared(structure)
+                context = self.prepared(structure)
             except JobError as error:  # choices that the model refuses together
                 for each in found.values():
                     each.why[mine] = f"refused: {error.diagnostics[0]}"
                 continue
             constants = {name: sets[name][mine] for name in sets if name not in self._structure}
-            rows, refused = self._rows(ready, constants, mine.size, progress, share)
+            rows, refused = self._rows(context, constants, mine.size, progress, share)
             good = mine[refused == ""]
             for name in found:
                 measure = self.measures[name]
                 found[name].why[mine] = refused
                 if measure.on_map:
-                    at_points = self._on_map(ready, constants, measure, mine.size, share)
+                    at_points = self._on_map(context, constants, measure, mine.size, share)
                     found[name].values[mine], found[name].why[mine] = at_points
                 elif good.size:
-                    seen = self._seen(measure, self._rows_of[name], rows, ready.plan.model)
+                    seen = self._seen(measure, self._rows_of[name], rows, context.model)
                     found[name].values[good], found[name].why[good] = seen
         return found
 
@@ -188,7 +172,7 @@ class Population:
         other.run_elsewhere = self.run_elsewhere
         for part in other.parts:
             same = next(each for each in self.parts if each._run == part._run)
-            part._ready, part._preparing = same._ready, same._preparing
+            part._context, part._preparing = same._context, same._preparing
         return other
 
     def measure_in_turn(
@@ -237,7 +221,7 @@ class Population:
 
     def _rows(
         self,
-        ready: Prepared,
+        context: RunContext,
         constants: Values,
         n: int,
         progress: Tell,
@@ -249,15 +233,17 @@ class Population:
         these sets.
         """
         each = self.own_rows_of_a_set
-        params, starts, refused = _values(ready, constants, self._conditions, n)
+        params, starts, refused = _values(context, constants, self._conditions, n)
         if not each:
             return {}, refused
-        starts[SHARE] = np.full(n * each, share)
+        starts[STEP_FACTOR] = np.full(n * each, share)
         good = np.flatnonzero(refused == "")
         if not good.size:
             return {}, refused
         if self.run_elsewhere is not None and share == 1.0:
-            return self._rows_elsewhere(ready, {k: v[good] for k, v in constants.items()}, progress), refused
+            return self._rows_elsewhere(
+                context, {k: v[good] for k, v in constants.items()}, progress
+            ), refused
         rows = (good[:, None] * each + np.arange(each)).ravel()
         chosen = [{name: column[rows] for name, column in values.items()} for values in (params, starts)]
 
@@ -265,12 +251,12 @@ class Population:
             given = [{name: column[first:last] for name, column in held.items()} for held in chosen]
             return given[0], given[1]
 
-        work = dataclasses.replace(
-            ready.work,
+        spec = dataclasses.replace(
+            context.spec,
             n_rows=rows.size,
             # of one size, since labels are compiled for a size and batches differ in theirs
             block=_BLOCK,
-            lanes=_lanes(ready, rows.size),
+            lanes=_lanes(context, rows.size),
             values=values,
             # batches differ in what happens to be equal in all of their rows
             varied=frozenset(constants).union(*(dict(each) for each in self._conditions)),
@@ -278,25 +264,25 @@ class Population:
         blocks: dict[int, pd.DataFrame] = {}
 
         def keep(number: int, result: BlockResult) -> None:
-            blocks[number] = ready.job.run.table(ready.plan.model, {}, result)
+            blocks[number] = context.job.run.table(context.model, {}, result)
 
-        sweep(work, range(-(-rows.size // _BLOCK)), keep, progress)
+        sweep(spec, range(-(-rows.size // _BLOCK)), keep, progress)
         tables = [blocks[number] for number in sorted(blocks)]
         columns = {str(name): np.concatenate([_array(t[name]) for t in tables]) for name in tables[0].columns}
-        if not ready.job.run.one_a_row:
+        if not context.job.run.one_a_row:
             return columns, refused
         return {name: column.reshape(good.size, each) for name, column in columns.items()}, refused
 
-    def _rows_elsewhere(self, ready: Prepared, constants: Values, progress: Tell) -> Values:
+    def _rows_elsewhere(self, context: RunContext, constants: Values, progress: Tell) -> Values:
         """As the columns of `_rows`, of sets whose rows another process computes, as jobs of their own."""
         assert self.run_elsewhere is not None
         n, each = next(iter(constants.values())).size, self.own_rows_of_a_set
         found: Values = {}
         records: list[Values] = []
         for places in _alike(self._conditions).values():
-            table = self.run_elsewhere(self._job_of_rows(ready, constants, places), progress)
-            if not ready.job.run.one_a_row:
-                columns = ready.job.run.columns(ready.plan.model)
+            table = self.run_elsewhere(self._job_of_rows(context, constants, places), progress)
+            if not context.job.run.one_a_row:
+                columns = context.job.run.columns(context.model)
                 part = {name: _array(table[name]) for name in ("row", *(column.name for column in columns))}
                 part["row"] = part["row"] // len(places) * each + np.array(places)[part["row"] % len(places)]
                 records.append(part)
@@ -311,10 +297,10 @@ class Population:
             found = {name: column[order] for name, column in found.items()}
         return found
 
-    def _job_of_rows(self, ready: Prepared, constants: Values, places: Sequence[int]) -> Job:
+    def _job_of_rows(self, context: RunContext, constants: Values, places: Sequence[int]) -> Job:
         """The job whose rows are sets of constants (n,) at conditions that set the same names."""
         given = [dict(self._conditions[place]) for place in places]
-        written = ready.job.resolved()
+        written = context.job.resolved()
         set_here = {name: [each[name] for each in given] for name in given[0]}
         # a condition that sets a free constant goes before it
         free = {name: column.tolist() for name, column in constants.items() if name not in set_here}
@@ -345,16 +331,18 @@ class Population:
         columns = {name: np.full(n, value) for name, value in constants.items()}
         return self._job_of_rows(self.prepared(structure), columns, places)
 
-    def _on_map(self, ready: Prepared, constants: Values, measure: Measure, n: int, share: float) -> Measured:
+    def _on_map(
+        self, context: RunContext, constants: Values, measure: Measure, n: int, share: float
+    ) -> Measured:
         """Measure each of n sets on the return map."""
         assert isinstance(measure, FixedPoint)
         (condition,) = measure.conditions
-        params, starts, refused = _values(ready, constants, [tuple(sorted(condition.items()))], n)
+        params, starts, refused = _values(context, constants, [tuple(sorted(condition.items()))], n)
         found = Measured(np.full(n, np.nan), refused)
         good = np.flatnonzero(refused == "")
         if good.size:
-            work = ready.work
-            mapping = BatchedReturnMap(work.model, (), work.numerics, work.engine, share=share)
+            spec = context.spec
+            mapping = BatchedReturnMap(spec.model, (), spec.numerics.refined(share), spec.engine)
             values, begun = ({k: column[good] for k, column in each.items()} for each in (params, starts))
             found.values[good], found.why[good] = measure.of_starts(mapping, values, begun, good.size)
         return found
@@ -396,10 +384,10 @@ def _alike(conditions: Sequence[Condition]) -> dict[tuple[str, ...], list[int]]:
 
 
 def _values(
-    ready: Prepared, constants: Values, conditions: Sequence[Condition], n: int
+    context: RunContext, constants: Values, conditions: Sequence[Condition], n: int
 ) -> tuple[Values, Values, np.ndarray]:
     """Parameters and starts of the rows of n sets, set by set, and why a set is refused, or ""."""
-    each, model = len(conditions), ready.plan.model
+    each, model = len(conditions), context.model
     params = {q.name: np.empty(n * each) for q in model.parameters}
     starts = {q.name: np.empty(n * each) for q in model.initial_conditions}
     refused = np.full(n, "", object)
@@ -408,9 +396,9 @@ def _values(
         columns = {name: np.repeat(column.astype(float), len(places)) for name, column in constants.items()}
         # a condition that sets a free constant goes before it
         columns |= {name: np.tile(given[:, i].astype(float), n) for i, name in enumerate(names)}
-        plan = rows_with(ready.plan, {name: Column(column) for name, column in columns.items()})
-        rows = np.arange(plan.n_rows)
-        there = plan.at(rows, [*params, *starts])
+        design = context.design.with_columns(columns)
+        rows = np.arange(design.n_rows)
+        there = design.at(rows, [*params, *starts])
         at = (np.arange(n)[:, None] * each + np.array(places)).ravel()
         for held in (params, starts):
             for name, column in held.items():
@@ -422,22 +410,17 @@ def _values(
                 len(places),
                 f"{quantity.name} out of range",
             )
-        too_long = longer_than_right(plan, ready.job.run, ready.work.numerics)
+        too_long = longer_than_right(design, context.job.run, context.spec.numerics)
         _note(refused, too_long, len(places), "steps too long")
     return params, starts, refused
 
 
-def rows_with(plan: Plan, columns: Mapping[str, Column]) -> Plan:
-    """A plan in which these names vary together, and nothing else does."""
-    settings = {name: value for name, value in plan.settings.items() if name not in columns}
-    group = Group(dict(columns), {})  # type: ignore[arg-type]
-    return dataclasses.replace(plan, groups=(group,), settings=settings)
-
-
-def _lanes(ready: Prepared, n_rows: int) -> int:
+def _lanes(context: RunContext, n_rows: int) -> int:
     """The lanes for so many rows, as those of a job of its own."""
-    given = ready.job.engine.lanes
-    return min(given or default_lanes(ready.engine, n_rows, ready.work.devices[0].platform), max(8, n_rows))
+    given = context.job.engine.lanes
+    return min(
+        given or default_lanes(context.engine, n_rows, context.spec.devices[0].platform), max(8, n_rows)
+    )
 
 
 def _array(column: Any) -> np.ndarray:

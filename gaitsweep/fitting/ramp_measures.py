@@ -21,7 +21,7 @@ from gaitsweep.fitting.measures import (
     wrong_gait,
 )
 from gaitsweep.kinds import Ramp, RunKind
-from gaitsweep.kinds.numbers import Count, CountOrZero, Text
+from gaitsweep.schema.numbers import Count, CountOrZero, Text
 
 _SUFFIX = "_n"
 

@@ -14,8 +14,8 @@ from gaitsweep.fitting.fit_job import FitJob
 from gaitsweep.fitting.free import Free
 from gaitsweep.fitting.measures import At, Measure
 from gaitsweep.fitting.targets import Aim, Target
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError
-from gaitsweep.kinds.numbers import Count, Positive, Seed, Text
+from gaitsweep.schema.diagnostics import Diagnostic, JobError
+from gaitsweep.schema.numbers import Count, Positive, Seed, Text
 
 # The name of the target, and of its column.
 ROBUST = "robust"
@@ -76,11 +76,11 @@ def own_constants(robust: Robust, fit: FitJob) -> dict[str, float]:
         JobError: a name that the model does not have, or one whose value is a formula.
     """
     job = fit.job_of(fit.structures[0])
-    known = {q.name: q for q in job.plan.model.parameters}
+    known = {q.name: q for q in job.design.model.parameters}
     values: dict[str, float] = {}
     wrong = []
     for place, name in enumerate(robust.constants):
-        given = job.plan.settings.get(name, known[name].default if name in known else None)
+        given = job.design.settings.get(name, known[name].default if name in known else None)
         if name not in known:
             text = f"is {name}, which is no parameter{near_miss.suggestion(name, known)}"
         elif not isinstance(given, int | float):

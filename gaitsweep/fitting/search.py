@@ -36,12 +36,12 @@ from gaitsweep.fitting.search_figures import FIGURES, draw_search, search_figure
 from gaitsweep.fitting.search_job import SearchJob, read_search_field
 from gaitsweep.fitting.targets import MISS, scores
 from gaitsweep.job import JobError
-from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.makers import continue_directory
 from gaitsweep.runs.prepare import naming_the_file
 from gaitsweep.runs.progress import Progress
+from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.table import ResultDirectory, Snapshot, TableError, load
 
 if TYPE_CHECKING:
@@ -109,18 +109,18 @@ def run_search(
     path = RESULTS / job.name if out is None else Path(out)
     show = progress or (lambda *_, **__: None)
     population = job.fit.population()
-    ready = population.prepared(job.fit.structures[0])
-    if ready.note is not None:
-        tell(ready.note)
-    for caveat in ready.work.model.caveats():
+    context = population.prepared(job.fit.structures[0])
+    if context.note is not None:
+        tell(context.note)
+    for caveat in context.model.caveats():
         tell(f"Warning: {caveat}")
-    platform = ready.work.devices[0].platform
-    together = job.sets_together(ready, population.rows_of_a_set)
+    platform = context.spec.devices[0].platform
+    together = job.sets_together(context, population.rows_of_a_set)
     versions = {name: provenance.version_of(name) for name in _DECIDING}
-    side_by_side = job.batches_side_by_side(ready)
+    side_by_side = job.batches_side_by_side(context)
     job_hash = job.hash(
         device=platform,
-        engine=ready.engine,
+        engine=context.engine,
         population=together,
         side_by_side=side_by_side,
         versions=versions,
@@ -131,12 +131,12 @@ def run_search(
     ):
         for note in directory.notes:
             tell(note)
-        continue_directory(ready, directory, tell)
+        continue_directory(context, directory, tell)
         directory.update_manifest(
-            engine=ready.engine,
-            device=ready.device,
-            precision=ready.work.numerics.precision,
-            method=ready.work.numerics.method,
+            engine=context.engine,
+            device=context.device,
+            precision=context.spec.numerics.precision,
+            method=context.spec.numerics.method,
             quantities=_quantities(job, population),
             versions=provenance.versions() | versions,
         )
@@ -240,7 +240,7 @@ class _Search:
         """Whether sets (n,) are measured further: the first targets have values, and near enough ones."""
         within = self.job.choice.first_within
         most = np.inf if within is None else within
-        model = self.population.prepared(self.job.fit.structures[0]).plan.model
+        model = self.population.prepared(self.job.fit.structures[0]).design.model
         near = [
             (measured.why == "") & (np.abs(self.job.targets[name].misses(measured, model)) <= most)
             for name, measured in first.items()
@@ -284,7 +284,7 @@ class _Search:
         measured: Mapping[str, Measured],
     ) -> pd.DataFrame:
         """The records of a batch."""
-        model = self.population.prepared(self.job.fit.structures[0]).plan.model
+        model = self.population.prepared(self.job.fit.structures[0]).design.model
         targets = self.job.targets
         misses = {name: target.misses(measured[name], model) for name, target in targets.items()}
         n = next(iter(misses.values())).size
@@ -329,7 +329,7 @@ def _robustness(
     robust = job.choice.robust
     if robust is None:
         return {}
-    model = population.prepared(job.fit.structures[0]).plan.model
+    model = population.prepared(job.fit.structures[0]).design.model
 
     def keep(of: Mapping[str, Measured]) -> np.ndarray:
         near = [np.abs(job.targets[name].misses(of[name], model)) <= 1.0 for name in robust.targets]
@@ -372,7 +372,7 @@ def _finalists(
     sets = {name: free.column(frame[name].tolist()) for name, free in job.free.items()}
     measured = population.measure(sets, share=0.5)
     measured |= _robustness(job, population, sets, measured, share=0.5)
-    model = population.prepared(job.fit.structures[0]).plan.model
+    model = population.prepared(job.fit.structures[0]).design.model
     misses = {name: target.misses(measured[name], model) for name, target in job.targets.items()}
     frame["score_half"] = scores(misses, job.targets)
     for name, target in job.targets.items():
@@ -403,7 +403,7 @@ def _depends_on_the_step(job: SearchJob, finalists: pd.DataFrame | None) -> str 
 
 def _quantities(job: SearchJob, population: Population) -> dict[str, dict[str, Any]]:
     """Unit and meaning of the columns."""
-    model = population.prepared(job.fit.structures[0]).plan.model
+    model = population.prepared(job.fit.structures[0]).design.model
     known = {q.name: q for q in (*model.parameters, *model.initial_conditions)}
     found: dict[str, dict[str, Any]] = {
         name: {"unit": known[name].unit, "meaning": known[name].meaning, "symbol": known[name].symbol}

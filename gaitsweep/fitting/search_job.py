@@ -17,15 +17,15 @@ from pydantic import Field
 from gaitsweep import near_miss
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.errors import ArgumentError
-from gaitsweep.fitting.fit_job import FitJob, read_file, read_fit_job, read_free, read_measure, read_part
+from gaitsweep.fitting.fit_job import FitJob, read_file, read_fit_job, read_free, read_measure
 from gaitsweep.fitting.free import Free
 from gaitsweep.fitting.optimisers import METHODS, missing_package
 from gaitsweep.fitting.robustness import ROBUST, Robust, own_constants, robust_target, wrong_robust
 from gaitsweep.fitting.targets import MISS, Aim, Target
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found, unknown_field
-from gaitsweep.kinds.numbers import Count, CountOrZero, Positive, Seed, Text, word
-from gaitsweep.kinds.part import Part, plain
-from gaitsweep.runs.prepare import Prepared
+from gaitsweep.runs.prepare import RunContext
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, read_model, refuse, unknown_field
+from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Seed, Text, word
+from gaitsweep.schema.strict_model import StrictModel, plain
 from gaitsweep.table import TableError, load
 
 # Columns of a search's table beside constants and targets.
@@ -38,7 +38,7 @@ _MOST_OF_A_FRONT = 2048
 _SIDE_BY_SIDE = 4
 
 
-class Choice(Part):
+class Choice(StrictModel):
     """Settings by which a search chooses its sets."""
 
     method: Annotated[Literal["sobol", "cma", "nsga3"], word(*METHODS)] = Field(
@@ -143,24 +143,24 @@ class SearchJob(Search):
         ]
         return np.array(shares).reshape(len(self.known), len(self.free))
 
-    def sets_together(self, ready: Prepared, rows_of_a_set: int) -> int:
+    def sets_together(self, context: RunContext, rows_of_a_set: int) -> int:
         """Sets that are measured together."""
         sets = self.choice.population
         if sets is None:
             sets = _SETS_TOGETHER
-            platform = ready.work.devices[0].platform
+            platform = context.spec.devices[0].platform
             if platform != "cpu" and rows_of_a_set:
-                at_a_time = default_lanes(ready.engine, 2**20, platform) * len(ready.work.devices)
+                at_a_time = default_lanes(context.engine, 2**20, platform) * len(context.spec.devices)
                 sets = max(sets, math.ceil(at_a_time / rows_of_a_set))
             if self.choice.method == "nsga3":
                 sets = min(sets, _MOST_OF_A_FRONT)
         return min(sets, self.choice.budget)
 
-    def batches_side_by_side(self, ready: Prepared) -> int:
+    def batches_side_by_side(self, context: RunContext) -> int:
         """Batches that run at a time."""
         if self.choice.side_by_side is not None:
             return self.choice.side_by_side
-        return 1 if ready.work.devices[0].platform == "cpu" else _SIDE_BY_SIDE
+        return 1 if context.spec.devices[0].platform == "cpu" else _SIDE_BY_SIDE
 
     def resolved(self) -> dict[str, Any]:
         """The job as plain values, as the result directory keeps it."""
@@ -232,7 +232,7 @@ def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Searc
         allowed = ["free", "targets", *Choice.model_fields]
         wrong.append(unknown_field(("search", str(key)), "search", allowed))
         del rest[key]
-    choice = read_part(Choice, rest, ("search",), wrong)
+    choice = read_model(Choice, rest, ("search",), wrong)
     every = targets
     if choice is not None and choice.robust is not None:
         wrong.extend(wrong_robust(choice.robust, free, targets))
@@ -291,8 +291,7 @@ def _known(search: Search, fit: FitJob) -> tuple[dict[str, Any], ...]:
     if not wrong and len(sets) > search.choice.budget:
         text = f"has {len(sets)} sets, but the budget is {search.choice.budget}."
         wrong.append(Diagnostic(("search", "known"), text))
-    if wrong:
-        raise JobError(wrong)
+    refuse(wrong)
     return tuple(sets)
 
 
@@ -332,7 +331,7 @@ def _read_targets(value: Any, free: Mapping[str, Free], wrong: list[Diagnostic])
             wrong.append(Diagnostic(here, f"is {found(each)}, but takes fields (key: value)."))
             continue
         aims = {key: field for key, field in each.items() if key in Aim.model_fields}
-        aim = read_part(Aim, aims, here, wrong)
+        aim = read_model(Aim, aims, here, wrong)
         measured = {key: field for key, field in each.items() if key not in aims}
         measure = read_measure(measured, here, wrong, beside=Aim)
         if not str(name).isidentifier():

@@ -26,7 +26,7 @@ from gaitsweep.plot.sensitivity import sensitivity_figure
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.makers import continue_directory
-from gaitsweep.runs.prepare import Prepared, naming_the_file
+from gaitsweep.runs.prepare import RunContext, naming_the_file
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.summary import quantities_of
 from gaitsweep.table import ResultDirectory, load, replace_file
@@ -116,23 +116,23 @@ def run_sensitivity(
     path = RESULTS / job.name if out is None else Path(out)
     progress = progress or (lambda *_, **__: None)
     population = job.population()
-    ready = population.prepared({})
+    context = population.prepared({})
     n, rows = job.design.n_rows, max(1, population.rows_of_a_set)  # a fixed point takes no row
-    block = min(n, max(1, rows_of_a_part(ready.job.engine.block, n * rows) // rows))
-    resolved = job.resolved(ready.job, ready.engine)
-    if ready.note is not None:
-        tell(ready.note)
-    for caveat in ready.work.model.caveats():
+    block = min(n, max(1, rows_of_a_part(context.job.engine.block, n * rows) // rows))
+    resolved = job.resolved(context.job, context.engine)
+    if context.note is not None:
+        tell(context.note)
+    for caveat in context.model.caveats():
         tell(f"Warning: {caveat}")
     with (
         naming_the_file(),
-        ResultDirectory.open(path, resolved, job.hash(ready.job_hash, block), n, block) as directory,
+        ResultDirectory.open(path, resolved, job.hash(context.job_hash, block), n, block) as directory,
     ):
         for note in directory.notes:
             tell(note)
-        continue_directory(ready, directory, tell)
+        continue_directory(context, directory, tell)
         if missing := directory.missing_blocks():
-            _describe(job, ready, directory)
+            _describe(job, context, directory)
             together = 1
             if cluster is not None:
                 population.run_elsewhere = ClusterRows(path, cluster)
@@ -146,7 +146,7 @@ def run_sensitivity(
         if half_step is not None and half_step.many:
             tell(f"Warning: {half_step.sentence}")
         progress(n, n, 0.0, 1.0, "indices")
-        found = dataclasses.replace(_analysed(job, table, ready.plan.model), path=path, half_step=half_step)
+        found = dataclasses.replace(_analysed(job, table, context.model), path=path, half_step=half_step)
         _write(found, path)
     return found
 
@@ -202,14 +202,14 @@ def _records(
     )
 
 
-def _describe(job: SensitivityJob, ready: Prepared, directory: ResultDirectory) -> None:
+def _describe(job: SensitivityJob, context: RunContext, directory: ResultDirectory) -> None:
     """Say in the manifest what the columns hold, and with what the sets are run."""
-    model = ready.plan.model
+    model = context.model
     directory.update_manifest(
-        engine=ready.engine,
-        device=ready.device,
-        precision=ready.work.numerics.precision,
-        method=ready.work.numerics.method,
+        engine=context.engine,
+        device=context.device,
+        precision=context.spec.numerics.precision,
+        method=context.spec.numerics.method,
         quantities=_quantities(job, model),
         versions=provenance.versions() | {"SALib": provenance.version_of("SALib")},
     )
@@ -249,8 +249,8 @@ def _at_half_the_step(
     progress: Progress,
 ) -> HalfStep | None:
     """Return the values of some sets at half the step, from now or from before; None where none are asked."""
-    n, ready = len(table), population.prepared({})
-    model, asked = ready.plan.model, min(ready.job.verify, n)
+    n, context = len(table), population.prepared({})
+    model, asked = context.model, min(context.job.verify, n)
     known = directory.manifest.get("half_step")
     names = {field.name for field in dataclasses.fields(HalfStep)}
     if isinstance(known, dict) and known.keys() == names and known["sets"] == asked:

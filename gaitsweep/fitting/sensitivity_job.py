@@ -16,14 +16,13 @@ import numpy as np
 from pydantic import Field
 
 from gaitsweep.errors import ArgumentError
-from gaitsweep.fitting.designs import METHODS, Design, design_of
+from gaitsweep.fitting.designs import METHODS, SensitivityDesign, design_of
 from gaitsweep.fitting.fit_job import (
     FitJob,
     read_file,
     read_fit_job,
     read_free,
     read_measure,
-    read_part,
     wrong_constants,
     wrong_measures,
 )
@@ -32,9 +31,9 @@ from gaitsweep.fitting.measures import Measure
 from gaitsweep.fitting.population import Population
 from gaitsweep.job import Job
 from gaitsweep.job.model_spec import ModelSpec
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found, unknown_field
-from gaitsweep.kinds.numbers import Count, Seed, word
-from gaitsweep.kinds.part import Part
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, read_model, refuse, unknown_field
+from gaitsweep.schema.numbers import Count, Seed, word
+from gaitsweep.schema.strict_model import StrictModel
 
 # The output that tells which sets fail.
 FAILURES = "failures"
@@ -45,7 +44,7 @@ MOST_SETS = 10**7
 _FEWEST = {"morris": 4, "sobol": 8}  # trajectories, base points
 
 
-class Analysis(Part):
+class Analysis(StrictModel):
     """Settings of a sensitivity analysis."""
 
     method: Annotated[Literal["one_at_a_time", "morris", "sobol"], word(*METHODS)] = Field(
@@ -90,7 +89,7 @@ class SensitivityJob:
         return self.fit.spec
 
     @functools.cached_property
-    def design(self) -> Design:
+    def design(self) -> SensitivityDesign:
         """The sets of parameters, a row of the table each."""
         chosen = self.analysis
         return design_of(chosen.method, chosen.n, chosen.seed, self.parameters, self.base)
@@ -159,8 +158,8 @@ def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
     for name in shares:
         if (unknown := fit.spec.unknown(name, "vary")) is not None:
             wrong.append(Diagnostic(("sensitivity", "parameters", name), unknown))
-    _refuse(wrong)
-    own = _own_values_of(base, [*ranges, *shares])
+    refuse(wrong)
+    own = base.design.row(0)
     fixed = [*ranges, *shares] if analysis.method == "one_at_a_time" else list(shares)
     wrong.extend(_follow_conditions(base, fixed, outputs))
     free = {}
@@ -169,9 +168,9 @@ def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
             free[name] = ranges[name]
         elif (around := _around(name, own[name], shares[name], wrong)) is not None:
             free[name] = around
-    _refuse(wrong)
+    refuse(wrong)
     fit = dataclasses.replace(fit, free=free)
-    _refuse([*wrong_constants(fit), *wrong_measures(fit, "outputs")])
+    refuse([*wrong_constants(fit), *wrong_measures(fit, "outputs")])
     if analysis.method != "one_at_a_time" and importlib.util.find_spec("SALib") is None:
         raise ArgumentError(
             f"sensitivity.method {analysis.method} needs the package SALib: pip install 'gaitsweep[search]'."
@@ -233,7 +232,7 @@ def _read_analysis(
         allowed = ["parameters", "outputs", *Analysis.model_fields]
         wrong.append(unknown_field(("sensitivity", str(key)), "sensitivity", allowed))
         del rest[key]
-    analysis = read_part(Analysis, rest, ("sensitivity",), wrong)
+    analysis = read_model(Analysis, rest, ("sensitivity",), wrong)
     if analysis is None:
         return None
     method, n, path = analysis.method, analysis.n, ("sensitivity", "n")
@@ -262,7 +261,7 @@ def _read_analysis(
 
 def _written(measure: Measure) -> dict[str, Any]:
     """The fields of a measure as plain values: the run of one may be a part of its own."""
-    return {name: each.model_dump() if isinstance(each, Part) else each for name, each in measure}
+    return {name: each.model_dump() if isinstance(each, StrictModel) else each for name, each in measure}
 
 
 def _own_values(fit: FitJob) -> FitJob:
@@ -277,17 +276,12 @@ def _own_values(fit: FitJob) -> FitJob:
     return dataclasses.replace(fit, free=needed)
 
 
-def _own_values_of(job: Job, names: Sequence[str]) -> dict[str, float]:
-    values = job.plan.at(np.array([0]), names)
-    return {name: float(values[name][0]) for name in names}
-
-
 def _follow_conditions(job: Job, names: Iterable[str], outputs: Mapping[str, Measure]) -> list[Diagnostic]:
     """Parameters whose own value is a formula of what outputs set, so that there is no one value."""
     set_by_outputs = {name for measure in outputs.values() for name in measure.at}
     wrong = []
     for name in names:
-        if follows := sorted((job.plan.closure([name]) - {name}) & set_by_outputs):
+        if follows := sorted((job.design.closure([name]) - {name}) & set_by_outputs):
             text = f"follows {follows[0]}, which outputs set: give it a number under params."
             wrong.append(Diagnostic(("sensitivity", "parameters", name), text))
     return wrong
@@ -302,8 +296,3 @@ def _around(name: str, value: float, share: float, wrong: list[Diagnostic]) -> F
         return None
     low, high = sorted((value * (1.0 - share), value * (1.0 + share)))
     return Free(low=low, high=high)
-
-
-def _refuse(wrong: Sequence[Diagnostic]) -> None:
-    if wrong:
-        raise JobError(wrong)

@@ -11,9 +11,9 @@ from pydantic import Field, PlainValidator, WithJsonSchema
 from gaitsweep.circular import wrapped_difference
 from gaitsweep.contract import Model
 from gaitsweep.fitting.measures import Measure, Measured
-from gaitsweep.kinds.diagnostics import found
-from gaitsweep.kinds.numbers import Flag, InvalidValue, Positive, checked, read_real
-from gaitsweep.kinds.part import Part
+from gaitsweep.schema.diagnostics import found
+from gaitsweep.schema.numbers import Flag, InvalidValue, Positive, checked, read_real
+from gaitsweep.schema.strict_model import StrictModel
 
 # The miss of a target without a value, in reading errors: more than that of values that mean something.
 FAILED_MISS = 1.0e4
@@ -41,7 +41,7 @@ Wanted = Annotated[
 ]
 
 
-class Aim(Part):
+class Aim(StrictModel):
     """Target value of a measure."""
 
     wanted: Wanted = Field(description="the value, or [low, high] between which all are right")

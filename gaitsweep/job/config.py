@@ -9,9 +9,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from gaitsweep.job.yaml_document import Document, read_document
-from gaitsweep.kinds import diagnostics, parameter_written
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found, unknown_field
+from gaitsweep.design.vary import written_names
+from gaitsweep.kinds import parameter_written
+from gaitsweep.schema import diagnostics
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, unknown_field
+from gaitsweep.schema.yaml_document import Document, read_document
 from gaitsweep.shipped import config_file
 
 _FIELDS = ("model", "structure", "params", "source")
@@ -87,18 +89,5 @@ class Config:
 
 
 def _moving(raw: Mapping[str, Any]) -> set[str]:
-    names: set[str] = set()
-    vary = raw.get("vary")
-    for key, value in vary.items() if isinstance(vary, Mapping) else ():
-        groups = value if isinstance(value, list) else [value]
-        if key in ("zip", "sample"):
-            inner = [
-                group.get("of", {}) if key == "sample" else group
-                for group in groups
-                if isinstance(group, Mapping)
-            ]
-            names |= {str(name) for each in inner if isinstance(each, Mapping) for name in each}
-        else:
-            names.add(str(key))
-    names.add(str(parameter_written(raw.get("run"))))
-    return names
+    varied = {name for names in written_names(raw.get("vary")) for name in names}
+    return {*varied, str(parameter_written(raw.get("run")))}

@@ -8,9 +8,9 @@ from pathlib import Path
 from gaitsweep import effort
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job.schema import Job
-from gaitsweep.job.yaml_document import Document, read_document, read_value
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found
-from gaitsweep.kinds.diagnostics import Path as FieldPath
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, found
+from gaitsweep.schema.diagnostics import Path as FieldPath
+from gaitsweep.schema.yaml_document import Document, read_document, read_value
 from gaitsweep.shipped import job_file
 
 

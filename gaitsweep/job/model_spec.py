@@ -13,8 +13,9 @@ from gaitsweep import models, near_miss
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.engine.sweep.xla import refuse_missing_platform
 from gaitsweep.expression import CONSTANTS, FUNCTIONS
-from gaitsweep.kinds.diagnostics import Diagnostic, Path, found
-from gaitsweep.kinds.numbers import (
+from gaitsweep.models.conformity import fault
+from gaitsweep.schema.diagnostics import Diagnostic, Path, found
+from gaitsweep.schema.numbers import (
     InvalidValue,
     read_flag,
     read_number,
@@ -23,7 +24,6 @@ from gaitsweep.kinds.numbers import (
     read_whole,
     read_word,
 )
-from gaitsweep.models.conformity import fault
 
 _RESERVED = {*CONSTANTS, *FUNCTIONS, "zip", "sample"}
 

@@ -8,10 +8,10 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep.contract import Model
-from gaitsweep.engine.numerics import Numerics
-from gaitsweep.kinds.numbers import Count, Flag, LaneCount, Positive, checked, read_real, read_whole, word
-from gaitsweep.kinds.part import Part
-from gaitsweep.table import former_names
+from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
+from gaitsweep.schema import former_names
+from gaitsweep.schema.numbers import Count, Flag, LaneCount, Positive, checked, read_real, read_whole, word
+from gaitsweep.schema.strict_model import StrictModel
 
 # A part costs some milliseconds whatever its rows, and they add up on a card; but an unfinished block of more
 # rows than _LARGE is much to hold in memory, and the worker of a cluster loses it as a whole.
@@ -38,7 +38,7 @@ def rows_of_a_part(block: int | str, n_rows: int) -> int:
     return _SMALL * 2 ** math.ceil(math.log2(wanted / _SMALL))
 
 
-class NumericsSpec(Part):
+class NumericsSpec(StrictModel):
     """Integration of a trajectory; the model recommends what is left out."""
 
     method: Annotated[
@@ -76,13 +76,13 @@ class NumericsSpec(Part):
         default=1e-12, description="error of an event's time, as a share of the nominal period"
     )
 
-    def engine(self, model: Model) -> Numerics:
-        """The engine's numerics for a model, the method and the tolerances resolved."""
-        fields = self.model_dump()
-        return Numerics(**{**fields, "dt": None if self.dt == "auto" else self.dt}).of(model)
+    def resolve(self, model: Model, contraction: bool) -> ResolvedNumerics:
+        """The numerics of a job's rows; `contraction` as `EngineChoice` has it."""
+        dt = None if self.dt == "auto" else self.dt
+        return Numerics(**{**self.model_dump(), "dt": dt, "contraction": contraction}).resolve(model)
 
 
-class EngineChoice(Part):
+class EngineChoice(StrictModel):
     """On what the rows run."""
 
     name: Annotated[Literal["auto", "xla", "kernel"], word("auto", "xla", "kernel")] = Field(

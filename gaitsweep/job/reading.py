@@ -9,26 +9,27 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from gaitsweep.design.design import Design
+from gaitsweep.design.vary import Group, read_vary
+from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.expression import ExpressionError, evaluate, names_in
 from gaitsweep.job.checks import check_figures, check_names, check_ranges
 from gaitsweep.job.config import Config
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec, read_settings
-from gaitsweep.job.plan import Plan
 from gaitsweep.job.step_lengths import check_numerics, check_steps
-from gaitsweep.job.vary import Group, read_vary
 from gaitsweep.kinds import parameter_written
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, found, from_pydantic
-from gaitsweep.kinds.numbers import SCOPE, Scope
 from gaitsweep.kinds.run_kind import table_columns
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, found, from_pydantic
+from gaitsweep.schema.numbers import SCOPE, Scope
 
 FITS = ("search", "sensitivity")  # fields of jobs that a command of the same name reads
 _READ_HERE = ("params", "start", "vary", "structure")  # parts of a job that pydantic gets as they were read
 
 
 def read_job(
-    data: Any, folder: Path, handler: Callable[[Any], Any], owners: dict[str, Owner]
-) -> tuple[Any, Plan]:
-    """A job as pydantic makes it, and its rows.
+    data: Any, folder: Path, handler: Callable[[Any], Any], sections: dict[str, SchemaSection]
+) -> tuple[Any, Design, ResolvedNumerics]:
+    """A job as pydantic makes it, its rows, and its numerics.
 
     Model, structure, params, start and vary come first, since expressions in the other parts use them.
 
@@ -36,7 +37,7 @@ def read_job(
         data: the job's mapping as written.
         folder: the folder to which `config` is relative and where the user's own modules are.
         handler: pydantic's reader of the whole mapping.
-        owners: the parts of a job by the keys under which pydantic reports them.
+        sections: the parts of a job by the keys under which pydantic reports them.
 
     Raises:
         JobError: everything that is wrong with the job.
@@ -75,20 +76,20 @@ def read_job(
     vary = read_vary(raw.get("vary"), spec.quantities if spec else {}, reason)
     ready["vary"] = vary.plain
     diagnostics.extend(vary.diagnostics)
-    plan = None
+    design = None
     if spec is not None and not vary.diagnostics:
-        plan = _laid_out(spec, vary.groups, settings, moved, diagnostics)
-    token = SCOPE.set(_scope(plan, spec, moved))
+        design = _laid_out(spec, vary.groups, settings, moved, diagnostics)
+    token = SCOPE.set(_scope(design, spec, moved))
     job = None
     try:
         job = handler(ready)
     except ValidationError as error:
-        diagnostics.extend(from_pydantic(error, owners, ""))
+        diagnostics.extend(from_pydantic(error, sections, ""))
     finally:
         SCOPE.reset(token)
     config.refuse(diagnostics)
     assert job is not None
-    assert plan is not None
+    assert design is not None
     assert spec is not None
     for movement in job.run.movements:
         if movement.parameter not in spec.parameters:
@@ -97,10 +98,11 @@ def read_job(
     moving = job.run.moved
     if moving is not None:
         first = {moving: job.run.turns[0]} if job.run.turns else {}  # a trace may lack it: its check says so
-        plan = dataclasses.replace(plan, settings={**plan.settings, **first})
-    config.refuse(_check_whole(plan, spec, job))
-    config.refuse(check_steps(plan, job.run, job.numerics.engine(spec.model)))
-    return job, plan
+        design = dataclasses.replace(design, settings={**design.settings, **first})
+    numerics = job.numerics.resolve(spec.model, job.engine.contraction)
+    config.refuse(_check_whole(design, spec, job, numerics))
+    config.refuse(check_steps(design, job.run, numerics))
+    return job, design, numerics
 
 
 def _plain(value: Any) -> Any:
@@ -118,9 +120,9 @@ def _laid_out(
     given: Mapping[str, float | str],
     moved: str | None,
     diagnostics: list[Diagnostic],
-) -> Plan | None:
-    """The plan, with the model's defaults; a parameter that moves has 1 until its path is read."""
-    varied = {name for group in groups for name in group.points}
+) -> Design | None:
+    """The design, with the model's defaults; a parameter that moves has 1 until its path is read."""
+    varied = {name for group in groups for name in group.axes}
     settings: dict[str, float | str] = {}
     for name, quantity in spec.quantities.items():
         field = "params" if name in spec.parameters else "start"
@@ -148,24 +150,24 @@ def _laid_out(
             paths = [group.paths[name] for group in groups if name in group.paths]
             text = f"is given without {other}: {why}"
             diagnostics.append(Diagnostic((*paths, ("params", name))[0], text))
-    plan = Plan(spec.model, tuple(groups), settings, spec.sizes)
-    wrong = check_names(plan, spec)
+    design = Design(spec.model, tuple(groups), settings, spec.sizes)
+    wrong = check_names(design, spec)
     diagnostics.extend(wrong)
-    return None if wrong else plan
+    return None if wrong else design
 
 
-def _scope(plan: Plan | None, spec: ModelSpec | None, moved: str | None) -> Scope:
+def _scope(design: Design | None, spec: ModelSpec | None, moved: str | None) -> Scope:
     """Names for expressions under `run`, `numerics` and `figures`: the parameters that stay fixed."""
-    if plan is None or spec is None:
+    if design is None or spec is None:
         return Scope(known=False)
     fixed: dict[str, float] = dict(spec.sizes)
-    moving = dict.fromkeys(plan.names, "varies in this job")
+    moving = dict.fromkeys(design.names, "varies in this job")
     if moved is not None:
         moving[moved] = "moves in this run"
-    for name in plan.order:
+    for name in design.order:
         if name in moving or name not in spec.parameters:
             continue
-        setting = plan.settings[name]
+        setting = design.settings[name]
         if any(used in moving for used in names_in(setting)):
             moving[name] = "follows what has no one value in this job"
             continue
@@ -176,22 +178,22 @@ def _scope(plan: Plan | None, spec: ModelSpec | None, moved: str | None) -> Scop
     return Scope(fixed, moving)
 
 
-def _check_whole(plan: Plan, spec: ModelSpec, job: Any) -> list[Diagnostic]:
+def _check_whole(design: Design, spec: ModelSpec, job: Any, numerics: ResolvedNumerics) -> list[Diagnostic]:
     """Diagnostics about a job whose parts are all well formed, but do not fit together."""
     run, moving = job.run, job.run.moved
     diagnostics: list[Diagnostic] = []
     for movement in run.movements:
         parameter = movement.parameter
-        for name in (parameter, *plan.following(parameter)):
+        for name in (parameter, *design.following(parameter)):
             if name in spec.model.host_parameters:
                 moves = "" if name == parameter else f", with which {name} moves"
                 text = f"is {parameter}{moves}: {name} is compiled into a row's body"
                 text += " and cannot move while it runs."
                 diagnostics.append(Diagnostic(movement.named, text))
-    diagnostics.extend(run.check(plan, job.numerics.engine(spec.model).method))
-    diagnostics.extend(check_numerics(spec.model, job.numerics))
-    columns = table_columns(plan, run)
-    places = [(name, path, "varies") for group in plan.groups for name, path in group.paths.items()]
+    diagnostics.extend(run.check(design, numerics.method))
+    diagnostics.extend(check_numerics(spec.model, job.numerics, numerics))
+    columns = table_columns(design, run)
+    places = [(name, path, "varies") for group in design.groups for name, path in group.paths.items()]
     if moving is not None:
         places.append((moving, ("run", "parameter"), "is"))
     for name, path, does in places:
@@ -202,6 +204,6 @@ def _check_whole(plan: Plan, spec: ModelSpec, job: Any) -> list[Diagnostic]:
     for name in dict.fromkeys(name for name in columns if columns.count(name) > 1 and name not in named):
         text = f"is {spec.model.name}, which has a quantity {name}, but a table of {run.kind_name}"
         diagnostics.append(Diagnostic(("model",), f"{text} has a column of that name: rename the quantity."))
-    diagnostics.extend(check_ranges(plan, spec, run))
-    diagnostics.extend(check_figures(job.figures, plan, run))
+    diagnostics.extend(check_ranges(design, spec, run))
+    diagnostics.extend(check_figures(job.figures, design, run))
     return diagnostics

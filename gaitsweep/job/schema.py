@@ -20,17 +20,17 @@ from pydantic import (
 )
 
 from gaitsweep import effort
-from gaitsweep.engine.numerics import Numerics
+from gaitsweep.design.design import Design
+from gaitsweep.design.vary import vary_schema
+from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.job.job_hash import job_hash
 from gaitsweep.job.numerics import EngineChoice, NumericsSpec, rows_of_a_part
-from gaitsweep.job.plan import Plan
 from gaitsweep.job.reading import read_job
-from gaitsweep.job.vary import vary_schema
 from gaitsweep.kinds import RUN_KINDS, RunKind
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, from_pydantic
-from gaitsweep.kinds.numbers import Stem, Text, VerifyCount
-from gaitsweep.kinds.part import OneOf, Part
 from gaitsweep.plot import FIGURES, FigureKind
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, from_pydantic
+from gaitsweep.schema.numbers import Stem, Text, VerifyCount
+from gaitsweep.schema.strict_model import OneOf, StrictModel
 
 _KINDS = ", ".join(RUN_KINDS).rsplit(", ", 1)
 _PATH = PlainValidator(lambda path: path)  # `Config` has read it, or complained, before pydantic sees it
@@ -44,7 +44,7 @@ _STRUCTURE = WithJsonSchema(
 )
 
 
-class Job(Part):
+class Job(StrictModel):
     """A parameter sweep: a model, what varies, what is done with each row, and the figures.
 
     Build it with `load_job`, or in Python by its fields: `Job(name="quick", model="mine:Hopper", vary={...},
@@ -89,7 +89,8 @@ class Job(Part):
         default_factory=list, max_length=200, description="figures made from the table"
     )
 
-    _plan: Plan = PrivateAttr()
+    _design: Design = PrivateAttr()
+    _integration: ResolvedNumerics = PrivateAttr()
 
     @model_validator(mode="wrap")
     @classmethod
@@ -98,25 +99,23 @@ class Job(Part):
             return data
         with effort.limited():
             folder = (info.context or {}).get("folder", Path.cwd())
-            job, plan = read_job(data, folder, handler, _owners())
-            job._plan = plan
+            job, job._design, job._integration = read_job(data, folder, handler, _sections())
         return job
 
     @property
-    def plan(self) -> Plan:
+    def design(self) -> Design:
         """The job's rows."""
-        return self._plan
+        return self._design
 
     @property
-    def integration(self) -> Numerics:
-        """The engine's numerics, what the job leaves open taken from its model."""
-        numerics = self.numerics.engine(self._plan.model)
-        return dataclasses.replace(numerics, contraction=self.engine.contraction)
+    def integration(self) -> ResolvedNumerics:
+        """The numerics of its rows, what the job leaves open taken from its model."""
+        return self._integration
 
     @property
     def block(self) -> int:
         """The rows of a part of the table."""
-        return rows_of_a_part(self.engine.block, self._plan.n_rows)
+        return rows_of_a_part(self.engine.block, self._design.n_rows)
 
     def resolved(self, engine: str | None = None) -> dict[str, Any]:
         """The job as plain values with everything filled in, the model's defaults and the config too.
@@ -130,10 +129,10 @@ class Job(Part):
         moving = self.run.moved
         settings = {
             name: setting
-            for name, setting in self._plan.settings.items()
+            for name, setting in self._design.settings.items()
             if name != moving and not (isinstance(setting, float) and math.isnan(setting))
         }
-        parameters = {quantity.name for quantity in self._plan.model.parameters}
+        parameters = {quantity.name for quantity in self._design.model.parameters}
         dumped["params"] = {name: setting for name, setting in settings.items() if name in parameters}
         dumped["start"] = {name: setting for name, setting in settings.items() if name not in parameters}
         dumped["engine"] |= {"name": engine or self.engine.name, "block": self.block}
@@ -174,18 +173,19 @@ class Job(Part):
         return job_hash(self.resolved(), self.run, runs_on, steps)
 
 
-def _owners() -> dict[str, Owner]:
+def _sections() -> dict[str, SchemaSection]:
     """The parts of a job by the keys under which pydantic reports them."""
-    runs = {kind: Owner(f"run ({kind})", part, "run") for kind, part in RUN_KINDS.items()}
+    runs = {kind: SchemaSection(f"run ({kind})", part, "run") for kind, part in RUN_KINDS.items()}
     # a figure's kind may be a run's too (return_map), hence the prefix
     figures = {
-        f"figures.{kind}": Owner(f"a figure ({kind})", part, "figures") for kind, part in FIGURES.items()
+        f"figures.{kind}": SchemaSection(f"a figure ({kind})", part, "figures")
+        for kind, part in FIGURES.items()
     }
-    others = {"": Owner("a job", Job), "numerics": Owner("numerics", NumericsSpec)}
-    return {**others, **runs, "engine": Owner("engine", EngineChoice), **figures}
+    others = {"": SchemaSection("a job", Job), "numerics": SchemaSection("numerics", NumericsSpec)}
+    return {**others, **runs, "engine": SchemaSection("engine", EngineChoice), **figures}
 
 
-class _Figures(Part):
+class _Figures(StrictModel):
     """The figures of a job, without the rest of it."""
 
     figures: list[Annotated[FigureKind, OneOf(FIGURES)]]
@@ -200,7 +200,7 @@ def read_figures(value: Any, file: str) -> list[dict[str, Any]]:
     try:
         read = _Figures.model_validate({"figures": value})
     except ValidationError as error:
-        wrong = from_pydantic(error, {**_owners(), "": Owner("a job", _Figures)}, "")
+        wrong = from_pydantic(error, {**_sections(), "": SchemaSection("a job", _Figures)}, "")
         raise JobError([dataclasses.replace(diagnostic, file=file) for diagnostic in wrong]) from None
     plain = [figure.model_dump(mode="json", exclude_none=True) for figure in read.figures]
     stems = [figure.get("name") or figure["kind"] for figure in plain]

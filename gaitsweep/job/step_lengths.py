@@ -13,17 +13,23 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import HybridModel, Model
+from gaitsweep.design.design import Design
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.flow_spectrum import slowest_limit
-from gaitsweep.engine.numerics import FEWEST_STEPS, Numerics, longest_step, recommended_step, unknown_step
+from gaitsweep.engine.numerics import (
+    FEWEST_STEPS,
+    ResolvedNumerics,
+    longest_step,
+    recommended_step,
+    unknown_step,
+)
 from gaitsweep.engine.propose import METHODS, refusal
 from gaitsweep.engine.sweep.xla import see_all_cores
 from gaitsweep.expression import functions_of, resolve
 from gaitsweep.job.numerics import NumericsSpec
-from gaitsweep.job.plan import Plan
 from gaitsweep.kinds import RunKind
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError
+from gaitsweep.schema.diagnostics import Diagnostic, JobError
 
 # Sets of parameters whose steps are looked at before a job runs. Where there are more, these are spread
 # evenly over all of them, and each row's own step is looked at when its block begins.
@@ -39,10 +45,9 @@ LARGEST_EVENT_TOLERANCE = 1e-3
 _ROUNDING = 1.0 + 1e-9
 
 
-def check_numerics(model: Model, numerics: NumericsSpec) -> list[Diagnostic]:
-    """Diagnostics about numerics that do not suit a model, whatever its parameters."""
+def check_numerics(model: Model, numerics: NumericsSpec, resolved: ResolvedNumerics) -> list[Diagnostic]:
+    """Diagnostics about numerics, and what they are resolved to, that do not suit a model at all."""
     diagnostics = []
-    resolved = numerics.engine(model)
     if numerics.event_tolerance > LARGEST_EVENT_TOLERANCE:
         most = f"at most {LARGEST_EVENT_TOLERANCE:g} of a period"
         text = f"is {numerics.event_tolerance:g}, but must be {most}."
@@ -83,47 +88,46 @@ class RowSteps:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
-def row_steps(plan: Plan, run: RunKind, numerics: Numerics) -> RowSteps:
+def row_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> RowSteps:
     """The steps of all rows.
 
     Args:
-        plan: the job's rows.
+        design: the job's rows.
         run: what is done with them; a parameter that moves has the steps of its whole path.
         numerics: the engine's, for this model.
     """
-    model = plan.model
-    names = _deciding(model, numerics, plan)
-    spans = sorted({place for name in names for place in plan.spans(name)})
-    count = math.prod(plan.groups[place].length for place in spans)
+    model = design.model
+    names = _deciding(model, numerics, design)
+    spans = sorted({place for name in names for place in design.spans(name)})
+    count = math.prod(design.groups[place].length for place in spans)
     most = MOST_RECOMMENDED if numerics.dt is None else MOST_SETS
     most = FEW_SETS if model.host_parameters else most
     sets = np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(np.int64)
-    rows = plan.rows_over(sets, spans)
-    parts = [_steps(plan, run, numerics, rows[i : i + _CHUNK]) for i in range(0, rows.size, _CHUNK)]
-    dt, longest = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return RowSteps(rows, plan.n_rows / count, dt, longest, count > most)
+    rows = design.rows_over(sets, spans)
+    dt, longest = _steps(design, run, numerics, rows)
+    return RowSteps(rows, design.n_rows / count, dt, longest, count > most)
 
 
-def check_steps(plan: Plan, run: RunKind, numerics: Numerics) -> list[Diagnostic]:
+def check_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> list[Diagnostic]:
     """Diagnostics about a step that is too long for some rows, or that nobody has said."""
     if numerics.dt is None:
-        dt, _ = _steps(plan, run, numerics, np.zeros(1, np.int64))
+        dt, _ = _steps(design, run, numerics, np.zeros(1, np.int64))
         if not np.isnan(dt).any() or numerics.adaptive:  # which is NaN only with the row's period
             return []
-        return [Diagnostic(("numerics", "dt"), f"is missing: {unknown_step(plan.model, numerics.method)}")]
-    steps = row_steps(plan, run, numerics)
+        return [Diagnostic(("numerics", "dt"), f"is missing: {unknown_step(design.model, numerics.method)}")]
+    steps = row_steps(design, run, numerics)
     longest = steps.longest
     if np.isnan(longest).any():
-        longest = _from_spectrum(plan, numerics, steps)
+        longest = _from_spectrum(design, numerics, steps)
     wrong = np.flatnonzero(steps.dt > longest * _ROUNDING)
     if not wrong.size:
         return []
     worst = int(wrong[np.argmin(longest[wrong])])
-    there = plan.at(steps.rows[[worst]], plan.names)
-    named = [name for name in plan.names if _matters(plan, name, steps)]
+    there = design.at(steps.rows[[worst]], design.names)
+    named = [name for name in design.names if _matters(design, name, steps)]
     where = ", ".join(f"{name} = {there[name][0]:.6g}" for name in named)
     rows = round(wrong.size * steps.each) if not steps.sampled else None
-    of = f"{rows} of {plan.n_rows}" if rows is not None else f"some of {plan.n_rows}"
+    of = f"{rows} of {design.n_rows}" if rows is not None else f"some of {design.n_rows}"
     text = (
         f"is {numerics.dt:g} s, too long for {of} rows: the longest step of {numerics.method} that is right "
         f"for all of them is {_rounded_down(float(longest[worst])):g} s{f' (at {where})' if where else ''}. "
@@ -132,41 +136,37 @@ def check_steps(plan: Plan, run: RunKind, numerics: Numerics) -> list[Diagnostic
     return [Diagnostic(("numerics", "dt"), text)]
 
 
-def longer_than_right(plan: Plan, run: RunKind, numerics: Numerics) -> np.ndarray:
+def longer_than_right(design: Design, run: RunKind, numerics: ResolvedNumerics) -> np.ndarray:
     """Whether each row's step (n_rows,) is known to be too long for its parameters."""
     if numerics.dt is None:
-        return np.zeros(plan.n_rows, bool)
-    parts = [
-        _steps(plan, run, numerics, np.arange(first, min(first + _CHUNK, plan.n_rows)))
-        for first in range(0, plan.n_rows, _CHUNK)
-    ]
-    dt, longest = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return np.zeros(design.n_rows, bool)
+    dt, longest = _steps(design, run, numerics, np.arange(design.n_rows))
     return dt > longest * _ROUNDING
 
 
 def values_with_right_steps(
-    plan: Plan, run: RunKind, numerics: Numerics, steps: RowSteps
+    design: Design, run: RunKind, numerics: ResolvedNumerics, steps: RowSteps
 ) -> Callable[[int, int], tuple[dict[str, np.ndarray], dict[str, np.ndarray]]]:
-    """`Plan.values`, which refuses rows whose step is too long where not all were looked at beforehand."""
-    if numerics.dt is None or not steps.sampled or plan.model.host_parameters:
-        return plan.values
+    """`Design.values`, which refuses rows whose step is too long where not all were looked at beforehand."""
+    if numerics.dt is None or not steps.sampled or design.model.host_parameters:
+        return design.values
 
     def values(first: int, last: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         rows = np.arange(first, last, dtype=np.int64)
-        dt, longest = _steps(plan, run, numerics, rows)
+        dt, longest = _steps(design, run, numerics, rows)
         wrong = np.flatnonzero(dt > longest * _ROUNDING)
         if wrong.size:
             row, right = int(rows[wrong[0]]), _rounded_down(float(longest[wrong[0]]))
             text = f"is {numerics.dt:g} s, too long for row {row}, where {right:g} s is right: leave it out."
             raise JobError([Diagnostic(("numerics", "dt"), text)])
-        return plan.values(first, last)
+        return design.values(first, last)
 
     return values
 
 
-def _matters(plan: Plan, name: str, steps: RowSteps) -> bool:
+def _matters(design: Design, name: str, steps: RowSteps) -> bool:
     """Whether what varies under this name differs between the sets that were looked at."""
-    seen = plan.at(steps.rows[:: max(1, steps.rows.size // 1000)], [name])[name]
+    seen = design.at(steps.rows[:: max(1, steps.rows.size // 1000)], [name])[name]
     return bool(np.ptp(seen) > 0.0)
 
 
@@ -175,17 +175,24 @@ def _rounded_down(value: float) -> float:
     return math.floor(value / digits) * digits
 
 
-def _steps(plan: Plan, run: RunKind, numerics: Numerics, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _steps(
+    design: Design, run: RunKind, numerics: ResolvedNumerics, rows: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """The steps that rows (n,) take, and the longest that are right for them."""
+    if rows.size > _CHUNK:
+        chunks = [rows[first : first + _CHUNK] for first in range(0, rows.size, _CHUNK)]
+        parts = [_steps(design, run, numerics, chunk) for chunk in chunks]
+        dt, longest = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return dt, longest
     # the first computation of most runs, which must not leave JAX with one core
     see_all_cores()
-    model = plan.model
-    values = plan.at(rows, [quantity.name for quantity in model.parameters])
+    model = design.model
+    values = design.at(rows, [quantity.name for quantity in model.parameters])
     function = _function(model, numerics)
     found = []
     for place in run.places():
         there = {**values, **{name: np.full(rows.size, at) for name, at in place.items()}}
-        there = resolve(plan.following(*place), there, functions_of(np))
+        there = resolve(design.following(*place), there, functions_of(np))
         n = rows.size
         # few sizes are compiled: small sets one by one, many in chunks that are filled up
         room = n if n <= FEW_SETS else _CHUNK
@@ -197,7 +204,7 @@ def _steps(plan: Plan, run: RunKind, numerics: Numerics, rows: np.ndarray) -> tu
 
 
 @cached_by_content(maxsize=16)
-def _function(model: Model, numerics: Numerics) -> Any:
+def _function(model: Model, numerics: ResolvedNumerics) -> Any:
     """`values -> (dt, longest)` of many rows."""
 
     def one(values: Any) -> tuple[jax.Array, jax.Array]:
@@ -210,7 +217,7 @@ def _function(model: Model, numerics: Numerics) -> Any:
     return jax.jit(jax.vmap(one))
 
 
-def _deciding(model: Model, numerics: Numerics, plan: Plan) -> list[str]:
+def _deciding(model: Model, numerics: ResolvedNumerics, design: Design) -> list[str]:
     """The parameters on which the length of steps depends."""
     names = [quantity.name for quantity in model.parameters]
     if model.host_parameters:
@@ -226,16 +233,16 @@ def _deciding(model: Model, numerics: Numerics, plan: Plan) -> list[str]:
     return sorted(deciding)
 
 
-def _from_spectrum(plan: Plan, numerics: Numerics, steps: RowSteps) -> np.ndarray:
+def _from_spectrum(design: Design, numerics: ResolvedNumerics, steps: RowSteps) -> np.ndarray:
     """Longest steps of rows whose model gives none.
 
     They come from the flow's matrix where it is linear, and are a share of the nominal period elsewhere.
     """
-    model = plan.model
+    model = design.model
     some = np.unique(np.linspace(0, steps.rows.size - 1, FEW_SETS).astype(int))
     longest = np.full(steps.rows.size, np.inf)
     for at in some:
-        values, starts = plan.values_in(steps.rows[[at]])
+        values, starts = design.values_in(steps.rows[[at]])
         one = {name: jnp.asarray(value[0]) for name, value in model.on_host(values).items()}
         params = model.params(one)
         # a map may take one step a period

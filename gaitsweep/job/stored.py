@@ -8,9 +8,9 @@ from typing import Any
 import jax.numpy as jnp
 
 from gaitsweep import models
-from gaitsweep.job.plan import Plan
+from gaitsweep.design.design import Design
 from gaitsweep.job.schema import Job
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError
+from gaitsweep.schema.diagnostics import Diagnostic, JobError
 
 
 def stored_job(attrs: Mapping[Any, Any], trust: bool = False) -> Job:
@@ -31,17 +31,17 @@ def stored_job(attrs: Mapping[Any, Any], trust: bool = False) -> Job:
     return Job.model_validate(attrs["job"])
 
 
-def row_params(plan: Plan, row: int) -> Any:
+def row_params(design: Design, row: int) -> Any:
     """The frozen pytree of parameters that a row of a job ran with.
 
     Args:
-        plan: the job's rows.
+        design: the job's rows.
         row: its number.
 
     Raises:
         IndexError: the job does not have this row.
     """
-    values, _ = plan.values(row, row + 1)
-    return plan.model.params(
-        {name: jnp.asarray(value[0]) for name, value in plan.model.on_host(values).items()}
+    values, _ = design.values(row, row + 1)
+    return design.model.params(
+        {name: jnp.asarray(value[0]) for name, value in design.model.on_host(values).items()}
     )

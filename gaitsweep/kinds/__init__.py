@@ -15,13 +15,13 @@ from gaitsweep.extension import extensions, import_all
 from gaitsweep.kinds.continuation import Continuation
 from gaitsweep.kinds.fixed_time import FixedTime
 from gaitsweep.kinds.folds import Folds
-from gaitsweep.kinds.part import Registry
 from gaitsweep.kinds.ramp import Ramp
 from gaitsweep.kinds.return_map import ReturnMap
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.kinds.settle import Settle
 from gaitsweep.kinds.staircase import Staircase
 from gaitsweep.kinds.trace import Trace
+from gaitsweep.schema.strict_model import Registry
 
 __all__ = ["RUN_KINDS", "RunKind", "parameter_written", "register", "unregister"]
 

@@ -13,13 +13,14 @@ from pydantic import Field
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.contract import Model, Status
+from gaitsweep.design import Design
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import STATUSES, Column, gaits, observed
-from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints, gait_numbers, unknowns
-from gaitsweep.kinds.numbers import Real, Text
-from gaitsweep.kinds.run_kind import Between, Cost, Rows, path_values, table_columns
+from gaitsweep.kinds.run_kind import Between, Cost, path_values, table_columns
+from gaitsweep.schema.diagnostics import Diagnostic
+from gaitsweep.schema.numbers import Real, Text
 
 # Points of a branch are this many times as many as the longest steps over its range: steps begin short, are
 # cut where a branch bends, and a fold turns it round.
@@ -75,7 +76,7 @@ class Continuation(FollowsFixedPoints):
             return [Diagnostic(("run", "path", 1), f"is {self.path[1]:g}, as where the branch starts.")]
         return super().check_steps()
 
-    def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
+    def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         """A row's branch is likely followed along its whole range, at most to `most` points.
 
         With `crossing` it likely has one branch point, from which two halves of another branch lead on.
@@ -91,10 +92,10 @@ class Continuation(FollowsFixedPoints):
         return Cost(likely, most, max(points, 1.0))
 
     def block_table(
-        self, rows: Rows, work: SweepSpec, first: int, last: int, between: Between
+        self, rows: Design, spec: SweepSpec, first: int, last: int, between: Between
     ) -> pd.DataFrame:
         """The branches of rows first..last-1; `between` is called before each of their steps."""
-        mapping, values, table = self.followed(rows, work, np.arange(first, last), between)
+        mapping, values, table = self.followed(rows, spec, np.arange(first, last), between)
         row = table["row"].to_numpy(np.int64)
         axes = {name: each[row] for name, each in rows.columns(first, last).items()}
         renamed = {q.name: f"{q.name}_n" for q in rows.model.observables}
@@ -117,14 +118,14 @@ class Continuation(FollowsFixedPoints):
         return table if found.any() else table.assign(stable=pd.Series([None] * len(table), dtype=object))
 
     def followed(
-        self, rows: Rows, work: SweepSpec, numbers: np.ndarray, between: Between, with_points: bool = False
+        self, rows: Design, spec: SweepSpec, numbers: np.ndarray, between: Between, with_points: bool = False
     ) -> tuple[BatchedReturnMap, dict[str, Any], pd.DataFrame]:
         """The branches of the rows `numbers` (n,), as `analysis.continuation` gives them.
 
         Returns:
             The return map, the parameters (n,) that do not move, and the table, whose `row` counts from 0.
         """
-        mapping, values, starts = self.return_map(rows, work, numbers)
+        mapping, values, starts = self.return_map(rows, spec, numbers)
         begin, end = self.path
         points, _ = mapping.settled(starts, values, self.settle)
         del values[self.parameter]

@@ -12,15 +12,16 @@ from pydantic import Field
 from gaitsweep import near_miss
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.contract import Model
+from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.propose import derivative_refusal
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.sweep.labels import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.kinds.diagnostics import Diagnostic
-from gaitsweep.kinds.numbers import Count, CountOrZero, Positive, Text
-from gaitsweep.kinds.run_kind import Rows, RunKind, StartingPoints
+from gaitsweep.kinds.run_kind import RunKind, StartingPoints
+from gaitsweep.schema.diagnostics import Diagnostic
+from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
 
 
 class FollowsFixedPoints(RunKind):
@@ -52,7 +53,7 @@ class FollowsFixedPoints(RunKind):
         # the rows are followed to where their branches begin; `block_table` does the rest
         return CrossingRecorder(model, 1, self.settle)
 
-    def check(self, rows: Rows, method: str) -> list[Diagnostic]:
+    def check(self, rows: Design, method: str) -> list[Diagnostic]:
         return [*self.check_steps(), *self._check_map(rows.model, method)]
 
     def check_steps(self) -> list[Diagnostic]:
@@ -84,10 +85,10 @@ class FollowsFixedPoints(RunKind):
         return wrong
 
     def starting_points(
-        self, rows: Rows, work: SweepSpec, sample: np.ndarray, share: float
+        self, rows: Design, spec: SweepSpec, sample: np.ndarray, share: float
     ) -> tuple[StartingPoints, StartingPoints]:
         """The fixed points at which branches begin, found again with a share of the step."""
-        mapping, values, starts = self.return_map(rows, work, sample)
+        mapping, values, starts = self.return_map(rows, spec, sample)
 
         def found(one: BatchedReturnMap) -> StartingPoints:
             points, _ = one.settled(starts, values, self.settle)
@@ -98,12 +99,12 @@ class FollowsFixedPoints(RunKind):
         return found(mapping), found(mapping.refined(share))
 
     def return_map(
-        self, rows: Rows, work: SweepSpec, numbers: np.ndarray
+        self, rows: Design, spec: SweepSpec, numbers: np.ndarray
     ) -> tuple[BatchedReturnMap, dict[str, Any], Values]:
         """The return map of rows (n,), their parameters where they begin, and their starts."""
         parameters, starts = rows.values_in(numbers)
         following = rows.following(*(each.parameter for each in self.movements))
-        mapping = BatchedReturnMap(rows.model, tuple(following.items()), work.numerics, work.engine)
+        mapping = BatchedReturnMap(rows.model, tuple(following.items()), spec.numerics, spec.engine)
         values = {name: each for name, each in parameters.items() if name not in following}
         return mapping, {**values, **self.first_values()}, starts
 
@@ -118,7 +119,7 @@ def gait_numbers(
     return gait_codes(np.asarray(label(mapping.complete(values, n), seen)))
 
 
-def unknowns(rows: Rows) -> int:
+def unknowns(rows: Design) -> int:
     """The number of coordinates of the rows' return map."""
     chart = rows.model.chart()
     if chart is not None:

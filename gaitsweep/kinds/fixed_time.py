@@ -7,10 +7,11 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from gaitsweep.contract import Model
+from gaitsweep.design import Design
 from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder, end_values
 from gaitsweep.kinds.columns import GAIT, STALLED_BY, STATUS, Column, observed, traits
-from gaitsweep.kinds.numbers import Positive
-from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
+from gaitsweep.kinds.run_kind import Cost, RunKind
+from gaitsweep.schema.numbers import Positive
 
 
 class FixedTime(RunKind):
@@ -41,6 +42,6 @@ class FixedTime(RunKind):
             *traits(model),
         ]
 
-    def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
+    def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         attempts = self.duration / period * cycle
         return Cost(attempts, attempts)

@@ -17,15 +17,16 @@ from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.fold_curves import fold_curves
 from gaitsweep.analysis.continuation.newton import NewtonOutcome
 from gaitsweep.contract import Model, Status
+from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.expression import ExpressionError
 from gaitsweep.kinds.columns import STATUSES, Column, gaits, observed
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints, gait_numbers, unknowns
-from gaitsweep.kinds.numbers import Count, Positive, Real, Text
-from gaitsweep.kinds.run_kind import Between, Cost, Movement, Rows, path_values, table_columns
+from gaitsweep.kinds.run_kind import Between, Cost, Movement, path_values, table_columns
+from gaitsweep.schema.diagnostics import Diagnostic, JobError
+from gaitsweep.schema.numbers import Count, Positive, Real, Text
 
 # Points of a curve are this many times as many as the longest steps over a range: both parameters move, and
 # the curve is followed in both directions.
@@ -82,7 +83,7 @@ class Folds(FollowsFixedPoints):
             *map(Column, ("special", "corrections", "end", "status")),
         ]
 
-    def check(self, rows: Rows, method: str) -> list[Diagnostic]:
+    def check(self, rows: Design, method: str) -> list[Diagnostic]:
         wrong = [*self._check_ranges()]
         return wrong or [*self._check_starts(rows), *super().check(rows, method)]
 
@@ -105,7 +106,7 @@ class Folds(FollowsFixedPoints):
                 text = f"is from {low:g} to {high:g}: write the lower end first, and a higher one."
                 yield Diagnostic(("run", "within", name), text)
 
-    def _check_starts(self, rows: Rows) -> Iterator[Diagnostic]:
+    def _check_starts(self, rows: Design) -> Iterator[Diagnostic]:
         """Diagnostics for rows that begin outside the ranges."""
         try:
             parameters, _ = rows.values_in(np.arange(rows.n_rows))
@@ -119,7 +120,7 @@ class Folds(FollowsFixedPoints):
                 text = f"is from {low:g} to {high:g}, but {name} begins at {at}: a row begins in the range."
                 yield Diagnostic(("run", "within", name), text)
 
-    def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
+    def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         """A row's curve likely crosses its ranges once, with at most `most` points in each direction."""
         points = min(
             POINTS_SHARE * (1.0 / self.longest + math.log2(self.longest / self.step)), 2.0 * self.most
@@ -131,10 +132,10 @@ class Folds(FollowsFixedPoints):
         return Cost(likely, most, max(points, 1.0))
 
     def block_table(
-        self, rows: Rows, work: SweepSpec, first: int, last: int, between: Between
+        self, rows: Design, spec: SweepSpec, first: int, last: int, between: Between
     ) -> pd.DataFrame:
         """The curves of rows first..last-1; `between` is called before each of their steps."""
-        mapping, values, starts = self.return_map(rows, work, np.arange(first, last))
+        mapping, values, starts = self.return_map(rows, spec, np.arange(first, last))
         points, _ = mapping.settled(starts, values, self.settle)
         curves = []
         for row in range(last - first):

@@ -9,11 +9,12 @@ import numpy as np
 from pydantic import Field
 
 from gaitsweep.contract import Model
+from gaitsweep.design import Design
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.ramp import RampSchedule
 from gaitsweep.kinds.columns import CROSSING, GAIT, STALLED_BY, STATUS, Column, Records, observed
-from gaitsweep.kinds.numbers import Flag, NotNegative, Positive, Real, Text
-from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
+from gaitsweep.kinds.run_kind import Cost, RunKind
+from gaitsweep.schema.numbers import Flag, NotNegative, Positive, Real, Text
 
 
 class Ramp(RunKind):
@@ -44,7 +45,7 @@ class Ramp(RunKind):
         seen = [*observed(model, "n"), *read]
         return [CROSSING, *moving, Column("t", repeats=False), STATUS, STALLED_BY, *seen]
 
-    def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
+    def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         crossings = self.schedule().duration / period
         return Cost(crossings * cycle, crossings * cycle, max(crossings, 1.0))
 

@@ -7,10 +7,11 @@ from typing import Literal
 from pydantic import Field
 
 from gaitsweep.contract import Model
+from gaitsweep.design import Design
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.kinds.columns import CROSSING, STALLED_BY, STATUS, Column, observed
-from gaitsweep.kinds.numbers import Count, CountOrZero
-from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
+from gaitsweep.kinds.run_kind import Cost, RunKind
+from gaitsweep.schema.numbers import Count, CountOrZero
 
 
 class ReturnMap(RunKind):
@@ -28,6 +29,6 @@ class ReturnMap(RunKind):
     def columns(self, model: Model) -> list[Column]:
         return [CROSSING, Column("t", repeats=False), STATUS, STALLED_BY, *observed(model, "n")]
 
-    def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
+    def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         attempts = float(self.after_cycles + self.crossings) * cycle
         return Cost(attempts, attempts, max(float(self.crossings), 1.0))

@@ -14,49 +14,15 @@ import pandas as pd
 from pydantic import ValidationError
 
 from gaitsweep.contract import Model
+from gaitsweep.design import Design
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.refine import Grid
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError
 from gaitsweep.kinds.columns import Column, Records
-from gaitsweep.kinds.diagnostics import Diagnostic, Owner, Path, from_pydantic
-from gaitsweep.kinds.part import Part, kind_of, plain
-
-
-@dataclasses.dataclass(frozen=True)
-class PlanAxis:
-    """The names of an axis, one or those of a `zip` or `sample`, and its number of points."""
-
-    names: tuple[str, ...]
-    length: int
-
-
-class Rows(Protocol):
-    """The rows of a job, as a run kind and a figure see them; `gaitsweep.job.Plan` says what each gives."""
-
-    @property
-    def model(self) -> Model: ...
-    @property
-    def n_rows(self) -> int: ...
-    @property
-    def names(self) -> tuple[str, ...]: ...
-    @property
-    def axes(self) -> Sequence[PlanAxis]: ...
-    @property
-    def grids(self) -> Mapping[str, GridAxis]: ...
-    def following(self, *parameters: str) -> Mapping[str, str]: ...
-    def columns(self, start: int, stop: int) -> dict[str, np.ndarray]: ...
-    def values_in(self, rows: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]: ...
-    def in_cells(self, name: str) -> bool: ...
-
-
-@dataclasses.dataclass(frozen=True)
-class GridAxis:
-    """The place of an axis among a job's, and whether its last cell is next to its first."""
-
-    place: int
-    closed: bool
+from gaitsweep.schema.diagnostics import Diagnostic, Path, SchemaSection, from_pydantic
+from gaitsweep.schema.strict_model import StrictModel, kind_of, plain
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,7 +61,7 @@ class Cost:
     records: float = 1.0
 
 
-class RunKind(Part):
+class RunKind(StrictModel):
     """The task of each row of a job.
 
     A kind has a field `kind: Literal["its_name"]` and gives `recorder`, `columns` and `cost`. A kind that
@@ -122,7 +88,9 @@ class RunKind(Part):
         try:
             super().__init__(**{"kind": kind, **plain(fields)})
         except ValidationError as error:
-            wrong = from_pydantic(error, {kind: Owner(f"run ({kind})", type(self), "run")}, kind, ("run",))
+            wrong = from_pydantic(
+                error, {kind: SchemaSection(f"run ({kind})", type(self), "run")}, kind, ("run",)
+            )
             raise ArgumentError("\n".join(map(str, wrong))) from None
 
     # so that pydantic does not call it for a job, whose errors are gathered and told with their lines
@@ -202,18 +170,18 @@ class RunKind(Part):
         return pd.DataFrame(found)
 
     def block_table(
-        self, rows: Rows, work: SweepSpec, first: int, last: int, between: Between
+        self, rows: Design, spec: SweepSpec, first: int, last: int, between: Between
     ) -> pd.DataFrame:
         """The records of rows first..last-1, where `own_blocks`; `between` is called now and then."""
         raise NotImplementedError
 
     def starting_points(
-        self, rows: Rows, work: SweepSpec, sample: np.ndarray, share: float
+        self, rows: Design, spec: SweepSpec, sample: np.ndarray, share: float
     ) -> tuple[StartingPoints, StartingPoints]:
         """Starts of sampled rows (n,), at their own step and a share of it, for the self-check."""
         raise NotImplementedError
 
-    def check(self, rows: Rows, method: str) -> list[Diagnostic]:
+    def check(self, rows: Design, method: str) -> list[Diagnostic]:
         """Diagnostics of its fields, by themselves and for these rows.
 
         Args:
@@ -222,11 +190,11 @@ class RunKind(Part):
         """
         return []
 
-    def refined(self, rows: Rows) -> Grid | None:
+    def refined(self, rows: Design) -> Grid | None:
         """Refinement of the edges between gaits; None where all rows are simulated."""
         return None
 
-    def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
+    def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         """Estimated attempts and records of a row.
 
         Args:
@@ -256,6 +224,6 @@ class StartingPoints:
     observed: np.ndarray
 
 
-def table_columns(rows: Rows, run: RunKind) -> list[str]:
+def table_columns(rows: Design, run: RunKind) -> list[str]:
     """The columns of the table that a run makes, in their order."""
     return ["row", *rows.names, *(column.name for column in run.columns(rows.model))]

@@ -10,12 +10,14 @@ from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Model
+from gaitsweep.design import Design
 from gaitsweep.engine.recorders.settle import SettleRecorder as Recorder
 from gaitsweep.engine.recorders.settle import tolerances
 from gaitsweep.engine.sweep.refine import Grid
 from gaitsweep.kinds.columns import GAIT, STALLED_BY, STATUS, Column, observed, slowest, traits
-from gaitsweep.kinds.diagnostics import Diagnostic
-from gaitsweep.kinds.numbers import (
+from gaitsweep.kinds.run_kind import Cost, RunKind
+from gaitsweep.schema.diagnostics import Diagnostic
+from gaitsweep.schema.numbers import (
     Count,
     InvalidValue,
     Positive,
@@ -25,7 +27,6 @@ from gaitsweep.kinds.numbers import (
     read_whole,
     word,
 )
-from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
 
 MOST_COARSE = 1024  # cells a side
 # Of the cycles that a settling row may take, the share that one takes on the whole; the chain's own is 0.37.
@@ -94,18 +95,18 @@ class Settle(RunKind):
             *traits(model),
         ]
 
-    def check(self, rows: Rows, method: str) -> list[Diagnostic]:
+    def check(self, rows: Design, method: str) -> list[Diagnostic]:
         return [*check_tolerance(self.tolerance, rows.model), *self._check_refinement(rows)]
 
-    def refined(self, rows: Rows) -> Grid | None:
+    def refined(self, rows: Design) -> Grid | None:
         if self.refine is None:
             return None
         starts = {quantity.name for quantity in rows.model.initial_conditions}
         wanted = starts if self.over is None else set(self.over)
         axes = {axis.place: axis.closed for name, axis in rows.grids.items() if name in wanted}
-        return Grid(tuple(axis.length for axis in rows.axes), axes, self.coarse)
+        return Grid(tuple(group.length for group in rows.groups), axes, self.coarse)
 
-    def _check_refinement(self, rows: Rows) -> list[Diagnostic]:
+    def _check_refinement(self, rows: Design) -> list[Diagnostic]:
         """Diagnostics about a run that refines what is no grid."""
         if self.refine is None:
             if self.over is not None:
@@ -129,7 +130,7 @@ class Settle(RunKind):
             wrong.append(Diagnostic(("run", "refine"), f"{text}{others}."))
         return wrong
 
-    def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
+    def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         cycles = float(self.max_cycles)
         if self.max_time is not None:
             cycles = min(cycles, self.max_time / period)

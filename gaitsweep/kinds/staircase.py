@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from gaitsweep.contract import Model
+from gaitsweep.design import Design
 from gaitsweep.engine.recorders.settle import tolerances
 from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.engine.recorders.stairs import StepSchedule
@@ -24,10 +25,10 @@ from gaitsweep.kinds.columns import (
     slowest,
     traits,
 )
-from gaitsweep.kinds.diagnostics import Diagnostic
-from gaitsweep.kinds.numbers import Positive, PositiveOrEach, Real, Text
-from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
+from gaitsweep.kinds.run_kind import Cost, RunKind
 from gaitsweep.kinds.settle import check_tolerance
+from gaitsweep.schema.diagnostics import Diagnostic
+from gaitsweep.schema.numbers import Positive, PositiveOrEach, Real, Text
 
 MOST_STAIRS = 10_000  # of a staircase
 
@@ -89,7 +90,7 @@ class Staircase(RunKind):
             *traits(model),
         ]
 
-    def check(self, rows: Rows, method: str) -> list[Diagnostic]:
+    def check(self, rows: Design, method: str) -> list[Diagnostic]:
         return [*self._check_stairs(), *check_tolerance(self.tolerance, rows.model)]
 
     def _check_stairs(self) -> list[Diagnostic]:
@@ -104,7 +105,7 @@ class Staircase(RunKind):
             return [Diagnostic(("run", "step"), text)]
         return []
 
-    def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
+    def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         schedule = self.schedule()
         attempts = schedule.duration / period * cycle + schedule.count
         return Cost(attempts, attempts, float(schedule.count))

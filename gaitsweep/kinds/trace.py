@@ -7,13 +7,14 @@ from typing import Any, Literal
 from pydantic import Field
 
 from gaitsweep.contract import Model
+from gaitsweep.design import Design
 from gaitsweep.engine.recorders.ramp import RampSchedule
 from gaitsweep.engine.recorders.trace import TraceRecorder as Recorder
 from gaitsweep.kinds.columns import STALLED_BY, STATUS, Column, signals
-from gaitsweep.kinds.diagnostics import Diagnostic
-from gaitsweep.kinds.numbers import CountOrZero, NotNegative, Positive, Real, Text
 from gaitsweep.kinds.ramp import moving_columns
-from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
+from gaitsweep.kinds.run_kind import Cost, RunKind
+from gaitsweep.schema.diagnostics import Diagnostic
+from gaitsweep.schema.numbers import CountOrZero, NotNegative, Positive, Real, Text
 
 MOST_SAMPLES = 10_000_000  # of a row's trace
 _MOVING = ("parameter", "path", "rate", "initial_dwell")  # fields that say how a parameter moves
@@ -50,7 +51,7 @@ class Trace(RunKind):
         moving = [] if schedule is None else moving_columns(str(self.parameter), schedule, repeats=True)
         return [*moving, Column("t"), *signals(model), STATUS, STALLED_BY]
 
-    def check(self, rows: Rows, method: str) -> list[Diagnostic]:
+    def check(self, rows: Design, method: str) -> list[Diagnostic]:
         if self.every > self.duration:
             text = f"is {self.every:g} s, but must not be longer than run.duration, {self.duration:g} s."
             return [Diagnostic(("run", "every"), text)]
@@ -68,7 +69,7 @@ class Trace(RunKind):
             return [Diagnostic(("run", "after_cycles"), f"{text}use run.initial_dwell.")]
         return []
 
-    def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
+    def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         samples = self.recorder(rows.model).samples
         attempts = (self.after_cycles + self.duration / period) * cycle + samples
         return Cost(attempts, attempts, float(samples))

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from gaitsweep import near_miss
 from gaitsweep.analysis.circular import is_circular as is_angle
 from gaitsweep.analysis.records import axes_of, outcome_labels
+from gaitsweep.design.vary import written_groups
 from gaitsweep.errors import UserError
 from gaitsweep.mathtext import can_be_set, settable
 
@@ -54,10 +55,8 @@ def moved_parameter(table: pd.DataFrame) -> str | None:
 
 def is_logarithmic(table: pd.DataFrame, name: str) -> bool:
     """Whether the table's job varies a column in equal ratios (`logspace`): its axes are logarithmic."""
-    vary = table.attrs.get("job", {}).get("vary") or {}
-    zipped = vary.get("zip") or []
-    groups = [vary, *(zipped if isinstance(zipped, list) else [zipped])]
-    axes = [group[name] for group in groups if name in group]
+    groups = written_groups(table.attrs.get("job", {}).get("vary"))
+    axes = [group[name] for _, group in groups if name in group]
     return any(isinstance(axis, Mapping) and "logspace" in axis for axis in axes)
 
 

@@ -18,12 +18,13 @@ from pydantic import Field, create_model
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Model
-from gaitsweep.kinds.diagnostics import Path, found
-from gaitsweep.kinds.numbers import Positive, Real, Stem, Text
-from gaitsweep.kinds.part import Part, Registry, kind_of
-from gaitsweep.kinds.run_kind import Rows, RunKind
+from gaitsweep.design import Design
+from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.mathtext import can_be_set
 from gaitsweep.plot.provenance_marks import mark, remarks
+from gaitsweep.schema.diagnostics import Path, found
+from gaitsweep.schema.numbers import Positive, Real, Stem, Text
+from gaitsweep.schema.strict_model import Registry, StrictModel, kind_of
 
 # What an argument names: a column of the table, one of numbers that is drawn along an axis, an observable.
 Column = Annotated[Text, "column_fields"]
@@ -60,7 +61,7 @@ Refusal = tuple[Path, str]  # where in the figure, and the end of the sentence
 class PlannedTable:
     """Facts about a table before its job runs: the rows, the run, and the names of its columns."""
 
-    rows: Rows
+    rows: Design
     run: RunKind
     columns: Sequence[str]
 
@@ -83,7 +84,7 @@ class PlannedTable:
         return quantities[column].unit if column in quantities else ""
 
 
-class FigureKind(Part):
+class FigureKind(StrictModel):
     """A figure that a job may ask for.
 
     A kind has a field `kind: Literal["its_name"]` and may have `title` and `name`; its other fields are

@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MultipleLocator
 
-from gaitsweep.kinds.numbers import Flag, Text
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import PlotError, column, row_names, rows_where, written
 from gaitsweep.plot.figure_kind import (
@@ -27,6 +26,7 @@ from gaitsweep.plot.figure_kind import (
     figure_kind,
 )
 from gaitsweep.plot.limbs import limb_colours, limbs_of, model_of, name_limbs
+from gaitsweep.schema.numbers import Flag, Text
 from gaitsweep.skeleton import LimbLook
 
 _NEAR = 0.3  # cycles; largest distance between swings of neighbours in one wave

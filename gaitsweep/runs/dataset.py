@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from gaitsweep.design.vary import written_groups, written_length, written_names
 from gaitsweep.errors import UserError
 
 if TYPE_CHECKING:
@@ -88,24 +89,10 @@ def dataset_of(table: pd.DataFrame) -> xarray.Dataset:
 
 def _axes(vary: Mapping[str, Any]) -> list[tuple[str, tuple[str, ...], int]]:
     """The dimension, the names that move along it, and its length, of each axis of a resolved job."""
-    groups: list[tuple[tuple[str, ...], int]] = []
-    for name, value in vary.items():
-        several: list[Any] = value if isinstance(value, list) else [value]
-        if name == "sample":
-            groups += [(tuple(group["of"]), int(group["n"])) for group in several]
-        elif name == "zip":
-            groups += [(tuple(group), _length(next(iter(group.values())))) for group in several]
-        else:
-            groups.append(((name,), _length(vary[name])))
+    lengths = (written_length(form, group) for form, group in written_groups(vary))
+    groups = zip(written_names(vary), lengths, strict=True)
     points = itertools.chain([POINT], (f"{POINT}_{number}" for number in itertools.count(2)))
     return [(names[0] if len(names) == 1 else next(points), names, length) for names, length in groups]
-
-
-def _length(axis: Mapping[str, Any]) -> int:
-    if "values" in axis:
-        return len(axis["values"])
-    kind = next(kind for kind in ("linspace", "logspace", "random", "sobol") if kind in axis)
-    return int(axis[kind][2])
 
 
 def _numbers(column: Any) -> tuple[np.ndarray, dict[str, Any]]:

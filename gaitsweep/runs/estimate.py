@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 
 from gaitsweep.contract import Status
+from gaitsweep.design import Design
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 from gaitsweep.engine.sweep.engines import polls_per_chunk
 from gaitsweep.engine.sweep.labels import labels_of
 from gaitsweep.engine.sweep.lane import ChunkOutput
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.job import Job, Plan
-from gaitsweep.job.axes import Drawn, Spread
+from gaitsweep.job import Job
 from gaitsweep.kinds.run_kind import table_columns
-from gaitsweep.runs.prepare import Prepared, nominal_period, prepare
+from gaitsweep.runs.prepare import RunContext, nominal_period, prepare
 from gaitsweep.table.parts import part_bytes
 
 # Located events add some attempts to the steps of a cycle; the chain's 33 events a cycle add 2 %.
@@ -65,50 +65,50 @@ def estimate(job: Job) -> Estimate:
     Raises:
         RunError: the job asks for what is not here.
     """
-    ready = prepare(job)
-    work = ready.work
-    pace = _measured(ready)
-    cost = job.run.cost(ready.plan, pace.attempts / pace.crossings, 1.0 / pace.crossings)
+    context = prepare(job)
+    spec = context.spec
+    pace = _measured(context)
+    cost = job.run.cost(context.design, pace.attempts / pace.crossings, 1.0 / pace.crossings)
     slots = pace.at_a_time
     # the last rows of a sweep leave lanes idle, so a sweep takes a whole number of its rows' rounds at least
     simulated = (
-        math.ceil(REFINED_SHARE * work.n_rows) if job.run.refined(ready.plan) is not None else work.n_rows
+        math.ceil(REFINED_SHARE * spec.n_rows) if job.run.refined(context.design) is not None else spec.n_rows
     )
-    rounds, rounds_most = (max(rows / slots, 1.0) for rows in (simulated, work.n_rows))
-    columns = table_columns(ready.plan, job.run)
-    a_record = _bytes_of_record(ready.plan, job)
+    rounds, rounds_most = (max(rows / slots, 1.0) for rows in (simulated, spec.n_rows))
+    columns = table_columns(context.design, job.run)
+    a_record = _bytes_of_record(context.design, job)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-    kept = min(work.block, work.n_rows) * cost.records * len(columns) * BYTES_A_NUMBER
-    blocks = math.ceil(work.n_rows / work.block)
-    written = simulated * cost.records * a_record + (work.n_rows - simulated) * BYTES_A_REPEAT * len(columns)
+    kept = min(spec.block, spec.n_rows) * cost.records * len(columns) * BYTES_A_NUMBER
+    blocks = math.ceil(spec.n_rows / spec.block)
+    written = simulated * cost.records * a_record + (spec.n_rows - simulated) * BYTES_A_REPEAT * len(columns)
     return Estimate(
-        rows=work.n_rows,
+        rows=spec.n_rows,
         simulated=simulated,
-        records=round(work.n_rows * cost.records),
+        records=round(spec.n_rows * cost.records),
         blocks=blocks,
         memory_bytes=int(peak + 2 * kept),
         disk_bytes=int(written + blocks * (BYTES_A_PART + BYTES_A_COLUMN * len(columns))),
-        seconds=pace.compile_s + pace.seconds(rounds * slots, cost.likely, work),
-        seconds_most=pace.compile_s + pace.seconds(rounds_most * slots, cost.most, work),
-        lanes=work.lanes,
-        device=ready.device,
-        engine=ready.engine,
+        seconds=pace.compile_s + pace.seconds(rounds * slots, cost.likely, spec),
+        seconds_most=pace.compile_s + pace.seconds(rounds_most * slots, cost.most, spec),
+        lanes=spec.lanes,
+        device=context.device,
+        engine=context.engine,
         steps=simulated * cost.likely,
         compile_s=pace.compile_s,
     )
 
 
-def _bytes_of_record(plan: Plan, job: Job) -> float:
+def _bytes_of_record(design: Design, job: Job) -> float:
     """Bytes of a record in a table: eight for each number that no other record has."""
-    columns = job.run.columns(plan.model)
+    columns = job.run.columns(design.model)
     own = sum(not column.repeats for column in columns)
     if job.run.one_a_row:  # so that each has its own point of a sample
         own += sum(
-            group.length == plan.n_rows and isinstance(points, Spread) and isinstance(points.fraction, Drawn)
-            for group in plan.groups
-            for points in group.points.values()
+            group.length == design.n_rows and axis.drawn
+            for group in design.groups
+            for axis in group.axes.values()
         )
-    repeated = 1 + len(plan.names) + len(columns) - own  # the row's number too
+    repeated = 1 + len(design.names) + len(columns) - own  # the row's number too
     return own * BYTES_A_NUMBER + repeated * BYTES_A_REPEAT
 
 
@@ -127,27 +127,27 @@ class Measured:
     attempts: float
     crossings: float
 
-    def seconds(self, rows: float, attempts: float, work: SweepSpec) -> float:
+    def seconds(self, rows: float, attempts: float, spec: SweepSpec) -> float:
         """The time (s) of so many rows, with so many attempts each."""
-        steps, host = rows * attempts / self.rate, min(rows, work.n_rows) * self.host_s
+        steps, host = rows * attempts / self.rate, min(rows, spec.n_rows) * self.host_s
         # on a CPU the host's work takes cores from the rows
-        cores = work.devices[0].platform == "cpu"
-        return steps + host / len(work.devices) if cores else max(steps, host)
+        cores = spec.devices[0].platform == "cpu"
+        return steps + host / len(spec.devices) if cores else max(steps, host)
 
 
-def _measured(ready: Prepared) -> Measured:
+def _measured(context: RunContext) -> Measured:
     """Run a chunk of the first rows, for how fast it goes and how far it comes."""
-    work = ready.work
+    spec = context.spec
     began = time.perf_counter()
-    pool = LaneScheduler(work, range(math.ceil(work.n_rows / work.block)))
+    pool = LaneScheduler(spec, range(math.ceil(spec.n_rows / spec.block)))
     pool.begin()
     compile_s = time.perf_counter() - began
     began = time.perf_counter()
-    given = pool.together(polls_per_chunk(work))
+    given = pool.together(polls_per_chunk(spec))
     spent = time.perf_counter() - began
     at_a_time = sum(group.at_a_time for group in pool.groups)
-    rate = at_a_time * POLL_INTERVAL * polls_per_chunk(work) / spent
-    host_s = _host_s(ready, pool)
+    rate = at_a_time * POLL_INTERVAL * polls_per_chunk(spec) / spent
+    host_s = _host_s(context, pool)
     pool.end()
     ran = sum(int(np.count_nonzero(group.block_of >= 0)) for group, _ in given)
 
@@ -155,23 +155,23 @@ def _measured(ready: Prepared) -> Measured:
         return float(sum(np.sum(of(output)[group.block_of >= 0]) for group, output in given))
 
     simulated, crossings = total(lambda output: output.t), total(lambda output: output.record.cycles)
-    nominal = 1.0 / nominal_period(ready.plan)
+    nominal = 1.0 / nominal_period(context.design)
     if crossings < 2.0 * ran:  # too few to tell
         crossings = nominal * simulated
     if not simulated > 0.0:
         return Measured(
-            at_a_time, host_s, rate, compile_s, EVENTS_SHARE / float(np.min(ready.steps.dt)), nominal
+            at_a_time, host_s, rate, compile_s, EVENTS_SHARE / float(np.min(context.steps.dt)), nominal
         )
     attempts = total(lambda output: output.attempts) / simulated
     return Measured(at_a_time, host_s, rate, compile_s, attempts, crossings / simulated)
 
 
-def _host_s(ready: Prepared, pool: LaneScheduler) -> float:
+def _host_s(context: RunContext, pool: LaneScheduler) -> float:
     """The host's work for a row (s): to open it, to label it and to write its record.
 
     It is 0 for a kind that makes its own table, where this work is part of the steps.
     """
-    if ready.job.run.own_blocks:
+    if context.job.run.own_blocks:
         return 0.0
     group, block = pool.groups[0], next(iter(pool.open.values()))
     block.status[:] = Status.settled
@@ -180,7 +180,7 @@ def _host_s(ready: Prepared, pool: LaneScheduler) -> float:
         began = time.perf_counter()
         group.open_again()
         opened = time.perf_counter()
-        frame = ready.table(block.result(labels_of(ready.work, block)))
-        part_bytes(frame, block.number, ready.job_hash, {})
+        frame = context.table(block.result(labels_of(context.spec, block)))
+        part_bytes(frame, block.number, context.job_hash, {})
         spent.append((opened - began) / group.size + (time.perf_counter() - opened) / block.rows)
     return spent[-1]

@@ -24,7 +24,7 @@ from gaitsweep.job import Job
 from gaitsweep.job.checks import remarks_on_rows
 from gaitsweep.runs.figures import draw_of_complete
 from gaitsweep.runs.makers import continue_directory
-from gaitsweep.runs.prepare import Prepared, naming_the_file, prepare
+from gaitsweep.runs.prepare import RunContext, naming_the_file, prepare
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.refined import refine
 from gaitsweep.runs.self_check import (
@@ -76,36 +76,36 @@ def run_job(
     """
     path = RESULTS / job.name if out is None else Path(out)
     progress = progress or (lambda *_, **__: None)
-    ready = prepare(job)
-    work = ready.work
-    if ready.note is not None:
-        tell(ready.note)
-    resolved = job.resolved(engine=ready.engine)
+    context = prepare(job)
+    spec = context.spec
+    if context.note is not None:
+        tell(context.note)
+    resolved = job.resolved(engine=context.engine)
     with (
         naming_the_file(),
-        ResultDirectory.open(path, resolved, ready.job_hash, work.n_rows, work.block) as directory,
-        _SelfCheck(ready, directory) as check,
+        ResultDirectory.open(path, resolved, context.job_hash, spec.n_rows, spec.block) as directory,
+        _SelfCheck(context, directory) as check,
     ):
         for note in directory.notes:
             tell(note)
-        continue_directory(ready, directory, tell)
+        continue_directory(context, directory, tell)
         missing = directory.missing_blocks()
         if missing:
-            for caveat in work.model.caveats():
+            for caveat in spec.model.caveats():
                 tell(f"Warning: {caveat}")
-            for remark in remarks_on_rows(ready.plan, job.model):
+            for remark in remarks_on_rows(context.design, job.model):
                 tell(f"Warning: {remark}")
-            if _rows_leave_the_host_idle(ready):
+            if _rows_leave_the_host_idle(context):
                 check.begin()
-            _run_missing(ready, directory, missing, progress, cluster)
-        elif not summed_up(ready, directory):  # killed after its last part
-            describe(ready, directory)
-            sum_up(ready, directory, directory.manifest.get("timings", {}))
+            _run_missing(context, directory, missing, progress, cluster)
+        elif not summed_up(context, directory):  # killed after its last part
+            describe(context, directory)
+            sum_up(context, directory, directory.manifest.get("timings", {}))
         checked = check.found(progress)
         if figures:
             draw_of_complete(directory, resolved["figures"], progress, tell)
     if checked.get("verdict") == "warned":
-        text = f"{sentence(checked)} {advice(checked, work.numerics.dt)}"
+        text = f"{sentence(checked)} {advice(checked, spec.numerics.dt)}"
         if strict:
             raise SelfCheckError(text)
         tell(f"Warning: {text}")
@@ -132,9 +132,9 @@ def table_in_memory(
     return table
 
 
-def _rows_leave_the_host_idle(ready: Prepared) -> bool:
+def _rows_leave_the_host_idle(context: RunContext) -> bool:
     """Whether the rows run on a card; a few rows more of the self-check then take no time of theirs."""
-    return ready.work.devices[0].platform != "cpu"
+    return context.spec.devices[0].platform != "cpu"
 
 
 class _SelfCheck:
@@ -143,9 +143,9 @@ class _SelfCheck:
     What it raises is raised by `found`. Its rows have lanes of their own; the table is read at the end.
     """
 
-    def __init__(self, ready: Prepared, directory: ResultDirectory) -> None:
-        self._ready, self._directory = ready, directory
-        self._asked = rows_to_repeat(ready)
+    def __init__(self, context: RunContext, directory: ResultDirectory) -> None:
+        self._context, self._directory = context, directory
+        self._asked = rows_to_repeat(context)
         self._thread = ThreadPoolExecutor(1)
         self._begun: Future[tuple[SelfCheck | None, Again | None]] | None = None
         self._abandoned = threading.Event()
@@ -165,19 +165,19 @@ class _SelfCheck:
                 raise InterruptedError
 
         if self._known is None:
-            self._begun = self._thread.submit(self_check, self._ready, self._asked, go_on)
+            self._begun = self._thread.submit(self_check, self._context, self._asked, go_on)
 
     def found(self, progress: Progress) -> dict[str, Any]:
         """Result for a complete table, from now or from when it was made."""
         if self._known is not None:
             return self._known
-        total = self._ready.work.n_rows
+        total = self._context.spec.n_rows
 
         def tell(now: SweepProgress) -> None:
             progress(total, total, 0.0, 1.0, f"self-check: {now.done} of {now.rows} rows")
 
         if self._begun is None:
-            check, again = self_check(self._ready, self._asked, tell)
+            check, again = self_check(self._context, self._asked, tell)
         else:
             while not self._begun.done():
                 progress(total, total, 0.0, 1.0, "self-check")  # where Ctrl-C is obeyed
@@ -185,7 +185,7 @@ class _SelfCheck:
             check, again = self._begun.result()
         if check is not None and again is not None:
             path = self._directory.path
-            compare_stored(self._ready, check, again, lambda rows: load(path, rows=rows), tell)
+            compare_stored(self._context, check, again, lambda rows: load(path, rows=rows), tell)
         found = {"rows": 0, "verdict": "off"} if check is None else check.judged()
         self._directory.update_manifest(self_check=found)
         return found
@@ -198,14 +198,14 @@ class _SelfCheck:
 
 
 def _run_missing(
-    ready: Prepared,
+    context: RunContext,
     directory: ResultDirectory,
     missing: list[int],
     progress: Progress,
     cluster: Cluster | None,
 ) -> None:
-    before, total = directory.rows_done + directory.rows_open, ready.work.n_rows
-    describe(ready, directory)
+    before, total = directory.rows_done + directory.rows_open, context.spec.n_rows
+    describe(context, directory)
     spent = directory.manifest.get("timings", {})
     timings = Timings()
 
@@ -213,7 +213,7 @@ def _run_missing(
         return {name: value + spent.get(name, 0) for name, value in dataclasses.asdict(timings).items()}
 
     def encode(number: int, block: BlockResult) -> EncodedPart:
-        return directory.encoded(number, ready.table(block))
+        return directory.encoded(number, context.table(block))
 
     def tell(now: SweepProgress) -> None:
         rate = now.share * now.rows / now.seconds if now.seconds > 0 else 0.0
@@ -226,26 +226,26 @@ def _run_missing(
     try:
         if cluster is not None:
             with cluster.serve(
-                ready, directory, lambda: progress(before, total, 0.0, before / total, cluster.note)
+                context, directory, lambda: progress(before, total, 0.0, before / total, cluster.note)
             ):
-                if (grid := ready.job.run.refined(ready.plan)) is not None:
-                    refine(ready, grid, directory, progress, timings, cluster)
+                if (grid := context.job.run.refined(context.design)) is not None:
+                    refine(context, grid, directory, progress, timings, cluster)
                 else:
                     cluster.run_blocks(directory, missing, tell)
             directory.update_manifest(cluster={"workers": cluster.workers.most})
-        elif (grid := ready.job.run.refined(ready.plan)) is not None:
-            refine(ready, grid, directory, progress, timings)
-        elif ready.job.run.own_blocks:
-            _run_own_blocks(ready, directory, missing, progress, timings)
+        elif (grid := context.job.run.refined(context.design)) is not None:
+            refine(context, grid, directory, progress, timings)
+        elif context.job.run.own_blocks:
+            _run_own_blocks(context, directory, missing, progress, timings)
         else:
             stored = _Open(directory, spent_so_far)
-            sweep(ready.work, missing, directory.write_encoded, tell, timings, stored, encode)
+            sweep(context.spec, missing, directory.write_encoded, tell, timings, stored, encode)
     except BaseException:
         # what stopped the run is the news, not that the manifest cannot be written either
         with contextlib.suppress(TableError):
-            sum_up(ready, directory, spent_so_far())
+            sum_up(context, directory, spent_so_far())
         raise
-    sum_up(ready, directory, spent_so_far())
+    sum_up(context, directory, spent_so_far())
 
 
 @dataclasses.dataclass
@@ -264,23 +264,25 @@ class _Open:
 
 
 def _run_own_blocks(
-    ready: Prepared, directory: ResultDirectory, missing: list[int], progress: Progress, timings: Timings
+    context: RunContext, directory: ResultDirectory, missing: list[int], progress: Progress, timings: Timings
 ) -> None:
     """Write the missing parts of a table that the run kind makes itself, block by block.
 
     The rows of a block are worked out together, so that a kill can lose one block.
     """
-    work, before, done = ready.work, directory.rows_done, 0
+    spec, before, done = context.spec, directory.rows_done, 0
 
     def told(rate: float, note: str = "") -> None:
-        note = note or ready.job.run.kind_name
-        progress(before + done, work.n_rows, rate, (before + done) / work.n_rows, note)
+        note = note or context.job.run.kind_name
+        progress(before + done, spec.n_rows, rate, (before + done) / spec.n_rows, note)
 
     for number in missing:
         began = time.perf_counter()
         first, last = directory.rows_of(number)
         # told of each step too, so that Ctrl-C need not wait for the block's end
-        frame = ready.job.run.block_table(ready.plan, work, first, last, lambda note="": told(0.0, note))
+        frame = context.job.run.block_table(
+            context.design, spec, first, last, lambda note="": told(0.0, note)
+        )
         directory.write_part(number, frame)
         timings.run_s += time.perf_counter() - began
         done += last - first

@@ -10,10 +10,10 @@ from typing import Any
 
 from gaitsweep.errors import FAILED, UserError
 from gaitsweep.job import JobError, read_figures
-from gaitsweep.job.yaml_document import read_document
 from gaitsweep.plot import draw
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.thinning import thinned
+from gaitsweep.schema.yaml_document import read_document
 from gaitsweep.table import (
     ResultDirectory,
     Snapshot,

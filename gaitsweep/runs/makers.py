@@ -8,7 +8,7 @@ from typing import Any
 
 from gaitsweep.models.traced_program import first_difference
 from gaitsweep.runs import provenance
-from gaitsweep.runs.prepare import Prepared, RunError
+from gaitsweep.runs.prepare import RunContext, RunError
 from gaitsweep.table import ResultDirectory
 
 PROGRAM = "program"  # digests of the functions of a user's model, by name
@@ -18,16 +18,16 @@ _MAKER = ("versions", "machine", "git_commit")
 _TRACING = ("python", "gaitsweep", "jax", "jaxlib", "mujoco", "mujoco-mjx")
 
 
-def continue_directory(ready: Prepared, directory: ResultDirectory, tell: Callable[[str], None]) -> None:
+def continue_directory(context: RunContext, directory: ResultDirectory, tell: Callable[[str], None]) -> None:
     """Note in the manifest who makes the parts from now on, and warn where others made those that are there.
 
     Raises:
         RunError: a function of the user's model computes something else than when the directory was begun.
     """
     manifest = directory.manifest
-    for warning in check_program(ready, directory.path, manifest):
+    for warning in check_program(context, directory.path, manifest):
         tell(warning)
-    fields: dict[str, Any] = {PROGRAM: dict(ready.program) or None}
+    fields: dict[str, Any] = {PROGRAM: dict(context.program) or None}
     missing = directory.missing_blocks()
     before = {name: manifest[name] for name in _MAKER if manifest.get(name) is not None}
     if missing and before:
@@ -55,19 +55,19 @@ def continue_directory(ready: Prepared, directory: ResultDirectory, tell: Callab
         directory.update_manifest(**fields)
 
 
-def check_program(ready: Prepared, path: Path, manifest: Mapping[str, Any]) -> list[str]:
+def check_program(context: RunContext, path: Path, manifest: Mapping[str, Any]) -> list[str]:
     """Warnings where a model's functions are traced differently, which other versions may do.
 
     Raises:
         RunError: they are, and the versions are the same.
     """
-    before, now = manifest.get(PROGRAM), ready.program
+    before, now = manifest.get(PROGRAM), context.program
     if not isinstance(before, dict):
         return []
     changed = first_difference(before, now)
     if changed is None:
         return []
-    what = f"the function {changed} of {ready.job.model}"
+    what = f"the function {changed} of {context.job.model}"
     old, new = manifest.get("versions", {}), provenance.versions()
     if any(old.get(name) != new[name] for name in _TRACING) or _commits(manifest):
         return [

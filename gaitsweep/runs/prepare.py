@@ -1,4 +1,4 @@
-"""A job made ready: its engine, devices and lanes, and the hash that its directory carries."""
+"""The context of a run: engine, devices and lanes of a job, and the hash of its directory."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
+from gaitsweep.contract import Model
+from gaitsweep.design import Design
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.errors import UserError
 from gaitsweep.expression import functions_of, resolve
-from gaitsweep.job import Job, Plan
+from gaitsweep.job import Job
 from gaitsweep.job.step_lengths import RowSteps, row_steps, values_with_right_steps
 from gaitsweep.kinds.run_kind import Schedule
 from gaitsweep.models.own_modules import modules_beside
@@ -37,40 +39,44 @@ class RunError(UserError):
 
 
 @dataclasses.dataclass(frozen=True)
-class Prepared:
-    """A job made ready: its rows, the engine's work, and the hash that its directory carries.
+class RunContext:
+    """A job on this machine: its rows, the specification of their sweep, and the hash of its directory.
 
-    `note` says why the engine is another than the one preferred, if it is.
+    `steps` are the lengths of the rows' steps; `note` says why the engine is another than the one preferred.
     """
 
     job: Job
-    plan: Plan
-    work: SweepSpec
+    design: Design
+    spec: SweepSpec
     note: str | None
     job_hash: str
     steps: RowSteps
 
+    @property
+    def model(self) -> Model:
+        return self.design.model
+
     def table(self, block: BlockResult) -> pd.DataFrame:
         """The records of a block of rows."""
-        axes = self.plan.columns(block.first, block.first + len(block.status))
-        return self.job.run.table(self.plan.model, axes, block)
+        axes = self.design.columns(block.first, block.first + len(block.status))
+        return self.job.run.table(self.model, axes, block)
 
     @property
     def program(self) -> Mapping[str, str]:
         """Digests of the traced functions of a user's model, by name; empty for gaitsweep's own."""
-        return traced_program(self.plan.model).digests
+        return traced_program(self.model).digests
 
     @property
     def engine(self) -> str:
-        return self.work.engine
+        return self.spec.engine
 
     @property
     def device(self) -> str:
-        first = self.work.devices[0]
-        return f"{len(self.work.devices)} x {first.platform} ({first.device_kind})"
+        first = self.spec.devices[0]
+        return f"{len(self.spec.devices)} x {first.platform} ({first.device_kind})"
 
 
-def prepare(job: Job) -> Prepared:
+def prepare(job: Job) -> RunContext:
     """Choose engine, devices and lanes for a job.
 
     Raises:
@@ -80,7 +86,7 @@ def prepare(job: Job) -> Prepared:
         devices = local_devices(job.engine.devices)
     except ValueError as error:
         raise RunError(str(error)) from error
-    rows = job.plan
+    rows = job.design
     numerics = job.integration
     recorder, schedule, moved = job.run.recorder(rows.model), job.run.schedule(), job.run.moved
     drive = None if schedule is None or moved is None else Drive(rows, moved, schedule)
@@ -91,7 +97,7 @@ def prepare(job: Job) -> Prepared:
     lanes = job.engine.lanes or default_lanes(engine, rows.n_rows, devices[0].platform)
     lanes = min(lanes, max(8, rows.n_rows))  # more would be idle from the start
     steps = row_steps(rows, job.run, numerics)
-    work = SweepSpec(
+    spec = SweepSpec(
         model=rows.model,
         recorder=recorder,
         numerics=numerics,
@@ -109,13 +115,13 @@ def prepare(job: Job) -> Prepared:
         job_hash = _with_source(job_hash, own)
     if digest := rows.model.data_digest:
         job_hash = hashlib.sha256((job_hash + digest).encode()).hexdigest()
-    return Prepared(job, rows, work, note, job_hash, steps)
+    return RunContext(job, rows, spec, note, job_hash, steps)
 
 
-def nominal_period(plan: Plan) -> float:
+def nominal_period(design: Design) -> float:
     """The nominal period (s) of the first of some rows that has one; NaN where none has."""
-    values, _ = plan.values_in(np.unique(np.linspace(0, plan.n_rows - 1, _LOOKED_AT).astype(np.int64)))
-    model = plan.model
+    values, _ = design.values_in(np.unique(np.linspace(0, design.n_rows - 1, _LOOKED_AT).astype(np.int64)))
+    model = design.model
     periods = jax.vmap(lambda given: model.period(model.params(given)))
     found = np.asarray(jax.jit(periods)(model.on_host(values)))
     sound = found[(found > 0.0) & (found < np.inf)]
@@ -128,7 +134,7 @@ class Drive:
     `times` (s): where its passes begin and end, and some between, by which the length of steps is chosen.
     """
 
-    def __init__(self, rows: Plan, moved: str, schedule: Schedule) -> None:
+    def __init__(self, rows: Design, moved: str, schedule: Schedule) -> None:
         self._rows, self._moved, self._schedule = rows, moved, schedule
         self._following = rows.following(moved)
         self.times = schedule.times

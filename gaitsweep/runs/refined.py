@@ -21,7 +21,7 @@ from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.refine import ALONE, UNKNOWN, Grid, inferred, wanted
 from gaitsweep.engine.sweep.sweep import Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
-from gaitsweep.runs.prepare import Prepared
+from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.progress import Progress as RunProgress
 from gaitsweep.table import EncodedPart, ResultDirectory, load
 
@@ -32,8 +32,8 @@ FOLDER = "refinement"
 
 
 @dataclasses.dataclass(frozen=True)
-class Round(Prepared):
-    """A job made ready of which some rows are simulated, numbered anew from 0.
+class Round(RunContext):
+    """The context of a run of some rows of a job, numbered anew from 0.
 
     `rows_in(first, stop)` gives the rows (stop - first,) of the job that have these new numbers.
     """
@@ -41,22 +41,22 @@ class Round(Prepared):
     rows_in: Callable[[int, int], np.ndarray]
 
     @classmethod
-    def of(cls, ready: Prepared, n_rows: int, rows_in: Callable[[int, int], np.ndarray]) -> Round:
+    def of(cls, context: RunContext, n_rows: int, rows_in: Callable[[int, int], np.ndarray]) -> Round:
         """`n_rows` rows of a job, those of `rows_in`."""
-        work = dataclasses.replace(
-            ready.work,
+        spec = dataclasses.replace(
+            context.spec,
             n_rows=n_rows,
-            values=lambda first, stop: ready.plan.values_in(rows_in(first, stop)),
+            values=lambda first, stop: context.design.values_in(rows_in(first, stop)),
         )
-        return cls(ready.job, ready.plan, work, ready.note, ready.job_hash, ready.steps, rows_in)
+        return cls(context.job, context.design, spec, context.note, context.job_hash, context.steps, rows_in)
 
     def table(self, block: BlockResult) -> pd.DataFrame:
         rows = self.rows_in(block.first, block.first + len(block.status))
-        return self.job.run.table(self.plan.model, self.plan.at(rows, self.plan.names), block)
+        return self.job.run.table(self.model, self.design.at(rows, self.design.names), block)
 
 
 def refine(
-    ready: Prepared,
+    context: RunContext,
     grid: Grid,
     directory: ResultDirectory,
     progress: RunProgress,
@@ -66,7 +66,7 @@ def refine(
     """Run the rounds that a directory still lacks, and write the parts of its table.
 
     Args:
-        ready: the job made ready.
+        context: the job's context.
         grid: how its rows lie, and the axes that are refined.
         directory: its result directory.
         progress: told how many rows are decided; those of the round under way count once they are simulated.
@@ -81,17 +81,17 @@ def refine(
     decided = 0.0
     while (rows := np.flatnonzero(wanted(known, grid))).size:
         tell = _telling(progress, len(frames), known.size, decided)
-        frame = _round(ready, directory, len(frames), rows, tell, timings, cluster)
-        known.reshape(-1)[rows] = _labels(frame, ready.plan.model.gaits)
+        frame = _round(context, directory, len(frames), rows, tell, timings, cluster)
+        known.reshape(-1)[rows] = _labels(frame, context.model.gaits)
         frames.append(frame)
         decided = max(decided, float(np.mean(inferred(known, grid) != UNKNOWN)))
         simulated = sum(len(frame) for frame in frames)
         directory.update_manifest(refinement={"rounds": len(frames), "simulated": simulated})
-    _write_parts(ready, directory, pd.concat(frames).sort_values("row"), inferred(known, grid).reshape(-1))
+    _write_parts(context, directory, pd.concat(frames).sort_values("row"), inferred(known, grid).reshape(-1))
 
 
 def _round(
-    ready: Prepared,
+    context: RunContext,
     directory: ResultDirectory,
     number: int,
     rows: np.ndarray,
@@ -100,12 +100,12 @@ def _round(
     cluster: Cluster | None,
 ) -> pd.DataFrame:
     """The records of `rows` (n,), simulated as far as they are not there yet."""
-    this = Round.of(ready, rows.size, lambda first, stop: rows[first:stop])
-    work = this.work
+    this = Round.of(context, rows.size, lambda first, stop: rows[first:stop])
+    spec = this.spec
     path = directory.path / FOLDER / f"round-{number:02d}"
-    job = {"round": number, "of": ready.job.name}
-    round_hash = hashlib.sha256(ready.job_hash.encode() + rows.astype("<i8").tobytes()).hexdigest()
-    with ResultDirectory.open(path, job, round_hash, work.n_rows, work.block) as part:
+    job = {"round": number, "of": context.job.name}
+    round_hash = hashlib.sha256(context.job_hash.encode() + rows.astype("<i8").tobytes()).hexdigest()
+    with ResultDirectory.open(path, job, round_hash, spec.n_rows, spec.block) as part:
 
         def encode(block: int, result: BlockResult) -> EncodedPart:
             return part.encoded(block, this.table(result))
@@ -117,7 +117,7 @@ def _round(
                     cluster.run_blocks(part, missing, tell, this.rows_in)
                     part.tidy_digests()
                 else:
-                    sweep(work, missing, part.write_encoded, tell, spent, part, encode)
+                    sweep(spec, missing, part.write_encoded, tell, spent, part, encode)
             finally:
                 for field in dataclasses.fields(Timings):
                     setattr(timings, field.name, getattr(timings, field.name) + getattr(spent, field.name))
@@ -151,7 +151,7 @@ def _labels(frame: pd.DataFrame, gaits: Sequence[str]) -> np.ndarray:
 
 
 def _write_parts(
-    ready: Prepared, directory: ResultDirectory, simulated: pd.DataFrame, labels: np.ndarray
+    context: RunContext, directory: ResultDirectory, simulated: pd.DataFrame, labels: np.ndarray
 ) -> None:
     """Write the parts that a directory lacks, of the rows that were simulated and the labels of all (n,)."""
     at = simulated["row"].to_numpy()
@@ -159,15 +159,17 @@ def _write_parts(
         start, stop = directory.rows_of(number)
         there = simulated.iloc[np.searchsorted(at, start) : np.searchsorted(at, stop)]
         others = np.setdiff1d(np.arange(start, stop, dtype=np.int64), there["row"])
-        filled = _inferred_frame(ready, others, labels[others], simulated)
+        filled = _inferred_frame(context, others, labels[others], simulated)
         parts: Sequence[pd.DataFrame] = [part for part in (there, filled) if len(part)]
         frame = parts[0] if len(parts) == 1 else pd.concat(parts)
         directory.write_part(number, frame.sort_values("row", ignore_index=True))
 
 
-def _inferred_frame(ready: Prepared, rows: np.ndarray, gaits: np.ndarray, like: pd.DataFrame) -> pd.DataFrame:
+def _inferred_frame(
+    context: RunContext, rows: np.ndarray, gaits: np.ndarray, like: pd.DataFrame
+) -> pd.DataFrame:
     """Records of rows (n,) that were not simulated: the gait of their neighbours, and no numbers."""
-    plan, model, n = ready.plan, ready.plan.model, rows.size
+    design, model, n = context.design, context.model, rows.size
 
     def unread(name: str) -> np.ndarray:
         kind = like[name].to_numpy().dtype
@@ -188,6 +190,6 @@ def _inferred_frame(ready: Prepared, rows: np.ndarray, gaits: np.ndarray, like: 
         owner=np.zeros(0, np.int64),
         samples=np.zeros((0, 0)),
     )
-    frame = ready.job.run.table(model, plan.at(rows, plan.names), nothing)
+    frame = context.job.run.table(model, design.at(rows, design.names), nothing)
     frame["row"] = rows
     return frame

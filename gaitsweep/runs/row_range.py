@@ -18,7 +18,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
 from gaitsweep.runs.execute import RESULTS, run_job
 from gaitsweep.runs.makers import check_program, continue_directory, differing
-from gaitsweep.runs.prepare import Prepared, RunError, naming_the_file, prepare
+from gaitsweep.runs.prepare import RunContext, RunError, naming_the_file, prepare
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.some_blocks import run_blocks
 from gaitsweep.runs.summary import describe, quantities_of
@@ -58,23 +58,23 @@ def run_rows(
         TableError: the directory is another job's, or another process runs some of these rows.
     """
     path = RESULTS / job.name if out is None else Path(out)
-    ready = prepare(job)
-    if job.run.refined(ready.plan) is not None:
+    context = prepare(job)
+    if job.run.refined(context.design) is not None:
         raise RunError(
             "run.refine is boundary, so which rows are simulated follows from others: use --cluster."
         )
-    blocks = blocks_of(rows, ready.work.n_rows, ready.work.block)
+    blocks = blocks_of(rows, context.spec.n_rows, context.spec.block)
     with naming_the_file():
-        _make(path, ready, tell)
-        writer = PartWriter(path, ready.job_hash, ready.work.n_rows, ready.work.block)
+        _make(path, context, tell)
+        writer = PartWriter(path, context.job_hash, context.spec.n_rows, context.spec.block)
         missing = writer.missing(blocks)
         if missing:
             lock = _patiently(lambda: Lock(path, shared=True))
             try:
-                _run_missing(ready, writer, missing, progress or (lambda *_, **__: None))
+                _run_missing(context, writer, missing, progress or (lambda *_, **__: None))
             finally:
                 lock.release()
-        if not all((path / TABLE / PARTS.name(n)).exists() for n in range(_count(ready))):
+        if not all((path / TABLE / PARTS.name(n)).exists() for n in range(_count(context))):
             return path
         # several processes may find the last part there: one of them completes the table, the others wait
         try:
@@ -107,17 +107,17 @@ def blocks_of(rows: str, n_rows: int, block: int) -> Sequence[int]:
     return range(first // block, -(-min(stop, n_rows) // block))
 
 
-def _count(ready: Prepared) -> int:
-    return -(-ready.work.n_rows // ready.work.block)
+def _count(context: RunContext) -> int:
+    return -(-context.spec.n_rows // context.spec.block)
 
 
-def _make(path: Path, ready: Prepared, tell: Callable[[str], None]) -> None:
+def _make(path: Path, context: RunContext, tell: Callable[[str], None]) -> None:
     """Make the directory, unless another process has made it for the same job."""
 
     def made() -> None:
         if (path / MANIFEST).exists():
-            if manifest := claim(path, ready.job_hash, ready.work.n_rows, ready.work.block):
-                for warning in check_program(ready, path, manifest):
+            if manifest := claim(path, context.job_hash, context.spec.n_rows, context.spec.block):
+                for warning in check_program(context, path, manifest):
                     tell(warning)
                 if differences := differing(manifest):
                     tell(
@@ -125,12 +125,12 @@ def _make(path: Path, ready: Prepared, tell: Callable[[str], None]) -> None:
                         "here may differ from its others in the last digits."
                     )
             return
-        resolved = ready.job.resolved(engine=ready.engine)
+        resolved = context.job.resolved(engine=context.engine)
         with ResultDirectory.open(
-            path, resolved, ready.job_hash, ready.work.n_rows, ready.work.block
+            path, resolved, context.job_hash, context.spec.n_rows, context.spec.block
         ) as directory:
-            continue_directory(ready, directory, tell)
-            describe(ready, directory)
+            continue_directory(context, directory, tell)
+            describe(context, directory)
 
     _patiently(made)
 
@@ -147,8 +147,8 @@ def _patiently(take: Callable[[], T]) -> T:
             time.sleep(0.2)
 
 
-def _run_missing(ready: Prepared, writer: PartWriter, missing: list[int], progress: Progress) -> None:
-    total, done = ready.work.n_rows, 0
+def _run_missing(context: RunContext, writer: PartWriter, missing: list[int], progress: Progress) -> None:
+    total, done = context.spec.n_rows, 0
     with BlockLocks(writer.path) as locks:
         for number in missing:
             if not locks.take(number, this_process()):
@@ -158,7 +158,7 @@ def _run_missing(ready: Prepared, writer: PartWriter, missing: list[int], progre
                     f"{locks.begun(number).process}: wait until it ends, or stop it."
                 )
 
-        quantities = quantities_of(ready.work.model, ready.job.run.columns(ready.work.model))
+        quantities = quantities_of(context.model, context.job.run.columns(context.model))
 
         def write(number: int, frame: pd.DataFrame) -> None:
             nonlocal done
@@ -177,4 +177,4 @@ def _run_missing(ready: Prepared, writer: PartWriter, missing: list[int], progre
             progress(finished, rows, share * rows / max(spent, 1e-9), share, f"of {total} rows")
 
         progress(0, rows, 0.0, 0.0, "compiling")
-        run_blocks(ready, missing, write, tell)
+        run_blocks(context, missing, write, tell)

@@ -19,7 +19,8 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.contract import Model, Quantity, Status, Verdict
-from gaitsweep.engine.numerics import SHARE, tolerance_scale
+from gaitsweep.design import Design
+from gaitsweep.engine.numerics import STEP_FACTOR, tolerance_scale
 from gaitsweep.engine.poincare.maps import wrap_difference
 from gaitsweep.engine.propose import own_steps
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
@@ -32,10 +33,9 @@ from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.errors import UserError
-from gaitsweep.job import Plan
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.kinds.run_kind import StartingPoints
-from gaitsweep.runs.prepare import Prepared, nominal_period
+from gaitsweep.runs.prepare import RunContext, nominal_period
 from gaitsweep.runs.self_check_report import HALF_THE_STEP, TOLERANCES
 
 # The sample's steps, as a share of the run's own: irrational, so that no step ends where one of these does.
@@ -164,33 +164,33 @@ def counted(model: Model, *values: np.ndarray) -> np.ndarray:
     return whole
 
 
-def rows_to_repeat(ready: Prepared) -> int:
+def rows_to_repeat(context: RunContext) -> int:
     """Rows of the sample: those that the job names, else at most 32 and `MOST_WORK` of the run's own work."""
-    job, plan = ready.job, ready.plan
-    if "verify" in job.model_fields_set or plan.n_rows <= LEAST_ROWS:
-        return min(job.verify, plan.n_rows)
-    if math.isnan(period := nominal_period(plan)):
+    job, design = context.job, context.design
+    if "verify" in job.model_fields_set or design.n_rows <= LEAST_ROWS:
+        return min(job.verify, design.n_rows)
+    if math.isnan(period := nominal_period(design)):
         return min(job.verify, LEAST_ROWS)
-    cycles = job.run.cost(plan, 1.0, period).likely  # of a row, as a number of cycles
+    cycles = job.run.cost(design, 1.0, period).likely  # of a row, as a number of cycles
     if job.run.compared in ("settled", "ends"):
         repeated = (1.0 + 1.0 / FINER) * cycles
     else:
         repeated = (2.0 + 1.0 / FINER) * min(cycles, CROSSINGS)
-    most = int(MOST_WORK * plan.n_rows * cycles / max(repeated, 1e-300))
-    return min(job.verify, plan.n_rows, max(LEAST_ROWS, most))
+    most = int(MOST_WORK * design.n_rows * cycles / max(repeated, 1e-300))
+    return min(job.verify, design.n_rows, max(LEAST_ROWS, most))
 
 
-def sample_rows(plan: Plan, count: int) -> np.ndarray:
+def sample_rows(design: Design, count: int) -> np.ndarray:
     """Rows (n,) that stand for all: both ends of each axis, and points that fill the others evenly.
 
     Args:
-        plan: the job's rows.
+        design: the job's rows.
         count: how many at most; all rows where there are no more.
     """
-    if plan.n_rows <= count:
-        return np.arange(plan.n_rows, dtype=np.int64)
-    lengths = np.array([axis.length for axis in plan.axes], dtype=np.int64)
-    strides = np.array([plan.stride(place) for place in range(lengths.size)], dtype=np.int64)
+    if design.n_rows <= count:
+        return np.arange(design.n_rows, dtype=np.int64)
+    lengths = np.array([group.length for group in design.groups], dtype=np.int64)
+    strides = np.array([design.stride(place) for place in range(lengths.size)], dtype=np.int64)
     # the additive recurrence of Roberts (2018): powers of the root of x^(d+1) = x + 1
     root = 1.5
     for _ in range(64):
@@ -210,12 +210,12 @@ def sample_rows(plan: Plan, count: int) -> np.ndarray:
 
 
 def self_check(
-    ready: Prepared, count: int, progress: Callable[[SweepProgress], None] | None = None
+    context: RunContext, count: int, progress: Callable[[SweepProgress], None] | None = None
 ) -> tuple[SelfCheck | None, Again | None]:
     """Repeat a sample of a job's rows, and compare what they give with finer steps.
 
     Args:
-        ready: the job made ready.
+        context: the job's context.
         count: rows of the sample; 0 turns it off.
         progress: told how far it is.
 
@@ -225,25 +225,25 @@ def self_check(
     """
     if count == 0:
         return None, None
-    rows, compared = sample_rows(ready.plan, count), ready.job.run.compared
-    check = SelfCheck(rows=rows.size, of=ready.plan.n_rows)
+    rows, compared = sample_rows(context.design, count), context.job.run.compared
+    check = SelfCheck(rows=rows.size, of=context.design.n_rows)
     check.finer = f"{FINER:.2g} of the step"
-    if ready.work.numerics.adaptive:
+    if context.spec.numerics.adaptive:
         check.finer = f"tolerances {1.0 / tolerance_scale(FINER):.0f} times finer"
     if compared == "starting_points":
-        return check, _compare_starting_points(ready, rows, check)
+        return check, _compare_starting_points(context, rows, check)
     again = None
     if compared in ("settled", "ends"):
-        again, resting = _compare_ends(ready, rows, check, progress)
+        again, resting = _compare_ends(context, rows, check, progress)
         rows = rows[~resting]
     if rows.size:
-        crossings = _compare_crossings(ready, rows, check, progress)
+        crossings = _compare_crossings(context, rows, check, progress)
         again = again or crossings
     return check, again
 
 
 def compare_stored(
-    ready: Prepared,
+    context: RunContext,
     check: SelfCheck,
     again: Again,
     stored: Callable[[np.ndarray], pd.DataFrame],
@@ -252,34 +252,34 @@ def compare_stored(
     """Count in `check` the rows whose stored records are not what they gave `again`.
 
     Args:
-        ready: the job made ready.
+        context: the job's context.
         check: what a self-check found.
         again: the rows that it repeated as they were.
         stored: gives the stored records of rows (n,).
         progress: told how far it is.
     """
     if isinstance(again.result, StartingPoints):
-        differs = _other_beginnings(ready, again.result, again.rows, stored(again.rows))
-    elif ready.job.run.one_a_row:
-        differs = _other_ends(ready, again, stored(again.rows), progress)
+        differs = _other_beginnings(context, again.result, again.rows, stored(again.rows))
+    elif context.job.run.one_a_row:
+        differs = _other_ends(context, again, stored(again.rows), progress)
     else:
-        recorder = _beginning(ready)
+        recorder = _beginning(context)
         if recorder != again.recorder:
-            work, few = dataclasses.replace(ready.work, recorder=recorder), again.rows[:LEAST_ROWS]
-            again = Again(few, recorder, _repeated(work, ready.plan, [(few, 1.0, 0.0)], progress)[0])
-        differs = _other_records(ready.plan.model, again, stored(again.rows))
+            spec, few = dataclasses.replace(context.spec, recorder=recorder), again.rows[:LEAST_ROWS]
+            again = Again(few, recorder, _repeated(spec, context.design, [(few, 1.0, 0.0)], progress)[0])
+        differs = _other_records(context.model, again, stored(again.rows))
     check.stored_differs = int(differs.sum())
 
 
 def _other_beginnings(
-    ready: Prepared, once: StartingPoints, rows: np.ndarray, stored: pd.DataFrame
+    context: RunContext, once: StartingPoints, rows: np.ndarray, stored: pd.DataFrame
 ) -> np.ndarray:
     """Mask of the rows (n,) whose branches begin at another fixed point, or at none."""
-    model = ready.plan.model
+    model = context.model
     first = stored.drop_duplicates("row").set_index("row").reindex(rows)
     sound = (first["status"] == Status.complete.name).to_numpy(bool)
     differs = sound != once.found
-    if ready.job.run.stores_starting_points and once.found.any():
+    if context.job.run.stores_starting_points and once.found.any():
         before = first[[f"{q.name}_n" for q in model.observables]].to_numpy(float)
         size = sizes(model.observables, once.observed[once.found])
         off = changes(model, once.observed, before) > ROUNDING * size
@@ -287,9 +287,9 @@ def _other_beginnings(
     return differs
 
 
-def _beginning(ready: Prepared) -> Recorder:
+def _beginning(context: RunContext) -> Recorder:
     """The recorder of the first records of a row, of the same numbers as the run's own."""
-    recorder = ready.work.recorder
+    recorder = context.spec.recorder
     if isinstance(recorder, CrossingRecorder) and (recorder.crossings or math.inf) > MOST_CROSSINGS:
         crossings = max(1, CROSSINGS - recorder.after_cycles)
         return dataclasses.replace(recorder, crossings=crossings, duration=None, gaits=False)
@@ -335,13 +335,13 @@ def _other_records(model: Model, again: Again, stored: pd.DataFrame) -> np.ndarr
 
 
 def _other_ends(
-    ready: Prepared,
+    context: RunContext,
     again: Again,
     stored: pd.DataFrame,
     progress: Callable[[SweepProgress], None] | None,
 ) -> np.ndarray:
     """Mask of the rows (n,) that end otherwise when they run again."""
-    model, result = ready.plan.model, again.result
+    model, result = context.model, again.result
     assert isinstance(result, BlockResult)
     status = stored["status"].astype(str).to_numpy()
     simulated = status != Status.inferred.name
@@ -355,7 +355,7 @@ def _other_ends(
     if off.any():
         some = np.flatnonzero(off.any(axis=1))
         lanes = [(again.rows[some], 1.0, MOVED)]
-        moved = end_values_of(again.recorder, _repeated(ready.work, ready.plan, lanes, progress)[0])
+        moved = end_values_of(again.recorder, _repeated(context.spec, context.design, lanes, progress)[0])
         own = changes(model, moved, now[some]) / MOVED * ROUNDING_ERROR
         off[some] &= changes(model, now, before)[some] > own
     return differs | off.any(axis=1)
@@ -367,8 +367,8 @@ def end_values_of(recorder: Recorder, result: BlockResult) -> np.ndarray:
 
 
 def _repeated(
-    work: SweepSpec,
-    plan: Plan,
+    spec: SweepSpec,
+    design: Design,
     lanes: list[tuple[np.ndarray, float, float]],
     progress: Callable[[SweepProgress], None] | None,
 ) -> list[BlockResult]:
@@ -379,16 +379,16 @@ def _repeated(
 
     def values(first: int, last: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         part = slice(first, last)
-        parameters, starts = plan.values_in(rows[part])
+        parameters, starts = design.values_in(rows[part])
         moved = {
             name: start + np.where(np.isnan(start), 0.0, moves[part] * np.maximum(np.abs(start), 1.0))
             for name, start in starts.items()
         }
-        return parameters, {**moved, SHARE: shares[part]}
+        return parameters, {**moved, STEP_FACTOR: shares[part]}
 
     # programs of XLA are compiled for the width of the run that is checked
-    width = work.lanes if work.engine == "xla" else min(work.lanes, max(8, rows.size))
-    again = dataclasses.replace(work, n_rows=rows.size, block=rows.size, lanes=width, values=values)
+    width = spec.lanes if spec.engine == "xla" else min(spec.lanes, max(8, rows.size))
+    again = dataclasses.replace(spec, n_rows=rows.size, block=rows.size, lanes=width, values=values)
     found: list[BlockResult] = []
     sweep(again, [0], lambda _, result: found.append(result), progress)
     cuts = np.cumsum([0, *(each[0].size for each in lanes)])
@@ -406,28 +406,28 @@ def _part(result: BlockResult, first: int, last: int) -> BlockResult:
 
 
 def _compare_ends(
-    ready: Prepared, rows: np.ndarray, check: SelfCheck, progress: Callable[[SweepProgress], None] | None
+    context: RunContext, rows: np.ndarray, check: SelfCheck, progress: Callable[[SweepProgress], None] | None
 ) -> tuple[Again, np.ndarray]:
     """Compare how rows (n,) end; gives them as they ran again, and which of them came to rest, both times."""
-    work, plan, model = ready.work, ready.plan, ready.plan.model
-    once, finer = _repeated(work, plan, [(rows, 1.0, 0.0), (rows, FINER, 0.0)], progress)
-    at_times = ready.job.run.compared == "ends"
-    ends, finer_ends = (end_values_of(work.recorder, each) for each in (once, finer))
+    spec, design, model = context.spec, context.design, context.model
+    once, finer = _repeated(spec, design, [(rows, 1.0, 0.0), (rows, FINER, 0.0)], progress)
+    at_times = context.job.run.compared == "ends"
+    ends, finer_ends = (end_values_of(spec.recorder, each) for each in (once, finer))
     sound = np.isin(once.status, [each for each in Status if each.verdict is Verdict.sound])
     other_status = once.status != finer.status
     other_gait = ~other_status & (once.labels["gait"] != finer.labels["gait"])
-    own = own_steps(work.numerics.method, model) is not None
+    own = own_steps(spec.numerics.method, model) is not None
     other_count = ~other_status & at_times & (not own) & (once.cycles != finer.cycles)
     # an orbit of several cycles may have been read at another of its points
     same = sound & ~other_status & ~other_gait & (once.period <= 1)
     change = changes(model, ends, finer_ends)
-    size = sizes(model.observables, _with_starts(ready, rows, ends))
+    size = sizes(model.observables, _with_starts(context, rows, ends))
     check.take_largest(model.observables, change[same], size)
     off = np.zeros_like(change, bool)
     if not own or not at_times:
         tolerance = np.full(change.shape[1], TOLERANCE)
-        if isinstance(work.recorder, SettleRecorder):
-            tolerance[:] = work.recorder.tolerance
+        if isinstance(spec.recorder, SettleRecorder):
+            tolerance[:] = spec.recorder.tolerance
         bound = TOLERANCES * tolerance * size
         counts = counted(model, ends[same], finer_ends[same])
         off = same[:, None] & (change > np.where(counts, 0.0, bound))
@@ -436,11 +436,11 @@ def _compare_ends(
     if differs.size:
         some = rows[differs]
         flips, spread = np.zeros(some.size, bool), np.zeros((some.size, change.shape[1]))
-        for moved in _repeated(work, plan, [(some, 1.0, MOVED), (some, 1.0, -MOVED)], progress):
+        for moved in _repeated(spec, design, [(some, 1.0, MOVED), (some, 1.0, -MOVED)], progress):
             flips |= moved.status != once.status[differs]
             flips |= moved.labels["gait"] != once.labels["gait"][differs]
             flips |= at_times & (moved.cycles != once.cycles[differs])
-            spread = np.fmax(spread, changes(model, end_values_of(work.recorder, moved), ends[differs]))
+            spread = np.fmax(spread, changes(model, end_values_of(spec.recorder, moved), ends[differs]))
         wrong = np.any(off[differs] & (change[differs] > spread / MOVED * LOCAL_ERROR), axis=1)
         discrete = (other_status | other_gait | other_count)[differs]
         sensitive = np.where(discrete, flips | (other_count[differs] & ~wrong), ~wrong)
@@ -450,13 +450,13 @@ def _compare_ends(
         check.count_differs += int((other_count[differs] & ~sensitive).sum())
         check.moved += int((wrong & ~discrete).sum())
     resting = at_times | sound | other_status | _failed(once.status)
-    return Again(rows, work.recorder, once), np.broadcast_to(resting, rows.shape)
+    return Again(rows, spec.recorder, once), np.broadcast_to(resting, rows.shape)
 
 
-def _with_starts(ready: Prepared, rows: np.ndarray, ends: np.ndarray) -> np.ndarray:
+def _with_starts(context: RunContext, rows: np.ndarray, ends: np.ndarray) -> np.ndarray:
     """The observables (2 n, k) of rows where they start and where they end."""
-    model, drive = ready.plan.model, ready.work.drive
-    values, starts = ready.plan.values_in(rows)
+    model, drive = context.model, context.spec.drive
+    values, starts = context.design.values_in(rows)
 
     def observed(held: Any, start: Any) -> Any:
         params = model.params(held) if drive is None else drive(held, 0.0)
@@ -467,16 +467,16 @@ def _with_starts(ready: Prepared, rows: np.ndarray, ends: np.ndarray) -> np.ndar
     return np.concatenate([np.asarray(begun, float), ends])
 
 
-def _compare_starting_points(ready: Prepared, rows: np.ndarray, check: SelfCheck) -> Again:
-    model, work = ready.plan.model, ready.work
-    once, finer = ready.job.run.starting_points(ready.plan, work, rows, FINER)
+def _compare_starting_points(context: RunContext, rows: np.ndarray, check: SelfCheck) -> Again:
+    model, spec = context.model, context.spec
+    once, finer = context.job.run.starting_points(context.design, spec, rows, FINER)
     both = once.found & finer.found
     check.status_differs = int(np.sum(once.found != finer.found))
     change = changes(model, once.observed, finer.observed)
     size = sizes(model.observables, once.observed[once.found])
     check.take_largest(model.observables, change[both], size)
     check.moved = int(np.sum(both & np.any(change > TOLERANCES * TOLERANCE * size, axis=1)))
-    return Again(rows, work.recorder, once)
+    return Again(rows, spec.recorder, once)
 
 
 def _failed(status: np.ndarray) -> np.ndarray:
@@ -484,23 +484,23 @@ def _failed(status: np.ndarray) -> np.ndarray:
 
 
 def _compare_crossings(
-    ready: Prepared, rows: np.ndarray, check: SelfCheck, progress: Callable[[SweepProgress], None] | None
+    context: RunContext, rows: np.ndarray, check: SelfCheck, progress: Callable[[SweepProgress], None] | None
 ) -> Again:
     """Compare the first crossings of rows (n,), with their times; gives them as they ran again."""
-    plan, model = ready.plan, ready.plan.model
-    recorder = _beginning(ready)
+    design, model = context.design, context.model
+    recorder = _beginning(context)
     if not isinstance(recorder, CrossingRecorder):
         recorder = CrossingRecorder(model, crossings=CROSSINGS)
     lanes = [(rows, 1.0, 0.0), (rows, FINER, 0.0), (rows, 1.0, MOVED)]
-    work = dataclasses.replace(ready.work, recorder=recorder)
-    once, finer, moved = repeated = _repeated(work, plan, lanes, progress)
+    spec = dataclasses.replace(context.spec, recorder=recorder)
+    once, finer, moved = repeated = _repeated(spec, design, lanes, progress)
     seen = [_crossings(each, rows.size, recorder.after_cycles) for each in repeated]
-    if not np.any(np.isfinite(seen[0][:, 1:])) and math.isfinite(end := _comparable_time(ready)):
+    if not np.any(np.isfinite(seen[0][:, 1:])) and math.isfinite(end := _comparable_time(context)):
         # no section was crossed: the state is compared after as many nominal periods
         recorder = FixedTimeRecorder(model, end)
-        work = dataclasses.replace(ready.work, recorder=recorder)
-        once, finer, moved = repeated = _repeated(work, plan, lanes, progress)
-        begun = _with_starts(ready, rows, np.zeros((0, len(model.observables))))
+        spec = dataclasses.replace(context.spec, recorder=recorder)
+        once, finer, moved = repeated = _repeated(spec, design, lanes, progress)
+        begun = _with_starts(context, rows, np.zeros((0, len(model.observables))))
         seen = [np.stack([begun, end_values(each)], axis=1) for each in repeated]
         seen = [np.concatenate([np.zeros((*each.shape[:2], 1)), each], axis=2) for each in seen]
     differs = once.status != finer.status
@@ -512,7 +512,7 @@ def _compare_crossings(
     most = np.nanmax(change, axis=1, initial=0.0)
     size = sizes(model.observables, observed[0])
     check.take_largest(model.observables, most, size)
-    if own_steps(ready.work.numerics.method, model) is not None:
+    if own_steps(context.spec.numerics.method, model) is not None:
         # its step is part of such a model: what changes with it is told, and is no fault of the run
         return Again(rows, recorder, once)
     counts = counted(model, observed[0], observed[1])
@@ -533,13 +533,13 @@ def _compare_crossings(
     return Again(rows, recorder, once)
 
 
-def _comparable_time(ready: Prepared) -> float:
+def _comparable_time(context: RunContext) -> float:
     """Seconds after which rows without a section are compared: `CROSSINGS` periods, or the run's own end.
 
     Infinite where no row has a period, and the run no end.
     """
-    period = nominal_period(ready.plan)
-    longest = getattr(ready.work.recorder, "duration", None) or math.inf
+    period = nominal_period(context.design)
+    longest = getattr(context.spec.recorder, "duration", None) or math.inf
     return longest if math.isnan(period) else min(CROSSINGS * period, longest)
 
 

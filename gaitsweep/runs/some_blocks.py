@@ -8,11 +8,11 @@ import pandas as pd
 
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
-from gaitsweep.runs.prepare import Prepared
+from gaitsweep.runs.prepare import RunContext
 
 
 def run_blocks(
-    ready: Prepared,
+    context: RunContext,
     blocks: Sequence[int],
     write: Callable[[int, pd.DataFrame], None],
     between: Callable[[SweepProgress | None], None],
@@ -20,16 +20,16 @@ def run_blocks(
     """Compute blocks, and pass the records of each to `write(number, records)` when all its rows have ended.
 
     Args:
-        ready: the job made ready.
+        context: the job's context.
         blocks: the numbers of the blocks.
         write: called with each block.
         between: called now and then, with how far it is where the sweep engine knows; an exception that it
             raises stops the run.
     """
-    work, kind = ready.work, ready.job.run
+    spec, kind = context.spec, context.job.run
     if not kind.own_blocks:
-        sweep(work, blocks, write, between, encode=lambda _, block: ready.table(block))
+        sweep(spec, blocks, write, between, encode=lambda _, block: context.table(block))
         return
     for number in blocks:
-        first, last = number * work.block, min((number + 1) * work.block, work.n_rows)
-        write(number, kind.block_table(ready.plan, work, first, last, lambda note="": between(None)))
+        first, last = number * spec.block, min((number + 1) * spec.block, spec.n_rows)
+        write(number, kind.block_table(context.design, spec, first, last, lambda note="": between(None)))

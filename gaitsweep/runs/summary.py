@@ -19,7 +19,7 @@ from gaitsweep.engine.sweep.lane import host_device
 from gaitsweep.kinds.columns import UNKNOWN_GAIT, Column
 from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.models.own_modules import folder_of_class
-from gaitsweep.runs.prepare import Prepared
+from gaitsweep.runs.prepare import RunContext
 from gaitsweep.table import ResultDirectory, load_parts
 
 # Fields of the manifest: rows whose label is no index of a gait, rows that begin beyond an event's surface,
@@ -30,59 +30,59 @@ _MOST_STARTS, _STARTS_AT_A_TIME = 100_000, 4096
 _MOST_OF_A_SIMULATOR = 64  # whose parameters the host works out row by row
 
 
-def describe(ready: Prepared, directory: ResultDirectory) -> None:
+def describe(context: RunContext, directory: ResultDirectory) -> None:
     """Say in the manifest what the rows are, and with what they are run.
 
     `axes` are those of the rows, the last varying fastest: what moves together, the number of points, and
     whether these are drawn as a sample.
     """
-    steps = ready.steps.dt[(ready.steps.dt > 0.0) & (ready.steps.dt < np.inf)]
+    steps = context.steps.dt[(context.steps.dt > 0.0) & (context.steps.dt < np.inf)]
     directory.update_manifest(
-        engine=ready.engine,
-        device=ready.device,
-        lanes=ready.work.lanes,
-        precision=ready.work.numerics.precision,
-        method=ready.work.numerics.method,
+        engine=context.engine,
+        device=context.device,
+        lanes=context.spec.lanes,
+        precision=context.spec.numerics.precision,
+        method=context.spec.numerics.method,
         dt=[float(np.min(steps)), float(np.max(steps))] if steps.size else [],
         axes=[
-            {"names": list(group.points), "length": group.length, "drawn": group.drawn}
-            for group in ready.plan.groups
+            {"names": list(group.names), "length": group.length, "drawn": group.drawn}
+            for group in context.design.groups
         ],
-        quantities=quantities_of(ready.work.model, ready.job.run.columns(ready.work.model)),
-        **_model_folder(ready, directory.path),
+        quantities=quantities_of(context.model, context.job.run.columns(context.model)),
+        **_model_folder(context, directory.path),
     )
 
 
-def _model_folder(ready: Prepared, path: Path) -> dict[str, str]:
+def _model_folder(context: RunContext, path: Path) -> dict[str, str]:
     """The folder of a user's model, for `--trust` from elsewhere; none for the papers' models.
 
     It is relative to the result directory, and left out where the two share no project's folder, so that
     a directory which is passed on does not tell where its owner's files are.
     """
-    folder = None if ready.job.model in models.names() else folder_of_class(type(ready.work.model))
+    folder = None if context.job.model in models.names() else folder_of_class(type(context.model))
     if folder is None or len(Path(os.path.commonpath([folder, path.resolve()])).parts) < 3:
         return {}
     return {models.MODEL_FOLDER: os.path.relpath(folder, path.resolve())}
 
 
-def sum_up(ready: Prepared, directory: ResultDirectory, timings: dict[str, float]) -> None:
+def sum_up(context: RunContext, directory: ResultDirectory, timings: dict[str, float]) -> None:
     """Write what is known of the rows so far into the manifest, all of it at once."""
     complete, counts = not directory.missing_blocks(), directory.counts()
     fields: dict[str, Any] = {"timings": timings, "counts": counts, "complete": complete}
     if complete:
         directory.tidy_digests()
-        fields |= _of_records(ready, directory)
-        fields |= _of_starts(ready)
+        fields |= _of_records(context, directory)
+        fields |= _of_starts(context)
     directory.update_manifest(**fields)
 
 
-def _of_starts(ready: Prepared) -> dict[str, Any]:
+def _of_starts(context: RunContext) -> dict[str, Any]:
     """Counts of rows that begin on or beyond the surface of an event, by the event's name.
 
     And of rows whose nominal period is no time, by what it is. `rows` is their number and `row` the first of
     them; of more than `_MOST_STARTS` rows, evenly spaced ones are looked at, whose number is `of`.
     """
-    n, model = ready.work.n_rows, ready.work.model
+    n, model = context.spec.n_rows, context.model
     most = _MOST_OF_A_SIMULATOR if model.host_parameters else _MOST_STARTS
     rows = np.arange(n) if n <= most else np.linspace(0, n - 1, most).astype(np.int64)
     width = min(_STARTS_AT_A_TIME, 1 << (rows.size - 1).bit_length())
@@ -90,7 +90,7 @@ def _of_starts(ready: Prepared) -> dict[str, Any]:
     found: dict[str, dict[str, dict[str, int]]] = {}
     for first in range(0, rows.size, width):
         some = rows[first : first + width]
-        parameters, starts = ready.plan.values_in(np.append(some, np.full(width - some.size, some[0])))
+        parameters, starts = context.design.values_in(np.append(some, np.full(width - some.size, some[0])))
         with jax.default_device(host_device()):
             period, beyond = begun(model.on_host(parameters), starts)
         times = {"NaN": np.isnan(period), "0": period == 0.0, "a number below 0": period < 0.0}
@@ -147,14 +147,14 @@ def _rows(found: Mapping[str, Any]) -> str:
     return f"{found['rows']} row{'s' * more} ({first}){of}"
 
 
-def _of_records(ready: Prepared, directory: ResultDirectory) -> dict[str, Any]:
+def _of_records(context: RunContext, directory: ResultDirectory) -> dict[str, Any]:
     """Summarise the records of a complete table, which are read part by part."""
-    known, fields = table_columns(ready.plan, ready.job.run), {}
+    known, fields = table_columns(context.design, context.job.run), {}
     stalled = bool(directory.counts().get(Status.event_stall.name))
-    counts_gaits, has_distance = _counts_gaits(ready), _has_distance(ready)
+    counts_gaits, has_distance = _counts_gaits(context), _has_distance(context)
     columns = {"stalled_by", "t_end", "t"} if stalled else set()
     columns |= {"gait"} if counts_gaits else set()
-    unsettled = _counts_slowest(ready, directory)
+    unsettled = _counts_slowest(context, directory)
     columns |= {"slowest"} if unsettled else set()
     columns |= {"distance", "gait"} if has_distance else set()
     columns |= {"gait"} & set(known)
@@ -169,13 +169,13 @@ def _of_records(ready: Prepared, directory: ResultDirectory) -> dict[str, Any]:
         if stalled:
             _add_stalls(stalls, part)
         if "gait" in part:
-            _add_mislabelled(mislabelled, part, ready.work.model.gaits)
+            _add_mislabelled(mislabelled, part, context.model.gaits)
         if counts_gaits:
             gaits.update({str(gait): int(n) for gait, n in part["gait"].value_counts().items() if n})
         if unsettled:
             mine = part.loc[part["status"].astype(str) == Status.cycle_limit.name, "slowest"]
             slowest.update({str(name): int(n) for name, n in mine.value_counts().items() if n})
-        far = ready.work.model.analytic_distance(part)
+        far = context.model.analytic_distance(part)
         if far is not None and (not farthest or far[0] > farthest[0][0]):
             farthest = [far]
     if mislabelled:
@@ -191,36 +191,36 @@ def _of_records(ready: Prepared, directory: ResultDirectory) -> dict[str, Any]:
     return fields
 
 
-def summed_up(ready: Prepared, directory: ResultDirectory) -> bool:
+def summed_up(context: RunContext, directory: ResultDirectory) -> bool:
     """Whether the manifest of a table that has all its parts says so, and all else that a run adds."""
     known = directory.manifest
     return (
         known.get("complete") is True
         and known.get("counts") == directory.counts()
-        and ("gaits" in known or not _counts_gaits(ready))
-        and ("largest_distance" in known or not _has_distance(ready))
+        and ("gaits" in known or not _counts_gaits(context))
+        and ("largest_distance" in known or not _has_distance(context))
         and ("stalls" in known or not directory.counts().get(Status.event_stall.name))
-        and ("slowest" in known or not _counts_slowest(ready, directory))
+        and ("slowest" in known or not _counts_slowest(context, directory))
         and "quantities" in known
     )
 
 
-def _counts_gaits(ready: Prepared) -> bool:
-    if tuple(ready.work.model.gaits) == ("none",):  # no gait is told from another
+def _counts_gaits(context: RunContext) -> bool:
+    if tuple(context.model.gaits) == ("none",):  # no gait is told from another
         return False
-    return ready.job.run.one_a_row and "gait" in table_columns(ready.plan, ready.job.run)
+    return context.job.run.one_a_row and "gait" in table_columns(context.design, context.job.run)
 
 
-def _counts_slowest(ready: Prepared, directory: ResultDirectory) -> bool:
+def _counts_slowest(context: RunContext, directory: ResultDirectory) -> bool:
     """Whether rows did not settle, and say which observable kept them from it."""
-    known = table_columns(ready.plan, ready.job.run)
+    known = table_columns(context.design, context.job.run)
     return "slowest" in known and bool(directory.counts().get(Status.cycle_limit.name))
 
 
-def _has_distance(ready: Prepared) -> bool:
+def _has_distance(context: RunContext) -> bool:
     """Whether rows say how far they settle from analytic solutions, if they do."""
-    known = table_columns(ready.plan, ready.job.run)
-    return ready.job.run.one_a_row and {"distance", "gait"} <= set(known)
+    known = table_columns(context.design, context.job.run)
+    return context.job.run.one_a_row and {"distance", "gait"} <= set(known)
 
 
 def _add_mislabelled(found: dict[str, dict[str, int]], part: pd.DataFrame, gaits: Sequence[str]) -> None:

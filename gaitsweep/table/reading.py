@@ -18,10 +18,10 @@ import yaml
 from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
+from gaitsweep.schema.former_names import renamed
 from gaitsweep.table.digests import digest_of
 from gaitsweep.table.examination import Examination, Fault
 from gaitsweep.table.files import TableError, read_file, reason
-from gaitsweep.table.former_names import renamed
 from gaitsweep.table.manifest import FIGURES, JOB, TABLE, is_job, read_manifest
 from gaitsweep.table.parts import Footer
 

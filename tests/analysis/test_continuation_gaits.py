@@ -13,7 +13,7 @@ from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.analysis.continuation.stable_ranges import range_of_gait, stable_ranges
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.job import load_job
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped

@@ -13,7 +13,7 @@ from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.analysis.edges.attractor_mappers import LabelMapper, ProximityMapper
 from gaitsweep.analysis.edges.edge_states import edge_states
 from gaitsweep.analysis.edges.edge_tracking import EdgeLimits, EdgeOutcome
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap

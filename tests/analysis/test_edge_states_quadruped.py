@@ -8,7 +8,7 @@ import pytest
 from gaitsweep.analysis.continuation.floquet import multipliers
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.analysis.edges.edge_states import EdgeLimits, edge_states
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped

@@ -9,7 +9,7 @@ import pytest
 from gaitsweep.analysis.continuation.floquet import multipliers
 from gaitsweep.analysis.continuation.newton import NewtonOutcome, newton
 from gaitsweep.analysis.continuation.plain_map import PlainMap
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import BATCH_SIZES
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged

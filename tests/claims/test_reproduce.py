@@ -15,7 +15,7 @@ from gaitsweep.claims.reproduce import reproduce
 from gaitsweep.cli import main
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import ExpressionError
-from gaitsweep.kinds.diagnostics import JobError
+from gaitsweep.schema.diagnostics import JobError
 
 JOB = """\
 name: small

@@ -54,7 +54,7 @@ def test_all_of_them_are_copied_and_work_where_they_are(capsys: Capture) -> None
     assert not [each for each in Path("here").glob("*.yaml") if "../configs" in each.read_text()]
     hashes = [gs.load_job(each).hash() for each in (Path("here/quick_basins.yaml"), "builtin:quick_basins")]
     assert hashes[0] == hashes[1]
-    assert gs.load_job("here/hopper.yaml").plan.n_rows == 4096
+    assert gs.load_job("here/hopper.yaml").design.n_rows == 4096
     assert main(["check", "here/multilegged_search.yaml", "builtin:lorenz", "here/slip_runner.yaml"]) == 0
     # again: alike files stay, edited ones are not overwritten, and then none is written
     assert main(["examples", "hopper", "--to", "here"]) == 0
@@ -80,7 +80,9 @@ def test_unknown_names_are_refused_with_the_near_miss(capsys: Capture) -> None:
         gs.JobError, match=r"config names .*ambe2012\.yaml, which does not exist; did you mean"
     ):
         gs.Job(**{**job, "start": {"psi_2": 1, "psi_3": 1}})
-    assert gs.Job(**{**job, "config": "builtin:ambe2021", "start": {"psi_2": 1, "psi_3": 1}}).plan.n_rows == 1
+    assert (
+        gs.Job(**{**job, "config": "builtin:ambe2021", "start": {"psi_2": 1, "psi_3": 1}}).design.n_rows == 1
+    )
 
 
 def test_notebooks_name_no_file_of_a_checkout() -> None:

@@ -11,7 +11,8 @@ import pytest
 
 from firing_neuron import Neuron, firing_times
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import GOING, Numerics, advance, start
+from gaitsweep.engine.advance import GOING, advance, start
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
@@ -59,7 +60,7 @@ def test_location_takes_few_attempts() -> None:
     """Secant location costs some 6 attempts an event; bisection to 1e-12 s would take 30."""
     model, numerics = Toy(), Numerics(dt=1e-3, method="rk4")
     params = scalars(model)
-    attempt = jax.jit(advance(model, numerics))
+    attempt = jax.jit(advance(model, numerics.resolve(model)))
     carry = start(model, params, model.init(params, {"launch_1": jnp.asarray(1.0)}), dt=1e-3)
     located = []
     for _ in range(6):
@@ -80,7 +81,7 @@ def test_an_event_that_rounding_hides_is_let_go() -> None:
     """
     model, numerics = Toy(), Numerics(dt=1e-3, method="rk4")
     params = scalars(model)
-    attempt = jax.jit(advance(model, numerics))
+    attempt = jax.jit(advance(model, numerics.resolve(model)))
     carry = start(model, params, model.init(params, {"launch_1": jnp.asarray(1.0)}), dt=1e-3)
     for _ in range(100):
         carry = attempt(params, carry)
@@ -185,7 +186,7 @@ def test_derivative_of_a_landing_time(launch: float) -> None:
     """D T/d u = 2 d/(w^2 d^2 + u^2) of the flight time, w and d as in the toy's closed form."""
     model = Toy()
     params = scalars(model)
-    run = crossing_of(model, Numerics(dt=1e-3), "xla")
+    run = crossing_of(model, Numerics(dt=1e-3).resolve(model), "xla")
 
     def landing(u: jax.Array) -> jax.Array:
         return run(params, model.init(params, {"launch_1": u}))[0]
@@ -201,7 +202,7 @@ def test_derivative_of_a_landing_time(launch: float) -> None:
 def test_derivative_over_a_parameter_and_through_many_events() -> None:
     """The time of the sixth bounce over restitution and launch speed, against the closed form's slopes."""
     model = Toy()
-    run = crossing_of(model, Numerics(dt=1e-3), "xla")
+    run = crossing_of(model, Numerics(dt=1e-3).resolve(model), "xla")
 
     def sixth(z: jax.Array) -> jax.Array:
         params = dataclasses.replace(scalars(model), restitution=z[1])

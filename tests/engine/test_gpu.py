@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.kernel import gpu_program
 from gaitsweep.engine.kernel.card import Card, Numbers, missing
 from gaitsweep.engine.kernel.lanes import kernel_of
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
@@ -30,7 +30,9 @@ def test_what_kernels_need_is_there() -> None:
 def test_a_large_kernel_has_all_registers_that_a_thread_may_have() -> None:
     """255 of them leave room for two blocks; the compiler's own choice was 32, and a tenth of the speed."""
     model = PlanarQuadruped()
-    kernel = kernel_of(model, CrossingRecorder(model, crossings=10), Numerics(method="semi_implicit"), None)
+    kernel = kernel_of(
+        model, CrossingRecorder(model, crossings=10), Numerics(method="semi_implicit").resolve(model), None
+    )
     card = Card(0)
     source = gpu_program.running(kernel.chunk, range(kernel.chunk.first_of_carry), kernel.title)
     threads = card.threads(card.module(source).get_kernel("run"))

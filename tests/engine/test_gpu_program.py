@@ -14,13 +14,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.kernel import cuda
 from gaitsweep.engine.kernel.c_source import TYPES, C, function, stored
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.program import Kind, Program
 from gaitsweep.engine.kernel.source import statements
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.sweep import engines

@@ -14,8 +14,8 @@ import pytest
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, parameter, variable
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.hidden_events import may_bend, may_hide, switch_unseen
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from tests.support.sweeping import run_rows
@@ -111,7 +111,7 @@ def test_derivatives_go_through_them(method: str) -> None:
     """A section map that meets a hidden peak has the flow's own derivative: the period does not change."""
     numerics, _ = METHODS[method]
     model = Peaks()
-    crossing = crossing_of(model, numerics)
+    crossing = crossing_of(model, numerics.resolve(model))
     below = 1e-5
 
     def time(at: jax.Array) -> jax.Array:

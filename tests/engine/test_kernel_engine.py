@@ -20,9 +20,9 @@ import pytest
 
 from firing_neuron import Neuron
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.kernel import cpu_program, llvm_code
 from gaitsweep.engine.kernel.lanes import kernel_of
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.ramp import RampSchedule
 from gaitsweep.engine.recorders.settle import SettleRecorder
@@ -178,7 +178,7 @@ def test_lanes_run_in_vector_registers() -> None:
     if not llvm.get_host_cpu_features().get("avx2"):
         pytest.skip("this processor has no AVX2")
     recorder = CrossingRecorder(Multilegged(), crossings=10)
-    kernel = kernel_of(Multilegged(), recorder, Numerics(dt=4e-3, method="rk4"), None)
+    kernel = kernel_of(Multilegged(), recorder, Numerics(dt=4e-3, method="rk4").resolve(Multilegged()), None)
     run, slots = cpu_program.compiled(kernel.chunk, kernel.title)
     module = sys.modules[run.py_func.__module__]
     tile = np.zeros(slots * cpu_program.TILE)
@@ -233,21 +233,24 @@ def test_a_card_without_its_packages_runs_on_xla() -> None:
     if importlib.util.find_spec("cuda") is not None:
         pytest.skip("NVIDIA's packages are installed")
     card = types.SimpleNamespace(platform="gpu")
-    engine, note = choose("auto", card, Toy(), SettleRecorder(Toy()), NUMERICS, None)
+    engine, note = choose("auto", card, Toy(), SettleRecorder(Toy()), NUMERICS.resolve(Toy()), None)
     assert (engine, note) == ("xla", "engine: xla, because the package cuda-core is not installed.")
 
 
 def test_what_a_kernel_cannot_express_runs_on_xla() -> None:
     device = jax.local_devices()[0]
     model = Sampling()
-    engine, note = choose("auto", device, model, SettleRecorder(model), NUMERICS, None)
+    engine, note = choose("auto", device, model, SettleRecorder(model), NUMERICS.resolve(model), None)
     assert engine == "xla"
     assert note is not None
     assert "cholesky" in note
     assert "test_kernel_engine.py" in note
     with pytest.raises(EngineError, match=r"engine\.name is kernel, but .*cholesky"):
-        choose("kernel", device, model, SettleRecorder(model), NUMERICS, None)
-    assert choose("auto", device, Toy(), SettleRecorder(Toy()), NUMERICS, None) == ("kernel", None)
+        choose("kernel", device, model, SettleRecorder(model), NUMERICS.resolve(model), None)
+    assert choose("auto", device, Toy(), SettleRecorder(Toy()), NUMERICS.resolve(Toy()), None) == (
+        "kernel",
+        None,
+    )
 
 
 @pytest.mark.skipif(not llvm.get_host_cpu_features().get("fma"), reason="no multiply-add here")
@@ -262,7 +265,7 @@ def test_contraction_can_be_turned_off() -> None:
         results.append(out[0])
     assert results == [2.0**-60, 0.0]
     model = Toy()
-    chunk = kernel_of(model, CrossingRecorder(model, crossings=3), NUMERICS, None).chunk
+    chunk = kernel_of(model, CrossingRecorder(model, crossings=3), NUMERICS.resolve(model), None).chunk
     fused, apart = (cpu_program.source(chunk, 16, "toy", contraction=each) for each in (True, False))
     assert ("fma(" in fused) is cpu_program.FUSES
     assert "fma(" not in apart

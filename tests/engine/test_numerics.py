@@ -146,9 +146,9 @@ def test_steps_are_stable_at_their_limit_and_not_far_beyond() -> None:
 def test_every_model_knows_its_step(name: str) -> None:
     model = models.find(name)()
     params = scalars(model)
-    dt = float(step_of(model, Numerics(), params))
+    dt = float(step_of(model, Numerics().resolve(model), params))
     assert 0.0 < dt < float(model.period(params)) / 8.0
-    longest = longest_step(model, Numerics().of(model).method, params)
+    longest = longest_step(model, Numerics().resolve(model).method, params)
     assert longest is not None
     assert dt <= float(longest) * (1 + 1e-12)
 
@@ -158,7 +158,7 @@ def test_each_row_has_its_own_longest_step() -> None:
         name="masses", model="multilegged", vary={"m_B": [0.6, 0.9], "psi_1": [1, 2, 3]},
         start={"psi_2": 2, "psi_3": 3}, run={"kind": "settle"},
     )  # fmt: skip
-    steps = row_steps(job.plan, job.run, job.integration)
+    steps = row_steps(job.design, job.run, job.integration)
     assert steps.dt.size == 2, "two sets of parameters, whatever the starts"
     assert steps.each == 3
     assert steps.dt[0] < 0.7 * steps.dt[1]
@@ -172,7 +172,7 @@ def test_a_ramp_has_the_step_of_its_whole_path() -> None:
     start = {"psi_1": 1, "psi_2": 2, "psi_3": 3}
     moving = Job(name="ramp", model="multilegged", start=start, run=run)
     still = Job(name="still", model="multilegged", start=start, params={"m_B": 0.5}, run={"kind": "settle"})
-    (ramp,), (least,) = (row_steps(job.plan, job.run, job.integration).dt for job in (moving, still))
+    (ramp,), (least,) = (row_steps(job.design, job.run, job.integration).dt for job in (moving, still))
     assert ramp == pytest.approx(least)
 
 

@@ -15,7 +15,7 @@ from reference import exponential_polynomial
 from firing_neuron import Neuron
 from gaitsweep import models
 from gaitsweep.contract import HybridModel, Status
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.propose import METHODS, refusal
 from gaitsweep.engine.propose.exponential import PROPAGATOR, PROPAGATOR6
@@ -157,7 +157,7 @@ def test_derivatives_go_through_every_method(name: str) -> None:
     """Of a landing time over the launch speed u: 2 d/(w^2 d^2 + u^2), the toy's closed form."""
     model, u, w, d = Toy(), 1.0, 2.0, 0.5
     params = scalars(model)
-    run = crossing_of(model, Numerics(dt=1e-3, method=name), "xla")
+    run = crossing_of(model, Numerics(dt=1e-3, method=name).resolve(model), "xla")
 
     def landing(launch: jax.Array) -> jax.Array:
         return run(params, model.init(params, {"launch_1": launch}))[0]

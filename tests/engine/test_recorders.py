@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder
 from gaitsweep.engine.recorders.ramp import RampSchedule

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.kernel import lanes as kernel_lanes
 from gaitsweep.engine.kernel.contraction import contracted
@@ -13,6 +12,7 @@ from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.registers import steps
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from tests.support.sweeping import run_rows, same
@@ -108,7 +108,7 @@ def test_a_product_in_sums_alone_is_fused_in_all_of_them() -> None:
     """What is written at an event and beside it is rounded alike: each sum is one node."""
     numerics = Numerics(dt=4e-3, method="rk4")
     model = Multilegged()
-    chunk = kernel_of(model, CrossingRecorder(model, crossings=2), numerics, None).chunk
+    chunk = kernel_of(model, CrossingRecorder(model, crossings=2), numerics.resolve(model), None).chunk
     fused = contracted(chunk)
     program = fused.program
 

@@ -14,7 +14,8 @@ import yaml
 from gaitsweep.analysis.continuation.floquet import multipliers
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.dynamics.tree.spatial import quaternion_product
-from gaitsweep.engine.advance import GOING, Numerics, advance, start
+from gaitsweep.engine.advance import GOING, advance, start
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.poincare_return import PoincareReturn, ReturnStatus, crossing_of
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
@@ -115,12 +116,12 @@ def test_stages_of_a_step_are_those_of_an_attempt() -> None:
     params = scalars(model)
     start_values = {"psi_1": 1.9, "psi_2": 2.7, "psi_3": 4.5, "phi_1": np.nan}
     state = model.init(params, {k: jnp.asarray(v) for k, v in start_values.items()})
-    attempt = advance(model, numerics)
+    attempt = advance(model, numerics.resolve(model))
     carry = start(model, params, state, dt=4e-3, stop=4.0 * model.period(params))
     whole = jax.jit(lambda c: jax.lax.while_loop(lambda c: c.halt == GOING, lambda c: attempt(params, c), c))(
         carry
     )
-    t, after, way = jax.jit(crossing_of(model, numerics, "xla"))(params, state)
+    t, after, way = jax.jit(crossing_of(model, numerics.resolve(model), "xla"))(params, state)
     assert int(way) == ReturnStatus.crossed
     # the same arithmetic; compilers may round sums of products differently
     assert abs(float(t - whole.t)) < 1e-12
@@ -145,7 +146,7 @@ def test_engines_agree() -> None:
     )
     ends = []
     for engine in ("xla", "kernel"):
-        crossing = crossing_of(model, Numerics(dt=4e-3, method="rk4"), engine)
+        crossing = crossing_of(model, Numerics(dt=4e-3, method="rk4").resolve(model), engine)
         (t, after, way), (dt_, d_after, _) = jax.jit(
             lambda s, d, c=crossing: jax.jvp(lambda s: c(params, s), (s,), (d,))
         )(state, along)
@@ -261,9 +262,9 @@ def test_multipliers_of_the_chain_tend_to_the_theorys(chain: BatchedReturnMap) -
 
 def test_no_derivative_in_steps_of_fixed_length() -> None:
     model = WaistQuadruped()
-    flight = PoincareReturn(model, Numerics(dt=2e-4, method="semi_implicit"))
+    flight = PoincareReturn(model, Numerics(dt=2e-4, method="semi_implicit").resolve(model))
     assert not flight.differentiable
-    crossing = crossing_of(model, Numerics(dt=2e-4, method="semi_implicit"))
+    crossing = crossing_of(model, Numerics(dt=2e-4, method="semi_implicit").resolve(model))
     params = scalars(model)
     state = jax.tree.map(
         lambda x: jnp.asarray(x, jnp.result_type(x)), model.init(params, {"delta_13": jnp.asarray(2.8)})
@@ -278,7 +279,7 @@ def test_unknown_names_are_told() -> None:
     with pytest.raises(ValueError, match="did you mean beta"):
         BatchedReturnMap(Multilegged(), (("betta", 0.8),)).complete({}, 1)
     with pytest.raises(ValueError, match="Allowed: auto, kernel, xla"):
-        crossing_of(Multilegged(), Numerics(), "gpu")
+        crossing_of(Multilegged(), Numerics().resolve(Multilegged()), "gpu")
 
 
 @pytest.mark.slow

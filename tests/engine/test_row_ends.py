@@ -409,5 +409,5 @@ def test_a_return_whose_period_is_not_finite_ends_at_once(T_squared: float, stat
     model = Clock()
     params = scalars(model, T_squared=T_squared)
     start = {name: jnp.zeros(()) for name in ("clock_0", "m_0", "x_0")}
-    crossing = crossing_of(model, Numerics(method="tsit5", rtol=1e-9, atol=1e-12))
+    crossing = crossing_of(model, Numerics(method="tsit5", rtol=1e-9, atol=1e-12).resolve(model))
     assert ReturnStatus(int(crossing(params, model.init(params, start))[2])).name == status

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.schedule import most_alive, scheduled
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 
@@ -41,7 +41,7 @@ def test_inputs_of_many_outputs_are_not_computed_early() -> None:
 def test_a_scheduled_program_is_complete_and_in_order(method: str) -> None:
     model = Multilegged()
     numerics = Numerics(dt=4e-3, method=method)
-    chunk = kernel_of(model, CrossingRecorder(model, crossings=3), numerics, None).chunk
+    chunk = kernel_of(model, CrossingRecorder(model, crossings=3), numerics.resolve(model), None).chunk
     program, wanted = chunk.program, list(chunk.attempt.values())
     given = {at for at, node in enumerate(program.nodes) if node.op == "input"} | set(chunk.steady.values())
     order = scheduled(program, wanted, given)

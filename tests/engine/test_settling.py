@@ -13,7 +13,7 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.analysis.attractors.attractors import attractors
 from gaitsweep.contract import Quantity, Status
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.job import JobError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gaitsweep.dynamics.single_precision import worked_in
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.propose import refusal
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged

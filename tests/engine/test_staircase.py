@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 
 from firing_neuron import Neuron
 from gaitsweep.contract import Quantity, Status, SteppedModel
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.engine.recorders.stairs import StepSchedule
 from gaitsweep.engine.sweep.block import BlockResult

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.windows import WindowsRecorder
 from tests.support.sweeping import run_rows
 from toy_model import Toy, bounce_times, launches

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitsweep.fitting.designs import Design, design_of
+from gaitsweep.fitting.designs import SensitivityDesign, design_of
 from gaitsweep.fitting.free import Free
 from gaitsweep.fitting.indices import Output, indices
 from response_model import COEFFICIENTS, A, B, ishigami, ishigami_indices
@@ -15,11 +15,13 @@ NAMES = ["x_1", "x_2", "x_3"]
 RANGES = {name: Free(low=-np.pi, high=np.pi) for name in NAMES}
 
 
-def designed(method: str, n: int | None, ranges: dict[str, Free] = RANGES, seed: int = 0) -> Design:
+def designed(
+    method: str, n: int | None, ranges: dict[str, Free] = RANGES, seed: int = 0
+) -> SensitivityDesign:
     return design_of(method, n, seed, ranges, {"x_1": 1.0, "x_2": 0.5, "x_3": -2.0})
 
 
-def points(design: Design) -> np.ndarray:
+def points(design: SensitivityDesign) -> np.ndarray:
     return np.stack([design.sets[name] for name in NAMES], axis=1)
 
 

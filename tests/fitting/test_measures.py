@@ -14,7 +14,7 @@ import toy_model
 from gaitsweep.fitting.measure_kinds import MEASURES
 from gaitsweep.fitting.measures import Measure
 from gaitsweep.fitting.search_job import read_search
-from gaitsweep.kinds.diagnostics import JobError
+from gaitsweep.schema.diagnostics import JobError
 
 TOY = toy_model.Toy()
 

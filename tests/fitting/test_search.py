@@ -26,8 +26,8 @@ from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.search import FINALISTS, run_search
 from gaitsweep.fitting.search_job import Choice, load_search, read_search
 from gaitsweep.fitting.targets import FAILED_MISS, MISS
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError
-from gaitsweep.kinds.part import plain
+from gaitsweep.schema.diagnostics import Diagnostic, JobError
+from gaitsweep.schema.strict_model import plain
 from gaitsweep.table import ResultDirectory, WriteError
 
 SWEEPS = Path(__file__).parents[2] / "sweeps"

@@ -24,7 +24,7 @@ def test_a_name_that_meant_something_else_once() -> None:
         with pytest.raises(JobError, match=r"K_13 is given without K_31: .* is K_hold"):
             Job(**quadruped, **old)
     now = Job(**quadruped, params={"K_13": 20, "K_31": "K_13"})
-    assert Job(**now.resolved()).plan.settings["K_31"] == "K_13"
+    assert Job(**now.resolved()).design.settings["K_31"] == "K_13"
 
 
 def test_a_precision_in_which_the_model_is_not_right(tmp_path: Path) -> None:
@@ -545,10 +545,10 @@ def test_a_model_that_was_edited_is_loaded_anew(tmp_path: Path) -> None:
     source = "import toy_model\nclass Own(toy_model.Toy):\n    name = 'before'\n"
     written(tmp_path, source, "own_edited.py")
     path = written(tmp_path, "name: a\nmodel: own_edited:Own\nrun: {kind: settle}\n")
-    first = load_job(path).plan.model
-    assert (first.name, load_job(path).plan.model) == ("before", first)
+    first = load_job(path).design.model
+    assert (first.name, load_job(path).design.model) == ("before", first)
     written(tmp_path, source.replace("before", "afterwards"), "own_edited.py")
-    assert load_job(path).plan.model.name == "afterwards"
+    assert load_job(path).design.model.name == "afterwards"
     written(tmp_path, "class Own(", "own_edited.py")
     for _ in range(2):
         with pytest.raises(JobError, match="own_edited does not import: SyntaxError"):

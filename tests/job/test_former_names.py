@@ -10,8 +10,8 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.cli.main import main
 from gaitsweep.job import Job, JobError
+from gaitsweep.schema.former_names import renamed
 from gaitsweep.table import ResultDirectory, TableError
-from gaitsweep.table.former_names import renamed
 
 STAIRS = {"kind": "staircase", "parameter": "stiffness", "path": [4, 9, 4], "step": 2.5}
 RAMP = {"kind": "ramp", "parameter": "stiffness", "path": [4, 9], "rate": 0.1}

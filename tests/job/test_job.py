@@ -20,8 +20,9 @@ from hypothesis import strategies as st
 from scipy.stats import qmc
 
 from gaitsweep import models
+from gaitsweep.design import Design
 from gaitsweep.expression import evaluate
-from gaitsweep.job import Job, JobError, Plan, load_job, schema
+from gaitsweep.job import Job, JobError, load_job, schema
 from gaitsweep.job.numerics import rows_of_a_part
 from gaitsweep.kinds.ramp import Ramp
 from gaitsweep.kinds.settle import Settle
@@ -37,7 +38,7 @@ def toy(**fields: Any) -> Job:
 
 
 def rows_of(job: Job) -> dict[str, np.ndarray]:
-    rows = job.plan
+    rows = job.design
     return rows.columns(0, rows.n_rows)
 
 
@@ -71,10 +72,10 @@ figures:
 
 def test_a_file_becomes_rows(tmp_path: Path) -> None:
     job = load_job(written(tmp_path, QUICK))
-    rows = job.plan
-    assert isinstance(rows, Plan)
+    rows = job.design
+    assert isinstance(rows, Design)
     assert rows.n_rows == 12
-    assert [(axis.names, axis.length) for axis in rows.axes] == [(("restitution",), 3), (("launch_1",), 4)]
+    assert [(axis.names, axis.length) for axis in rows.groups] == [(("restitution",), 3), (("launch_1",), 4)]
     columns = rows.columns(0, 12)
     assert list(columns) == ["restitution", "launch_1"]
     assert columns["restitution"].tolist() == [0.0] * 4 + [0.25] * 4 + [0.5] * 4
@@ -126,8 +127,8 @@ def test_a_resolved_job_has_the_same_hash(name: str) -> None:
 
 
 def test_no_vary_is_one_row() -> None:
-    rows = toy().plan
-    assert (rows.n_rows, rows.columns(0, 1), rows.axes) == (1, {}, ())
+    rows = toy().design
+    assert (rows.n_rows, rows.columns(0, 1), rows.groups) == (1, {}, ())
     assert rows.values(0, 1)[1]["launch_1"].tolist() == [1.0]
     with pytest.raises(IndexError):
         rows.columns(0, 2)
@@ -166,7 +167,7 @@ EVERY = toy(structure={"N": 2}, vary=EVERY_AXIS)
 @given(st.integers(0, 360), st.integers(0, 360))
 def test_slices_equal_the_whole(one: int, other: int) -> None:
     start, stop = sorted((one, other))
-    rows = EVERY.plan
+    rows = EVERY.design
     assert rows.n_rows == 4 * 3 * 3 * 5 * 2
     whole, part = rows.columns(0, 360), rows.columns(start, stop)
     assert list(part) == ["restitution", "mass", "stiffness", "launch_1", "launch_2", "preload", "ceiling"]
@@ -184,8 +185,8 @@ def test_a_zip_moves_together() -> None:
 
 def test_lists_of_groups_multiply() -> None:
     zips = [{"mass": [1, 2]}, {"preload": [3, 4, 5], "launch_1": [6, 7, 8]}]
-    rows = toy(vary={"zip": zips, "sample": [{"n": 2, "of": {"stiffness": [1, 2]}}]}).plan
-    assert [axis.length for axis in rows.axes] == [2, 3, 2]
+    rows = toy(vary={"zip": zips, "sample": [{"n": 2, "of": {"stiffness": [1, 2]}}]}).design
+    assert [axis.length for axis in rows.groups] == [2, 3, 2]
 
 
 @pytest.mark.slow
@@ -246,7 +247,7 @@ def test_sobol_is_more_even_than_random() -> None:
 def test_memory_does_not_grow_with_the_rows() -> None:
     vary = {name: {"linspace": [1, 2, 1000]} for name in ("mass", "stiffness", "launch_1")}
     tracemalloc.start()
-    rows = toy(vary=vary).plan
+    rows = toy(vary=vary).design
     part = rows.columns(10**9 - 3, 10**9)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
@@ -258,7 +259,7 @@ def test_memory_does_not_grow_with_the_rows() -> None:
 def test_large_formulas_are_checked_block_by_block() -> None:
     """Too many combinations to try beforehand: the block that holds the first bad row says so."""
     vary = {"mass": {"linspace": [1, 2, 2000]}, "launch_1": {"linspace": ["2-mass", 3, 2000]}}
-    rows = toy(vary=vary).plan
+    rows = toy(vary=vary).design
     rows.values(0, 10)
     with pytest.raises(JobError, match=r"launch_1 is 0 in row 3998000, but must be above 0"):
         rows.values(3_998_000, 4_000_000)
@@ -282,7 +283,7 @@ def test_a_name_that_names_no_file_is_refused(text: str) -> None:
 
 
 def test_formulas_follow_what_varies() -> None:
-    rows = toy(params={"ceiling": "100*kick"}, vary={"stiffness": [4, 16]}).plan
+    rows = toy(params={"ceiling": "100*kick"}, vary={"stiffness": [4, 16]}).design
     params, _ = rows.values(0, 2)
     assert params["kick"].tolist() == [0.5, 1.0]
     assert params["ceiling"].tolist() == [50.0, 100.0]
@@ -291,7 +292,7 @@ def test_formulas_follow_what_varies() -> None:
 
 def test_what_follows_a_parameter_comes_after_what_it_uses() -> None:
     """Directly or through another formula; `ceiling` is asked for before the `kick` that it needs."""
-    rows = toy(params={"ceiling": "100*kick", "preload": "mass/2", "restitution": 0.5}).plan
+    rows = toy(params={"ceiling": "100*kick", "preload": "mass/2", "restitution": 0.5}).design
     assert tuple(rows.following("stiffness")) == ("kick", "ceiling")
     assert set(rows.following("mass")) == {"kick", "ceiling", "preload"}
     assert tuple(rows.following("kick")) == ("ceiling",)
@@ -299,7 +300,7 @@ def test_what_follows_a_parameter_comes_after_what_it_uses() -> None:
 
 
 def test_formulas_may_use_the_structure() -> None:
-    rows = toy(structure={"N": 2}, params={"mass": "N/4"}, start={"launch_1": "N*launch_2"}).plan
+    rows = toy(structure={"N": 2}, params={"mass": "N/4"}, start={"launch_1": "N*launch_2"}).design
     assert rows.values(0, 1)[0]["mass"].tolist() == [0.5]
     assert rows.values(0, 1)[1]["launch_1"].tolist() == [2.0]
     assert rows.derived["mass"] == "2.0/4"
@@ -311,7 +312,7 @@ class Shifted(Toy):
 
 
 def test_a_negative_number_of_the_structure_keeps_its_sign_in_a_formula() -> None:
-    rows = toy(model=f"{__name__}:Shifted", params={"ceiling": "-c**3*stiffness/2 - c"}).plan
+    rows = toy(model=f"{__name__}:Shifted", params={"ceiling": "-c**3*stiffness/2 - c"}).design
     ceiling = rows.values(0, 1)[0]["ceiling"].item()
     assert evaluate(rows.derived["ceiling"], {"stiffness": 4.0}) == ceiling == 18.0
 
@@ -321,7 +322,7 @@ def test_a_ramp_starts_at_its_path_and_takes_formulas_along() -> None:
     job = toy(run=run, vary={"launch_1": [1, 2]})
     assert isinstance(job.run, Ramp)
     assert job.run.path == [4.0, 100.0, 4.0]
-    assert job.plan.values(0, 1)[0]["stiffness"].tolist() == [4.0]
+    assert job.design.values(0, 1)[0]["stiffness"].tolist() == [4.0]
     assert "stiffness" not in job.resolved()["params"]
     assert Job(**job.resolved()).hash() == job.hash()
     with pytest.raises(
@@ -369,7 +370,7 @@ def test_overrides_are_laid_over_the_file(tmp_path: Path) -> None:
     assert job.run.max_cycles == 10
     assert job.engine.block == 7
     assert job.params["preload"] == 0.1
-    assert job.plan.n_rows == 6
+    assert job.design.n_rows == 6
     assert job.figures == []
 
 
@@ -377,7 +378,7 @@ def test_a_model_beside_the_job(tmp_path: Path) -> None:
     source = (MODELS / "toy_model.py").read_text(encoding="utf-8")
     written(tmp_path, source, "my_own_bouncer.py")
     job = load_job(written(tmp_path, "name: a\nmodel: my_own_bouncer:Toy\nrun: {kind: settle}\n"))
-    assert job.plan.model.name == "toy"
+    assert job.design.model.name == "toy"
 
 
 def test_the_registry() -> None:
@@ -527,7 +528,7 @@ def test_the_schema_describes_every_field() -> None:
 def test_jobs_and_their_errors_travel_between_processes() -> None:
     again = pickle.loads(pickle.dumps(EVERY))
     assert again.hash() == EVERY.hash()
-    assert again.plan.columns(0, 5)["launch_2"].tolist() == EVERY.plan.columns(0, 5)["launch_2"].tolist()
+    assert again.design.columns(0, 5)["launch_2"].tolist() == EVERY.design.columns(0, 5)["launch_2"].tolist()
     with pytest.raises(JobError) as refused:
         toy(params={"mas": 1})
     assert str(pickle.loads(pickle.dumps(refused.value))) == str(refused.value)

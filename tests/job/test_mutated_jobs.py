@@ -12,9 +12,9 @@ import pytest
 
 from benchmarks.reliability.mutated_jobs import Mutant
 from benchmarks.reliability.mutations import LATEST, MOST_MEMORY, check_all, check_one
+from gaitsweep.design.axes import MOST_LISTED
+from gaitsweep.design.vary import MOST_DRAWN
 from gaitsweep.job import Job, JobError, load_job
-from gaitsweep.job.axes import MOST_LISTED
-from gaitsweep.job.vary import MOST_DRAWN
 
 HEAD = "name: a\nmodel: multilegged\nrun: {kind: settle}\nstart: {psi_1: 1, psi_2: 1, psi_3: 1}\n"
 
@@ -92,7 +92,7 @@ def test_a_file_that_becomes_a_pipe_is_not_waited_for(
     regular = os.stat(path)
     path.unlink()
     os.mkfifo(path)
-    monkeypatch.setattr("gaitsweep.job.yaml_document.os.stat", lambda *_, **__: regular)
+    monkeypatch.setattr("gaitsweep.schema.yaml_document.os.stat", lambda *_, **__: regular)
     with pytest.raises(JobError, match="a named pipe"):
         load_job(path)
 
@@ -115,7 +115,7 @@ def test_points_are_counted_before_they_are_drawn() -> None:
         )
     job = Job(**fields, vary={"sample": {"n": 10**7, "of": dict(list(box.items())[:2])}})
     assert time.process_time() - began < LATEST
-    assert job.plan.n_rows == 10**7
+    assert job.design.n_rows == 10**7
 
 
 def test_words_that_a_terminal_obeys_are_shown_by_their_escapes(tmp_path: Path) -> None:

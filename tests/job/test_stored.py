@@ -52,10 +52,10 @@ def test_a_model_is_found_from_another_folder(tmp_path: Path, monkeypatch: pytes
     with pytest.raises(gs.JobError, match=r"own/a_bouncer\.py.*--trust"):
         stored_job(again.attrs)
     assert "a_bouncer" not in sys.modules
-    assert stored_job(again.attrs, trust=True).plan.model.name == "bouncer"
+    assert stored_job(again.attrs, trust=True).design.model.name == "bouncer"
     del sys.modules["a_bouncer"]
     monkeypatch.chdir(own)
-    assert stored_job(again.attrs).plan.model.name == "bouncer"
+    assert stored_job(again.attrs).design.model.name == "bouncer"
     del sys.modules["a_bouncer"]
     shutil.rmtree(own)
     monkeypatch.chdir(elsewhere)

@@ -15,12 +15,13 @@ from pydantic import Field
 import gaitsweep as gs
 from gaitsweep import kinds, plot
 from gaitsweep.contract import Model
+from gaitsweep.design import Design
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.job import Job, JobError, schema
 from gaitsweep.kinds.columns import CROSSING, STATUS, Column, observed
-from gaitsweep.kinds.numbers import Count, Text
-from gaitsweep.kinds.run_kind import Cost, Rows
+from gaitsweep.kinds.run_kind import Cost
 from gaitsweep.runs.estimate import estimate
+from gaitsweep.schema.numbers import Count, Text
 
 
 class Doublings(kinds.RunKind):
@@ -37,7 +38,7 @@ class Doublings(kinds.RunKind):
         twice = Column("twice", lambda records: 2.0 * records["t"], repeats=False)
         return [CROSSING, Column("t", repeats=False), twice, STATUS, *observed(model, "n")]
 
-    def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
+    def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         return Cost(self.crossings * cycle, self.crossings * cycle, self.crossings)
 
 

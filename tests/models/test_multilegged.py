@@ -137,7 +137,7 @@ def test_traces_agree_with_solve_ivp() -> None:
     model = Multilegged()
     params = scalars(model)
     numerics = Numerics(method="rk4", dt=2e-3)
-    attempt = advance(model, numerics)
+    attempt = advance(model, numerics.resolve(model))
 
     @jax.jit
     def until(carry, stop):
@@ -192,12 +192,12 @@ def test_reversing_the_legs_reverses_the_motion(case: str) -> None:
                 ends.append([float(t), *np.asarray(state.x), *np.asarray(state.y)])
         return np.array(ends)
 
-    attempt = advance(model, Numerics())
+    attempt = advance(model, Numerics().resolve(model))
 
     @jax.jit
     def jump(params: Params, state: State) -> tuple[jax.Array, State, jax.Array]:
         """Up to the first event of any kind, not only at the section."""
-        dt, stop = step_of(model, Numerics(), params), LATEST * model.period(params)
+        dt, stop = step_of(model, Numerics().resolve(model), params), LATEST * model.period(params)
         carry = jax.lax.while_loop(
             lambda carry: (carry.halt == GOING) & (carry.chain == 0),
             lambda carry: attempt(params, carry),
@@ -251,7 +251,7 @@ def test_jacobian_of_a_gait_cycle_against_central_differences() -> None:
     """
     model = Multilegged()
     params = scalars(model)
-    run = crossing_of(model, Numerics(), "xla")
+    run = crossing_of(model, Numerics().resolve(model), "xla")
 
     def cycle(z: jax.Array) -> jax.Array:
         start = {f"psi_{i + 1}": z[i] for i in range(3)}

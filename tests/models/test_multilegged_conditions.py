@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
@@ -73,7 +73,7 @@ def chains(n: int, N: int) -> Chain:
 def errors_and_conditions(N: int, chain: Chain) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Of one chain: what a cycle changes at a point of each wave, rad; what should stay; landing's margin."""
     model = MultileggedReduced(N)
-    run = crossing_of(model, STEPS, "xla")
+    run = crossing_of(model, STEPS.resolve(model), "xla")
     fixed = {
         "sigma": 20.0,
         "m_B": chain.m_1,

@@ -12,7 +12,7 @@ import pytest
 
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
@@ -84,7 +84,7 @@ def test_solutions_of_a_profile_are_fixed_points_of_the_reduced_chain(N: int) ->
     assert bool(retrograde.hold)
     assert all(bool(source_conditions(N, chain, k).hold) for k in range(3, N + 1))
     model = MultileggedReduced(N, profile=True)
-    params, run = scalars(model, **values), crossing_of(model, STEPS, "xla")
+    params, run = scalars(model, **values), crossing_of(model, STEPS.resolve(model), "xla")
 
     def cycle(psi: jax.Array) -> jax.Array:
         start = {f"psi_{i + 1}": psi[i] for i in range(N)}
@@ -220,7 +220,7 @@ def test_profiles_follow_one_number() -> None:
             "run": {"kind": "settle"},
         }
     )
-    values, _ = job.plan.values(0, 2)
+    values, _ = job.design.values(0, 2)
     x = np.array([-3 / 5, -1 / 5, 1 / 5, 3 / 5])
     for row, slope in enumerate((0.0, 0.2)):
         found = [values[f"m_{i}"][row] for i in range(2, 6)]

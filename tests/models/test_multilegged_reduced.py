@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from reference import multilegged_reduced as reference
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
@@ -51,7 +51,7 @@ def cycle(N: int, numerics: Numerics, **params: float) -> Callable:
     """Psi on section 1 -> psi a cycle later, for one trajectory."""
     model = MultileggedReduced(N)
     values = scalars(model, **params)
-    run = crossing_of(model, numerics, "xla")
+    run = crossing_of(model, numerics.resolve(model), "xla")
 
     def once(psi: jax.Array) -> jax.Array:
         start = {f"psi_{i + 1}": psi[i] for i in range(N)}

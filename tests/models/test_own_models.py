@@ -65,8 +65,8 @@ def found(folder: Path) -> tuple[Job, str]:
 
 
 def period(job: Job) -> float:
-    model = job.plan.model
-    values = {name: np.float64(column[0]) for name, column in job.plan.values(0, 1)[0].items()}
+    model = job.design.model
+    values = {name: np.float64(column[0]) for name, column in job.design.values(0, 1)[0].items()}
     return float(model.period(model.params(values)))
 
 

@@ -18,7 +18,7 @@ from reference.planar_quadruped_mujoco import COLUMNS, OnCompliantFeet, begun, f
 from reference.planar_quadruped_mujoco import PlanarQuadruped as InMujoco
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.job import Job, JobError
@@ -374,8 +374,8 @@ def test_bodies_in_jobs(tmp_path: Path) -> None:
         given = {"name": "p", "model": "planar_quadruped", "run": {"kind": "settle"}, "numerics": {"dt": DT}}
         return Job(**(given | changed))
 
-    assert job().plan.model == PlanarQuadruped("tree")
-    assert job(structure={"body": "mjx"}).plan.model == PlanarQuadruped("mjx")
+    assert job().design.model == PlanarQuadruped("tree")
+    assert job(structure={"body": "mjx"}).design.model == PlanarQuadruped("mjx")
     with pytest.raises(JobError, match=r'structure\.body is "mjy"; did you mean mjx\? Allowed: tree, mjx'):
         job(structure={"body": "mjy"})
     with pytest.raises(ValueError, match=r"body is 'tre'; did you mean tree\? Allowed: tree, mjx"):

@@ -15,7 +15,8 @@ import pytest
 from reference.waist_quadruped_mujoco import Landing, landings
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import Numerics, advance
+from gaitsweep.engine.advance import advance
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.propose import refusal
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.sweep.engines import EngineError, choose
@@ -140,12 +141,13 @@ def test_mjx_has_steps_alone() -> None:
         "Allowed: semi_implicit."
     )
     with pytest.raises(ValueError, match=r"method is rk4, which needs a flow"):
-        advance(model, Numerics(method="rk4"))
+        advance(model, Numerics(method="rk4").resolve(model))
 
 
 def test_mjx_is_left_to_xla() -> None:
     model, device = WaistQuadruped("mjx"), jax.local_devices()[0]
-    how = model, CrossingRecorder(model, 3), Numerics(dt=DT, method="semi_implicit"), None
+    numerics = Numerics(dt=DT, method="semi_implicit").resolve(model)
+    how = model, CrossingRecorder(model, 3), numerics, None
     engine, note = choose("auto", device, *how)
     assert engine == "xla"
     assert note is not None
@@ -166,8 +168,8 @@ def job(**changed: Any) -> Job:
 
 
 def test_bodies_in_jobs() -> None:
-    assert job().plan.model == WaistQuadruped("mjx")
-    assert job(structure={}).plan.model == WaistQuadruped("tree")
+    assert job().design.model == WaistQuadruped("mjx")
+    assert job(structure={}).design.model == WaistQuadruped("tree")
     assert job().hash() != job(structure={}).hash()
     with pytest.raises(JobError, match=r"numerics\.method is rk4, .* body mjx\. Allowed: semi_implicit"):
         job(numerics={"method": "rk4"})

@@ -16,7 +16,7 @@ from reference.waist_quadruped_located import landings
 from scipy.integrate import solve_ivp
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.job import Job, JobError
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
@@ -340,7 +340,7 @@ def test_slip_has_located_events_and_names_of_its_own() -> None:
         "name": "slips", "model": "waist_quadruped", "structure": {"slip": "coulomb"},
         "params": {"mu": 0.5, "T_slip": 1e-3}, "run": {"kind": "settle"},
     }  # fmt: skip
-    assert Job(**job).plan.model == WaistQuadruped(slip="coulomb")
+    assert Job(**job).design.model == WaistQuadruped(slip="coulomb")
     assert WaistQuadruped(slip="coulomb").recommended.method == "rk4"
     with pytest.raises(JobError, match=r"params\.mu is not"):
         Job(**{**job, "structure": {}})
@@ -441,7 +441,7 @@ def test_heights_of_a_level_body_change_nothing() -> None:
 
 def test_heights_are_given_where_the_structure_says_so() -> None:
     job = {"name": "high", "model": "waist_quadruped", "params": {"waist_z": 0.01}, "run": {"kind": "settle"}}
-    assert Job(**job, structure={"heights": "given"}).plan.model == HIGH
+    assert Job(**job, structure={"heights": "given"}).design.model == HIGH
     with pytest.raises(JobError, match=r"params\.waist_z is not"):
         Job(**job)
     with pytest.raises(ValueError, match=r"heights is 'given_'; did you mean given"):

@@ -14,7 +14,7 @@ from reference.waist_quadruped_body import varied
 from reference.waist_quadruped_located import landings
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder

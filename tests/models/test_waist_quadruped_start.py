@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gaitsweep.engine.advance import Numerics, advance, start
+from gaitsweep.engine.advance import advance, start
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import phase_rates
@@ -52,7 +53,7 @@ def left(state: Any) -> jax.Array:
 
 
 def located(T_hold: jax.Array, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
-    attempt = advance(MODEL, Numerics(method="rk4"))
+    attempt = advance(MODEL, Numerics(method="rk4").resolve(MODEL))
 
     def tried(_: Any, carry: Any) -> Any:
         return attempt(params, dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt)))

@@ -31,7 +31,7 @@ from tests.support.trace_directories import (
 def test_registered_models_are_drawn_or_say_that_they_are_not(name: str) -> None:
     model = models.find(name)()
     start = {q.name: 1.0 for q in model.initial_conditions if q.default is None}
-    parameters, _ = Job(name="one", model=name, start=start, run={"kind": "settle"}).plan.values(0, 1)
+    parameters, _ = Job(name="one", model=name, start=start, run={"kind": "settle"}).design.values(0, 1)
     moments = 3
     signals = {q.name: np.linspace(0.9, 1.0, moments) for q in model.signals}
     drawn = model.skeleton({key: float(value[0]) for key, value in parameters.items()}, signals)

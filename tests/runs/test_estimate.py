@@ -42,7 +42,7 @@ def test_records_and_disk_within_a_factor_of_three(name: str, tmp_path: Path) ->
     parts = sorted(folder.glob("part-*.parquet"))
     records = sum(pq.read_metadata(part).num_rows for part in parts)
     written = sum(part.stat().st_size for part in parts)
-    assert needs.rows == job.plan.n_rows
+    assert needs.rows == job.design.n_rows
     assert needs.blocks == len(parts)
     assert 1 / 3 < needs.records / records < 3
     assert 1 / 3 < needs.disk_bytes / written < 3

@@ -217,4 +217,4 @@ def test_jobs_that_do_not_refine_keep_their_hash() -> None:
     assert len(hashes) == 3
     again = gs.Job(**json.loads(json.dumps(job().resolved())))
     assert again.hash() == job().hash()
-    assert job().run.refined(job().plan).wraps == {0: True, 2: True}
+    assert job().run.refined(job().design).wraps == {0: True, 2: True}

@@ -167,18 +167,18 @@ def test_rows_that_do_not_settle_are_compared_over_their_first_crossings(tmp_pat
 @pytest.mark.parametrize("count", [4, 8, 32, 50])
 def test_a_sample_has_the_ends_of_each_axis(count: int) -> None:
     vary = {"x_0": {"linspace": [-1, 1, 40]}, "lean": {"linspace": [0, 1e-3, 25]}}
-    plan = job(vary=vary).plan
-    rows = sample_rows(plan, count)
+    design = job(vary=vary).design
+    rows = sample_rows(design, count)
     assert rows.size == np.unique(rows).size == count
     assert rows.min() >= 0
-    assert rows.max() < plan.n_rows
+    assert rows.max() < design.n_rows
     first, second = rows // 25, rows % 25
     assert {0, 39} <= set(first.tolist())
     assert {0, 24} <= set(second.tolist())
     if count == 32:  # and no large part of the box is left out
         for axis, length in ((first, 40), (second, 25)):
             assert np.max(np.diff(np.unique(np.sort(axis)))) <= 0.25 * length
-    assert sample_rows(plan, 10**6).size == plan.n_rows
+    assert sample_rows(design, 10**6).size == design.n_rows
 
 
 class Wheel(gs.DeclaredModel):

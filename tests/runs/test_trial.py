@@ -9,10 +9,10 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep import models
+from gaitsweep.design.design import Design
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.slip_runner import STANCE, SlipRunner
 from gaitsweep.job.checks import _some_rows, remarks_on_rows
-from gaitsweep.job.plan import Plan
 from gaitsweep.models.conformity import faults
 from gaitsweep.runs.trial import _with_rates, trial
 from tests.support.sweeping import scalars
@@ -165,13 +165,13 @@ def test_what_is_wrong_with_a_model_at_a_jobs_own_rows(
     kind: type[gs.HybridModel], axes: dict, words: list[str]
 ) -> None:
     """`check-model` looks at the ranges that a model declares; a job may leave them."""
-    told = " ".join(remarks_on_rows(plan_of(kind, axes), "mine:Model"))
+    told = " ".join(remarks_on_rows(design_of(kind, axes), "mine:Model"))
     assert [each for each in words if each not in told] == []
     assert bool(told) == bool(words)
 
 
-def plan_of(kind: type[gs.HybridModel], axes: dict) -> Plan:
-    return gs.Job(name="own", model=models.name_of(kind), vary=axes, run=gs.Settle()).plan
+def design_of(kind: type[gs.HybridModel], axes: dict) -> Design:
+    return gs.Job(name="own", model=models.name_of(kind), vary=axes, run=gs.Settle()).design
 
 
 def test_a_run_says_it_before_a_row_runs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -199,13 +199,13 @@ class Narrow(Roots):
 
 def test_of_a_large_job_the_corners_of_the_axes_are_looked_at() -> None:
     lines = {"x_0": {"linspace": [0.5, 1.0, 300]}, "w": {"linspace": [1.0, 3.5, 300]}, "v_0": [0.0, 0.1]}
-    plan = plan_of(Timed, lines)
-    rows = _some_rows(plan)
+    design = design_of(Timed, lines)
+    rows = _some_rows(design)
     assert rows.min() == 0
-    assert rows.max() == plan.n_rows - 1
+    assert rows.max() == design.n_rows - 1
     ends = {(x, w, v) for x in (0.5, 1.0) for w in (1.0, 3.5) for v in (0.0, 0.1)}
-    assert ends <= set(zip(*plan.at(rows, ["x_0", "w", "v_0"]).values(), strict=True))
-    (told,) = remarks_on_rows(plan, "swing:Timed")
+    assert ends <= set(zip(*design.at(rows, ["x_0", "w", "v_0"]).values(), strict=True))
+    (told,) = remarks_on_rows(design, "swing:Timed")
     assert told.startswith("The model is swing:Timed, but its function period gives")
 
 

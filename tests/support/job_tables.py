@@ -18,17 +18,17 @@ RECORDS = 24  # of a row, where a run makes several
 
 def table_of(job: Job, seed: int = 0) -> pd.DataFrame:
     """A table with the columns, types and rows that the job's run makes; what it measures is random."""
-    plan, run = job.plan, job.run
+    design, run = job.design, job.run
     random = np.random.default_rng(seed)
     each = 1 if run.one_a_row else RECORDS
-    rows = np.repeat(np.arange(plan.n_rows, dtype=np.int64), each)
-    place = np.tile(np.arange(each), plan.n_rows)
-    model, moved = plan.model, run.moved
+    rows = np.repeat(np.arange(design.n_rows, dtype=np.int64), each)
+    place = np.tile(np.arange(each), design.n_rows)
+    model, moved = design.model, run.moved
     known: dict[str, Quantity] = {q.name: q for q in (*model.signals, *model.label_fields)}
     known |= {f"{q.name}_{end}": q for q in model.observables for end in ("end", "n")}
-    axes = plan.columns(0, plan.n_rows)
+    axes = design.columns(0, design.n_rows)
     columns: dict[str, object] = {}
-    for name in table_columns(plan, run):
+    for name in table_columns(design, run):
         if name == "row":
             columns[name] = rows
         elif name in axes:

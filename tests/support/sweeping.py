@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from gaitsweep.contract import Model
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.sweep import sweep
@@ -63,10 +63,10 @@ def run_rows(
         q.name: np.broadcast_to(np.asarray(starts.get(q.name, defaults.get(q.name)), np.float64), (n,))
         for q in model.initial_conditions
     }
-    work = SweepSpec(
+    spec = SweepSpec(
         model=model,
         recorder=recorder,
-        numerics=numerics or Numerics(),
+        numerics=(numerics or Numerics()).resolve(model),
         n_rows=n,
         block=block or n,
         lanes=lanes,
@@ -77,7 +77,7 @@ def run_rows(
         varied=varied,
     )
     blocks: dict[int, BlockResult] = {}
-    sweep(work, range(-(-n // work.block)), blocks.__setitem__)
+    sweep(spec, range(-(-n // spec.block)), blocks.__setitem__)
     ordered = [blocks[number] for number in sorted(blocks)]
     merged: dict[str, Any] = {"first": 0}
     for field in dataclasses.fields(BlockResult):

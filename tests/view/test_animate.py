@@ -150,7 +150,7 @@ def test_tables_without_motion_are_refused(quadruped: Path, tmp_path: Path, caps
     heights = {f"height_{i}": 0.1 + t for i in (1, 2)}
     run = {"kind": "trace", "duration": 0.04, "every": 0.01}
     toy = Job(name="hops", model="toy_model:Toy", run=run)
-    signals = {q.name: heights.get(q.name, 0.0 * t) for q in toy.plan.model.signals}
+    signals = {q.name: heights.get(q.name, 0.0 * t) for q in toy.design.model.signals}
     undrawn = written(
         tmp_path / "toy", toy, [pd.DataFrame({"row": 0, "t": t, **signals, "status": "complete"})]
     )

@@ -16,7 +16,7 @@ import numpy as np
 from gaitsweep.contract import Model, Status
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
-from gaitsweep.engine.numerics import SHARE, Numerics
+from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import BUFFER, UNSEEN, Record, Recorder
 from gaitsweep.engine.sweep.lane import ChunkOutput, OneLane, RowDrive, Values, host_device
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
@@ -39,7 +39,7 @@ class Kernel:
 
 
 @cached_by_content(maxsize=16)
-def kernel_of(model: Model, recorder: Recorder, numerics: Numerics, drive: RowDrive | None) -> Kernel:
+def kernel_of(model: Model, recorder: Recorder, numerics: ResolvedNumerics, drive: RowDrive | None) -> Kernel:
     """Translate a run to a scalar program.
 
     Raises:
@@ -48,7 +48,7 @@ def kernel_of(model: Model, recorder: Recorder, numerics: Numerics, drive: RowDr
     lane = OneLane(model, recorder, numerics, drive)
     scalar = jax.ShapeDtypeStruct((), jnp.dtype(numerics.carried))
     values = {q.name: scalar for q in model.parameters}
-    starts = {q.name: scalar for q in model.initial_conditions} | {SHARE: scalar}
+    starts = {q.name: scalar for q in model.initial_conditions} | {STEP_FACTOR: scalar}
     chunk = chunk_of(lane, values, starts)
     title = f"{model.name}, {type(recorder).__name__}, {lane.numerics.method}"
     return Kernel(chunk, jax.jit(jax.vmap(partial(_open, lane))), title, lane, (values, starts))

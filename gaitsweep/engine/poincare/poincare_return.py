@@ -17,7 +17,7 @@ from gaitsweep.contract import HybridModel, Model, Params, ResultCode, State
 from gaitsweep.engine.advance import CROSSING, FAILED, GOING, Carry, advance, stalled, start
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.leaves import float_leaves
-from gaitsweep.engine.numerics import Numerics, step_of
+from gaitsweep.engine.numerics import ResolvedNumerics, step_of
 from gaitsweep.engine.poincare.stagewise import Stages, begin, stagewise
 from gaitsweep.engine.propose import derivative_refusal
 from gaitsweep.engine.recorders.recorder import ATTEMPTS_PER_STEP
@@ -64,12 +64,10 @@ class PoincareReturn:
     Args:
         model: the model.
         numerics: the method and its tolerances.
-        share: factor on the step lengths, at most 1; tolerances become finer accordingly.
     """
 
-    def __init__(self, model: Model, numerics: Numerics, share: float = 1.0) -> None:
-        self.model, self.numerics, self.share = model, numerics.of(model), share
-        numerics = self.numerics
+    def __init__(self, model: Model, numerics: ResolvedNumerics) -> None:
+        self.model, self.numerics = model, numerics
         self.refusal = derivative_refusal(numerics.method, model)
         self.differentiable = self.refusal is None
         if self.differentiable and numerics.method == "rk4":
@@ -82,9 +80,9 @@ class PoincareReturn:
     def begin(self, params: Params, state: State) -> ReturnState:
         """The trajectory that starts from a state just after the jump of a crossing."""
         # the step length depends on the parameters, but the result does not depend on the step length
-        dt = self.share * jax.lax.stop_gradient(step_of(self.model, self.numerics, params))
+        dt = self.numerics.factor * jax.lax.stop_gradient(step_of(self.model, self.numerics, params))
         stop = LATEST * self.model.period(params)
-        carry = start(self.model, params, state, dt=dt, stop=stop, share=self.share)
+        carry = start(self.model, params, state, dt=dt, stop=stop, share=self.numerics.factor)
         limit = ATTEMPTS_PER_STEP * (carry.stop / dt * self.numerics.steps_in_longest + 1000.0)
         limit = jnp.where(limit < jnp.inf, limit, 0.0)  # also NaN, which no number of attempts exceeds
         if self._evaluate is None:
@@ -120,7 +118,7 @@ class PoincareReturn:
 
 
 @cached_by_content(maxsize=16)
-def crossing_of(model: Model, numerics: Numerics, engine: str = "auto", share: float = 1.0) -> Crossing:
+def crossing_of(model: Model, numerics: ResolvedNumerics, engine: str = "auto") -> Crossing:
     """The function `(params, state) -> (t, state, status)` up to the next crossing.
 
     `t` is the time that it takes (s), `state` the state just after the crossing's jump, `status` the
@@ -131,7 +129,6 @@ def crossing_of(model: Model, numerics: Numerics, engine: str = "auto", share: f
         numerics: the method and its tolerances. With fixed steps no event is located: the state is a
             discontinuous function of its start, and derivatives are refused.
         engine: kernel, xla, or auto: kernel where the model and the machine allow it.
-        share: factor on the step lengths, at most 1.
 
     Raises:
         ArgumentError: the engine is unknown.
@@ -139,8 +136,7 @@ def crossing_of(model: Model, numerics: Numerics, engine: str = "auto", share: f
     """
     if engine not in ("auto", "kernel", "xla"):
         raise ArgumentError(f"engine is {engine}. Allowed: auto, kernel, xla.")
-    crossing = PoincareReturn(model, numerics, share)
-    numerics = crossing.numerics
+    crossing = PoincareReturn(model, numerics)
 
     def by_xla(params: Params, state: State) -> Returned:
         end = jax.lax.while_loop(

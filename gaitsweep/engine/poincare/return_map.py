@@ -21,7 +21,7 @@ from gaitsweep.contract import Chart, Model, Params, Quantity, State
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.fork import refuse_fork
 from gaitsweep.engine.leaves import float_leaves, is_float, with_float_leaves
-from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
 from gaitsweep.engine.poincare.maps import Map, Points, Values
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus, crossing_of
 from gaitsweep.errors import ArgumentError
@@ -70,19 +70,23 @@ class BatchedReturnMap(Map):
             size, and derivatives are refused.
         engine: kernel, xla, or auto: kernel where the model and the machine allow it.
         cycles: crossings from a point to its image.
-        share: factor on the step lengths, at most 1; tolerances become finer accordingly.
     """
 
     model: Model
     settings: tuple[tuple[str, float | str], ...] = ()
-    numerics: Numerics = dataclasses.field(default_factory=Numerics)
+    numerics: Numerics | ResolvedNumerics = dataclasses.field(default_factory=Numerics)
     engine: str = "auto"
     cycles: int = 1
-    share: float = 1.0
 
-    def refined(self, share: float = 0.5) -> BatchedReturnMap:
-        """The same map with this share of the step: half of it, or tolerances 32 times finer."""
-        return dataclasses.replace(self, share=share * self.share)
+    @cached_property
+    def integration(self) -> ResolvedNumerics:
+        """The resolved numerics; those of a job's map are resolved already."""
+        given = self.numerics
+        return given if isinstance(given, ResolvedNumerics) else given.resolve(self.model)
+
+    def refined(self, factor: float = 0.5) -> BatchedReturnMap:
+        """The same map with a factor on its steps: half of them, or tolerances 32 times finer."""
+        return dataclasses.replace(self, numerics=self.integration.refined(factor))
 
     @cached_property
     def chart(self) -> Chart:
@@ -122,7 +126,7 @@ class BatchedReturnMap(Map):
         """The time (s) to the next crossing, the state just after it, and the `ReturnStatus`, in JAX."""
         total = jnp.zeros(())
         status = jnp.asarray(ReturnStatus.crossed, jnp.int32)
-        crossing = crossing_of(self.model, self.numerics, self.engine, self.share)
+        crossing = crossing_of(self.model, self.integration, self.engine)
         for _ in range(self.cycles):
             t, state, found = crossing(params, state)
             total = total + t

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Params, Rates
 from gaitsweep.engine.advance import Carry, advance, select
-from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.propose import move
 
 # Stages of the next evaluation: 1 to 3 are those after the first stage of a step, then the trial follows.
@@ -48,7 +48,7 @@ def begin(model: HybridModel, params: Params, carry: Carry) -> Pair:
     return carry, Stages(jnp.full_like(carry.halt, TRIAL), at, unknown, unknown)
 
 
-def stagewise(model: HybridModel, numerics: Numerics) -> Callable[[Params, Pair], Pair]:
+def stagewise(model: HybridModel, numerics: ResolvedNumerics) -> Callable[[Params, Pair], Pair]:
     """The function of one stage; forward-mode derivatives include those of located event times."""
 
     def evaluate(params: Params, pair: Pair) -> Pair:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gaitsweep.engine.numerics import SHARE
+from gaitsweep.engine.numerics import STEP_FACTOR
 from gaitsweep.engine.sweep.lane import ChunkOutput
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
@@ -61,7 +61,7 @@ class Block:
         self.first = number * spec.block
         self.rows = min(spec.block, spec.n_rows - self.first)
         params, starts = spec.values(self.first, self.first + self.rows)
-        self.starts = {SHARE: np.ones(self.rows), **starts}
+        self.starts = {STEP_FACTOR: np.full(self.rows, spec.numerics.factor), **starts}
         self.params = spec.model.on_host(params)
         self.opened = 0  # rows of `waiting` that have a lane already
         self.status = np.zeros(self.rows, np.int32)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from gaitsweep.contract import Model
-from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep import xla
 from gaitsweep.engine.sweep.lane import Device, RowDrive
@@ -33,7 +33,7 @@ def choose(
     device: Device,
     model: Model,
     recorder: Recorder,
-    numerics: Numerics,
+    numerics: ResolvedNumerics,
     drive: RowDrive | None,
 ) -> tuple[str, str | None]:
     """The name of the engine, and the reason where `auto` cannot use its first choice, the kernel.
@@ -57,7 +57,7 @@ def choose(
 
 
 def _obstacle(
-    device: Device, model: Model, recorder: Recorder, numerics: Numerics, drive: RowDrive | None
+    device: Device, model: Model, recorder: Recorder, numerics: ResolvedNumerics, drive: RowDrive | None
 ) -> str | None:
     """The reason why a scalar kernel is not available, in words, or None."""
     if model.host_parameters:

@@ -11,7 +11,7 @@ import numpy as np
 
 from gaitsweep.contract import Model, Params
 from gaitsweep.engine.advance import Carry, advance, start
-from gaitsweep.engine.numerics import SHARE, Numerics, step_of
+from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics, step_of
 from gaitsweep.engine.recorders.recorder import Record, Recorder
 
 # The parameters at a time (s), from the values of a row: a ramp or a staircase. Its optional attribute
@@ -47,9 +47,9 @@ class OneLane:
     """Opening, an attempt and a poll of one trajectory: pure functions of scalars and small arrays."""
 
     def __init__(
-        self, model: Model, recorder: Recorder, numerics: Numerics, drive: RowDrive | None = None
+        self, model: Model, recorder: Recorder, numerics: ResolvedNumerics, drive: RowDrive | None = None
     ) -> None:
-        self.model, self.recorder, self.numerics = model, recorder, numerics.of(model)
+        self.model, self.recorder, self.numerics = model, recorder, numerics
         self.driven = drive is not None
         self.at = drive if drive is not None else lambda values, t: model.params(values)
         self._advance = advance(model, numerics, drive=drive)
@@ -59,7 +59,7 @@ class OneLane:
         zero = jnp.zeros((), self.numerics.carried)
         params = self.at(values, zero)
         state = self.model.init(params, starts)
-        share = jnp.asarray(starts.get(SHARE, 1.0), zero.dtype)
+        share = jnp.asarray(starts.get(STEP_FACTOR, self.numerics.factor), zero.dtype)
         dt = share * self._longest_step(values, params)
         carry = start(self.model, params, state, dt=dt, stop=self.recorder.stop(params), share=share)
         # constants of a trajectory are computed once

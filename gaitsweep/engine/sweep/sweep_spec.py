@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable
 
 from gaitsweep.contract import Model, Params
-from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep.lane import Device, Values
 
@@ -18,14 +18,14 @@ class SweepSpec:
     `values(first, last)` returns the parameters and the initial conditions of rows first..last-1, arrays of
     that length by name; `drive` returns the parameters at a time from a row's values, for ramps and
     staircases; `engine` is xla or kernel; `block` is the number of rows in a block, `lanes` that of lanes on
-    each device. The initial conditions may contain `SHARE`, the factor on a row's step lengths. `varied` are
-    names of parameters that may differ between rows even where those of this sweep do not: sweeps that vary
-    the same ones share a kernel of a GPU, whatever their rows are.
+    each device. The initial conditions may contain `STEP_FACTOR`, the factor on a row's step lengths.
+    `varied` are names of parameters that may differ between rows even where those of this sweep do not:
+    sweeps that vary the same ones share a kernel of a GPU, whatever their rows are.
     """
 
     model: Model
     recorder: Recorder
-    numerics: Numerics
+    numerics: ResolvedNumerics
     n_rows: int
     block: int
     lanes: int

@@ -23,7 +23,7 @@ from gaitsweep.contract import Model, Status
 from gaitsweep.engine.advance import Carry, select
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.fork import refuse_fork
-from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL, UNSEEN, Record, Recorder
 from gaitsweep.engine.sweep.lane import ChunkOutput, Device, OneLane, RowDrive, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
@@ -131,7 +131,7 @@ class XlaLanes:
 # cached for the process, so that a notebook that runs a job again does not compile again
 @cached_by_content(maxsize=16)
 def _programs(
-    model: Model, recorder: Recorder, numerics: Numerics, drive: RowDrive | None
+    model: Model, recorder: Recorder, numerics: ResolvedNumerics, drive: RowDrive | None
 ) -> tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]:
     """The programs that open rows, merge them into lanes and run a chunk; each device compiles its own."""
     one = OneLane(model, recorder, numerics, drive)

@@ -526,12 +526,12 @@ def foot_slip(table: pd.DataFrame, *, take: str = "median") -> float:
     A foot that bounces is still in its stance; where it is off the ground counts for nothing.
     """
     require(table, "row", "t", *(f"q_{i}" for i in range(16)))
-    plan = stored_job(table.attrs).plan
+    design = stored_job(table.attrs).design
     feet = jax.jit(jax.vmap(lambda m, q: m.feet(q, jnp.zeros(15))[0], in_axes=(None, 0)))
     moved = []
     for row, part in table.groupby("row"):
         part = part.sort_values("t")
-        t, mechanics = part["t"].to_numpy(float), row_params(plan, int(str(row))).mechanics
+        t, mechanics = part["t"].to_numpy(float), row_params(design, int(str(row))).mechanics
         at = np.asarray(feet(mechanics, jnp.asarray(part[[f"q_{i}" for i in range(16)]].to_numpy(float))))
         for i in LIMBS:
             down = part[f"contact_{i + 1}"].to_numpy(float) > 0.5

@@ -20,7 +20,7 @@ def check_cells(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     if figure.panels not in (None, *table.varied):
         return
     shown = {figure.x, figure.y, figure.panels}
-    others = [axis for axis in table.rows.axes if axis.length > 1 and not shown & set(axis.names)]
+    others = [group for group in table.rows.groups if group.length > 1 and not shown & set(group.names)]
     if others and table.rows.in_cells(figure.x) and table.rows.in_cells(figure.y):
         name = others[0].names[0]
         field = "params" if name in [q.name for q in table.model.parameters] else "start"

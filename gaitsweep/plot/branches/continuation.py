@@ -19,10 +19,10 @@ from matplotlib.patches import Patch
 from pydantic import Field
 
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
-from gaitsweep.kinds.numbers import Real, Text
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, described, is_angle, moved_parameter
 from gaitsweep.plot.figure_kind import Column, Observed, Title, figure_kind
+from gaitsweep.schema.numbers import Real, Text
 
 _STABLE, _UNSTABLE = "#0072B2", "#D55E00"
 # fill and hatch of the ranges beside the branches, in order

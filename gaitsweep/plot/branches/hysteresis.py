@@ -25,7 +25,6 @@ from gaitsweep.analysis.transitions.transition_points import (
     largest_jumps,
     transition_points,
 )
-from gaitsweep.kinds.numbers import Positive, Real, Text
 from gaitsweep.plot import style
 from gaitsweep.plot.branches.passes import DOWN, UP, draw_arrows, draw_row
 from gaitsweep.plot.columns import (
@@ -41,6 +40,7 @@ from gaitsweep.plot.columns import (
 )
 from gaitsweep.plot.figure_kind import Observable, Observed, Panels, PlannedTable, Refusal, Title, figure_kind
 from gaitsweep.plot.provenance_marks import remarks
+from gaitsweep.schema.numbers import Positive, Real, Text
 from gaitsweep.table import TableError, load
 
 _PANELS_A_ROW = 3

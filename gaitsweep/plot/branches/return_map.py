@@ -13,7 +13,6 @@ from matplotlib.lines import Line2D
 
 from gaitsweep.analysis.circular import cut, on_line
 from gaitsweep.analysis.transitions.return_map import drift, fixed_points, ghosts, pairs
-from gaitsweep.kinds.numbers import word
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import (
     PlotError,
@@ -26,6 +25,7 @@ from gaitsweep.plot.columns import (
     written,
 )
 from gaitsweep.plot.figure_kind import Bandwidth, Observed, Panels, Title, figure_kind
+from gaitsweep.schema.numbers import word
 
 _PANELS_A_ROW = 3
 _MOST_PANELS = 24

@@ -33,7 +33,7 @@ from gaitsweep.runs.cluster.task import (
     run_block,
 )
 from gaitsweep.runs.cluster.workers import Workers
-from gaitsweep.runs.prepare import Prepared
+from gaitsweep.runs.prepare import RunContext
 from gaitsweep.table import ResultDirectory, replace_file, writing
 from gaitsweep.table.block_locks import BLOCK_LOCKS
 
@@ -111,11 +111,13 @@ class Cluster:
         return self.workers.note
 
     @contextlib.contextmanager
-    def serve(self, ready: Prepared, directory: ResultDirectory, wait: Callable[[], None]) -> Iterator[None]:
+    def serve(
+        self, context: RunContext, directory: ResultDirectory, wait: Callable[[], None]
+    ) -> Iterator[None]:
         """A context in which `run_blocks` may be called, for tables of one job.
 
         Args:
-            ready: the job made ready.
+            context: the job's context.
             directory: its result directory.
             wait: called while the client waits for the cluster; what it raises ends the waiting.
 
@@ -129,11 +131,11 @@ class Cluster:
         if not self.collect:
             with writing(f"{directory.path} cannot be written"):
                 replace_file(probe, lambda file: file.write(token.encode()))
-        self.workers.on_card = ready.work.devices[0].platform == "gpu"
+        self.workers.on_card = context.spec.devices[0].platform == "gpu"
         self._ticket = JobTicket(
             json.dumps(directory.manifest["job"]),
-            own_modules(ready),
-            tuple(identity_of(ready).items()),
+            own_modules(context),
+            tuple(identity_of(context).items()),
             None if self.collect else (str(probe.absolute()), token),
         )
         try:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from gaitsweep.errors import UserError
 from gaitsweep.models.own_modules import installed
-from gaitsweep.runs.prepare import Prepared
+from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.provenance import versions
 
 Identity = Mapping[str, str]
@@ -32,17 +32,17 @@ class WorkerUnfit(UserError):
         return WorkerUnfit, (str(self), self.address)
 
 
-def identity_of(ready: Prepared) -> Identity:
+def identity_of(context: RunContext) -> Identity:
     """Identity of this process for a job."""
     return {
         **versions(),
         "gaitsweep's source": _source_digest()[:12],
         "the processor": _processor(),
-        "the platform": ready.work.devices[0].platform,
-        "the engine": ready.engine,
-        "the lanes": str(ready.work.lanes),
-        "the model's program": hashlib.sha256(json.dumps(dict(ready.program)).encode()).hexdigest()[:12],
-        "the job's hash": ready.job_hash[:12],
+        "the platform": context.spec.devices[0].platform,
+        "the engine": context.engine,
+        "the lanes": str(context.spec.lanes),
+        "the model's program": hashlib.sha256(json.dumps(dict(context.program)).encode()).hexdigest()[:12],
+        "the job's hash": context.job_hash[:12],
     }
 
 
@@ -60,10 +60,10 @@ def difference(there: Identity, here: Identity) -> str | None:
     return "; ".join(found) or None
 
 
-def own_modules(ready: Prepared) -> tuple[tuple[str, str], ...]:
+def own_modules(context: RunContext) -> tuple[tuple[str, str], ...]:
     """The user's modules that a job needs, with the folders from which they are imported."""
     found: dict[str, str] = {}
-    for own in (type(ready.plan.model), type(ready.job.run)):
+    for own in (type(context.model), type(context.job.run)):
         module = inspect.getmodule(own)
         file = getattr(module, "__file__", None)
         if module is None or file is None or module.__name__.startswith("gaitsweep.") or installed(module):

@@ -20,7 +20,7 @@ import pandas as pd
 from gaitsweep.errors import FAILED, UserError
 from gaitsweep.job import Job
 from gaitsweep.runs.cluster.identity import WorkerUnfit, difference, identity_of
-from gaitsweep.runs.prepare import Prepared, prepare
+from gaitsweep.runs.prepare import RunContext, prepare
 from gaitsweep.runs.refined import Round
 from gaitsweep.runs.some_blocks import run_blocks
 from gaitsweep.runs.summary import quantities_of
@@ -176,13 +176,15 @@ def _held(writer: PartWriter, number: int, patience: float) -> Iterator[bool]:
 
 def _computed(assignment: Assignment, writer: PartWriter, number: int, rows: np.ndarray | None) -> bytes:
     """The part of a block, computed here."""
-    ready = _prepared(assignment.ticket)
-    model, quantities = ready.work.model, None
+    context = _prepared(assignment.ticket)
+    model, quantities = context.model, None
     if rows is None:
-        quantities = quantities_of(model, ready.job.run.columns(model))
+        quantities = quantities_of(model, context.job.run.columns(model))
     else:  # a round of a refined run, whose columns have no units in one process either
         before = number * assignment.block
-        ready = Round.of(ready, assignment.n_rows, lambda first, stop: rows[first - before : stop - before])
+        context = Round.of(
+            context, assignment.n_rows, lambda first, stop: rows[first - before : stop - before]
+        )
     found: list[bytes] = []
     last = time.monotonic()
 
@@ -195,7 +197,7 @@ def _computed(assignment: Assignment, writer: PartWriter, number: int, rows: np.
             _stop_if_unwanted()
             last = time.monotonic()
 
-    run_blocks(ready, [number], keep, between)
+    run_blocks(context, [number], keep, between)
     return found[0]
 
 
@@ -232,8 +234,8 @@ def _cores() -> int | None:
 
 
 @functools.lru_cache(maxsize=4)
-def _prepared(ticket: JobTicket) -> Prepared:
-    """The job made ready in this process, which has been compared with the client's."""
+def _prepared(ticket: JobTicket) -> RunContext:
+    """The context of the job in this process, which has been compared with the client's."""
     if ticket.probe is not None:
         _look_for(*ticket.probe)
     for module, folder in ticket.modules:
@@ -249,17 +251,17 @@ def _prepared(ticket: JobTicket) -> Prepared:
     try:
         job = Job.model_validate(json.loads(ticket.job))
         job = job.model_copy(update={"engine": job.engine.model_copy(update={"devices": None})})
-        ready = prepare(job)
+        context = prepare(job)
     except UserError as error:
         raise WorkerUnfit(f"the job is refused there: {error.sentence}") from error
-    work = ready.work
-    if work.devices[0].platform == "cpu" and (cores := _cores()) is not None:
+    spec = context.spec
+    if spec.devices[0].platform == "cpu" and (cores := _cores()) is not None:
         # the results do not depend on the number of devices
-        ready = dataclasses.replace(ready, work=dataclasses.replace(work, devices=work.devices[:cores]))
-    found = difference(identity_of(ready), dict(ticket.identity))
+        context = dataclasses.replace(context, spec=dataclasses.replace(spec, devices=spec.devices[:cores]))
+    found = difference(identity_of(context), dict(ticket.identity))
     if found is not None:
         raise WorkerUnfit(found)
-    return ready
+    return context
 
 
 @functools.lru_cache(maxsize=16)

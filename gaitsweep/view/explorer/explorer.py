@@ -25,7 +25,7 @@ from gaitsweep.job.stored import stored_job
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.plot.provenance_marks import remarks
-from gaitsweep.runs.prepare import Prepared, prepare
+from gaitsweep.runs.prepare import RunContext, prepare
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.self_check import changes, circular
 from gaitsweep.skeleton import LimbLook
@@ -163,17 +163,17 @@ def _page(
     least = f"The page needs {(frame_size + 0.2 * _MB) / _MB:.1f} MB without any walk"
     if room < 0.2 * _MB:
         raise ExplorerSizeError(f"{least}, but --max-size is {max_size:g} MB.")
-    ready = prepare(job)
-    table = _labelled(table, ready)
+    context = prepare(job)
+    table = _labelled(table, context)
     shown = map_of(table, job, *axes, _most_records(table, _TABLE_SHARE * room))
     fields = _table_fields(shown)
     room -= len(compressed(_json(fields)))
     if room < 0:
         raise ExplorerSizeError(f"The table alone takes more than --max-size, {max_size:g} MB.")
     spent = table.attrs.get("manifest", {}).get("timings", {}).get("run_s", 0.0)
-    chosen = _Walks(shown, ready, walks, float(spent), progress)
+    chosen = _Walks(shown, context, walks, float(spent), progress)
     fields |= chosen.fields(room)
-    fields |= _about(shown, table, ready, chosen)
+    fields |= _about(shown, table, context, chosen)
     data = compressed(_json(fields))
     told = chosen.sentence
     parts = {"title": fields["name"], "told": told}
@@ -182,34 +182,36 @@ def _page(
     return _filled(parts, script, data, size)
 
 
-def _labelled(table: pd.DataFrame, ready: Prepared) -> pd.DataFrame:
+def _labelled(table: pd.DataFrame, context: RunContext) -> pd.DataFrame:
     """A table with a gait for each record: of crossings, the gait that their observables are labelled as."""
-    run = ready.job.run
+    run = context.job.run
     if "gait" not in table.columns:
-        names = [q.name for q in ready.work.model.observables]
+        names = [q.name for q in context.model.observables]
         seen = table[[f"{name}_n" for name in names]].to_numpy(float)
         rows = table["row"].to_numpy(np.int64)
-        codes = _gaits(ready, rows, table["t"].to_numpy(float), dict(zip(names, seen.T, strict=True)))
+        codes = _gaits(context, rows, table["t"].to_numpy(float), dict(zip(names, seen.T, strict=True)))
         codes = np.where(np.isfinite(seen).all(axis=1), codes, -1)
         if not run.moved:  # all crossings of a start lead to one gait, that of the last
             last = pd.Series(codes).groupby(rows).transform("last").to_numpy()
             codes = np.asarray(last, np.int64)
         attrs = table.attrs
-        table = table.assign(gait=gaits(ready.work.model, codes))
+        table = table.assign(gait=gaits(context.model, codes))
         table.attrs = attrs
     if run.kind_name == "return_map":
-        drawn = next((f.y for f in ready.job.figures if getattr(f, "y", None)), None)  # pyright: ignore[reportAttributeAccessIssue]
+        drawn = next((f.y for f in context.job.figures if getattr(f, "y", None)), None)  # pyright: ignore[reportAttributeAccessIssue]
         names = [f"{drawn}_n"] if drawn else []
-        names += [f"{q.name}_n" for q in ready.work.model.observables]
+        names += [f"{q.name}_n" for q in context.model.observables]
         table = with_next(table, next(name for name in names if name in table.columns))
     return table
 
 
-def _gaits(ready: Prepared, rows: np.ndarray, t: np.ndarray, seen: Mapping[str, np.ndarray]) -> np.ndarray:
+def _gaits(
+    context: RunContext, rows: np.ndarray, t: np.ndarray, seen: Mapping[str, np.ndarray]
+) -> np.ndarray:
     """The number of the gait (n,) that the observables of n records, at times `t` (n,) s, are labelled as."""
-    model, drive = ready.work.model, ready.work.drive
+    model, drive = context.model, context.spec.drive
     some, place = np.unique(rows, return_inverse=True)
-    parameters, _ = ready.plan.values_in(some)
+    parameters, _ = context.design.values_in(some)
     held = {name: jnp.asarray(each)[place] for name, each in model.on_host(parameters).items()}
 
     def one(values: Any, time: jax.Array, observed: Any) -> jax.Array:
@@ -257,20 +259,20 @@ class _Walks:
 
     Args:
         shown: the records of the page.
-        ready: their job.
+        context: their job.
         most: how many walk at most.
         spent: seconds that the job took.
         progress: told how far it is.
     """
 
     def __init__(
-        self, shown: StartMap, ready: Prepared, most: int, spent: float, progress: Progress | None
+        self, shown: StartMap, context: RunContext, most: int, spent: float, progress: Progress | None
     ) -> None:
-        self._ready, self._progress = ready, progress
-        self._model, self._shown = ready.work.model, shown.table
+        self._context, self._progress = context, progress
+        self._model, self._shown = context.model, shown.table
         self._table = shown.table.reset_index(drop=True)
         self._table.attrs = {}  # which pandas would copy with each record
-        self._watches, self._beside = watches(shown, self._table, ready, most, spent, self._following)
+        self._watches, self._beside = watches(shown, self._table, context, most, spent, self._following)
         self._parts: BodyParts | None = None
         self._sizes: list[tuple[float, float, float]] = []
         self.series = self._drawn_over_cycles()
@@ -334,7 +336,7 @@ class _Walks:
 
     def _differs(self, record: int, watched: Watched) -> dict[str, Any]:
         """Describe how a row that was simulated again differs from the table's, where it does."""
-        row, run = self._table.iloc[record], self._ready.job.run
+        row, run = self._table.iloc[record], self._context.job.run
         if run.kind_name == "continuation":  # a fixed point, which the next crossing has to give back
             return self._apart(record, watched, 1, "n")
         if not run.one_a_row or str(row["status"]) not in SETTLED:
@@ -419,7 +421,7 @@ class _Walks:
 
     def _tell(self, kept: list[dict[str, Any]], made: int) -> None:
         """Say how many walk, and how many of them differ from their records."""
-        starts = self._ready.job.run.one_a_row or self._ready.job.run.kind_name == "return_map"
+        starts = self._context.job.run.one_a_row or self._context.job.run.kind_name == "return_map"
         total = self._table["row"].nunique() if starts else len(self._table)
         noun = ("start" if starts else "record") + "s" * (total != 1)
         beside = f", {self._beside} of them beside a boundary" if self._beside and len(kept) == made else ""
@@ -429,9 +431,9 @@ class _Walks:
         self.sentence = f"{len(kept)} of {total} {noun} walk{beside}{full}{differ}."
 
 
-def _about(shown: StartMap, table: pd.DataFrame, ready: Prepared, walks: _Walks) -> dict[str, Any]:
+def _about(shown: StartMap, table: pd.DataFrame, context: RunContext, walks: _Walks) -> dict[str, Any]:
     """Header of the page: name, model, limbs, remarks and provenance."""
-    job, model = ready.job, ready.work.model
+    job, model = context.job, context.model
     manifest = table.attrs.get("manifest", {})
     told = [*remarks(table)]
     if shown.thinned:

@@ -91,8 +91,8 @@ def map_of(table: pd.DataFrame, job: Job, x: str | None, y: str | None, most: in
     x, y = _axes(table, job, x, y)
     outcomes, outcome = _outcomes(table)
     shown = StartMap(table, POINTS, x, y, [], outcomes, outcome, diagonal=x == _this(y) and y != x)
-    groups = [group for group in job.plan.groups if group.length > 1]
-    along = [next((i for i, group in enumerate(groups) if name in group.points), None) for name in (x, y)]
+    groups = [group for group in job.design.groups if group.length > 1]
+    along = [next((i for i, group in enumerate(groups) if name in group.axes), None) for name in (x, y)]
     taken = [i for i in along if i is not None]
     if job.run.one_a_row and len(set(taken)) == 2:
         values = [np.unique(table[name].to_numpy(float)) for name in (x, y)]
@@ -116,7 +116,7 @@ def _cells(shown: StartMap, values: list[np.ndarray], job: Job, taken: list[int]
     values = [each[::step] for each in values]
     table = rows_where(table, kept)
     row = table["row"].to_numpy(np.int64)
-    grids = job.plan.grids
+    grids = job.design.grids
     return dataclasses.replace(
         shown,
         kind=CELLS,
@@ -169,20 +169,20 @@ def _this(y: str) -> str:
 
 def _axes(table: pd.DataFrame, job: Job, x: str | None, y: str | None) -> tuple[str, str]:
     run = job.run
-    observables = [f"{q.name}_{'end' if run.one_a_row else 'n'}" for q in job.plan.model.observables]
+    observables = [f"{q.name}_{'end' if run.one_a_row else 'n'}" for q in job.design.model.observables]
     drawn = [figure for figure in job.figures if getattr(figure, "y", None) is not None]
     with_both = [figure for figure in drawn if getattr(figure, "x", None) is not None]
     suffixes = ("", "_end") if run.one_a_row else ("_n", "")
     if run.one_a_row:
         known = (with_both[0].x, with_both[0].y) if with_both else (None, None)  # pyright: ignore[reportAttributeAccessIssue]
-        several = [axis for axis in job.plan.axes if axis.length > 1]
+        several = [axis for axis in job.design.groups if axis.length > 1]
         # what moves alone says more than a zip, whose values go by its first name
         longest = sorted(several, key=lambda axis: (len(axis.names) > 1, -axis.length))
         names = [axis.names[0] for axis in longest[:2]]
-        if len(longest) == 1 and len(longest[0].names) > 1 and job.plan.groups[0].drawn:
+        if len(longest) == 1 and len(longest[0].names) > 1 and job.design.groups[0].drawn:
             names = list(longest[0].names[:2])
         elif len(names) == 2:
-            places = [job.plan.names.index(name) for name in names]
+            places = [job.design.names.index(name) for name in names]
             names = [names[i] for i in np.argsort(places)[::-1]]  # the last varies fastest
         names = [*names, *observables[:1]] if names else ["row", observables[0]]
         default = known if None not in known and set(known) <= set(table.columns) else names[:2]
@@ -242,24 +242,24 @@ def _slices(
     table: pd.DataFrame, job: Job, row: np.ndarray, taken: Sequence[int], few: int | None = None
 ) -> list[Slice]:
     """The axes that are not drawn; with `few`, only parameters that have no more values."""
-    groups = [(place, group) for place, group in enumerate(job.plan.groups) if group.length > 1]
+    groups = [(place, group) for place, group in enumerate(job.design.groups) if group.length > 1]
     found = []
     for number, (place, group) in enumerate(groups):
         if number in taken or (few is not None and (group.length > few or not _parameters(job, group))):
             continue
-        index = row // job.plan.stride(place) % group.length
+        index = job.design.index(row, place)
         texts = []
         for value in range(group.length):
-            rows = np.array([value * job.plan.stride(place)])
-            there = job.plan.at(rows, tuple(group.points))
+            rows = np.array([value * job.design.stride(place)])
+            there = job.design.at(rows, tuple(group.axes))
             texts.append(", ".join(written(table, name, float(v[0])) for name, v in there.items()))
-        found.append(Slice(next(iter(group.points)), texts, index))
+        found.append(Slice(next(iter(group.axes)), texts, index))
     return found
 
 
 def _parameters(job: Job, group: Any) -> bool:
-    names = {q.name for q in job.plan.model.parameters}
-    return any(name in names for name in group.points)
+    names = {q.name for q in job.design.model.parameters}
+    return any(name in names for name in group.axes)
 
 
 def _ordinal(number: int) -> str:

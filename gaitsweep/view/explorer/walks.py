@@ -145,7 +145,7 @@ class Walker:
     """Simulates rows again, and draws stretches of their motion.
 
     Args:
-        work: how rows of their job are run.
+        spec: how rows of their job are run.
         rows: the numbers (n,) by which they are known.
         parameters, starts: their values (n,) by name.
         begun: values of parameters that move, by name, where they begin.
@@ -153,14 +153,14 @@ class Walker:
 
     def __init__(
         self,
-        work: SweepSpec,
+        spec: SweepSpec,
         rows: np.ndarray,
         parameters: Mapping[str, np.ndarray],
         starts: Mapping[str, np.ndarray],
         begun: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
-        self._work, self._rows, self._given = work, rows, (parameters, starts)
-        model = work.model
+        self._work, self._rows, self._given = spec, rows, (parameters, starts)
+        model = spec.model
         there = {**parameters, **{name: np.full(rows.size, value) for name, value in begun.items()}}
         self._parameters = [{k: float(v[i]) for k, v in there.items()} for i in range(rows.size)]
         hosted = {name: jnp.asarray(each) for name, each in model.on_host(there).items()}
@@ -171,9 +171,9 @@ class Walker:
 
     def watched(self, windows: Windows, told: Told | None = None) -> Iterator[Watched]:
         """The rows one after the other, simulated in one batch."""
-        rows, work = self._rows, self._work
+        rows, spec = self._rows, self._work
         recorder = WindowsRecorder(
-            work.model,
+            spec.model,
             self.every,
             int(np.ceil(windows.length / self.every)) + 1,
             windows.first,
@@ -185,9 +185,9 @@ class Walker:
         room = int(_BLOCK_BYTES / (8 * recorder.width * (recorder.total + cycles)))
         block = min(max(room, 1), rows.size)
         # programs of XLA are compiled for the width of the run
-        lanes = work.lanes if work.engine == "xla" else min(work.lanes, max(8, block))
-        spec = dataclasses.replace(
-            work,
+        lanes = spec.lanes if spec.engine == "xla" else min(spec.lanes, max(8, block))
+        batch = dataclasses.replace(
+            spec,
             recorder=recorder,
             n_rows=rows.size,
             block=block,
@@ -196,7 +196,7 @@ class Walker:
         )
         for number in range(-(-rows.size // block)):
             found: list[BlockResult] = []
-            sweep(spec, [number], lambda _, result, found=found: found.append(result), told)
+            sweep(batch, [number], lambda _, result, found=found: found.append(result), told)
             yield from self._of_block(found[0], recorder)
 
     def _values(self, first: int, last: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:

@@ -15,7 +15,7 @@ from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.kinds.continuation import Continuation
 from gaitsweep.kinds.run_kind import Between
 from gaitsweep.kinds.staircase import Staircase
-from gaitsweep.runs.prepare import Prepared
+from gaitsweep.runs.prepare import RunContext
 from gaitsweep.view.explorer.choice import cells_to_trace, spread
 from gaitsweep.view.explorer.section_states import states_at
 from gaitsweep.view.explorer.start_map import CELLS, StartMap
@@ -37,11 +37,11 @@ class Watch(abc.ABC):
     Args:
         table: the records of the page, numbered from 0.
         records: those that walk (n,), the most useful first.
-        ready: their job.
+        context: their job.
     """
 
-    def __init__(self, table: pd.DataFrame, records: np.ndarray, ready: Prepared) -> None:
-        self.table, self.records, self.ready = table, records, ready
+    def __init__(self, table: pd.DataFrame, records: np.ndarray, context: RunContext) -> None:
+        self.table, self.records, self.context = table, records, context
         self.row_of = table["row"].to_numpy(np.int64)
         self.rows = np.array(list(dict.fromkeys(self.row_of[records].tolist())), np.int64)
         self._mine: dict[int, list[int]] = {}
@@ -54,9 +54,9 @@ class Watch(abc.ABC):
 
     def walker(self) -> Walker:
         """Simulator of its rows."""
-        run = self.ready.job.run
+        run = self.context.job.run
         begun = {run.moved: run.turns[0]} if run.moved and run.turns else {}
-        return Walker(self.ready.work, self.rows, *self.ready.plan.values_in(self.rows), begun)
+        return Walker(self.context.spec, self.rows, *self.context.design.values_in(self.rows), begun)
 
     @abc.abstractmethod
     def windows(self, period: float) -> Windows:
@@ -164,7 +164,7 @@ class WatchMap(Watch):
 class WatchRamp(Watch):
     """Records of a ramp at equal times, `spacing` s: the cycles up to each."""
 
-    def __init__(self, table: pd.DataFrame, ready: Prepared, rows: np.ndarray, count: int) -> None:
+    def __init__(self, table: pd.DataFrame, context: RunContext, rows: np.ndarray, count: int) -> None:
         t, of_row = table["t"].to_numpy(float), table["row"].to_numpy(np.int64)
         end = float(np.nanmax(t[np.isin(of_row, rows)]))
         self._spacing, self._count = end / count, count
@@ -173,7 +173,7 @@ class WatchRamp(Watch):
             mine = np.flatnonzero((of_row == row) & np.isfinite(t))
             places = np.searchsorted(t[mine], self._spacing * np.arange(1, count + 1) * (1.0 + _SLACK))
             found += [int(mine[place - 1]) for place in np.unique(places) if place]
-        super().__init__(table, np.array(found, np.int64), ready)
+        super().__init__(table, np.array(found, np.int64), context)
 
     def windows(self, period: float) -> Windows:
         length = min((LAST_CYCLES + _SPARE_CYCLES) * period, 0.9 * self._spacing)
@@ -195,8 +195,8 @@ class WatchStairs(Watch):
 
     @property
     def _kind(self) -> Staircase:
-        assert isinstance(self.ready.job.run, Staircase)
-        return self.ready.job.run
+        assert isinstance(self.context.job.run, Staircase)
+        return self.context.job.run
 
     def windows(self, period: float) -> Windows:
         schedule = self._kind.schedule()
@@ -223,18 +223,18 @@ class WatchBranches(Watch):
 
     Args:
         table: the records of the page, numbered from 0.
-        ready: their job.
+        context: their job.
         rows: the rows (m,) whose branches are followed again.
         most: how many points walk at most.
         between: called before each step.
     """
 
     def __init__(
-        self, table: pd.DataFrame, ready: Prepared, rows: np.ndarray, most: int, between: Between
+        self, table: pd.DataFrame, context: RunContext, rows: np.ndarray, most: int, between: Between
     ) -> None:
-        run = ready.job.run
+        run = context.job.run
         assert isinstance(run, Continuation)
-        mapping, values, found = run.followed(ready.plan, ready.work, rows, between, with_points=True)
+        mapping, values, found = run.followed(context.design, context.spec, rows, between, with_points=True)
         of_row, point = table["row"].to_numpy(np.int64), table["point"].to_numpy(np.int64)
         known = {(row, n): record for record, (row, n) in enumerate(zip(of_row, point, strict=True))}
         records, points, moved, branch = [], [], [], []
@@ -249,7 +249,7 @@ class WatchBranches(Watch):
                 moved.append(each[run.parameter])
                 branch.append(each["row"])
         kept = spread(len(records))[:most] if records else np.zeros(0, np.int64)
-        super().__init__(table, np.array(records, np.int64)[kept], ready)
+        super().__init__(table, np.array(records, np.int64)[kept], context)
         self.rows = self.records  # each point is a trajectory of its own
         self._mine = {record: [record] for record in self.records.tolist()}
         place = np.array(branch, np.int64)[kept]
@@ -259,8 +259,8 @@ class WatchBranches(Watch):
 
     def walker(self) -> Walker:
         model, parameters, starts = self._start
-        work = dataclasses.replace(self.ready.work, model=model, drive=None)
-        return Walker(work, self.rows, parameters, starts)
+        spec = dataclasses.replace(self.context.spec, model=model, drive=None)
+        return Walker(spec, self.rows, parameters, starts)
 
     def windows(self, period: float) -> Windows:
         longest = float(np.nanmax(np.asarray(self.table["time"], float)[self.records]))
@@ -280,21 +280,21 @@ def _up_to(end: float, watched: Watched, name: str, period: float) -> list[Stret
     return [Stretch(name, max(0.0, end - LAST_CYCLES * period), end)]
 
 
-def _branches_in_time(ready: Prepared, spent: float, rows: int) -> int:
-    """Number of branches that can be followed again in the time allowed; each takes as long as in the job."""
-    each = spent / ready.plan.n_rows
+def _branches_in_time(context: RunContext, spent: float, rows: int) -> int:
+    """Number of branches to follow again, which takes as long as it took the job."""
+    each = spent / context.design.n_rows
     return max(1, min(rows, int(_LONGEST / each) if each > 0.0 else rows))
 
 
 def watches(
-    shown: StartMap, table: pd.DataFrame, ready: Prepared, most: int, spent: float, between: Between
+    shown: StartMap, table: pd.DataFrame, context: RunContext, most: int, spent: float, between: Between
 ) -> tuple[list[Watch], int]:
     """The records that walk, `most` at most, in groups that are simulated together.
 
     Args:
         shown: the map.
         table: its records, numbered from 0.
-        ready: their job.
+        context: their job.
         most: how many walk at most.
         spent: seconds that the job took.
         between: called now and then while branches are followed again.
@@ -302,16 +302,16 @@ def watches(
     Returns:
         The groups, and how many of the records lie beside a boundary.
     """
-    kind, beside = ready.job.run.kind_name, 0
+    kind, beside = context.job.run.kind_name, 0
     if most <= 0:
         return [], 0
     if kind == "continuation":
         found = np.unique(table["row"].to_numpy(np.int64)[np.isfinite(table["multiplier"].to_numpy(float))])
         if not len(found):
             return [], 0
-        rows = found[np.sort(spread(len(found))[: _branches_in_time(ready, spent, len(found))])]
-        return [WatchBranches(table, ready, rows, most, between)], 0
-    if ready.job.run.one_a_row:
+        rows = found[np.sort(spread(len(found))[: _branches_in_time(context, spent, len(found))])]
+        return [WatchBranches(table, context, rows, most, between)], 0
+    if context.job.run.one_a_row:
         simulated = np.isfinite(table["t_end"].to_numpy(float))  # and not inferred
         if shown.kind == CELLS:
             records, beside = cells_to_trace(shown, simulated, most)
@@ -320,7 +320,7 @@ def watches(
             records = records[spread(len(records))][:most] if len(records) else records
         failed = table["status"].astype(str).isin(list(FAILURES)).to_numpy()[records]
         groups = ((WatchStarts, records[~failed]), (WatchFailures, records[failed]))
-        return [watch(table, some, ready) for watch, some in groups if len(some)], beside
+        return [watch(table, some, context) for watch, some in groups if len(some)], beside
     usable = np.isfinite(table["t"].to_numpy(float))
     of_row = table["row"].to_numpy(np.int64)
     rows = np.unique(of_row[usable])
@@ -328,11 +328,11 @@ def watches(
         return [], 0
     if kind == "return_map":
         firsts = np.array([np.argmax(usable & (of_row == row)) for row in rows], np.int64)
-        return [WatchMap(table, firsts[spread(len(firsts))][:most], ready)], 0
+        return [WatchMap(table, firsts[spread(len(firsts))][:most], context)], 0
     if kind == "staircase":
         each = int(np.asarray(table["stair"]).max()) + 1
         kept = rows[np.sort(spread(len(rows))[: max(1, most // each)])]
-        return [WatchStairs(table, np.flatnonzero(usable & np.isin(of_row, kept)), ready)], 0
+        return [WatchStairs(table, np.flatnonzero(usable & np.isin(of_row, kept)), context)], 0
     kept = rows[np.sort(spread(len(rows))[: max(1, most // 2)])]
     count = int(min(_MOST_WINDOWS, max(2, most // len(kept))))
-    return [WatchRamp(table, ready, kept, count)], 0
+    return [WatchRamp(table, context, kept, count)], 0

@@ -86,7 +86,7 @@ def read_motion(directory: str | Path, row: int, trust: bool = False) -> Motion:
     if kind != "trace":
         raise PlotError(f"{directory} holds {kind} rows, which have no motion: use a run of kind trace.")
     part = _samples(table, directory, row)
-    rows = stored_job(table.attrs, trust).plan
+    rows = stored_job(table.attrs, trust).design
     missing = [quantity.name for quantity in rows.model.signals if quantity.name not in part.columns]
     if missing:
         names = ", ".join(missing[:_NAMED]) + (", ..." if len(missing) > _NAMED else "")

@@ -112,7 +112,7 @@ def test_a_worker_that_differs_is_refused_by_its_name_and_what_differs(
     client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     identity = dispatch.identity_of
-    monkeypatch.setattr(dispatch, "identity_of", lambda ready: {**identity(ready), "jax": "0.1"})
+    monkeypatch.setattr(dispatch, "identity_of", lambda context: {**identity(context), "jax": "0.1"})
     with pytest.raises(RunError, match=r"0: jax is \d.* there and 0.1 here"):
         gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
 
@@ -160,10 +160,10 @@ def test_a_block_that_fails_is_named_and_the_others_go_on(
 ) -> None:
     computed = task.run_blocks
 
-    def failing(ready: Any, blocks: list[int], *others: Any) -> None:
+    def failing(context: Any, blocks: list[int], *others: Any) -> None:
         if blocks == [3]:
             raise ZeroDivisionError("a fault")
-        computed(ready, blocks, *others)
+        computed(context, blocks, *others)
 
     with monkeypatch.context() as patched:
         patched.setattr(task, "run_blocks", failing)

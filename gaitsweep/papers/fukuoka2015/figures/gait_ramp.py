@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from gaitsweep.kinds.numbers import Count, word
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gaits_along
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import COLOURS, NAMES, ORDER, check_gaits
 from gaitsweep.plot import style
@@ -26,6 +25,7 @@ from gaitsweep.plot.columns import (
     written,
 )
 from gaitsweep.plot.figure_kind import Panels, PlannedTable, Refusal, Title, figure_kind
+from gaitsweep.schema.numbers import Count, word
 
 _BAR = 0.36
 

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from gaitsweep import near_miss
-from gaitsweep.kinds.numbers import Real, Text
 from gaitsweep.papers.fukuoka2015.analysis import loading_rule as rule
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
@@ -28,6 +27,7 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS, THRES
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import PlotError, column, rows_where, written
 from gaitsweep.plot.figure_kind import TEXT_COLUMNS, Column, PlannedTable, Refusal, Title, figure_kind
+from gaitsweep.schema.numbers import Real, Text
 
 _ACROSS = 3
 _OF_THE_RULE = "#F0F0F0"

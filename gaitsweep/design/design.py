@@ -1,4 +1,4 @@
-"""The rows of a job: what varies in each, and the complete parameters and starts, by index arithmetic."""
+"""The design of a job: the parameters and starts of each row, from the row's number."""
 
 from __future__ import annotations
 
@@ -13,21 +13,28 @@ from typing import Any
 import numpy as np
 
 from gaitsweep.contract import Model, Quantity
+from gaitsweep.design.axes import LinearSpacing, ListAxis, RangeAxis
+from gaitsweep.design.vary import Group
 from gaitsweep.expression import names_in, resolve
-from gaitsweep.job.axes import Spread, Steps
-from gaitsweep.job.vary import Group
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError
-from gaitsweep.kinds.numbers import bound
-from gaitsweep.kinds.run_kind import GridAxis, PlanAxis
+from gaitsweep.schema.diagnostics import Diagnostic, JobError
+from gaitsweep.schema.numbers import bound
 
 MOST_CHECKED = 1_000_000  # combinations of a formula's axes that are checked before a job runs
-MOST_DRAWN = 200_000  # points of an axis that are looked at for how they are drawn
+MOST_CELLS = 200_000  # points of an axis that are looked at for whether they are drawn as cells
 MOST_WORK = 20_000_000  # the same times the letters of all formulas that are worked out for each of them
 
 
 @dataclasses.dataclass(frozen=True)
-class Plan:
-    """A job's rows; nothing is held that grows with their number.
+class GridAxis:
+    """The place of an axis among a design's groups, and whether its last cell is next to its first."""
+
+    place: int
+    closed: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class Design:
+    """The rows of a job, whose values follow from their numbers; nothing grows with the number of rows.
 
     `settings` has a number or a formula for each parameter and start that does not vary, the model's
     defaults among them; NaN stands for a start that the model itself decides. The parameter of
@@ -45,14 +52,9 @@ class Plan:
         return math.prod(group.length for group in self.groups)
 
     @property
-    def axes(self) -> tuple[PlanAxis, ...]:
-        """The axes in the order in which they multiply: the last varies fastest."""
-        return tuple(PlanAxis(tuple(group.points), group.length) for group in self.groups)
-
-    @property
     def names(self) -> tuple[str, ...]:
         """The names that vary, in the order of the table's columns."""
-        return tuple(name for group in self.groups for name in group.points)
+        return tuple(name for group in self.groups for name in group.axes)
 
     @property
     def derived(self) -> dict[str, str]:
@@ -106,11 +108,16 @@ class Plan:
             if name not in needed:
                 continue
             if name in self._places:
-                group, stride = self._places[name]
-                known[name] = group.points[name].at(rows // stride % group.length, known)
+                place = self._places[name]
+                known[name] = self.groups[place].axes[name].at(self.index(rows, place), known)
             else:
                 known = resolve({name: self.settings[name]}, known)
         return {name: np.array(np.broadcast_to(known[name], rows.shape), dtype=np.float64) for name in wanted}
+
+    def row(self, number: int) -> dict[str, float]:
+        """All parameters and starts of a row; NaN for a start that the model itself decides."""
+        values = self.at(np.array([number]), self.order)
+        return {name: float(value[0]) for name, value in values.items()}
 
     def closure(self, names: Iterable[str]) -> set[str]:
         """The names and all that their formulas use, directly or not."""
@@ -132,7 +139,7 @@ class Plan:
     def uses(self, name: str) -> set[str]:
         """The quantities that the formulas of `name` use directly."""
         if name in self._places:
-            texts: tuple[float | str, ...] = self._places[name][0].points[name].formulas
+            texts: tuple[float | str, ...] = self.groups[self._places[name]].axes[name].formulas
         else:
             texts = (self.settings[name],)
         return {used for text in texts for used in names_in(text)} - set(self.sizes)
@@ -146,47 +153,49 @@ class Plan:
     @property
     def grids(self) -> dict[str, GridAxis]:
         """The axes of equal steps that move alone, by name."""
-        found: dict[str, GridAxis] = {}
-        for place, group in enumerate(self.groups):
-            for name, points in group.points.items():
-                if (
-                    len(group.points) == 1
-                    and isinstance(points, Spread)
-                    and isinstance(points.fraction, Steps)
-                ):
-                    found[name] = GridAxis(place, self._closed(name, points))
-        return found
+        return {
+            name: GridAxis(place, self._closed(name, axis))
+            for place, group in enumerate(self.groups)
+            for name, axis in group.axes.items()
+            if len(group.axes) == 1 and isinstance(axis, RangeAxis) and not axis.drawn
+        }
 
     def in_cells(self, name: str) -> bool:
         """Whether a name's points are sure to be drawn as cells: equal steps or ratios, or few points."""
-        group = self._places[name][0] if name in self._places else None
-        if group is None:
+        if name not in self._places:
             return False
-        points = group.points[name]
-        if points.formulas or points.length > MOST_DRAWN:
+        axis = self.groups[self._places[name]].axes[name]
+        if axis.formulas or axis.length > MOST_CELLS:
             return False
-        if isinstance(points, Spread) and isinstance(points.fraction, Steps):
-            return True
-        return np.unique(points.at(np.arange(points.length), {})).size <= 4
+        regular = isinstance(axis, RangeAxis) and not axis.drawn
+        return regular or np.unique(axis.at(np.arange(axis.length), {})).size <= 4
 
-    def _closed(self, name: str, points: Spread) -> bool:
+    def _closed(self, name: str, axis: RangeAxis) -> bool:
         """Whether an axis is an angle whose cells fill one turn."""
         quantities = {q.name: q for q in (*self.model.parameters, *self.model.initial_conditions)}
-        if not quantities[name].circular or points.logarithmic:
+        if not quantities[name].circular or axis.logarithmic or axis.formulas:
             return False
-        if isinstance(points.low, str) or isinstance(points.high, str):
-            return False
-        turn = math.isclose(points.high - points.low, 2.0 * math.pi)
-        return turn and isinstance(points.fraction, Steps) and points.fraction.at == "centre"
+        turn = math.isclose(float(axis.high) - float(axis.low), 2.0 * math.pi)
+        return turn and axis.fraction == LinearSpacing(axis.length, "centre")
+
+    def with_columns(self, columns: Mapping[str, np.ndarray]) -> Design:
+        """The design whose rows are the entries of these columns (n,); nothing else varies in it."""
+        settings = {name: value for name, value in self.settings.items() if name not in columns}
+        group = Group({name: ListAxis(column) for name, column in columns.items()})
+        return dataclasses.replace(self, groups=(group,), settings=settings)
 
     def stride(self, position: int) -> int:
         """Number of rows after which the group at `position` moves on."""
         return math.prod(group.length for group in self.groups[position + 1 :])
 
+    def index(self, rows: np.ndarray, position: int) -> np.ndarray:
+        """Which point of the group at `position` the rows (n,) have."""
+        return rows // self.stride(position) % self.groups[position].length
+
     def spans(self, name: str) -> tuple[int, ...]:
         """The positions of the groups on which the value of a name depends."""
         needed = self.closure([name])
-        return tuple(place for place, group in enumerate(self.groups) if needed & set(group.points))
+        return tuple(place for place, group in enumerate(self.groups) if needed & set(group.axes))
 
     def rows_over(self, points: np.ndarray, positions: Sequence[int]) -> np.ndarray:
         """The rows at combinations (n,) of the groups at `positions`, the others at their first point."""
@@ -224,12 +233,9 @@ class Plan:
         return frozenset(name for name in self.order if not self.checkable(name))
 
     @functools.cached_property
-    def _places(self) -> dict[str, tuple[Group, int]]:
-        return {
-            name: (group, self.stride(position))
-            for position, group in enumerate(self.groups)
-            for name in group.points
-        }
+    def _places(self) -> dict[str, int]:
+        """The position of the group of each name that varies."""
+        return {name: place for place, group in enumerate(self.groups) for name in group.axes}
 
     def _rows(self, start: int, stop: int) -> np.ndarray:
         if not 0 <= start <= stop <= self.n_rows:

@@ -1,11 +1,11 @@
-"""Parts of a job: pydantic models, and registries of them whose members a field `kind` selects."""
+"""Strict pydantic models, and registries of models of which a field `kind` selects one."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
 import operator
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
@@ -13,75 +13,66 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
 
-class Part(BaseModel):
-    """A part of a job: it has no field but its own and is frozen; its numbers may be expressions."""
+class StrictModel(BaseModel):
+    """A frozen model that refuses unknown fields; its numbers may be expressions."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-def kind_of(part: type[Part]) -> str:
-    """The value of the field `kind` that selects a part.
+def kind_of(model: type[StrictModel]) -> str:
+    """The value of the field `kind` that selects a model.
 
     Raises:
-        TypeError: the part has no field `kind: Literal["..."]`.
+        TypeError: the model has no field `kind: Literal["..."]`.
     """
-    field = part.model_fields.get("kind")
+    field = model.model_fields.get("kind")
     values = getattr(field and field.annotation, "__args__", ())
     if len(values) != 1 or not isinstance(values[0], str):
-        raise TypeError(f'{part.__name__} needs a field kind: Literal["its_name"].')
+        raise TypeError(f'{model.__name__} needs a field kind: Literal["its_name"].')
     return values[0]
 
 
-PartT = TypeVar("PartT", bound=Part)
+ModelT = TypeVar("ModelT", bound=StrictModel)
 
 
-class Registry(Mapping[str, type[PartT]]):
-    """Parts by their kind, in the order in which they were registered.
+class Registry(dict[str, type[ModelT]]):
+    """Models by their kind, in the order in which they were registered.
 
     Args:
         noun: what a sentence calls a member, such as "run".
-        parts: the members that are always there.
+        models: the members that are always there.
     """
 
-    def __init__(self, noun: str, parts: Iterable[type[PartT]]) -> None:
+    def __init__(self, noun: str, models: Iterable[type[ModelT]]) -> None:
+        super().__init__()
         self.noun = noun
-        self._parts: dict[str, type[PartT]] = {}
-        for part in parts:
-            self.register(part)
+        for model in models:
+            self.register(model)
 
-    def register(self, part: type[PartT]) -> type[PartT]:
-        """Add a part; usable as a decorator.
+    def register(self, model: type[ModelT]) -> type[ModelT]:
+        """Add a model; usable as a decorator.
 
         Raises:
-            TypeError: the part has no field `kind: Literal["its_name"]`.
-            ValueError: the registry has another part of this kind.
+            TypeError: the model has no field `kind: Literal["its_name"]`.
+            ValueError: the registry has another model of this kind.
         """
-        kind = kind_of(part)
-        if self._parts.setdefault(kind, part) is not part:
+        kind = kind_of(model)
+        if self.setdefault(kind, model) is not model:
             raise ValueError(f"There is a kind of {self.noun} named {kind}: give this one another name.")
-        return part
+        return model
 
     def unregister(self, kind: str) -> None:
-        """Remove a part by its kind.
+        """Remove a model by its kind.
 
         Raises:
-            KeyError: the registry has no such part.
+            KeyError: the registry has no such model.
         """
-        del self._parts[kind]
-
-    def __getitem__(self, kind: str) -> type[PartT]:
-        return self._parts[kind]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._parts)
-
-    def __len__(self) -> int:
-        return len(self._parts)
+        del self[kind]
 
 
 @dataclasses.dataclass(frozen=True)
 class OneOf:
-    """The annotation of a field that takes any part of a registry, those registered later too."""
+    """The annotation of a field that takes any model of a registry, those registered later too."""
 
     registry: Registry[Any]
 
@@ -103,8 +94,8 @@ class OneOf:
 
 
 @functools.lru_cache(maxsize=8)
-def _union(parts: tuple[type[Part], ...]) -> TypeAdapter[Any]:
-    union: Any = Annotated[functools.reduce(operator.or_, parts), Field(discriminator="kind")]
+def _union(models: tuple[type[StrictModel], ...]) -> TypeAdapter[Any]:
+    union: Any = Annotated[functools.reduce(operator.or_, models), Field(discriminator="kind")]
     return TypeAdapter(union)
 
 

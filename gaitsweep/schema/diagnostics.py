@@ -1,11 +1,12 @@
-"""Diagnostics of a job: the place of a fault, what was found, what is allowed, and the near miss."""
+"""Error messages of jobs: the field and its line, the value found, what is allowed, the near miss."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
@@ -13,8 +14,8 @@ from pydantic_core import ErrorDetails
 
 from gaitsweep import near_miss
 from gaitsweep.errors import UserError
-from gaitsweep.kinds.part import Part
-from gaitsweep.table import former_names
+from gaitsweep.schema import former_names
+from gaitsweep.schema.strict_model import ModelT, StrictModel
 
 Path = tuple[str | int, ...]  # where a field stands in a job: ("vary", "psi_1", "linspace", 0)
 
@@ -27,7 +28,7 @@ _DEEPEST = 4  # lists inside lists that are quoted
 
 @dataclasses.dataclass(frozen=True)
 class Diagnostic:
-    """One thing that is wrong: the field's path, the sentence's end, and where it is written, if known."""
+    """An error: the path of the field, the end of the sentence, and the file and line, if known."""
 
     path: Path
     text: str
@@ -92,7 +93,7 @@ def shown(path: Path) -> str:
 
 
 def found(value: object) -> str:
-    """Quote a value as it was written, cut to a length that fits a sentence."""
+    """A value as it was written, shortened to be quoted; only the beginning of a long one is read."""
     return clipped(_written(value, 0))
 
 
@@ -125,104 +126,129 @@ def _some(texts: Iterator[str]) -> Iterator[str]:
             return
 
 
+def refuse(wrong: Sequence[Diagnostic]) -> None:
+    """Raise JobError where something is wrong."""
+    if wrong:
+        raise JobError(wrong)
+
+
 def unknown_field(
-    path: Path, owner: str, allowed: Iterable[str], former: Mapping[str, str] | None = None
+    path: Path, section: str, allowed: Iterable[str], former: Mapping[str, str] | None = None
 ) -> Diagnostic:
-    """The diagnostic of a field that its owner does not have; `former`: names that fields had before."""
+    """The diagnostic of a field that its section does not have; `former`: names that fields had before."""
     field = str(path[-1])
-    of = f" of {owner}" if owner else ""
+    of = f" of {section}" if section else ""
     if former and field in former:
         return Diagnostic(path, f"is not a field{of} any more: it is called {former[field]} now.")
     return Diagnostic(path, f"is not a field{of}{near_miss.suggestion(field, allowed)}")
 
 
 @dataclasses.dataclass(frozen=True)
-class Owner:
-    """A part of a job: how a sentence calls it, its class, and the field whose union it belongs to."""
+class SchemaSection:
+    """A section of a job: its name in a sentence, its class, and the field whose union it belongs to."""
 
     words: str
-    part: type[Part]
+    model: type[StrictModel]
     union: str = ""
 
     @property
-    def fields(self) -> list[str]:
-        return [field.alias or name for name, field in self.part.model_fields.items()]
-
-    def field(self, written: str) -> FieldInfo:
-        """The field of this name in a job, which may not be its name in Python."""
-        return next(
-            field for name, field in self.part.model_fields.items() if (field.alias or name) == written
-        )
+    def fields(self) -> dict[str, FieldInfo]:
+        """The fields by their names in a job, which may not be those in Python."""
+        return {field.alias or name: field for name, field in self.model.model_fields.items()}
 
 
 def from_pydantic(
-    error: ValidationError, owners: dict[str, Owner], top: str, prefix: Path = ()
+    error: ValidationError, sections: dict[str, SchemaSection], top: str, prefix: Path = ()
 ) -> list[Diagnostic]:
-    """Our sentence for each thing that pydantic refused.
+    """A diagnostic for each error of pydantic.
 
     Args:
         error: what pydantic raised.
-        owners: the parts by the field, or the union's tag, under which pydantic reports them.
-        top: the key in `owners` of what was validated.
+        sections: the sections by the field, or the union's tag, under which pydantic reports them.
+        top: the key in `sections` of what was validated.
         prefix: the path of what was validated inside the job.
     """
-    return [_from_details(details, owners, top, prefix) for details in error.errors(include_url=False)]
+    return [_from_details(details, sections, top, prefix) for details in error.errors(include_url=False)]
 
 
-def _from_details(details: ErrorDetails, owners: dict[str, Owner], top: str, prefix: Path) -> Diagnostic:
+def read_model(
+    model: type[ModelT], value: Any, path: Path, wrong: list[Diagnostic], words: str = ""
+) -> ModelT | None:
+    """The value at `path` as a strict model, or None with what is wrong with it added to `wrong`.
+
+    `words` name it in a sentence, by default the last step of its path.
+    """
+    words = words or str(path[-1])
+    try:
+        return model.model_validate(value)
+    except ValidationError as error:
+        wrong.extend(from_pydantic(error, {words: SchemaSection(words, model)}, words, path))
+        return None
+
+
+def _from_details(
+    details: ErrorDetails, sections: dict[str, SchemaSection], top: str, prefix: Path
+) -> Diagnostic:
     loc = tuple(details["loc"])
-    path: Path = (*prefix, *_without_tags(loc, owners))
+    path: Path = (*prefix, *_without_tags(loc, sections))
     sort, value, context = details["type"], details["input"], details.get("ctx", {})
     key = _key(loc, -2) if len(loc) > 1 else top
-    owner = owners.get(key, owners[top])
+    section = sections.get(key, sections[top])
     if sort == "gaitsweep":
         return Diagnostic(path, context["text"])
     if sort == "extra_forbidden":
-        return unknown_field(path, owner.words, owner.fields, former_names.RUN_FIELDS.get(key))
+        return unknown_field(path, section.words, section.fields, former_names.RUN_FIELDS.get(key))
     if sort == "missing":
-        return Diagnostic(path, f"is missing: {owner.field(str(path[-1])).description}.")
+        return Diagnostic(path, f"is missing: {section.fields[str(path[-1])].description}.")
     if sort in ("union_tag_invalid", "union_tag_not_found"):
-        return _about_kind(path, value, owners)
+        return _about_kind(path, value, sections)
     if sort in ("too_short", "too_long"):
         end, limit = ("at least", "min_length") if sort == "too_short" else ("at most", "max_length")
         return Diagnostic(path, f"has {context['actual_length']} items, but takes {end} {context[limit]}.")
     if sort == "list_type":
         return Diagnostic(path, f"is {found(value)}, but takes a list in brackets.")
     if sort == "model_attributes_type" and (loc == ("run",) or loc[:1] == ("figures",)):
-        return _about_kind(path, value, owners)
+        return _about_kind(path, value, sections)
     if sort in ("model_type", "dict_type", "model_attributes_type"):
-        inner = owners.get(_key(loc, -1) if loc else "")
+        inner = sections.get(_key(loc, -1) if loc else "")
         fields = f" {near_miss.allowing(inner.fields)}" if inner else ""
         return Diagnostic(path, f"is {found(value)}, but takes fields (key: value).{fields}")
     return Diagnostic(path, f"is {found(value)}, which this field does not take.")
 
 
-def _about_kind(path: Path, value: object, owners: dict[str, Owner]) -> Diagnostic:
-    kinds = [tag.rpartition(".")[2] for tag, owner in owners.items() if owner.union == path[0]]
-    if not isinstance(value, dict):
-        return Diagnostic(
-            path, f"is {found(value)}, but takes fields, kind among them. {near_miss.allowing(kinds)}"
-        )
+def _about_kind(path: Path, value: object, sections: dict[str, SchemaSection]) -> Diagnostic:
+    kinds = [tag.rpartition(".")[2] for tag, section in sections.items() if section.union == path[0]]
+    former = former_names.RUN_KINDS if path[0] == "run" else None
+    return wrong_kind(path, value, kinds, former) or Diagnostic(path, f"is {found(value)}.")
+
+
+def wrong_kind(
+    path: Path, value: object, kinds: Collection[str], former: Mapping[str, str] | None = None
+) -> Diagnostic | None:
+    """The diagnostic of fields whose `kind` is not one of `kinds`; None where it is."""
+    if not isinstance(value, Mapping):
+        text = f"is {found(value)}, but takes fields, kind among them. {near_miss.allowing(kinds)}"
+        return Diagnostic(path, text)
     if "kind" not in value:
         return Diagnostic((*path, "kind"), f"is missing. {near_miss.allowing(kinds)}")
     kind = value["kind"]
-    former = former_names.RUN_KINDS.get(kind) if path[0] == "run" and isinstance(kind, str) else None
-    if former is not None:
-        return Diagnostic((*path, "kind"), f"is {kind}, which is called {former} now: write {former}.")
-    return Diagnostic(
-        (*path, "kind"), f"is {found(kind)}, which is none{near_miss.suggestion(str(kind), kinds)}"
-    )
+    if isinstance(kind, str) and kind in kinds:
+        return None
+    text = f"is {found(kind)}, which is none{near_miss.suggestion(str(kind), kinds)}"
+    if former and isinstance(kind, str) and kind in former:
+        text = f"is {kind}, which is called {former[kind]} now: write {former[kind]}."
+    return Diagnostic((*path, "kind"), text)
 
 
-def _without_tags(loc: Path, owners: dict[str, Owner]) -> Path:
+def _without_tags(loc: Path, sections: dict[str, SchemaSection]) -> Path:
     """The path as written: pydantic puts a union's tag after run and after figures[i]."""
-    if len(loc) > 1 and loc[0] == "run" and loc[1] in owners:
+    if len(loc) > 1 and loc[0] == "run" and loc[1] in sections:
         return (loc[0], *loc[2:])
-    if len(loc) > 2 and loc[0] == "figures" and _key(loc, 2) in owners:
+    if len(loc) > 2 and loc[0] == "figures" and _key(loc, 2) in sections:
         return (*loc[:2], *loc[3:])
     return loc
 
 
 def _key(loc: Path, place: int) -> str:
-    """Under which key of the owners a part of a pydantic path stands: figures.basin, but settle."""
+    """The key among the sections of one step of a pydantic path: figures.basin, but settle."""
     return f"figures.{loc[place]}" if loc[0] == "figures" else str(loc[place])

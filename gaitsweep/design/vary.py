@@ -1,59 +1,44 @@
-"""The groups of a job's `vary`: what moves together, in the order in which the groups multiply."""
+"""The grammar of a job's `vary`: what moves together, in the order in which the groups multiply."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Quantity
-from gaitsweep.job.axes import (
-    AXIS_KINDS,
-    MOST_LISTED,
-    Axis,
-    Drawn,
-    Points,
-    Random,
-    Sample,
-    Sobol,
-    Spread,
-    Values,
-    points_of,
-    sample_points,
-)
-from gaitsweep.kinds.diagnostics import Diagnostic, Owner, Path, found, from_pydantic, unknown_field
+from gaitsweep.design.axes import AXIS_KINDS, MOST_LISTED, Axis, RangeAxis, Sample, Values
+from gaitsweep.schema.diagnostics import Diagnostic, Path, found, read_model, unknown_field
 
 MOST_ROWS = 10**9
 MOST_DRAWN = 2 * 10**7  # numbers of random and sobol points, which are held while a job runs
 
 _LONG = 1000  # points of a list
 
-_OWNERS = {kind: Owner(f"an axis ({kind})", part) for kind, part in AXIS_KINDS.items()}
-_OWNERS["sample"] = Owner("a sample", Sample)
-
 
 @dataclass(frozen=True)
 class Group:
     """Names that move together: an axis, a `zip` or a `sample`; `paths` say where each is written."""
 
-    points: dict[str, Points]
-    paths: dict[str, Path]
+    axes: Mapping[str, Axis]
+    paths: Mapping[str, Path] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self.axes)
 
     @property
     def length(self) -> int:
-        return next(iter(self.points.values())).length
+        return next(iter(self.axes.values())).length
 
     @property
     def drawn(self) -> bool:
         """Whether its points are random, or of a Sobol sequence."""
-        return any(
-            isinstance(points, Spread) and isinstance(points.fraction, Drawn)
-            for points in self.points.values()
-        )
+        return any(axis.drawn for axis in self.axes.values())
 
 
 @dataclass
@@ -94,9 +79,9 @@ def read_vary(raw: Any, quantities: Mapping[str, Quantity], refuse: Callable[[st
                 vary.plain[name] = [read(item, (*path, place), vary) for place, item in enumerate(value)]
             else:
                 vary.plain[name] = read(value, path, vary)
-        elif (points := _read_axis(str(name), value, path, vary)) is not None:
-            vary.groups.append(Group({str(name): points[0]}, {str(name): path}))
-            vary.plain[str(name)] = points[1]
+        elif (axis := _read_axis(str(name), value, path, vary)) is not None:
+            vary.groups.append(Group({str(name): axis[0]}, {str(name): path}))
+            vary.plain[str(name)] = axis[1]
     _check_names(vary, refuse)
     _check_size(vary)
     return vary
@@ -112,14 +97,14 @@ def _check_size(vary: Vary) -> None:
     if rows > MOST_ROWS:
         made = f"{rows}" if rows < 10**30 else "more than 1e30"
         vary.refuse(("vary",), f"makes {made} rows; a job has at most {MOST_ROWS}.")
-    drawn = sum(group.length * len(group.points) for group in vary.groups if group.drawn)
+    drawn = sum(group.length * len(group.axes) for group in vary.groups if group.drawn)
     if drawn > MOST_DRAWN:
         text = f"draws {drawn} numbers (points times names); a job draws at most {MOST_DRAWN}."
         vary.refuse(("vary",), text)
 
 
-def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> tuple[Points, dict[str, Any]] | None:
-    """The points of an axis and its normal form, or None with a diagnostic."""
+def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> tuple[Axis, dict[str, Any]] | None:
+    """An axis and its normal form, or None with a diagnostic."""
     if isinstance(value, np.ndarray):
         value = value.tolist() if value.ndim == 1 and len(value) <= MOST_LISTED else {"values": value}
     if isinstance(value, (list, tuple)):
@@ -133,7 +118,6 @@ def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> tuple[Points, d
     if len(kinds) != 1:
         vary.diagnostics.append(_about_kinds(value, kinds, path))
         return None
-    part = AXIS_KINDS[kinds[0]]
     value = dict(value)
     if kinds == ["values"] and isinstance(value["values"], (list, tuple, np.ndarray)):
         listed = value["values"]
@@ -142,15 +126,13 @@ def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> tuple[Points, d
             vary.refuse((*path, "values"), text)
             return None
         value["values"] = [_switch(item, vary.quantities.get(name)) for item in listed]
-    try:
-        axis: Axis = _many_numbers(value) or part.model_validate(value)  # type: ignore[assignment]
-    except ValidationError as error:
-        vary.diagnostics.extend(from_pydantic(error, _OWNERS, kinds[0], path))
+    kind, words = AXIS_KINDS[kinds[0]], f"an axis ({kinds[0]})"
+    written = _many_numbers(value) or read_model(kind, value, path, vary.diagnostics, words)
+    if written is None:
         return None
-    if isinstance(axis, (Random, Sobol)):
-        low, high, _ = axis.random if isinstance(axis, Random) else axis.sobol
-        _check_order(low, high, (*path, kinds[0]), vary)
-    return points_of(axis, name), axis.model_dump(mode="json")
+    axis = written.axis(name)
+    _check_order(axis, (*path, kinds[0]), vary)
+    return axis, written.model_dump(mode="json")
 
 
 def _many_numbers(value: dict[str, Any]) -> Values | None:
@@ -188,18 +170,18 @@ def _read_zip(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
     if not isinstance(value, Mapping) or not value:
         vary.refuse(path, f"is {found(value)}, but takes axes (name: axis) of equal length.")
         return {}
-    points: dict[str, Points] = {}
+    axes: dict[str, Axis] = {}
     plain: dict[str, Any] = {}
-    for name, axis in value.items():
-        read = _read_axis(str(name), axis, (*path, str(name)), vary)
+    for name, written in value.items():
+        read = _read_axis(str(name), written, (*path, str(name)), vary)
         if read is not None:
-            points[str(name)], plain[str(name)] = read
-    lengths = {name: each.length for name, each in points.items()}
+            axes[str(name)], plain[str(name)] = read
+    lengths = {name: axis.length for name, axis in axes.items()}
     if len(set(lengths.values())) > 1:
         shown = ", ".join(f"{name} has {length}" for name, length in lengths.items())
         vary.refuse(path, f"needs axes of equal length, but {shown}.")
-    elif points:
-        vary.groups.append(Group(points, {name: (*path, name) for name in points}))
+    elif axes:
+        vary.groups.append(Group(axes, {name: (*path, name) for name in axes}))
     return plain
 
 
@@ -208,21 +190,23 @@ def _read_sample(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
         text = f"is {found(value)}, but takes fields. {near_miss.allowing(Sample.model_fields)}"
         vary.refuse(path, text)
         return {}
-    try:
-        sample = Sample.model_validate(dict(value))
-    except ValidationError as error:
-        vary.diagnostics.extend(from_pydantic(error, _OWNERS, "sample", path))
+    sample = read_model(Sample, dict(value), path, vary.diagnostics, "a sample")
+    if sample is None:
         return {}
-    paths = {name: (*path, "of", name) for name in sample.of}
-    for name, (low, high) in sample.of.items():
-        _check_order(low, high, paths[name], vary)
-    vary.groups.append(Group(dict(sample_points(sample)), paths))
+    axes = sample.axes()
+    paths: dict[str, Path] = {name: (*path, "of", name) for name in axes}
+    for name, axis in axes.items():
+        _check_order(axis, paths[name], vary)
+    vary.groups.append(Group(axes, paths))
     return sample.model_dump(mode="json")
 
 
-def _check_order(low: float | str, high: float | str, path: Path, vary: Vary) -> None:
-    if isinstance(low, float) and isinstance(high, float) and low > high:
-        vary.refuse(path, f"goes from {low:g} to {high:g}, but the low end comes first.")
+def _check_order(axis: Axis, path: Path, vary: Vary) -> None:
+    """Refuse a box whose low end is above its high end; an axis of equal steps may go down."""
+    if isinstance(axis, RangeAxis) and axis.drawn and not axis.formulas:
+        low, high = float(axis.low), float(axis.high)
+        if low > high:
+            vary.refuse(path, f"goes from {low:g} to {high:g}, but the low end comes first.")
 
 
 def _check_names(vary: Vary, refuse: Callable[[str], str | None]) -> None:
@@ -237,10 +221,38 @@ def _check_names(vary: Vary, refuse: Callable[[str], str | None]) -> None:
             seen.setdefault(name, path)
 
 
+def written_groups(vary: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """The groups of `vary` as written, checked or not: axis, zip or sample, and the fields of each."""
+    for name, value in vary.items() if isinstance(vary, Mapping) else ():
+        if name not in ("zip", "sample"):
+            yield "axis", {str(name): value}
+            continue
+        for group in value if isinstance(value, list) else [value]:
+            if isinstance(group, Mapping):
+                yield name, group
+
+
+def written_names(vary: Any) -> Iterator[tuple[str, ...]]:
+    """The names that move together in each group of `vary` as a job writes it."""
+    for form, group in written_groups(vary):
+        names = group.get("of", {}) if form == "sample" else group
+        if isinstance(names, Mapping):
+            yield tuple(map(str, names))
+
+
+def written_length(form: str, group: Mapping[str, Any]) -> int:
+    """The number of points of a group of `written_groups`, whose `vary` is in normal form."""
+    if form == "sample":
+        return int(group["n"])
+    axis = next(iter(group.values()))
+    points = next(axis[kind] for kind in AXIS_KINDS if kind in axis)
+    return len(points) if "values" in axis else int(points[2])
+
+
 def vary_schema() -> dict[str, Any]:
     """The JSON schema of `vary`, for editors."""
     numbers = {"type": "array", "items": {"type": ["number", "string", "boolean"]}, "minItems": 1}
-    axis = {"anyOf": [numbers, *(TypeAdapter(part).json_schema() for part in AXIS_KINDS.values())]}
+    axis = {"anyOf": [numbers, *(TypeAdapter(kind).json_schema() for kind in AXIS_KINDS.values())]}
     zipped = {"type": "object", "additionalProperties": axis, "minProperties": 1}
     sample = Sample.model_json_schema()
     return {

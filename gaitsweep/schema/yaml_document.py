@@ -17,9 +17,9 @@ from typing import Any, ClassVar
 import yaml
 
 from gaitsweep import near_miss
-from gaitsweep.kinds import diagnostics
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError
-from gaitsweep.kinds.numbers import not_text
+from gaitsweep.schema import diagnostics
+from gaitsweep.schema.diagnostics import Diagnostic, JobError
+from gaitsweep.schema.numbers import not_text
 from gaitsweep.shipped import job_folders, shipped_as
 
 # What PyYAML's own reader, in Python, takes a second for; libyaml, where PyYAML has it, reads what is longer.

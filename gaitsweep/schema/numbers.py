@@ -1,4 +1,4 @@
-"""Numbers, words and flags of a job: how each is read, and the sentence for what is none.
+"""Validators of scalar fields (numbers, words, flags) and their error messages.
 
 A number may be an expression. In `run`, `numerics` and `figures` it becomes a float while the job is read,
 over the parameters that stay fixed (`SCOPE`); in `params`, `start` and `vary` one that names parameters
@@ -21,12 +21,12 @@ from pydantic_core import PydanticCustomError
 
 from gaitsweep import effort, near_miss
 from gaitsweep.expression import CONSTANTS, ExpressionError, evaluate, names_in
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, found
 
 
 @dataclass(frozen=True)
 class Scope:
-    """The names that an expression outside `vary` may use, and why the model's others may not be."""
+    """Names that expressions outside `vary` may use, and the reason why others may not be used."""
 
     fixed: Mapping[str, float] = field(default_factory=dict)
     moving: Mapping[str, str] = field(default_factory=dict)  # name -> "varies in this job"
@@ -53,7 +53,7 @@ _TRAPS: tuple[tuple[re.Pattern[str], str], ...] = (
 
 
 def not_text(value: str) -> str | None:
-    """The first thing in a text that no figure can show, in words; None where it is plain text."""
+    """The first character of a text that no figure can show, in words; None where all can be shown."""
     if value.isprintable():
         return None
     for each in value:

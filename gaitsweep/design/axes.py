@@ -1,4 +1,4 @@
-"""The axes of a job, as written (`values`, `linspace`, ...) and as rows read them, point by point."""
+"""Axes: as a job writes them (`values`, `linspace`, ...), and their points by index."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
 import scipy
 from pydantic import BeforeValidator, Field
 
 from gaitsweep.expression import ExpressionError, evaluate, names_in
-from gaitsweep.kinds.diagnostics import found
-from gaitsweep.kinds.numbers import InvalidValue, Number, PointCount, Seed, Text, checked, word
-from gaitsweep.kinds.part import Part
+from gaitsweep.schema.diagnostics import found
+from gaitsweep.schema.numbers import InvalidValue, Number, PointCount, Seed, Text, checked, word
+from gaitsweep.schema.strict_model import StrictModel
 
-MOST_LISTED = 10**6  # points that a list has one by one; more are better said by their rule
+MOST_LISTED = 10**6  # points of a list; more follow from a rule
 _SOBOL_BITS = 30
 _SOBOL_CHUNK = 2**16  # points drawn at a time: a power of two, as the sequence asks
 
@@ -36,41 +36,58 @@ _AT = "ends: both ends are points; centre: the points are the middles of equal c
 _SEED = "seed of the points, with the name of what varies"
 
 
-class Values(Part):
+class Values(StrictModel):
     """Points one by one."""
 
     values: list[Number] = Field(min_length=1, max_length=MOST_LISTED, description="the points")
 
+    def axis(self, name: str) -> ListAxis:
+        return ListAxis(tuple(self.values))
 
-class Linspace(Part):
+
+class Linspace(StrictModel):
     """Points at equal distances."""
 
     linspace: Ends = Field(description="[first, last, number of points]")
     at: At = Field(default="ends", description=_AT)
 
+    def axis(self, name: str) -> RangeAxis:
+        return RangeAxis(*self.linspace, LinearSpacing(self.linspace[2], self.at))
 
-class Logspace(Part):
+
+class Logspace(StrictModel):
     """Points at equal ratios, the ends given as values above 0."""
 
     logspace: Ends = Field(description="[first, last, number of points], the ends above 0")
     at: At = Field(default="ends", description=_AT)
 
+    def axis(self, name: str) -> RangeAxis:
+        return RangeAxis(*self.logspace, LinearSpacing(self.logspace[2], self.at), logarithmic=True)
 
-class Random(Part):
+
+class Random(StrictModel):
     """Independent uniform points."""
 
     random: Ends = Field(description="[low, high, number of points]")
     seed: Seed = Field(default=0, description=_SEED)
 
+    def axis(self, name: str) -> RangeAxis:
+        return RangeAxis(
+            *self.random, RandomAxis(SampleBox((name,), self.random[2], self.seed, "random"), name)
+        )
 
-class Sobol(Part):
+
+class Sobol(StrictModel):
     """Points of a shifted Sobol sequence."""
 
     sobol: Ends = Field(description="[low, high, number of points]")
     seed: Seed = Field(default=0, description=_SEED)
 
+    def axis(self, name: str) -> RangeAxis:
+        return RangeAxis(*self.sobol, RandomAxis(SampleBox((name,), self.sobol[2], self.seed, "sobol"), name))
 
-class Sample(Part):
+
+class Sample(StrictModel):
     """Points of a box, drawn together."""
 
     n: PointCount = Field(description="number of points")
@@ -82,49 +99,59 @@ class Sample(Part):
         min_length=1, description="[low, high] of each name that varies"
     )
 
+    def axes(self) -> dict[str, RangeAxis]:
+        """The axis of each name, drawn once: a slice of rows sees what the whole sees."""
+        box = SampleBox(tuple(self.of), self.n, self.seed, self.method)
+        return {name: RangeAxis(*ends, self.n, RandomAxis(box, name)) for name, ends in self.of.items()}
 
-Axis = Values | Linspace | Logspace | Random | Sobol
-AXIS_KINDS: dict[str, type[Part]] = {part.__name__.lower(): part for part in get_args(Axis)}
+
+WrittenAxis = Values | Linspace | Logspace | Random | Sobol
+AXIS_KINDS: dict[str, type[WrittenAxis]] = {kind.__name__.lower(): kind for kind in get_args(WrittenAxis)}
 
 
 @dataclass(frozen=True)
-class Listed:
-    """Points given one by one, numbers or expressions."""
+class ListAxis:
+    """Points given one by one: numbers or expressions, or an array (length,) of numbers."""
 
-    numbers: tuple[float | str, ...]
+    numbers: tuple[float | str, ...] | np.ndarray
+    drawn: ClassVar[bool] = False
 
     @property
     def length(self) -> int:
         return len(self.numbers)
 
-    @cached_property
+    @property
     def formulas(self) -> tuple[str, ...]:
         """The expressions among its numbers."""
-        return tuple(number for number in self.numbers if isinstance(number, str))
+        return tuple(self._formula_at.values())
 
     def at(self, index: np.ndarray, names: Mapping[str, Any]) -> np.ndarray:
         """Points `index` (n,); `names` has a float or (n,) for each name that the formulas use."""
         result = self._plain[index]
-        for place in np.intersect1d(index, self._written):
-            number, here = self.numbers[place], index == place
-            some = {name: names[name] for name in names_in(number)}
-            used = {name: value if np.ndim(value) == 0 else value[here] for name, value in some.items()}
-            result[here] = evaluate(number, used)
+        for place in np.intersect1d(index, list(self._formula_at)):
+            formula, mask = self._formula_at[place], index == place
+            used = {name: names[name] for name in names_in(formula)}
+            used = {name: value if np.ndim(value) == 0 else value[mask] for name, value in used.items()}
+            result[mask] = evaluate(formula, used)
         return result
 
     @cached_property
-    def _plain(self) -> np.ndarray:
-        """The numbers (length,), NaN where one is a formula."""
-        return np.array([np.nan if isinstance(number, str) else number for number in self.numbers])
+    def _formula_at(self) -> dict[int, str]:
+        """The formulas by their places."""
+        if isinstance(self.numbers, np.ndarray):
+            return {}
+        return {place: number for place, number in enumerate(self.numbers) if isinstance(number, str)}
 
     @cached_property
-    def _written(self) -> np.ndarray:
-        """The places of the formulas."""
-        return np.flatnonzero([isinstance(number, str) for number in self.numbers])
+    def _plain(self) -> np.ndarray:
+        """The numbers (length,), NaN in place of a formula."""
+        if isinstance(self.numbers, np.ndarray):
+            return self.numbers.astype(np.float64)
+        return np.array([np.nan if isinstance(number, str) else number for number in self.numbers])
 
 
 @dataclass(frozen=True)
-class Steps:
+class LinearSpacing:
     """Equal steps over [0, 1]: both ends included, or the middles of equal cells."""
 
     count: int
@@ -135,7 +162,7 @@ class Steps:
 
 
 @dataclass(frozen=True)
-class Box:
+class SampleBox:
     """The points of a sample, drawn together when the first of them is asked for."""
 
     names: tuple[str, ...]
@@ -154,10 +181,10 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Drawn:
-    """Points of [0, 1) that are drawn: one name's of a box, (length,)."""
+class RandomAxis:
+    """Points of [0, 1) of one name of a sample, (length,)."""
 
-    box: Box
+    box: SampleBox
     name: str
 
     def __call__(self, index: np.ndarray) -> np.ndarray:
@@ -165,14 +192,19 @@ class Drawn:
 
 
 @dataclass(frozen=True)
-class Spread:
+class RangeAxis:
     """Points between two ends, linearly or by their logarithms; `fraction` maps indices (n,) to [0, 1]."""
 
     low: float | str
     high: float | str
     length: int
-    fraction: Steps | Drawn
+    fraction: LinearSpacing | RandomAxis
     logarithmic: bool = False
+
+    @property
+    def drawn(self) -> bool:
+        """Whether its points are random, or of a Sobol sequence; others have equal differences or ratios."""
+        return isinstance(self.fraction, RandomAxis)
 
     @property
     def formulas(self) -> tuple[str, ...]:
@@ -188,36 +220,18 @@ class Spread:
         low, high = (
             evaluate(end, {name: names[name] for name in names_in(end)}) for end in (self.low, self.high)
         )
-        part = self.fraction(index)
+        fraction = self.fraction(index)
         if not self.logarithmic:
-            between = low + (high - low) * part
+            between = low + (high - low) * fraction
         else:
             if np.any(np.less_equal(low, 0.0)) or np.any(np.less_equal(high, 0.0)):
                 raise ExpressionError("the ends of a logspace must be above 0.")
-            between = np.exp(np.log(low) + (np.log(high) - np.log(low)) * part)
+            between = np.exp(np.log(low) + (np.log(high) - np.log(low)) * fraction)
         # The ends exactly as written, whatever rounding makes of low + (high - low).
-        return np.where(part == 0.0, low, np.where(part == 1.0, high, between))
+        return np.where(fraction == 0.0, low, np.where(fraction == 1.0, high, between))
 
 
-Points = Listed | Spread
-
-
-def points_of(axis: Axis, name: str) -> Points:
-    """The points of an axis that varies `name`."""
-    if isinstance(axis, Values):
-        return Listed(tuple(axis.values))
-    if isinstance(axis, (Linspace, Logspace)):
-        low, high, count = axis.linspace if isinstance(axis, Linspace) else axis.logspace
-        return Spread(low, high, count, Steps(count, axis.at), isinstance(axis, Logspace))
-    low, high, count = axis.random if isinstance(axis, Random) else axis.sobol
-    method = "random" if isinstance(axis, Random) else "sobol"
-    return sample_points(Sample(n=count, seed=axis.seed, method=method, of={name: (low, high)}))[name]
-
-
-def sample_points(sample: Sample) -> dict[str, Spread]:
-    """The points of each name of a sample, drawn once: a slice of rows sees what the whole sees."""
-    box = Box(tuple(sample.of), sample.n, sample.seed, sample.method)
-    return {name: Spread(*ends, sample.n, Drawn(box, name)) for name, ends in sample.of.items()}
+Axis = ListAxis | RangeAxis
 
 
 def _bits(seed: int, name: str, count: int) -> np.ndarray:
