@@ -368,6 +368,12 @@ def reproduce(
     if len(found.by_constants) > 1:
         sets = ", ".join(f"{number} with {constants}" for constants, number in found.by_constants.items())
         print(f"Reproduced by simulation: {sets}.")
+    for missed in (ClaimVerdict.not_reproduced.value, ClaimVerdict.open_constants.value):
+        for claim in found.table[found.table["verdict"] == missed].to_dict("records"):
+            unit = "" if claim["unit"] in ("", "1") else f" {claim['unit']}"
+            ours = f"{claim['ours']}{unit}; paper: {claim['paper']}" if claim["ours"] else claim["why"]
+            turned = f"; {claim['why']}" if claim["ours"] and claim["why"] else ""
+            print(f"{missed}, {claim['id']}: {ours}{turned}")
     print(f"Page: {found.page}")
     if found.failed:
         raise typer.Exit(FAILED)

@@ -78,7 +78,9 @@ def test_every_claim_has_a_verdict(
     ]
     assert "no column nothing" in found["why"]["not_there"]
     assert found["command"]["all_settle"].startswith("gaitsweep run ")
-    assert "5 claims: 1 reproduced, 2 not, 2 not run." in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "5 claims: 1 reproduced, 2 not, 2 not run." in told
+    assert "not, far_off: 1; paper: 0\n" in told
     page = (out / "index.html").read_text()
     assert page.count("<article") == 5
     assert page.count("data:image/png") == 1
