@@ -6,12 +6,9 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep import near_miss
-from gaitsweep.contract import Status, Verdict
+from gaitsweep.contract import Outcome, Status
 from gaitsweep.errors import UserError
 
-FAILURES, UNDECIDED = Status.of(Verdict.failed), Status.of(Verdict.undecided)
-SETTLED = Status.of(Verdict.sound)
-NOT_SETTLED, FAILED = "not settled", "failed"  # outcomes of rows without a label
 BEFORE_A_FALL = 10  # crossings before a failure that belong to the fall, not to a gait
 
 _AFTER_AXES = ("stair", "crossing", "pass", "t", "status")
@@ -56,7 +53,7 @@ def sound(table: pd.DataFrame, *columns: str) -> np.ndarray:
     kept = np.asarray(np.isfinite(table[list(columns)].to_numpy(float)).all(axis=1))
     if "status" not in table.columns or "stair" in table.columns:
         return kept
-    fell = table["status"].astype(str).isin(list(FAILURES)).to_numpy()
+    fell = Status.FAILED.among(table["status"])
     if fell.any():
         to_the_end = table.groupby("row").cumcount(ascending=False).to_numpy()
         kept = kept & ~(fell & (to_the_end < BEFORE_A_FALL))
@@ -70,11 +67,11 @@ def outcome_labels(table: pd.DataFrame, label: str) -> pd.Series:
         AnalysisError: the table does not have the column.
     """
     require(table, label)
-    labels = np.where(table[label].notna(), table[label].astype(str), "none").astype(object)
+    labels = np.where(table[label].notna(), table[label].astype(str), Outcome.NO_GAIT).astype(object)
     if "status" in table.columns:
-        status = table["status"].astype(str)
-        labels[status.isin(list(UNDECIDED))] = NOT_SETTLED
-        labels[~status.isin(list(SETTLED | UNDECIDED))] = FAILED
+        undecided = Status.UNDECIDED.among(table["status"])
+        labels[undecided] = Outcome.NOT_SETTLED
+        labels[~undecided & ~Status.SOUND.among(table["status"])] = Outcome.FAILED
     return pd.Series(labels, index=table.index, dtype=object)
 
 
@@ -83,8 +80,8 @@ def in_order(table: pd.DataFrame, label: str, labels: pd.Series) -> list[str]:
     kind = table[label].dtype
     known = [str(each) for each in kind.categories] if isinstance(kind, pd.CategoricalDtype) else []
     present = set(labels.unique())
-    others = sorted(present - set(known) - {NOT_SETTLED, FAILED, "none"})
-    order = [*(name for name in known if name != "none"), *others, "none", NOT_SETTLED, FAILED]
+    others = sorted(present - set(known) - set(Outcome))
+    order = [*(name for name in known if name != Outcome.NO_GAIT), *others, *Outcome]
     return [name for name in order if name in present]
 
 

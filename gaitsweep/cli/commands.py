@@ -357,7 +357,7 @@ def reproduce(
         table_of_claims = table_of_claims.only(each.strip() for each in claims.split(","))
     from gaitsweep.claims.reproduce import reproduce as run_and_judge
     from gaitsweep.claims.verdict import ClaimVerdict
-    from gaitsweep.errors import FAILED
+    from gaitsweep.errors import EXIT_FAILURE
     from gaitsweep.runs.self_check import SelfCheckError
 
     with _shown_progress() as progress:
@@ -370,7 +370,7 @@ def reproduce(
         print(f"Reproduced by simulation: {sets}.")
     print(f"Page: {found.page}")
     if found.failed:
-        raise typer.Exit(FAILED)
+        raise typer.Exit(EXIT_FAILURE)
     if strict and counts[ClaimVerdict.not_reproduced.value]:
         raise typer.Exit(SelfCheckError.exit_code)
 

@@ -14,7 +14,6 @@ import pandas as pd
 from gaitsweep.contract import Model
 from gaitsweep.engine.numerics import SHARE
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
-from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
@@ -25,6 +24,7 @@ from gaitsweep.job.plan import Plan, inside
 from gaitsweep.job.step_lengths import longer_than_right
 from gaitsweep.job.vary import Group
 from gaitsweep.kinds.run_kind import RunKind
+from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.prepare import Prepared, prepare
 
 # Rows of a block of a batch.
@@ -277,7 +277,7 @@ class Population:
         )
         blocks: dict[int, pd.DataFrame] = {}
 
-        def keep(number: int, result: BlockResult) -> None:
+        def keep(number: int, result: RowOutcome) -> None:
             blocks[number] = ready.job.run.table(ready.plan.model, {}, result)
 
         sweep(work, range(-(-rows.size // _BLOCK)), keep, progress)
@@ -296,7 +296,7 @@ class Population:
         for places in _alike(self._conditions).values():
             table = self.run_elsewhere(self._job_of_rows(ready, constants, places), progress)
             if not ready.job.run.one_a_row:
-                columns = ready.job.run.columns(ready.plan.model)
+                columns = ready.job.run.all_columns(ready.plan.model)
                 part = {name: _array(table[name]) for name in ("row", *(column.name for column in columns))}
                 part["row"] = part["row"] // len(places) * each + np.array(places)[part["row"] % len(places)]
                 records.append(part)

@@ -17,7 +17,7 @@ from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.flow_spectrum import slowest_limit
 from gaitsweep.engine.numerics import FEWEST_STEPS, Numerics, longest_step, recommended_step, unknown_step
-from gaitsweep.engine.propose import METHODS, refusal
+from gaitsweep.engine.solver import METHODS, refusal
 from gaitsweep.engine.sweep.xla import see_all_cores
 from gaitsweep.expression import functions_of, resolve
 from gaitsweep.job.numerics import NumericsSpec

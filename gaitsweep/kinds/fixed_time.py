@@ -33,8 +33,8 @@ class FixedTime(RunKind):
     def columns(self, model: Model) -> list[Column]:
         return [
             STATUS,
-            Column("cycles", lambda records: records.block.cycles),
-            Column("t_end", lambda records: records.block.t_end, repeats=False),
+            Column("cycles"),
+            Column("t_end", repeats=False),
             STALLED_BY,
             *observed(model, "end", end_values),
             GAIT,

@@ -15,13 +15,13 @@ from pydantic import ValidationError
 
 from gaitsweep.contract import Model
 from gaitsweep.engine.recorders.recorder import Recorder
-from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.refine import Grid
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError
-from gaitsweep.kinds.columns import Column, Records
+from gaitsweep.kinds.columns import Column, Records, row_number
 from gaitsweep.kinds.diagnostics import Diagnostic, Owner, Path, from_pydantic
 from gaitsweep.kinds.part import Part, kind_of, plain
+from gaitsweep.row_outcome import RowOutcome
 
 
 @dataclasses.dataclass(frozen=True)
@@ -184,7 +184,12 @@ class RunKind(Part):
         """The columns of its table after `row` and what varies, in their order."""
         raise NotImplementedError
 
-    def table(self, model: Model, axes: Mapping[str, np.ndarray], block: BlockResult) -> pd.DataFrame:
+    def all_columns(self, model: Model) -> list[Column]:
+        """Its columns, and those of numbers that its recorder declares with a quantity."""
+        declared = (each.quantity for each in self.recorder(model).numbers if each.quantity is not None)
+        return [*self.columns(model), *map(row_number, declared)]
+
+    def table(self, model: Model, axes: Mapping[str, np.ndarray], block: RowOutcome) -> pd.DataFrame:
         """The records of a block of rows.
 
         Args:
@@ -198,7 +203,7 @@ class RunKind(Part):
             records = Records.one_a_sample(model, block, self.recorder(model).names)
         found: dict[str, Any] = {"row": records.rows}
         found |= {name: records.of_row(values) for name, values in axes.items()}
-        found |= {column.name: column.of(records) for column in self.columns(model)}
+        found |= {column.name: column.of(records) for column in self.all_columns(model)}
         return pd.DataFrame(found)
 
     def block_table(
@@ -258,4 +263,4 @@ class StartingPoints:
 
 def table_columns(rows: Rows, run: RunKind) -> list[str]:
     """The columns of the table that a run makes, in their order."""
-    return ["row", *rows.names, *(column.name for column in run.columns(rows.model))]
+    return ["row", *rows.names, *(column.name for column in run.all_columns(rows.model))]

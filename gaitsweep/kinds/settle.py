@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
-import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep import near_miss
@@ -84,13 +83,13 @@ class Settle(RunKind):
     def columns(self, model: Model) -> list[Column]:
         return [
             STATUS,
-            Column("cycles", lambda records: records.block.cycles),
-            Column("t_end", lambda records: records.block.t_end, repeats=False),
-            slowest(lambda records: records.block.slowest),
+            Column("cycles"),
+            Column("t_end", repeats=False),
+            slowest(lambda records: records["slowest"]),
             STALLED_BY,
             *observed(model, "end"),
             GAIT,
-            Column("attractor_period", lambda records: records.block.period.astype(np.int8)),
+            Column("attractor_period", lambda records: records["period"]),
             *traits(model),
         ]
 

@@ -78,7 +78,7 @@ class PlannedTable:
 
     def unit(self, column: str) -> str:
         """A column's unit; empty where it has none."""
-        quantities = {c.name: c.quantity for c in self.run.columns(self.model) if c.quantity is not None}
+        quantities = {c.name: c.quantity for c in self.run.all_columns(self.model) if c.quantity is not None}
         quantities |= {q.name: q for q in (*self.model.parameters, *self.model.initial_conditions)}
         return quantities[column].unit if column in quantities else ""
 

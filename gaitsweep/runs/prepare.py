@@ -15,7 +15,6 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.engine.sweep.xla import local_devices
@@ -26,6 +25,7 @@ from gaitsweep.job.step_lengths import RowSteps, row_steps, values_with_right_st
 from gaitsweep.kinds.run_kind import Schedule
 from gaitsweep.models.own_modules import modules_beside
 from gaitsweep.models.traced_program import traced_program
+from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.table import WriteError, reason
 
 # Rows of which one may have the nominal period that stands for all.
@@ -50,9 +50,9 @@ class Prepared:
     job_hash: str
     steps: RowSteps
 
-    def table(self, block: BlockResult) -> pd.DataFrame:
+    def table(self, block: RowOutcome) -> pd.DataFrame:
         """The records of a block of rows."""
-        axes = self.plan.columns(block.first, block.first + len(block.status))
+        axes = self.plan.at(block.row, self.plan.names)
         return self.job.run.table(self.plan.model, axes, block)
 
     @property

@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from gaitsweep.contract import Status, Verdict, names_gait
-from gaitsweep.engine.sweep.block import BlockResult
+from gaitsweep.contract import Status, names_gait
 from gaitsweep.engine.sweep.refine import ALONE, UNKNOWN, Grid, inferred, wanted
 from gaitsweep.engine.sweep.sweep import Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.prepare import Prepared
 from gaitsweep.runs.progress import Progress as RunProgress
 from gaitsweep.table import EncodedPart, ResultDirectory, load
@@ -50,8 +50,8 @@ class Round(Prepared):
         )
         return cls(ready.job, ready.plan, work, ready.note, ready.job_hash, ready.steps, rows_in)
 
-    def table(self, block: BlockResult) -> pd.DataFrame:
-        rows = self.rows_in(block.first, block.first + len(block.status))
+    def table(self, block: RowOutcome) -> pd.DataFrame:
+        rows = self.rows_in(int(block.row[0]), int(block.row[-1]) + 1)
         return self.job.run.table(self.plan.model, self.plan.at(rows, self.plan.names), block)
 
 
@@ -107,7 +107,7 @@ def _round(
     round_hash = hashlib.sha256(ready.job_hash.encode() + rows.astype("<i8").tobytes()).hexdigest()
     with ResultDirectory.open(path, job, round_hash, work.n_rows, work.block) as part:
 
-        def encode(block: int, result: BlockResult) -> EncodedPart:
+        def encode(block: int, result: RowOutcome) -> EncodedPart:
             return part.encoded(block, this.table(result))
 
         if missing := part.missing_blocks():
@@ -144,7 +144,7 @@ def _labels(frame: pd.DataFrame, gaits: Sequence[str]) -> np.ndarray:
     """The label of each row (n,): its gait's number, or ALONE of a row that came to no fixed point."""
     gait = frame["gait"].cat.set_categories(list(gaits)).cat.codes.to_numpy()
     # the gait of an orbit of several cycles is that of one of its points: nothing to infer others from
-    fixed = frame["status"].isin(list(Status.of(Verdict.sound))).to_numpy()
+    fixed = Status.SOUND.among(frame["status"])
     if "attractor_period" in frame.columns:  # a round may be older than the column
         fixed = fixed & (frame["attractor_period"] == 1).to_numpy()
     return np.where(fixed & (gait >= 0), gait, ALONE)
@@ -167,27 +167,14 @@ def _write_parts(
 
 def _inferred_frame(ready: Prepared, rows: np.ndarray, gaits: np.ndarray, like: pd.DataFrame) -> pd.DataFrame:
     """Records of rows (n,) that were not simulated: the gait of their neighbours, and no numbers."""
-    plan, model, n = ready.plan, ready.plan.model, rows.size
+    model, n = ready.plan.model, rows.size
 
     def unread(name: str) -> np.ndarray:
         kind = like[name].to_numpy().dtype
         return np.full(n, -1) if names_gait(name) else np.full(n, np.nan if kind.kind == "f" else 0, kind)
 
     traits = {q.name: unread(q.name) for q in model.label_fields}
-    nothing = BlockResult(
-        first=0,
-        status=np.full(n, Status.inferred, np.int32),
-        cycles=np.zeros(n, np.int64),
-        attempts=np.zeros(n, np.int64),
-        t_end=np.full(n, np.nan),
-        last=np.full((n, len(model.observables)), np.nan),
-        period=np.zeros(n, np.int8),
-        slowest=np.full(n, -1),
-        fired=np.zeros((n, 0), np.int64),
-        labels={"gait": gaits, **traits},
-        owner=np.zeros(0, np.int64),
-        samples=np.zeros((0, 0)),
-    )
-    frame = ready.job.run.table(model, plan.at(rows, plan.names), nothing)
-    frame["row"] = rows
-    return frame
+    nothing = RowOutcome.empty(rows, ready.work.recorder.numbers, len(model.observables))
+    nothing.status[:] = Status.inferred
+    labels = {"gait": gaits, **traits}
+    return ready.table(dataclasses.replace(nothing, labels=labels))

@@ -158,7 +158,7 @@ def _run_missing(ready: Prepared, writer: PartWriter, missing: list[int], progre
                     f"{locks.begun(number).process}: wait until it ends, or stop it."
                 )
 
-        quantities = quantities_of(ready.work.model, ready.job.run.columns(ready.work.model))
+        quantities = quantities_of(ready.work.model, ready.job.run.all_columns(ready.work.model))
 
         def write(number: int, frame: pd.DataFrame) -> None:
             nonlocal done

@@ -48,7 +48,7 @@ def describe(ready: Prepared, directory: ResultDirectory) -> None:
             {"names": list(group.points), "length": group.length, "drawn": group.drawn}
             for group in ready.plan.groups
         ],
-        quantities=quantities_of(ready.work.model, ready.job.run.columns(ready.work.model)),
+        quantities=quantities_of(ready.work.model, ready.job.run.all_columns(ready.work.model)),
         **_model_folder(ready, directory.path),
     )
 

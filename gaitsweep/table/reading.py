@@ -181,7 +181,7 @@ def _look(path: Path, parts: _Parts | None, wanted: Wanted | None = None) -> Sna
         if parts is not None and table is not None:
             footer = examined.footers[number]
             parts.add(wanted.records_of(table), footer, table.num_rows / footer.rows)
-    opened = np.concatenate([np.zeros(0, np.int64), *(rows["row"] for _, rows in examined.open_rows())])
+    opened = np.concatenate([np.zeros(0, np.int64), *(rows.row for _, rows in examined.open_rows())])
     done = np.array(sorted(examined.footers), np.int64)
     waiting = np.unique(opened[~np.isin(opened // examined.block, done)])
     return Snapshot(path, job, manifest, examined, waiting.size, written)

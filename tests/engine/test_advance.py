@@ -13,7 +13,7 @@ from sweeping import run_rows, scalars
 from toy_model import Toy, bounce_times, flight_time
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import GOING, Numerics, advance, start
+from gaitsweep.engine.advance import Halt, Numerics, advance, start
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
@@ -65,7 +65,7 @@ def test_location_takes_few_attempts() -> None:
     for _ in range(6):
         trials = 0
         carry = dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt))
-        while int(carry.halt) == GOING:
+        while int(carry.halt) == Halt.GOING:
             carry = attempt(params, carry)
             trials += bool(carry.far < jnp.inf)
         located.append(trials)

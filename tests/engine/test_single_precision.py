@@ -10,8 +10,8 @@ from sweeping import run_rows, scalars
 
 from gaitsweep.dynamics.single_precision import worked_in
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.propose import refusal
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.solver import refusal
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gaitsweep.errors import FAILED, UserError
+from gaitsweep.errors import EXIT_FAILURE, UserError
 from gaitsweep.job import Job
 from gaitsweep.runs.cluster.identity import WorkerUnfit, difference, identity_of
 from gaitsweep.runs.prepare import Prepared, prepare
@@ -39,7 +39,7 @@ _log = logging.getLogger("distributed.worker.gaitsweep")
 class BlockGivenUp(UserError):
     """A block that ended the workers which computed it."""
 
-    exit_code = FAILED
+    exit_code = EXIT_FAILURE
 
 
 class Unwanted(Exception):
@@ -179,7 +179,7 @@ def _computed(assignment: Assignment, writer: PartWriter, number: int, rows: np.
     ready = _prepared(assignment.ticket)
     model, quantities = ready.work.model, None
     if rows is None:
-        quantities = quantities_of(model, ready.job.run.columns(model))
+        quantities = quantities_of(model, ready.job.run.all_columns(model))
     else:  # a round of a refined run, whose columns have no units in one process either
         before = number * assignment.block
         ready = Round.of(ready, assignment.n_rows, lambda first, stop: rows[first - before : stop - before])

@@ -19,10 +19,10 @@ from gaitsweep import models
 from gaitsweep.contract import HybridModel, Status
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
-from gaitsweep.engine.propose import METHODS, refusal
-from gaitsweep.engine.propose.exponential import PROPAGATOR, PROPAGATOR6
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
+from gaitsweep.engine.solver import METHODS, refusal
+from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 
 REFERENCE = Path(__file__).parents[1] / "reference" / "multilegged_crossings.csv"
