@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,10 +29,6 @@ class RowNumber:
     absent: float = 0
     quantity: Quantity | None = None
 
-    @property
-    def whole(self) -> bool:
-        return np.issubdtype(self.dtype, np.integer)
-
 
 # The numbers that the engine has of every row. `attempts` counts steps tried, `t_end` is a time in s, `last`
 # (k,) holds the observables at the last crossing of the section, `fired` (words,) has a bit for each guard
@@ -45,6 +41,16 @@ ENGINE_NUMBERS = (
     RowNumber("last", np.float64, np.nan),
     RowNumber("fired", np.int64),
 )
+
+
+class _Number:
+    """The number of rows that has the name of this attribute."""
+
+    def __set_name__(self, _: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, rows: RowOutcome, _: type) -> np.ndarray:
+        return rows.numbers[self._name]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,8 +67,10 @@ class RowOutcome:
     numbers: dict[str, np.ndarray]
     kept: np.ndarray
     samples: np.ndarray
-    labels: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
-    sample_labels: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    labels: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    sample_labels: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    status, cycles, attempts = _Number(), _Number(), _Number()
+    t_end, last, fired = _Number(), _Number(), _Number()
 
     @classmethod
     def empty(
@@ -80,17 +88,8 @@ class RowOutcome:
     @classmethod
     def concat(cls, parts: Sequence[RowOutcome]) -> RowOutcome:
         """The rows of several results, one after the other."""
-        first = parts[0]
-        # arrays without records have no dtype of their own
-        samples = [part.samples for part in parts if len(part.samples)] or [first.samples]
-        return cls(
-            row=np.concatenate([part.row for part in parts]),
-            numbers=_concatenated([part.numbers for part in parts]),
-            kept=np.concatenate([part.kept for part in parts]),
-            samples=np.concatenate(samples),
-            labels=_concatenated([part.labels for part in parts]),
-            sample_labels=_concatenated([part.sample_labels for part in parts]),
-        )
+        names = [field.name for field in dataclasses.fields(cls)]
+        return cls(**{name: _concatenated([getattr(part, name) for part in parts]) for name in names})
 
     def put(self, which: np.ndarray, numbers: Mapping[str, np.ndarray]) -> None:
         """Set the numbers of the rows at the places `which` (m,), as far as these rows have them."""
@@ -124,32 +123,10 @@ class RowOutcome:
         """Where the row of each record stands among these rows, (m,)."""
         return np.repeat(np.arange(self.row.size), self.kept)
 
-    @property
-    def status(self) -> np.ndarray:
-        return self.numbers["status"]
 
-    @property
-    def cycles(self) -> np.ndarray:
-        return self.numbers["cycles"]
-
-    @property
-    def attempts(self) -> np.ndarray:
-        return self.numbers["attempts"]
-
-    @property
-    def t_end(self) -> np.ndarray:
-        return self.numbers["t_end"]
-
-    @property
-    def last(self) -> np.ndarray:
-        return self.numbers["last"]
-
-    @property
-    def fired(self) -> np.ndarray:
-        return self.numbers["fired"]
-
-
-def _concatenated(parts: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    # files of another version of gaitsweep may have other numbers
-    names = [name for name in parts[0] if all(name in part for part in parts)]
-    return {name: np.concatenate([part[name] for part in parts]) for name in names}
+def _concatenated(parts: list[Any]) -> Any:
+    """Arrays one after the other, or those of each name; files of another version may have other names."""
+    if isinstance(parts[0], dict):
+        names = [name for name in parts[0] if all(name in part for part in parts)]
+        return {name: _concatenated([part[name] for part in parts]) for name in names}
+    return np.concatenate([part for part in parts if len(part)] or parts)  # an empty one has no dtype

@@ -275,14 +275,11 @@ class Population:
             # batches differ in what happens to be equal in all of their rows
             varied=frozenset(constants).union(*(dict(each) for each in self._conditions)),
         )
-        blocks: dict[int, pd.DataFrame] = {}
-
-        def keep(number: int, result: RowOutcome) -> None:
-            blocks[number] = ready.job.run.table(ready.plan.model, {}, result)
-
-        sweep(work, range(-(-rows.size // _BLOCK)), keep, progress)
-        tables = [blocks[number] for number in sorted(blocks)]
-        columns = {str(name): np.concatenate([_array(t[name]) for t in tables]) for name in tables[0].columns}
+        blocks: dict[int, RowOutcome] = {}
+        sweep(work, range(-(-rows.size // _BLOCK)), blocks.__setitem__, progress)
+        outcome = RowOutcome.concat([blocks[number] for number in sorted(blocks)])
+        table = ready.job.run.table(ready.plan.model, {}, outcome)
+        columns = {str(name): _array(table[name]) for name in table.columns}
         if not ready.job.run.one_a_row:
             return columns, refused
         return {name: column.reshape(good.size, each) for name, column in columns.items()}, refused

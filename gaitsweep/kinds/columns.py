@@ -123,10 +123,8 @@ def signals(model: Model) -> list[Column]:
 
 
 def _status(records: Records) -> pd.Categorical:
-    numbers = np.full(max(Status) + 1, -1)
-    for number, name in enumerate(STATUSES):
-        numbers[Status[name]] = number
-    return pd.Categorical.from_codes(numbers[records.of_row(records.block.status)], categories=STATUSES)
+    # statuses are numbered from 0, running
+    return pd.Categorical.from_codes(records.of_row(records.block.status) - 1, categories=STATUSES)
 
 
 def _crossing(records: Records) -> np.ndarray:
@@ -171,14 +169,14 @@ def row_number(quantity: Quantity) -> Column:
     )
 
 
-def slowest(read: Callable[[Records], np.ndarray]) -> Column:
-    """The observable that kept a row or a stair from settling, from its number; missing below zero."""
+def _slowest(records: Records) -> pd.Categorical:
+    """The observable that kept a row or a stair from settling; missing where its number is below zero."""
+    names = [q.name for q in records.model.observables]
+    codes = np.nan_to_num(records["slowest"], nan=-1.0).astype(int)
+    return pd.Categorical.from_codes(codes.tolist(), categories=names)
 
-    def named(records: Records) -> pd.Categorical:
-        names = [q.name for q in records.model.observables]
-        return pd.Categorical.from_codes(read(records).astype(int).tolist(), categories=names)
 
-    return Column("slowest", named)
+SLOWEST = Column("slowest", _slowest)
 
 
 def gaits(model: Model, codes: np.ndarray) -> pd.Categorical:

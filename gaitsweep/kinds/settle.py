@@ -12,7 +12,7 @@ from gaitsweep.contract import Model
 from gaitsweep.engine.recorders.settle import SettleRecorder as Recorder
 from gaitsweep.engine.recorders.settle import tolerances
 from gaitsweep.engine.sweep.refine import Grid
-from gaitsweep.kinds.columns import GAIT, STALLED_BY, STATUS, Column, observed, slowest, traits
+from gaitsweep.kinds.columns import GAIT, SLOWEST, STALLED_BY, STATUS, Column, observed, traits
 from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.kinds.numbers import (
     Count,
@@ -85,7 +85,7 @@ class Settle(RunKind):
             STATUS,
             Column("cycles"),
             Column("t_end", repeats=False),
-            slowest(lambda records: records["slowest"]),
+            SLOWEST,
             STALLED_BY,
             *observed(model, "end"),
             GAIT,

@@ -7,7 +7,7 @@ import dataclasses
 import hashlib
 import inspect
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import jax
@@ -40,7 +40,8 @@ class RunError(UserError):
 class Prepared:
     """A job made ready: its rows, the engine's work, and the hash that its directory carries.
 
-    `note` says why the engine is another than the one preferred, if it is.
+    `note` says why the engine is another than the one preferred, if it is; `rows_in(first, stop)` gives the
+    rows (stop - first,) of the job where some of them are simulated, numbered anew from 0.
     """
 
     job: Job
@@ -49,11 +50,14 @@ class Prepared:
     note: str | None
     job_hash: str
     steps: RowSteps
+    rows_in: Callable[[int, int], np.ndarray] | None = None
 
     def table(self, block: RowOutcome) -> pd.DataFrame:
         """The records of a block of rows."""
-        axes = self.plan.at(block.row, self.plan.names)
-        return self.job.run.table(self.plan.model, axes, block)
+        rows = block.row
+        if self.rows_in is not None:
+            rows = self.rows_in(int(rows[0]), int(rows[-1]) + 1)
+        return self.job.run.table(self.plan.model, self.plan.at(rows, self.plan.names), block)
 
     @property
     def program(self) -> Mapping[str, str]:

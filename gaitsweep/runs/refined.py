@@ -31,28 +31,12 @@ if TYPE_CHECKING:
 FOLDER = "refinement"
 
 
-@dataclasses.dataclass(frozen=True)
-class Round(Prepared):
-    """A job made ready of which some rows are simulated, numbered anew from 0.
-
-    `rows_in(first, stop)` gives the rows (stop - first,) of the job that have these new numbers.
-    """
-
-    rows_in: Callable[[int, int], np.ndarray]
-
-    @classmethod
-    def of(cls, ready: Prepared, n_rows: int, rows_in: Callable[[int, int], np.ndarray]) -> Round:
-        """`n_rows` rows of a job, those of `rows_in`."""
-        work = dataclasses.replace(
-            ready.work,
-            n_rows=n_rows,
-            values=lambda first, stop: ready.plan.values_in(rows_in(first, stop)),
-        )
-        return cls(ready.job, ready.plan, work, ready.note, ready.job_hash, ready.steps, rows_in)
-
-    def table(self, block: RowOutcome) -> pd.DataFrame:
-        rows = self.rows_in(int(block.row[0]), int(block.row[-1]) + 1)
-        return self.job.run.table(self.plan.model, self.plan.at(rows, self.plan.names), block)
+def some_rows(ready: Prepared, n_rows: int, rows_in: Callable[[int, int], np.ndarray]) -> Prepared:
+    """A job made ready of which only `n_rows` rows are simulated, those of `rows_in`."""
+    work = dataclasses.replace(
+        ready.work, n_rows=n_rows, values=lambda first, stop: ready.plan.values_in(rows_in(first, stop))
+    )
+    return dataclasses.replace(ready, work=work, rows_in=rows_in)
 
 
 def refine(
@@ -100,7 +84,7 @@ def _round(
     cluster: Cluster | None,
 ) -> pd.DataFrame:
     """The records of `rows` (n,), simulated as far as they are not there yet."""
-    this = Round.of(ready, rows.size, lambda first, stop: rows[first:stop])
+    this = some_rows(ready, rows.size, lambda first, stop: rows[first:stop])
     work = this.work
     path = directory.path / FOLDER / f"round-{number:02d}"
     job = {"round": number, "of": ready.job.name}

@@ -88,9 +88,7 @@ class CrossingRecorder(Recorder):
         recorded = dataclasses.replace(counted(recorded, keep), status=status.astype(jnp.int32))
         return PollResult(dataclasses.replace(carry, halt=halt), recorded, sample, keep)
 
-    def share(
-        self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical_cycles: float
-    ) -> np.ndarray:
+    def share(self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical: float) -> np.ndarray:
         if self.crossings is None:
             return t / (self.duration or 1.0)
         return cycles / (self.after_cycles + self.crossings)

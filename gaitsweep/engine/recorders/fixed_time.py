@@ -42,9 +42,7 @@ class FixedTimeRecorder(Recorder):
         carry = dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt))
         return PollResult(carry, counted(recorded, ends), now, ends)
 
-    def share(
-        self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical_cycles: float
-    ) -> np.ndarray:
+    def share(self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical: float) -> np.ndarray:
         return t / self.duration
 
 

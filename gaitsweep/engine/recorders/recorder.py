@@ -144,8 +144,8 @@ class Recorder(abc.ABC):
             filled=count,
             samples=count,
             numbers={
-                each.name: jnp.asarray(each.absent, jnp.int32 if each.whole else last.dtype)
-                for each in self.numbers
+                n.name: jnp.asarray(n.absent, last.dtype if issubclass(n.dtype, np.floating) else jnp.int32)
+                for n in self.numbers
             },
             fired=jnp.zeros_like(_packed(fired_last(carry))),
         )
@@ -162,14 +162,12 @@ class Recorder(abc.ABC):
         return Readings(np.arange(rows.row.size), rows.t_end, rows.last, readable)
 
     @abc.abstractmethod
-    def share(
-        self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical_cycles: float
-    ) -> np.ndarray:
+    def share(self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical: float) -> np.ndarray:
         """The progress of running rows (n,), 0 to 1, for the progress bar.
 
         Args:
             cycles, samples, t: what each has so far; times in s.
-            typical_cycles: the mean number of cycles of the ended rows, 0 if there are none.
+            typical: the mean number of cycles of the ended rows, 0 if there are none.
         """
 
     def poll(self, params: Params, carry: Carry, record: LaneRecord, dt: jax.Array | float) -> PollResult:

@@ -237,10 +237,8 @@ class SettleRecorder(Recorder):
             found = jnp.where(holds, p, found)
         return found
 
-    def share(
-        self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical_cycles: float
-    ) -> np.ndarray:
-        return np.minimum(cycles / (typical_cycles or 0.4 * self.max_cycles), 0.95)
+    def share(self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical: float) -> np.ndarray:
+        return np.minimum(cycles / (typical or 0.4 * self.max_cycles), 0.95)
 
 
 def tolerances(model: Model, given: float | Mapping[str, float]) -> float | tuple[float, ...]:

@@ -116,9 +116,7 @@ class StepRecorder(Recorder):
         )
         return PollResult(carry, recorded, sample, due)
 
-    def share(
-        self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical_cycles: float
-    ) -> np.ndarray:
+    def share(self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical: float) -> np.ndarray:
         return t / self.stairs.duration
 
     def _slot(self, cycles: jax.Array) -> jax.Array:

@@ -75,7 +75,5 @@ class TraceRecorder(Recorder):
         recorded = dataclasses.replace(recorded, status=status.astype(jnp.int32))
         return PollResult(carry, recorded, sample, due)
 
-    def share(
-        self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical_cycles: float
-    ) -> np.ndarray:
+    def share(self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical: float) -> np.ndarray:
         return (cycles + samples) / (self.after_cycles + self.samples)

@@ -15,11 +15,9 @@ from gaitsweep.engine.recorders.recorder import (
     BUFFER,
     LaneRecord,
     PollResult,
-    Readings,
     Recorder,
     counted,
 )
-from gaitsweep.row_outcome import RowOutcome
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,6 +36,7 @@ class WindowsRecorder(Recorder):
     second: float = 0.0
     spacing: float = 0.0
     more: int = 0
+    readings = Recorder.readings_at_the_end
 
     @property
     def total(self) -> int:
@@ -76,9 +75,6 @@ class WindowsRecorder(Recorder):
         keep = jnp.asarray(True)
         return counted(record, keep), first, keep
 
-    def readings(self, rows: RowOutcome) -> Readings:
-        return self.readings_at_the_end(rows)
-
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
         room = record.filled < BUFFER
         crossed = (carry.halt == Halt.CROSSING) & room
@@ -103,7 +99,5 @@ class WindowsRecorder(Recorder):
         recorded = dataclasses.replace(recorded, status=status.astype(jnp.int32))
         return PollResult(carry, recorded, sample, crossed | timed)
 
-    def share(
-        self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical_cycles: float
-    ) -> np.ndarray:
+    def share(self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical: float) -> np.ndarray:
         return t / max(self.duration, 1e-300)

@@ -21,7 +21,7 @@ from gaitsweep.errors import EXIT_FAILURE, UserError
 from gaitsweep.job import Job
 from gaitsweep.runs.cluster.identity import WorkerUnfit, difference, identity_of
 from gaitsweep.runs.prepare import Prepared, prepare
-from gaitsweep.runs.refined import Round
+from gaitsweep.runs.refined import some_rows
 from gaitsweep.runs.some_blocks import run_blocks
 from gaitsweep.runs.summary import quantities_of
 from gaitsweep.table import TableError
@@ -182,7 +182,7 @@ def _computed(assignment: Assignment, writer: PartWriter, number: int, rows: np.
         quantities = quantities_of(model, ready.job.run.all_columns(model))
     else:  # a round of a refined run, whose columns have no units in one process either
         before = number * assignment.block
-        ready = Round.of(ready, assignment.n_rows, lambda first, stop: rows[first - before : stop - before])
+        ready = some_rows(ready, assignment.n_rows, lambda first, stop: rows[first - before : stop - before])
     found: list[bytes] = []
     last = time.monotonic()
 
