@@ -92,9 +92,9 @@ class RowOutcome:
         return cls(**{name: _concatenated([getattr(part, name) for part in parts]) for name in names})
 
     def put(self, which: np.ndarray, numbers: Mapping[str, np.ndarray]) -> None:
-        """Set the numbers of the rows at the places `which` (m,), as far as these rows have them."""
-        for name in self.numbers.keys() & numbers.keys():
-            values, own = numbers[name], self.numbers[name]
+        """Set the numbers of the rows at the places `which` (m,)."""
+        for name, own in list(self.numbers.items()):
+            values = numbers[name]
             if own.shape[1:] != values.shape[1:]:  # the number of guards is known only now
                 self.numbers[name] = own = np.zeros((self.row.size, *values.shape[1:]), own.dtype)
             own[which] = values

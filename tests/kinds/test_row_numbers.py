@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -24,7 +24,7 @@ from gaitsweep.job import Job
 from gaitsweep.kinds.columns import GAIT, STATUS, Column
 from gaitsweep.kinds.run_kind import Cost, Rows
 from gaitsweep.row_outcome import RowNumber
-from gaitsweep.table import Snapshot
+from gaitsweep.table import ResultDirectory, Snapshot
 
 FASTEST = RowNumber(
     "fastest", np.float64, quantity=Quantity("fastest", "m/s", "largest launch after a bounce")
@@ -67,8 +67,21 @@ def registered() -> Iterator[None]:
     kinds.unregister("fastest")
 
 
+def without_the_number(
+    directory: ResultDirectory, number: int, restored: Any = ResultDirectory.restored
+) -> Any:
+    """Stored rows as a version of gaitsweep wrote them in which the recorder declared no such number."""
+    rows = restored(directory, number)
+    return rows and dataclasses.replace(
+        rows, numbers={k: v for k, v in rows.numbers.items() if k != "fastest"}
+    )
+
+
+@pytest.mark.parametrize("older", [False, True])
 @pytest.mark.parametrize("engine", ["kernel", pytest.param("xla", marks=pytest.mark.slow)])
-def test_a_declared_number_is_in_the_table_through_an_interrupt(tmp_path: Path, engine: str) -> None:
+def test_a_declared_number_is_in_the_table_through_an_interrupt(
+    tmp_path: Path, engine: str, older: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     starts = np.linspace(0.2, 2.0, 24)
     job = Job(
         name="x",
@@ -87,6 +100,8 @@ def test_a_declared_number_is_in_the_table_through_an_interrupt(tmp_path: Path, 
     with pytest.raises(KeyboardInterrupt):
         gs.run(job, out, progress=stop)
     assert 0 < Snapshot.of(out).rows_open < 24  # rows that the table gets from a file of open rows
+    if older:
+        monkeypatch.setattr(ResultDirectory, "restored", without_the_number)
     table = gs.run(job, out).table
     assert list(table.columns) == ["row", "launch_1", "status", "gait", "fastest"]
     assert table.attrs["quantities"]["fastest"]["unit"] == "m/s"

@@ -18,7 +18,7 @@ from gaitsweep.engine.sweep.chunk_sizer import ChunkSizer
 from gaitsweep.engine.sweep.engines import groups_on, polls_per_chunk
 from gaitsweep.engine.sweep.lane import ChunkOutput
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
-from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.row_outcome import ENGINE_NUMBERS, RowOutcome
 
 # Polls in XLA's first chunk, from whose duration the number of polls in the others follows.
 FIRST_POLLS = 4
@@ -103,7 +103,9 @@ class LaneScheduler:
     ) -> None:
         self.spec = spec
         found = {} if restored is None else {number: restored(number) for number in blocks}
-        self._restored = {number: rows for number, rows in found.items() if rows is not None}
+        # rows that another version of gaitsweep stored may lack a number: they are run again
+        declared = {each.name for each in (*ENGINE_NUMBERS, *spec.recorder.numbers)}
+        self._restored = {k: rows for k, rows in found.items() if rows and declared <= rows.numbers.keys()}
         self.total = sum(min(spec.block, spec.n_rows - b * spec.block) for b in blocks)
         self.total -= sum(rows.row.size for rows in self._restored.values())
         # a device without rows would have nothing to run
