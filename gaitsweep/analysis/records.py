@@ -8,6 +8,7 @@ import pandas as pd
 from gaitsweep import near_miss
 from gaitsweep.contract import Outcome, Status
 from gaitsweep.errors import UserError
+from gaitsweep.table.outcomes import outcomes
 
 BEFORE_A_FALL = 10  # crossings before a failure that belong to the fall, not to a gait
 
@@ -67,12 +68,11 @@ def outcome_labels(table: pd.DataFrame, label: str) -> pd.Series:
         AnalysisError: the table does not have the column.
     """
     require(table, label)
-    labels = np.where(table[label].notna(), table[label].astype(str), Outcome.NO_GAIT).astype(object)
-    if "status" in table.columns:
-        undecided = Status.UNDECIDED.among(table["status"])
-        labels[undecided] = Outcome.NOT_SETTLED
-        labels[~undecided & ~Status.SOUND.among(table["status"])] = Outcome.FAILED
-    return pd.Series(labels, index=table.index, dtype=object)
+    if "outcome" in table.columns and label == table.attrs.get("outcome_of", "gait"):
+        return pd.Series(np.asarray(table["outcome"], object), index=table.index)
+    names = table[label].astype(object).map(str, na_action="ignore")
+    status = table["status"] if "status" in table.columns else np.full(len(table), Status.complete.name)
+    return pd.Series(outcomes(pd.Categorical(names), status), index=table.index).astype(object)
 
 
 def in_order(table: pd.DataFrame, label: str, labels: pd.Series) -> list[str]:
@@ -81,7 +81,7 @@ def in_order(table: pd.DataFrame, label: str, labels: pd.Series) -> list[str]:
     known = [str(each) for each in kind.categories] if isinstance(kind, pd.CategoricalDtype) else []
     present = set(labels.unique())
     others = sorted(present - set(known) - set(Outcome))
-    order = [*(name for name in known if name != Outcome.NO_GAIT), *others, *Outcome]
+    order = [*(name for name in known if name != Outcome.NO_GAIT), *others, *map(str, Outcome)]
     return [name for name in order if name in present]
 
 

@@ -12,6 +12,7 @@ import pandas as pd
 from gaitsweep.contract import HybridModel, Model, Quantity, Status, names_gait
 from gaitsweep.engine.recorders.recorder import unpacked
 from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.table.outcomes import outcomes
 
 UNKNOWN_GAIT = "unknown"  # of a row whose label is no index of a gait; the label follows
 STATUSES = [status.name for status in Status if status is not Status.running]
@@ -160,6 +161,7 @@ STATUS = Column("status", _status)
 STALLED_BY = Column("stalled_by", _stalled_by)
 CROSSING = Column("crossing", _crossing)
 GAIT = Column("gait", _gait)
+OUTCOME = Column("outcome", lambda records: outcomes(_gait(records), _status(records)))
 
 
 def row_number(quantity: Quantity) -> Column:

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from gaitsweep.contract import Model
 from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder, end_values
-from gaitsweep.kinds.columns import GAIT, STALLED_BY, STATUS, Column, observed, traits
+from gaitsweep.kinds.columns import GAIT, OUTCOME, STALLED_BY, STATUS, Column, observed, traits
 from gaitsweep.kinds.numbers import Positive
 from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
 
@@ -38,6 +38,7 @@ class FixedTime(RunKind):
             STALLED_BY,
             *observed(model, "end", end_values),
             GAIT,
+            OUTCOME,
             *traits(model),
         ]
 

@@ -12,7 +12,7 @@ from gaitsweep.contract import Model
 from gaitsweep.engine.recorders.settle import SettleRecorder as Recorder
 from gaitsweep.engine.recorders.settle import tolerances
 from gaitsweep.engine.sweep.refine import Grid
-from gaitsweep.kinds.columns import GAIT, SLOWEST, STALLED_BY, STATUS, Column, observed, traits
+from gaitsweep.kinds.columns import GAIT, OUTCOME, SLOWEST, STALLED_BY, STATUS, Column, observed, traits
 from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.kinds.numbers import (
     Count,
@@ -89,6 +89,7 @@ class Settle(RunKind):
             STALLED_BY,
             *observed(model, "end"),
             GAIT,
+            OUTCOME,
             Column("attractor_period", lambda records: records["period"]),
             *traits(model),
         ]

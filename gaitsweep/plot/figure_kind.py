@@ -51,7 +51,7 @@ Window = Annotated[
     "begin and end of what is shown, in s; all if not given",
 ]
 
-TEXT_COLUMNS = frozenset({"status", "gait", "special", "end", "slowest", "stalled_by"})
+TEXT_COLUMNS = frozenset({"status", "gait", "outcome", "special", "end", "slowest", "stalled_by"})
 
 Refusal = tuple[Path, str]  # where in the figure, and the end of the sentence
 

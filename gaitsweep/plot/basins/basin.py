@@ -90,7 +90,7 @@ def basin(
         _axes_of(table, list(grid[: len(values)]), x, y, columns)
         if numeric and image is not None:
             figure.colorbar(image, ax=list(grid), label=axis_label(table, hue), shrink=0.8)
-            names = [name for name in names if name in (Outcome.NOT_SETTLED, Outcome.FAILED)]
+            names = [str(name) for name in names if name in (Outcome.NOT_SETTLED, Outcome.FAILED)]
         if names:
             status = table["status"].astype(str) if "status" in table.columns else pd.Series(dtype=str)
             inferred = float(np.mean(status.to_numpy(str) == "inferred")) if len(status) else 0.0
