@@ -6,7 +6,7 @@ import dataclasses
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
 from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6, exponential
-from gaitsweep.engine.solver.method import Estimate, Method, Step, euler_update
+from gaitsweep.engine.solver.method import Method, Step, euler_update
 from gaitsweep.engine.solver.runge_kutta import rk4, tsit5
 from gaitsweep.errors import ArgumentError
 
@@ -37,16 +37,7 @@ METHODS: dict[str, Method] = {
 # The methods that take the steps of the model itself.
 _OWN = ", ".join(name for name, method in METHODS.items() if method.step is None)
 
-__all__ = [
-    "METHODS",
-    "Estimate",
-    "Method",
-    "Step",
-    "derivative_refusal",
-    "euler_update",
-    "fixed_step_scheme",
-    "refusal",
-]
+__all__ = ["METHODS", "Method", "Step", "derivative_refusal", "euler_update", "fixed_step_scheme", "refusal"]
 
 
 def fixed_step_scheme(name: str, model: Model) -> FixedStepDynamics | None:
