@@ -10,12 +10,12 @@ import numpy as np
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep.sweep import Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from gaitsweep.row_outcome import RowOutcome
 
 from .rivals.by_hand import missing
 from .rivals.starts import Array, Row, errors, reference_crossings
@@ -72,8 +72,8 @@ def measure(
     lanes = lanes or default_lanes(engine, MOST_ROWS, chosen[0].platform)
     true = reference_crossings()
 
-    def run(rows: int) -> tuple[Timings, BlockResult]:
-        given: list[BlockResult] = []
+    def run(rows: int) -> tuple[Timings, RowOutcome]:
+        given: list[RowOutcome] = []
         spec = SweepSpec(
             model=model,
             recorder=recorder,

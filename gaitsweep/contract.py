@@ -47,6 +47,25 @@ class ResultCode(enum.IntEnum):
         return code
 
 
+class StatusNames(frozenset[str]):
+    """The names of some statuses, as a table's column `status` has them."""
+
+    def among(self, values: Any) -> np.ndarray:
+        """Which statuses (n,), names or the engine's numbers, are among these."""
+        found = np.asarray(values)
+        return np.isin(found, [Status[name] for name in self] if found.dtype.kind in "iu" else list(self))
+
+
+class _OfVerdict:
+    """The statuses with one of some verdicts, as an attribute of their class."""
+
+    def __init__(self, *verdicts: Verdict) -> None:
+        self._verdicts = verdicts
+
+    def __get__(self, _: Status | None, statuses: type[Status]) -> StatusNames:
+        return StatusNames(status.name for status in statuses if status.verdict in self._verdicts)
+
+
 class Status(ResultCode):
     """The result code of a row, with its sentence and its verdict.
 
@@ -71,10 +90,17 @@ class Status(ResultCode):
     no_fixed_point = 11, "No fixed point was found from which to follow a branch."
     at_rest = 12, "All rates of the flow vanished and stayed so: a fixed point of the flow.", Verdict.sound
 
-    @classmethod
-    def of(cls, *verdicts: Verdict) -> frozenset[str]:
-        """The names of all statuses with one of these verdicts, as written in the column `status`."""
-        return frozenset(status.name for status in cls if status.verdict in verdicts)
+    SOUND = _OfVerdict(Verdict.sound)
+    UNDECIDED = _OfVerdict(Verdict.undecided)
+    FAILED = _OfVerdict(Verdict.failed)
+
+
+class Outcome(enum.StrEnum):
+    """The outcomes of rows that came to no gait; the outcome of the others is their gait."""
+
+    NO_GAIT = "none"  # a sound row whose gait the model does not name
+    NOT_SETTLED = "not settled"
+    FAILED = "failed"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,8 +149,18 @@ def names_gait(label: str) -> bool:
 
 
 # Members that were renamed, of a `Model` and of a `Chart`: old name, new name.
-RENAMED = {"starts": "initial_conditions", "traits": "label_fields"}
-RENAMED_OF_CHARTS = {"kept": "conserved_values"}
+RENAMED = {
+    "starts": "initial_conditions",
+    "traits": "label_fields",
+    "located": "locates_events",
+    "in_steps": "fixed_step_scheme",
+}
+RENAMED_OF_CHARTS = {
+    "kept": "conserved_values",
+    "read": "to_coordinates",
+    "place": "from_coordinates",
+    "holds": "covers",
+}
 
 
 def _refuse_old_names(cls: type, renamed: Mapping[str, str]) -> None:
@@ -159,15 +195,15 @@ class Chart(abc.ABC):
         return ()
 
     @abc.abstractmethod
-    def read(self, params: Params, state: State, /) -> jax.Array:
+    def to_coordinates(self, params: Params, state: State, /) -> jax.Array:
         """The coordinates (n,) of a state just after the jump of a crossing."""
 
     @abc.abstractmethod
-    def place(self, params: Params, at: jax.Array, modes: State, /) -> State:
+    def from_coordinates(self, params: Params, at: jax.Array, modes: State, /) -> State:
         """The state on the section with coordinates `at` (n,) and the modes of the nearby state `modes`."""
 
-    def holds(self, params: Params, state: State, /) -> jax.Array:
-        """Whether the chart covers a state just after a crossing, so that `place` can return it."""
+    def covers(self, params: Params, state: State, /) -> jax.Array:
+        """Whether `from_coordinates` can return this state, just after a crossing."""
         return jnp.ones((), bool)
 
     def conserved_values(self, params: Params, at: jax.Array, /) -> jax.Array:
@@ -410,11 +446,11 @@ class HybridModel(Model):
         return None
 
     @property
-    def located(self) -> bool:
-        """Whether events can be located; if not, `flow` only names the moving fields; `in_steps` is used."""
+    def locates_events(self) -> bool:
+        """Whether events can be located; else `flow` only names the moving fields."""
         return True
 
-    def in_steps(self) -> FixedStepDynamics | None:
+    def fixed_step_scheme(self) -> FixedStepDynamics | None:
         """The model's own fixed-step scheme, for `numerics.method: semi_implicit`; None: it has none."""
         return None
 

@@ -6,7 +6,7 @@ import sys
 from typing import ClassVar
 
 REFUSED = 2  # the request is invalid
-FAILED = 1  # the request is valid, but its execution failed, for example by a full disk
+EXIT_FAILURE = 1  # the request is valid, but its execution failed, for example by a full disk
 
 
 class UserError(Exception):

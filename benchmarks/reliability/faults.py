@@ -27,7 +27,7 @@ import pandas as pd
 from benchmarks.reliability.mutated_jobs import ROOT
 from gaitsweep.claims.paper import Paper, known_papers, read_paper
 from gaitsweep.claims.verdict import ClaimVerdict
-from gaitsweep.errors import FAILED
+from gaitsweep.errors import EXIT_FAILURE
 
 CORES = 2  # of each run
 MORE = 1.5  # claims that run for each that is drawn, since --quick does not reproduce all
@@ -147,7 +147,7 @@ def verdicts(
     with (folder / "log").open("w") as log:
         code = subprocess.run(command, stdout=log, stderr=log, cwd=folder, env=place, check=False).returncode
     table = out / "claims.parquet"
-    if code not in (0, FAILED) or not table.is_file():
+    if code not in (0, EXIT_FAILURE) or not table.is_file():
         print(f"{folder.name}: {(folder / 'log').read_text()[-3000:]}", file=sys.stderr)
         return dict.fromkeys(claims, ClaimVerdict.not_run)
     found = pd.read_parquet(table)

@@ -6,12 +6,10 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep import near_miss
-from gaitsweep.contract import Status, Verdict
+from gaitsweep.contract import Outcome, Status
 from gaitsweep.errors import UserError
+from gaitsweep.table.outcomes import outcomes
 
-FAILURES, UNDECIDED = Status.of(Verdict.failed), Status.of(Verdict.undecided)
-SETTLED = Status.of(Verdict.sound)
-NOT_SETTLED, FAILED = "not settled", "failed"  # outcomes of rows without a label
 BEFORE_A_FALL = 10  # crossings before a failure that belong to the fall, not to a gait
 
 _AFTER_AXES = ("stair", "crossing", "pass", "t", "status")
@@ -56,7 +54,7 @@ def sound(table: pd.DataFrame, *columns: str) -> np.ndarray:
     kept = np.asarray(np.isfinite(table[list(columns)].to_numpy(float)).all(axis=1))
     if "status" not in table.columns or "stair" in table.columns:
         return kept
-    fell = table["status"].astype(str).isin(list(FAILURES)).to_numpy()
+    fell = Status.FAILED.among(table["status"])
     if fell.any():
         to_the_end = table.groupby("row").cumcount(ascending=False).to_numpy()
         kept = kept & ~(fell & (to_the_end < BEFORE_A_FALL))
@@ -70,12 +68,11 @@ def outcome_labels(table: pd.DataFrame, label: str) -> pd.Series:
         AnalysisError: the table does not have the column.
     """
     require(table, label)
-    labels = np.where(table[label].notna(), table[label].astype(str), "none").astype(object)
-    if "status" in table.columns:
-        status = table["status"].astype(str)
-        labels[status.isin(list(UNDECIDED))] = NOT_SETTLED
-        labels[~status.isin(list(SETTLED | UNDECIDED))] = FAILED
-    return pd.Series(labels, index=table.index, dtype=object)
+    if "outcome" in table.columns and label == table.attrs.get("outcome_of", "gait"):
+        return pd.Series(np.asarray(table["outcome"], object), index=table.index)
+    names = table[label].astype(object).map(str, na_action="ignore")
+    status = table["status"] if "status" in table.columns else np.full(len(table), Status.complete.name)
+    return pd.Series(outcomes(pd.Categorical(names), status), index=table.index).astype(object)
 
 
 def in_order(table: pd.DataFrame, label: str, labels: pd.Series) -> list[str]:
@@ -83,8 +80,8 @@ def in_order(table: pd.DataFrame, label: str, labels: pd.Series) -> list[str]:
     kind = table[label].dtype
     known = [str(each) for each in kind.categories] if isinstance(kind, pd.CategoricalDtype) else []
     present = set(labels.unique())
-    others = sorted(present - set(known) - {NOT_SETTLED, FAILED, "none"})
-    order = [*(name for name in known if name != "none"), *others, "none", NOT_SETTLED, FAILED]
+    others = sorted(present - set(known) - set(Outcome))
+    order = [*(name for name in known if name != Outcome.NO_GAIT), *others, *map(str, Outcome)]
     return [name for name in order if name in present]
 
 

@@ -19,7 +19,7 @@ from gaitsweep.analysis.continuation.newton import FixedPoints, newton
 from gaitsweep.api.keywords import AnyModel, job_of
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
-from gaitsweep.engine.propose import derivative_refusal
+from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
 from gaitsweep.kinds import ReturnMap

@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from gaitsweep.api.keywords import AnyModel, job_of
 from gaitsweep.api.result import Result, run_in_memory
 from gaitsweep.api.result import run as run_job
-from gaitsweep.contract import Status, Verdict
+from gaitsweep.contract import Status
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
 from gaitsweep.kinds import Settle, Trace
@@ -113,7 +113,7 @@ def simulate(
         job = job_with(min(cycle / SAMPLES_PER_CYCLE, duration))
     recorded = run_in_memory(job).table
     status = Status[str(recorded["status"].iloc[-1])]
-    if status.verdict is Verdict.failed:
+    if status.name in Status.FAILED:
         warnings.warn(f"The trajectory ended as {status.name}: {status.sentence}", stacklevel=2)
     signals = recorded.drop(columns=["row", "status", "stalled_by"])
     quantities = recorded.attrs["quantities"]

@@ -357,7 +357,7 @@ def reproduce(
         table_of_claims = table_of_claims.only(each.strip() for each in claims.split(","))
     from gaitsweep.claims.reproduce import reproduce as run_and_judge
     from gaitsweep.claims.verdict import ClaimVerdict
-    from gaitsweep.errors import FAILED
+    from gaitsweep.errors import EXIT_FAILURE
     from gaitsweep.runs.self_check import SelfCheckError
 
     with _shown_progress() as progress:
@@ -369,14 +369,14 @@ def reproduce(
         sets = ", ".join(f"{number} with {constants}" for constants, number in found.by_constants.items())
         print(f"Reproduced by simulation: {sets}.")
     for missed in (ClaimVerdict.not_reproduced.value, ClaimVerdict.open_constants.value):
-        for claim in found.table[found.table["verdict"] == missed].to_dict("records"):
+        for claim in found.table[found.table["verdict"] == missed].to_dict(orient="records"):
             unit = "" if claim["unit"] in ("", "1") else f" {claim['unit']}"
             ours = f"{claim['ours']}{unit}; paper: {claim['paper']}" if claim["ours"] else claim["why"]
             turned = f"; {claim['why']}" if claim["ours"] and claim["why"] else ""
             print(f"{missed}, {claim['id']}: {ours}{turned}")
     print(f"Page: {found.page}")
     if found.failed:
-        raise typer.Exit(FAILED)
+        raise typer.Exit(EXIT_FAILURE)
     if strict and counts[ClaimVerdict.not_reproduced.value]:
         raise typer.Exit(SelfCheckError.exit_code)
 

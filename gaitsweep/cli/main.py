@@ -21,7 +21,7 @@ import typer
 from gaitsweep.cli import analyse
 from gaitsweep.cli.commands import STOPPED, app
 from gaitsweep.cli.compiled_programs import keep_compiled_programs
-from gaitsweep.errors import FAILED, UserError, refuse_windows
+from gaitsweep.errors import EXIT_FAILURE, UserError, refuse_windows
 
 # What JAX, Python and the loader of shared libraries say when they get no memory.
 _NO_MEMORY = (
@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         if (sentence := _of_the_machine(error)) is None:
             raise  # a fault of the program
-        return _ended(sentence, FAILED)
+        return _ended(sentence, EXIT_FAILURE)
     return code if isinstance(code, int) else 0
 
 

@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
-from gaitsweep.errors import FAILED, UserError
+from gaitsweep.errors import EXIT_FAILURE, UserError
 
 
 class NewFilesError(UserError):
@@ -18,7 +18,7 @@ class NewFilesError(UserError):
 class NotWrittenError(NewFilesError):
     """New files could not be written, for example on a full disk."""
 
-    exit_code = FAILED
+    exit_code = EXIT_FAILURE
 
 
 def write_folder(folder: Path, files: Mapping[str, str]) -> None:

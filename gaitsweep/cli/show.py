@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.table import Table
 
-from gaitsweep.contract import Model, Quantity, Status, Verdict
+from gaitsweep.contract import Model, Quantity, Status
 from gaitsweep.runs.self_check_report import sentence
 from gaitsweep.runs.status_sentences import status_sentence
 from gaitsweep.runs.summary import MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD, remarks
@@ -101,7 +101,7 @@ def outcome(snapshot: Snapshot) -> str:
         lines.insert(1, f"Stalled: {stalled(stalls)}.")
     if slowest := snapshot.manifest.get("slowest"):
         lines.insert(1, f"Kept from settling by {unsettled(slowest)}.")
-    if snapshot.counts and not set(snapshot.counts) & Status.of(Verdict.sound):
+    if snapshot.counts and not set(snapshot.counts) & Status.SOUND:
         worst = next(iter(snapshot.counts))
         meaning = Status[worst].sentence if worst in Status.__members__ else "a status of another version."
         lines.insert(1, f"No row came to a good end. {worst}: {meaning}")

@@ -494,12 +494,12 @@ class _SectionCoordinates(Chart):
     def coordinates(self) -> tuple[Quantity, ...]:
         return tuple(q for name, each in self._variables() for q in each.quantities(self.model, name))
 
-    def read(self, params: Any, state: Any, /) -> jax.Array:
+    def to_coordinates(self, params: Any, state: Any, /) -> jax.Array:
         return jnp.concatenate(
             [jnp.ravel(each.read(getattr(state, name))) for name, each in self._variables()]
         )
 
-    def place(self, params: Any, at: jax.Array, modes: Any, /) -> Any:
+    def from_coordinates(self, params: Any, at: jax.Array, modes: Any, /) -> Any:
         fields, first = {}, 0
         for name, each in self._variables():
             last = first + each.size(self.model)

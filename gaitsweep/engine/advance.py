@@ -37,12 +37,18 @@ from gaitsweep.engine.hidden_events import (
     unresolved,
 )
 from gaitsweep.engine.numerics import ORDER, ResolvedNumerics, tolerance_scale
-from gaitsweep.engine.propose import METHODS, Method, Propose, move, own_steps
-from gaitsweep.engine.rarity import rarely, usually
+from gaitsweep.engine.rarity import likely, unlikely
+from gaitsweep.engine.solver import METHODS, Method, Step, euler_update, fixed_step_scheme
 
-# Reasons why a trajectory waits for its recorder. It does not move until the recorder has polled it, so no
-# crossing is lost and no crossing has to be copied.
-GOING, CROSSING, TIME, FINISHED, FAILED = 0, 1, 2, 3, 4
+
+class Halt:
+    """The reasons why a trajectory waits for its recorder.
+
+    It does not move until the recorder has polled it, so no crossing is lost and none has to be copied.
+    """
+
+    GOING, CROSSING, TIME, FINISHED, FELL = range(5)
+
 
 # Jumps at one instant, for each guard, beyond which a row is stalled: far above most physical chains of
 # events.
@@ -167,7 +173,7 @@ def advance(
     *,
     drive: Drive | None = None,
     sensitivities: bool = False,
-    worked_out: tuple[Propose, Flow, Flow] | None = None,
+    precomputed: tuple[Step, Flow, Flow] | None = None,
 ) -> Advance:
     """The function of one attempt, `(params, carry) -> carry`.
 
@@ -178,9 +184,9 @@ def advance(
             jumps those at its end.
         sensitivities: include the derivative of event times in forward-mode derivatives: each event time is
             corrected to first order, t_e - g/g', by a term of value zero.
-        worked_out: the step and the rates at its beginning and end, if they are computed beforehand.
+        precomputed: the step and the rates at its beginning and end, if they are computed beforehand.
     """
-    steps = own_steps(numerics.method, model)
+    steps = fixed_step_scheme(numerics.method, model)
     if steps is not None:
         if sensitivities:
             raise ValueError(
@@ -189,7 +195,7 @@ def advance(
             )
         return _advance_stepped(steps, numerics, drive)
     hybrid = cast(HybridModel, model)
-    return _advance_hybrid(hybrid, numerics, drive, sensitivities, worked_out)
+    return _advance_hybrid(hybrid, numerics, drive, sensitivities, precomputed)
 
 
 def _advance_hybrid(
@@ -197,13 +203,13 @@ def _advance_hybrid(
     numerics: ResolvedNumerics,
     drive: Drive | None,
     sensitivities: bool,
-    worked_out: tuple[Propose, Flow, Flow] | None,
+    precomputed: tuple[Step, Flow, Flow] | None,
 ) -> Advance:
     method = METHODS[numerics.method]
     assert method.step is not None
     # independent jumps need their turns only for the derivative of each one's event time
     in_turn = model.simultaneous == "in_turn" or (model.simultaneous == "independent" and sensitivities)
-    propose, flow, flow_after = worked_out or (method.step(model), model.flow, model.flow)
+    step, flow, flow_after = precomputed or (method.step(model), model.flow, model.flow)
 
     def attempt(params: Params, carry: Carry) -> Carry:
         dtype, dt = carry.t.dtype, carry.dt
@@ -215,23 +221,23 @@ def _advance_hybrid(
         # two rounds of location the tolerance grows
         impatience = jnp.maximum(carry.trials - PATIENT_TRIALS, 0).astype(dtype)
         tolerance = finest * (1.0 + impatience * impatience)
-        going = usually(carry.halt == GOING)
+        going = likely(carry.halt == Halt.GOING)
         room = jnp.maximum(carry.stop - carry.t, 0.0)
         h = jnp.where(going, jnp.minimum(carry.h, room), 0.0)
         here = params if drive is None else drive(params, carry.t + 0.5 * h)
         # not yet what a schedule of steps changes to at the end
         there = params if drive is None else drive(params, carry.t + h * STEP_END)
         if method.adaptive:
-            trial, error = propose(here, carry.state, h)
+            trial, error = step(here, carry.state, h)
             change = _fitting_change(error, carry, trial, numerics)
             # a rejected step is shortened and tried again
             taken = (change >= CAUTION) | (h <= LEAST_SHARE * dt)
         else:
-            trial, change, taken = propose(here, carry.state, h), None, jnp.asarray(True)
+            trial, change, taken = step(here, carry.state, h), None, jnp.asarray(True)
         guards = model.guards(there, trial)
         fired = guards >= 0.0
-        failed = rarely(going & ~taken)
-        short = rarely(h <= CHAIN_STEP * carry.unit)
+        failed = unlikely(going & ~taken)
+        short = unlikely(h <= CHAIN_STEP * carry.unit)
         still = short & (h == 0.0)
         leaving, arriving = flow(here, carry.state), flow_after(there, trial)
         slopes = guard_slopes(model, here, carry.state, leaving)
@@ -245,18 +251,18 @@ def _advance_hybrid(
             hides = hides | unresolved(carry.near, slopes, guards, speed, looks, h)
             shows, unseen = switch_unseen(flow, here, (carry.state, trial), (leaving, arriving), h)
             hides = hides | ((h > SWITCH_STEP * carry.unit) & (shows | unseen))
-        hidden = rarely(going & taken & ~short & hides)
+        hidden = unlikely(going & taken & ~short & hides)
         again = failed | hidden
         if in_turn:
             # guards that fired in the same trial as the last jump and have not jumped yet
             waits = fired & (carry.far_guards == jnp.inf)
             waiting = still & jnp.any(waits)
             # a crossing is recorded before the events that its jumps cause
-            owed = rarely(carry.closed)
+            owed = unlikely(carry.closed)
         else:
             waits, waiting, owed = jnp.zeros_like(fired), jnp.asarray(False), jnp.asarray(False)
         leaves = owed & ~waiting
-        hit = rarely(going & jnp.any(fired) & ~again & ~leaves)
+        hit = unlikely(going & jnp.any(fired) & ~again & ~leaves)
         on = going & ~hit & ~again
         # the guard that fires first, below zero at the near end of the bracket and above it at the far one
         below, above = _first_to_fire(
@@ -308,22 +314,22 @@ def _advance_hybrid(
             rooted = _first_of(jumping & ((still & waits) | ((carry.near < 0.0) & (h > 0.0)))) & land
             end, later = _implicit_event_time(trial, arriving, guards, speed, rooted)
             # a crossing is read at its own time
-            end = move(end, arriving, jnp.where(leaves, -shift, 0.0))
+            end = euler_update(end, arriving, jnp.where(leaves, -shift, 0.0))
             t = t + later - jnp.where(leaves, shift, 0.0)
             shift = jnp.where(leaves, 0.0, shift + jnp.where(owed, later, 0.0))
         after = model.jump(there, end, jumping)
         crossed = owed | (land & model.section(there, trial, jumping))
         # at its own time, which needs the rates after the last jump, if other guards have jumped since
         closed = crossed & ((land & ~remaining & ~owed) | leaves)
-        timed = rarely(on & (h >= room) & ~leaves)
+        timed = unlikely(on & (h >= room) & ~leaves)
 
         chain = jnp.where(land, carry.chain + 1, jnp.where(on & ~short, 0, carry.chain))
-        halt = jnp.where(closed, CROSSING, jnp.where(timed, TIME, GOING))
+        halt = jnp.where(closed, Halt.CROSSING, jnp.where(timed, Halt.TIME, Halt.GOING))
         if method.adaptive:
             # many cycles can pass between two polls of the recorder, so a fall is tested after every step
             down = (on | land) & model.failed(there, select(land, after, end))
-            halt = jnp.where(down, FAILED, halt)
-        halt = jnp.where(land & (chain > _longest_chain(model, guards)), FAILED, halt).astype(
+            halt = jnp.where(down, Halt.FELL, halt)
+        halt = jnp.where(land & (chain > _longest_chain(model, guards)), Halt.FELL, halt).astype(
             carry.halt.dtype
         )
         # a waiting lane, or one whose step is rejected, keeps its state
@@ -438,7 +444,7 @@ def _next_bracket(
     back = hit & ~land
     rest = carry.far - h
     # an accepted step that reaches the far end without firing (rounding) ends the location
-    fresh = usually(carry.far == jnp.inf)
+    fresh = likely(carry.far == jnp.inf)
     far = jnp.where(back, h, jnp.where(fresh, jnp.inf, jnp.where(on & (rest > 0.0), rest, jnp.inf)))
     stayed_near = jnp.where(carry.weight > 0.0, 0.5 * carry.weight, 1.0)
     stayed_far = jnp.where(carry.weight < 0.0, 0.5 * carry.weight, -1.0)
@@ -482,7 +488,7 @@ def _implicit_event_time(
     speed = jnp.where(rooted & (speed != 0.0), speed, 1.0)
     drift = (guards - jax.lax.stop_gradient(guards)) / speed
     shift = -jnp.sum(jnp.where(rooted, drift, 0.0))
-    return move(trial, rates, shift), shift
+    return euler_update(trial, rates, shift), shift
 
 
 def _first_of(flags: jax.Array) -> jax.Array:
@@ -497,7 +503,7 @@ def _first_of(flags: jax.Array) -> jax.Array:
 def _advance_stepped(model: FixedStepDynamics, numerics: ResolvedNumerics, drive: Drive | None) -> Advance:
     def attempt(params: Params, carry: Carry) -> Carry:
         dt = carry.dt
-        going = carry.halt == GOING
+        going = carry.halt == Halt.GOING
         # a simulator's step cannot be shortened, so a stop is at the nearest end of a step
         timed = carry.stop - carry.t <= 0.5 * dt
         here = params if drive is None else drive(params, carry.t + 0.5 * dt)
@@ -510,9 +516,9 @@ def _advance_stepped(model: FixedStepDynamics, numerics: ResolvedNumerics, drive
             state=select(hit, model.jump(here, trial, fired), trial),
             t=carry.t + dt,
             attempts=carry.attempts + 1,
-            halt=jnp.where(closed, CROSSING, GOING).astype(carry.halt.dtype),
+            halt=jnp.where(closed, Halt.CROSSING, Halt.GOING).astype(carry.halt.dtype),
         )
-        waiting = dataclasses.replace(carry, halt=jnp.full_like(carry.halt, TIME))
+        waiting = dataclasses.replace(carry, halt=jnp.full_like(carry.halt, Halt.TIME))
         moved = select(timed, waiting, stepped)
         return select(going, moved, carry)
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import HybridModel, Params, State
-from gaitsweep.engine.propose import METHODS
+from gaitsweep.engine.solver import METHODS
 
 # Number of flags whose combinations are evaluated; each flag doubles the number of combinations.
 MOST_FLAGS = 8

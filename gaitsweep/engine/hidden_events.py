@@ -26,8 +26,8 @@ import jax.numpy as jnp
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, jaxpr_as_fun
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
-from gaitsweep.engine.propose import move
-from gaitsweep.engine.rarity import rarely
+from gaitsweep.engine.rarity import unlikely
+from gaitsweep.engine.solver import euler_update
 
 # A guard may have passed a maximum if the parabola through its values at both ends, with its slope at the
 # beginning, has its maximum within this many steps. The value is above 1, since the maximum of a curve that
@@ -75,7 +75,7 @@ def slopes_along(function: Callable[[State], jax.Array], state: State, rates: Ra
     still = jax.lax.stop_gradient(state)
     along = {name: jax.lax.stop_gradient(rate) for name, rate in rates.items()}
     zero = jnp.zeros_like(jax.tree.leaves(along)[0], shape=())
-    _, slopes = jax.jvp(lambda s: function(move(still, along, s)), (zero,), (jnp.ones_like(zero),))
+    _, slopes = jax.jvp(lambda s: function(euler_update(still, along, s)), (zero,), (jnp.ones_like(zero),))
     return slopes
 
 
@@ -89,7 +89,7 @@ def may_hide(near: jax.Array, slopes: jax.Array, end: jax.Array, h: jax.Array) -
     """
     rise = slopes * h
     tangent = near + rise
-    may_reach = rarely(jnp.any(tangent >= 0.0))
+    may_reach = unlikely(jnp.any(tangent >= 0.0))
     passes = (tangent >= 0.0) & (end < 0.0) & (tangent - end > rise / (2.0 * TOP_WITHIN))
     return may_reach & jnp.any(passes)
 

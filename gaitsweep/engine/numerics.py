@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Model, Params
-from gaitsweep.engine.propose import METHODS, own_steps
+from gaitsweep.engine.solver import METHODS, fixed_step_scheme
 
 # The name, among a row's initial conditions, of the factor on its steps: 1, or less if a row is repeated to
 # test how its results depend on the step. No name of a model has a dot. An input of its own would give the
@@ -114,7 +114,7 @@ def longest_step(model: Model, method: str, params: Params) -> jax.Array | None:
         method: a name of `METHODS`.
         params: its parameters.
     """
-    steps = own_steps(method, model)
+    steps = fixed_step_scheme(method, model)
     if steps is not None:
         return steps.longest_step(params)
     assert isinstance(model, HybridModel)
@@ -138,7 +138,7 @@ def recommended_step(model: Model, numerics: ResolvedNumerics, params: Params) -
     if numerics.dt is not None:
         return jnp.full_like(model.period(params), numerics.dt)
     longest = longest_step(model, numerics.method, params)
-    if longest is None or own_steps(numerics.method, model) is not None:
+    if longest is None or fixed_step_scheme(numerics.method, model) is not None:
         return longest
     if numerics.adaptive:
         return longest * (FEWEST_STEPS / SHORTEST_CYCLE)

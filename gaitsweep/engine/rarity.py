@@ -11,14 +11,14 @@ import jax
 from jax.ad_checkpoint import checkpoint_name
 
 # What a marked condition nearly always is, by the mark's name.
-USUAL = {"gaitsweep.rarely": False, "gaitsweep.usually": True}
+USUAL = {"gaitsweep.unlikely": False, "gaitsweep.likely": True}
 
 
-def rarely(condition: jax.Array) -> jax.Array:
+def unlikely(condition: jax.Array) -> jax.Array:
     """The condition itself, marked as seldom true."""
-    return cast(jax.Array, checkpoint_name(condition, "gaitsweep.rarely"))
+    return cast(jax.Array, checkpoint_name(condition, "gaitsweep.unlikely"))
 
 
-def usually(condition: jax.Array) -> jax.Array:
+def likely(condition: jax.Array) -> jax.Array:
     """The condition itself, marked as nearly always true."""
-    return cast(jax.Array, checkpoint_name(condition, "gaitsweep.usually"))
+    return cast(jax.Array, checkpoint_name(condition, "gaitsweep.likely"))

@@ -12,7 +12,7 @@ import numpy as np
 
 from gaitsweep import effort, near_miss
 from gaitsweep.design.design import inside, must
-from gaitsweep.engine.propose import derivative_refusal
+from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.fitting.free import Free
 from gaitsweep.fitting.measure_kinds import MEASURES
 from gaitsweep.fitting.measures import Measure

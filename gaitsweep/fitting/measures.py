@@ -13,7 +13,7 @@ from pydantic import Field, PlainValidator, WithJsonSchema
 from gaitsweep import near_miss
 from gaitsweep.analysis.continuation import floquet
 from gaitsweep.analysis.continuation.newton import newton
-from gaitsweep.contract import Model, Status, Verdict, names_gait
+from gaitsweep.contract import Model, Status, names_gait
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.expression import ExpressionError, evaluate, functions_of, names_in
@@ -27,9 +27,6 @@ MOST_CONDITIONS = 10_000  # rows of one measure
 _MULTIPLIER, _UNSTABLE = "multiplier", "unstable"
 # Columns of names, and the row's number, which have no mean.
 _WORDS = ("row", "status", "stalled_by", "slowest")
-
-SOUND = Status.of(Verdict.sound)
-FAILED = Status.of(Verdict.failed)
 
 
 def _read_at(value: Any) -> dict[str, tuple[float, ...]]:
@@ -181,7 +178,7 @@ class Value(RowMeasure):
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
         status = rows["status"]
-        unsound = ~np.isin(status, list(SOUND))
+        unsound = ~Status.SOUND.among(status)
         seen = column(self.of_, rows)
         if self.among is None:
             turning = self.circular(model)
@@ -220,7 +217,7 @@ class Edge(RowMeasure):
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
         holds = np.asarray(self.at[self.along])
-        has = (rows["gait"] == self.gait) & ~np.isin(rows["status"], list(FAILED))
+        has = (rows["gait"] == self.gait) & ~Status.FAILED.among(rows["status"])
         first = np.where(has.all(axis=1), holds.size, np.argmin(has, axis=1))
         never, always = first == 0, first == holds.size
         after = np.clip(first, 1, holds.size - 1)
@@ -246,7 +243,7 @@ class Share(RowMeasure):
     among: Among | None = _AMONG
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
-        has = np.isin(rows["gait"], self.gait) & ~np.isin(rows["status"], list(FAILED))
+        has = np.isin(rows["gait"], self.gait) & ~Status.FAILED.among(rows["status"])
         if self.among is None:
             return _always(has.mean(axis=1))
         counts = within(self.among, rows)
@@ -276,7 +273,7 @@ class Coexistence(RowMeasure):
     along: Text = Field(description="the parameter, whose list stands in `at` beside those of starts")
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
-        stands = ~np.isin(rows["status"], list(FAILED))
+        stands = ~Status.FAILED.among(rows["status"])
         lengths, axis = [len(values) for values in self.at.values()], list(self.at).index(self.along)
         together = np.ones((len(stands), lengths[axis]), bool)
         for group in self.gaits:
@@ -310,7 +307,7 @@ class Order(RowMeasure):
     gaits: list[Gaits] = Field(min_length=2, description="gaits, or lists of them, in the order wanted")
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
-        sound = np.isin(rows["status"], list(SOUND))
+        sound = Status.SOUND.among(rows["status"])
         seen = column(self.of_, rows)
         medians = np.full((len(sound), len(self.gaits)), np.nan)
         why = np.full(len(sound), "", object)
@@ -349,7 +346,7 @@ class Prominence(RowMeasure):
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
         status = rows["status"]
-        unsound = ~np.isin(status, list(SOUND))
+        unsound = ~Status.SOUND.among(status)
         curve = column(self.of_, rows)
         least = 1 + curve[:, 1:-1].argmin(axis=1)
         places = np.arange(curve.shape[1])
@@ -379,7 +376,7 @@ class Failures(RowMeasure):
     kind: Literal["failures"] = Field(description="failures: the share of rows that fall or fail otherwise")
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
-        return _always(np.isin(rows["status"], list(FAILED)).mean(axis=1))
+        return _always(Status.FAILED.among(rows["status"]).mean(axis=1))
 
     def unit(self, model: Model) -> str:
         return "1"

@@ -15,7 +15,6 @@ from gaitsweep.contract import Model
 from gaitsweep.design.design import inside
 from gaitsweep.engine.numerics import STEP_FACTOR
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
-from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
@@ -24,6 +23,7 @@ from gaitsweep.fitting.ramp_measures import RampMeasure, crossings_of
 from gaitsweep.job import Job, JobError
 from gaitsweep.job.step_lengths import longer_than_right
 from gaitsweep.kinds.run_kind import RunKind
+from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.prepare import RunContext, prepare
 
 # Rows of a block of a batch.
@@ -261,14 +261,11 @@ class Population:
             # batches differ in what happens to be equal in all of their rows
             varied=frozenset(constants).union(*(dict(each) for each in self._conditions)),
         )
-        blocks: dict[int, pd.DataFrame] = {}
-
-        def keep(number: int, result: BlockResult) -> None:
-            blocks[number] = context.job.run.table(context.model, {}, result)
-
-        sweep(spec, range(-(-rows.size // _BLOCK)), keep, progress)
-        tables = [blocks[number] for number in sorted(blocks)]
-        columns = {str(name): np.concatenate([_array(t[name]) for t in tables]) for name in tables[0].columns}
+        blocks: dict[int, RowOutcome] = {}
+        sweep(spec, range(-(-rows.size // _BLOCK)), blocks.__setitem__, progress)
+        outcome = RowOutcome.concat([blocks[number] for number in sorted(blocks)])
+        table = context.job.run.table(context.model, {}, outcome)
+        columns = {str(name): _array(table[name]) for name in table.columns}
         if not context.job.run.one_a_row:
             return columns, refused
         return {name: column.reshape(good.size, each) for name, column in columns.items()}, refused
@@ -282,7 +279,7 @@ class Population:
         for places in _alike(self._conditions).values():
             table = self.run_elsewhere(self._job_of_rows(context, constants, places), progress)
             if not context.job.run.one_a_row:
-                columns = context.job.run.columns(context.model)
+                columns = context.job.run.all_columns(context.model)
                 part = {name: _array(table[name]) for name in ("row", *(column.name for column in columns))}
                 part["row"] = part["row"] // len(places) * each + np.array(places)[part["row"] % len(places)]
                 records.append(part)

@@ -9,9 +9,8 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, WithJsonSchema
 
-from gaitsweep.contract import Model
+from gaitsweep.contract import Model, Status
 from gaitsweep.fitting.measures import (
-    FAILED,
     Gaits,
     Measure,
     Measured,
@@ -101,7 +100,7 @@ class Transition(RampMeasure):
 
     def _place(self, row: Crossings) -> tuple[float, str]:
         """Value of the row's transition; NaN if it has none, and then why, in a few words."""
-        if row.status in FAILED:
+        if row.status in Status.FAILED:
             return np.nan, row.status
         seen = self._in_pass(row, self.pass_)
         gaits = seen["gait"]
@@ -159,7 +158,7 @@ class GaitSequence(RampMeasure):
         return Measured(values, np.full(values.size, "", object))
 
     def _share(self, row: Crossings) -> float:
-        if row.status in FAILED:
+        if row.status in Status.FAILED:
             return 0.0
         gaits = self._in_pass(row, self.pass_)["gait"]
         names = list(dict.fromkeys(gaits.tolist()))

@@ -24,7 +24,7 @@ from gaitsweep.engine.numerics import (
     recommended_step,
     unknown_step,
 )
-from gaitsweep.engine.propose import METHODS, refusal
+from gaitsweep.engine.solver import METHODS, refusal
 from gaitsweep.engine.sweep.xla import see_all_cores
 from gaitsweep.expression import functions_of, resolve
 from gaitsweep.job.numerics import NumericsSpec

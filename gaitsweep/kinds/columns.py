@@ -11,7 +11,8 @@ import pandas as pd
 
 from gaitsweep.contract import HybridModel, Model, Quantity, Status, names_gait
 from gaitsweep.engine.recorders.recorder import unpacked
-from gaitsweep.engine.sweep.block import BlockResult
+from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.table.outcomes import outcomes
 
 UNKNOWN_GAIT = "unknown"  # of a row whose label is no index of a gait; the label follows
 STATUSES = [status.name for status in Status if status is not Status.running]
@@ -23,7 +24,7 @@ class Column:
 
     Args:
         name: its name in the table.
-        read: its values (n,) from the `Records`; by default the recorder's number of the same name.
+        read: its values (n,) from the `Records`; by default the number of the same name.
         quantity: the model's quantity that it holds, for its unit and meaning.
         repeats: whether many records have the same value, so that the column needs little room on disk.
     """
@@ -48,33 +49,31 @@ class Records:
     """
 
     model: Model
-    block: BlockResult
+    block: RowOutcome
     rows: np.ndarray
     place: np.ndarray | None
     names: tuple[str, ...]
     samples: np.ndarray
 
     @classmethod
-    def one_a_row(cls, model: Model, block: BlockResult) -> Records:
+    def one_a_row(cls, model: Model, block: RowOutcome) -> Records:
         """One record for each row of a block."""
-        rows = block.first + np.arange(len(block.status), dtype=np.int64)
-        return cls(model, block, rows, None, (), np.zeros((rows.size, 0)))
+        return cls(model, block, block.row, None, (), np.zeros((block.row.size, 0)))
 
     @classmethod
-    def one_a_sample(cls, model: Model, block: BlockResult, names: tuple[str, ...]) -> Records:
+    def one_a_sample(cls, model: Model, block: RowOutcome, names: tuple[str, ...]) -> Records:
         """One record for each sample of a block; a row without samples keeps one record without numbers."""
-        rows = block.first + np.arange(len(block.status), dtype=np.int64)
-        without = np.setdiff1d(rows, block.owner)
-        owner = np.concatenate([block.owner, without]).astype(np.int64)
-        place = np.concatenate([np.arange(block.owner.size), np.full(without.size, -1)])
-        order = np.argsort(owner, kind="stable")
-        place = place[order]
+        records = np.maximum(block.kept, 1)
+        place = np.full(records.sum(), -1)
+        place[np.repeat(block.kept > 0, records)] = np.arange(len(block.samples))
         samples = _placed(block.samples.reshape(-1, len(names)), place, np.nan)
-        return cls(model, block, owner[order], place, names, samples)
+        return cls(model, block, np.repeat(block.row, records), place, names, samples)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """A number of the recorder's by its name, (n,)."""
-        return self.samples[:, self.names.index(name)]
+        """A number of each record, (n,): the sample's with this name, else the row's."""
+        if name in self.names:
+            return self.samples[:, self.names.index(name)]
+        return self.of_row(self.block.numbers[name])
 
     @property
     def recorded(self) -> np.ndarray:
@@ -83,20 +82,20 @@ class Records:
 
     def of_row(self, values: np.ndarray) -> np.ndarray:
         """The value of each record's row (n, ...), from those of the block's rows."""
-        return values if self.place is None else values[self.rows - self.block.first]
+        return values if self.place is None else np.repeat(values, np.maximum(self.block.kept, 1), axis=0)
 
     def label(self, name: str, absent: float | None = None) -> np.ndarray:
         """A gait's number or a trait (n,); `absent` where it was not read: by default 0 or NaN."""
-        labels = self.block.labels[name]
         if self.place is None:
-            return labels
+            return self.block.labels[name]
+        labels = self.block.sample_labels[name]
         if absent is None:
             absent = 0 if labels.dtype.kind in "iu" else np.nan
         return _placed(labels, self.place, absent)
 
 
 def observed(
-    model: Model, suffix: str, values: Callable[[BlockResult], np.ndarray] = lambda block: block.last
+    model: Model, suffix: str, values: Callable[[RowOutcome], np.ndarray] = lambda block: block.last
 ) -> list[Column]:
     """The observables at a crossing: `psi_1_n`; those where a row ended: `psi_1_end`.
 
@@ -125,10 +124,8 @@ def signals(model: Model) -> list[Column]:
 
 
 def _status(records: Records) -> pd.Categorical:
-    numbers = np.full(max(Status) + 1, -1)
-    for number, name in enumerate(STATUSES):
-        numbers[Status[name]] = number
-    return pd.Categorical.from_codes(numbers[records.of_row(records.block.status)], categories=STATUSES)
+    # statuses are numbered from 0, running
+    return pd.Categorical.from_codes(records.of_row(records.block.status) - 1, categories=STATUSES)
 
 
 def _crossing(records: Records) -> np.ndarray:
@@ -164,16 +161,24 @@ STATUS = Column("status", _status)
 STALLED_BY = Column("stalled_by", _stalled_by)
 CROSSING = Column("crossing", _crossing)
 GAIT = Column("gait", _gait)
+OUTCOME = Column("outcome", lambda records: outcomes(_gait(records), _status(records)))
 
 
-def slowest(read: Callable[[Records], np.ndarray]) -> Column:
-    """The observable that kept a row or a stair from settling, from its number; missing below zero."""
+def row_number(quantity: Quantity) -> Column:
+    """A number of the row (`RowNumber`), the same in all of its records."""
+    return Column(
+        quantity.name, lambda records: records.of_row(records.block.numbers[quantity.name]), quantity
+    )
 
-    def named(records: Records) -> pd.Categorical:
-        names = [q.name for q in records.model.observables]
-        return pd.Categorical.from_codes(read(records).astype(int).tolist(), categories=names)
 
-    return Column("slowest", named)
+def _slowest(records: Records) -> pd.Categorical:
+    """The observable that kept a row or a stair from settling; missing where its number is below zero."""
+    names = [q.name for q in records.model.observables]
+    codes = np.nan_to_num(records["slowest"], nan=-1.0).astype(int)
+    return pd.Categorical.from_codes(codes.tolist(), categories=names)
+
+
+SLOWEST = Column("slowest", _slowest)
 
 
 def gaits(model: Model, codes: np.ndarray) -> pd.Categorical:

@@ -15,8 +15,8 @@ from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
-from gaitsweep.engine.propose import derivative_refusal
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.engine.sweep.labels import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.run_kind import RunKind, StartingPoints

@@ -9,7 +9,7 @@ from pydantic import Field
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder, end_values
-from gaitsweep.kinds.columns import GAIT, STALLED_BY, STATUS, Column, observed, traits
+from gaitsweep.kinds.columns import GAIT, OUTCOME, STALLED_BY, STATUS, Column, observed, traits
 from gaitsweep.kinds.run_kind import Cost, RunKind
 from gaitsweep.schema.numbers import Positive
 
@@ -34,11 +34,12 @@ class FixedTime(RunKind):
     def columns(self, model: Model) -> list[Column]:
         return [
             STATUS,
-            Column("cycles", lambda records: records.block.cycles),
-            Column("t_end", lambda records: records.block.t_end, repeats=False),
+            Column("cycles"),
+            Column("t_end", repeats=False),
             STALLED_BY,
             *observed(model, "end", end_values),
             GAIT,
+            OUTCOME,
             *traits(model),
         ]
 

@@ -16,13 +16,48 @@ from pydantic import ValidationError
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.recorder import Recorder
-from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.refine import Grid
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError
-from gaitsweep.kinds.columns import Column, Records
+from gaitsweep.kinds.columns import Column, Records, row_number
+from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.schema.diagnostics import Diagnostic, Path, SchemaSection, from_pydantic
 from gaitsweep.schema.strict_model import StrictModel, kind_of, plain
+
+
+@dataclasses.dataclass(frozen=True)
+class PlanAxis:
+    """The names of an axis, one or those of a `zip` or `sample`, and its number of points."""
+
+    names: tuple[str, ...]
+    length: int
+
+
+class Rows(Protocol):
+    """The rows of a job, as a run kind and a figure see them; `gaitsweep.job.Design` says what each gives."""
+
+    @property
+    def model(self) -> Model: ...
+    @property
+    def n_rows(self) -> int: ...
+    @property
+    def names(self) -> tuple[str, ...]: ...
+    @property
+    def axes(self) -> Sequence[PlanAxis]: ...
+    @property
+    def grids(self) -> Mapping[str, GridAxis]: ...
+    def following(self, *parameters: str) -> Mapping[str, str]: ...
+    def columns(self, start: int, stop: int) -> dict[str, np.ndarray]: ...
+    def values_in(self, rows: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]: ...
+    def in_cells(self, name: str) -> bool: ...
+
+
+@dataclasses.dataclass(frozen=True)
+class GridAxis:
+    """The place of an axis among a job's, and whether its last cell is next to its first."""
+
+    place: int
+    closed: bool
 
 
 @dataclasses.dataclass(frozen=True)
@@ -152,7 +187,12 @@ class RunKind(StrictModel):
         """The columns of its table after `row` and what varies, in their order."""
         raise NotImplementedError
 
-    def table(self, model: Model, axes: Mapping[str, np.ndarray], block: BlockResult) -> pd.DataFrame:
+    def all_columns(self, model: Model) -> list[Column]:
+        """Its columns, and those of numbers that its recorder declares with a quantity."""
+        declared = (each.quantity for each in self.recorder(model).numbers if each.quantity is not None)
+        return [*self.columns(model), *map(row_number, declared)]
+
+    def table(self, model: Model, axes: Mapping[str, np.ndarray], block: RowOutcome) -> pd.DataFrame:
         """The records of a block of rows.
 
         Args:
@@ -166,7 +206,7 @@ class RunKind(StrictModel):
             records = Records.one_a_sample(model, block, self.recorder(model).names)
         found: dict[str, Any] = {"row": records.rows}
         found |= {name: records.of_row(values) for name, values in axes.items()}
-        found |= {column.name: column.of(records) for column in self.columns(model)}
+        found |= {column.name: column.of(records) for column in self.all_columns(model)}
         return pd.DataFrame(found)
 
     def block_table(
@@ -226,4 +266,4 @@ class StartingPoints:
 
 def table_columns(rows: Design, run: RunKind) -> list[str]:
     """The columns of the table that a run makes, in their order."""
-    return ["row", *rows.names, *(column.name for column in run.columns(rows.model))]
+    return ["row", *rows.names, *(column.name for column in run.all_columns(rows.model))]

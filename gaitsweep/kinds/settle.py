@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
-import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep import near_miss
@@ -14,7 +13,7 @@ from gaitsweep.design import Design
 from gaitsweep.engine.recorders.settle import SettleRecorder as Recorder
 from gaitsweep.engine.recorders.settle import tolerances
 from gaitsweep.engine.sweep.refine import Grid
-from gaitsweep.kinds.columns import GAIT, STALLED_BY, STATUS, Column, observed, slowest, traits
+from gaitsweep.kinds.columns import GAIT, OUTCOME, SLOWEST, STALLED_BY, STATUS, Column, observed, traits
 from gaitsweep.kinds.run_kind import Cost, RunKind
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import (
@@ -85,13 +84,14 @@ class Settle(RunKind):
     def columns(self, model: Model) -> list[Column]:
         return [
             STATUS,
-            Column("cycles", lambda records: records.block.cycles),
-            Column("t_end", lambda records: records.block.t_end, repeats=False),
-            slowest(lambda records: records.block.slowest),
+            Column("cycles"),
+            Column("t_end", repeats=False),
+            SLOWEST,
             STALLED_BY,
             *observed(model, "end"),
             GAIT,
-            Column("attractor_period", lambda records: records.block.period.astype(np.int8)),
+            OUTCOME,
+            Column("attractor_period", lambda records: records["period"]),
             *traits(model),
         ]
 

@@ -17,12 +17,12 @@ from gaitsweep.engine.recorders.stairs import StepSchedule
 from gaitsweep.kinds.columns import (
     CROSSING,
     GAIT,
+    SLOWEST,
     STALLED_BY,
     STATUS,
     Column,
     Records,
     observed,
-    slowest,
     traits,
 )
 from gaitsweep.kinds.run_kind import Cost, RunKind
@@ -82,7 +82,7 @@ class Staircase(RunKind):
             Column("t"),
             CROSSING,
             Column("settled", lambda records: records["settled"] == 1.0),
-            slowest(lambda records: np.where(records.recorded, records["slowest"], -1.0)),
+            SLOWEST,
             STATUS,
             STALLED_BY,
             *observed(model, "n"),

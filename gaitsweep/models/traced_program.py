@@ -119,7 +119,7 @@ def _digests(model: Model) -> Iterator[tuple[str, str]]:
     yield from traced.digest("period", model.period, params)
     yield from traced.digest("free_after", model.free_after, params)
     if (chart := model.chart()) is not None:
-        yield from traced.digest("chart", chart.read, params, state)
+        yield from traced.digest("chart", chart.to_coordinates, params, state)
 
 
 class _Traced:

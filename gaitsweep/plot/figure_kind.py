@@ -52,7 +52,7 @@ Window = Annotated[
     "begin and end of what is shown, in s; all if not given",
 ]
 
-TEXT_COLUMNS = frozenset({"status", "gait", "special", "end", "slowest", "stalled_by"})
+TEXT_COLUMNS = frozenset({"status", "gait", "outcome", "special", "end", "slowest", "stalled_by"})
 
 Refusal = tuple[Path, str]  # where in the figure, and the end of the sentence
 
@@ -79,7 +79,7 @@ class PlannedTable:
 
     def unit(self, column: str) -> str:
         """A column's unit; empty where it has none."""
-        quantities = {c.name: c.quantity for c in self.run.columns(self.model) if c.quantity is not None}
+        quantities = {c.name: c.quantity for c in self.run.all_columns(self.model) if c.quantity is not None}
         quantities |= {q.name: q for q in (*self.model.parameters, *self.model.initial_conditions)}
         return quantities[column].unit if column in quantities else ""
 

@@ -14,14 +14,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MultipleLocator
 
-from gaitsweep.analysis.records import FAILED, NOT_SETTLED
+from gaitsweep.contract import Outcome
 from gaitsweep.extension import gait_styles
 
 COLUMN, PAGE = 3.4, 7.1  # inches: one column of a paper, and its full width
 HATCH = "/////"
 
 # Of outcomes that no model names; gaits have those of their extensions.
-COLOURS = MappingProxyType({"none": "#BBBBBB", NOT_SETTLED: "#E4E4E4", FAILED: "#3B3B3B"})
+COLOURS = MappingProxyType({"none": "#BBBBBB", Outcome.NOT_SETTLED: "#E4E4E4", Outcome.FAILED: "#3B3B3B"})
 MARKERS = MappingProxyType({"none": "x"})
 # Okabe and Ito's colours, distinct for colour-blind readers.
 SPARE_COLOURS = ("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#F0E442", "#000000")

@@ -16,7 +16,7 @@ from gaitsweep.contract import Status
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 from gaitsweep.engine.sweep.engines import polls_per_chunk
-from gaitsweep.engine.sweep.labels import labels_of
+from gaitsweep.engine.sweep.labels import labelled
 from gaitsweep.engine.sweep.lane import ChunkOutput
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
@@ -100,7 +100,7 @@ def estimate(job: Job) -> Estimate:
 
 def _bytes_of_record(design: Design, job: Job) -> float:
     """Bytes of a record in a table: eight for each number that no other record has."""
-    columns = job.run.columns(design.model)
+    columns = job.run.all_columns(design.model)
     own = sum(not column.repeats for column in columns)
     if job.run.one_a_row:  # so that each has its own point of a sample
         own += sum(
@@ -154,7 +154,10 @@ def _measured(context: RunContext) -> Measured:
     def total(of: Callable[[ChunkOutput], Any]) -> float:
         return float(sum(np.sum(of(output)[group.block_of >= 0]) for group, output in given))
 
-    simulated, crossings = total(lambda output: output.t), total(lambda output: output.record.cycles)
+    simulated, crossings = (
+        total(lambda output: output.numbers["t_end"]),
+        total(lambda output: output.numbers["cycles"]),
+    )
     nominal = 1.0 / nominal_period(context.design)
     if crossings < 2.0 * ran:  # too few to tell
         crossings = nominal * simulated
@@ -162,7 +165,7 @@ def _measured(context: RunContext) -> Measured:
         return Measured(
             at_a_time, host_s, rate, compile_s, EVENTS_SHARE / float(np.min(context.steps.dt)), nominal
         )
-    attempts = total(lambda output: output.attempts) / simulated
+    attempts = total(lambda output: output.numbers["attempts"]) / simulated
     return Measured(at_a_time, host_s, rate, compile_s, attempts, crossings / simulated)
 
 
@@ -174,13 +177,13 @@ def _host_s(context: RunContext, pool: LaneScheduler) -> float:
     if context.job.run.own_blocks:
         return 0.0
     group, block = pool.groups[0], next(iter(pool.open.values()))
-    block.status[:] = Status.settled
+    block.ends.status[:] = Status.settled
     spent = []
     for _ in range(2):  # the first time programs are compiled
         began = time.perf_counter()
         group.open_again()
         opened = time.perf_counter()
-        frame = context.table(block.result(labels_of(context.spec, block)))
+        frame = context.table(labelled(context.spec, block))
         part_bytes(frame, block.number, context.job_hash, {})
         spent.append((opened - began) / group.size + (time.perf_counter() - opened) / block.rows)
     return spent[-1]

@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from gaitsweep.engine.sweep.block import BlockResult, EndedRows
 from gaitsweep.engine.sweep.sweep import Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
 from gaitsweep.job.checks import remarks_on_rows
+from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.figures import draw_of_complete
 from gaitsweep.runs.makers import continue_directory
 from gaitsweep.runs.prepare import RunContext, naming_the_file, prepare
@@ -212,7 +212,7 @@ def _run_missing(
     def spent_so_far() -> dict[str, float]:
         return {name: value + spent.get(name, 0) for name, value in dataclasses.asdict(timings).items()}
 
-    def encode(number: int, block: BlockResult) -> EncodedPart:
+    def encode(number: int, block: RowOutcome) -> EncodedPart:
         return directory.encoded(number, context.table(block))
 
     def tell(now: SweepProgress) -> None:
@@ -255,10 +255,10 @@ class _Open:
     directory: ResultDirectory
     spent: Callable[[], dict[str, float]]
 
-    def restored(self, number: int) -> EndedRows | None:
+    def restored(self, number: int) -> RowOutcome | None:
         return self.directory.restored(number)
 
-    def keep(self, rows: EndedRows) -> None:
+    def keep(self, rows: RowOutcome) -> None:
         self.directory.keep(rows)
         self.directory.update_manifest(timings=self.spent())
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from gaitsweep.errors import FAILED, UserError
+from gaitsweep.errors import EXIT_FAILURE, UserError
 from gaitsweep.job import JobError, read_figures
 from gaitsweep.plot import draw
 from gaitsweep.runs.progress import Progress
@@ -31,7 +31,7 @@ from gaitsweep.version import version
 class FigureError(UserError):
     """Some of a table's figures could not be drawn; `drawn` has the files of the others."""
 
-    exit_code = FAILED
+    exit_code = EXIT_FAILURE
 
     def __init__(self, message: str, drawn: Sequence[Path]) -> None:
         self.drawn = tuple(drawn)

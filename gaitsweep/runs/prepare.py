@@ -7,7 +7,7 @@ import dataclasses
 import hashlib
 import inspect
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import jax
@@ -17,7 +17,6 @@ import pandas as pd
 
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
-from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.engine.sweep.xla import local_devices
@@ -28,6 +27,7 @@ from gaitsweep.job.step_lengths import RowSteps, row_steps, values_with_right_st
 from gaitsweep.kinds.run_kind import Schedule
 from gaitsweep.models.own_modules import modules_beside
 from gaitsweep.models.traced_program import traced_program
+from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.table import WriteError, reason
 
 # Rows of which one may have the nominal period that stands for all.
@@ -42,7 +42,9 @@ class RunError(UserError):
 class RunContext:
     """A job on this machine: its rows, the specification of their sweep, and the hash of its directory.
 
-    `steps` are the lengths of the rows' steps; `note` says why the engine is another than the one preferred.
+    `steps` are the lengths of the rows' steps; `note` says why the engine is another than the one preferred,
+    if it is; `rows_in(first, stop)` gives the rows (stop - first,) of the job where only some are simulated,
+    numbered anew from 0.
     """
 
     job: Job
@@ -51,15 +53,18 @@ class RunContext:
     note: str | None
     job_hash: str
     steps: RowSteps
+    rows_in: Callable[[int, int], np.ndarray] | None = None
 
     @property
     def model(self) -> Model:
         return self.design.model
 
-    def table(self, block: BlockResult) -> pd.DataFrame:
+    def table(self, block: RowOutcome) -> pd.DataFrame:
         """The records of a block of rows."""
-        axes = self.design.columns(block.first, block.first + len(block.status))
-        return self.job.run.table(self.model, axes, block)
+        rows = block.row
+        if self.rows_in is not None:
+            rows = self.rows_in(int(rows[0]), int(rows[-1]) + 1)
+        return self.job.run.table(self.model, self.design.at(rows, self.design.names), block)
 
     @property
     def program(self) -> Mapping[str, str]:

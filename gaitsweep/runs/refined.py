@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from gaitsweep.contract import Status, Verdict, names_gait
-from gaitsweep.engine.sweep.block import BlockResult
+from gaitsweep.contract import Status, names_gait
 from gaitsweep.engine.sweep.refine import ALONE, UNKNOWN, Grid, inferred, wanted
 from gaitsweep.engine.sweep.sweep import Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.progress import Progress as RunProgress
 from gaitsweep.table import EncodedPart, ResultDirectory, load
@@ -31,28 +31,12 @@ if TYPE_CHECKING:
 FOLDER = "refinement"
 
 
-@dataclasses.dataclass(frozen=True)
-class Round(RunContext):
-    """The context of a run of some rows of a job, numbered anew from 0.
-
-    `rows_in(first, stop)` gives the rows (stop - first,) of the job that have these new numbers.
-    """
-
-    rows_in: Callable[[int, int], np.ndarray]
-
-    @classmethod
-    def of(cls, context: RunContext, n_rows: int, rows_in: Callable[[int, int], np.ndarray]) -> Round:
-        """`n_rows` rows of a job, those of `rows_in`."""
-        spec = dataclasses.replace(
-            context.spec,
-            n_rows=n_rows,
-            values=lambda first, stop: context.design.values_in(rows_in(first, stop)),
-        )
-        return cls(context.job, context.design, spec, context.note, context.job_hash, context.steps, rows_in)
-
-    def table(self, block: BlockResult) -> pd.DataFrame:
-        rows = self.rows_in(block.first, block.first + len(block.status))
-        return self.job.run.table(self.model, self.design.at(rows, self.design.names), block)
+def some_rows(context: RunContext, n_rows: int, rows_in: Callable[[int, int], np.ndarray]) -> RunContext:
+    """A job made context of which only `n_rows` rows are simulated, those of `rows_in`."""
+    spec = dataclasses.replace(
+        context.spec, n_rows=n_rows, values=lambda first, stop: context.design.values_in(rows_in(first, stop))
+    )
+    return dataclasses.replace(context, spec=spec, rows_in=rows_in)
 
 
 def refine(
@@ -100,14 +84,14 @@ def _round(
     cluster: Cluster | None,
 ) -> pd.DataFrame:
     """The records of `rows` (n,), simulated as far as they are not there yet."""
-    this = Round.of(context, rows.size, lambda first, stop: rows[first:stop])
+    this = some_rows(context, rows.size, lambda first, stop: rows[first:stop])
     spec = this.spec
     path = directory.path / FOLDER / f"round-{number:02d}"
     job = {"round": number, "of": context.job.name}
     round_hash = hashlib.sha256(context.job_hash.encode() + rows.astype("<i8").tobytes()).hexdigest()
     with ResultDirectory.open(path, job, round_hash, spec.n_rows, spec.block) as part:
 
-        def encode(block: int, result: BlockResult) -> EncodedPart:
+        def encode(block: int, result: RowOutcome) -> EncodedPart:
             return part.encoded(block, this.table(result))
 
         if missing := part.missing_blocks():
@@ -144,7 +128,7 @@ def _labels(frame: pd.DataFrame, gaits: Sequence[str]) -> np.ndarray:
     """The label of each row (n,): its gait's number, or ALONE of a row that came to no fixed point."""
     gait = frame["gait"].cat.set_categories(list(gaits)).cat.codes.to_numpy()
     # the gait of an orbit of several cycles is that of one of its points: nothing to infer others from
-    fixed = frame["status"].isin(list(Status.of(Verdict.sound))).to_numpy()
+    fixed = Status.SOUND.among(frame["status"])
     if "attractor_period" in frame.columns:  # a round may be older than the column
         fixed = fixed & (frame["attractor_period"] == 1).to_numpy()
     return np.where(fixed & (gait >= 0), gait, ALONE)
@@ -169,27 +153,14 @@ def _inferred_frame(
     context: RunContext, rows: np.ndarray, gaits: np.ndarray, like: pd.DataFrame
 ) -> pd.DataFrame:
     """Records of rows (n,) that were not simulated: the gait of their neighbours, and no numbers."""
-    design, model, n = context.design, context.model, rows.size
+    model, n = context.model, rows.size
 
     def unread(name: str) -> np.ndarray:
         kind = like[name].to_numpy().dtype
         return np.full(n, -1) if names_gait(name) else np.full(n, np.nan if kind.kind == "f" else 0, kind)
 
     traits = {q.name: unread(q.name) for q in model.label_fields}
-    nothing = BlockResult(
-        first=0,
-        status=np.full(n, Status.inferred, np.int32),
-        cycles=np.zeros(n, np.int64),
-        attempts=np.zeros(n, np.int64),
-        t_end=np.full(n, np.nan),
-        last=np.full((n, len(model.observables)), np.nan),
-        period=np.zeros(n, np.int8),
-        slowest=np.full(n, -1),
-        fired=np.zeros((n, 0), np.int64),
-        labels={"gait": gaits, **traits},
-        owner=np.zeros(0, np.int64),
-        samples=np.zeros((0, 0)),
-    )
-    frame = context.job.run.table(model, design.at(rows, design.names), nothing)
-    frame["row"] = rows
-    return frame
+    nothing = RowOutcome.empty(rows, context.spec.recorder.numbers, len(model.observables))
+    nothing.status[:] = Status.inferred
+    labels = {"gait": gaits, **traits}
+    return context.table(dataclasses.replace(nothing, labels=labels))

@@ -158,7 +158,7 @@ def _run_missing(context: RunContext, writer: PartWriter, missing: list[int], pr
                     f"{locks.begun(number).process}: wait until it ends, or stop it."
                 )
 
-        quantities = quantities_of(context.model, context.job.run.columns(context.model))
+        quantities = quantities_of(context.model, context.job.run.all_columns(context.model))
 
         def write(number: int, frame: pd.DataFrame) -> None:
             nonlocal done

@@ -9,7 +9,6 @@ row lies on a boundary between basins, or is sensitive, and says nothing of the 
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -18,23 +17,23 @@ import jax
 import numpy as np
 import pandas as pd
 
-from gaitsweep.contract import Model, Quantity, Status, Verdict
+from gaitsweep.contract import Model, Quantity, Status
 from gaitsweep.design import Design
 from gaitsweep.engine.numerics import STEP_FACTOR, tolerance_scale
 from gaitsweep.engine.poincare.maps import wrap_difference
-from gaitsweep.engine.propose import own_steps
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder, end_values
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.recorders.settle import LEAST_SCALE, SettleRecorder
 from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
-from gaitsweep.engine.sweep.block import BlockResult
+from gaitsweep.engine.solver import fixed_step_scheme
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.errors import UserError
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.kinds.run_kind import StartingPoints
+from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.prepare import RunContext, nominal_period
 from gaitsweep.runs.self_check_report import HALF_THE_STEP, TOLERANCES
 
@@ -125,7 +124,7 @@ class Again:
 
     rows: np.ndarray
     recorder: Recorder
-    result: BlockResult | StartingPoints
+    result: RowOutcome | StartingPoints
 
 
 def circular(model: Model) -> np.ndarray:
@@ -307,11 +306,11 @@ def _beginning(context: RunContext) -> Recorder:
 def _other_records(model: Model, again: Again, stored: pd.DataFrame) -> np.ndarray:
     """Mask of the rows (n,) whose first records differ when they run again."""
     recorder, result = again.recorder, again.result
-    assert isinstance(result, BlockResult)
+    assert isinstance(result, RowOutcome)
     quantities = {f"{q.name}_n": q for q in model.observables} | {q.name: q for q in model.signals}
     names = [name for name in recorder.names if name in stored.columns and name not in ("settled", "slowest")]
     samples = result.samples.reshape(-1, recorder.width)
-    given = pd.DataFrame(samples, columns=list(recorder.names)).assign(place=result.owner)
+    given = pd.DataFrame(samples, columns=list(recorder.names)).assign(place=result.place)
     if isinstance(recorder, StepRecorder):
         # two stairs, of which the last one ends before the end of the path
         given = given[given["settled"] == 1.0]
@@ -342,11 +341,11 @@ def _other_ends(
 ) -> np.ndarray:
     """Mask of the rows (n,) that end otherwise when they run again."""
     model, result = context.model, again.result
-    assert isinstance(result, BlockResult)
+    assert isinstance(result, RowOutcome)
     status = stored["status"].astype(str).to_numpy()
     simulated = status != Status.inferred.name
     differs = simulated & (status != np.array([Status(code).name for code in result.status]))
-    sound = simulated & ~differs & np.isin(status, list(Status.of(Verdict.sound)))
+    sound = simulated & ~differs & Status.SOUND.among(status)
     gait = np.asarray(gaits(model, result.labels["gait"]).astype(object))
     differs |= sound & (stored["gait"].astype(object).to_numpy() != gait)
     names = [f"{q.name}_end" for q in model.observables]
@@ -361,7 +360,7 @@ def _other_ends(
     return differs | off.any(axis=1)
 
 
-def end_values_of(recorder: Recorder, result: BlockResult) -> np.ndarray:
+def end_values_of(recorder: Recorder, result: RowOutcome) -> np.ndarray:
     """The observables (n, k) with which rows ended."""
     return end_values(result) if isinstance(recorder, FixedTimeRecorder) else result.last
 
@@ -371,7 +370,7 @@ def _repeated(
     design: Design,
     lanes: list[tuple[np.ndarray, float, float]],
     progress: Callable[[SweepProgress], None] | None,
-) -> list[BlockResult]:
+) -> list[RowOutcome]:
     """The results of rows that run once more, for each (rows, share, move) of the list."""
     rows = np.concatenate([each[0] for each in lanes])
     shares = np.concatenate([np.full(each[0].size, each[1]) for each in lanes])
@@ -389,20 +388,10 @@ def _repeated(
     # programs of XLA are compiled for the width of the run that is checked
     width = spec.lanes if spec.engine == "xla" else min(spec.lanes, max(8, rows.size))
     again = dataclasses.replace(spec, n_rows=rows.size, block=rows.size, lanes=width, values=values)
-    found: list[BlockResult] = []
+    found: list[RowOutcome] = []
     sweep(again, [0], lambda _, result: found.append(result), progress)
-    cuts = np.cumsum([0, *(each[0].size for each in lanes)])
-    return [_part(found[0], int(a), int(b)) for a, b in itertools.pairwise(cuts)]
-
-
-def _part(result: BlockResult, first: int, last: int) -> BlockResult:
-    """The rows first..last-1 of a block, numbered from 0."""
-    mine = (result.owner >= first) & (result.owner < last)
-    of_rows = ("status", "cycles", "attempts", "t_end", "last", "period", "slowest", "fired")
-    fields = {name: getattr(result, name)[first:last] for name in of_rows}
-    labels = {name: each[first:last] for name, each in result.labels.items()}
-    kept = {"owner": result.owner[mine] - first, "samples": result.samples[mine]}
-    return dataclasses.replace(result, **{**fields, "first": 0, "labels": labels, **kept})
+    cuts = np.cumsum([each[0].size for each in lanes])[:-1]
+    return [found[0].take(part) for part in np.split(np.arange(rows.size), cuts)]
 
 
 def _compare_ends(
@@ -413,13 +402,13 @@ def _compare_ends(
     once, finer = _repeated(spec, design, [(rows, 1.0, 0.0), (rows, FINER, 0.0)], progress)
     at_times = context.job.run.compared == "ends"
     ends, finer_ends = (end_values_of(spec.recorder, each) for each in (once, finer))
-    sound = np.isin(once.status, [each for each in Status if each.verdict is Verdict.sound])
+    sound = Status.SOUND.among(once.status)
     other_status = once.status != finer.status
     other_gait = ~other_status & (once.labels["gait"] != finer.labels["gait"])
-    own = own_steps(spec.numerics.method, model) is not None
+    own = fixed_step_scheme(spec.numerics.method, model) is not None
     other_count = ~other_status & at_times & (not own) & (once.cycles != finer.cycles)
     # an orbit of several cycles may have been read at another of its points
-    same = sound & ~other_status & ~other_gait & (once.period <= 1)
+    same = sound & ~other_status & ~other_gait & (once.numbers["period"] <= 1)
     change = changes(model, ends, finer_ends)
     size = sizes(model.observables, _with_starts(context, rows, ends))
     check.take_largest(model.observables, change[same], size)
@@ -449,7 +438,7 @@ def _compare_ends(
         check.gait_differs += int((other_gait[differs] & ~sensitive).sum())
         check.count_differs += int((other_count[differs] & ~sensitive).sum())
         check.moved += int((wrong & ~discrete).sum())
-    resting = at_times | sound | other_status | _failed(once.status)
+    resting = at_times | sound | other_status | Status.FAILED.among(once.status)
     return Again(rows, spec.recorder, once), np.broadcast_to(resting, rows.shape)
 
 
@@ -477,10 +466,6 @@ def _compare_starting_points(context: RunContext, rows: np.ndarray, check: SelfC
     check.take_largest(model.observables, change[both], size)
     check.moved = int(np.sum(both & np.any(change > TOLERANCES * TOLERANCE * size, axis=1)))
     return Again(rows, spec.recorder, once)
-
-
-def _failed(status: np.ndarray) -> np.ndarray:
-    return np.isin(status, [each for each in Status if each.verdict is Verdict.failed])
 
 
 def _compare_crossings(
@@ -512,7 +497,7 @@ def _compare_crossings(
     most = np.nanmax(change, axis=1, initial=0.0)
     size = sizes(model.observables, observed[0])
     check.take_largest(model.observables, most, size)
-    if own_steps(context.spec.numerics.method, model) is not None:
+    if fixed_step_scheme(context.spec.numerics.method, model) is not None:
         # its step is part of such a model: what changes with it is told, and is no fault of the run
         return Again(rows, recorder, once)
     counts = counted(model, observed[0], observed[1])
@@ -550,12 +535,12 @@ def _mean_interval(times: np.ndarray) -> np.ndarray:
     return np.where(known > 0, (last - first) / np.maximum(known, 1), np.nan)
 
 
-def _crossings(result: BlockResult, n: int, after: int) -> np.ndarray:
+def _crossings(result: RowOutcome, n: int, after: int) -> np.ndarray:
     """The times (s) and observables (n, crossings, 1 + k), NaN where a row did not get so far."""
     width = 1 + result.last.shape[1]
     seen = np.full((n, CROSSINGS + 1, width), np.nan)
     samples = result.samples.reshape(-1, 1 + width)
     at = samples[:, 0].astype(int) - after
     kept = at <= CROSSINGS
-    seen[result.owner[kept], at[kept]] = samples[kept, 1:]
+    seen[result.place[kept], at[kept]] = samples[kept, 1:]
     return seen

@@ -48,7 +48,7 @@ def describe(context: RunContext, directory: ResultDirectory) -> None:
             {"names": list(group.names), "length": group.length, "drawn": group.drawn}
             for group in context.design.groups
         ],
-        quantities=quantities_of(context.model, context.job.run.columns(context.model)),
+        quantities=quantities_of(context.model, context.job.run.all_columns(context.model)),
         **_model_folder(context, directory.path),
     )
 

@@ -76,7 +76,7 @@ def _clashing_columns(model: Model) -> list[str]:
     settable = [q.name for q in (*model.parameters, *model.initial_conditions)]
     found: dict[str, str] = {}
     for run in runs:
-        columns = ["row", *settable, *(column.name for column in run.columns(model))]
+        columns = ["row", *settable, *(column.name for column in run.all_columns(model))]
         found |= {name: run.kind_name for name in columns if columns.count(name) > 1 and name not in found}
     return [
         f"which has a quantity {name}, but a table of {run} has a column of that name: rename the quantity."

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 import yaml
 
+from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.table.block_locks import BLOCK_LOCKS
 from gaitsweep.table.digests import (
     DIGESTS,
@@ -47,7 +48,7 @@ from gaitsweep.table.manifest import (
     rows_of,
     sealed,
 )
-from gaitsweep.table.open_rows import Rows, chosen, joined, open_bytes
+from gaitsweep.table.open_rows import open_bytes
 from gaitsweep.table.parts import DamagedPart, EncodedPart, Footer, checked_part, read_footer
 from gaitsweep.table.reading import add_counts
 
@@ -69,7 +70,7 @@ class ResultDirectory:
         self._footers: dict[int, Footer] = {}
         # files of ended rows of open blocks, and the blocks that still need them
         self._open_files: dict[Path, set[int]] = {}
-        self._restored: dict[int, Rows] = {}
+        self._restored: dict[int, RowOutcome] = {}
         self._last_open = 0
 
     @classmethod
@@ -154,13 +155,13 @@ class ResultDirectory:
                 raise TableError(f"{fault.sentence[:-1]}: move it out of this directory, and run again.")
             self._clear(fault)
         self._footers = examined.footers
-        stored: dict[int, list[Rows]] = {}
+        stored: dict[int, list[RowOutcome]] = {}
         self._last_open = examined.last_open
         for file, rows in examined.open_rows():
-            blocks = rows["row"] // self.manifest["block"]
+            blocks = rows.row // self.manifest["block"]
             missing = [int(number) for number in np.unique(blocks) if int(number) not in self._footers]
             for number in missing:
-                stored.setdefault(number, []).append(chosen(rows, np.flatnonzero(blocks == number)))
+                stored.setdefault(number, []).append(rows.take(np.flatnonzero(blocks == number)))
             if missing:
                 self._open_files[file] = set(missing)
             else:  # the earlier run was killed after it had written their parts
@@ -169,7 +170,10 @@ class ResultDirectory:
             self._clear(fault)
         if examined.undigested:
             self._digest(examined)
-        self._restored = {number: joined(parts) for number, parts in stored.items()}
+        for number, parts in stored.items():
+            rows = RowOutcome.concat(parts)
+            _, first = np.unique(rows.row, return_index=True)  # a row may stand in several files
+            self._restored[number] = rows.take(first)
 
     def _digest(self, examined: Examination) -> None:
         """Note the digests of files that have none and are sound by their own checks."""
@@ -229,7 +233,7 @@ class ResultDirectory:
     @property
     def rows_open(self) -> int:
         """The number of ended rows in open blocks when the directory was opened."""
-        return sum(len(rows["row"]) for rows in self._restored.values())
+        return sum(rows.row.size for rows in self._restored.values())
 
     def rows_of(self, number: int) -> tuple[int, int]:
         """Return the first row of a block and the row after its last (equal past the table's end)."""
@@ -329,24 +333,21 @@ class ResultDirectory:
                 with contextlib.suppress(OSError):  # the next run tries again
                     file.unlink(missing_ok=True)
 
-    def restored(self, number: int) -> Rows | None:
+    def restored(self, number: int) -> RowOutcome | None:
         """Return the rows of an open block that an earlier run has stored by `keep`, or None."""
         return self._restored.get(number)
 
-    def keep(self, rows: Rows) -> None:
+    def keep(self, rows: RowOutcome) -> None:
         """Store ended rows of open blocks until their part is written; they are on disk when this returns.
-
-        Args:
-            rows: arrays by name: `row` (n,) int64, `kept` (n,), `samples` (sum of kept, width), others (n,).
 
         Raises:
             WriteError: the disk is full or the file cannot be written.
         """
         name = OPEN_ROWS.name(self._last_open + 1)
-        with writing(f"{len(rows['row'])} finished rows could not be stored in {self.path / TABLE / name}"):
+        with writing(f"{rows.row.size} finished rows could not be stored in {self.path / TABLE / name}"):
             self._write(name, open_bytes(rows, self.manifest["job_hash"]))
         self._last_open += 1
-        blocks = {int(number) for number in np.unique(rows["row"] // self.manifest["block"])}
+        blocks = {int(number) for number in np.unique(rows.row // self.manifest["block"])}
         self._open_files[self.path / TABLE / name] = blocks
 
     def _write(self, name: str, data: bytes) -> None:

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 
+from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.table.digests import DIGESTS, digest_of, read_digests
 from gaitsweep.table.files import OPEN_ROWS, PARTS, TableError, is_partial, read_file, reason
 from gaitsweep.table.manifest import TABLE, rows_of
@@ -107,7 +107,7 @@ class Examination:
             self.footers[number] = footer
             yield number, table
 
-    def open_rows(self) -> Iterator[tuple[Path, dict[str, np.ndarray]]]:
+    def open_rows(self) -> Iterator[tuple[Path, RowOutcome]]:
         """Iterate over the files of ended rows of incomplete blocks."""
         for number in self._open_numbers:
             file = self.folder / OPEN_ROWS.name(number)

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
-from gaitsweep.errors import FAILED, UserError
+from gaitsweep.errors import EXIT_FAILURE, UserError
 
 PARTIAL = ".partial"  # suffix of the hidden temporary name of a file
 LOCK_NAME = ".lock"
@@ -41,7 +41,7 @@ class TableError(UserError):
 class WriteError(TableError):
     """A file of a result directory could not be written, for example on a full disk; old files are intact."""
 
-    exit_code = FAILED
+    exit_code = EXIT_FAILURE
 
 
 def reason(error: OSError) -> str:

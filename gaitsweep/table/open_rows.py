@@ -8,30 +8,27 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.table.parts import UNREADABLE, DamagedPart, on_one_line, readable
-
-# Arrays by name, (n,) or (n, k): `row`, the number of the row in the table; `kept`, the number of its
-# samples; `samples` (sum of kept, width); and other results.
-Rows = Mapping[str, np.ndarray]
 
 _KEY = b"gaitsweep open rows"
 
 
-def open_bytes(rows: Rows, job_hash: str) -> bytes:
+def open_bytes(rows: RowOutcome, job_hash: str) -> bytes:
     """Encode rows as parquet with a checksum for each page."""
+    arrays = {"row": rows.row, **rows.numbers, "kept": rows.kept, "samples": rows.samples}
     columns: dict[str, pa.Array] = {}
     widths: dict[str, int] = {}
-    for name, values in rows.items():
+    for name, values in arrays.items():
         if name == "samples":
             widths[name] = values.shape[1]
-            ends = np.cumsum(rows["kept"]) * values.shape[1]
+            ends = np.cumsum(rows.kept) * values.shape[1]
             columns[name] = _lists(values, np.concatenate([[0], ends]))
         elif values.ndim == 2:
             widths[name] = values.shape[1]
@@ -50,7 +47,7 @@ def _lists(values: np.ndarray, ends: np.ndarray) -> pa.Array:
     return pa.LargeListArray.from_arrays(pa.array(ends.astype(np.int64)), flat)
 
 
-def read_open(data: bytes, job_hash: str, n_rows: int) -> dict[str, np.ndarray]:
+def read_open(data: bytes, job_hash: str, n_rows: int) -> RowOutcome:
     """Read the rows of a file of open rows.
 
     Raises:
@@ -83,24 +80,5 @@ def read_open(data: bytes, job_hash: str, n_rows: int) -> dict[str, np.ndarray]:
         raise DamagedPart(f"it is another job's (hash {its_hash[:12]})")
     if not sound:
         raise DamagedPart("its rows are none of this table's")
-    return rows
-
-
-def chosen(rows: Rows, which: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the rows with the indices `which` (m,)."""
-    first = np.cumsum(rows["kept"]) - rows["kept"]
-    counts = rows["kept"][which]
-    begins = np.repeat(first[which] - (np.cumsum(counts) - counts), counts)
-    samples = rows["samples"][begins + np.arange(counts.sum())]
-    return {name: samples if name == "samples" else values[which] for name, values in rows.items()}
-
-
-def joined(stored: Iterable[Rows]) -> dict[str, np.ndarray]:
-    """Concatenate rows of several files, without duplicates."""
-    parts = list(stored)
-    # empty arrays have no dtype
-    samples = [part["samples"] for part in parts if len(part["samples"])] or [parts[0]["samples"]]
-    whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0] if name != "samples"}
-    whole["samples"] = np.concatenate(samples)
-    _, which = np.unique(whole["row"], return_index=True)
-    return chosen(whole, which)
+    row, kept, samples = (rows.pop(name) for name in ("row", "kept", "samples"))
+    return RowOutcome(row, rows, kept, samples)

@@ -128,7 +128,7 @@ def part_bytes(
         if isinstance(values.dtype, pd.CategoricalDtype):
             categories[column] = [str(category) for category in values.cat.categories]
             arrays.append(_text(values.cat.codes.to_numpy(), categories[column]))
-        elif column in ("status", "gait"):
+        elif column in ("status", "gait", "outcome"):
             categories[column] = sorted({str(value) for value in values.dropna()})
             arrays.append(pa.Array.from_pandas(values, type=pa.string()))
         else:

@@ -119,6 +119,10 @@ def add_counts(footers: dict[int, Footer]) -> dict[str, int]:
     return dict(sorted(total.items(), key=lambda item: (-item[1], item[0])))
 
 
+# Columns of tables with one record a row from which `outcome` follows, where their parts are older than it.
+_SOURCES = ("cycles", "gait", "status")
+
+
 @dataclasses.dataclass(frozen=True)
 class Wanted:
     """The records that are read of a table: some columns, or all, of some rows, or all."""
@@ -133,7 +137,7 @@ class Wanted:
         Raises:
             TableError: rows that a table does not have, or that are no row numbers.
         """
-        names = None if columns is None else tuple(columns)
+        names = None if columns is None else _decoded(columns)
         if rows is None:
             return cls(names)
         if isinstance(rows, slice):
@@ -181,7 +185,7 @@ def _look(path: Path, parts: _Parts | None, wanted: Wanted | None = None) -> Sna
         if parts is not None and table is not None:
             footer = examined.footers[number]
             parts.add(wanted.records_of(table), footer, table.num_rows / footer.rows)
-    opened = np.concatenate([np.zeros(0, np.int64), *(rows["row"] for _, rows in examined.open_rows())])
+    opened = np.concatenate([np.zeros(0, np.int64), *(rows.row for _, rows in examined.open_rows())])
     done = np.array(sorted(examined.footers), np.int64)
     waiting = np.unique(opened[~np.isin(opened // examined.block, done)])
     return Snapshot(path, job, manifest, examined, waiting.size, written)
@@ -272,7 +276,7 @@ def load_with_snapshot(
     snapshot = _look(path, parts, wanted)
     _require_parts(snapshot)
     _warn(snapshot)
-    frame = _frame(snapshot.path, parts, wanted.columns)
+    frame = _frame(snapshot.path, parts, columns)
     frame.attrs.update(
         job=snapshot.job,
         manifest=snapshot.manifest,
@@ -300,17 +304,17 @@ def load_parts(path: str | Path, columns: Sequence[str]) -> Iterator[pd.DataFram
     Raises:
         TableError: as `load`; a damaged file is found when its part is read.
     """
-    path, wanted = Path(path), Wanted(tuple(columns))
+    path, wanted = Path(path), Wanted(_decoded(columns))
     examined = Examination(path, read_manifest(path))
     parts = _Parts(_TOGETHER)
     for number, table in examined.parts(True, wanted.columns):
         if table is not None:
             parts.add(wanted.records_of(table), examined.footers[number])
         if parts.length > _TOGETHER // 2:
-            yield _frame(path, parts, wanted.columns)
+            yield _frame(path, parts, columns)
             parts = _Parts(_TOGETHER)
     if parts.length:
-        yield _frame(path, parts, wanted.columns)
+        yield _frame(path, parts, columns)
     found = [*examined.faults.values(), *examined.strangers]
     if found:
         raise TableError(_refusal(found))
@@ -382,21 +386,37 @@ class _Parts:
         return None if whole is None or not there else whole[: self.length]
 
 
-def _frame(path: Path, parts: _Parts, columns: tuple[str, ...] | None) -> pd.DataFrame:
+def _decoded(columns: Sequence[str]) -> tuple[str, ...]:
+    """The columns to read of the parts for these of the table."""
+    return (*columns, *_SOURCES) if "outcome" in columns else tuple(columns)
+
+
+def _frame(path: Path, parts: _Parts, columns: Sequence[str] | None) -> pd.DataFrame:
     """The records of all parts."""
     there = dict.fromkeys(name for part in parts.parts for name in part.columns)
+    older = all(name in there for name in _SOURCES) and any("outcome" not in p.columns for p in parts.parts)
+    if older:
+        names = [name for name in there if name != "outcome"]
+        names.insert(names.index("gait") + 1, "outcome")
+        there = dict.fromkeys(names)
     values: dict[str, Any] = {}
     for name in there if columns is None else dict.fromkeys(columns):
         if name not in there:
             raise TableError(f"{name} is not a column of {path}{_near_column(path, name)}")
         try:
-            values[name] = _joined(name, parts)
+            values[name] = _outcomes(parts) if older and name == "outcome" else _joined(name, parts)
         except pa.ArrowException as error:
             raise TableError(
                 f"The parts of {path} do not fit together ({' '.join(str(error).split())}): "
                 "they were written by different versions; run its job into another directory."
             ) from error
     return pd.DataFrame(values, index=pd.RangeIndex(parts.length), copy=False)
+
+
+def _outcomes(parts: _Parts) -> pd.Categorical:
+    from gaitsweep.table.outcomes import outcomes  # imports JAX
+
+    return outcomes(_joined("gait", parts), _joined("status", parts))
 
 
 def _near_column(path: Path, name: str) -> str:

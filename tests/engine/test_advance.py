@@ -11,7 +11,7 @@ import pytest
 
 from firing_neuron import Neuron, firing_times
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import GOING, advance, start
+from gaitsweep.engine.advance import Halt, advance, start
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
@@ -66,7 +66,7 @@ def test_location_takes_few_attempts() -> None:
     for _ in range(6):
         trials = 0
         carry = dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt))
-        while int(carry.halt) == GOING:
+        while int(carry.halt) == Halt.GOING:
             carry = attempt(params, carry)
             trials += bool(carry.far < jnp.inf)
         located.append(trials)

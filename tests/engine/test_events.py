@@ -89,7 +89,7 @@ def test_van_der_pol_settles_on_its_cycle() -> None:
     model = VanDerPol()
     found = run_rows(model, SettleRecorder(model), {"x_0": [0.5, 3.0]}, params={"mu": [1.0, 5.0]})
     assert found.status.tolist() == [Status.settled] * 2
-    assert found.period.tolist() == [1, 1]
+    assert found.numbers["period"].tolist() == [1, 1]
     # the amplitude at mu = 1 is 2.00862
     assert abs(found.last[0, 0] + 2.00862) < 1e-4
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gaitsweep.engine.kernel import gpu_program
-from gaitsweep.engine.kernel.card import Card, Numbers, missing
+from gaitsweep.engine.kernel.card import CudaDevice, DeviceArray, missing
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
@@ -30,10 +30,8 @@ def test_what_kernels_need_is_there() -> None:
 def test_a_large_kernel_has_all_registers_that_a_thread_may_have() -> None:
     """255 of them leave room for two blocks; the compiler's own choice was 32, and a tenth of the speed."""
     model = PlanarQuadruped()
-    kernel = kernel_of(
-        model, CrossingRecorder(model, crossings=10), Numerics(method="semi_implicit").resolve(model), None
-    )
-    card = Card(0)
+    kernel = kernel_of(model, CrossingRecorder(model, crossings=10), Numerics(method="semi_implicit"), None)
+    card = CudaDevice(0)
     source = gpu_program.running(kernel.chunk, range(kernel.chunk.first_of_carry), kernel.title)
     threads = card.threads(card.module(source).get_kernel("run"))
     assert threads == 2 * gpu_program.THREADS * card.use().properties.multiprocessor_count
@@ -136,11 +134,11 @@ def test_the_second_time_a_kernel_comes_from_the_cache(
 ) -> None:
     monkeypatch.setenv("GAITSWEEP_CACHE", str(tmp_path))
     source = 'extern "C" __global__ void one(double* x) { x[0] = 1.0; }'
-    card = Card(0)
+    card = CudaDevice(0)
     card.module(source)
     (file,) = (tmp_path / "kernels").glob("*.cubin")
     written = file.stat().st_mtime_ns
-    x = Numbers(card, (1,))
+    x = DeviceArray(card, (1,))
     card.launch(card.module(source).get_kernel("one"), 1, x)
     assert x.from_card(1)[0] == 1.0
     assert file.stat().st_mtime_ns == written

@@ -121,10 +121,10 @@ def test_a_program_in_c_is_that_in_python(x: float, tmp_path: Path) -> None:
 def on_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     """`run_rows` on a card that this machine's processor stands in for."""
 
-    class Card(HostCard):
+    class CudaDevice(HostCard):
         folder = tmp_path
 
-    monkeypatch.setattr(cuda, "Card", Card)
+    monkeypatch.setattr(cuda, "CudaDevice", CudaDevice)
     device = types.SimpleNamespace(platform="gpu")
     monkeypatch.setattr("sweeping.devices_on", lambda platform, engine: [device] * 2)
     return partial(run_rows, engine="kernel")
@@ -141,7 +141,7 @@ def test_a_thread_for_each_lane_that_runs(on_card: Any, monkeypatch: pytest.Monk
     """Lanes that have ended take no thread, so that the others fill whole warps."""
     launched: list[int] = []
 
-    class Card(cuda.Card):  # the fixture's
+    class CudaDevice(cuda.CudaDevice):  # the fixture's
         def threads(self, kernel: Any) -> int:
             return 64
 
@@ -157,7 +157,7 @@ def test_a_thread_for_each_lane_that_runs(on_card: Any, monkeypatch: pytest.Monk
         return on_card(Toy(), recorder, starts, params=params, numerics=NUMERICS, lanes=32)
 
     of_three = run()
-    monkeypatch.setattr(cuda, "Card", Card)
+    monkeypatch.setattr(cuda, "CudaDevice", CudaDevice)
     monkeypatch.setattr(engines, "KERNEL_POLLS_PER_CHUNK", {"gpu": 1})
     same(of_three, run())
     assert max(launched) == 8  # two groups
@@ -221,13 +221,13 @@ def test_sweeps_that_vary_the_same_constants_share_a_kernel(
     """Whether their rows happen to be alike or not; the numbers are those of a kernel of their own."""
     running: dict[frozenset[str], set[str]] = {}
 
-    class Card(cuda.Card):  # the fixture's
+    class CudaDevice(cuda.CudaDevice):  # the fixture's
         def module(self, source: str, *, contraction: bool = True) -> Any:
             if "KERNEL void run" in source:
                 running[varied].add(source)
             return super().module(source, contraction=contraction)
 
-    monkeypatch.setattr(cuda, "Card", Card)
+    monkeypatch.setattr(cuda, "CudaDevice", CudaDevice)
     recorder, starts = CrossingRecorder(Toy(), crossings=4), {"launch_1": np.full(8, 1.3)}
     found = {}
     for varied in (frozenset[str](), frozenset({"kick"})):

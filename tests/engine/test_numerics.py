@@ -19,9 +19,9 @@ from gaitsweep import models
 from gaitsweep.contract import Status
 from gaitsweep.engine.flow_spectrum import flow_eigenvalues, slowest_limit
 from gaitsweep.engine.numerics import Numerics, longest_step, step_of
-from gaitsweep.engine.propose import METHODS
-from gaitsweep.engine.propose.runge_kutta import DIFFERENCE, STAGES
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.solver import METHODS
+from gaitsweep.engine.solver.runge_kutta import DIFFERENCE, STAGES
 from gaitsweep.job import Job, JobError
 from gaitsweep.job.step_lengths import row_steps
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
@@ -224,7 +224,7 @@ def _eigenvalues(p: Any) -> np.ndarray:
 
 def _growth(name: str, z: complex) -> complex:
     """What a step makes of x' = z x, dt = 1, from the method's own code on a complex flow of two numbers."""
-    from gaitsweep.engine.propose.exponential import PROPAGATOR, PROPAGATOR6
+    from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6
 
     shares = {"rk4": (1.0,) * 4, "propagator6": PROPAGATOR6, "propagator": PROPAGATOR}[name]
     total, term = 1.0 + 0.0j, 1.0 + 0.0j

@@ -14,7 +14,7 @@ import yaml
 from gaitsweep.analysis.continuation.floquet import multipliers
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.dynamics.tree.spatial import quaternion_product
-from gaitsweep.engine.advance import GOING, advance, start
+from gaitsweep.engine.advance import Halt, advance, start
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.poincare_return import PoincareReturn, ReturnStatus, crossing_of
@@ -118,10 +118,10 @@ def test_stages_of_a_step_are_those_of_an_attempt() -> None:
     state = model.init(params, {k: jnp.asarray(v) for k, v in start_values.items()})
     attempt = advance(model, numerics.resolve(model))
     carry = start(model, params, state, dt=4e-3, stop=4.0 * model.period(params))
-    whole = jax.jit(lambda c: jax.lax.while_loop(lambda c: c.halt == GOING, lambda c: attempt(params, c), c))(
-        carry
-    )
-    t, after, way = jax.jit(crossing_of(model, numerics.resolve(model), "xla"))(params, state)
+    whole = jax.jit(
+        lambda c: jax.lax.while_loop(lambda c: c.halt == Halt.GOING, lambda c: attempt(params, c), c)
+    )(carry)
+    t, after, way = jax.jit(crossing_of(model, numerics, "xla"))(params, state)
     assert int(way) == ReturnStatus.crossed
     # the same arithmetic; compilers may round sums of products differently
     assert abs(float(t - whole.t)) < 1e-12
@@ -181,9 +181,9 @@ def test_place_and_read_are_each_others_inverse(chain: BatchedReturnMap, settled
     chart, params = chain.chart, scalars(Multilegged())
     for k in range(len(settled)):
         like = jax.tree.map(jnp.asarray, settled[k].modes)
-        state = chart.place(params, jnp.asarray(settled.at[k]), like)
-        assert bool(chart.holds(params, state))
-        np.testing.assert_allclose(np.asarray(chart.read(params, state)), settled.at[k], atol=1e-14)
+        state = chart.from_coordinates(params, jnp.asarray(settled.at[k]), like)
+        assert bool(chart.covers(params, state))
+        np.testing.assert_allclose(np.asarray(chart.to_coordinates(params, state)), settled.at[k], atol=1e-14)
         np.testing.assert_allclose(np.asarray(state.x), np.asarray(like.x), atol=1e-9)
 
 
@@ -202,10 +202,10 @@ def test_coordinates_of_the_quadruped_leave_out_where_it_stands() -> None:
         v=jnp.asarray(random.normal(size=15)),
         anchor=jnp.asarray(random.normal(size=(4, 2))),
     )
-    at = chart.read(params, state)
+    at = chart.to_coordinates(params, state)
     assert at.shape == (46,) == (len(chart.coordinates),)
-    placed = chart.place(params, at, state)
-    np.testing.assert_allclose(np.asarray(chart.read(params, placed)), np.asarray(at), atol=1e-14)
+    placed = chart.from_coordinates(params, at, state)
+    np.testing.assert_allclose(np.asarray(chart.to_coordinates(params, placed)), np.asarray(at), atol=1e-14)
     assert abs(float(params.mechanics.feet(placed.q, placed.v)[0][2, 2])) < 1e-15
 
     turn, c, s = 0.7, np.cos(0.7), np.sin(0.7)
@@ -224,7 +224,7 @@ def test_coordinates_of_the_quadruped_leave_out_where_it_stands() -> None:
         v=jnp.concatenate([world @ state.v[:2], state.v[2:]]),
         anchor=state.anchor @ world.T + jnp.array([[3.0, -2.0]]),
     )
-    np.testing.assert_allclose(np.asarray(chart.read(params, away)), np.asarray(at), atol=1e-13)
+    np.testing.assert_allclose(np.asarray(chart.to_coordinates(params, away)), np.asarray(at), atol=1e-13)
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder, end_values
 from gaitsweep.engine.recorders.recorder import BUFFER
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
-from gaitsweep.engine.sweep.block import BlockResult
+from gaitsweep.row_outcome import RowOutcome
 from plane_maps import Logistic, Params, Spiral, State
 from tests.support.sweeping import run_rows, scalars
 from toy_model import Toy, bounce_times, launches
@@ -30,7 +30,7 @@ ONE = Numerics(dt=1.0)  # a step is a crossing
 TURN = 2.0 * np.pi
 
 
-def names(found: BlockResult) -> list[str]:
+def names(found: RowOutcome) -> list[str]:
     return [Status(code).name for code in found.status]
 
 
@@ -82,7 +82,7 @@ def test_an_angle_that_jumps_to_and_fro_over_the_wrap_settles(engine: str) -> No
     assert names(found) == ["settled"] * 3
     n = int(np.ceil(np.log(0.01 / (0.4 * (0.9**-10 - 1.0))) / np.log(0.9)))
     assert found.cycles.tolist() == [n] * 3
-    assert found.period.tolist() == [1] * 3
+    assert found.numbers["period"].tolist() == [1] * 3
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -360,7 +360,7 @@ class Clock(gs.DeclaredModel):
         return jnp.where(p.T_squared == np.inf, jnp.inf, jnp.sqrt(p.T_squared))
 
 
-def clocks(recorder: Any, engine: str, **params: list[float]) -> BlockResult:
+def clocks(recorder: Any, engine: str, **params: list[float]) -> RowOutcome:
     starts = {"clock_0": [0.0] * 4, "m_0": [0.0] * 4, "x_0": [0.0, 0.0, 1e-3, 1.0]}
     numerics = Numerics(method="tsit5", rtol=1e-9, atol=1e-12)
     return run_rows(Clock(), recorder, starts, params=params, numerics=numerics, engine=engine)

@@ -15,8 +15,8 @@ from gaitsweep.analysis.attractors.attractors import attractors
 from gaitsweep.contract import Quantity, Status
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.settle import SettleRecorder
-from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.job import JobError
+from gaitsweep.row_outcome import RowOutcome
 from plane_maps import Logistic, Spiral
 from simplest_walker import ANGLE, RATE, SimplestWalker
 from tests.support.sweeping import run_rows
@@ -26,7 +26,7 @@ ONE = Numerics(dt=1.0)  # a step is a crossing
 ENGINES = ("xla", "kernel")
 
 
-def logistic(r: Any, *, start: Any = 0.3, cycles: int = 150, engine: str = "kernel") -> BlockResult:
+def logistic(r: Any, *, start: Any = 0.3, cycles: int = 150, engine: str = "kernel") -> RowOutcome:
     r = np.atleast_1d(np.asarray(r, float))
     starts = {"x_0": np.broadcast_to(start, r.shape)}
     model = Logistic()
@@ -52,11 +52,11 @@ def test_orbits_of_the_logistic_map_settle_with_their_period(engine: str) -> Non
     """The cascade at 3, 3.4495, 3.5441, 3.5644 and the window of period 3 at 3.8284 (May 1976)."""
     r = [2.8, 3.2, 3.5, 3.55, 3.83, 3.845, 3.74, 3.566, 3.9]
     found = logistic(r, engine=engine)
-    assert found.period.tolist() == [1, 2, 4, 8, 3, 6, 5, 0, 0]
+    assert found.numbers["period"].tolist() == [1, 2, 4, 8, 3, 6, 5, 0, 0]
     names = [Status(code).name for code in found.status]
     assert names == ["settled"] * 7 + ["cycle_limit"] * 2
     x = found.last[:, 0]
-    for row, p in enumerate(found.period):
+    for row, p in enumerate(found.numbers["period"]):
         y = x[row]
         for _ in range(p):
             y = r[row] * y * (1.0 - y)
@@ -74,7 +74,7 @@ def test_no_period_is_found_that_is_not_there() -> None:
     r, start = random.uniform(2.9, 4.0, 3000), random.uniform(0.05, 0.95, 3000)
     true = true_periods(r, start)
     for cycles in (150, 600):
-        found = logistic(r, start=start, cycles=cycles).period
+        found = logistic(r, start=start, cycles=cycles).numbers["period"]
         np.testing.assert_array_equal(found[found > 0], true[found > 0])
         there = (true > 1) & (true <= 8)
         assert np.mean(found[there] == true[there]) > (0.88 if cycles == 150 else 0.97)
@@ -99,7 +99,7 @@ def test_spirals_into_a_fixed_point_are_no_orbits(cycles: int) -> None:
         lanes=256,
         engine="kernel",
     )
-    assert set(found.period.tolist()) == {0, 1}
+    assert set(found.numbers["period"].tolist()) == {0, 1}
 
 
 @pytest.mark.slow
@@ -179,7 +179,7 @@ def test_the_zero_of_an_observable_does_not_matter() -> None:
         for zero in (0.0, 1000.0)
     ]
     for each in found:
-        assert each.period.tolist() == [1, 2, 4, 3, 0, 0]
+        assert each.numbers["period"].tolist() == [1, 2, 4, 3, 0, 0]
         np.testing.assert_array_equal(each.cycles, found[0].cycles)
 
 
@@ -187,7 +187,7 @@ def test_a_row_that_starts_at_its_fixed_point_settles() -> None:
     """Its range is 0, or that of rounding; y copies x from crossing 1 on."""
     r = np.array([2.5, 2.8, 2.9])
     found = logistic(r, start=1.0 - 1.0 / r)
-    assert found.period.tolist() == [1, 1, 1]
+    assert found.numbers["period"].tolist() == [1, 1, 1]
     assert found.cycles.tolist() == [11, 11, 11]
 
 
@@ -201,7 +201,7 @@ def test_bounces_that_accumulate_never_settle(restitution: float) -> None:
     numerics = Numerics(dt=0.02)
     found = run_rows(model, SettleRecorder(model, 300), starts, params=params, numerics=numerics)
     assert Status(found.status[0]) != Status.settled
-    assert (Status(found.status[1]).name, found.period[1]) == ("settled", 1)
+    assert (Status(found.status[1]).name, found.numbers["period"][1]) == ("settled", 1)
 
 
 class Pendulum(gs.DeclaredModel):
@@ -283,7 +283,7 @@ def test_the_slowest_observable_is_named(engine: str) -> None:
         model, recorder, {"x_0": [0.3, 0.3]}, params={"r": [3.9, 2.8]}, numerics=ONE, engine=engine
     )
     assert [Status(code).name for code in found.status] == ["cycle_limit", "settled"]
-    assert found.slowest.tolist() == [1, -1]
+    assert found.numbers["slowest"].tolist() == [1, -1]
 
 
 def job(**fields: Any) -> dict[str, Any]:
@@ -367,7 +367,7 @@ def test_a_row_of_period_1_ends_where_it_did(tmp_path: Path) -> None:
         params={"ratio": ratio, "angle": angle},
         numerics=ONE,
     )
-    assert np.all(found.period == 1)
+    assert np.all(found.numbers["period"] == 1)
     step = np.arange(151)
     at = (x - 1.0)[:, None] * ratio[:, None] ** step * np.exp(1j * angle[:, None] * step)
     points = np.stack([at.real, at.imag], axis=-1)
@@ -394,7 +394,7 @@ def test_periods_are_looked_for_in_float32_too() -> None:
         params={"r": [3.2, 3.5, 3.9]},
         numerics=numerics,
     )
-    assert found.period.tolist() == [2, 4, 0]
+    assert found.numbers["period"].tolist() == [2, 4, 0]
 
 
 @pytest.mark.slow
@@ -432,7 +432,7 @@ def test_a_walker_on_a_slope_takes_two_steps_then_four_to_repeat() -> None:
             numerics=numerics,
             engine="kernel",
         )
-        found[slope] = int(end.period[0])
+        found[slope] = int(end.numbers["period"][0])
         if slope == 0.009:
             # the paper's fixed point, printed to 15 digits
             np.testing.assert_allclose(end.last[0, :2], [ANGLE, RATE], rtol=0, atol=1e-9)

@@ -19,14 +19,14 @@ from gaitsweep.contract import Quantity, Status, SteppedModel
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.engine.recorders.stairs import StepSchedule
-from gaitsweep.engine.sweep.block import BlockResult
+from gaitsweep.row_outcome import RowOutcome
 from tests.support.sweeping import run_rows
 from toy_model import Toy
 
 NUMERICS = Numerics(dt=1e-2)
 
 
-def climb(stairs: StepSchedule, parameter: str, starts: dict[str, Any], **options: Any) -> BlockResult:
+def climb(stairs: StepSchedule, parameter: str, starts: dict[str, Any], **options: Any) -> RowOutcome:
     """Rows of the toy on a staircase of one of its parameters."""
 
     def drive(values: Any, t: jax.Array) -> Any:
@@ -112,7 +112,7 @@ def test_the_parameter_is_held_on_each_stair_with_both_engines() -> None:
         np.testing.assert_allclose(result.t_end, stairs.duration, rtol=1e-14)
     np.testing.assert_array_equal(kernel.owner, xla.owner)
     np.testing.assert_allclose(kernel.samples, xla.samples, rtol=0, atol=1e-9)
-    np.testing.assert_array_equal(kernel.labels["gait"], xla.labels["gait"])
+    np.testing.assert_array_equal(kernel.sample_labels["gait"], xla.sample_labels["gait"])
     for row, launch in enumerate((0.5, 2.0)):
         number, crossing, t, _, _, last = xla.samples[xla.owner == row].T
         np.testing.assert_array_equal(number, np.arange(stairs.count))

@@ -8,6 +8,7 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.mathtext import MathTextParser
 
@@ -23,9 +24,7 @@ from gaitsweep.contract import (
     Simultaneous,
     Status,
     SteppedModel,
-    Verdict,
 )
-from gaitsweep.engine.recorders.recorder import LABELLED
 from gaitsweep.kinds.columns import STATUSES
 from gaitsweep.models.conformity import faults
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
@@ -62,11 +61,13 @@ def test_each_status_is_a_number_with_a_sentence() -> None:
 
 
 def test_each_status_has_one_verdict() -> None:
-    assert Status.of(Verdict.failed) == {"fell", "diverged", "not_a_number", "event_stall"}
-    assert Status.of(Verdict.sound) == {"settled", "complete", "inferred", "at_rest"}
-    assert Status.of(*Verdict) == {status.name for status in Status}
-    assert not {status.verdict for status in LABELLED} & {Verdict.failed}
-    assert set(STATUSES) == Status.of(*Verdict) - {"running"}
+    assert {"fell", "diverged", "not_a_number", "event_stall"} == Status.FAILED
+    assert {"settled", "complete", "inferred", "at_rest"} == Status.SOUND
+    assert set(STATUSES) | {"running"} == Status.SOUND | Status.UNDECIDED | Status.FAILED
+    of_rows = [Status.settled, Status.fell, Status.cycle_limit]
+    np.testing.assert_array_equal(Status.FAILED.among(np.array(of_rows)), [False, True, False])
+    names = pd.Categorical([status.name for status in of_rows])
+    np.testing.assert_array_equal(Status.FAILED.among(names), [False, True, False])
 
 
 def test_a_stepped_model_is_its_own_steps() -> None:

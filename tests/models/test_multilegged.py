@@ -14,7 +14,7 @@ from reference import multilegged_scipy
 from reference.multilegged_page import Parameters
 
 from gaitsweep.contract import Params, State, Status
-from gaitsweep.engine.advance import GOING, advance, start
+from gaitsweep.engine.advance import Halt, advance, start
 from gaitsweep.engine.numerics import Numerics, step_of
 from gaitsweep.engine.poincare.poincare_return import LATEST, crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
@@ -142,7 +142,7 @@ def test_traces_agree_with_solve_ivp() -> None:
     @jax.jit
     def until(carry, stop):
         carry = dataclasses.replace(carry, stop=stop, halt=jnp.zeros_like(carry.halt))
-        return jax.lax.while_loop(lambda c: c.halt == GOING, lambda c: attempt(params, c), carry)
+        return jax.lax.while_loop(lambda c: c.halt == Halt.GOING, lambda c: attempt(params, c), carry)
 
     samples = []
     for _, part in table.groupby("start"):
@@ -199,7 +199,7 @@ def test_reversing_the_legs_reverses_the_motion(case: str) -> None:
         """Up to the first event of any kind, not only at the section."""
         dt, stop = step_of(model, Numerics().resolve(model), params), LATEST * model.period(params)
         carry = jax.lax.while_loop(
-            lambda carry: (carry.halt == GOING) & (carry.chain == 0),
+            lambda carry: (carry.halt == Halt.GOING) & (carry.chain == 0),
             lambda carry: attempt(params, carry),
             start(model, params, state, dt=dt, stop=stop),
         )

@@ -239,10 +239,10 @@ def test_the_sections_coordinates_put_a_state_back() -> None:
     for psi in np.asarray(solution_sets(3, samples=5, section=1))[:, 2]:
         start = {f"psi_{i + 1}": jnp.asarray(psi[i]) for i in range(3)}
         state = model.init(params, {**start, "phi_1": jnp.asarray(jnp.nan)})
-        at = chart.read(params, state)
-        assert bool(chart.holds(params, state))
+        at = chart.to_coordinates(params, state)
+        assert bool(chart.covers(params, state))
         assert np.abs(wrapped(np.asarray(at)[1:] - psi[1:])).max() < 1e-14
-        back = chart.place(params, at, state)
+        back = chart.from_coordinates(params, at, state)
         np.testing.assert_allclose(np.asarray(back.phi), np.asarray(state.phi), atol=1e-14)
 
 

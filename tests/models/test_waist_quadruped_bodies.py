@@ -17,8 +17,8 @@ from reference.waist_quadruped_mujoco import Landing, landings
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import advance
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.propose import refusal
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.solver import refusal
 from gaitsweep.engine.sweep.engines import EngineError, choose
 from gaitsweep.job import Job, JobError, load_job
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
@@ -41,7 +41,7 @@ def params_of(model: WaistQuadruped, **values: float) -> Any:
 def landings_of(body: str) -> list[Landing]:
     """All landings of the model, read from its states as the reference gives them."""
     model = WaistQuadruped(body)
-    steps, params = model.in_steps(), params_of(model, **START)
+    steps, params = model.fixed_step_scheme(), params_of(model, **START)
 
     @jax.jit
     def run(params: Any, start: Any) -> Any:
@@ -129,7 +129,9 @@ def test_a_mass_that_moves_while_a_row_runs_becomes_nan_instead_of_stale() -> No
     bare = model.params({name: values[name] for name in complete(model, {}, 1)})
     assert float(model.period(bare)) == pytest.approx(0.4)
     with pytest.raises(ValueError, match="on_host"):
-        model.in_steps().step(bare, model.init(bare, {"delta_13": jnp.asarray(3.0)}), jnp.asarray(DT))
+        model.fixed_step_scheme().step(
+            bare, model.init(bare, {"delta_13": jnp.asarray(3.0)}), jnp.asarray(DT)
+        )
 
 
 def test_mjx_has_steps_alone() -> None:

@@ -425,7 +425,7 @@ def test_hips_of_mjx_are_at_the_same_places(heights: dict[str, float]) -> None:
     s = other.init(tree, {"delta_13": jnp.asarray(2.9)})
     s = dataclasses.replace(s, v=jnp.asarray(np.random.default_rng(2).normal(0.0, 0.3, 15)))
     found, wanted = (
-        jax.jit(kind.in_steps().step)(values, s, jnp.asarray(2e-4))
+        jax.jit(kind.fixed_step_scheme().step)(values, s, jnp.asarray(2e-4))
         for kind, values in ((model, p), (other, tree))
     )
     np.testing.assert_allclose(found.v, wanted.v, atol=1e-11)

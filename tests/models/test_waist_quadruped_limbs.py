@@ -134,4 +134,4 @@ def test_feet_do_not_decide_whether_a_row_settles() -> None:
         numerics=Numerics(dt=2e-4, method="semi_implicit"), engine="kernel",
     )  # fmt: skip
     np.testing.assert_array_equal(rows.status, Status.settled)
-    assert rows.period.tolist() == [1]
+    assert rows.numbers["period"].tolist() == [1]

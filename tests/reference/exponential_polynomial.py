@@ -1,4 +1,4 @@
-"""The polynomials of `gaitsweep.engine.propose.exponential`, fitted anew.
+"""The polynomials of `gaitsweep.engine.solver.exponential`, fitted anew.
 
 R(z) = 1 + z + .. + z^p/p! + z^(p+1) Q(z) is to be as near as can be to exp(z) on [-reach, 0], in the
 largest error. Q is found by least squares over and over, each point weighted by its error so far (Lawson),

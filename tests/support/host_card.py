@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from gaitsweep.engine.kernel.card import Numbers
+from gaitsweep.engine.kernel.card import DeviceArray
 from gaitsweep.engine.kernel.gpu_program import HEAD
 
 # What `gpu_program.HEAD` defines, for a compiler of a host.
@@ -57,7 +57,7 @@ class _Module:
 
 
 class HostCard:
-    """The interface of `Card`."""
+    """The interface of `CudaDevice`."""
 
     folder: Path
 
@@ -94,9 +94,10 @@ class HostCard:
         """So few that threads go on with a second lane."""
         return 3
 
-    def launch(self, kernel: Any, threads: int, *args: Numbers | int) -> None:
+    def launch(self, kernel: Any, threads: int, *args: DeviceArray | int) -> None:
         given = [
-            ctypes.c_void_p(a.buffer.handle) if isinstance(a, Numbers) else ctypes.c_longlong(a) for a in args
+            ctypes.c_void_p(a.buffer.handle) if isinstance(a, DeviceArray) else ctypes.c_longlong(a)
+            for a in args
         ]
         # whole blocks, as on a card
         for number in range(-(-threads // BLOCK) * BLOCK):

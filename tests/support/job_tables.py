@@ -12,6 +12,7 @@ from gaitsweep.job import Job
 from gaitsweep.kinds.columns import STATUSES
 from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.runs.summary import quantities_of
+from gaitsweep.table.outcomes import outcomes
 
 RECORDS = 24  # of a row, where a run makes several
 
@@ -48,6 +49,8 @@ def table_of(job: Job, seed: int = 0) -> pd.DataFrame:
         elif name == "gait":
             codes = random.integers(0, len(model.gaits), len(rows))
             columns[name] = pd.Categorical.from_codes(codes.tolist(), categories=list(model.gaits))
+        elif name == "outcome":
+            columns[name] = outcomes(columns["gait"], columns["status"])  # pyright: ignore[reportArgumentType]
         elif name in ("stable", "settled"):
             columns[name] = np.ones(len(rows), bool)
         elif name in ("special", "end", "slowest", "stalled_by"):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import types
 from collections.abc import Mapping
 from typing import Any
@@ -13,10 +12,10 @@ import numpy as np
 from gaitsweep.contract import Model
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recorder import Recorder
-from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.expression import evaluate
+from gaitsweep.row_outcome import RowOutcome
 
 
 def complete(model: Model, params: Mapping[str, Any], n: int) -> dict[str, np.ndarray]:
@@ -54,7 +53,7 @@ def run_rows(
     engine: str = "xla",
     on: str | None = None,
     varied: frozenset[str] = frozenset(),
-) -> BlockResult:
+) -> RowOutcome:
     """Run one row for each element of the starts; the results of all blocks as one."""
     n = max(np.size(v) for v in starts.values())
     held = complete(model, params or {}, n)
@@ -76,24 +75,15 @@ def run_rows(
         engine=engine,
         varied=varied,
     )
-    blocks: dict[int, BlockResult] = {}
+    blocks: dict[int, RowOutcome] = {}
     sweep(spec, range(-(-n // spec.block)), blocks.__setitem__)
-    ordered = [blocks[number] for number in sorted(blocks)]
-    merged: dict[str, Any] = {"first": 0}
-    for field in dataclasses.fields(BlockResult):
-        parts = [getattr(part, field.name) for part in ordered]
-        if field.name == "labels":
-            merged["labels"] = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
-        elif field.name == "samples":
-            merged["samples"] = np.concatenate([part for part in parts if part.size] or parts)
-        elif field.name != "first":
-            merged[field.name] = np.concatenate(parts)
-    return BlockResult(**merged)
+    return RowOutcome.concat([blocks[number] for number in sorted(blocks)])
 
 
 def same(one, other) -> None:
     """Two results of a sweep are equal, value for value."""
     for field in ("status", "cycles", "attempts", "t_end", "last", "owner", "samples"):
         np.testing.assert_array_equal(getattr(one, field), getattr(other, field), err_msg=field)
-    for name in one.labels:
-        np.testing.assert_array_equal(one.labels[name], other.labels[name])
+    for kind in ("labels", "sample_labels"):
+        for name, values in getattr(one, kind).items():
+            np.testing.assert_array_equal(values, getattr(other, kind)[name])

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.table import ResultDirectory
+from gaitsweep.table.outcomes import outcomes
 
 JOB = {"name": "toy", "model": "toy", "vary": {"a": [0.0, 1.0]}}
 
@@ -26,16 +27,19 @@ def block_frame(start: int, stop: int) -> pd.DataFrame:
         if len(rows)
         else np.zeros((3, 0))
     )
+    status = pd.Categorical.from_codes(rows % 3 // 2 * (rows % 2), STATUSES)
+    gait = pd.Categorical.from_codes(rows % 4 - 1, GAITS)  # -1: no gait
     return pd.DataFrame(
         {
             "row": rows,
             "a": rows / 7.0,
-            "status": pd.Categorical.from_codes(rows % 3 // 2 * (rows % 2), STATUSES),
+            "status": status,
             "cycles": rows % 150,
             "psi_1_end": noise[0],
             "psi_2_end": noise[1],
             "psi_3_end": noise[2],
-            "gait": pd.Categorical.from_codes(rows % 4 - 1, GAITS),  # -1: no gait
+            "gait": gait,
+            "outcome": outcomes(gait, status),
         }
     )
 

@@ -16,6 +16,7 @@ import pytest
 import yaml
 
 from gaitsweep.cli.main import main
+from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.figures import draw_figures
 from gaitsweep.table import ResultDirectory, Snapshot, TableError, load
 from gaitsweep.table.digests import read_digests
@@ -401,9 +402,7 @@ def keep(directory: ResultDirectory, rows: list[int]) -> None:
     row = np.array(rows, np.int64)
     samples = np.concatenate([np.full((n, 3), n + 0.1) for n in rows])
     last = np.where(row[:, None] % 2, np.nan, -0.0) * np.ones(2)
-    directory.keep(
-        {"row": row, "status": row.astype(np.int32), "last": last, "kept": row, "samples": samples}
-    )
+    directory.keep(RowOutcome(row, {"status": row.astype(np.int32), "last": last}, row, samples))
 
 
 def test_rows_of_open_blocks_are_given_back_to_the_bit(tmp_path: Path) -> None:
@@ -417,12 +416,12 @@ def test_rows_of_open_blocks_are_given_back_to_the_bit(tmp_path: Path) -> None:
         assert first is not None
         assert second is not None
         assert directory.restored(2) is None
-        np.testing.assert_array_equal(first["row"], [0, 1, 2])
-        np.testing.assert_array_equal(first["samples"], np.repeat([1.1, 2.1, 2.1], 3).reshape(3, 3))
-        np.testing.assert_array_equal(second["samples"], np.full((5, 3), 5.1))
-        assert first["status"].dtype == np.int32
-        assert np.signbit(first["last"][0]).all()
-        assert np.isnan(first["last"][1]).all()
+        np.testing.assert_array_equal(first.row, [0, 1, 2])
+        np.testing.assert_array_equal(first.samples, np.repeat([1.1, 2.1, 2.1], 3).reshape(3, 3))
+        np.testing.assert_array_equal(second.samples, np.full((5, 3), 5.1))
+        assert first.status.dtype == np.int32
+        assert np.signbit(first.last[0]).all()
+        assert np.isnan(first.last[1]).all()
         directory.write_part(0, block_frame(0, 4))
         assert len(list(path.glob("table/open-*"))) == 2  # row 5 is in both
         directory.write_part(1, block_frame(4, 8))

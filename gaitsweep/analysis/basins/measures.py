@@ -93,7 +93,7 @@ def basins(
     measured = table.assign(
         outcome=pd.Categorical(labels, names), shock=apart, shock_to=pd.Categorical(towards, names)
     )
-    measured.attrs = table.attrs
+    measured.attrs = {**table.attrs, "outcome_of": label}
     return Basins(
         measured,
         counted.merge(_shock_of_outcomes(measured, by), how="left", on=[*by, "outcome"]),

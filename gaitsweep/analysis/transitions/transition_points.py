@@ -14,9 +14,10 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analysis.circular import is_circular, mean_direction
-from gaitsweep.analysis.records import UNDECIDED, axes_of, require, section_column
+from gaitsweep.analysis.records import axes_of, require, section_column
 from gaitsweep.analysis.transitions.jumps import Course, courses, records_of, rising, stretches
 from gaitsweep.circular import TURN, wrapped_difference
+from gaitsweep.contract import Status
 
 LEAST = 0.15  # least change of a jump, in the observable's unit
 
@@ -227,7 +228,7 @@ def _place(course: Course, axes: Sequence[str]) -> dict[str, object]:
 
 def _edges_of(part: pd.DataFrame, parameter: str, start: str, reached: np.ndarray) -> list[dict[str, object]]:
     """The transition points of one gait, given the rows that ended in it."""
-    undecided = part["status"].astype(str).isin(list(UNDECIDED)).to_numpy()
+    undecided = Status.UNDECIDED.among(part["status"])
     settled = reached & ~undecided
     own = part[start].isin(part.loc[settled, start].unique()).to_numpy()
     value = part[parameter].to_numpy(float)

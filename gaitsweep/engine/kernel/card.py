@@ -44,7 +44,7 @@ def _first_line(error: Exception) -> str:
     return (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
 
 
-class Numbers:
+class DeviceArray:
     """An array of float64 on a card, and pinned memory of the host for copies to and from its beginning.
 
     Args:
@@ -52,7 +52,7 @@ class Numbers:
         shape: of the array, which is not initialised.
     """
 
-    def __init__(self, card: Card, shape: tuple[int, ...]) -> None:
+    def __init__(self, card: CudaDevice, shape: tuple[int, ...]) -> None:
         self.card, self.shape = card, shape
         self.size = int(np.prod(shape))
         self.buffer = card.allocate(self.size)
@@ -83,7 +83,7 @@ class Numbers:
         return host
 
 
-class Card:
+class CudaDevice:
     """One GPU, in the context that JAX uses too.
 
     Args:
@@ -163,8 +163,8 @@ class Card:
         blocks = kernel.occupancy.max_active_blocks_per_multiprocessor(THREADS, 0)
         return THREADS * blocks * self.use().properties.multiprocessor_count
 
-    def launch(self, kernel: Any, threads: int, *args: Numbers | int) -> None:
-        """Start a kernel with at least so many threads; its arguments are `Numbers` and int."""
+    def launch(self, kernel: Any, threads: int, *args: DeviceArray | int) -> None:
+        """Start a kernel with at least so many threads; its arguments are `DeviceArray` and int."""
         config = self._core.LaunchConfig(grid=-(-threads // THREADS), block=THREADS)
-        given = [a.buffer if isinstance(a, Numbers) else ctypes.c_longlong(a) for a in args]
+        given = [a.buffer if isinstance(a, DeviceArray) else ctypes.c_longlong(a) for a in args]
         self._core.launch(self._stream, config, kernel, *given)

@@ -1,7 +1,7 @@
-"""The scalar program of a chunk: the changes by an attempt, and the changes and the row of a poll.
+"""The scalar program of a chunk: the changes by an attempt, and the changes and the sample of a poll.
 
 A trajectory is stored in numbered slots: first its constants (parameters), then the carry, then the record.
-Later slots belong to the kernel: values that are computed once, and a row that may be kept.
+Later slots belong to the kernel: values that are computed once, and a sample that may be kept.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Chunk:
 
     `held`, `carry` and `record` are the engine's pytrees with a `Leaf` for each array; `attempt` and `poll`
     the nodes that are written to slots, by slot; `plain` those of an attempt for which `unusual` is false;
-    `keep` the node that decides whether the nodes `row` are kept; `quiet` those of `polled` in a poll
+    `keep` the node that decides whether the nodes `sample` are kept; `quiet` those of `polled` in a poll
     for which `eventful` is false; `steady` the nodes that are computed once,
     by slot; `shared` those that change only in attempts that are not plain.
     """
@@ -52,7 +52,7 @@ class Chunk:
     unusual: int
     poll: dict[int, int]
     keep: int
-    row: list[int]
+    sample: list[int]
     quiet: list[int]
     eventful: int
     steady: dict[int, int]
@@ -61,12 +61,12 @@ class Chunk:
 
     @property
     def width(self) -> int:
-        return len(self.row)
+        return len(self.sample)
 
     @property
     def polled(self) -> list[int]:
-        """The nodes of `poll`, of `row`, and `keep`."""
-        return [*self.poll.values(), *self.row, self.keep]
+        """The nodes of `poll`, of `sample`, and `keep`."""
+        return [*self.poll.values(), *self.sample, self.keep]
 
     @property
     def changed(self) -> dict[int, int]:
@@ -143,8 +143,8 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
         jax.make_jaxpr(lane.poll)(held, carry, record), [*held_nodes, *carry_nodes, *record_nodes]
     )
     poll = changes((carry_leaves, record_leaves), given[:-2])
-    row, keep = given[-2].ravel().tolist(), int(given[-1])
-    polled = [*poll.values(), *row, keep]
+    sample, keep = given[-2].ravel().tolist(), int(given[-1])
+    polled = [*poll.values(), *sample, keep]
     quiet, eventful = _plain(program, polled)
     wanted = [*attempt.values(), *plain, unusual, *polled, *quiet, eventful]
     steady = _steady_results(program, wanted)
@@ -158,7 +158,7 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
         unusual=unusual,
         poll=poll,
         keep=keep,
-        row=row,
+        sample=sample,
         quiet=quiet,
         eventful=eventful,
         steady={count + i: at for i, at in enumerate(steady)},
@@ -168,11 +168,11 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
 
 
 def _plain(program: Program, nodes: list[int]) -> tuple[list[int], int]:
-    """As `Program.usually`; all is plain if the plain form would round what the other does not compute.
+    """As `Program.likely`; all is plain if the plain form would round what the other does not compute.
 
     Other products and sums would be fused in that, and a row's bits would depend on its neighbours.
     """
-    plain, unusual = program.usually(nodes)
+    plain, unusual = program.likely(nodes)
     more = set(program.needed([*plain])) - set(program.needed([*nodes, unusual]))
     if any(program.nodes[at].kind != "bool" and program.nodes[at].op not in _EXACT for at in more):
         return nodes, program.constant(False, "bool")

@@ -53,7 +53,7 @@ def contracted(chunk: Chunk) -> Chunk:
         unusual=now[chunk.unusual],
         poll=slots(chunk.poll),
         keep=now[chunk.keep],
-        row=[now[at] for at in chunk.row],
+        sample=[now[at] for at in chunk.sample],
         quiet=[now[at] for at in chunk.quiet],
         eventful=now[chunk.eventful],
         shared=[now[at] for at in chunk.shared],

@@ -3,7 +3,7 @@
 One flat array holds a tile, the lanes of one vector, slot by slot. Each stage is straight-line code on
 vectors. An attempt in which no lane meets an event computes only what it needs: what happens at events, and
 what depends on modes alone, is computed where a lane meets one. Such an attempt writes its results beside the
-state that it began with, and the rest reads both. Rare operations, such as keeping a row, have a loop over
+state that it began with, and the rest reads both. Rare operations, such as keeping a sample, have a loop over
 lanes. Each core runs its own tiles, in a thread.
 """
 
@@ -81,7 +81,7 @@ def _printed(tile: _Tile, title: str) -> str:
             lanes=lanes,
             keep=tile.keep * lanes,
             filled=chunk.record.filled.first * lanes,
-            first=tile.row * lanes,
+            first=tile.sample * lanes,
             width=chunk.width,
         )
         if chunk.width
@@ -102,21 +102,22 @@ def _printed(tile: _Tile, title: str) -> str:
 class _Tile:
     """The stages of a tile, and its slots.
 
-    After the program's slots come a flag and a row for the loop that keeps rows, what plain attempts share,
-    and room for values that a stage loads again. Slots that plain attempts change are there twice, `apart`
-    slots from each other: an attempt reads those of one side, `i`, and writes those of the other, `j`.
+    After the program's slots come a flag and a sample for the loop that keeps samples, what plain attempts
+    share, and room for values that a stage loads again. Slots that plain attempts change are there twice,
+    `apart` slots from each other: an attempt reads those of one side, `i`, and writes those of the other,
+    `j`.
     """
 
     def __init__(self, chunk: Chunk, lanes: int, contraction: bool) -> None:
         self.chunk = chunk = contracted(chunk) if contraction and FUSES else chunk
         self.lanes = lanes
         self.keep = chunk.n_slots
-        self.row = self.keep + 1
-        self.shared = {self.row + chunk.width + i: at for i, at in enumerate(chunk.shared)}
+        self.sample = self.keep + 1
+        self.shared = {self.sample + chunk.width + i: at for i, at in enumerate(chunk.shared)}
         # an attempt without conditions that are seldom true has one part, and changes slots where they are
         self._whole = chunk.program.value(chunk.unusual) is False
         self.twice = {} if self._whole else chunk.changed
-        end = self.row + chunk.width + len(self.shared)
+        end = self.sample + chunk.width + len(self.shared)
         self.apart = end - min(self.twice, default=end)
         self.slots = self._room = max(self.twice, default=end - 1) + self.apart + 1
         self._steady = {at: self._place(slot) for slot, at in chunk.steady.items()}
@@ -152,7 +153,7 @@ class _Tile:
     def _poll(self) -> list[str]:
         """A poll: what happens at an event is computed only if a lane of the tile needs it."""
         chunk, program = self.chunk, self.chunk.program
-        slots = [*chunk.poll, *range(self.row, self.row + chunk.width), self.keep]
+        slots = [*chunk.poll, *range(self.sample, self.sample + chunk.width), self.keep]
 
         def lines(polled: Sequence[int]) -> list[str]:
             changed = {

@@ -11,7 +11,7 @@ import numpy as np
 from gaitsweep.contract import Status
 from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.kernel import gpu_program
-from gaitsweep.engine.kernel.card import Card, Numbers
+from gaitsweep.engine.kernel.card import CudaDevice, DeviceArray
 from gaitsweep.engine.kernel.lanes import Kernel, KernelLanes
 from gaitsweep.engine.recorders.recorder import BUFFER
 from gaitsweep.engine.sweep.lane import ChunkOutput, Device, Values
@@ -52,7 +52,7 @@ class CudaLanes(KernelLanes):
 
     def __init__(self, spec: SweepSpec, device: Device) -> None:
         super().__init__(spec)
-        self.card = Card(getattr(device, "local_hardware_id", None) or 0)
+        self.card = CudaDevice(getattr(device, "local_hardware_id", None) or 0)
         self._contraction = spec.numerics.contraction
         self._seen = [leaf.first + i for leaf in self.seen.values() for i in range(leaf.size)]
         source = gpu_program.placing(self.chunk, self._seen, self.kernel.title)
@@ -60,13 +60,13 @@ class CudaLanes(KernelLanes):
         self._put, self._collect, self._trajectory = (
             module.get_kernel(name) for name in ("put", "collect", "trajectory")
         )
-        self._steady = Steady(varying_slots(self.kernel, spec.varied))
+        self._steady = UniformConstants(varying_slots(self.kernel, spec.varied))
         n_slots, size, width = self.chunk.n_slots, self.size, self.chunk.width
-        self._slots = Numbers(self.card, (n_slots, size))
-        self._kept = Numbers(self.card, (BUFFER, size, width))
-        self._output = Numbers(self.card, (max(len(self._seen) * size, n_slots),))
-        self._turn = Numbers(self.card, (2,))
-        self._filling = Numbers(self.card, (size, gpu_program.filling_width(self.chunk)))
+        self._slots = DeviceArray(self.card, (n_slots, size))
+        self._kept = DeviceArray(self.card, (BUFFER, size, width))
+        self._output = DeviceArray(self.card, (max(len(self._seen) * size, n_slots),))
+        self._turn = DeviceArray(self.card, (2,))
+        self._filling = DeviceArray(self.card, (size, gpu_program.filling_width(self.chunk)))
         self._under_way = np.zeros(size, bool)  # lanes whose trajectory has not ended
         self.card.launch(module.get_kernel("clear"), size, self._slots, size, self._turn)
         self.card.wait()
@@ -95,12 +95,12 @@ class CudaLanes(KernelLanes):
             self.at_a_time = min(self.size, self.card.threads(self.run))
         self.card.wait()
 
-    def put(self, lanes: np.ndarray, opened: np.ndarray, rows: np.ndarray, kept: np.ndarray) -> None:
+    def put(self, lanes: np.ndarray, opened: np.ndarray, samples: np.ndarray, kept: np.ndarray) -> None:
         first, n_opened = gpu_program.FILLING, opened.shape[1]
         part = self._staged[self._placed : self._placed + lanes.size]
         part[:, 0], part[:, 1] = lanes, kept
         part[:, first : first + n_opened] = opened
-        part[:, first + n_opened :] = rows
+        part[:, first + n_opened :] = samples
         self._placed += lanes.size
 
     def advance(self, polls: int) -> None:
@@ -120,16 +120,16 @@ class CudaLanes(KernelLanes):
         self.card.launch(self._collect, size, self._slots, size, self._turn, self._output)
         seen = self._output.from_card(len(self._seen) * size).reshape(-1, size)
         output = self.output(lambda slot: seen[self._seen.index(slot)])
-        self._under_way = output.record.status == Status.running
-        # the levels of the buffers that have new rows in some lane
-        new = int(output.record.filled.max()) if width else 0
+        self._under_way = output.numbers["status"] == Status.running
+        # the levels of the buffers that have new samples in some lane
+        new = int(output.filled.max()) if width else 0
         if new:
             kept = self._kept.from_card(new * size * width).reshape(new, size, width)
             output = output._replace(kept=kept.transpose(1, 0, 2))
         return output
 
 
-class Steady:
+class UniformConstants:
     """Detects which constants of trajectories are equal in all rows.
 
     Args:

@@ -39,7 +39,7 @@ _OF_POLL = {
 }
 # Statements of a poll after which a number of the record is read from memory again.
 READ_AGAIN = 60
-# Numbers of a lane that is filled, before its slots: the lane, and whether its first row is kept.
+# Numbers of a lane that is filled, before its slots: the lane, and whether its first sample is kept.
 FILLING = 2
 _FORMATS: dict[Kind, Any] = {"f64": np.float64, "int": np.float64, "f32": np.float32, "bool": np.bool_}
 
@@ -131,7 +131,7 @@ def placing(chunk: Chunk, seen: Sequence[int], title: str) -> str:
     """The source of the kernels that fill lanes and that collect what the host reads.
 
     `clear(S, n, turn)` makes all lanes idle. `put(S, kept, n, filling, count)` starts trajectories: `filling`
-    (count, `filling_width`) has for each its lane, whether its row is kept, its slots and its row.
+    (count, `filling_width`) has for each its lane, whether its sample is kept, its slots and its sample.
     `collect(S, n, turn, seen)` copies the slots `seen` to `seen` (len, n) and empties the buffers.
     `trajectory(S, n, i, slots)` copies all slots of lane i. `S` (slots, n) and `kept` (BUFFER, n, width) are
     the memory of n lanes; all numbers are float64.
@@ -177,7 +177,7 @@ def running(chunk: Chunk, varying: Collection[int], title: str) -> str:
     """The source of the kernel `run(S, kept, n, turn, polls, threads)`.
 
     Each of the first `threads` threads makes up to `polls` polls; the others of their block do nothing. `S`
-    (slots, n) float64 has n lanes; `kept` (BUFFER, n, width) float64 receives the rows to keep; `turn` (2,)
+    (slots, n) float64 has n lanes; `kept` (BUFFER, n, width) float64 has room for samples; `turn` (2,)
     float64 is the number of lanes taken and the lane taken first; the variable `same` has the values of the
     nodes `same(chunk, varying)`, as `packed` gives them; `varying` are the slots of constants that differ
     between rows.
@@ -318,8 +318,8 @@ class _Thread:
         changed = {
             slot: at for slot, at in zip(chunk.poll, polled, strict=False) if not program.is_input(at, slot)
         }
-        row, keep = polled[len(chunk.poll) : -1], polled[-1]
-        wanted = [*changed.values(), *row, keep]
+        sample, keep = polled[len(chunk.poll) : -1], polled[-1]
+        wanted = [*changed.values(), *sample, keep]
         order = depth_first(program, wanted, names)
         last_use = {a: place for place, at in enumerate(order) for a in program.nodes[at].args}
         of_slot = {chunk.slot_of(at): at for at in order if program.nodes[at].op == "input"}
@@ -355,7 +355,7 @@ class _Thread:
                 f"    double* row = kept + (filled * n + i) * {chunk.width};",
                 *(
                     f"    row[{k}] = {stored(program.nodes[at].kind, value)};"
-                    for k, (at, value) in enumerate(zip(row, results[len(changed) : -1], strict=True))
+                    for k, (at, value) in enumerate(zip(sample, results[len(changed) : -1], strict=True))
                 ),
                 "}",
             ]

@@ -17,7 +17,7 @@ from gaitsweep.contract import Model, Status
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics
-from gaitsweep.engine.recorders.recorder import BUFFER, UNSEEN, Record, Recorder
+from gaitsweep.engine.recorders.recorder import BUFFER, Recorder
 from gaitsweep.engine.sweep.lane import ChunkOutput, OneLane, RowDrive, Values, host_device
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
@@ -55,9 +55,9 @@ def kernel_of(model: Model, recorder: Recorder, numerics: ResolvedNumerics, driv
 
 
 def _open(lane: OneLane, values: Any, starts: Any) -> Any:
-    held, carry, record, row, keep = lane.open(values, starts)
+    held, carry, record, sample, keep = lane.open(values, starts)
     flat = [jnp.ravel(leaf).astype(jnp.float64) for leaf in jax.tree.leaves((held, carry, record))]
-    return jnp.concatenate(flat), row, keep
+    return jnp.concatenate(flat), sample, keep
 
 
 class KernelLanes(abc.ABC):
@@ -74,16 +74,12 @@ class KernelLanes(abc.ABC):
         self._dtype = np.dtype(spec.numerics.carried)
         record, carry = self.chunk.record, self.chunk.carry
         # what the host reads after each chunk
-        self.seen: dict[str, Leaf] = {
-            field.name: getattr(record, field.name)
-            for field in dataclasses.fields(Record)
-            if field.name not in UNSEEN
-        }
-        self.seen |= {"t": carry.t, "attempts": carry.attempts}
+        counts = {"filled": record.filled, "samples": record.samples}
+        self.seen: dict[str, Leaf] = {**record.results(carry), **counts}
 
     @abc.abstractmethod
-    def put(self, lanes: np.ndarray, opened: np.ndarray, rows: np.ndarray, kept: np.ndarray) -> None:
-        """Write `opened` (n, slots) to `lanes` (n,), and `rows` (n, width) to buffers where `kept` (n,)."""
+    def put(self, lanes: np.ndarray, opened: np.ndarray, samples: np.ndarray, kept: np.ndarray) -> None:
+        """Write `opened` (n, slots) to `lanes` (n,), `samples` (n, width) to buffers where `kept` (n,)."""
 
     @abc.abstractmethod
     def run_chunk(self, polls: int) -> ChunkOutput:
@@ -101,9 +97,9 @@ class KernelLanes(abc.ABC):
                 for values in (params, starts)
             ]
             with jax.default_device(host_device()):
-                opened, kept_rows, keep = jax.device_get(self.kernel.open(*given))
+                opened, samples, keep = jax.device_get(self.kernel.open(*given))
             n = some.size
-            self.put(some, opened[:n], kept_rows[:n], keep[:n])
+            self.put(some, opened[:n], samples[:n], keep[:n])
 
     def output(self, read_slot: Callable[[int], np.ndarray]) -> ChunkOutput:
         """The output of a chunk without its buffers; `read_slot` returns the values (size,) of a slot."""
@@ -112,15 +108,9 @@ class KernelLanes(abc.ABC):
             columns = [read_slot(leaf.first + i) for i in range(leaf.size)] or [np.zeros((self.size, 0))]
             return np.stack(columns, axis=-1).reshape(self.size, *leaf.shape)
 
-        fields = {name: read(leaf) for name, leaf in self.seen.items()}
-        t, attempts = fields.pop("t"), fields.pop("attempts").astype(np.int64)
-        for name in ("status", "cycles", "filled", "samples", "period", "slowest"):
-            fields[name] = fields[name].astype(np.int32)
-        fields["fired"] = fields["fired"].astype(np.int64)
-        fields |= dict.fromkeys(UNSEEN, np.zeros((self.size, 0)))
-        seen = Record(**fields)  # type: ignore[arg-type]
-        kept = np.zeros((self.size, 0, self.chunk.width))
-        return ChunkOutput(seen, kept, t, attempts)
+        numbers = {name: read(leaf) for name, leaf in self.seen.items()}
+        filled, samples = (numbers.pop(name).astype(np.int32) for name in ("filled", "samples"))
+        return ChunkOutput(numbers, filled, samples, np.zeros((self.size, 0, self.chunk.width)))
 
 
 def _aligned(shape: tuple[int, ...]) -> np.ndarray:
@@ -154,11 +144,11 @@ class CpuLanes(KernelLanes):
         self._slots[:, self.chunk.record.status.first] = Status.complete
         self._kept = np.zeros((tiles * self._tile, BUFFER if self.chunk.width else 0, self.chunk.width))
 
-    def put(self, lanes: np.ndarray, opened: np.ndarray, rows: np.ndarray, kept: np.ndarray) -> None:
+    def put(self, lanes: np.ndarray, opened: np.ndarray, samples: np.ndarray, kept: np.ndarray) -> None:
         tile, lane = np.divmod(lanes, self._tile)
         self._slots[tile, : opened.shape[1], lane] = opened
         if self.chunk.width:
-            self._kept[lanes[kept], 0] = rows[kept]
+            self._kept[lanes[kept], 0] = samples[kept]
 
     def run_chunk(self, polls: int) -> ChunkOutput:
         """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""

@@ -102,7 +102,7 @@ class Program:
                     waiting.extend(self.nodes[at].args)
         return sorted(reached)
 
-    def usually(self, wanted: Sequence[int]) -> tuple[list[int], int]:
+    def likely(self, wanted: Sequence[int]) -> tuple[list[int], int]:
         """Nodes that equal `wanted` where all conditions have their usual value, and whether one has not."""
         told: dict[int, int] = {}  # flags, where the conditions before them have their usual value
         exception = self.constant(False, "bool")

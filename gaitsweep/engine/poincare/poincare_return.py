@@ -14,13 +14,13 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Model, Params, ResultCode, State
-from gaitsweep.engine.advance import CROSSING, FAILED, GOING, Carry, advance, stalled, start
+from gaitsweep.engine.advance import Carry, Halt, advance, stalled, start
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.leaves import float_leaves
 from gaitsweep.engine.numerics import ResolvedNumerics, step_of
 from gaitsweep.engine.poincare.stagewise import Stages, begin, stagewise
-from gaitsweep.engine.propose import derivative_refusal
 from gaitsweep.engine.recorders.recorder import ATTEMPTS_PER_STEP
+from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.errors import ArgumentError
 
 # Nominal periods within which a return has to end.
@@ -100,7 +100,7 @@ class PoincareReturn:
     def ended(self, trajectory: ReturnState) -> jax.Array:
         """Whether the return has ended, by a crossing or otherwise."""
         carry = trajectory.carry
-        return (carry.halt != GOING) | stalled(self.model, carry) | (carry.attempts > trajectory.limit)
+        return (carry.halt != Halt.GOING) | stalled(self.model, carry) | (carry.attempts > trajectory.limit)
 
     def status(self, trajectory: ReturnState) -> jax.Array:
         """The `ReturnStatus` of a return that has ended."""
@@ -111,9 +111,9 @@ class PoincareReturn:
         missed = jnp.where(
             stuck,
             ReturnStatus.stalled,
-            jnp.where(carry.halt == FAILED, ReturnStatus.fell, ReturnStatus.late),
+            jnp.where(carry.halt == Halt.FELL, ReturnStatus.fell, ReturnStatus.late),
         )
-        crossed = jnp.where(carry.halt == CROSSING, ReturnStatus.crossed, missed)
+        crossed = jnp.where(carry.halt == Halt.CROSSING, ReturnStatus.crossed, missed)
         return jnp.where(sound, crossed, ReturnStatus.lost).astype(jnp.int32)
 
 

@@ -48,10 +48,10 @@ class AllVariables(Chart):
     def coordinates(self) -> tuple[Quantity, ...]:
         return tuple(Quantity(name, "", f"{name} of the state") for name in self.names)
 
-    def read(self, params: Params, state: State) -> jax.Array:
+    def to_coordinates(self, params: Params, state: State) -> jax.Array:
         return jnp.concatenate([jnp.ravel(leaf).astype(jnp.float64) for leaf in float_leaves(state)])
 
-    def place(self, params: Params, at: jax.Array, modes: State) -> State:
+    def from_coordinates(self, params: Params, at: jax.Array, modes: State) -> State:
         leaves = float_leaves(modes)
         cuts = np.cumsum([leaf.size for leaf in leaves])[:-1]
         pieces = jnp.split(at, cuts.tolist())
@@ -135,12 +135,12 @@ class BatchedReturnMap(Map):
 
     def follow(self, values: Values, at: jax.Array, modes: Any) -> tuple[jax.Array, Any, Any, dict[str, Any]]:
         params = self.params(values)
-        t, state, status = self.state(params, self.chart.place(params, at, modes))
+        t, state, status = self.state(params, self.chart.from_coordinates(params, at, modes))
         crossed = status == ReturnStatus.crossed
-        status = jnp.where(crossed & ~self.chart.holds(params, state), ReturnStatus.elsewhere, status)
+        status = jnp.where(crossed & ~self.chart.covers(params, state), ReturnStatus.elsewhere, status)
         status = jnp.where(crossed & self.model.failed(params, state), ReturnStatus.fell, status)
         observed = {**self.model.observe(params, state), "time": t}
-        return self.chart.read(params, state), state, status, observed
+        return self.chart.to_coordinates(params, state), state, status, observed
 
     def conserved_values(self, values: Values, at: jax.Array) -> jax.Array:
         return self.chart.conserved_values(self.params(values), at)
@@ -164,7 +164,7 @@ class BatchedReturnMap(Map):
         }
         held = self.complete(values, n)
         state, status = _settler(self, cycles)(held, given)
-        at = jax.jit(jax.vmap(lambda v, s: self.chart.read(self.params(v), s)))(held, state)
+        at = jax.jit(jax.vmap(lambda v, s: self.chart.to_coordinates(self.params(v), s)))(held, state)
         return Points(np.asarray(at), jax.tree.map(np.asarray, state)), np.asarray(status)
 
     @cached_property

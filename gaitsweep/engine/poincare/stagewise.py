@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from gaitsweep.contract import HybridModel, Params, Rates
 from gaitsweep.engine.advance import Carry, advance, select
 from gaitsweep.engine.numerics import ResolvedNumerics
-from gaitsweep.engine.propose import move
+from gaitsweep.engine.solver import euler_update
 
 # Stages of the next evaluation: 1 to 3 are those after the first stage of a step, then the trial follows.
 LAST, TRIAL = 3, 4
@@ -56,8 +56,8 @@ def stagewise(model: HybridModel, numerics: ResolvedNumerics) -> Callable[[Param
         here = dataclasses.replace(carry.state, **s.at)
         rates = model.flow(params, here)
         tried = s.stage == TRIAL
-        worked_out = (lambda *_: here), (lambda *_: s.first), (lambda *_: rates)
-        conclude = advance(model, numerics, sensitivities=True, worked_out=worked_out)
+        precomputed = (lambda *_: here), (lambda *_: s.first), (lambda *_: rates)
+        conclude = advance(model, numerics, sensitivities=True, precomputed=precomputed)
         fired = jnp.any(model.guards(params, here) >= 0.0)
         after = conclude(params, carry)
         # a step may be rejected without an event: it is tried again from the same state
@@ -75,7 +75,7 @@ def stagewise(model: HybridModel, numerics: ResolvedNumerics) -> Callable[[Param
         # the attempt after a jump has zero length, and its rates are not known yet
         jumped = tried & (carry.h == 0.0)
         along = {name: jnp.where(jumped, 0.0, rate) for name, rate in along.items()}
-        there = move(carry.state, along, h * share)
+        there = euler_update(carry.state, along, h * share)
         at = {name: getattr(there, name) for name in s.at}
         stage = jnp.where(jumped, TRIAL, follows).astype(s.stage.dtype)
         return carry, Stages(stage, at, first, total)

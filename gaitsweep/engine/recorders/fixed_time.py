@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import Model, Params, Status
-from gaitsweep.engine.advance import CROSSING, TIME, Carry
-from gaitsweep.engine.recorders.recorder import Record, Recorder, Taken, counted
-
-if TYPE_CHECKING:
-    from gaitsweep.engine.sweep.block import BlockResult
+from gaitsweep.engine.advance import Carry, Halt
+from gaitsweep.engine.recorders.recorder import LaneRecord, PollResult, Recorder, counted
+from gaitsweep.row_outcome import RowOutcome
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,25 +29,25 @@ class FixedTimeRecorder(Recorder):
     def stop(self, params: Params) -> jax.Array:
         return jnp.full_like(self.model.period(params), self.duration)
 
-    def take(self, params: Params, carry: Carry, record: Record) -> Taken:
-        crossed, ends = carry.halt == CROSSING, carry.halt == TIME
+    def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
+        crossed, ends = carry.halt == Halt.CROSSING, carry.halt == Halt.TIME
         now = self.observables(params, carry.state)
         status = jnp.where(ends, Status.complete, Status.running)
-        taken = dataclasses.replace(
+        recorded = dataclasses.replace(
             record,
             status=status.astype(jnp.int32),
             cycles=jnp.where(crossed, record.cycles + 1, record.cycles),
             last=jnp.where(crossed, now, record.last),
         )
         carry = dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt))
-        return carry, counted(taken, ends), now, ends
+        return PollResult(carry, counted(recorded, ends), now, ends)
 
-    def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
+    def share(self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical: float) -> np.ndarray:
         return t / self.duration
 
 
-def end_values(block: BlockResult) -> np.ndarray:
-    """The observables (n, k) of a block's rows at the given time; of others at their last crossing."""
-    values = block.last.copy()
-    values[block.owner - block.first] = block.samples.reshape(-1, values.shape[1])
+def end_values(rows: RowOutcome) -> np.ndarray:
+    """The observables (n, k) of rows at the given time; of those that failed at their last crossing."""
+    values = rows.last.copy()
+    values[rows.place] = rows.samples
     return values

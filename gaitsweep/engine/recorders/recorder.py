@@ -10,19 +10,17 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.contract import HybridModel, Model, Params, State, Status, Verdict
+from gaitsweep.contract import HybridModel, Model, Params, State, Status
 from gaitsweep.dynamics.declarations import Variable
 from gaitsweep.dynamics.declared_model import Declared
-from gaitsweep.engine.advance import FINISHED, Carry, fired_last, select, stalled
-
-if TYPE_CHECKING:
-    from gaitsweep.engine.sweep.block import Block
+from gaitsweep.engine.advance import Carry, Halt, fired_last, select, stalled
+from gaitsweep.row_outcome import RowNumber, RowOutcome
 
 # Attempts between two polls of a trajectory. Results depend on it (a failed row ends at a multiple of it), so
 # it is a constant and not a tuning parameter.
@@ -35,25 +33,20 @@ DIVERGED = 1.0e9
 SPARE_CYCLES = 10
 # Attempts for each longest step in the allowed time of a row, beyond which it ends.
 ATTEMPTS_PER_STEP = 8.0
-# Guards in one number of `Record.fired`: a slot of a kernel is a float64 with 53 bits.
+# Guards in one number of `LaneRecord.fired`: a slot of a kernel is a float64 with 53 bits.
 GUARDS_A_WORD = 32
-# How a row may end and still have a last section crossing at which its gait can be read.
-LABELLED = [s for s in Status if s.verdict is not Verdict.failed and s is not Status.running]
-# What of a record stays on the device.
-UNSEEN = ("window", "memory")
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Record:
-    """The progress and the results of a row.
+class LaneRecord:
+    """The progress and the results of the row in a lane.
 
     `status` is a `Status`; `cycles` the number of crossings, without the start; `last` (n,) the observables
     at the last crossing; `window` (w, ...) numbers of the last w crossings, and `memory` what else of earlier
-    crossings a recorder remembers; `filled` the records in the buffer that wait for the host, at most
-    `BUFFER`; `samples` the records kept so far; `period` the period of the attractor in crossings, 0 if
-    unknown; `slowest` the number of the observable that kept the row from settling, else -1; `fired` the
-    guards whose jumps stalled the row, a bit each.
+    crossings a recorder remembers; `filled` the samples in the buffer that wait for the host, at most
+    `BUFFER`; `samples` the samples kept so far; `numbers` those that the recorder declares, by name; `fired`
+    the guards whose jumps stalled the row, a bit each.
     """
 
     status: jax.Array
@@ -63,20 +56,29 @@ class Record:
     memory: Any
     filled: jax.Array
     samples: jax.Array
-    period: jax.Array
-    slowest: jax.Array
+    numbers: dict[str, jax.Array]
     fired: jax.Array
 
+    def results(self, carry: Carry) -> dict[str, jax.Array]:
+        """The numbers of `RowOutcome` by name, final once the row has ended."""
+        ends = {"status": self.status, "cycles": self.cycles, "attempts": carry.attempts, "t_end": carry.t}
+        return {**ends, "last": self.last, "fired": self.fired, **self.numbers}
 
-# Carry and record after a poll, a row (width,) of numbers, and whether to keep that row.
-Taken = tuple[Carry, Record, jax.Array, jax.Array]
+
+class PollResult(NamedTuple):
+    """Carry and record after a poll, a sample (width,) of numbers, and whether to keep that sample."""
+
+    carry: Carry
+    record: LaneRecord
+    sample: jax.Array
+    keep: jax.Array
 
 
 @dataclasses.dataclass(frozen=True)
 class Readings:
-    """Where gaits are read: `rows` (n,) in the block, times `t` (n,) s, `observed` (n, k), `readable` (n,).
+    """Where gaits are read: in `rows` (n,), at times `t` (n,) s, of `observed` (n, k), where `readable` (n,).
 
-    `batch`: readings in one call of the model's `label`; None for the rows of a block.
+    `batch`: readings of samples in one call of the model's `label`; None for one reading of each row.
     """
 
     rows: np.ndarray
@@ -89,6 +91,12 @@ class Readings:
 class Recorder(abc.ABC):
     """The base class of recorders: tests of failure, the count of crossings, buffers."""
 
+    # Numbers of each row beside those of the engine, which `record` may set: the period of the attractor in
+    # crossings, 0 if unknown, and the index of the observable that kept the row from settling.
+    numbers: ClassVar[tuple[RowNumber, ...]] = (
+        RowNumber("period", np.int8),
+        RowNumber("slowest", np.int64, absent=-1),
+    )
     model: Model
 
     @property
@@ -97,12 +105,12 @@ class Recorder(abc.ABC):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the numbers in a buffered row, in their order; none where the kind keeps no rows."""
+        """The names of the numbers in a sample, in their order; none where the kind keeps no samples."""
         return ()
 
     @property
     def width(self) -> int:
-        """Numbers in a buffered row."""
+        """Numbers in a sample."""
         return len(self.names)
 
     @abc.abstractmethod
@@ -110,12 +118,10 @@ class Recorder(abc.ABC):
         """The first time (s) at which the trajectory halts."""
 
     @abc.abstractmethod
-    def take(self, params: Params, carry: Carry, record: Record) -> Taken:
+    def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
         """Record the halted or running trajectory.
 
-        Returns:
-            Carry and record after it, a row (width,) of numbers, and whether to keep that row; the record
-            counts it already (`counted`), and the buffer has room for it.
+        Where the sample is kept, the record counts it already (`counted`), and the buffer has room for it.
         """
 
     def max_attempts(self, params: Params, dt: jax.Array | float) -> jax.Array:
@@ -125,11 +131,11 @@ class Recorder(abc.ABC):
         observed = self.model.observe(params, state)
         return jnp.stack([observed[q.name] for q in self.model.observables])
 
-    def begin(self, params: Params, carry: Carry) -> tuple[Record, jax.Array, jax.Array]:
-        """The record of a trajectory at its start (crossing 0), its first row, and whether to keep it."""
+    def begin(self, params: Params, carry: Carry) -> tuple[LaneRecord, jax.Array, jax.Array]:
+        """The record of a trajectory at its start (crossing 0), its first sample, and whether to keep it."""
         last = self.observables(params, carry.state)
         count = jnp.zeros((), jnp.int32)
-        record = Record(
+        record = LaneRecord(
             status=count,
             cycles=count,
             last=last,
@@ -137,41 +143,45 @@ class Recorder(abc.ABC):
             memory=jnp.zeros((0,), last.dtype),
             filled=count,
             samples=count,
-            period=count,
-            slowest=count - 1,
+            numbers={
+                n.name: jnp.asarray(n.absent, last.dtype if issubclass(n.dtype, np.floating) else jnp.int32)
+                for n in self.numbers
+            },
             fired=jnp.zeros_like(_packed(fired_last(carry))),
         )
         return record, jnp.zeros((self.width,), last.dtype), jnp.asarray(False)
 
-    def readings(self, block: Block) -> Readings | None:
-        """Where the gaits of a block's rows are read; None where this recorder keeps no gaits."""
+    def readings(self, rows: RowOutcome) -> Readings | None:
+        """Where the gaits of ended rows are read; None where this recorder keeps no gaits."""
         return None
 
-    def readings_at_the_end(self, block: Block) -> Readings:
+    def readings_at_the_end(self, rows: RowOutcome) -> Readings:
         """The readings of rows that are labelled where they end."""
-        crossed = (block.cycles > 0) | (block.status == Status.at_rest)
-        readable = np.isin(block.status, LABELLED) & crossed
-        return Readings(np.arange(block.rows), block.t_end, block.last, readable)
+        crossed = (rows.cycles > 0) | (rows.status == Status.at_rest)
+        readable = ~Status.FAILED.among(rows.status) & (rows.status != Status.running) & crossed
+        return Readings(np.arange(rows.row.size), rows.t_end, rows.last, readable)
 
     @abc.abstractmethod
-    def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
-        """The progress of each running row, 0 to 1, for the progress bar.
+    def share(self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical: float) -> np.ndarray:
+        """The progress of running rows (n,), 0 to 1, for the progress bar.
 
-        `typical_cycles` is the mean number of cycles of the ended rows, 0 if there are none.
+        Args:
+            cycles, samples, t: what each has so far; times in s.
+            typical: the mean number of cycles of the ended rows, 0 if there are none.
         """
 
-    def poll(self, params: Params, carry: Carry, record: Record, dt: jax.Array | float) -> Taken:
+    def poll(self, params: Params, carry: Carry, record: LaneRecord, dt: jax.Array | float) -> PollResult:
         """Test for failure, then record; an ended row is unchanged."""
         running = record.status == Status.running
-        taken_carry, taken, row, keep = self.take(params, carry, record)
+        recorded_carry, recorded, sample, keep = self.record(params, carry, record)
         ill = self._illness(params, carry, dt)
-        status = jnp.where(ill != Status.running, ill, taken.status)
+        status = jnp.where(ill != Status.running, ill, recorded.status)
         fired = jnp.where(ill == Status.event_stall, _packed(fired_last(carry)), record.fired)
-        new = select(running, dataclasses.replace(taken, status=status, fired=fired), record)
+        new = select(running, dataclasses.replace(recorded, status=status, fired=fired), record)
         new = dataclasses.replace(new, last=jnp.where(ill != Status.running, record.last, new.last))
-        halt = jnp.where(status != Status.running, FINISHED, taken_carry.halt)
-        moved = dataclasses.replace(taken_carry, halt=halt.astype(carry.halt.dtype))
-        return select(running, moved, carry), new, row, keep & running
+        halt = jnp.where(status != Status.running, Halt.FINISHED, recorded_carry.halt)
+        moved = dataclasses.replace(recorded_carry, halt=halt.astype(carry.halt.dtype))
+        return PollResult(select(running, moved, carry), new, sample, keep & running)
 
     def _illness(self, params: Params, carry: Carry, dt: jax.Array | float) -> jax.Array:
         moving = carry.state
@@ -199,8 +209,8 @@ def _variables(model: Model) -> list[str]:
     return [name for name, each in declared.items() if isinstance(each, Variable)]
 
 
-def counted(record: Record, keep: jax.Array) -> Record:
-    """The record with one more row in its buffer if `keep`."""
+def counted(record: LaneRecord, keep: jax.Array) -> LaneRecord:
+    """The record with one more sample in its buffer if `keep`."""
     more = keep.astype(record.filled.dtype)
     return dataclasses.replace(record, filled=record.filled + more, samples=record.samples + more)
 
@@ -216,7 +226,7 @@ def _packed(fired: jax.Array) -> jax.Array:
 
 
 def unpacked(words: np.ndarray) -> np.ndarray:
-    """The guards that fired (rows, guards), from `Record.fired` (rows, words); padded with False."""
+    """The guards that fired (rows, guards), from `LaneRecord.fired` (rows, words); padded with False."""
     bits = np.arange(GUARDS_A_WORD)
     found = (words[:, :, None].astype(np.int64) >> bits) & 1
     return found.astype(bool).reshape(len(words), words.shape[1] * bits.size)

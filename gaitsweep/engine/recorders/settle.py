@@ -11,9 +11,9 @@ import numpy as np
 
 from gaitsweep.circular import wrapped_difference
 from gaitsweep.contract import HybridModel, Model, Params, Status
-from gaitsweep.engine.advance import CROSSING, TIME, Carry
-from gaitsweep.engine.rarity import rarely
-from gaitsweep.engine.recorders.recorder import SPARE_CYCLES, Record, Recorder, Taken
+from gaitsweep.engine.advance import Carry, Halt
+from gaitsweep.engine.rarity import unlikely
+from gaitsweep.engine.recorders.recorder import SPARE_CYCLES, LaneRecord, PollResult, Recorder
 
 # Crossings over which a settled state must be constant.
 SETTLE_WINDOW = 10
@@ -105,8 +105,8 @@ class SettleRecorder(Recorder):
             return jnp.full_like(period, self.max_time)
         return 4.0 * (self.max_cycles + SPARE_CYCLES) * period
 
-    def begin(self, params: Params, carry: Carry) -> tuple[Record, jax.Array, jax.Array]:
-        record, row, keep = super().begin(params, carry)
+    def begin(self, params: Params, carry: Carry) -> tuple[LaneRecord, jax.Array, jax.Array]:
+        record, sample, keep = super().begin(params, carry)
         dtype = record.last.dtype
         more = jnp.zeros((self.window, 2), dtype)
         none = jnp.zeros((), jnp.int32)
@@ -119,10 +119,10 @@ class SettleRecorder(Recorder):
             rest=jnp.asarray([0.0, 0.0, -1.0], dtype),
         )
         window = jnp.concatenate([record.window, more], axis=1)
-        return dataclasses.replace(record, window=window, memory=memory), row, keep
+        return dataclasses.replace(record, window=window, memory=memory), sample, keep
 
-    def take(self, params: Params, carry: Carry, record: Record) -> Taken:
-        crossed, memory = rarely(carry.halt == CROSSING), record.memory
+    def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
+        crossed, memory = unlikely(carry.halt == Halt.CROSSING), record.memory
         now = self.observables(params, carry.state)
         before, times, steps = record.window[:, :-2], record.window[:, -2], record.window[:, -1]
         cycles = record.cycles + 1
@@ -153,12 +153,12 @@ class SettleRecorder(Recorder):
 
         fastest, rest, rests = self._rest(params, carry, memory)
         rests = rests & free & ~crossed
-        timed = jnp.where(carry.halt == TIME, Status.time_limit, Status.running)
+        timed = jnp.where(carry.halt == Halt.TIME, Status.time_limit, Status.running)
         status = jnp.where(crossed, ended, jnp.where(rests, Status.at_rest, timed))
         after = jnp.where(tested, jnp.stack([jnp.zeros_like(moves), moves]), memory.moves.at[0].set(moves))
         first = jnp.concatenate([now, jnp.stack([carry.t.astype(now.dtype), distances[0]])])
         window = jnp.concatenate([first[None, :], record.window[:-1]])
-        taken = dataclasses.replace(
+        recorded = dataclasses.replace(
             record,
             status=status.astype(jnp.int32),
             cycles=jnp.where(crossed, cycles, record.cycles),
@@ -172,16 +172,19 @@ class SettleRecorder(Recorder):
                 fastest=fastest,
                 rest=rest.astype(now.dtype),
             ),
-            period=jnp.where(crossed & settled, period, 0).astype(jnp.int32),
-            slowest=jnp.where(crossed & given_up & ~settled, slowest(moved), -1).astype(jnp.int32),
+            numbers={
+                **record.numbers,
+                "period": jnp.where(crossed & settled, period, 0).astype(jnp.int32),
+                "slowest": jnp.where(crossed & given_up & ~settled, slowest(moved), -1).astype(jnp.int32),
+            },
         )
         carry = dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt))
-        return carry, taken, jnp.zeros((0,), record.last.dtype), jnp.asarray(False)
+        return PollResult(carry, recorded, jnp.zeros((0,), record.last.dtype), jnp.asarray(False))
 
     def _rates(self, params: Params, carry: Carry) -> tuple[jax.Array, jax.Array]:
         """The absolute rates (m,) of the flow and the magnitudes of its variables; none without a flow."""
         rates = {}
-        if isinstance(self.model, HybridModel) and self.model.located:
+        if isinstance(self.model, HybridModel) and self.model.locates_events:
             rates = self.model.flow(params, carry.state)
         none = jnp.zeros((0,), carry.t.dtype)
         sizes = [jnp.ravel(getattr(carry.state, name)) for name in rates]
@@ -197,7 +200,7 @@ class SettleRecorder(Recorder):
         fastest = jnp.where(rates > memory.fastest, rates, memory.fastest)
         moves = rates * period > LEAST_RATE * jnp.maximum(sizes, 1.0)
         share = jnp.max(jnp.where(moves, rates / jnp.where(moves, fastest, 1.0), 0.0))
-        slow = (share < REST) & ~rarely(carry.halt == CROSSING)
+        slow = (share < REST) & ~unlikely(carry.halt == Halt.CROSSING)
         begun, largest, before = memory.rest[0], memory.rest[1], memory.rest[2]
         largest = jnp.maximum(largest, share)
         over = carry.t - begun >= REST_PERIODS * period
@@ -234,8 +237,8 @@ class SettleRecorder(Recorder):
             found = jnp.where(holds, p, found)
         return found
 
-    def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
-        return np.minimum(np.asarray(record.cycles) / (typical_cycles or 0.4 * self.max_cycles), 0.95)
+    def share(self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical: float) -> np.ndarray:
+        return np.minimum(cycles / (typical or 0.4 * self.max_cycles), 0.95)
 
 
 def tolerances(model: Model, given: float | Mapping[str, float]) -> float | tuple[float, ...]:

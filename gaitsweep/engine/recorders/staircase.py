@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import Model, Params, Status
-from gaitsweep.engine.advance import CROSSING, GOING, TIME, Carry
+from gaitsweep.engine.advance import Carry, Halt
 from gaitsweep.engine.recorders.recorder import (
     ATTEMPTS_PER_STEP,
     BUFFER,
+    LaneRecord,
+    PollResult,
     Readings,
-    Record,
     Recorder,
-    Taken,
     counted,
 )
 from gaitsweep.engine.recorders.settle import (
@@ -30,9 +29,7 @@ from gaitsweep.engine.recorders.settle import (
     widened,
 )
 from gaitsweep.engine.recorders.stairs import StepSchedule
-
-if TYPE_CHECKING:
-    from gaitsweep.engine.sweep.block import Block
+from gaitsweep.row_outcome import RowOutcome
 
 _HEAD = ("stair", "crossing", "t", "settled", "slowest")  # what stands before the observables
 # Stairs whose gaits are read in one call: a fixed number, since XLA's last bits depend on it.
@@ -62,11 +59,10 @@ class StepRecorder(Recorder):
     def names(self) -> tuple[str, ...]:
         return (*_HEAD, *(f"{q.name}_n" for q in self.model.observables))
 
-    def readings(self, block: Block) -> Readings:
-        rows, samples = block.kept()
-        samples = samples.reshape(-1, self.width)
+    def readings(self, rows: RowOutcome) -> Readings:
+        samples = rows.samples
         observed = samples[:, len(_HEAD) :]
-        return Readings(rows, self.stairs.middle(samples[:, 0]), observed, _readable(samples), BATCH)
+        return Readings(rows.place, self.stairs.middle(samples[:, 0]), observed, _readable(samples), BATCH)
 
     def stop(self, params: Params) -> jax.Array:
         return jnp.full_like(self.model.period(params), self.stairs.first)
@@ -76,37 +72,37 @@ class StepRecorder(Recorder):
         rest = (self.stairs.duration - self.stairs.first) / dt + 2 * self.stairs.count
         return super().max_attempts(params, dt) + ATTEMPTS_PER_STEP * rest
 
-    def begin(self, params: Params, carry: Carry) -> tuple[Record, jax.Array, jax.Array]:
-        record, row, keep = super().begin(params, carry)
+    def begin(self, params: Params, carry: Carry) -> tuple[LaneRecord, jax.Array, jax.Array]:
+        record, sample, keep = super().begin(params, carry)
         memory = first_span(self.model, record.last)
-        return dataclasses.replace(record, window=self._emptied(record), memory=memory), row, keep
+        return dataclasses.replace(record, window=self._emptied(record), memory=memory), sample, keep
 
-    def take(self, params: Params, carry: Carry, record: Record) -> Taken:
-        crossed = carry.halt == CROSSING
-        due = (carry.halt == TIME) & (record.filled < BUFFER)
-        waits = (carry.halt == TIME) & ~due
+    def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
+        crossed = carry.halt == Halt.CROSSING
+        due = (carry.halt == Halt.TIME) & (record.filled < BUFFER)
+        waits = (carry.halt == Halt.TIME) & ~due
         cycles = jnp.where(crossed, record.cycles + 1, record.cycles)
         last = jnp.where(crossed, self.observables(params, carry.state), record.last)
         slot = self._slot(cycles)[:, None]
         span = jnp.where(crossed, widened(record.memory, self.model, last), record.memory)
         window = jnp.where(slot & crossed, last, record.window)
-        taken = dataclasses.replace(record, cycles=cycles, last=last, window=window, memory=span)
+        recorded = dataclasses.replace(record, cycles=cycles, last=last, window=window, memory=span)
         # what a stair has not crossed yet is NaN, which is near nothing
         moved = jnp.abs(change(self.model, last[None, :] - record.window))
         bound = bounds(self.model, self.tolerance, record.window, record.memory)[None, :]
         settled = jnp.all(moved < bound)
         head = (record.samples, cycles, carry.t, settled, jnp.where(settled, -1, slowest(moved / bound)))
-        row = jnp.concatenate([jnp.stack([x.astype(last.dtype) for x in head]), last])
+        sample = jnp.concatenate([jnp.stack([x.astype(last.dtype) for x in head]), last])
 
-        taken = counted(taken, due)
-        status = jnp.where(due & (taken.samples >= self.stairs.count), Status.complete, Status.running)
-        taken = dataclasses.replace(
-            taken,
+        recorded = counted(recorded, due)
+        status = jnp.where(due & (recorded.samples >= self.stairs.count), Status.complete, Status.running)
+        recorded = dataclasses.replace(
+            recorded,
             status=status.astype(jnp.int32),
-            window=jnp.where(due, self._emptied(taken), taken.window),
+            window=jnp.where(due, self._emptied(recorded), recorded.window),
         )
-        halt = jnp.where(waits, TIME, GOING).astype(carry.halt.dtype)
-        end = self.stairs.end(taken.samples.astype(carry.t.dtype))
+        halt = jnp.where(waits, Halt.TIME, Halt.GOING).astype(carry.halt.dtype)
+        end = self.stairs.end(recorded.samples.astype(carry.t.dtype))
         # the new value may fire a guard where the trajectory stands, so it begins as a start does, by an
         # attempt of zero length; an event that was being located under the old value is forgotten, and so
         # are the guards that fired last
@@ -118,15 +114,15 @@ class StepRecorder(Recorder):
             far_guards=jnp.where(due, -1.0, carry.far_guards),
             halt=halt,
         )
-        return carry, taken, row, due
+        return PollResult(carry, recorded, sample, due)
 
-    def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
+    def share(self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical: float) -> np.ndarray:
         return t / self.stairs.duration
 
     def _slot(self, cycles: jax.Array) -> jax.Array:
         return jnp.arange(self.window) == cycles % self.window
 
-    def _emptied(self, record: Record) -> jax.Array:
+    def _emptied(self, record: LaneRecord) -> jax.Array:
         """The window where a stair begins: its crossing 0 is the last one before it."""
         return jnp.where(self._slot(record.cycles)[:, None], record.last, jnp.nan)
 

@@ -9,14 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import Model, Params, Status
-from gaitsweep.engine.advance import CROSSING, FINISHED, GOING, TIME, Carry
+from gaitsweep.engine.advance import Carry, Halt
 from gaitsweep.engine.recorders.recorder import (
     ATTEMPTS_PER_STEP,
     BUFFER,
     SPARE_CYCLES,
-    Record,
+    LaneRecord,
+    PollResult,
     Recorder,
-    Taken,
     counted,
 )
 
@@ -49,30 +49,31 @@ class TraceRecorder(Recorder):
         # an interval shorter than a step needs an attempt of its own
         return super().max_attempts(params, dt) + ATTEMPTS_PER_STEP * (self.duration / dt + self.samples)
 
-    def take(self, params: Params, carry: Carry, record: Record) -> Taken:
-        crossed = carry.halt == CROSSING
+    def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
+        crossed = carry.halt == Halt.CROSSING
         cycles = jnp.where(crossed, record.cycles + 1, record.cycles)
         begins = crossed & (cycles == self.after_cycles)
         waiting = cycles < self.after_cycles
-        lost = waiting & (carry.halt == TIME)
-        due = (begins | (~waiting & (carry.halt == TIME))) & (record.filled < BUFFER)
+        lost = waiting & (carry.halt == Halt.TIME)
+        due = (begins | (~waiting & (carry.halt == Halt.TIME))) & (record.filled < BUFFER)
         signals = self.model.signal(params, carry.state)
         index = record.samples.astype(carry.t.dtype)
-        row = jnp.stack([index * self.every, *(signals[q.name] for q in self.model.signals)])
-        taken = dataclasses.replace(
+        sample = jnp.stack([index * self.every, *(signals[q.name] for q in self.model.signals)])
+        recorded = dataclasses.replace(
             record,
             cycles=cycles,
             last=jnp.where(crossed, self.observables(params, carry.state), record.last),
         )
-        taken = counted(taken, due)
-        done = due & (taken.samples >= self.samples)
+        recorded = counted(recorded, due)
+        done = due & (recorded.samples >= self.samples)
         status = jnp.where(lost, Status.time_limit, jnp.where(done, Status.complete, Status.running))
-        waits = (carry.halt == TIME) & ~due & ~lost
+        waits = (carry.halt == Halt.TIME) & ~due & ~lost
         origin = jnp.where(begins, carry.t, carry.stop - index * self.every)
         stop = jnp.where(due, origin + (index + 1.0) * self.every, carry.stop)
-        halt = jnp.where(waits, carry.halt, jnp.where(carry.halt == FINISHED, FINISHED, GOING))
+        halt = jnp.where(waits, carry.halt, jnp.where(carry.halt == Halt.FINISHED, Halt.FINISHED, Halt.GOING))
         carry = dataclasses.replace(carry, stop=stop, halt=halt.astype(carry.halt.dtype))
-        return carry, dataclasses.replace(taken, status=status.astype(jnp.int32)), row, due
+        recorded = dataclasses.replace(recorded, status=status.astype(jnp.int32))
+        return PollResult(carry, recorded, sample, due)
 
-    def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
-        return np.asarray(record.cycles + record.samples) / (self.after_cycles + self.samples)
+    def share(self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical: float) -> np.ndarray:
+        return (cycles + samples) / (self.after_cycles + self.samples)

@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import Model, Params, Status
-from gaitsweep.engine.advance import CROSSING, TIME, Carry
+from gaitsweep.engine.advance import Carry, Halt
 from gaitsweep.engine.recorders.recorder import (
     ATTEMPTS_PER_STEP,
     BUFFER,
-    Readings,
-    Record,
+    LaneRecord,
+    PollResult,
     Recorder,
-    Taken,
     counted,
 )
-
-if TYPE_CHECKING:
-    from gaitsweep.engine.sweep.block import Block
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,6 +36,7 @@ class WindowsRecorder(Recorder):
     second: float = 0.0
     spacing: float = 0.0
     more: int = 0
+    readings = Recorder.readings_at_the_end
 
     @property
     def total(self) -> int:
@@ -72,38 +68,36 @@ class WindowsRecorder(Recorder):
         # an interval shorter than a step needs an attempt of its own
         return super().max_attempts(params, dt) + ATTEMPTS_PER_STEP * (self.duration / dt + self.total)
 
-    def begin(self, params: Params, carry: Carry) -> tuple[Record, jax.Array, jax.Array]:
+    def begin(self, params: Params, carry: Carry) -> tuple[LaneRecord, jax.Array, jax.Array]:
         record, _, _ = super().begin(params, carry)
         head = jnp.stack([record.cycles.astype(record.last.dtype), carry.t])
-        row = jnp.concatenate([head, record.last, jnp.zeros(len(self.model.signals), record.last.dtype)])
+        first = jnp.concatenate([head, record.last, jnp.zeros(len(self.model.signals), record.last.dtype)])
         keep = jnp.asarray(True)
-        return counted(record, keep), row, keep
+        return counted(record, keep), first, keep
 
-    def readings(self, block: Block) -> Readings:
-        return self.readings_at_the_end(block)
-
-    def take(self, params: Params, carry: Carry, record: Record) -> Taken:
+    def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
         room = record.filled < BUFFER
-        crossed = (carry.halt == CROSSING) & room
-        timed = (carry.halt == TIME) & room
+        crossed = (carry.halt == Halt.CROSSING) & room
+        timed = (carry.halt == Halt.TIME) & room
         # every crossing has a record, the start among them
-        sample = (record.samples - record.cycles - 1).astype(carry.t.dtype)
+        index = (record.samples - record.cycles - 1).astype(carry.t.dtype)
         cycles = jnp.where(crossed, record.cycles + 1, record.cycles)
         last = jnp.where(crossed, self.observables(params, carry.state), record.last)
-        taken = counted(dataclasses.replace(record, cycles=cycles, last=last), crossed | timed)
+        recorded = counted(dataclasses.replace(record, cycles=cycles, last=last), crossed | timed)
         signals = self.model.signal(params, carry.state)
         number = jnp.where(crossed, cycles.astype(last.dtype), -1.0)
         seen = [signals[q.name] for q in self.model.signals]
         # a scheme whose steps cannot be shortened gives the state at the end of the step nearest to that time
-        t = jnp.where(timed, self.time(sample), carry.t)
-        row = jnp.concatenate([jnp.stack([number, t]), last, *([jnp.stack(seen)] if seen else [])])
-        done = timed & (sample >= self.total - 1.0)
+        t = jnp.where(timed, self.time(index), carry.t)
+        sample = jnp.concatenate([jnp.stack([number, t]), last, *([jnp.stack(seen)] if seen else [])])
+        done = timed & (index >= self.total - 1.0)
         status = jnp.where(done, Status.complete, Status.running)
-        stop = jnp.where(timed, self.time(sample + 1.0), carry.stop)
-        waits = ((carry.halt == CROSSING) | (carry.halt == TIME)) & ~crossed & ~timed
+        stop = jnp.where(timed, self.time(index + 1.0), carry.stop)
+        waits = ((carry.halt == Halt.CROSSING) | (carry.halt == Halt.TIME)) & ~crossed & ~timed
         halt = jnp.where(waits, carry.halt, jnp.zeros_like(carry.halt))
         carry = dataclasses.replace(carry, stop=stop, halt=halt.astype(carry.halt.dtype))
-        return carry, dataclasses.replace(taken, status=status.astype(jnp.int32)), row, crossed | timed
+        recorded = dataclasses.replace(recorded, status=status.astype(jnp.int32))
+        return PollResult(carry, recorded, sample, crossed | timed)
 
-    def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
+    def share(self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical: float) -> np.ndarray:
         return t / max(self.duration, 1e-300)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -13,13 +14,15 @@ from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.sweep.block import Block
 from gaitsweep.engine.sweep.lane import host_device
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.row_outcome import RowOutcome
 
 
-def labels_of(spec: SweepSpec, block: Block) -> dict[str, np.ndarray]:
-    """`gait` (a code of `gait_codes`) and the traits, for each row of a block or each record of stairs."""
-    found = spec.recorder.readings(block)
+def labelled(spec: SweepSpec, block: Block) -> RowOutcome:
+    """The rows of a block with `gait` (a code of `gait_codes`) and the traits, of each row or each sample."""
+    rows = block.result()
+    found = spec.recorder.readings(rows)
     if found is None:
-        return {}
+        return rows
     label = _reader(spec.model, spec.drive)
     # a power of two, so that sweeps with other numbers of rows compile few sizes
     width = found.batch or min(spec.block, 1 << (spec.n_rows - 1).bit_length())
@@ -38,12 +41,13 @@ def labels_of(spec: SweepSpec, block: Block) -> dict[str, np.ndarray]:
             given = label({k: v[padded] for k, v in values.items()}, times, seen)
         parts.append({k: np.asarray(v)[:n] for k, v in given.items()})
     labels = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
-    return {
+    labels = {
         k: np.where(good, gait_codes(v), -1).astype(np.int32)
         if names_gait(k)
         else np.where(good, v, 0 if v.dtype.kind in "iu" else np.nan)
         for k, v in labels.items()
     }
+    return dataclasses.replace(rows, **{"labels" if found.batch is None else "sample_labels": labels})
 
 
 def gait_codes(labels: np.ndarray) -> np.ndarray:

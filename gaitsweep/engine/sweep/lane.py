@@ -12,7 +12,7 @@ import numpy as np
 from gaitsweep.contract import Model, Params
 from gaitsweep.engine.advance import Carry, advance, start
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics, step_of
-from gaitsweep.engine.recorders.recorder import Record, Recorder
+from gaitsweep.engine.recorders.recorder import LaneRecord, PollResult, Recorder
 
 # The parameters at a time (s), from the values of a row: a ramp or a staircase. Its optional attribute
 # `times` lists the times (s) at which the step length has to be evaluated.
@@ -33,14 +33,14 @@ def host_device() -> Device:
 class ChunkOutput(NamedTuple):
     """The output of a chunk of attempts for the host; the first axis of each array is the lane.
 
-    `record` without its window and moves; `kept` (lanes, BUFFER, width) the buffers, whose first
-    `record.filled` records are new; `t` (s); `attempts`.
+    `numbers` are those of `RowOutcome` by name, final where a row has ended; `kept` (lanes, BUFFER, width)
+    has the buffers, whose first `filled` samples are new; `samples` counts those of the whole row.
     """
 
-    record: Record
+    numbers: dict[str, np.ndarray]
+    filled: np.ndarray
+    samples: np.ndarray
     kept: np.ndarray
-    t: np.ndarray
-    attempts: np.ndarray
 
 
 class OneLane:
@@ -54,8 +54,8 @@ class OneLane:
         self.at = drive if drive is not None else lambda values, t: model.params(values)
         self._advance = advance(model, numerics, drive=drive)
 
-    def open(self, values: Any, starts: Any) -> tuple[Any, Carry, Record, jax.Array, jax.Array]:
-        """A trajectory's constants, carry and record, its first row (width,), and whether to keep it."""
+    def open(self, values: Any, starts: Any) -> tuple[Any, Carry, LaneRecord, jax.Array, jax.Array]:
+        """A trajectory's constants, carry, record, its first sample (width,), and whether to keep it."""
         zero = jnp.zeros((), self.numerics.carried)
         params = self.at(values, zero)
         state = self.model.init(params, starts)
@@ -77,7 +77,7 @@ class OneLane:
     def attempt(self, held: Any, carry: Carry) -> Carry:
         return self._advance(held, carry)
 
-    def poll(self, held: Any, carry: Carry, record: Record) -> tuple[Carry, Record, jax.Array, jax.Array]:
-        """Carry and record after a poll of the recorder, its row (width,), and whether to keep that."""
+    def poll(self, held: Any, carry: Carry, record: LaneRecord) -> PollResult:
+        """Poll the recorder."""
         params = self.at(held, carry.t) if self.driven else held
         return self.recorder.poll(params, carry, record, carry.dt / self.numerics.steps_in_longest)

@@ -13,11 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.sweep.block import Block, EndedRows
+from gaitsweep.engine.sweep.block import Block
 from gaitsweep.engine.sweep.chunk_sizer import ChunkSizer
 from gaitsweep.engine.sweep.engines import groups_on, polls_per_chunk
 from gaitsweep.engine.sweep.lane import ChunkOutput
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
+from gaitsweep.row_outcome import ENGINE_NUMBERS, RowOutcome
 
 # Polls in XLA's first chunk, from whose duration the number of polls in the others follows.
 FIRST_POLLS = 4
@@ -98,13 +99,15 @@ class LaneScheduler:
         self,
         spec: SweepSpec,
         blocks: Sequence[int],
-        restored: Callable[[int], EndedRows | None] | None = None,
+        restored: Callable[[int], RowOutcome | None] | None = None,
     ) -> None:
         self.spec = spec
         found = {} if restored is None else {number: restored(number) for number in blocks}
-        self._restored = {number: rows for number, rows in found.items() if rows is not None}
+        # rows that another version of gaitsweep stored may lack a number: they are run again
+        declared = {each.name for each in (*ENGINE_NUMBERS, *spec.recorder.numbers)}
+        self._restored = {k: rows for k, rows in found.items() if rows and declared <= rows.numbers.keys()}
         self.total = sum(min(spec.block, spec.n_rows - b * spec.block) for b in blocks)
-        self.total -= sum(len(rows["row"]) for rows in self._restored.values())
+        self.total -= sum(rows.row.size for rows in self._restored.values())
         # a device without rows would have nothing to run
         devices = spec.devices[: self.total]
         self.groups = [Group(lanes, spec) for device in devices for lanes in groups_on(device, spec)]
@@ -200,35 +203,36 @@ class LaneScheduler:
 
     def _collect(self, group: Group, output: ChunkOutput) -> None:
         """Collect the output of a group's chunk."""
-        record, _, t, attempts = output
+        cycles, attempts = output.numbers["cycles"], output.numbers["attempts"]
         busy = group.block_of >= 0
-        running = busy & (record.status == Status.running)
+        running = busy & (output.numbers["status"] == Status.running)
         ended = busy & ~running
-        told = np.flatnonzero(busy & (ended | (record.filled > 0)))
+        told = np.flatnonzero(busy & (ended | (output.filled > 0)))
         told = told[np.argsort(group.block_of[told], kind="stable")]
         numbers, first = np.unique(group.block_of[told], return_index=True)
         # without any row `split` gives an empty part all the same
         for number, lanes in zip(numbers, np.split(told, first[1:]), strict=False):
             block = self.open[number]
-            block.keep(group.row_of, output, lanes[record.filled[lanes] > 0])
+            block.keep(group.row_of, output, lanes[output.filled[lanes] > 0])
             block.end(group.row_of, output, lanes[ended[lanes]])
             if block.missing == 0:
                 self.complete.append(int(number))
         self.done += int(np.count_nonzero(ended))
         self.attempts += int(attempts[ended].sum())
-        self.cycles += int(record.cycles[ended].sum())
+        self.cycles += int(cycles[ended].sum())
         group.block_of[ended] = -1
         # the first rows that end are short ones, so running rows count in the estimate as well
         typical = self.cycles / self.done if self.done else 0.0
         if running.any() and self.done:
-            typical = max(typical, float(np.mean(record.cycles[running])))
-        group.share = float(np.sum(self.spec.recorder.share(record, t, typical)[running]))
+            typical = max(typical, float(np.mean(cycles[running])))
+        share = self.spec.recorder.share(cycles, output.samples, output.numbers["t_end"], typical)
+        group.share = float(np.sum(share[running]))
         group.attempts = int(np.sum(attempts[running]))
         if self.spec.engine == "kernel":
             of_ended = self.attempts / self.done if self.done else 0.0
             of_running = float(np.mean(attempts[running])) if running.any() else 0.0
             waiting = group.size / group.at_a_time - 1.0
-            group.sizer.choose(max(of_ended, of_running), int(record.filled.max(initial=0)), waiting)
+            group.sizer.choose(max(of_ended, of_running), int(output.filled.max(initial=0)), waiting)
         else:
             group.sizer.limit()
 
@@ -248,17 +252,17 @@ class LaneScheduler:
         """Whether an open block has ended rows that are not on disk."""
         return any(bool(np.any(block.ended & ~block.stored)) for block in self.open.values())
 
-    def ended(self, but: Container[int] = ()) -> list[EndedRows]:
+    def ended(self, but: Container[int] = ()) -> list[RowOutcome]:
         """The ended rows of open blocks that are not on disk, by block, without the blocks `but`."""
         found = [block.unstored() for number, block in self.open.items() if number not in but]
-        return [rows for rows in found if len(rows["row"])]
+        return [rows for rows in found if rows.row.size]
 
-    def mark_stored(self, ended: Sequence[EndedRows]) -> None:
+    def mark_stored(self, ended: Sequence[RowOutcome]) -> None:
         """Mark the rows that `ended` returned as stored on disk."""
         for rows in ended:
-            block = self.open.get(int(rows["row"][0]) // self.spec.block)
+            block = self.open.get(int(rows.row[0]) // self.spec.block)
             if block is not None:  # otherwise its part has been written since
-                block.mark_stored(rows["row"])
+                block.mark_stored(rows.row)
 
     def progress(self, seconds: float) -> SweepProgress:
         share = (self.done + sum(group.share for group in self.groups)) / self.total if self.total else 1.0

@@ -11,13 +11,12 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, Protocol
 
-import numpy as np
-
-from gaitsweep.engine.sweep.block import Block, BlockResult, EndedRows
-from gaitsweep.engine.sweep.labels import labels_of
+from gaitsweep.engine.sweep.block import Block
+from gaitsweep.engine.sweep.labels import labelled
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.errors import UserError
+from gaitsweep.row_outcome import RowOutcome
 
 # An ended row is stored on disk within this time (s); a kill loses only rows that ended later.
 SAFE_WITHIN = 5.0
@@ -37,10 +36,10 @@ class Timings:
 class OpenRows(Protocol):
     """Storage for ended rows of incomplete blocks: a result directory."""
 
-    def restored(self, number: int) -> EndedRows | None:
+    def restored(self, number: int) -> RowOutcome | None:
         """The rows of a block that an earlier run stored, or None."""
 
-    def keep(self, rows: EndedRows) -> None:
+    def keep(self, rows: RowOutcome) -> None:
         """Store rows; they are safe when this returns."""
 
 
@@ -51,7 +50,7 @@ def sweep(
     progress: Callable[[SweepProgress], None] | None = None,
     timings: Timings | None = None,
     open_rows: OpenRows | None = None,
-    encode: Callable[[int, BlockResult], Any] | None = None,
+    encode: Callable[[int, RowOutcome], Any] | None = None,
 ) -> Timings:
     """Run the rows of `blocks`, and pass each block to `write(number, result)` when all its rows have ended.
 
@@ -75,7 +74,7 @@ def sweep(
     scheduler.begin()
     if scheduler.busy:
         # compiled before any row ends, since ended rows would wait for it
-        labels_of(spec, next(iter(scheduler.open.values())))
+        labelled(spec, next(iter(scheduler.open.values())))
     timings.compile_s = time.perf_counter() - began
     scheduler.go()
     disk = _Disk(scheduler.close, len(spec.devices) if spec.devices[0].platform == "gpu" else 1)
@@ -111,8 +110,8 @@ def sweep(
     return timings
 
 
-def _encoded(spec: SweepSpec, block: Block, encode: Callable[[int, BlockResult], Any] | None) -> Any:
-    result = block.result(labels_of(spec, block))
+def _encoded(spec: SweepSpec, block: Block, encode: Callable[[int, RowOutcome], Any] | None) -> Any:
+    result = labelled(spec, block)
     return result if encode is None else encode(block.number, result)
 
 
@@ -227,17 +226,12 @@ class _Keeper:
             self._stored(ended)
         self._oldest = None
 
-    def _stored(self, ended: Sequence[EndedRows]) -> None:
+    def _stored(self, ended: Sequence[RowOutcome]) -> None:
         self._scheduler.mark_stored(ended)
         self._storing = False
 
-    def _keep(self, ended: Sequence[EndedRows]) -> None:
+    def _keep(self, ended: Sequence[RowOutcome]) -> None:
         assert self._open_rows is not None
         began = time.perf_counter()
-        self._open_rows.keep({name: _joined([rows[name] for rows in ended]) for name in ended[0]})
+        self._open_rows.keep(RowOutcome.concat(ended))
         self._store_s = time.perf_counter() - began
-
-
-def _joined(parts: list[np.ndarray]) -> np.ndarray:
-    # empty arrays have no dtype
-    return np.concatenate([part for part in parts if len(part)] or parts)

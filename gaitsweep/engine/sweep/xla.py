@@ -24,7 +24,7 @@ from gaitsweep.engine.advance import Carry, select
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.fork import refuse_fork
 from gaitsweep.engine.numerics import ResolvedNumerics
-from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL, UNSEEN, Record, Recorder
+from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL, LaneRecord, Recorder
 from gaitsweep.engine.sweep.lane import ChunkOutput, Device, OneLane, RowDrive, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError, UnsupportedSystem
@@ -119,7 +119,7 @@ class XlaLanes:
     def run_chunk(self, polls: int) -> ChunkOutput:
         """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""
         self._lanes, output = self._chunk(self._put(np.int32(polls)), self._lanes)
-        if not np.asarray(output.record.filled).any():
+        if not np.asarray(output.filled).any():
             # buffers are large and mostly empty: a broadcast zero has the same shape and needs no transfer
             output = output._replace(kept=np.broadcast_to(np.zeros((), self._dtype), output.kept.shape))
         return jax.device_get(output)
@@ -139,20 +139,20 @@ def _programs(
     return jax.jit(jax.vmap(partial(_open, one))), jax.jit(jax.vmap(select)), jax.jit(chunk)
 
 
-def _open(one: OneLane, values: Any, starts: Any) -> tuple[Any, Carry, Record, jax.Array]:
-    held, carry, record, row, keep = one.open(values, starts)
-    buffer = jnp.zeros((BUFFER if row.size else 0, row.size), row.dtype)
-    return held, carry, record, _appended(buffer, jnp.zeros((), jnp.int32), row, keep)
+def _open(one: OneLane, values: Any, starts: Any) -> tuple[Any, Carry, LaneRecord, jax.Array]:
+    held, carry, record, sample, keep = one.open(values, starts)
+    buffer = jnp.zeros((BUFFER if sample.size else 0, sample.size), sample.dtype)
+    return held, carry, record, _appended(buffer, jnp.zeros((), jnp.int32), sample, keep)
 
 
-def _poll(one: OneLane, held: Any, carry: Carry, record: Record, kept: jax.Array) -> Any:
-    carry, after, row, keep = one.poll(held, carry, record)
-    return carry, after, _appended(kept, record.filled, row, keep)
+def _poll(one: OneLane, held: Any, carry: Carry, record: LaneRecord, kept: jax.Array) -> Any:
+    carry, after, sample, keep = one.poll(held, carry, record)
+    return carry, after, _appended(kept, record.filled, sample, keep)
 
 
-def _appended(kept: jax.Array, place: jax.Array, row: jax.Array, keep: jax.Array) -> jax.Array:
+def _appended(kept: jax.Array, place: jax.Array, sample: jax.Array, keep: jax.Array) -> jax.Array:
     here = (jnp.arange(kept.shape[0]) == place) & keep
-    return jnp.where(here[:, None], row, kept)
+    return jnp.where(here[:, None], sample, kept)
 
 
 def _chunk(
@@ -171,8 +171,7 @@ def _chunk(
 
     opening = (jnp.zeros((), jnp.int32), carry, record, kept)
     _, carry, record, kept = jax.lax.while_loop(going, turn, opening)
-    nothing = jnp.zeros((record.status.size, 0), record.last.dtype)
-    seen = dataclasses.replace(record, **dict.fromkeys(UNSEEN, nothing))
+    output = ChunkOutput(record.results(carry), record.filled, record.samples, kept)  # type: ignore[arg-type]
     # the host reads the output, so the buffers are empty again
     record = dataclasses.replace(record, filled=jnp.zeros_like(record.filled))
-    return (held, carry, record, kept), ChunkOutput(seen, kept, carry.t, carry.attempts)  # type: ignore[arg-type]
+    return (held, carry, record, kept), output

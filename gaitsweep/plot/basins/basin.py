@@ -12,7 +12,8 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from gaitsweep.analysis.records import FAILED, NOT_SETTLED, in_order
+from gaitsweep.analysis.records import in_order
+from gaitsweep.contract import Outcome
 from gaitsweep.plot import style
 from gaitsweep.plot.basins.cells import cell_edges, check_cells, filled, hatch_cells, on_grid
 from gaitsweep.plot.columns import (
@@ -90,7 +91,7 @@ def basin(
         _axes_of(table, list(grid[: len(values)]), x, y, columns)
         if numeric and image is not None:
             figure.colorbar(image, ax=list(grid), label=axis_label(table, hue), shrink=0.8)
-            names = [name for name in names if name in (NOT_SETTLED, FAILED)]
+            names = [str(name) for name in names if name in (Outcome.NOT_SETTLED, Outcome.FAILED)]
         if names:
             status = table["status"].astype(str) if "status" in table.columns else pd.Series(dtype=str)
             inferred = float(np.mean(status.to_numpy(str) == "inferred")) if len(status) else 0.0
@@ -156,10 +157,10 @@ def _cells(
     )
     at = np.searchsorted(up, part[y]), np.searchsorted(across, part[x])
     edges = cell_edges(across, log=logs[0]), cell_edges(up, log=logs[1])
-    hatch_cells(axes, edges, at, shown.isin([NOT_SETTLED, FAILED]).to_numpy())
+    hatch_cells(axes, edges, at, shown.isin([Outcome.NOT_SETTLED, Outcome.FAILED]).to_numpy())
     if limits is not None:
         cells = np.full((len(up), len(across)), np.nan)
-        cells[at] = part[hue].where(~shown.isin([FAILED]))
+        cells[at] = part[hue].where(~shown.isin([Outcome.FAILED]))
         return axes.pcolormesh(*edges, cells, cmap="viridis", vmin=limits[0], vmax=limits[1], rasterized=True)
     cells = np.zeros((len(up), len(across), 4))
     cells[at] = np.array([to_rgba(palette[name]) for name in shown])
@@ -178,7 +179,7 @@ def _legend(
         shares = " / ".join(
             style.percent(float((part == name).mean()) if len(part) else 0.0) for part in apart
         )
-        hatch = style.HATCH if name in (NOT_SETTLED, FAILED) else None
+        hatch = style.HATCH if name in (Outcome.NOT_SETTLED, Outcome.FAILED) else None
         face = {"facecolor": colour[name], "edgecolor": "#333333", "hatch": hatch, "linewidth": 0.4}
         handles.append(Patch(label=f"{name}  {shares} %", **face))
     guessed = f" ({style.percent(inferred)} % of cells inferred from their neighbours)" if inferred else ""

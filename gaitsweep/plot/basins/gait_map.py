@@ -11,14 +11,14 @@ from matplotlib.colors import to_hex, to_rgb, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from gaitsweep.analysis.records import FAILED, NOT_SETTLED
+from gaitsweep.contract import Outcome
 from gaitsweep.plot import style
 from gaitsweep.plot.basins.cells import cell_edges, filled, hatch_cells, on_grid
 from gaitsweep.plot.columns import column, described, is_angle, is_logarithmic, log_axes, outcome, rows_where
 from gaitsweep.plot.figure_kind import GaitColumn, Horizontal, Title, Vertical, figure_kind
 
 OTHER = "another gait"  # settled, but in no gait of the model
-_HATCHED = (NOT_SETTLED, FAILED)
+_HATCHED = (Outcome.NOT_SETTLED, Outcome.FAILED)
 
 
 @figure_kind("settle", "fixed_time")
@@ -73,7 +73,7 @@ def _sets(table: pd.DataFrame, x: str, y: str, hue: str) -> pd.DataFrame:
         gaits = tuple(name for name in order if name in here)
         if not gaits:
             return tuple(name for name in (OTHER, *_HATCHED) if name in here)[:1]
-        return gaits + tuple(name for name in (FAILED, NOT_SETTLED) if name in here)[:1]
+        return gaits + tuple(name for name in (Outcome.FAILED, Outcome.NOT_SETTLED) if name in here)[:1]
 
     cells = pd.DataFrame({x: table[x], y: table[y], "set": shown})
     return cells.groupby([x, y], sort=True)["set"].agg(reached).reset_index()
@@ -108,7 +108,7 @@ def _colours(sets: list[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
     colour |= {each: free[number % len(free)] for number, each in enumerate(several)}
     for each in sets:
         if each not in colour:
-            colour[each] = _mixed(colour[_whole(each)], "black" if each[-1] == FAILED else "white")
+            colour[each] = _mixed(colour[_whole(each)], "black" if each[-1] == Outcome.FAILED else "white")
     return colour
 
 

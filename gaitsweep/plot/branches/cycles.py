@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from pydantic import Field
 
-from gaitsweep.contract import Status, Verdict
+from gaitsweep.contract import Status
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import axis_label, column, is_angle, log_axes, symbol
 from gaitsweep.plot.figure_kind import Horizontal, Hue, Observable, Title, figure_kind
@@ -95,7 +95,7 @@ def _line(axes: Axes, part: pd.DataFrame, x: str, name: str, colour: str, angle:
     axes.plot(across[lone], up[lone], ".", color=colour, ms=2.5)
     there = np.flatnonzero(np.isfinite(up))
     status = str(part["status"].iloc[-1]) if "status" in part.columns else Status.complete.name
-    if len(there) and status not in Status.of(Verdict.sound, Verdict.undecided):
+    if len(there) and status not in Status.SOUND | Status.UNDECIDED:
         axes.plot(across[there[-1]], up[there[-1]], "x", color=colour, ms=5, mew=1.2, clip_on=False)
 
 

@@ -12,8 +12,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from gaitsweep.analysis.circular import cut, is_circular, on_line
-from gaitsweep.analysis.records import FAILED, NOT_SETTLED, in_order
+from gaitsweep.analysis.records import in_order
 from gaitsweep.analysis.transitions.transition_points import transition_points_by_gait
+from gaitsweep.contract import Outcome
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, described, log_axes, outcome, rows_where, symbol, unit_of
 from gaitsweep.plot.figure_kind import AlongAxis, Column, GaitColumn, Observed, Title, figure_kind
@@ -59,7 +60,7 @@ def gait_transitions(
         place = on_line(place, cut(place)) if is_circular(table, name) else place
         shown = outcome(table, hue)
         names = in_order(table, hue, shown)
-        colour = style.colours([each for each in names if each not in (NOT_SETTLED, FAILED)])
+        colour = style.colours([each for each in names if each not in (Outcome.NOT_SETTLED, Outcome.FAILED)])
         handles = _points(axes, table[x].to_numpy(float), place, shown.to_numpy(), names, colour)
         lost = transition_points_by_gait(table, x, start, hue)
         lost = lost.loc[lost["gait"].isin(list(colour)).to_numpy()]
@@ -88,12 +89,12 @@ def _points(
     for name in names:
         mine = shown == name
         look: dict[str, Any] = {"ls": "", "ms": 3.5, "label": name}
-        if name == FAILED:
+        if name == Outcome.FAILED:
             look |= {"marker": "x", "color": "black", "clip_on": False}
             axes.plot(at[mine], np.zeros(mine.sum()), transform=axes.get_xaxis_transform(), **look)
         else:
             tint = colour.get(name, _OPEN)
-            face = "white" if name == NOT_SETTLED else tint
+            face = "white" if name == Outcome.NOT_SETTLED else tint
             look |= {"marker": markers.get(name, "o"), "color": tint, "mfc": face}
             axes.plot(at[mine], place[mine], **look)
         handles.append(Line2D([], [], **look))

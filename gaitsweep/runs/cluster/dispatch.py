@@ -21,7 +21,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
-from gaitsweep.errors import FAILED, UserError
+from gaitsweep.errors import EXIT_FAILURE, UserError
 from gaitsweep.runs.cluster.connection import Connection
 from gaitsweep.runs.cluster.identity import WorkerUnfit, identity_of, own_modules
 from gaitsweep.runs.cluster.task import (
@@ -59,7 +59,7 @@ _LAG = 60.0  # s after which a file that another machine has written is seen
 class BlocksFailed(UserError):
     """Some blocks could not be computed; all others were."""
 
-    exit_code = FAILED
+    exit_code = EXIT_FAILURE
 
 
 @dataclasses.dataclass

@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gaitsweep.errors import FAILED, UserError
+from gaitsweep.errors import EXIT_FAILURE, UserError
 from gaitsweep.job import Job
 from gaitsweep.runs.cluster.identity import WorkerUnfit, difference, identity_of
 from gaitsweep.runs.prepare import RunContext, prepare
-from gaitsweep.runs.refined import Round
+from gaitsweep.runs.refined import some_rows
 from gaitsweep.runs.some_blocks import run_blocks
 from gaitsweep.runs.summary import quantities_of
 from gaitsweep.table import TableError
@@ -39,7 +39,7 @@ _log = logging.getLogger("distributed.worker.gaitsweep")
 class BlockGivenUp(UserError):
     """A block that ended the workers which computed it."""
 
-    exit_code = FAILED
+    exit_code = EXIT_FAILURE
 
 
 class Unwanted(Exception):
@@ -179,10 +179,10 @@ def _computed(assignment: Assignment, writer: PartWriter, number: int, rows: np.
     context = _prepared(assignment.ticket)
     model, quantities = context.model, None
     if rows is None:
-        quantities = quantities_of(model, context.job.run.columns(model))
+        quantities = quantities_of(model, context.job.run.all_columns(model))
     else:  # a round of a refined run, whose columns have no units in one process either
         before = number * assignment.block
-        context = Round.of(
+        context = some_rows(
             context, assignment.n_rows, lambda first, stop: rows[first - before : stop - before]
         )
     found: list[bytes] = []

@@ -15,7 +15,6 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.records import SETTLED
 from gaitsweep.contract import Status
 from gaitsweep.engine.sweep.labels import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
@@ -339,7 +338,7 @@ class _Walks:
         row, run = self._table.iloc[record], self._context.job.run
         if run.kind_name == "continuation":  # a fixed point, which the next crossing has to give back
             return self._apart(record, watched, 1, "n")
-        if not run.one_a_row or str(row["status"]) not in SETTLED:
+        if not run.one_a_row or str(row["status"]) not in Status.SOUND:
             return {}
         name = str(gaits(self._model, np.array([watched.gait]))[0]) if watched.gait != -1 else "none"
         other = not pd.isna(row["gait"]) and name != str(row["gait"])

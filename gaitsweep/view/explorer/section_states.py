@@ -33,7 +33,7 @@ def states_at(
     held = mapping.complete(values, n)
 
     def placed(own: Any, at: jax.Array, modes: Any) -> tuple[Any, Any]:
-        return mapping.chart.place(mapping.params(own), at, modes), mapping.resolved(own)
+        return mapping.chart.from_coordinates(mapping.params(own), at, modes), mapping.resolved(own)
 
     states, parameters = jax.jit(jax.vmap(placed))(held, every.at, every.modes)
     leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(states)]

@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analysis.circular import cut
-from gaitsweep.analysis.records import FAILED, NOT_SETTLED, in_order, outcome_labels, sound
-from gaitsweep.contract import Status
+from gaitsweep.analysis.records import in_order, outcome_labels, sound
+from gaitsweep.contract import Outcome, Status
 from gaitsweep.job import Job
 from gaitsweep.plot import PlotError, style
 from gaitsweep.plot.basins.cells import cell_edges
@@ -214,14 +214,14 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], np.ndarray]:
     if "stable" in table.columns:
         hollow, told = np.asarray(table["stable"].astype(object) == False), "unstable"  # noqa: E712
     elif "settled" in table.columns:
-        hollow, told = ~table["settled"].to_numpy(bool), NOT_SETTLED
+        hollow, told = ~table["settled"].to_numpy(bool), Outcome.NOT_SETTLED
     if "cycles" in table.columns:  # one record a row
         shown = outcome_labels(table, "gait")
     else:
         observed = [name for name in map(str, table.columns) if name.endswith("_n")]
         labels = np.where(table["gait"].notna(), table["gait"].astype(str), "none").astype(object)
         gone = table["status"].astype(str) == Status.no_fixed_point.name
-        labels[~sound(table, *observed[:1]) | gone.to_numpy()] = FAILED
+        labels[~sound(table, *observed[:1]) | gone.to_numpy()] = Outcome.FAILED
         shown = pd.Series(labels, table.index)
     names = in_order(table, "gait", shown)
     colours, markers = style.colours(names), style.markers(names)
@@ -233,7 +233,7 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], np.ndarray]:
             if where.any():
                 numbers[where] = len(found)
                 look = {"colour": colours[name], "marker": markers[name], "hollow": open_}
-                leads = {"leads": name, "hatched": name in (NOT_SETTLED, FAILED)}
+                leads = {"leads": name, "hatched": name in (Outcome.NOT_SETTLED, Outcome.FAILED)}
                 found.append({"name": text, **look, **leads})
     return found, numbers
 

@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.engine.recorders.windows import WindowsRecorder
-from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
+from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.skeleton import Skeleton
 from gaitsweep.view.movie.animation import Clip
 from gaitsweep.view.movie.side_view import bounds, heading, projected, turned
@@ -195,7 +195,7 @@ class Walker:
             values=self._values,
         )
         for number in range(-(-rows.size // block)):
-            found: list[BlockResult] = []
+            found: list[RowOutcome] = []
             sweep(batch, [number], lambda _, result, found=found: found.append(result), told)
             yield from self._of_block(found[0], recorder)
 
@@ -203,16 +203,15 @@ class Walker:
         parameters, starts = ({k: v[first:last] for k, v in some.items()} for some in self._given)
         return parameters, starts
 
-    def _of_block(self, result: BlockResult, recorder: WindowsRecorder) -> Iterator[Watched]:
+    def _of_block(self, result: RowOutcome, recorder: WindowsRecorder) -> Iterator[Watched]:
         observed = len(self._work.model.observables)
-        cuts = np.searchsorted(result.owner, result.first + np.arange(result.status.size + 1))
-        for i in range(result.status.size):
-            numbers = result.samples[cuts[i] : cuts[i + 1]]
+        cuts = np.cumsum(result.kept)[:-1]
+        for i, numbers in enumerate(np.split(result.samples, cuts)):
             crossed = numbers[:, 0] >= 0.0
             crossings, samples = numbers[crossed], numbers[~crossed]
             yield Watched(
-                row=int(self._rows[result.first + i]),
-                place=result.first + i,
+                row=int(self._rows[result.row[i]]),
+                place=int(result.row[i]),
                 crossings=Crossings(
                     crossings[:, 0].astype(np.int64), crossings[:, 1], crossings[:, 2 : 2 + observed]
                 ),

@@ -9,7 +9,6 @@ import math
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.records import FAILURES
 from gaitsweep.contract import Status
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.kinds.continuation import Continuation
@@ -318,7 +317,7 @@ def watches(
         else:
             records = np.flatnonzero(simulated)
             records = records[spread(len(records))][:most] if len(records) else records
-        failed = table["status"].astype(str).isin(list(FAILURES)).to_numpy()[records]
+        failed = Status.FAILED.among(table["status"])[records]
         groups = ((WatchStarts, records[~failed]), (WatchFailures, records[failed]))
         return [watch(table, some, context) for watch, some in groups if len(some)], beside
     usable = np.isfinite(table["t"].to_numpy(float))

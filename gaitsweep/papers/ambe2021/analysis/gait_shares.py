@@ -72,9 +72,9 @@ def sets_by_conditions(table: pd.DataFrame) -> pd.DataFrame:
     came = shares[list(GAITS)] > 0.0
     kinds = ["conditions", *(f"{gait}_hold" for gait in GAITS)]
     groups = shares.assign(with_all=came.all(axis=1), with_any=came.any(axis=1)).groupby(kinds)
-    counts = groups[["with_all", "with_any"]].sum()
-    counts.insert(0, "sets", groups.size())
-    return counts.join(groups[list(GAITS)].mean()).iloc[::-1].reset_index()
+    counts = {"sets": groups.size(), **{name: groups[name].sum() for name in ("with_all", "with_any")}}
+    means = {gait: groups[gait].mean() for gait in GAITS}
+    return pd.DataFrame({**counts, **means}).iloc[::-1].reset_index()
 
 
 def existence(N: int, chains: Chain, L: np.ndarray) -> dict[str, np.ndarray]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.records import SETTLED
+from gaitsweep.contract import Status
 from gaitsweep.papers.ambe2021.theory.gaits import NONE_BEYOND
 
 
@@ -23,7 +23,7 @@ def largest_distance(table: pd.DataFrame) -> tuple[float, int] | None:
     if not {"distance", "gait", "status", "row"} <= set(table.columns):
         return None
     distance = np.asarray(table["distance"], float)
-    settled = np.isin(np.asarray(table["status"], str), list(SETTLED))
+    settled = Status.SOUND.among(table["status"])
     labelled = ~np.isin(np.asarray(table["gait"], str), ["locked", "none"])
     counts = settled & labelled & (distance <= NONE_BEYOND)
     if not counts.any():

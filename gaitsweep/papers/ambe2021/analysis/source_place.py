@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.records import SETTLED, AnalysisError, axes_of
+from gaitsweep.analysis.records import AnalysisError, axes_of
 from gaitsweep.circular import wrapped_difference
+from gaitsweep.contract import Status
 from gaitsweep.papers.ambe2021.analysis.chain_of_table import chains_of, one_chain, parameters_of
 from gaitsweep.papers.ambe2021.theory.conserved import drift, drift_on_ground
 
@@ -30,7 +31,7 @@ def source_place(table: pd.DataFrame) -> pd.DataFrame:
     """
     phases = _phases(table, "_end")
     names = _parameters(table)
-    settled = np.isin(np.asarray(table["status"], str), list(SETTLED))
+    settled = Status.SOUND.among(table["status"])
     source = np.where(settled & (np.asarray(table["gait"], str) == "source"), table["k"], 0)
     meeting = np.where(settled & (np.asarray(table["gait"], str) == "none"), _meetings(phases), 0)
     rows = []

@@ -11,7 +11,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
-from gaitsweep.analysis.records import FAILED, NOT_SETTLED
+from gaitsweep.contract import Outcome
 from gaitsweep.papers.ambe2021.analysis.chain_of_table import chain_of, profile_parameters_of
 from gaitsweep.papers.ambe2021.theory.conserved import drift, worst_case_cycles
 from gaitsweep.plot import style
@@ -67,7 +67,7 @@ def drift_law(
     for name in ("cycles", hue):
         column(table, name)
     ends = [column(table, name) for pair in _columns(table, of) for name in pair]
-    kept = rows_where(table, ~outcome(table, hue).isin([NOT_SETTLED, FAILED, "none"]))
+    kept = rows_where(table, ~outcome(table, hue).isin([Outcome.NOT_SETTLED, Outcome.FAILED, "none"]))
     with style.canvas(style.COLUMN + 0.9, 3.1, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(APART[of])

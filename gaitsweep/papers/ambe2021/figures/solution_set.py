@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from pydantic import Field
 
-from gaitsweep.analysis.records import FAILED, NOT_SETTLED, in_order
+from gaitsweep.analysis.records import in_order
+from gaitsweep.contract import Outcome
 from gaitsweep.papers.ambe2021.analysis.chain_of_table import chain_of, profile_parameters_of
 from gaitsweep.papers.ambe2021.analysis.largest_distance import largest_distance
 from gaitsweep.papers.ambe2021.theory.chain import Chain
@@ -91,7 +92,7 @@ def _scatter(
     kept = 0
     for name in order:
         mine = rows_where(table, shown == name)
-        if name in (NOT_SETTLED, FAILED) or not len(mine):
+        if name in (Outcome.NOT_SETTLED, Outcome.FAILED) or not len(mine):
             continue
         place = mine[names].to_numpy(float)
         place = np.where([is_angle(table, each) for each in names], np.mod(place, 2 * np.pi), place)
@@ -144,7 +145,7 @@ def _legend(
     colour, marker = style.colours(order), style.markers(order)
     handles = []
     for name in order:
-        face = "none" if name in (NOT_SETTLED, FAILED) else colour[name]
+        face = "none" if name in (Outcome.NOT_SETTLED, Outcome.FAILED) else colour[name]
         count = int((shown == name).sum())
         label = f"{name} ({count})" if face != "none" else f"{name}: {count}, not shown"
         handles.append(Line2D([], [], ls="", marker=marker[name], color=face, label=label, ms=5))

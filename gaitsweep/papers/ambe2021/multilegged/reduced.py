@@ -109,7 +109,7 @@ class MultileggedReduced(Multilegged):
     def chart(self) -> Chart | None:
         return ReducedChart(self.N)
 
-    def in_steps(self) -> FixedStepDynamics:
+    def fixed_step_scheme(self) -> FixedStepDynamics:
         return NextEventSteps(self)
 
     def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:  # type: ignore[override]

@@ -60,7 +60,7 @@ class LandingChart(Chart):
             *(Quantity(f"landing_z_{i}", "m", f"desired z of foot {i} at its landing") for i in limbs),
         )
 
-    def read(self, params: Any, state: Any) -> jax.Array:
+    def to_coordinates(self, params: Any, state: Any) -> jax.Array:
         s = state
         up, turn = _tilt_and_heading(s.q[3:7])
         deltas = wrapped(jnp.stack([s.phi[0] - s.phi[2], s.phi[0] - s.phi[1], s.phi[2] - s.phi[3]]))
@@ -72,7 +72,7 @@ class LandingChart(Chart):
             ]
         )  # fmt: skip
 
-    def place(self, params: Any, at: jax.Array, modes: Any) -> Any:
+    def from_coordinates(self, params: Any, at: jax.Array, modes: Any) -> Any:
         ends = [sum(_PARTS[: k + 1]) for k in range(len(_PARTS) - 1)]
         phases, up, joints, linear, spin, rates, anchors, x, z = jnp.split(at, ends)
         phi_1 = phases[3] + phases[0]
@@ -97,7 +97,7 @@ class LandingChart(Chart):
             stride_t=modes.clock,
         )
 
-    def holds(self, params: Any, state: Any) -> jax.Array:
+    def covers(self, params: Any, state: Any) -> jax.Array:
         height = params.mechanics.feet(state.q, state.v)[0][2, 2]
         return state.contact[2] & (jnp.abs(height) < CLOSE) & ~state.held & ~state.growing
 

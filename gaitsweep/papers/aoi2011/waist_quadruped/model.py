@@ -223,7 +223,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         )
 
     @property
-    def located(self) -> bool:
+    def locates_events(self) -> bool:
         return self.body == "tree"
 
     def flow(self, params: Params, state: State) -> Rates:
@@ -244,7 +244,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
 
     @property
     def recommended(self) -> Recommended:
-        return Recommended("rk4" if self.located else "semi_implicit")
+        return Recommended("rk4" if self.locates_events else "semi_implicit")
 
     def fast_modes(self, params: Params) -> tuple[jax.Array, jax.Array]:
         rate, damping = fastest_motion(params)
@@ -253,7 +253,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
             return rate[None], damping[None]
         return jnp.stack([rate, 1.0 / slip]), jnp.stack([damping, jnp.ones_like(damping)])
 
-    def in_steps(self) -> SemiImplicit:
+    def fixed_step_scheme(self) -> SemiImplicit:
         return SemiImplicit(self._mover)
 
     def guards(self, params: Params, state: State) -> jax.Array:
@@ -339,4 +339,4 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         return params.T_hold
 
     def chart(self) -> Chart | None:
-        return LandingChart() if self.located else None
+        return LandingChart() if self.locates_events else None

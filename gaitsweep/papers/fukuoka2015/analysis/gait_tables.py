@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.records import FAILURES, AnalysisError, axes_of, require
+from gaitsweep.analysis.records import AnalysisError, axes_of, require
+from gaitsweep.contract import Status
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import (
     GAITS,
     IN_CYCLES,
@@ -136,7 +137,7 @@ def _of_averages(table: pd.DataFrame, thresholds: Sequence[float]) -> pd.DataFra
         found[name] = table[names[name]].to_numpy(float)
     fell = np.zeros(len(table), bool)
     if "status" in table.columns:
-        fell = table["status"].astype(str).isin(list(FAILURES)).to_numpy()
+        fell = Status.FAILED.among(table["status"])
     told = np.where(fell | table["gait"].isna(), "none", table["gait"].astype(str))
     found["steady"] = np.isin(told, CHART)
     found["gait"] = pd.Categorical(told, list(GAITS))

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.records import FAILURES, require
+from gaitsweep.analysis.records import require
+from gaitsweep.contract import Status
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART
 
 # The gaits and mirror images of each kind; slow kinds first.
@@ -40,7 +41,7 @@ def repertoire(
     """
     require(table, *sets, gait, speed, "status")
     keys = list(sets)
-    fell = table["status"].astype(str).isin(list(FAILURES)).to_numpy()
+    fell = Status.FAILED.among(table["status"])
     name = np.where(fell, "", table[gait].astype(str))
     number = table.groupby(keys, sort=False, observed=True).ngroup().to_numpy()
     count = int(number.max(initial=-1)) + 1

@@ -11,7 +11,8 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.records import FAILURES, AnalysisError, require
+from gaitsweep.analysis.records import AnalysisError, require
+from gaitsweep.contract import Status
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import (
     CHART,
     LEGS,
@@ -145,7 +146,7 @@ def gait_of(
     _refuse_others(onsets["leg"].dropna().unique())
     fell = set()
     if "status" in onsets.columns:
-        fell = set(onsets.loc[onsets["status"].astype(str).isin(list(FAILURES)), "row"])
+        fell = set(onsets.loc[Status.FAILED.among(onsets["status"]), "row"])
     index = pd.Index(np.unique(onsets["row"]) if rows is None else rows, name="row")
     sound = np.isfinite(onsets["t"].to_numpy(float)) & onsets["leg"].notna().to_numpy()
     records = onsets.loc[sound, ["row", "leg", "t"]].astype({"leg": str})

@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gaitsweep.analysis.records import UNDECIDED
+from gaitsweep.contract import Status
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
     COLOURS,
@@ -100,7 +100,7 @@ def _bands(axes: Axes, part: pd.DataFrame, y: str, bands: list[Any], speed: str,
     for place, band in enumerate(bands):
         mine = rows_where(part, part[y] == band)
         at = mine[speed].to_numpy(float)
-        moving = mine["status"].astype(str).isin(list(UNDECIDED)).to_numpy()
+        moving = Status.UNDECIDED.among(mine["status"])
         offset = _stacked(at, _SAME * extent) * _SPREAD
         for gait in ORDER:
             which = (mine["gait"] == gait).to_numpy()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import jax
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
-from gaitsweep.engine.propose.method import Estimate, Propose, move
+from gaitsweep.engine.solver.method import Estimate, Step, euler_update
 
 # a_ij, one row for each stage after the first; the last row has the weights of the solution of order 5.
 STAGES: tuple[tuple[float, ...], ...] = (
@@ -39,33 +39,33 @@ DIFFERENCE = (
 )
 
 
-def rk4(model: HybridModel) -> Propose:
+def rk4(model: HybridModel) -> Step:
     """The classic Runge-Kutta step of order 4; stable if dt times the fastest rate is below 2.7."""
 
-    def propose(params: Params, state: State, h: jax.Array) -> State:
+    def step(params: Params, state: State, h: jax.Array) -> State:
         k1 = model.flow(params, state)
-        k2 = model.flow(params, move(state, k1, 0.5 * h))
-        k3 = model.flow(params, move(state, k2, 0.5 * h))
-        k4 = model.flow(params, move(state, k3, h))
+        k2 = model.flow(params, euler_update(state, k1, 0.5 * h))
+        k3 = model.flow(params, euler_update(state, k2, 0.5 * h))
+        k4 = model.flow(params, euler_update(state, k3, h))
         sixfold = {name: k1[name] + 2.0 * (k2[name] + k3[name]) + k4[name] for name in k1}
-        return move(state, sixfold, h * (1.0 / 6.0))
+        return euler_update(state, sixfold, h * (1.0 / 6.0))
 
-    return propose
+    return step
 
 
 def tsit5(model: HybridModel) -> Estimate:
     """The step of order 5, with an estimate of its error."""
 
-    def propose(params: Params, state: State, h: jax.Array) -> tuple[State, Rates]:
+    def step(params: Params, state: State, h: jax.Array) -> tuple[State, Rates]:
         rates = [model.flow(params, state)]
         at = state
         for weights in STAGES:
-            at = move(state, _sum(weights, rates), h)
+            at = euler_update(state, _sum(weights, rates), h)
             rates.append(model.flow(params, at))
         error = {name: h * rate for name, rate in _sum(DIFFERENCE, rates).items()}
         return at, error
 
-    return propose
+    return step
 
 
 def _sum(weights: tuple[float, ...], rates: list[Rates]) -> Rates:

@@ -11,7 +11,7 @@ import jax
 from gaitsweep.contract import HybridModel, Params, Rates, State
 
 # The state after a time h (s), with unchanged modes.
-Propose = Callable[[Params, State, jax.Array], State]
+Step = Callable[[Params, State, jax.Array], State]
 # The same, with an estimate of the local error by field.
 Estimate = Callable[[Params, State, jax.Array], tuple[State, Rates]]
 
@@ -37,7 +37,7 @@ class Method:
     limits: tuple[tuple[float, float], ...] = ()
 
 
-def move(state: State, rates: Rates, h: jax.Array | float) -> State:
+def euler_update(state: State, rates: Rates, h: jax.Array | float) -> State:
     """The state after a time `h` (s) at constant `rates`; fields without a rate are unchanged."""
     moved = {name: getattr(state, name) + h * rate for name, rate in rates.items()}
     return dataclasses.replace(state, **moved)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import dataclasses
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
-from gaitsweep.engine.propose.exponential import PROPAGATOR, PROPAGATOR6, exponential
-from gaitsweep.engine.propose.method import Estimate, Method, Propose, move
-from gaitsweep.engine.propose.runge_kutta import rk4, tsit5
+from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6, exponential
+from gaitsweep.engine.solver.method import Method, Step, euler_update
+from gaitsweep.engine.solver.runge_kutta import rk4, tsit5
 from gaitsweep.errors import ArgumentError
 
 # On the negative axis the polynomials approximate exp(z) down to -20. Away from the axis they are accurate
 # closer to zero and stable farther out. The short steps after an event damp fast motions before the longest
-# step is reached, so the limits are between accuracy and stability (`tests/engine/test_propose.py`).
+# step is reached, so the limits are between accuracy and stability (`tests/engine/test_solver.py`).
 METHODS: dict[str, Method] = {
     "tsit5": Method(tsit5, first_step=0.25, growth=5.0, adaptive=True),
     "rk4": Method(rk4, first_step=0.125, growth=1.25, limits=((0.0, 2.6), (1.0, 2.7))),
@@ -37,10 +37,10 @@ METHODS: dict[str, Method] = {
 # The methods that take the steps of the model itself.
 _OWN = ", ".join(name for name, method in METHODS.items() if method.step is None)
 
-__all__ = ["METHODS", "Estimate", "Method", "Propose", "derivative_refusal", "move", "own_steps", "refusal"]
+__all__ = ["METHODS", "Method", "Step", "derivative_refusal", "euler_update", "fixed_step_scheme", "refusal"]
 
 
-def own_steps(name: str, model: Model) -> FixedStepDynamics | None:
+def fixed_step_scheme(name: str, model: Model) -> FixedStepDynamics | None:
     """The model's own fixed steps, if it has nothing else or the method is semi_implicit; else None.
 
     Raises:
@@ -50,7 +50,7 @@ def own_steps(name: str, model: Model) -> FixedStepDynamics | None:
         return model if isinstance(model, FixedStepDynamics) else None
     if (reason := _steps_alone(name, model)) is not None:
         raise ArgumentError(f"The method {reason}")
-    return model.in_steps() if METHODS[name].step is None else None
+    return model.fixed_step_scheme() if METHODS[name].step is None else None
 
 
 def refusal(name: str, model: Model, precision: str) -> str | None:
@@ -58,21 +58,21 @@ def refusal(name: str, model: Model, precision: str) -> str | None:
     linear = isinstance(model, HybridModel) and model.linear
     if not isinstance(model, HybridModel) and METHODS[name].step is not None:
         return f"is {name}, which needs a flow, but {model.name} has only steps. Allowed: {_OWN}."
-    if METHODS[name].step is None and own_steps(name, model) is None:
+    if METHODS[name].step is None and fixed_step_scheme(name, model) is None:
         located = ", ".join(
             other for other, method in METHODS.items() if method.step and (linear or not method.linear_only)
         )
         return f"is {name}, a step that {model.name} does not have. Allowed: {located}."
     if (reason := _steps_alone(name, model)) is not None:
         return reason
-    if precision == "mixed" and own_steps(name, model) is None:
+    if precision == "mixed" and fixed_step_scheme(name, model) is None:
         return f"is {name}, but precision mixed is for steps of fixed length. Allowed in mixed: {_OWN}."
     if not METHODS[name].linear_only:
         return None
     general = ", ".join(
         other
         for other, method in METHODS.items()
-        if not method.linear_only and (method.step or own_steps(other, model) is not None)
+        if not method.linear_only and (method.step or fixed_step_scheme(other, model) is not None)
     )
     if not linear:
         return (
@@ -90,7 +90,7 @@ def derivative_refusal(name: str, model: Model) -> str | None:
     Raises:
         ArgumentError: the method needs a flow, but the model has only steps.
     """
-    if own_steps(name, model) is None:
+    if fixed_step_scheme(name, model) is None:
         return None
     # so a derivative of the steps lacks what the time of a landing does, however short they are
     reason = "steps have a fixed length, and an event is met at the end of one"
@@ -104,7 +104,7 @@ def derivative_refusal(name: str, model: Model) -> str | None:
 
 
 def _steps_alone(name: str, model: Model) -> str | None:
-    if METHODS[name].step is None or not isinstance(model, HybridModel) or model.located:
+    if METHODS[name].step is None or not isinstance(model, HybridModel) or model.locates_events:
         return None
     fields = dataclasses.fields(model)  # pyright: ignore[reportArgumentType] (each is a dataclass)
     chosen = {field.name: getattr(model, field.name) for field in fields}

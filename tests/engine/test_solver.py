@@ -17,10 +17,10 @@ from gaitsweep import models
 from gaitsweep.contract import HybridModel, Status
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
-from gaitsweep.engine.propose import METHODS, refusal
-from gaitsweep.engine.propose.exponential import PROPAGATOR, PROPAGATOR6
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
+from gaitsweep.engine.solver import METHODS, refusal
+from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from tests.support.sweeping import run_rows, scalars
 from toy_model import Toy, flight_time

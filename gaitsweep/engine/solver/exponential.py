@@ -18,7 +18,7 @@ from collections.abc import Callable
 import jax
 
 from gaitsweep.contract import HybridModel, Params, State
-from gaitsweep.engine.propose.method import Propose, move
+from gaitsweep.engine.solver.method import Step, euler_update
 
 # The factors of the Taylor terms, s_1, s_2, ...
 Shares = tuple[float, ...]
@@ -56,26 +56,26 @@ PROPAGATOR: Shares = (
 )
 
 
-def exponential(shares: Shares) -> Callable[[HybridModel], Propose]:
+def exponential(shares: Shares) -> Callable[[HybridModel], Step]:
     """The method with these factors of the Taylor terms.
 
     A nonlinear flow is linearised at the beginning of each step, which is accurate to second order. Powers of
     rates are not scaled, so float64 is required.
     """
 
-    def method(model: HybridModel) -> Propose:
-        def propose(params: Params, state: State, h: jax.Array) -> State:
+    def method(model: HybridModel) -> Step:
+        def step(params: Params, state: State, h: jax.Array) -> State:
             def flow(moving: dict[str, jax.Array]) -> dict[str, jax.Array]:
                 return model.flow(params, dataclasses.replace(state, **moving))
 
             names = list(jax.eval_shape(model.flow, params, state))
             term, times_a = jax.linearize(flow, {name: getattr(state, name) for name in names})
-            end, power = move(state, term, h), h
+            end, power = euler_update(state, term, h), h
             for k, share in enumerate(shares[1:], start=2):
                 term, power = times_a(term), power * h
-                end = move(end, term, power * (share / math.factorial(k)))
+                end = euler_update(end, term, power * (share / math.factorial(k)))
             return end
 
-        return propose
+        return step
 
     return method

@@ -1,0 +1,132 @@
+"""The results of rows, as one dataclass of arrays from the recorder to the table."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from gaitsweep.contract import Quantity
+
+
+@dataclasses.dataclass(frozen=True)
+class RowNumber:
+    """A number of a row's result, by whose declaration it reaches the table.
+
+    Args:
+        name: its name.
+        dtype: of its stored values; along a trajectory it is an int32, or a float of the run's precision.
+        absent: its value in rows that have not ended or were not simulated, and where a trajectory begins.
+        quantity: the unit and the meaning of its column; None where the run kind declares the columns that it
+            needs of it.
+    """
+
+    name: str
+    dtype: type[np.generic]
+    absent: float = 0
+    quantity: Quantity | None = None
+
+
+# The numbers that the engine has of every row. `attempts` counts steps tried, `t_end` is a time in s, `last`
+# (k,) holds the observables at the last crossing of the section, `fired` (words,) has a bit for each guard
+# that stalled the row.
+ENGINE_NUMBERS = (
+    RowNumber("status", np.int32),
+    RowNumber("cycles", np.int64),
+    RowNumber("attempts", np.int64),
+    RowNumber("t_end", np.float64, np.nan),
+    RowNumber("last", np.float64, np.nan),
+    RowNumber("fired", np.int64),
+)
+
+
+class _Number:
+    """The number of rows that has the name of this attribute."""
+
+    def __set_name__(self, _: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, rows: RowOutcome, _: type) -> np.ndarray:
+        return rows.numbers[self._name]
+
+
+@dataclasses.dataclass(frozen=True)
+class RowOutcome:
+    """The results of rows (n,): numbers of each row, its records, and their gaits once they are labelled.
+
+    `row` (n,) is the number of each row in its table; `numbers` are (n,) or (n, k), by name (`RowNumber`);
+    `kept` (n,) counts the records of each row, and `samples` (m, width) holds them in the order of the rows.
+    `labels` are the gait (an index, -1: none) and the label fields of each row, (n,) by name, and
+    `sample_labels` (m,) those of each record, for recorders that read the gait there.
+    """
+
+    row: np.ndarray
+    numbers: dict[str, np.ndarray]
+    kept: np.ndarray
+    samples: np.ndarray
+    labels: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    sample_labels: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    status, cycles, attempts = _Number(), _Number(), _Number()
+    t_end, last, fired = _Number(), _Number(), _Number()
+
+    @classmethod
+    def empty(
+        cls, row: np.ndarray, numbers: Sequence[RowNumber], observables: int, width: int = 0
+    ) -> RowOutcome:
+        """Rows without results, of recorders with `numbers` and with `width` numbers in a record."""
+        # how many words hold the guards is known only from a trajectory
+        shapes = {"last": (observables,), "fired": (0,)}
+        arrays = {
+            each.name: np.full((row.size, *shapes.get(each.name, ())), each.absent, each.dtype)
+            for each in (*ENGINE_NUMBERS, *numbers)
+        }
+        return cls(row, arrays, np.zeros(row.size, np.int64), np.zeros((0, width)))
+
+    @classmethod
+    def concat(cls, parts: Sequence[RowOutcome]) -> RowOutcome:
+        """The rows of several results, one after the other."""
+        names = [field.name for field in dataclasses.fields(cls)]
+        return cls(**{name: _concatenated([getattr(part, name) for part in parts]) for name in names})
+
+    def put(self, which: np.ndarray, numbers: Mapping[str, np.ndarray]) -> None:
+        """Set the numbers of the rows at the places `which` (m,)."""
+        for name, own in list(self.numbers.items()):
+            values = numbers[name]
+            if own.shape[1:] != values.shape[1:]:  # the number of guards is known only now
+                self.numbers[name] = own = np.zeros((self.row.size, *values.shape[1:]), own.dtype)
+            own[which] = values
+
+    def take(self, which: np.ndarray) -> RowOutcome:
+        """The rows at the places `which` (m,), in that order."""
+        counts = self.kept[which]
+        first = np.cumsum(self.kept)[which] - counts
+        records = np.repeat(first - (np.cumsum(counts) - counts), counts) + np.arange(counts.sum())
+        return RowOutcome(
+            row=self.row[which],
+            numbers={name: values[which] for name, values in self.numbers.items()},
+            kept=counts,
+            samples=self.samples[records],
+            labels={name: values[which] for name, values in self.labels.items()},
+            sample_labels={name: values[records] for name, values in self.sample_labels.items()},
+        )
+
+    @property
+    def owner(self) -> np.ndarray:
+        """The number of the row of each record, (m,)."""
+        return np.repeat(self.row, self.kept)
+
+    @property
+    def place(self) -> np.ndarray:
+        """Where the row of each record stands among these rows, (m,)."""
+        return np.repeat(np.arange(self.row.size), self.kept)
+
+
+def _concatenated(parts: list[Any]) -> Any:
+    """Arrays one after the other, or those of each name; files of another version may have other names."""
+    if isinstance(parts[0], dict):
+        names = [name for name in parts[0] if all(name in part for part in parts)]
+        return {name: _concatenated([part[name] for part in parts]) for name in names}
+    return np.concatenate([part for part in parts if len(part)] or parts)  # an empty one has no dtype

@@ -1,0 +1,54 @@
+"""The column `outcome`: a gait, or why there is none; tables of before get it when they are loaded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from toy_directories import block_frame, fill, open_toy
+
+from gaitsweep.analysis.records import outcome_labels
+from gaitsweep.table import load, load_parts
+from gaitsweep.table.outcomes import outcomes
+
+
+def test_an_outcome_is_a_gait_or_why_there_is_none() -> None:
+    gait = pd.Categorical(["trot", "none", None, "trot", "walk", None], ["walk", "trot", "none"])
+    status = pd.Categorical(["settled", "complete", "at_rest", "cycle_limit", "fell", "diverged"])
+    found = outcomes(gait, status)
+    assert list(found) == ["trot", "none", "none", "not settled", "failed", "failed"]
+    assert list(found.categories) == ["walk", "trot", "none", "not settled", "failed"]
+
+
+@pytest.mark.parametrize("older", [{0, 1, 2}, {1}])
+def test_tables_of_before_get_the_column_when_they_are_loaded(tmp_path: Path, older: set[int]) -> None:
+    """All parts without the column, or one of them: a run that another version continued."""
+    now, before = tmp_path / "now", tmp_path / "before"
+    with open_toy(now) as directory:
+        fill(directory)
+    with open_toy(before) as directory:
+        for number in range(3):
+            frame = block_frame(*directory.rows_of(number))
+            directory.write_part(number, frame.drop(columns="outcome") if number in older else frame)
+    expected = load(now)
+    pd.testing.assert_frame_equal(load(before), expected)
+    pd.testing.assert_frame_equal(load(before, ["outcome", "row"]), expected[["outcome", "row"]])
+    pd.testing.assert_frame_equal(pd.concat(load_parts(before, ["outcome"])), expected[["outcome"]])
+    pd.testing.assert_frame_equal(
+        load(before, ["row"], rows=[1, 5]), expected.loc[[1, 5], ["row"]].reset_index(drop=True)
+    )
+
+
+def test_analyses_read_the_column(tmp_path: Path) -> None:
+    with open_toy(tmp_path / "toy") as directory:
+        fill(directory)
+    table = load(tmp_path / "toy")
+    assert outcome_labels(table, "gait").tolist() == list(table["outcome"])
+    worked_out = outcome_labels(table.drop(columns="outcome"), "gait")
+    assert worked_out.tolist() == list(table["outcome"])
+    # what starts come to by another label is no outcome of the gait
+    by_another = table.assign(outcome="a")
+    by_another.attrs["outcome_of"] = "attractor"
+    np.testing.assert_array_equal(outcome_labels(by_another, "gait"), worked_out)
