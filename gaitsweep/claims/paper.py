@@ -12,9 +12,9 @@ import pandas as pd
 from pydantic import Field, TypeAdapter, ValidationError
 
 from gaitsweep import near_miss
-from gaitsweep.claims.measure import MEASURES
+from gaitsweep.claims.measures import MEASURES
 from gaitsweep.errors import ArgumentError
-from gaitsweep.extension import folders
+from gaitsweep.extension import extensions, folders, import_all
 from gaitsweep.job.yaml_document import Document, read_document
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, found, from_pydantic
 from gaitsweep.kinds.numbers import InvalidValue, Stem, read_stem
@@ -154,8 +154,8 @@ def read_paper(name: str | Path) -> Paper:
             )
         file = known[str(name)]
     document = read_document(file)
-    import gaitsweep.claims.measures  # noqa: F401 - registers the measures, which import JAX
-
+    for extension in extensions().values():
+        import_all(extension.measures)
     wrong: list[Diagnostic] = []
     data = document.data
     for key in data:

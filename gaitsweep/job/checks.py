@@ -19,7 +19,7 @@ from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Path
 from gaitsweep.kinds.part import kind_of
 from gaitsweep.kinds.run_kind import Movement, table_columns
 from gaitsweep.models.conformity import NAMED, faults_of_rows
-from gaitsweep.plot.figure_kind import FigureKind, PlannedTable
+from gaitsweep.plot.kind import FigureKind, PlannedTable
 
 _CHUNK = 50_000
 # Rows at which a model's functions are evaluated before a job runs, and axes whose corners are among them.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -30,7 +31,7 @@ from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, from_pydantic
 from gaitsweep.kinds.numbers import Stem, Text, VerifyCount
 from gaitsweep.kinds.part import OneOf, Part
-from gaitsweep.plot import FIGURES, FigureKind
+from gaitsweep.plot.kind import FIGURES, FigureKind
 
 _KINDS = ", ".join(RUN_KINDS).rsplit(", ", 1)
 _PATH = PlainValidator(lambda path: path)  # `Config` has read it, or complained, before pydantic sees it
@@ -98,7 +99,7 @@ class Job(Part):
             return data
         with effort.limited():
             folder = (info.context or {}).get("folder", Path.cwd())
-            job, plan = read_job(data, folder, handler, _owners())
+            job, plan = read_job(data, folder, handler, _owners(data))
             job._plan = plan
         return job
 
@@ -174,12 +175,13 @@ class Job(Part):
         return job_hash(self.resolved(), self.run, runs_on, steps)
 
 
-def _owners() -> dict[str, Owner]:
+def _owners(data: Any) -> dict[str, Owner]:
     """The parts of a job by the keys under which pydantic reports them."""
     runs = {kind: Owner(f"run ({kind})", part, "run") for kind, part in RUN_KINDS.items()}
     # a figure's kind may be a run's too (return_map), hence the prefix
+    asked = FIGURES if isinstance(data, Mapping) and data.get("figures") else {}  # they take long to import
     figures = {
-        f"figures.{kind}": Owner(f"a figure ({kind})", part, "figures") for kind, part in FIGURES.items()
+        f"figures.{kind}": Owner(f"a figure ({kind})", part, "figures") for kind, part in asked.items()
     }
     others = {"": Owner("a job", Job), "numerics": Owner("numerics", NumericsSpec)}
     return {**others, **runs, "engine": Owner("engine", EngineChoice), **figures}
@@ -198,9 +200,9 @@ def read_figures(value: Any, file: str) -> list[dict[str, Any]]:
         JobError: what is wrong with them, a sentence each, which names the file.
     """
     try:
-        read = _Figures.model_validate({"figures": value})
+        read = _Figures.model_validate(data := {"figures": value})
     except ValidationError as error:
-        wrong = from_pydantic(error, {**_owners(), "": Owner("a job", _Figures)}, "")
+        wrong = from_pydantic(error, {**_owners(data), "": Owner("a job", _Figures)}, "")
         raise JobError([dataclasses.replace(diagnostic, file=file) for diagnostic in wrong]) from None
     plain = [figure.model_dump(mode="json", exclude_none=True) for figure in read.figures]
     stems = [figure.get("name") or figure["kind"] for figure in plain]

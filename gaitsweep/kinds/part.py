@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import importlib
 import operator
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, TypeVar
@@ -41,10 +42,12 @@ class Registry(Mapping[str, type[PartT]]):
     Args:
         noun: what a sentence calls a member, such as "run".
         parts: the members that are always there.
+        module: a module that registers further members; it is imported when one is first looked for.
     """
 
-    def __init__(self, noun: str, parts: Iterable[type[PartT]]) -> None:
+    def __init__(self, noun: str, parts: Iterable[type[PartT]] = (), module: str | None = None) -> None:
         self.noun = noun
+        self._module = module
         self._parts: dict[str, type[PartT]] = {}
         for part in parts:
             self.register(part)
@@ -67,16 +70,22 @@ class Registry(Mapping[str, type[PartT]]):
         Raises:
             KeyError: the registry has no such part.
         """
-        del self._parts[kind]
+        del self._members[kind]
+
+    @property
+    def _members(self) -> dict[str, type[PartT]]:
+        if self._module is not None:
+            importlib.import_module(self._module)
+        return self._parts
 
     def __getitem__(self, kind: str) -> type[PartT]:
-        return self._parts[kind]
+        return self._members[kind]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._parts)
+        return iter(self._members)
 
     def __len__(self) -> int:
-        return len(self._parts)
+        return len(self._members)
 
 
 @dataclasses.dataclass(frozen=True)

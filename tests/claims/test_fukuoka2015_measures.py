@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from gait_traces import ideal_phases
 
-from gaitsweep.claims.measures.general import MeasureError, default_values
+from gaitsweep.claims.measures import MeasureError, default_values
 from gaitsweep.claims.paper import read_paper
 from gaitsweep.claims.verdict import ClaimVerdict, verdict
 from gaitsweep.papers.fukuoka2015 import measures as measures

@@ -14,7 +14,6 @@ import typer
 from browser import browser, program
 
 import gaitsweep as gs
-from gaitsweep.cli import analyse
 from gaitsweep.cli.commands import app
 from gaitsweep.fitting.schema import schema
 from gaitsweep.papers.ambe2021 import analytic
@@ -72,7 +71,6 @@ def test_every_command_is_in_the_command_reference(site: Path) -> None:
             for parameter in command.params:
                 assert (parameter.metavar or parameter.opts[0]) in page, (words, parameter.opts)
 
-    analyse.add_extensions()
     group = typer.main.get_command(app)
     assert isinstance(group, typer.core.TyperGroup)
     check(group, "gaitsweep")

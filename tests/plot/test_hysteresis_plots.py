@@ -16,7 +16,7 @@ from plot_tables import rendered
 from gaitsweep import plot
 from gaitsweep.extension import gait_styles
 from gaitsweep.plot import PlotError
-from gaitsweep.plot.branches.passes import DOWN, UP
+from gaitsweep.plot.bifurcations.passes import DOWN, UP
 from gaitsweep.plot.style import COLOURS, angle_ticks, in_pi
 
 RISES, FALLS = "/" * 4, "\\" * 4  # hatches of the two bands

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.analyses import AnalysisError
 from gaitsweep.expression import ExpressionError, evaluate, names_in
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.ambe2021.theory.chain import Chain

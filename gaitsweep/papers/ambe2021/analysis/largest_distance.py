@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.records import SETTLED
+from gaitsweep.analyses import SETTLED
 from gaitsweep.papers.ambe2021.theory.gaits import NONE_BEYOND
 
 

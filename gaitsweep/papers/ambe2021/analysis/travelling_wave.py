@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.analyses import AnalysisError
 from gaitsweep.papers.ambe2021.analysis.chain_of_table import chains_of, one_chain, parameters_of
 from gaitsweep.papers.ambe2021.theory.chain import Chain, Speeds, wave_speed, wavelength
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, distances, gait_of

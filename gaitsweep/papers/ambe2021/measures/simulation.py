@@ -9,9 +9,8 @@ import pandas as pd
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from gaitsweep.circular import wrapped_difference
-from gaitsweep.claims.measure import Condition, measure
-from gaitsweep.claims.measures.general import MeasureError, masked, numbers, one_row, records
+from gaitsweep.analyses import wrapped_difference
+from gaitsweep.claims import Condition, MeasureError, masked, measure, numbers, one_row, records
 from gaitsweep.papers.ambe2021.analysis.gait_shares import GAITS, gait_shares
 from gaitsweep.papers.ambe2021.analysis.source_place import source_drift, source_place
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import (

@@ -16,8 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
+from gaitsweep import Skeleton
 from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended, Simultaneous
-from gaitsweep.dynamics.phase_oscillator import TWO_PI, lagged_reset, wrapped
+from gaitsweep.dynamics import TWO_PI, lagged_reset, wrapped
 from gaitsweep.papers.ambe2021.multilegged.chart import MultileggedChart
 from gaitsweep.papers.ambe2021.multilegged.drawing import skeleton
 from gaitsweep.papers.ambe2021.multilegged.profile import profile_parameters
@@ -25,7 +26,6 @@ from gaitsweep.papers.ambe2021.spring_chain import fastest_motions, neighbour_fo
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, classify
 from gaitsweep.papers.ambe2021.theory.obstacle import obstacle_problem
-from gaitsweep.skeleton import Skeleton
 
 STANCE, TAKEOFF, LANDING = 0, 1, 2
 # Leg 1 is initially compressed by a picometre (1e-7 N), so that it touches in spite of rounding. Another leg
@@ -376,7 +376,7 @@ class Multilegged(HybridModel):
 
     def free_link(self, trace: pd.DataFrame, legs: int) -> int | None:
         """The link whose lag is free by the theory, 1 .. N; None for traces that are too short."""
-        from gaitsweep.analysis.records import AnalysisError
+        from gaitsweep.analyses import AnalysisError
         from gaitsweep.papers.ambe2021.analysis.chain_of_table import chain_of
         from gaitsweep.papers.ambe2021.analysis.travelling_wave import free_link, nearest_set, relative_phases
 

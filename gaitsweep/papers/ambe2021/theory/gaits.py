@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.circular import wrapped_difference
+from gaitsweep.analyses import wrapped_difference
 from gaitsweep.papers.ambe2021.theory.chain import (
     TABLE_1,
     Chain,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.records import FAILURES, require
+from gaitsweep.analyses import FAILURES, require
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART
 
 # The gaits and mirror images of each kind; slow kinds first.

@@ -22,7 +22,7 @@ from gaitsweep.analysis.continuation.stable_ranges import MARKS
 from gaitsweep.kinds.numbers import Real, Text
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, described, is_angle, moved_parameter
-from gaitsweep.plot.figure_kind import Column, Observed, Title, figure_kind
+from gaitsweep.plot.kind import Column, Observed, Title, figure_kind
 
 _STABLE, _UNSTABLE = "#0072B2", "#D55E00"
 # fill and hatch of the ranges beside the branches, in order
