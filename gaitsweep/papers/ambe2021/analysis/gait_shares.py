@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analyses import LEVEL, axes_of, fractions, proportion_interval
-from gaitsweep.papers.ambe2021.analysis.chain_of_table import chains_of, parameters_of
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chains_of, parameters_of
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.conditions import source_conditions, wave_conditions
 

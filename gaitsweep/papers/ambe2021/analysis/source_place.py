@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analyses import SETTLED, AnalysisError, axes_of, wrapped_difference
-from gaitsweep.papers.ambe2021.analysis.chain_of_table import chains_of, one_chain, parameters_of
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chains_of, one_chain, parameters_of
 from gaitsweep.papers.ambe2021.theory.conserved import drift, drift_on_ground
 
 

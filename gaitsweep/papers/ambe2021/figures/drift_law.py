@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from gaitsweep.analyses import FAILED, NOT_SETTLED
-from gaitsweep.papers.ambe2021.analysis.chain_of_table import chain_of, profile_parameters_of
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, profile_parameters_of
 from gaitsweep.papers.ambe2021.theory.conserved import drift, worst_case_cycles
 from gaitsweep.plot import (
     GaitColumn,

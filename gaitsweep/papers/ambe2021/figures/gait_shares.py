@@ -14,9 +14,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
 from gaitsweep import near_miss
-from gaitsweep.papers.ambe2021.analysis.chain_of_table import chains_of, has_profile, parameters_of
 from gaitsweep.papers.ambe2021.analysis.gait_shares import GAITS, existence, springs_of
 from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares as shares_of
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chains_of, has_profile, parameters_of
 from gaitsweep.plot import (
     TEXT_COLUMNS,
     AlongAxis,

@@ -13,8 +13,8 @@ from matplotlib.lines import Line2D
 from pydantic import Field
 
 from gaitsweep.analyses import FAILED, NOT_SETTLED, in_order
-from gaitsweep.papers.ambe2021.analysis.chain_of_table import chain_of, profile_parameters_of
-from gaitsweep.papers.ambe2021.analysis.largest_distance import largest_distance
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, profile_parameters_of
+from gaitsweep.papers.ambe2021.multilegged.largest_distance import largest_distance
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.gaits import SHORTEST, segments
 from gaitsweep.plot import (

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from gaitsweep.papers.ambe2021.analysis.chain_of_table import chain_of
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of
 from gaitsweep.papers.ambe2021.theory.chain import Chain, touchdown_phase
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, gait_of
 from gaitsweep.papers.ambe2021.theory.order import jumps, touchdown_order
