@@ -11,11 +11,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
+from typer.main import get_group
 
 from gaitsweep.extension import extensions
 
 
-class _Analyses(typer.core.TyperGroup):
+class _Analyses(TyperGroup):
     """The commands of gaitsweep, and those of extensions, which are read when a command is looked for."""
 
     @property
@@ -50,6 +52,7 @@ def result_table(directory: Path) -> Any:
 
 
 def print_table(found: Any, digits: int = 4, index: bool = False) -> None:
+    """Print a data frame, its numbers with so many digits after the point."""
     print(found.round(digits).to_string(index=index))
 
 
@@ -169,4 +172,4 @@ def _of_extensions() -> dict[str, Any]:
     for extension in extensions().values():
         for name in extension.analyses:
             theirs.registered_commands.extend(importlib.import_module(name).app.registered_commands)
-    return dict(typer.main.get_group(theirs).commands)
+    return dict(get_group(theirs).commands)

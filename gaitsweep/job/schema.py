@@ -199,8 +199,9 @@ def read_figures(value: Any, file: str) -> list[dict[str, Any]]:
     Raises:
         JobError: what is wrong with them, a sentence each, which names the file.
     """
+    data = {"figures": value}
     try:
-        read = _Figures.model_validate(data := {"figures": value})
+        read = _Figures.model_validate(data)
     except ValidationError as error:
         wrong = from_pydantic(error, {**_owners(data), "": Owner("a job", _Figures)}, "")
         raise JobError([dataclasses.replace(diagnostic, file=file) for diagnostic in wrong]) from None

@@ -4,4 +4,4 @@ from __future__ import annotations
 
 from gaitsweep.shipped import shipped
 
-FOLDERS = {"jobs": shipped("sweeps"), "configs": shipped("configs"), "claims": shipped("configs/claims")}
+JOBS, CONFIGS, CLAIMS = shipped("sweeps"), shipped("configs"), shipped("configs/claims")

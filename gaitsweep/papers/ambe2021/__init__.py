@@ -1,7 +1,7 @@
 """Ambe et al. 2021: a chain of legs with phase resetting, its theory, its waves and basins."""
 
 import gaitsweep as gs
-from gaitsweep.papers import FOLDERS
+from gaitsweep.papers import CLAIMS, CONFIGS, JOBS
 
 extension = gs.Extension(
     models={
@@ -25,5 +25,7 @@ extension = gs.Extension(
         "gaitsweep.papers.ambe2021.measures.simulation",
         "gaitsweep.papers.ambe2021.measures.theory",
     ),
-    **FOLDERS,
+    jobs=JOBS,
+    configs=CONFIGS,
+    claims=CLAIMS,
 )

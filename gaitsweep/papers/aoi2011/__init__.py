@@ -1,11 +1,13 @@
 """Aoi et al. 2011: a quadruped with a passive waist joint, and the hysteresis of its gaits."""
 
 import gaitsweep as gs
-from gaitsweep.papers import FOLDERS
+from gaitsweep.papers import CLAIMS, CONFIGS, JOBS
 
 extension = gs.Extension(
     models={"waist_quadruped": "gaitsweep.papers.aoi2011.waist_quadruped:WaistQuadruped"},
     gait_styles={"walk": ("#E69F00", "o"), "trot": ("#0072B2", "^"), "pace": ("#D55E00", "v")},
     measures=("gaitsweep.papers.aoi2011.measures",),
-    **FOLDERS,
+    jobs=JOBS,
+    configs=CONFIGS,
+    claims=CLAIMS,
 )

@@ -1,7 +1,7 @@
 """Fukuoka et al. 2015: a planar quadruped with Matsuoka oscillators and leg loading, and its nine gaits."""
 
 import gaitsweep as gs
-from gaitsweep.papers import FOLDERS
+from gaitsweep.papers import CLAIMS, CONFIGS, JOBS
 
 extension = gs.Extension(
     models={"planar_quadruped": "gaitsweep.papers.fukuoka2015.planar_quadruped:PlanarQuadruped"},
@@ -31,5 +31,7 @@ extension = gs.Extension(
         "speed_transitions": "gaitsweep.papers.fukuoka2015.analysis.speed_transitions:speed_transitions",
     },
     measures=("gaitsweep.papers.fukuoka2015.measures",),
-    **FOLDERS,
+    jobs=JOBS,
+    configs=CONFIGS,
+    claims=CLAIMS,
 )
