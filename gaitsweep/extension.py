@@ -12,8 +12,9 @@ import dataclasses
 import functools
 import importlib
 import importlib.metadata
+import itertools
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -104,9 +105,9 @@ def gait_styles() -> Mapping[str, tuple[str, str]]:
     return MappingProxyType(found)
 
 
-def import_all(modules: Iterable[str]) -> None:
-    """Import modules, which register what they define."""
-    for name in modules:
+def import_all(kind: str) -> None:
+    """Import the modules of one kind of all extensions (figures, ...), which register what they define."""
+    for name in itertools.chain.from_iterable(getattr(each, kind) for each in extensions().values()):
         importlib.import_module(name)
 
 

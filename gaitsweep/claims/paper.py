@@ -14,7 +14,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from gaitsweep import near_miss
 from gaitsweep.claims.measures import MEASURES
 from gaitsweep.errors import ArgumentError
-from gaitsweep.extension import extensions, folders, import_all
+from gaitsweep.extension import folders, import_all
 from gaitsweep.job.yaml_document import Document, read_document
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, found, from_pydantic
 from gaitsweep.kinds.numbers import InvalidValue, Stem, read_stem
@@ -154,8 +154,7 @@ def read_paper(name: str | Path) -> Paper:
             )
         file = known[str(name)]
     document = read_document(file)
-    for extension in extensions().values():
-        import_all(extension.measures)
+    import_all("measures")
     wrong: list[Diagnostic] = []
     data = document.data
     for key in data:

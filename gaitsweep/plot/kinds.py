@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gaitsweep.extension import extensions, import_all
+from gaitsweep.extension import import_all
 from gaitsweep.plot.basins.basin import basin as basin
 from gaitsweep.plot.basins.basin_measures import basin_measures as basin_measures
 from gaitsweep.plot.basins.gait_map import gait_map as gait_map
@@ -17,5 +17,4 @@ from gaitsweep.plot.bifurcations.return_map import return_map as return_map
 from gaitsweep.plot.bifurcations.stable_ranges import stable_ranges as stable_ranges
 from gaitsweep.plot.footfalls import footprints as footprints
 
-for _extension in extensions().values():
-    import_all(_extension.figures)
+import_all("figures")
