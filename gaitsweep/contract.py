@@ -22,6 +22,11 @@ import numpy as np
 if TYPE_CHECKING:
     from gaitsweep.skeleton import LimbLook, Skeleton
 
+__all__ = [
+    "Chart", "FixedStepDynamics", "HybridModel", "Model", "Params", "Quantity", "Rates", "Recommended",
+    "ResultCode", "Simultaneous", "State", "Status", "SteppedModel", "Verdict",
+]  # fmt: skip
+
 Params = Any  # a frozen pytree of scalars: a model's parameters
 State = Any  # a frozen dataclass pytree: the continuous variables and the discrete modes of a trajectory
 Rates = dict[str, jax.Array]  # time derivative of each continuous field of a State, by field name

@@ -22,6 +22,8 @@ import numpy as np
 from gaitsweep import near_miss
 from gaitsweep.errors import UserError
 
+__all__ = ["ExpressionError", "evaluate", "names_in"]
+
 CONSTANTS: Mapping[str, float] = {"pi": math.pi, "e": math.e}
 FUNCTIONS = ("sqrt", "sin", "cos", "tan", "exp", "log", "abs", "floor", "min", "max")
 

@@ -12,8 +12,9 @@ import dataclasses
 import functools
 import importlib
 import importlib.metadata
+import itertools
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -33,12 +34,12 @@ class Extension:
 
     Args:
         models: classes of models by the names that jobs use, each as "package.module:Class".
-        figures: modules whose functions are decorated by `gaitsweep.plot.figure_kind.figure_kind`.
+        figures: modules whose functions are decorated by `gaitsweep.plot.figure_kind`.
         run_kinds: modules whose classes are decorated by `gaitsweep.kinds.register`.
         analyses: modules with `app`, a `typer.Typer` whose commands `gaitsweep analyse` has.
         gait_styles: the colour and the Matplotlib marker of each gait, which all figures share.
         functions: what `gs.analyses` has, "package.module:function" or a whole module by name.
-        measures: modules whose functions are decorated by `gaitsweep.claims.measure.measure`.
+        measures: modules whose functions are decorated by `gaitsweep.claims.measure`.
         jobs: a folder of jobs, which `builtin:NAME` finds.
         configs: a folder of configs, likewise.
         claims: a folder of tables of claims, NAME.yaml each, for `gaitsweep reproduce NAME`.
@@ -104,9 +105,9 @@ def gait_styles() -> Mapping[str, tuple[str, str]]:
     return MappingProxyType(found)
 
 
-def import_all(modules: Iterable[str]) -> None:
-    """Import modules, which register what they define."""
-    for name in modules:
+def import_all(kind: str) -> None:
+    """Import the modules of one kind of all extensions (figures, ...), which register what they define."""
+    for name in itertools.chain.from_iterable(getattr(each, kind) for each in extensions().values()):
         importlib.import_module(name)
 
 

@@ -8,6 +8,8 @@ from collections.abc import Iterable
 
 from gaitsweep import effort
 
+__all__ = ["allowing", "nearest", "suggestion"]
+
 _LONGEST_LIST = 40
 _LONGEST_WORD = 60  # letters: longer words are not typing errors, and are slow to compare
 _MOST_COMPARED = 2000  # number of allowed words that are compared

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from gaitsweep.extension import folders
+from gaitsweep.extension import extensions, folders
 
 _PACKAGE = Path(__file__).parent
 EXAMPLES = _PACKAGE / "examples"  # models with their jobs
@@ -37,19 +37,25 @@ def job_folders() -> list[Path]:
 
 
 def shipped_as(file: Path, similar: Callable[[str, list[str]], str | None]) -> str | None:
-    """The name, such as `builtin:quick_basins`, of the shipped job that was meant by a file that is missing.
+    """The shipped job that was meant by a file that is missing: "builtin:quick_basins, which comes with ...".
 
     Args:
         file: the missing file. A name of another folder has to be the shipped job's, since it is rarely meant
             where it is only similar.
         similar: the most similar name of a list, or None.
     """
-    names = sorted(each.stem for folder in job_folders() for each in folder.glob("*.yaml"))
-    if file.parent in job_folders():
-        name = similar(file.stem, names)
-    else:
-        name = file.stem if file.stem in names else None
-    return None if name is None else f"{BUILTIN}{name}"
+    owners = {
+        each.stem: _owner(folder) for folder in reversed(job_folders()) for each in folder.glob("*.yaml")
+    }
+    name = similar(file.stem, sorted(owners)) if file.parent in job_folders() else file.stem
+    return f"{BUILTIN}{name}, which comes with {owners[name]}" if name in owners else None
+
+
+def _owner(folder: Path) -> str:
+    """Whose jobs a folder holds, in a sentence: gaitsweep's, or an extension's."""
+    if folder in (EXAMPLES, shipped("sweeps")):
+        return "gaitsweep"
+    return next(f"the extension {name}" for name, each in extensions().items() if each.jobs == folder)
 
 
 def _named(path: str | Path, *folders: Path) -> Path | None:

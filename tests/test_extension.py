@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import importlib.metadata
+from pathlib import Path
 
 import pytest
 
+import gaitsweep as gs
 from gaitsweep import extension
 from gaitsweep.extension import Extension, ExtensionError, extensions
 
@@ -36,6 +38,14 @@ def test_the_papers_are_extensions() -> None:
 def test_another_package_adds_a_model(installed) -> None:
     installed(entry("other", "OTHER"))
     assert extension.model_paths()["skipper"] == "other.model:Skipper"
+
+
+def test_a_mistyped_job_of_an_extension_is_named_with_it(installed, tmp_path: Path) -> None:
+    (tmp_path / "skipping.yaml").touch()
+    globals()["WITH_JOBS"] = Extension(jobs=tmp_path)
+    installed(entry("other", "WITH_JOBS"))
+    with pytest.raises(gs.JobError, match="builtin:skipping, which comes with the extension other"):
+        gs.load_job("builtin:skiping")
 
 
 @pytest.mark.parametrize(

@@ -24,10 +24,7 @@ def commands() -> Iterator[str]:
     """Each command of `gaitsweep`, its arguments and its options."""
     import typer
 
-    from gaitsweep.cli import analyse
     from gaitsweep.cli.commands import app
-
-    analyse.add_extensions()
 
     yield from _commands(typer.main.get_command(app), "gaitsweep", "##")
 

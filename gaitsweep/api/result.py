@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import functools
 import html
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 import yaml
-from matplotlib.figure import Figure
 
-from gaitsweep import plot
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job, load_job
 from gaitsweep.models import importable
-from gaitsweep.runs.dataset import dataset_of
 from gaitsweep.runs.execute import run_job, table_in_memory
 from gaitsweep.runs.progress import Progress, progress_lines
 from gaitsweep.runs.self_check_report import sentence
@@ -29,52 +25,10 @@ if TYPE_CHECKING:
     import xarray  # pyright: ignore[reportMissingImports]
     from distributed import Client  # pyright: ignore[reportMissingImports]
 
+    from gaitsweep.api.figures_of_table import FiguresOfTable
     from gaitsweep.runs.cluster.dispatch import Cluster
 
 _SHOWN_ROWS = 5
-Spec = ParamSpec("Spec")
-
-
-def _method(
-    figure_of: Callable[Concatenate[pd.DataFrame, Spec], Figure],
-) -> Callable[Concatenate[FiguresOfTable, Spec], Figure]:
-    """A figure's function of a table as a method of `FiguresOfTable`."""
-
-    @functools.wraps(figure_of)
-    def draw(self: FiguresOfTable, *args: Spec.args, **spec: Spec.kwargs) -> Figure:
-        return figure_of(self.table, *args, **spec)
-
-    return draw
-
-
-class FiguresOfTable:
-    """The figures of one table: each function of `gaitsweep.plot` without its first argument."""
-
-    def __init__(self, table: pd.DataFrame) -> None:
-        self.table = table
-
-    def __getattr__(self, name: str) -> Callable[..., Figure]:
-        """A kind of figure that an extension brings."""
-        if name not in plot.FIGURES:
-            raise AttributeError(f"there is no kind of figure {name!r}")
-        return functools.partial(plot.FIGURES[name].draw, self.table)
-
-    def __dir__(self) -> list[str]:
-        return sorted({*super().__dir__(), *plot.FIGURES})
-
-    basin = _method(plot.basin)
-    cycles = _method(plot.cycles)
-    footprints = _method(plot.footprints)
-    hysteresis = _method(plot.hysteresis)
-    return_map = _method(plot.return_map)
-    branches = _method(plot.branches)
-    continuation = _method(plot.continuation)
-    stable_ranges = _method(plot.stable_ranges)
-    folds = _method(plot.folds)
-    gait_map = _method(plot.gait_map)
-    gait_transitions = _method(plot.gait_transitions)
-    basin_measures = _method(plot.basin_measures)
-    shock = _method(plot.shock)
 
 
 class Result:
@@ -115,10 +69,14 @@ class Result:
     @property
     def plot(self) -> FiguresOfTable:
         """The figures of `gaitsweep.plot` for this table: `result.plot.basin(x="psi_1", y="psi_2")`."""
+        from gaitsweep.api.figures_of_table import FiguresOfTable  # which imports Matplotlib
+
         return FiguresOfTable(self.table)
 
     def to_xarray(self) -> xarray.Dataset:
         """The table as a dataset whose dimensions are the axes; see `gaitsweep.runs.dataset.dataset_of`."""
+        from gaitsweep.runs.dataset import dataset_of
+
         return dataset_of(self.table)
 
     def job(self) -> str:

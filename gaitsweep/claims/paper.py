@@ -12,9 +12,9 @@ import pandas as pd
 from pydantic import Field, TypeAdapter, ValidationError
 
 from gaitsweep import near_miss
-from gaitsweep.claims.measure import MEASURES
+from gaitsweep.claims.measures import MEASURES
 from gaitsweep.errors import ArgumentError
-from gaitsweep.extension import folders
+from gaitsweep.extension import folders, import_all
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, found, from_pydantic
 from gaitsweep.schema.numbers import InvalidValue, Stem, read_stem
 from gaitsweep.schema.strict_model import StrictModel
@@ -154,8 +154,7 @@ def read_paper(name: str | Path) -> Paper:
             )
         file = known[str(name)]
     document = read_document(file)
-    import gaitsweep.claims.measures  # noqa: F401 - registers the measures, which import JAX
-
+    import_all("measures")
     wrong: list[Diagnostic] = []
     data = document.data
     for key in data:

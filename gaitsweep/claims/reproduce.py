@@ -12,7 +12,7 @@ from pathlib import Path
 import pandas as pd
 import yaml
 
-from gaitsweep.claims.measure import MEASURES, Value
+from gaitsweep.claims.measures import MEASURES, Value
 from gaitsweep.claims.page import page
 from gaitsweep.claims.paper import Claim, Paper, PaperJob
 from gaitsweep.claims.verdict import ClaimVerdict, verdict

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from gaitsweep.claims.measure import Value
+from gaitsweep.claims.measures import Value
 from gaitsweep.claims.paper import Claim
 
 

@@ -11,10 +11,26 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
+from typer.main import get_group
 
 from gaitsweep.extension import extensions
 
+
+class _Analyses(TyperGroup):
+    """The commands of gaitsweep, and those of extensions, which are read when a command is looked for."""
+
+    @property
+    def commands(self) -> dict[str, Any]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self._own | _of_extensions()
+
+    @commands.setter
+    def commands(self, own: dict[str, Any]) -> None:
+        self._own = own
+
+
 app = typer.Typer(
+    cls=_Analyses,
     help="Analyse the table of a result directory, and print the numbers.",
     no_args_is_help=True,
     rich_markup_mode=None,
@@ -37,7 +53,7 @@ def result_table(directory: Path) -> Any:
 
 
 def print_table(found: Any, digits: int = 4, index: bool = False) -> None:
-    """Print a table with numbers to some digits."""
+    """Print a data frame, its numbers with so many digits after the point."""
     print(found.round(digits).to_string(index=index))
 
 
@@ -147,12 +163,14 @@ def gait_transitions(
 
 
 @functools.cache
-def add_extensions() -> None:
-    """Add the commands that extensions bring.
+def _of_extensions() -> dict[str, Any]:
+    """The commands that extensions bring, by name.
 
     Raises:
         ExtensionError: an extension cannot be used.
     """
+    theirs = typer.Typer(rich_markup_mode=None)
     for extension in extensions().values():
         for name in extension.analyses:
-            app.registered_commands.extend(importlib.import_module(name).app.registered_commands)
+            theirs.registered_commands.extend(importlib.import_module(name).app.registered_commands)
+    return dict(get_group(theirs).commands)

@@ -18,7 +18,6 @@ from typing import Any
 
 import typer
 
-from gaitsweep.cli import analyse
 from gaitsweep.cli.commands import STOPPED, app
 from gaitsweep.cli.compiled_programs import keep_compiled_programs
 from gaitsweep.errors import EXIT_FAILURE, UserError, refuse_windows
@@ -55,7 +54,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with warnings.catch_warnings():
             warnings.showwarning = _shown_as_sentence(warnings.showwarning)
             keep_compiled_programs()
-            analyse.add_extensions()
             code = app(args=arguments, prog_name="gaitsweep", standalone_mode=False)
             sys.stdout.flush()
     except KeyboardInterrupt as stop:

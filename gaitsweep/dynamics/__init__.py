@@ -1,1 +1,7 @@
 """Mechanics and oscillators that models share."""
+
+from __future__ import annotations
+
+from gaitsweep.public_names import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -22,6 +22,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+__all__ = ["EXTENSOR", "FLEXOR", "Coupling", "leg_feedback", "links", "rates"]
+
 Scalar: TypeAlias = jax.Array | float
 
 EXTENSOR, FLEXOR = 0, 1

@@ -17,7 +17,7 @@ from gaitsweep.job.model_spec import ModelSpec
 from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.kinds.run_kind import Movement, table_columns
 from gaitsweep.models.conformity import NAMED, faults_of_rows
-from gaitsweep.plot.figure_kind import FigureKind, PlannedTable
+from gaitsweep.plot.kind import FigureKind, PlannedTable
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path
 from gaitsweep.schema.strict_model import kind_of
 

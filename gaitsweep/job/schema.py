@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -27,7 +28,7 @@ from gaitsweep.job.job_hash import job_hash
 from gaitsweep.job.numerics import EngineChoice, NumericsSpec, rows_of_a_part
 from gaitsweep.job.reading import read_job
 from gaitsweep.kinds import RUN_KINDS, RunKind
-from gaitsweep.plot import FIGURES, FigureKind
+from gaitsweep.plot.kind import FIGURES, FigureKind
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, from_pydantic
 from gaitsweep.schema.numbers import Stem, Text, VerifyCount
 from gaitsweep.schema.strict_model import OneOf, StrictModel
@@ -99,7 +100,7 @@ class Job(StrictModel):
             return data
         with effort.limited():
             folder = (info.context or {}).get("folder", Path.cwd())
-            job, job._design, job._integration = read_job(data, folder, handler, _sections())
+            job, job._design, job._integration = read_job(data, folder, handler, _sections(data))
         return job
 
     @property
@@ -173,13 +174,14 @@ class Job(StrictModel):
         return job_hash(self.resolved(), self.run, runs_on, steps)
 
 
-def _sections() -> dict[str, SchemaSection]:
+def _sections(data: Any) -> dict[str, SchemaSection]:
     """The parts of a job by the keys under which pydantic reports them."""
     runs = {kind: SchemaSection(f"run ({kind})", part, "run") for kind, part in RUN_KINDS.items()}
     # a figure's kind may be a run's too (return_map), hence the prefix
+    asked = FIGURES if isinstance(data, Mapping) and data.get("figures") else {}  # they take long to import
     figures = {
         f"figures.{kind}": SchemaSection(f"a figure ({kind})", part, "figures")
-        for kind, part in FIGURES.items()
+        for kind, part in asked.items()
     }
     others = {"": SchemaSection("a job", Job), "numerics": SchemaSection("numerics", NumericsSpec)}
     return {**others, **runs, "engine": SchemaSection("engine", EngineChoice), **figures}
@@ -197,10 +199,11 @@ def read_figures(value: Any, file: str) -> list[dict[str, Any]]:
     Raises:
         JobError: what is wrong with them, a sentence each, which names the file.
     """
+    data = {"figures": value}
     try:
-        read = _Figures.model_validate({"figures": value})
+        read = _Figures.model_validate(data)
     except ValidationError as error:
-        wrong = from_pydantic(error, {**_sections(), "": SchemaSection("a job", _Figures)}, "")
+        wrong = from_pydantic(error, {**_sections(data), "": SchemaSection("a job", _Figures)}, "")
         raise JobError([dataclasses.replace(diagnostic, file=file) for diagnostic in wrong]) from None
     plain = [figure.model_dump(mode="json", exclude_none=True) for figure in read.figures]
     stems = [figure.get("name") or figure["kind"] for figure in plain]

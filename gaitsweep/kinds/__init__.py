@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from gaitsweep.extension import extensions, import_all
+from gaitsweep.extension import import_all
 from gaitsweep.kinds.continuation import Continuation
 from gaitsweep.kinds.fixed_time import FixedTime
 from gaitsweep.kinds.folds import Folds
@@ -30,8 +30,7 @@ RUN_KINDS: Registry[RunKind] = Registry(
 )
 register = RUN_KINDS.register
 unregister = RUN_KINDS.unregister
-for _extension in extensions().values():
-    import_all(_extension.run_kinds)
+import_all("run_kinds")
 
 
 def parameter_written(run: Any) -> Any:

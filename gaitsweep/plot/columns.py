@@ -5,11 +5,10 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.circular import is_circular as is_angle
@@ -17,6 +16,9 @@ from gaitsweep.analysis.records import axes_of, outcome_labels
 from gaitsweep.design.vary import written_groups
 from gaitsweep.errors import UserError
 from gaitsweep.mathtext import can_be_set, settable
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _GREEK = frozenset(
     {"alpha", "beta", "gamma", "delta", "eta", "kappa", "mu", "omega", "phi", "psi", "sigma", "tau", "theta"}

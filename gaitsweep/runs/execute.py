@@ -22,7 +22,6 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
 from gaitsweep.job.checks import remarks_on_rows
 from gaitsweep.row_outcome import RowOutcome
-from gaitsweep.runs.figures import draw_of_complete
 from gaitsweep.runs.makers import continue_directory
 from gaitsweep.runs.prepare import RunContext, naming_the_file, prepare
 from gaitsweep.runs.progress import Progress
@@ -102,7 +101,9 @@ def run_job(
             describe(context, directory)
             sum_up(context, directory, directory.manifest.get("timings", {}))
         checked = check.found(progress)
-        if figures:
+        if figures and resolved["figures"]:
+            from gaitsweep.runs.figures import draw_of_complete  # which imports Matplotlib
+
             draw_of_complete(directory, resolved["figures"], progress, tell)
     if checked.get("verdict") == "warned":
         text = f"{sentence(checked)} {advice(checked, spec.numerics.dt)}"

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import importlib
 import operator
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
@@ -35,17 +36,19 @@ def kind_of(model: type[StrictModel]) -> str:
 ModelT = TypeVar("ModelT", bound=StrictModel)
 
 
-class Registry(dict[str, type[ModelT]]):
+class Registry(Mapping[str, type[ModelT]]):
     """Models by their kind, in the order in which they were registered.
 
     Args:
         noun: what a sentence calls a member, such as "run".
         models: the members that are always there.
+        module: a module that registers further members; it is imported when one is first looked for.
     """
 
-    def __init__(self, noun: str, models: Iterable[type[ModelT]]) -> None:
-        super().__init__()
+    def __init__(self, noun: str, models: Iterable[type[ModelT]] = (), module: str | None = None) -> None:
         self.noun = noun
+        self._module = module
+        self._models: dict[str, type[ModelT]] = {}
         for model in models:
             self.register(model)
 
@@ -57,7 +60,7 @@ class Registry(dict[str, type[ModelT]]):
             ValueError: the registry has another model of this kind.
         """
         kind = kind_of(model)
-        if self.setdefault(kind, model) is not model:
+        if self._models.setdefault(kind, model) is not model:
             raise ValueError(f"There is a kind of {self.noun} named {kind}: give this one another name.")
         return model
 
@@ -67,7 +70,22 @@ class Registry(dict[str, type[ModelT]]):
         Raises:
             KeyError: the registry has no such model.
         """
-        del self[kind]
+        del self._members[kind]
+
+    @property
+    def _members(self) -> dict[str, type[ModelT]]:
+        if self._module is not None:
+            importlib.import_module(self._module)
+        return self._models
+
+    def __getitem__(self, kind: str) -> type[ModelT]:
+        return self._members[kind]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._members)
+
+    def __len__(self) -> int:
+        return len(self._members)
 
 
 @dataclasses.dataclass(frozen=True)

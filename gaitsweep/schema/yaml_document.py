@@ -194,9 +194,9 @@ def _meant(path: Path) -> str:
     """The end of the sentence about a file that is missing."""
     # `sweeps/quick_basins.yaml` of the documentation, in a folder that is no checkout
     if known := shipped_as(path, near_miss.nearest):
-        return f"; did you mean {known}, which comes with gaitsweep?"
+        return f"; did you mean {known}?"
     if path.parent in job_folders():
-        return "; `gaitsweep examples` lists what comes with gaitsweep."
+        return "; `gaitsweep examples` lists the jobs that come with gaitsweep and its extensions."
     if listed := near_miss.nearest(path.name, _yaml_files(path.parent)):
         return f"; did you mean {listed}?"
     return "." if path.parent.is_dir() else f", nor does its folder {path.parent}."

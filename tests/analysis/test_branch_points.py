@@ -14,7 +14,7 @@ from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.analysis.continuation.fold_curves import fold_curves
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.analysis.continuation.stable_ranges import stable_ranges
-from gaitsweep.plot.branches.continuation import continuation as draw
+from gaitsweep.plot.bifurcations.continuation import continuation as draw
 
 LOWER, UPPER = "supercritical_pitchfork", "subcritical_pitchfork"
 # x -> s x + r (k x + p) + a x^2 + b x^3

@@ -9,7 +9,7 @@ from matplotlib.colors import to_hex
 
 from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.analysis.continuation.plain_map import PlainMap
-from gaitsweep.plot.branches.continuation import continuation as draw
+from gaitsweep.plot.bifurcations.continuation import continuation as draw
 
 
 def fold(values, x):

@@ -8,8 +8,8 @@ import pytest
 
 from gaitsweep import plot
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.papers.ambe2021.analysis.chain_of_table import chain_of, chains_of
 from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares, sets_by_conditions
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, chains_of
 
 
 def table(**more: list[float]) -> pd.DataFrame:

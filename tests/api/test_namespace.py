@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import pkgutil
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -44,19 +45,74 @@ WRONG = {
 }
 
 
+PUBLIC = (
+    *("gaitsweep", "gaitsweep.analyses", "gaitsweep.claims", "gaitsweep.cli", "gaitsweep.contract"),
+    *(
+        "gaitsweep.dynamics",
+        "gaitsweep.dynamics.matsuoka",
+        "gaitsweep.dynamics.mjx",
+        "gaitsweep.dynamics.tree",
+    ),
+    *("gaitsweep.expression", "gaitsweep.near_miss", "gaitsweep.plot"),
+)
+
+
 def test_names() -> None:
     assert dir(gs) == sorted(gs.__all__) == sorted(set(gs.__all__))
     for name in gs.__all__:
         assert getattr(gs, name) is not None
-    imports = [
-        each
-        for each in ast.walk(ast.parse(Path(gs.__file__).read_text()))
-        if isinstance(each, ast.ImportFrom)
-    ]
-    typed = {alias.name for each in imports for alias in each.names if alias.asname is not None}
-    assert typed | {"__version__"} == set(gs.__all__), "a type checker sees other names than Python"
     with pytest.raises(AttributeError, match="nothing"):
         _ = gs.nothing  # pyright: ignore[reportAttributeAccessIssue]
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_public_modules(name: str) -> None:
+    module = importlib.import_module(name)
+    assert set(module.__all__) <= set(dir(module))
+    for each in module.__all__:
+        assert getattr(module, each) is not None
+    with pytest.raises(AttributeError, match="nothing"):
+        _ = module.nothing
+
+
+def test_kinds_of_figures_are_listed() -> None:
+    """Those of extensions too; each is a function, although a module may have its name."""
+    assert {"basin", "footprints", "solution_set", "figure_kind"} <= set(dir(gs.plot))
+    assert all(callable(getattr(gs.plot, kind)) for kind in gs.plot.FIGURES)
+
+
+def papers() -> list[Path]:
+    root = Path(gs.__file__).parent
+    goswami = root.parent / "docs/papers"
+    return [file for each in (root / "papers", root / "examples", goswami) for file in each.rglob("*.py")]
+
+
+def test_papers_import_the_public_api_alone() -> None:
+    """As a package of a user's own would: public modules, and the names that these list."""
+    for file in papers():
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                ours = [alias.name for alias in node.names if alias.name.startswith("gaitsweep")]
+                assert ours in ([], ["gaitsweep"]), (file, node.lineno)
+            elif isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "gaitsweep":
+                assert node.module is not None
+                if node.module.startswith("gaitsweep.papers") or file.parent.name == "papers":
+                    continue  # a paper's own, and the folders of the checkout
+                assert node.module in PUBLIC, (file, node.lineno, node.module)
+                listed = set(importlib.import_module(node.module).__all__)
+                assert {alias.name for alias in node.names} <= listed, (file, node.lineno)
+
+
+def test_nothing_but_the_papers_names_a_paper() -> None:
+    named = re.compile(r"multilegged|waist|planar|(?<!l)ambe|aoi|fukuoka", re.IGNORECASE)
+    root = Path(gs.__file__).parent
+    for file in root.rglob("*"):
+        if file.is_dir() or "papers" in file.relative_to(root).parts or file.suffix == ".pyc":
+            continue
+        text = file.read_text(encoding="utf-8")
+        if file.parent.name == "dynamics":  # whose docstrings give sources
+            text = re.sub(r'""".*?"""', "", text, flags=re.DOTALL)
+        assert (found := named.search(text)) is None, (file, found)
 
 
 def test_no_module_rebinds_a_function() -> None:
@@ -68,19 +124,33 @@ def test_no_module_rebinds_a_function() -> None:
         assert callable(getattr(gs, name)), name
 
 
+def imported_by(code: str, *names: str) -> list[str]:
+    """Which of these modules a fresh Python has imported after some code."""
+    code = f"{code}\nimport sys; print(*[name for name in {names} if name in sys.modules])"
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    return shown.splitlines()[-1].split()
+
+
 def test_the_import_is_light() -> None:
     """`gaitsweep --help` has to answer before JAX and pandas could be imported."""
-    code = "import sys, gaitsweep; print([m for m in ('jax', 'pandas', 'matplotlib') if m in sys.modules])"
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert shown.strip() == "[]"
+    assert not imported_by("import gaitsweep", "jax", "pandas", "matplotlib")
 
 
 def test_reading_a_job_is_light() -> None:
-    """A job needs every kind of figure, but neither SciPy's parts nor MuJoCo, which are as slow as JAX."""
+    """It needs neither SciPy's parts nor MuJoCo, which are as slow as JAX, even where it has figures."""
     heavy = ("scipy.stats", "scipy.optimize", "scipy.signal", "scipy.ndimage", "scipy.spatial", "mujoco")
-    code = f"import sys, gaitsweep.job, gaitsweep.plot; print([m for m in {heavy} if m in sys.modules])"
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert shown.strip() == "[]"
+    assert not imported_by("import gaitsweep.job, gaitsweep.plot.kinds", *heavy)
+
+
+def test_a_sweep_imports_no_figures() -> None:
+    """Nor an explorer, movies or a cluster, which would double what a first small sweep costs."""
+    heavy = ("matplotlib", "gaitsweep.plot.kinds", "gaitsweep.view", "gaitsweep.fitting", "distributed")
+    assert not imported_by("import gaitsweep as gs; gs.sweep, gs.run, gs.Settle, gs.Job, gs.Result", *heavy)
+
+
+def test_help_reads_no_extension() -> None:
+    code = "from gaitsweep.cli import main; main(['--help'])"
+    assert not imported_by(code, "gaitsweep.papers", "jax", "pandas")
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.claims.measures.general import default_values, ratio_of_medians
+from gaitsweep.claims.measures import default_values, ratio_of_medians
 from gaitsweep.papers.aoi2011 import measures as measures
 from tests.support.hysteresis_tables import CENTRE, FOLD, map_table, settle_table, staircase_table
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitsweep.claims.measures.general import MeasureError, default_values
+from gaitsweep.claims.measures import MeasureError, default_values
 from gaitsweep.claims.paper import read_paper
 from gaitsweep.claims.verdict import ClaimVerdict, verdict
 from gaitsweep.papers.fukuoka2015 import measures as measures

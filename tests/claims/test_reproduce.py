@@ -8,8 +8,7 @@ import pandas as pd
 import pytest
 
 from benchmarks.reliability.faults import FAULTS, ROOT
-from gaitsweep.claims.measure import MEASURES
-from gaitsweep.claims.measures.general import MeasureError, difference_of_shares, share, texts, value
+from gaitsweep.claims.measures import MEASURES, MeasureError, difference_of_shares, share, texts, value
 from gaitsweep.claims.paper import known_papers, read_paper
 from gaitsweep.claims.reproduce import reproduce
 from gaitsweep.cli import main

@@ -22,7 +22,6 @@ from benchmarks.docs_numbers import (
     sourced,
     unsourced,
 )
-from gaitsweep.cli import analyse
 from gaitsweep.cli.commands import app
 
 PAGE = """# Gaits
@@ -132,7 +131,6 @@ def test_a_command_that_fails_differs(
 
 @pytest.mark.parametrize("page", pages(), ids=lambda page: page.name)
 def test_commands_of_the_pages_exist(page: Path) -> None:
-    analyse.add_extensions()
     text = page.read_text(encoding="utf-8")
     list(sourced(text))
     assert len(list(checks(text))) == len(re.findall("<!-- numbers[,:]", text))

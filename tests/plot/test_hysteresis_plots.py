@@ -14,7 +14,7 @@ from matplotlib.patches import FancyArrowPatch
 from gaitsweep import plot
 from gaitsweep.extension import gait_styles
 from gaitsweep.plot import PlotError
-from gaitsweep.plot.branches.passes import DOWN, UP
+from gaitsweep.plot.bifurcations.passes import DOWN, UP
 from gaitsweep.plot.style import COLOURS, angle_ticks, in_pi
 from tests.support.hysteresis_tables import (
     FOLD,

@@ -1,1 +1,7 @@
 """Rigid bodies simulated by MuJoCo's MJX."""
+
+from __future__ import annotations
+
+from gaitsweep.public_names import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -3,7 +3,8 @@
 import pandas as pd
 import typer
 
-from gaitsweep.cli.analyse import Directory, print_table, result_table
+import gaitsweep as gs
+from gaitsweep.cli import Directory, print_table
 
 app = typer.Typer()
 
@@ -18,4 +19,4 @@ def launches(table: pd.DataFrame) -> pd.DataFrame:
 @app.command()
 def hopper_launches(directory: Directory) -> None:
     """Print the speed of the launch in each gait."""
-    print_table(launches(result_table(directory)))
+    print_table(launches(gs.load(directory)))

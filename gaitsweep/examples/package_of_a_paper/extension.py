@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from gaitsweep.extension import Extension
+import gaitsweep as gs
 
 _HERE = Path(__file__).parent
-extension = Extension(
+extension = gs.Extension(
     models={"hopper": "hopper.model:Hopper"},
     figures=("hopper.figures",),
     gait_styles={"1:1": ("#0072B2", "o"), "2:1": ("#E69F00", "^"), "3:1": ("#009E73", "s")},

@@ -3,8 +3,7 @@
 import pandas as pd
 from matplotlib.figure import Figure
 
-from gaitsweep.plot import style
-from gaitsweep.plot.figure_kind import Title, figure_kind
+from gaitsweep.plot import Title, figure_kind, style
 
 
 @figure_kind("settle")

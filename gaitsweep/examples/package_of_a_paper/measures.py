@@ -3,10 +3,10 @@
 import numpy as np
 import pandas as pd
 
-from gaitsweep.claims.measure import measure
+import gaitsweep as gs
 
 
-@measure
+@gs.claims.measure
 def hopper_launch_error(table: pd.DataFrame, *, g: float, omega: float) -> float:
     """Largest distance (m/s) of a launch from that of a whole number of turns a hop, turns pi g / omega."""
     even = table.loc[table["gait"] != "none"]

@@ -3,16 +3,14 @@
 import numpy as np
 
 import gaitsweep as gs
-from gaitsweep.claims.paper import read_paper
-from gaitsweep.models.conformity import fault
 
 
 def test_the_model_keeps_the_contract():
-    assert fault(gs.models.find("hopper")()) is None
+    assert gs.fault(gs.models.find("hopper")()) is None
 
 
 def test_the_claims_can_be_read():
-    assert len(read_paper("hopper").claims) == 3
+    assert len(gs.claims.read_paper("hopper").claims) == 3
 
 
 def test_one_turn_a_hop_is_steady():

@@ -1,9 +1,9 @@
 """Ambe et al. 2021: a chain of legs with phase resetting, its theory, its waves and basins."""
 
-from gaitsweep.extension import Extension
-from gaitsweep.shipped import shipped
+import gaitsweep as gs
+from gaitsweep.papers import CLAIMS, CONFIGS, JOBS
 
-extension = Extension(
+extension = gs.Extension(
     models={
         "multilegged": "gaitsweep.papers.ambe2021.multilegged.model:Multilegged",
         "multilegged_reduced": "gaitsweep.papers.ambe2021.multilegged.reduced:MultileggedReduced",
@@ -25,7 +25,7 @@ extension = Extension(
         "gaitsweep.papers.ambe2021.measures.simulation",
         "gaitsweep.papers.ambe2021.measures.theory",
     ),
-    jobs=shipped("sweeps"),
-    configs=shipped("configs"),
-    claims=shipped("configs/claims"),
+    jobs=JOBS,
+    configs=CONFIGS,
+    claims=CLAIMS,
 )

@@ -1,13 +1,13 @@
 """Aoi et al. 2011: a quadruped with a passive waist joint, and the hysteresis of its gaits."""
 
-from gaitsweep.extension import Extension
-from gaitsweep.shipped import shipped
+import gaitsweep as gs
+from gaitsweep.papers import CLAIMS, CONFIGS, JOBS
 
-extension = Extension(
+extension = gs.Extension(
     models={"waist_quadruped": "gaitsweep.papers.aoi2011.waist_quadruped:WaistQuadruped"},
     gait_styles={"walk": ("#E69F00", "o"), "trot": ("#0072B2", "^"), "pace": ("#D55E00", "v")},
     measures=("gaitsweep.papers.aoi2011.measures",),
-    jobs=shipped("sweeps"),
-    configs=shipped("configs"),
-    claims=shipped("configs/claims"),
+    jobs=JOBS,
+    configs=CONFIGS,
+    claims=CLAIMS,
 )

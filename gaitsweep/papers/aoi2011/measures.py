@@ -23,17 +23,30 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from gaitsweep.analysis.circular import mean_direction, on_line
-from gaitsweep.analysis.continuation.stable_ranges import stable_ranges
-from gaitsweep.analysis.records import AnalysisError, require
-from gaitsweep.analysis.transitions import return_map
-from gaitsweep.analysis.transitions.transition_points import transition_points, transition_points_by_gait
-from gaitsweep.circular import TURN, wrapped_difference
-from gaitsweep.claims.measure import Condition, measure
-from gaitsweep.claims.measures.general import defaults, masked, records, stances, value
-from gaitsweep.dynamics.tree.kinematics import movements, places, rates, velocity
-from gaitsweep.dynamics.tree.spatial import turned
-from gaitsweep.job.stored import row_params, stored_job
+from gaitsweep.analyses import (
+    TURN,
+    AnalysisError,
+    fixed_points,
+    mean_direction,
+    on_line,
+    require,
+    stable_ranges,
+    transition_points,
+    transition_points_by_gait,
+    wrapped_difference,
+)
+from gaitsweep.claims import (
+    Condition,
+    defaults,
+    masked,
+    measure,
+    records,
+    row_params,
+    stances,
+    stored_job,
+    value,
+)
+from gaitsweep.dynamics.tree import movements, places, rates, turned, velocity
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.drawing import scaled_mjcf
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import LATE
@@ -340,7 +353,7 @@ def kinds_of_fixed_points(
     table: pd.DataFrame, *, observable: str, parameter: str, at: float, bandwidth: float | None = None
 ) -> list[str]:
     """Kinds of the fixed points of the return map at a value of the parameter, in order of the observable."""
-    found = return_map.fixed_points(table, observable, parameter, bandwidth)
+    found = fixed_points(table, observable, parameter, bandwidth)
     here = np.flatnonzero(np.isclose(found[parameter].to_numpy(float), at))
     order = here[np.argsort(found["value"].to_numpy(float)[here])]
     return ["stable" if found["stable"].iloc[k] else "unstable" for k in order]
@@ -357,7 +370,7 @@ def stable_until(
     bandwidth: float | None = None,
 ) -> float:
     """Largest (`max`) or smallest (`min`) parameter at which the return map has a stable point in a range."""
-    found = return_map.fixed_points(table, observable, parameter, bandwidth)
+    found = fixed_points(table, observable, parameter, bandwidth)
     low, high = between
     value, stable = found["value"].to_numpy(float), found["stable"].to_numpy(bool)
     mine = found[parameter].to_numpy(float)[stable & (value >= low) & (value <= high)]
@@ -371,7 +384,7 @@ def share_with_unstable_between(
     table: pd.DataFrame, *, observable: str, parameter: str, bandwidth: float | None = None
 ) -> float:
     """Share of the parameter values with two stable fixed points that have an unstable one between (1)."""
-    found = return_map.fixed_points(table, observable, parameter, bandwidth)
+    found = fixed_points(table, observable, parameter, bandwidth)
     several = [
         [bool(stable) for stable in here.sort_values("value")["stable"]]
         for _, here in found.groupby(parameter)

@@ -1,9 +1,9 @@
 """Fukuoka et al. 2015: a planar quadruped with Matsuoka oscillators and leg loading, and its nine gaits."""
 
-from gaitsweep.extension import Extension
-from gaitsweep.shipped import shipped
+import gaitsweep as gs
+from gaitsweep.papers import CLAIMS, CONFIGS, JOBS
 
-extension = Extension(
+extension = gs.Extension(
     models={"planar_quadruped": "gaitsweep.papers.fukuoka2015.planar_quadruped:PlanarQuadruped"},
     figures=("gaitsweep.papers.fukuoka2015.figures",),
     analyses=("gaitsweep.papers.fukuoka2015.analyses",),
@@ -31,7 +31,7 @@ extension = Extension(
         "speed_transitions": "gaitsweep.papers.fukuoka2015.analysis.speed_transitions:speed_transitions",
     },
     measures=("gaitsweep.papers.fukuoka2015.measures",),
-    jobs=shipped("sweeps"),
-    configs=shipped("configs"),
-    claims=shipped("configs/claims"),
+    jobs=JOBS,
+    configs=CONFIGS,
+    claims=CLAIMS,
 )

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from gaitsweep.cli.analyse import Directory, Kept, print_table, result_table
+import gaitsweep as gs
+from gaitsweep.cli import Directory, Kept, print_table
 
 app = typer.Typer()
 
@@ -28,7 +29,7 @@ def gaits(
     from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import THRESHOLD
 
     thresholds = (THRESHOLD if threshold is None else threshold,)
-    print_table(gaits_counted(gaits_in(result_table(directory), window=window, thresholds=thresholds)))
+    print_table(gaits_counted(gaits_in(gs.load(directory), window=window, thresholds=thresholds)))
 
 
 @app.command()
@@ -41,7 +42,7 @@ def gait_bouts(
     """List the gaits that follow each other along each row, with the speeds at which they begin and end."""
     from gaitsweep.papers.fukuoka2015.analysis import gait_bouts as bouts
 
-    found = bouts.gait_bouts(bouts.gaits_along(result_table(directory), cycles=cycles), by, least)
+    found = bouts.gait_bouts(bouts.gaits_along(gs.load(directory), cycles=cycles), by, least)
     for row, mine in found.groupby("row"):
         each = [
             f"{s[by]} {s['speed_begin']:.2f} to {s['speed_end']:.2f}"
@@ -65,7 +66,7 @@ def loading_rule(
     """Measure how well leg loads and pitch of the planar quadruped agree with the rule of leg loading."""
     from gaitsweep.papers.fukuoka2015.analysis import loading_rule as rule
 
-    table = result_table(directory)
+    table = gs.load(directory)
     if pairs:
         found = rule.pairs_in(table)
     elif predict:
@@ -86,7 +87,7 @@ def gait_thresholds(
     from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
     from gaitsweep.papers.fukuoka2015.analysis.threshold_effect import gaits_by_threshold, shift_sizes
 
-    table = result_table(directory)
+    table = gs.load(directory)
     print_table(gaits_by_threshold(table, window=window))
     found = gaits_in(table, window=window)
     print("\nSizes of the shifts of both pairs, cycles, and which the threshold reads as in phase:")
@@ -108,7 +109,7 @@ def gait_measures(
     """Print speed, period, flight, pitch, power of the joints and cost of transport of each gait."""
     from gaitsweep.papers.fukuoka2015.analysis import gait_measures as measures
 
-    print_table(measures.gait_measures(result_table(directory), by or None))
+    print_table(measures.gait_measures(gs.load(directory), by or None))
 
 
 @app.command()
@@ -116,7 +117,7 @@ def speed_transitions(directory: Directory, by: Kept = None) -> None:
     """Print the speeds at which gaits change as the speed rises and falls, and the hysteresis between."""
     from gaitsweep.papers.fukuoka2015.analysis import speed_transitions as transitions
 
-    print_table(transitions.speed_transitions(result_table(directory), by or ()), 3)
+    print_table(transitions.speed_transitions(gs.load(directory), by or ()), 3)
 
 
 @app.command()
@@ -131,9 +132,9 @@ def body_oscillation(
     from gaitsweep.papers.fukuoka2015.analysis.oscillation_along import oscillation_along
 
     if along:
-        print_table(oscillation_along(result_table(directory)))
+        print_table(oscillation_along(gs.load(directory)))
     else:
-        print_table(family_oscillation(result_table(directory)).reset_index())
+        print_table(family_oscillation(gs.load(directory)).reset_index())
 
 
 @app.command()
@@ -146,4 +147,4 @@ def repertoire(
     """Print the gaits of each parameter set of the planar quadruped, with their median speeds."""
     from gaitsweep.papers.fukuoka2015.analysis import repertoire as analysis
 
-    print_table(analysis.repertoire(result_table(directory), sets))
+    print_table(analysis.repertoire(gs.load(directory), sets))

@@ -12,13 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.circular import mean_direction
-from gaitsweep.analysis.records import axes_of, require
-from gaitsweep.circular import TURN
-from gaitsweep.claims.measure import Condition, measure
-from gaitsweep.claims.measures.general import (
+from gaitsweep.analyses import TURN, axes_of, mean_direction, require
+from gaitsweep.claims import (
+    Condition,
     MeasureError,
     default_values,
+    measure,
     numbers,
     one_row,
     records,

@@ -28,7 +28,7 @@ from gaitsweep.plot.columns import (
     symbol,
     written,
 )
-from gaitsweep.plot.figure_kind import Horizontal, Hue, Panels, Title, Vertical, figure_kind
+from gaitsweep.plot.kind import Horizontal, Hue, Panels, Title, Vertical, figure_kind
 
 _PANELS_A_ROW = 4
 _MOST_PANELS = 40

@@ -20,7 +20,7 @@ from gaitsweep.analysis.basins.measures import Basins, basins
 from gaitsweep.analysis.records import axes_of
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import axis_label, column, is_angle, rows_where, unit_of, written
-from gaitsweep.plot.figure_kind import TEXT_COLUMNS, Column, PlannedTable, Refusal, Title, figure_kind
+from gaitsweep.plot.kind import TEXT_COLUMNS, Column, PlannedTable, Refusal, Title, figure_kind
 
 _MOST_NAMED = 6  # most lines in a legend; more lines have a colour bar
 _SHADES = ListedColormap(mpl.colormaps["viridis"](np.linspace(0.0, 0.85, 256)))

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
 from gaitsweep.plot import style
-from gaitsweep.plot.figure_kind import PlannedTable, Refusal
+from gaitsweep.plot.kind import PlannedTable, Refusal
 
 
 def check_cells(figure: Any, table: PlannedTable) -> Iterator[Refusal]:

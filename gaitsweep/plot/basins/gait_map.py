@@ -15,7 +15,7 @@ from gaitsweep.contract import Outcome
 from gaitsweep.plot import style
 from gaitsweep.plot.basins.cells import cell_edges, filled, hatch_cells, on_grid
 from gaitsweep.plot.columns import column, described, is_angle, is_logarithmic, log_axes, outcome, rows_where
-from gaitsweep.plot.figure_kind import GaitColumn, Horizontal, Title, Vertical, figure_kind
+from gaitsweep.plot.kind import GaitColumn, Horizontal, Title, Vertical, figure_kind
 
 OTHER = "another gait"  # settled, but in no gait of the model
 _HATCHED = (Outcome.NOT_SETTLED, Outcome.FAILED)

@@ -14,7 +14,7 @@ from gaitsweep.contract import Status
 from gaitsweep.plot.basins.basin import basin
 from gaitsweep.plot.basins.cells import check_cells
 from gaitsweep.plot.columns import column, unit_of
-from gaitsweep.plot.figure_kind import (
+from gaitsweep.plot.kind import (
     TEXT_COLUMNS,
     AlongAxis,
     Column,

@@ -3,7 +3,8 @@
 import pandas as pd
 import typer
 
-from gaitsweep.cli.analyse import Directory, print_table, result_table
+import gaitsweep as gs
+from gaitsweep.cli import Directory, print_table
 
 app = typer.Typer()
 
@@ -29,4 +30,4 @@ def steps_over_slope(table: pd.DataFrame) -> pd.DataFrame:
 @app.command()
 def goswami1998_steps(directory: Directory) -> None:
     """Print after how many steps the compass gait repeats, over the slope."""
-    print_table(steps_over_slope(result_table(directory)))
+    print_table(steps_over_slope(gs.load(directory)))

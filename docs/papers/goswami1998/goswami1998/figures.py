@@ -6,9 +6,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from gaitsweep.plot import style
-from gaitsweep.plot.columns import column, described
-from gaitsweep.plot.figure_kind import Column, Observed, Title, figure_kind
+from gaitsweep.plot import Column, Observed, Title, column, described, figure_kind, style
 
 
 @figure_kind("return_map")

@@ -6,12 +6,11 @@ import numpy as np
 import pandas as pd
 
 import gaitsweep as gs
-from gaitsweep.claims.measure import measure
 
 _COORDINATES = ("theta_s", "theta_s_dot", "theta_ns_dot")
 
 
-@measure
+@gs.claims.measure
 def goswami1998_least_slope(table: pd.DataFrame, *, column: str) -> float:
     """Least change of a column over the slope of the ground, along the stable part of a branch (unit/deg)."""
     stable = table.loc[table["stable"].fillna(False).astype(bool)].sort_values("phi")
@@ -20,7 +19,7 @@ def goswami1998_least_slope(table: pd.DataFrame, *, column: str) -> float:
     return float(np.min(np.diff(stable[column]) / np.diff(stable["phi"])))
 
 
-@measure
+@gs.claims.measure
 def goswami1998_energy_error(table: pd.DataFrame, *, mass: float, g: float) -> float:
     """Largest difference (J) of a strike's loss from the work of gravity in a step, along a branch.
 
@@ -31,7 +30,7 @@ def goswami1998_energy_error(table: pd.DataFrame, *, mass: float, g: float) -> f
     return float(np.abs(fixed["loss_n"] - work).max())
 
 
-@measure
+@gs.claims.measure
 def goswami1998_steps_differ_from(table: pd.DataFrame, *, apart: float = 1e-3) -> float:
     """The least slope (deg) on which the periods of a row's steps differ by more than `apart` (s)."""
     rows = table.groupby("phi")["T_n"].agg(["min", "max"])
@@ -41,20 +40,20 @@ def goswami1998_steps_differ_from(table: pd.DataFrame, *, apart: float = 1e-3) -
     return float(differ.min())
 
 
-@measure
+@gs.claims.measure
 def goswami1998_doublings(*tables: pd.DataFrame) -> list[float]:
     """The slope (deg) of the first flip of each branch."""
     return [_first_flip(table) for table in tables]
 
 
-@measure
+@gs.claims.measure
 def goswami1998_last_ratio(*tables: pd.DataFrame) -> float:
     """The ratio of the last two distances between successive doublings, first flips of branches (1)."""
     before, between = np.diff([_first_flip(table) for table in tables])[-2:]
     return float(before / between)
 
 
-@measure
+@gs.claims.measure
 def goswami1998_gaits_at_most(table: pd.DataFrame, *, below: float = 90.0, apart: float = 1e-3) -> float:
     """The number of gaits on the slope that has most, among slopes below `below` (deg).
 
@@ -72,14 +71,14 @@ def goswami1998_gaits_at_most(table: pd.DataFrame, *, below: float = 90.0, apart
     return float(most)
 
 
-@measure
+@gs.claims.measure
 def goswami1998_closest_steps(table: pd.DataFrame, *, phi: float) -> float:
     """The least distance of two steps of a row: the largest difference of coordinates (rad, rad/s)."""
     at = _points(table, phi)
     return min(float(np.abs(at[k + 1 :] - at[k]).max(axis=1).min()) for k in range(len(at) - 1))
 
 
-@measure
+@gs.claims.measure
 def goswami1998_exponent(table: pd.DataFrame, *, phi: float) -> float:
     """The largest Lyapunov exponent along a row's steps (1/step)."""
     jacobians = _jacobians(_points(table, phi)[:400].tobytes(), phi)
@@ -91,7 +90,7 @@ def goswami1998_exponent(table: pd.DataFrame, *, phi: float) -> float:
     return float(grown / len(jacobians))
 
 
-@measure
+@gs.claims.measure
 def goswami1998_contraction(table: pd.DataFrame, *, phi: float) -> float:
     """The factor by which a step changes a small volume of the section, the geometric mean of a row (1)."""
     jacobians = _jacobians(_points(table, phi)[:400].tobytes(), phi)

@@ -10,8 +10,6 @@ from goswami1998.model import CompassGait, exchanged
 from scipy.integrate import solve_ivp
 
 import gaitsweep as gs
-from gaitsweep.claims.paper import read_paper
-from gaitsweep.models.conformity import fault
 
 jax.config.update("jax_enable_x64", True)
 P = SimpleNamespace(m=5.0, m_H=10.0, a=0.5, b=0.5, g=9.81, phi=3.0, steps=1.0)
@@ -149,8 +147,8 @@ def test_a_step_is_scipys():
 
 
 def test_the_model_keeps_the_contract():
-    assert fault(gs.models.find("goswami1998")()) is None
+    assert gs.fault(gs.models.find("goswami1998")()) is None
 
 
 def test_the_claims_can_be_read():
-    assert len(read_paper("goswami1998").claims) == 21
+    assert len(gs.claims.read_paper("goswami1998").claims) == 21

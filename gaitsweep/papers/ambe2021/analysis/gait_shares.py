@@ -10,9 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.basins.fractions import LEVEL, fractions, proportion_interval
-from gaitsweep.analysis.records import axes_of
-from gaitsweep.papers.ambe2021.analysis.chain_of_table import chains_of, parameters_of
+from gaitsweep.analyses import LEVEL, axes_of, fractions, proportion_interval
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chains_of, parameters_of
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.conditions import source_conditions, wave_conditions
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.records import AnalysisError, axes_of
-from gaitsweep.circular import wrapped_difference
+from gaitsweep.analyses import AnalysisError, axes_of, wrapped_difference
 from gaitsweep.contract import Status
-from gaitsweep.papers.ambe2021.analysis.chain_of_table import chains_of, one_chain, parameters_of
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chains_of, one_chain, parameters_of
 from gaitsweep.papers.ambe2021.theory.conserved import drift, drift_on_ground
 
 

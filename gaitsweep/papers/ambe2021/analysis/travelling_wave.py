@@ -9,16 +9,20 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.papers.ambe2021.analysis.chain_of_table import chains_of, one_chain, parameters_of
+from gaitsweep.analyses import AnalysisError
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
+    chains_of,
+    one_chain,
+    parameters_of,
+    relative_phases,
+)
 from gaitsweep.papers.ambe2021.theory.chain import Chain, Speeds, wave_speed, wavelength
-from gaitsweep.papers.ambe2021.theory.gaits import GAITS, distances, gait_of
-from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches
+from gaitsweep.papers.ambe2021.theory.gaits import GAITS, free_link, gait_of, nearest_set
+from gaitsweep.papers.ambe2021.theory.solution_sets import Branch
 
 PASSED = np.pi  # rad, the phase whose passage is timed: in stance, and far from the phase reset
 
@@ -108,20 +112,6 @@ def _omega(table: pd.DataFrame, first: pd.DataFrame) -> float:
     return float((job.get("params") or {}).get("omega", parameters_of(table, first).get("omega", 0.4)))
 
 
-def nearest_set(N: int, chain: Chain, psi: np.ndarray) -> tuple[Branch, float]:
-    """The set of analytic solutions nearest to psi (N,) on section 1, and its distance, rad."""
-    away = np.asarray(_distances(N, chain, psi))
-    return branches(N)[int(away.argmin())], float(away.min())
-
-
-_distances = jax.jit(distances, static_argnums=0)
-
-
-def free_link(N: int, branch: Branch) -> int:
-    """The link i, between legs i and i + 1, whose lag is free along a set of solutions."""
-    return N if branch.kind == "direct" else branch.k - 1
-
-
 def links_of_wave(N: int, branch: Branch) -> np.ndarray:
     """The links whose lag is that of the wave: not the free one, nor link k of set A, which moves with it."""
     out = {free_link(N, branch)} | ({branch.k} if branch.kind == "A" else set())
@@ -153,25 +143,3 @@ def _times(t: np.ndarray, phase: np.ndarray) -> np.ndarray:
     before = np.flatnonzero((phase[:-1] < PASSED) & (phase[1:] >= PASSED) & (np.diff(phase) < 1.0))
     share = (PASSED - phase[before]) / (phase[before + 1] - phase[before])
     return t[before] + share * (t[before + 1] - t[before])
-
-
-def relative_phases(part: pd.DataFrame, N: int) -> np.ndarray:
-    """Psi (N,), rad, at the last sample before leg 1 touches down: on section 1.
-
-    Args:
-        part, N: as in `passages`.
-
-    Raises:
-        AnalysisError: leg 1 does not touch down in the recorded time.
-    """
-    phase = part[[f"phase_{leg}" for leg in range(1, N + 2)]].to_numpy(float)
-    contact = part["contact_1"].to_numpy(float) > 0.5
-    down = np.flatnonzero(~contact[:-1] & contact[1:])
-    lifted = np.flatnonzero(contact[:-1] & ~contact[1:])
-    down = down[down > lifted[0]] if len(lifted) else down[:0]
-    if not len(down):
-        raise AnalysisError("Leg 1 does not touch down in the recorded time.")
-    # a foot bounces after its touchdown and before it takes off: touchdowns end the long times in the air
-    aloft = down - lifted[np.searchsorted(lifted, down) - 1]
-    down = down[aloft > 0.5 * aloft.max()]
-    return np.mod(np.diff(phase[down[-1]]), 2.0 * np.pi)

@@ -12,12 +12,21 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from gaitsweep.contract import Outcome
-from gaitsweep.papers.ambe2021.analysis.chain_of_table import chain_of, profile_parameters_of
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, profile_parameters_of
 from gaitsweep.papers.ambe2021.theory.conserved import drift, worst_case_cycles
-from gaitsweep.plot import style
-from gaitsweep.plot.columns import PlotError, column, outcome, rows_where
-from gaitsweep.plot.figure_kind import GaitColumn, PlannedTable, Refusal, Title, figure_kind
-from gaitsweep.schema.numbers import word
+from gaitsweep.plot import (
+    GaitColumn,
+    PlannedTable,
+    PlotError,
+    Refusal,
+    Title,
+    column,
+    figure_kind,
+    outcome,
+    rows_where,
+    style,
+    word,
+)
 
 EQUAL = 1e-9  # largest difference between equal ends, in the unit of the parameter
 ENDS = {"m": ("m_1", "m_end"), "kappa": ("kappa_1", "kappa_end"), "a": ("a_1", "a_end")}

@@ -14,20 +14,26 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
 from gaitsweep import near_miss
-from gaitsweep.papers.ambe2021.analysis.chain_of_table import chains_of, has_profile, parameters_of
 from gaitsweep.papers.ambe2021.analysis.gait_shares import GAITS, existence, springs_of
 from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares as shares_of
-from gaitsweep.plot import style
-from gaitsweep.plot.basins.cells import cell_edges, filled, on_grid
-from gaitsweep.plot.columns import axis_label, column, described, is_logarithmic, log_axes
-from gaitsweep.plot.figure_kind import (
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chains_of, has_profile, parameters_of
+from gaitsweep.plot import (
     TEXT_COLUMNS,
     AlongAxis,
     Horizontal,
     PlannedTable,
     Refusal,
     Title,
+    axis_label,
+    cell_edges,
+    column,
+    described,
     figure_kind,
+    filled,
+    is_logarithmic,
+    log_axes,
+    on_grid,
+    style,
 )
 
 _SHARES = (*GAITS, "elsewhere")

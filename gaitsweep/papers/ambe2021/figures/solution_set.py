@@ -12,16 +12,28 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from pydantic import Field
 
-from gaitsweep.analysis.records import in_order
+from gaitsweep.analyses import in_order
 from gaitsweep.contract import Outcome
-from gaitsweep.papers.ambe2021.analysis.chain_of_table import chain_of, profile_parameters_of
-from gaitsweep.papers.ambe2021.analysis.largest_distance import largest_distance
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, profile_parameters_of
+from gaitsweep.papers.ambe2021.multilegged.largest_distance import largest_distance
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.gaits import SHORTEST, segments
-from gaitsweep.plot import style
-from gaitsweep.plot.columns import PlotError, axis_label, column, is_angle, outcome, rows_where
-from gaitsweep.plot.figure_kind import Hue, Observable, Title, figure_kind
-from gaitsweep.schema.numbers import Flag, Real, Text
+from gaitsweep.plot import (
+    Flag,
+    Hue,
+    Observable,
+    PlotError,
+    Real,
+    Text,
+    Title,
+    axis_label,
+    column,
+    figure_kind,
+    is_angle,
+    outcome,
+    rows_where,
+    style,
+)
 
 _Three = Field(min_length=3, max_length=3)
 _PSI = ("psi_1", "psi_2", "psi_3")

@@ -11,10 +11,18 @@ from matplotlib.figure import Figure
 
 from gaitsweep import near_miss
 from gaitsweep.papers.ambe2021.analysis.source_place import source_place as places_of
-from gaitsweep.plot import style
-from gaitsweep.plot.basins.cells import cell_edges
-from gaitsweep.plot.columns import PlotError, axis_label, column
-from gaitsweep.plot.figure_kind import Column, PlannedTable, Refusal, Title, figure_kind
+from gaitsweep.plot import (
+    Column,
+    PlannedTable,
+    PlotError,
+    Refusal,
+    Title,
+    axis_label,
+    cell_edges,
+    column,
+    figure_kind,
+    style,
+)
 
 _SHOWN = {"source": ("Blues", "source at this leg"), "meeting": ("Oranges", "waves meet at this leg")}
 

@@ -16,16 +16,23 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from gaitsweep.papers.ambe2021.analysis.chain_of_table import chain_of
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of
 from gaitsweep.papers.ambe2021.theory.chain import Chain, touchdown_phase
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, gait_of
 from gaitsweep.papers.ambe2021.theory.order import jumps, touchdown_order
 from gaitsweep.papers.ambe2021.theory.reset_sets import reset_sets
 from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches, places, rule_of, solution
-from gaitsweep.plot import style
-from gaitsweep.plot.columns import PlotError
-from gaitsweep.plot.figure_kind import PlannedTable, Refusal, Title, figure_kind
-from gaitsweep.schema.numbers import CountOrZero, Positive, word
+from gaitsweep.plot import (
+    CountOrZero,
+    PlannedTable,
+    PlotError,
+    Positive,
+    Refusal,
+    Title,
+    figure_kind,
+    style,
+    word,
+)
 
 SHOWN = ("touchdowns", "order", "free_phase", "sets")
 _TOUCHING, _FRONT, _REAR = "#000000", "#E69F00", "#0072B2"

@@ -10,13 +10,20 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.analyses import AnalysisError
 from gaitsweep.papers.ambe2021 import extension
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import waves
-from gaitsweep.plot import style
-from gaitsweep.plot.columns import PlotError, axis_label, column
-from gaitsweep.plot.figure_kind import PlannedTable, Refusal, Title, figure_kind
-from gaitsweep.schema.numbers import Text
+from gaitsweep.plot import (
+    PlannedTable,
+    PlotError,
+    Refusal,
+    Text,
+    Title,
+    axis_label,
+    column,
+    figure_kind,
+    style,
+)
 
 _PANELS: dict[str, Any] = {
     "wavelength": ("wavelength (legs)", {"wavelength_27": ("eq. (27)", "-")}),

@@ -11,8 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from gaitsweep.claims.measure import measure
-from gaitsweep.claims.measures.general import MeasureError, defaults, numbers, one_row
+from gaitsweep.claims import MeasureError, defaults, measure, numbers, one_row
 from gaitsweep.expression import evaluate
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import springs_of
 from gaitsweep.papers.ambe2021.multilegged.model import PARAMETERS, Multilegged

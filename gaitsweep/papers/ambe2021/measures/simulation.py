@@ -9,23 +9,17 @@ import pandas as pd
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from gaitsweep.circular import wrapped_difference
-from gaitsweep.claims.measure import Condition, measure
-from gaitsweep.claims.measures.general import MeasureError, masked, numbers, one_row, records
+from gaitsweep.analyses import wrapped_difference
+from gaitsweep.claims import Condition, MeasureError, masked, measure, numbers, one_row, records
 from gaitsweep.papers.ambe2021.analysis.gait_shares import GAITS, gait_shares
 from gaitsweep.papers.ambe2021.analysis.source_place import source_drift, source_place
-from gaitsweep.papers.ambe2021.analysis.travelling_wave import (
-    free_link,
-    nearest_set,
-    passages,
-    relative_phases,
-    springs_of,
-    waves,
-)
+from gaitsweep.papers.ambe2021.analysis.travelling_wave import passages, springs_of, waves
 from gaitsweep.papers.ambe2021.measures.equations import chain_defaults
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import relative_phases
 from gaitsweep.papers.ambe2021.multilegged.model import LANDING, STANCE, TAKEOFF
 from gaitsweep.papers.ambe2021.theory.chain import Chain, wavelength
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS as LABELS
+from gaitsweep.papers.ambe2021.theory.gaits import free_link, nearest_set
 from gaitsweep.papers.ambe2021.theory.reset_sets import TABLE_2
 
 

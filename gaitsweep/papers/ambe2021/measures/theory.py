@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.continuation import floquet
-from gaitsweep.circular import wrapped_difference
-from gaitsweep.claims.measure import measure
-from gaitsweep.claims.measures.general import MeasureError
-from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.poincare.maps import Points
-from gaitsweep.engine.poincare.return_map import BatchedReturnMap
+import gaitsweep as gs
+from gaitsweep.analyses import wrapped_difference
+from gaitsweep.claims import MeasureError, measure
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import springs_of
 from gaitsweep.papers.ambe2021.measures.equations import chain_defaults
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
@@ -103,7 +100,7 @@ def reduced_map_error(*, N: int = 3, kinds: Sequence[str] = ("A", "B", "direct")
     circle = touchdown_phase(Chain())
     psi = np.stack([np.asarray(_solution(N, branch, s, circle)) for branch, s in chosen])
     mapping, points = _reduced_map(N, psi)
-    return float(np.abs(wrapped_difference(mapping.images(points, {}).points.at - points.at)).max())
+    return float(np.abs(wrapped_difference(mapping(points).at - points.at)).max())
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
@@ -111,11 +108,10 @@ def _solution(N: int, branch: Branch, s: float, circle: jax.Array) -> jax.Array:
     return solution(rule_of(N, branch, Chain()), jnp.asarray(s), circle, 1)
 
 
-def _reduced_map(N: int, psi: np.ndarray) -> tuple[BatchedReturnMap, Points]:
+def _reduced_map(N: int, psi: np.ndarray) -> tuple[gs.PoincareMap, Any]:
     """The simulated return map of the reduced chain, and its points at psi (n, N) on section 1."""
-    mapping = BatchedReturnMap(MultileggedReduced(N=N), numerics=Numerics(method="propagator"))
-    points, _ = mapping.settled({f"psi_{i + 1}": psi[:, i] for i in range(N)}, {}, 0)
-    return mapping, points
+    mapping = gs.return_map(MultileggedReduced(N=N), numerics={"method": "propagator"})
+    return mapping, mapping.settled({f"psi_{i + 1}": psi[:, i] for i in range(N)}, 0)
 
 
 @measure
@@ -124,7 +120,7 @@ def reduced_multipliers(*, kind: str, k: int, N: int = 3) -> list[float]:
     branch, _, s = _at(N, kind, k, 0.45)
     psi = _solution(N, branch, s, touchdown_phase(Chain()))
     mapping, points = _reduced_map(N, np.asarray(psi)[None])
-    found = floquet.multipliers(mapping.linearised(points, {}).jacobian)
+    found = mapping.multipliers(points)
     return sorted((float(each) for each in np.real(np.ravel(found))), reverse=True)
 
 

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import Chart, Quantity
-from gaitsweep.dynamics.phase_oscillator import wrapped
+from gaitsweep.dynamics import wrapped
 
 # A leg farther than this (m) from its touchdown height is not on the section.
 CLOSE = 1e-8

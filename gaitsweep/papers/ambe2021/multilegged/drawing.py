@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gaitsweep.skeleton import Limb, Skeleton
+from gaitsweep import Limb, Skeleton
 
 # Drawn distance of neighbours and half size of masses, in leg lengths; the model has neither.
 _APART, _HALF = 0.6, 0.075

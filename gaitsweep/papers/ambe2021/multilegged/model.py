@@ -16,16 +16,19 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
+from gaitsweep import Skeleton
+from gaitsweep.analyses import AnalysisError
 from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended, Simultaneous
-from gaitsweep.dynamics.phase_oscillator import TWO_PI, lagged_reset, wrapped
+from gaitsweep.dynamics import TWO_PI, lagged_reset, wrapped
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, relative_phases
 from gaitsweep.papers.ambe2021.multilegged.chart import MultileggedChart
 from gaitsweep.papers.ambe2021.multilegged.drawing import skeleton
-from gaitsweep.papers.ambe2021.multilegged.profile import profile_parameters
+from gaitsweep.papers.ambe2021.multilegged.largest_distance import largest_distance
+from gaitsweep.papers.ambe2021.multilegged.profile import SPRINGS, profile_parameters
 from gaitsweep.papers.ambe2021.spring_chain import fastest_motions, neighbour_force
 from gaitsweep.papers.ambe2021.theory.chain import Chain
-from gaitsweep.papers.ambe2021.theory.gaits import GAITS, classify
+from gaitsweep.papers.ambe2021.theory.gaits import GAITS, classify, free_link, nearest_set
 from gaitsweep.papers.ambe2021.theory.obstacle import obstacle_problem
-from gaitsweep.skeleton import Skeleton
 
 STANCE, TAKEOFF, LANDING = 0, 1, 2
 # Leg 1 is initially compressed by a picometre (1e-7 N), so that it touches in spite of rounding. Another leg
@@ -163,7 +166,7 @@ class Multilegged(HybridModel):
     """The chain of N + 1 legs, with equal inner legs or with a profile of them."""
 
     N: int = dataclasses.field(
-        default=3, metadata={"meaning": "springs; the chain has N + 1 legs", "low": 3, "high": 64}
+        default=SPRINGS, metadata={"meaning": "springs; the chain has N + 1 legs", "low": 3, "high": 64}
     )
     profile: bool = dataclasses.field(
         default=False,
@@ -376,10 +379,6 @@ class Multilegged(HybridModel):
 
     def free_link(self, trace: pd.DataFrame, legs: int) -> int | None:
         """The link whose lag is free by the theory, 1 .. N; None for traces that are too short."""
-        from gaitsweep.analysis.records import AnalysisError
-        from gaitsweep.papers.ambe2021.analysis.chain_of_table import chain_of
-        from gaitsweep.papers.ambe2021.analysis.travelling_wave import free_link, nearest_set, relative_phases
-
         if not {"phase_1", "x_1", "l_1", f"phase_{legs}"} <= set(trace.columns) or legs < 3:
             return None
         try:
@@ -390,8 +389,6 @@ class Multilegged(HybridModel):
 
     def analytic_distance(self, table: pd.DataFrame) -> tuple[float, int] | None:
         """The largest distance (rad) of settled states from the theory's solutions, and its row."""
-        from gaitsweep.papers.ambe2021.analysis.largest_distance import largest_distance
-
         return largest_distance(table)
 
     def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:

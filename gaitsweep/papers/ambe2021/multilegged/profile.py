@@ -10,6 +10,8 @@ from fractions import Fraction
 
 from gaitsweep.contract import Quantity
 
+SPRINGS = 3  # of the paper's chain
+
 _WHAT = {
     "m": ("kg", "mass of leg {i}'s segment", "m"),
     "kappa": ("N/m", "spring between legs {i} and {next}", r"\kappa"),

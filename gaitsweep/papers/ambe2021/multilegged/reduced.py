@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import Chart, FixedStepDynamics, Quantity, Rates, Recommended, Simultaneous
-from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
+from gaitsweep.dynamics import TWO_PI, wrapped
 from gaitsweep.papers.ambe2021.multilegged.chart import ReducedChart
 from gaitsweep.papers.ambe2021.multilegged.model import (
     LANDING,

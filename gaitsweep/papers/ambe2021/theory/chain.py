@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.errors import ArgumentError
+from gaitsweep import ArgumentError
 
 TWO_PI = 2.0 * jnp.pi
 Scalar = jax.Array | np.ndarray | float

@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from gaitsweep.circular import wrapped_difference
+from gaitsweep.analyses import wrapped_difference
 from gaitsweep.papers.ambe2021.theory.chain import (
     TABLE_1,
     Chain,
@@ -89,6 +90,20 @@ def distances(N: int, chain: Chain, psi: jax.Array) -> jax.Array:
     circle = touchdown_phase(chain)
     # sequential, so that memory for the pieces is needed for one set at a time
     return jax.lax.map(lambda rule: distance_from(pieces(rule, circle), psi), lag_rules(N, chain))
+
+
+def nearest_set(N: int, chain: Chain, psi: np.ndarray) -> tuple[Branch, float]:
+    """The set of analytic solutions nearest to psi (N,) on section 1, and its distance, rad."""
+    away = np.asarray(_distances(N, chain, psi))
+    return branches(N)[int(away.argmin())], float(away.min())
+
+
+_distances = jax.jit(distances, static_argnums=0)
+
+
+def free_link(N: int, branch: Branch) -> int:
+    """The link i, between legs i and i + 1, whose lag is free along a set of solutions."""
+    return N if branch.kind == "direct" else branch.k - 1
 
 
 def locked_state(chain: Chain) -> jax.Array:

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.circular import wrapped_difference
+from gaitsweep.analyses import wrapped_difference
 from gaitsweep.papers.ambe2021.theory.chain import TABLE_1, Chain, reset, shift, touchdown_phase
 from gaitsweep.papers.ambe2021.theory.section import Leg, touches_early
 from gaitsweep.papers.ambe2021.theory.solution_sets import (

@@ -22,7 +22,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.errors import ArgumentError
+from gaitsweep import ArgumentError
 from gaitsweep.papers.ambe2021.theory.chain import Chain, Scalar, reset, takeoffs
 from gaitsweep.papers.ambe2021.theory.section import Leg, phases_on_section, relative
 

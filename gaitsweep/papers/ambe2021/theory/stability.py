@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-from gaitsweep.errors import ArgumentError
+from gaitsweep import ArgumentError
 from gaitsweep.papers.ambe2021.theory.chain import TABLE_1, Chain, amplitudes, springs, touchdown_phase
 from gaitsweep.papers.ambe2021.theory.order import order_of_places
 from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches, places, rule_of

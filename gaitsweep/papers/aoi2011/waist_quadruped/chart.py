@@ -14,8 +14,8 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import Chart, Quantity
-from gaitsweep.dynamics.phase_oscillator import wrapped
-from gaitsweep.dynamics.tree.spatial import quaternion_product
+from gaitsweep.dynamics import wrapped
+from gaitsweep.dynamics.tree import quaternion_product
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import LIMBS
 
 # If foot 3 is farther than this (m) from the ground, its limb has landed by its phase, not by a touchdown.

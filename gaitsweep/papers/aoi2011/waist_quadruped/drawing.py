@@ -10,8 +10,8 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from gaitsweep import Limb, LimbLook, Skeleton
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import LIMBS, displacements, factors, mjcf, sizes_of
-from gaitsweep.skeleton import Limb, LimbLook, Skeleton
 
 NAMES = ("right fore", "left fore", "right hind", "left hind")
 LOOKS = tuple(LimbLook(name, pair=i // 2, far=bool(i % 2)) for i, name in enumerate(NAMES))

@@ -7,7 +7,7 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.dynamics.phase_oscillator import TWO_PI
+from gaitsweep.dynamics import TWO_PI
 
 # Segments of the path: stance, first and second part of the swing, and after it without a landing.
 STANCE, EARLY, LATE, BEYOND = 0, 1, 2, 3

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.dynamics.tree.external_force import PointForce
+from gaitsweep.dynamics.tree import PointForce
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import (
     HEIGHT_NAMES,
     LIMBS,
@@ -24,8 +24,7 @@ from gaitsweep.papers.aoi2011.waist_quadruped.semi_implicit import WaistBody
 from gaitsweep.papers.aoi2011.waist_quadruped.state import State
 
 if TYPE_CHECKING:
-    from gaitsweep.dynamics.mjx.body import MjxBody
-    from gaitsweep.dynamics.mjx.variants import Variants
+    from gaitsweep.dynamics.mjx import MjxBody, Variants
 
 # Table I's masses (kg) and lengths (m), and places of hips and bodies (m), those of the MJCF.
 _TABLE_1 = {
@@ -82,7 +81,7 @@ def _numbers(m: WaistMechanics) -> dict[str, jax.Array]:
 @cache
 def mjx_body() -> MjxBody:
     """The body with the values of Table I."""
-    from gaitsweep.dynamics.mjx.body import MjxBody
+    from gaitsweep.dynamics.mjx import MjxBody
 
     return MjxBody(mjcf(), [f"foot_{i + 1}" for i in LIMBS])
 
@@ -90,7 +89,7 @@ def mjx_body() -> MjxBody:
 @cache
 def variants(level: bool) -> Variants:
     """The bodies with other masses and lengths, and other heights where they are not level."""
-    from gaitsweep.dynamics.mjx.variants import Variants, rescale
+    from gaitsweep.dynamics.mjx import Variants, rescale
 
     def edit(spec: Any, values: Mapping[str, float]) -> None:
         of = sizes_of(values)

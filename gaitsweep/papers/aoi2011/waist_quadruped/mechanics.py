@@ -13,10 +13,16 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.dynamics.tree.articulated_tree import Geometry, Tree, rescaled
-from gaitsweep.dynamics.tree.dynamics import forward_dynamics
-from gaitsweep.dynamics.tree.external_force import PointForce
-from gaitsweep.dynamics.tree.kinematics import movements, places, velocity
+from gaitsweep.dynamics.tree import (
+    Geometry,
+    PointForce,
+    Tree,
+    forward_dynamics,
+    movements,
+    places,
+    rescaled,
+    velocity,
+)
 
 LIMBS = range(4)
 # Height above the ground (m) at which a foot lifts off, 1/2000 of its depth in stance. At zero, contact could
@@ -353,6 +359,6 @@ def mjcf() -> str:
 @cache
 def body() -> tuple[Tree, Geometry]:
     """The tree, and its geometry with the numbers of Table I."""
-    from gaitsweep.dynamics.tree.from_mjcf import tree_of  # MuJoCo, only for a job of this body
+    from gaitsweep.dynamics.tree import tree_of  # MuJoCo, only for a job of this body
 
     return tree_of(mjcf())

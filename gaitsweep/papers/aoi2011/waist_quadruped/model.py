@@ -24,8 +24,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended
-from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
-from gaitsweep.dynamics.tree.kinematics import rates
+from gaitsweep.dynamics import TWO_PI, wrapped
+from gaitsweep.dynamics.tree import rates
 from gaitsweep.near_miss import suggestion
 from gaitsweep.papers.aoi2011.waist_quadruped.chart import LandingChart
 from gaitsweep.papers.aoi2011.waist_quadruped.drawing import WaistDrawing

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.dynamics.phase_oscillator import TWO_PI
+from gaitsweep.dynamics import TWO_PI
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STANCE
 from gaitsweep.papers.aoi2011.waist_quadruped.state import Params, State
 

@@ -15,9 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import FixedStepDynamics
-from gaitsweep.dynamics.single_precision import worked_in
-from gaitsweep.dynamics.tree.external_force import PointForce
-from gaitsweep.dynamics.tree.kinematics import integrate
+from gaitsweep.dynamics import worked_in
+from gaitsweep.dynamics.tree import PointForce, integrate
 from gaitsweep.papers.aoi2011.waist_quadruped.fast_modes import fastest_motion
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import LATE
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import RELEASE, WaistMechanics, body

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from gaitsweep.analysis.records import AnalysisError, axes_of, require
+from gaitsweep.analyses import AnalysisError, axes_of, require
 from gaitsweep.papers.fukuoka2015.analysis.loading_rule import REPEATS
 
 MEASURES = (

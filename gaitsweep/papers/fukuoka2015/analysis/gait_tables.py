@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.records import AnalysisError, axes_of, require
+from gaitsweep.analyses import AnalysisError, axes_of, require
 from gaitsweep.contract import Status
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import (
     GAITS,

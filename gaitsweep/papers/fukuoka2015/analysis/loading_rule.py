@@ -16,8 +16,7 @@ import numpy as np
 import pandas as pd
 import scipy
 
-from gaitsweep.analysis.basins.fractions import LEVEL
-from gaitsweep.analysis.records import AnalysisError, axes_of, require
+from gaitsweep.analyses import LEVEL, AnalysisError, axes_of, require
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS, gaits_in, onsets_of
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, PAIRS, THRESHOLD
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.records import require
+from gaitsweep.analyses import require
 from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import harmonics
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_along
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.records import require
+from gaitsweep.analyses import require
 from gaitsweep.contract import Status
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART
 

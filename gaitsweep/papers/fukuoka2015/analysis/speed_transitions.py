@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.records import AnalysisError, require
+from gaitsweep.analyses import AnalysisError, require
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_along
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import FAMILIES
 

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.records import AnalysisError, require
+from gaitsweep.analyses import AnalysisError, require
 from gaitsweep.contract import Status
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import (
     CHART,

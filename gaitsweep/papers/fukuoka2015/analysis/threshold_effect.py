@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.analyses import AnalysisError
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
 from gaitsweep.papers.fukuoka2015.analysis.repertoire import KINDS
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import GAITS

@@ -11,15 +11,20 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from gaitsweep import LimbLook
 from gaitsweep.papers.fukuoka2015 import extension
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS
 from gaitsweep.papers.fukuoka2015.planar_quadruped import drawing
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
-from gaitsweep.plot.columns import PlotError, written
-from gaitsweep.plot.figure_kind import PlannedTable, Refusal
-from gaitsweep.plot.footprints import contact_intervals
-from gaitsweep.plot.limbs import limb_colours, name_limbs
-from gaitsweep.skeleton import LimbLook
+from gaitsweep.plot import (
+    PlannedTable,
+    PlotError,
+    Refusal,
+    contact_intervals,
+    limb_colours,
+    name_limbs,
+    written,
+)
 
 _STYLES = {**extension.gait_styles, "none": ("#D5D5D5", "+")}
 COLOURS = MappingProxyType({gait: colour for gait, (colour, _) in _STYLES.items()})

@@ -14,18 +14,23 @@ from matplotlib.patches import Patch
 
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gaits_along
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import COLOURS, NAMES, ORDER, check_gaits
-from gaitsweep.plot import style
-from gaitsweep.plot.columns import (
+from gaitsweep.plot import (
+    Count,
+    Panels,
+    PlannedTable,
     PlotError,
+    Refusal,
+    Title,
     axis_label,
     column,
+    figure_kind,
     moved_parameter,
     row_names,
     rows_where,
+    style,
+    word,
     written,
 )
-from gaitsweep.plot.figure_kind import Panels, PlannedTable, Refusal, Title, figure_kind
-from gaitsweep.schema.numbers import Count, word
 
 _BAR = 0.36
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from gaitsweep.kinds.trace import Trace
+from gaitsweep import Trace
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_along
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS, gaits_in
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
@@ -28,10 +28,22 @@ from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
     shade_flights,
 )
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
-from gaitsweep.plot import style
-from gaitsweep.plot.columns import column, rows_where
-from gaitsweep.plot.figure_kind import PlannedTable, Refusal, Title, Window, check_window, figure_kind
-from gaitsweep.schema.numbers import Count, CountOrZero, Flag, Positive, Text
+from gaitsweep.plot import (
+    Count,
+    CountOrZero,
+    Flag,
+    PlannedTable,
+    Positive,
+    Refusal,
+    Text,
+    Title,
+    Window,
+    check_window,
+    column,
+    figure_kind,
+    rows_where,
+    style,
+)
 
 _MOST_STRIPS = 12
 _MOST_COLUMNS, _LONG = 2, 4  # more strips than _LONG are in two columns

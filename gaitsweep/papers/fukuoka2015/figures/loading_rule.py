@@ -24,10 +24,21 @@ from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
     has_swing_onsets,
 )
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS, THRESHOLD
-from gaitsweep.plot import style
-from gaitsweep.plot.columns import PlotError, column, rows_where, written
-from gaitsweep.plot.figure_kind import TEXT_COLUMNS, Column, PlannedTable, Refusal, Title, figure_kind
-from gaitsweep.schema.numbers import Real, Text
+from gaitsweep.plot import (
+    TEXT_COLUMNS,
+    Column,
+    PlannedTable,
+    PlotError,
+    Real,
+    Refusal,
+    Text,
+    Title,
+    column,
+    figure_kind,
+    rows_where,
+    style,
+    written,
+)
 
 _ACROSS = 3
 _OF_THE_RULE = "#F0F0F0"

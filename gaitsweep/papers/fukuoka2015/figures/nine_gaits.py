@@ -12,10 +12,7 @@ from matplotlib.figure import Figure
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS, gaits_in
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import COLOURS, CONTACTS, footfalls, in_words
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART
-from gaitsweep.plot import style
-from gaitsweep.plot.columns import column, rows_where
-from gaitsweep.plot.figure_kind import PlannedTable, Refusal, Title, figure_kind
-from gaitsweep.schema.numbers import Positive
+from gaitsweep.plot import PlannedTable, Positive, Refusal, Title, column, figure_kind, rows_where, style
 
 _TILTS = ("hind leg first (tilted down)", "together (level)", "fore leg first (tilted up)")
 

@@ -20,9 +20,7 @@ from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
     check_gaits,
     gait_key,
 )
-from gaitsweep.plot import style
-from gaitsweep.plot.columns import axis_label, column, described, rows_where, written
-from gaitsweep.plot.figure_kind import (
+from gaitsweep.plot import (
     TEXT_COLUMNS,
     Column,
     Observable,
@@ -30,7 +28,13 @@ from gaitsweep.plot.figure_kind import (
     PlannedTable,
     Refusal,
     Title,
+    axis_label,
+    column,
+    described,
     figure_kind,
+    rows_where,
+    style,
+    written,
 )
 
 _SPREAD = 0.62  # spread of rows of one speed, as a share of the distance between bands

@@ -11,11 +11,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.dynamics.compliant_foot import ground_force
-from gaitsweep.dynamics.tree.articulated_tree import Geometry
-from gaitsweep.dynamics.tree.dynamics import forward_dynamics
-from gaitsweep.dynamics.tree.external_force import YieldingForce
-from gaitsweep.dynamics.tree.kinematics import integrate, movements, places, velocity_at
+from gaitsweep.dynamics import ground_force
+from gaitsweep.dynamics.tree import (
+    Geometry,
+    YieldingForce,
+    forward_dynamics,
+    integrate,
+    movements,
+    places,
+    velocity_at,
+)
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import NQ, SIDE, PlanarMechanics, body, mjcf
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.papers.fukuoka2015.planar_quadruped.parameters import BODY
@@ -23,8 +28,7 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.rhythm import swinging
 from gaitsweep.papers.fukuoka2015.planar_quadruped.state import State
 
 if TYPE_CHECKING:
-    from gaitsweep.dynamics.mjx.body import MjxBody
-    from gaitsweep.dynamics.mjx.variants import Variants
+    from gaitsweep.dynamics.mjx import MjxBody, Variants
 
 Moved = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
 
@@ -108,7 +112,7 @@ class PlanarMjxBody(PlanarBody):
         return variants().of_row(values)
 
     def moved(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
-        from gaitsweep.dynamics.mjx.body import BodyState
+        from gaitsweep.dynamics.mjx import BodyState
 
         in_mjx = mjx_body()
         friction = jnp.asarray(in_mjx.mj_model.geom_friction)
@@ -129,7 +133,7 @@ class PlanarMjxBody(PlanarBody):
 @cache
 def mjx_body() -> MjxBody:
     """The body of the MJCF."""
-    from gaitsweep.dynamics.mjx.body import MjxBody
+    from gaitsweep.dynamics.mjx import MjxBody
 
     return MjxBody(mjcf(), contact=True)
 
@@ -137,7 +141,7 @@ def mjx_body() -> MjxBody:
 @cache
 def variants() -> Variants:
     """The bodies with other masses and lengths."""
-    from gaitsweep.dynamics.mjx.variants import Variants
+    from gaitsweep.dynamics.mjx import Variants
 
     return Variants(mjcf(), edited, page_values())
 

@@ -13,8 +13,8 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 
+from gaitsweep.dynamics import TWO_PI
 from gaitsweep.dynamics.matsuoka import FLEXOR
-from gaitsweep.dynamics.phase_oscillator import TWO_PI
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS, PAIRS
 
 LATE = 0.15  # of a cycle

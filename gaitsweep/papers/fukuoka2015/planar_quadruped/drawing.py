@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gaitsweep import Limb, LimbLook, Skeleton
 from gaitsweep.papers.fukuoka2015.planar_quadruped.bodies import edited
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import mjcf
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
-from gaitsweep.skeleton import Limb, LimbLook, Skeleton
 
 if TYPE_CHECKING:
     import mujoco

@@ -10,8 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.dynamics.tree.articulated_tree import Geometry, Tree
-from gaitsweep.dynamics.tree.spatial import Array, Scalar
+from gaitsweep.dynamics.tree import Array, Geometry, Scalar, Tree
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
 
 # Indices in q and in v.
@@ -161,6 +160,6 @@ def mjcf() -> str:
 @cache
 def body() -> tuple[Tree, Geometry]:
     """The tree, and its geometry with the values of the MJCF."""
-    from gaitsweep.dynamics.tree.from_mjcf import tree_of  # MuJoCo, only for a job of this body
+    from gaitsweep.dynamics.tree import tree_of  # MuJoCo, only for a job of this body
 
     return tree_of(mjcf())

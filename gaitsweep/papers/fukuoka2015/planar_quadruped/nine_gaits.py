@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from gaitsweep import near_miss
-from gaitsweep.errors import ArgumentError
+from gaitsweep import ArgumentError, near_miss
 
 LEGS = ("LF", "LH", "RF", "RH")
 # Fore and hind leg of pair 1 and of pair 2.

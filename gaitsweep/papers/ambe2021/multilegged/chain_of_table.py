@@ -1,4 +1,4 @@
-"""The parameters of the theory for a table."""
+"""What the theory reads of a table: the chain's parameters, and the relative phases on section 1."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.analyses import AnalysisError
 from gaitsweep.expression import ExpressionError, evaluate, names_in
-from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from gaitsweep.papers.ambe2021.multilegged.profile import SPRINGS, profile_parameters
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 
 # defaults that follow from other parameters
@@ -104,13 +104,33 @@ def _profiled(table: pd.DataFrame) -> int | None:
     """The number of legs of a chain with a profile; None without one."""
     job = table.attrs.get("job")
     structure = (job.get("structure") or {}) if isinstance(job, Mapping) else {}
-    return int(structure.get("N", Multilegged.N)) + 1 if structure.get("profile") else None
+    return int(structure.get("N", SPRINGS)) + 1 if structure.get("profile") else None
 
 
 def _profile_defaults(table: pd.DataFrame) -> dict[str, Any]:
     legs = _profiled(table)
-    if legs is None:
-        return {}
-    plain = {quantity.name for quantity in Multilegged(legs - 1).parameters}
-    whole = Multilegged(legs - 1, profile=True).parameters
-    return {quantity.name: quantity.default for quantity in whole if quantity.name not in plain}
+    added = () if legs is None else profile_parameters(legs - 1)
+    return {quantity.name: quantity.default for quantity in added}
+
+
+def relative_phases(part: pd.DataFrame, N: int) -> np.ndarray:
+    """Psi (N,), rad, at the last sample before leg 1 touches down: on section 1.
+
+    Args:
+        part: the records of one row of a trace, in order of time.
+        N: springs; there are N + 1 legs.
+
+    Raises:
+        AnalysisError: leg 1 does not touch down in the recorded time.
+    """
+    phase = part[[f"phase_{leg}" for leg in range(1, N + 2)]].to_numpy(float)
+    contact = part["contact_1"].to_numpy(float) > 0.5
+    down = np.flatnonzero(~contact[:-1] & contact[1:])
+    lifted = np.flatnonzero(contact[:-1] & ~contact[1:])
+    down = down[down > lifted[0]] if len(lifted) else down[:0]
+    if not len(down):
+        raise AnalysisError("Leg 1 does not touch down in the recorded time.")
+    # a foot bounces after its touchdown and before it takes off: touchdowns end the long times in the air
+    aloft = down - lifted[np.searchsorted(lifted, down) - 1]
+    down = down[aloft > 0.5 * aloft.max()]
+    return np.mod(np.diff(phase[down[-1]]), 2.0 * np.pi)

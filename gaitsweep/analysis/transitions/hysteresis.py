@@ -1,58 +1,19 @@
-"""Analyses of result tables: `gs.analyses.attractors(table)`."""
+"""Where states are lost as a parameter rises and falls, and the area between the branches."""
 
 from __future__ import annotations
 
 import dataclasses
-import importlib
 from collections.abc import Sequence
-from typing import Any
 
 import pandas as pd
 
-from gaitsweep.analysis.attractors.attractors import agreement, attractors
-from gaitsweep.analysis.basins.measures import basins
-from gaitsweep.analysis.basins.wada import Wada, wada
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.analysis.transitions.return_map import fixed_points
 from gaitsweep.analysis.transitions.transition_points import (
     LEAST,
     loop_area,
     transition_points,
     transition_points_by_gait,
 )
-from gaitsweep.extension import extensions
-from gaitsweep.fitting.conflicts import Conflicts, conflicts
-
-__all__ = [
-    "Conflicts",
-    "Hysteresis",
-    "Wada",
-    "agreement",
-    "attractors",
-    "basins",
-    "conflicts",
-    "fixed_points",
-    "hysteresis",
-    "transition_points_by_gait",
-    "wada",
-]
-
-
-def __getattr__(name: str) -> Any:
-    """An analysis that an extension brings, or a module of such, imported when it is first used."""
-    path, _, function = _of_extensions().get(name, "").partition(":")
-    if not path:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module = importlib.import_module(path)
-    return getattr(module, function) if function else module
-
-
-def __dir__() -> list[str]:
-    return sorted([*__all__, *_of_extensions()])
-
-
-def _of_extensions() -> dict[str, str]:
-    return {name: path for each in extensions().values() for name, path in each.functions.items()}
 
 
 @dataclasses.dataclass(frozen=True)

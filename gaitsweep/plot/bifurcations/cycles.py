@@ -15,7 +15,7 @@ from pydantic import Field
 from gaitsweep.contract import Status
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import axis_label, column, is_angle, log_axes, symbol
-from gaitsweep.plot.figure_kind import Horizontal, Hue, Observable, Title, figure_kind
+from gaitsweep.plot.kind import Horizontal, Hue, Observable, Title, figure_kind
 
 _NAMED_LINES = 8
 

@@ -10,10 +10,9 @@ import functools
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import UnionType
-from typing import Annotated, Any, ClassVar, Literal, ParamSpec, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, ParamSpec, Union, get_args, get_origin
 
 import pandas as pd
-from matplotlib.figure import Figure
 from pydantic import Field, create_model
 
 from gaitsweep import near_miss
@@ -21,10 +20,14 @@ from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.mathtext import can_be_set
+from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.provenance_marks import mark, remarks
 from gaitsweep.schema.diagnostics import Path, found
 from gaitsweep.schema.numbers import Positive, Real, Stem, Text
 from gaitsweep.schema.strict_model import Registry, StrictModel, kind_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # What an argument names: a column of the table, one of numbers that is drawn along an axis, an observable.
 Column = Annotated[Text, "column_fields"]
@@ -183,7 +186,8 @@ def check_window(figure: Any) -> Iterator[Refusal]:
         yield ("window",), f"is {found(figure.window)}, but its begin comes before its end."
 
 
-FIGURES: Registry[FigureKind] = Registry("figure", [])
+FIGURES: Registry[FigureKind] = Registry("figure", module="gaitsweep.plot.kinds")
+register, unregister = FIGURES.register, FIGURES.unregister
 Spec = ParamSpec("Spec")
 
 
@@ -228,6 +232,22 @@ def figure_kind(
         return with_marks
 
     return registered
+
+
+def draw(kind: str, table: pd.DataFrame, **spec: Any) -> Figure:
+    """The figure of one kind from a table.
+
+    Args:
+        kind: a key of FIGURES.
+        table: a result table, as `gaitsweep.load` gives it.
+        spec: the figure's own arguments.
+
+    Raises:
+        PlotError: the kind is not known, or the table lacks a column of the figure.
+    """
+    if kind not in FIGURES:
+        raise PlotError(f"{kind} is not a kind of figure{near_miss.suggestion(kind, FIGURES)}")
+    return FIGURES[kind].draw(table, **spec)
 
 
 def _unpickled(kind: str, fields: dict[str, Any]) -> FigureKind:

@@ -17,7 +17,7 @@ from gaitsweep.analysis.transitions.transition_points import transition_points_b
 from gaitsweep.contract import Outcome
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, described, log_axes, outcome, rows_where, symbol, unit_of
-from gaitsweep.plot.figure_kind import AlongAxis, Column, GaitColumn, Observed, Title, figure_kind
+from gaitsweep.plot.kind import AlongAxis, Column, GaitColumn, Observed, Title, figure_kind
 
 _OPEN = "#777777"
 

@@ -16,7 +16,7 @@ from matplotlib.ticker import MultipleLocator
 
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import PlotError, column, row_names, rows_where, written
-from gaitsweep.plot.figure_kind import (
+from gaitsweep.plot.kind import (
     Panels,
     PlannedTable,
     Refusal,

@@ -21,7 +21,7 @@ from pydantic import Field
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, described, is_angle, moved_parameter
-from gaitsweep.plot.figure_kind import Column, Observed, Title, figure_kind
+from gaitsweep.plot.kind import Column, Observed, Title, figure_kind
 from gaitsweep.schema.numbers import Real, Text
 
 _STABLE, _UNSTABLE = "#0072B2", "#D55E00"

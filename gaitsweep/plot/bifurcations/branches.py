@@ -16,7 +16,7 @@ from gaitsweep.analysis.circular import cut, on_line
 from gaitsweep.analysis.transitions.return_map import branches as find_branches
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, described, is_angle, log_axes, rows_where
-from gaitsweep.plot.figure_kind import (
+from gaitsweep.plot.kind import (
     TEXT_COLUMNS,
     AlongAxis,
     Bandwidth,

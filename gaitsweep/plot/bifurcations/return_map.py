@@ -24,7 +24,7 @@ from gaitsweep.plot.columns import (
     unit_of,
     written,
 )
-from gaitsweep.plot.figure_kind import Bandwidth, Observed, Panels, Title, figure_kind
+from gaitsweep.plot.kind import Bandwidth, Observed, Panels, Title, figure_kind
 from gaitsweep.schema.numbers import word
 
 _PANELS_A_ROW = 3

@@ -26,7 +26,7 @@ from gaitsweep.analysis.transitions.transition_points import (
     transition_points,
 )
 from gaitsweep.plot import style
-from gaitsweep.plot.branches.passes import DOWN, UP, draw_arrows, draw_row
+from gaitsweep.plot.bifurcations.passes import DOWN, UP, draw_arrows, draw_row
 from gaitsweep.plot.columns import (
     PlotError,
     column,
@@ -38,7 +38,7 @@ from gaitsweep.plot.columns import (
     unit_of,
     written,
 )
-from gaitsweep.plot.figure_kind import Observable, Observed, Panels, PlannedTable, Refusal, Title, figure_kind
+from gaitsweep.plot.kind import Observable, Observed, Panels, PlannedTable, Refusal, Title, figure_kind
 from gaitsweep.plot.provenance_marks import remarks
 from gaitsweep.schema.numbers import Positive, Real, Text
 from gaitsweep.table import TableError, load

@@ -1,19 +1,42 @@
-"""Measures of any table or model: shares of rows, values of a column, default parameters."""
+"""Measures: functions from tables to what a claim is about, registered by name; those of any table."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import pandas as pd
+from pydantic import AfterValidator
 
 from gaitsweep import models
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.claims.measure import Condition, measure
 from gaitsweep.contract import Quantity
-from gaitsweep.expression import fulfilled, resolve
+from gaitsweep.expression import fulfilled, read_condition, resolve
 from gaitsweep.near_miss import suggestion
+
+# Selects the records of a table; a claim's is checked when its list is read.
+Condition = Annotated[str, AfterValidator(read_condition)]
+Value = float | str | Sequence[float] | Sequence[str]
+Measure = TypeVar("Measure", bound=Callable[..., Value])
+
+MEASURES: dict[str, Callable[..., Value]] = {}
+
+
+def measure(function: Measure) -> Measure:
+    """Register a function as a measure, under its name; a decorator.
+
+    A measure takes the tables of a claim's jobs by position and the fields of `with` by keyword. It returns
+    a number, a text, or a list of either. It raises UserError where the tables do not show what it measures.
+
+    Raises:
+        ValueError: another function has this name.
+    """
+    name = function.__name__
+    if MEASURES.setdefault(name, function) is not function:
+        raise ValueError(f"There is a measure named {name}: give this one another name.")
+    return function
+
 
 BROKEN = 0.05  # s; a shorter loss of contact is a break of the stance, not a swing
 

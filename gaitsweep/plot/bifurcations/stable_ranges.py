@@ -14,9 +14,9 @@ from matplotlib.patches import Patch
 from gaitsweep.analysis.continuation.stable_ranges import range_of_gait
 from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as ranges_of
 from gaitsweep.plot import style
-from gaitsweep.plot.branches.continuation import MARKERS, WORDS
+from gaitsweep.plot.bifurcations.continuation import MARKERS, WORDS
 from gaitsweep.plot.columns import PlotError, column, described, log_axes, moved_parameter
-from gaitsweep.plot.figure_kind import AlongAxis, GaitColumn, Title, figure_kind
+from gaitsweep.plot.kind import AlongAxis, GaitColumn, Title, figure_kind
 
 _TOGETHER = "#009E73"  # as in a gait map of two gaits
 

@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import PlotError, column, described, rows_where
-from gaitsweep.plot.figure_kind import GaitColumn, Title, figure_kind
+from gaitsweep.plot.kind import GaitColumn, Title, figure_kind
 
 _TOGETHER = "#BFE6DA"  # a light tint of the colour of two gaits in a gait map
 _MARKS = {"cusp": ("*", 9.0), "curve lost": ("x", 5.0)}

@@ -1,0 +1,29 @@
+"""Analyses of result tables, and what they are written with: `gs.analyses.attractors(table)`."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from gaitsweep.extension import extensions
+from gaitsweep.public_names import attach_stub
+
+_public, _, __all__ = attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> Any:
+    """An analysis, or a module of such that an extension brings, imported when it is first used."""
+    path = "" if name in __all__ else _of_extensions().get(name, "")
+    if not path:
+        return _public(name)
+    module, _, function = path.partition(":")
+    found = importlib.import_module(module)
+    return getattr(found, function) if function else found
+
+
+def __dir__() -> list[str]:
+    return sorted({*__all__, *_of_extensions()})
+
+
+def _of_extensions() -> dict[str, str]:
+    return {name: path for each in extensions().values() for name, path in each.functions.items()}

@@ -1,0 +1,26 @@
+from gaitsweep.analysis.attractors.attractors import agreement as agreement
+from gaitsweep.analysis.attractors.attractors import attractors as attractors
+from gaitsweep.analysis.basins.fractions import LEVEL as LEVEL
+from gaitsweep.analysis.basins.fractions import fractions as fractions
+from gaitsweep.analysis.basins.fractions import proportion_interval as proportion_interval
+from gaitsweep.analysis.basins.measures import basins as basins
+from gaitsweep.analysis.basins.wada import Wada as Wada
+from gaitsweep.analysis.basins.wada import wada as wada
+from gaitsweep.analysis.circular import mean_direction as mean_direction
+from gaitsweep.analysis.circular import on_line as on_line
+from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as stable_ranges
+from gaitsweep.analysis.records import AnalysisError as AnalysisError
+from gaitsweep.analysis.records import axes_of as axes_of
+from gaitsweep.analysis.records import in_order as in_order
+from gaitsweep.analysis.records import require as require
+from gaitsweep.analysis.transitions.hysteresis import Hysteresis as Hysteresis
+from gaitsweep.analysis.transitions.hysteresis import hysteresis as hysteresis
+from gaitsweep.analysis.transitions.return_map import fixed_points as fixed_points
+from gaitsweep.analysis.transitions.transition_points import transition_points as transition_points
+from gaitsweep.analysis.transitions.transition_points import (
+    transition_points_by_gait as transition_points_by_gait,
+)
+from gaitsweep.circular import TURN as TURN
+from gaitsweep.circular import wrapped_difference as wrapped_difference
+from gaitsweep.fitting.conflicts import Conflicts as Conflicts
+from gaitsweep.fitting.conflicts import conflicts as conflicts

@@ -1,0 +1,14 @@
+from gaitsweep.claims.measures import Condition as Condition
+from gaitsweep.claims.measures import MeasureError as MeasureError
+from gaitsweep.claims.measures import default_values as default_values
+from gaitsweep.claims.measures import defaults as defaults
+from gaitsweep.claims.measures import masked as masked
+from gaitsweep.claims.measures import measure as measure
+from gaitsweep.claims.measures import numbers as numbers
+from gaitsweep.claims.measures import one_row as one_row
+from gaitsweep.claims.measures import records as records
+from gaitsweep.claims.measures import stances as stances
+from gaitsweep.claims.measures import value as value
+from gaitsweep.claims.paper import read_paper as read_paper
+from gaitsweep.job.stored import row_params as row_params
+from gaitsweep.job.stored import stored_job as stored_job

@@ -1,0 +1,20 @@
+"""All kinds of figures: those of gaitsweep, and those that extensions bring."""
+
+from __future__ import annotations
+
+from gaitsweep.extension import import_all
+from gaitsweep.plot.basins.basin import basin as basin
+from gaitsweep.plot.basins.basin_measures import basin_measures as basin_measures
+from gaitsweep.plot.basins.gait_map import gait_map as gait_map
+from gaitsweep.plot.basins.shock import shock as shock
+from gaitsweep.plot.bifurcations.branches import branches as branches
+from gaitsweep.plot.bifurcations.continuation import continuation as continuation
+from gaitsweep.plot.bifurcations.cycles import cycles as cycles
+from gaitsweep.plot.bifurcations.folds import folds as folds
+from gaitsweep.plot.bifurcations.gait_transitions import gait_transitions as gait_transitions
+from gaitsweep.plot.bifurcations.hysteresis import hysteresis as hysteresis
+from gaitsweep.plot.bifurcations.return_map import return_map as return_map
+from gaitsweep.plot.bifurcations.stable_ranges import stable_ranges as stable_ranges
+from gaitsweep.plot.footfalls import footprints as footprints
+
+import_all("figures")
