@@ -24,8 +24,6 @@ from gaitsweep.shipped import job_file as shipped_or_own
 from gaitsweep.version import version
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from gaitsweep.job import Job
     from gaitsweep.runs.cluster.dispatch import Cluster
     from gaitsweep.runs.progress import Progress
@@ -371,8 +369,7 @@ def reproduce(
         sets = ", ".join(f"{number} with {constants}" for constants, number in found.by_constants.items())
         print(f"Reproduced by simulation: {sets}.")
     for missed in (ClaimVerdict.not_reproduced.value, ClaimVerdict.open_constants.value):
-        of_verdict: pd.DataFrame = found.table[found.table["verdict"] == missed]
-        for claim in of_verdict.to_dict(orient="records"):
+        for _, claim in found.table[found.table["verdict"] == missed].iterrows():
             unit = "" if claim["unit"] in ("", "1") else f" {claim['unit']}"
             ours = f"{claim['ours']}{unit}; paper: {claim['paper']}" if claim["ours"] else claim["why"]
             turned = f"; {claim['why']}" if claim["ours"] and claim["why"] else ""
