@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from gaitsweep.skeleton import LimbLook, Skeleton
 
 __all__ = [
-    "Chart", "FixedStepDynamics", "HybridModel", "Model", "Params", "Quantity", "Rates", "Recommended",
-    "ResultCode", "Simultaneous", "State", "Status", "SteppedModel", "Verdict",
+    "Chart", "FixedStepDynamics", "HybridModel", "Model", "Outcome", "Params", "Quantity", "Rates",
+    "Recommended", "ResultCode", "Simultaneous", "State", "Status", "SteppedModel", "Verdict",
 ]  # fmt: skip
 
 Params = Any  # a frozen pytree of scalars: a model's parameters

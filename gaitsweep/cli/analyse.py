@@ -5,7 +5,6 @@ Each imports the analysis when it runs, so that `--help` need not wait for JAX a
 
 from __future__ import annotations
 
-import functools
 import importlib
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,13 +19,17 @@ from gaitsweep.extension import extensions
 class _Analyses(TyperGroup):
     """The commands of gaitsweep, and those of extensions, which are read when a command is looked for."""
 
+    _theirs: dict[str, Any] | None = None
+
     @property
     def commands(self) -> dict[str, Any]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        return self._own | _of_extensions()
+        if self._theirs is None:
+            self._theirs = _of_extensions()
+        return self._own | self._theirs
 
     @commands.setter
     def commands(self, own: dict[str, Any]) -> None:
-        self._own = own
+        self._own, self._theirs = own, None
 
 
 app = typer.Typer(
@@ -162,7 +165,6 @@ def gait_transitions(
     print_table(transition_points_by_gait(result_table(directory), parameter, start))
 
 
-@functools.cache
 def _of_extensions() -> dict[str, Any]:
     """The commands that extensions bring, by name.
 

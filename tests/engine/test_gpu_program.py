@@ -126,7 +126,7 @@ def on_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
 
     monkeypatch.setattr(cuda, "CudaDevice", CudaDevice)
     device = types.SimpleNamespace(platform="gpu")
-    monkeypatch.setattr("sweeping.devices_on", lambda platform, engine: [device] * 2)
+    monkeypatch.setattr("tests.support.sweeping.devices_on", lambda platform, engine: [device] * 2)
     return partial(run_rows, engine="kernel")
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from toy_directories import block_frame, fill, open_toy
 
 from gaitsweep.analysis.records import outcome_labels
 from gaitsweep.table import load, load_parts
 from gaitsweep.table.outcomes import outcomes
+from tests.support.toy_directories import block_frame, fill, open_toy
 
 
 def test_an_outcome_is_a_gait_or_why_there_is_none() -> None:
