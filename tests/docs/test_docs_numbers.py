@@ -132,7 +132,7 @@ def test_a_command_that_fails_differs(
 @pytest.mark.parametrize("page", pages(), ids=lambda page: page.name)
 def test_commands_of_the_pages_exist(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
-    list(sourced(text))
+    assert list(unsourced(text)) == []
     assert len(list(checks(text))) == len(re.findall("<!-- numbers[,:]", text))
     for check in checks(text):
         made: set[str] = set()  # by the commands before
