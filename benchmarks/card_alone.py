@@ -111,13 +111,13 @@ def measure(case: Case, lanes: int = 131072, contraction: bool = True) -> Measur
     on_card = CudaLanes(spec, spec.devices[0])
     on_card.fill(params, starts, np.ones(lanes, bool))
     ready = time.perf_counter() - began
-    attempts, rates = int(on_card.run_chunk(0).attempts.sum()), []
+    attempts, rates = int(on_card.run_chunk(0).numbers["attempts"].sum()), []
     for _ in range(3):
         began = time.perf_counter()
         on_card.advance(case.polls)
         on_card.card.wait()
         seconds = time.perf_counter() - began
-        now = int(on_card.run_chunk(0).attempts.sum())
+        now = int(on_card.run_chunk(0).numbers["attempts"].sum())
         rates.append((now - attempts) / seconds)
         attempts = now
     thread = on_card.run.attributes
