@@ -368,9 +368,9 @@ def reproduce(
     if len(found.by_constants) > 1:
         sets = ", ".join(f"{number} with {constants}" for constants, number in found.by_constants.items())
         print(f"Reproduced by simulation: {sets}.")
-    claims: list[dict[str, str]] = found.table.to_dict(orient="records")
+    judged_claims: list[dict[str, str]] = found.table.to_dict(orient="records")
     for missed in (ClaimVerdict.not_reproduced.value, ClaimVerdict.open_constants.value):
-        for claim in (each for each in claims if each["verdict"] == missed):
+        for claim in (each for each in judged_claims if each["verdict"] == missed):
             unit = "" if claim["unit"] in ("", "1") else f" {claim['unit']}"
             ours = f"{claim['ours']}{unit}; paper: {claim['paper']}" if claim["ours"] else claim["why"]
             turned = f"; {claim['why']}" if claim["ours"] and claim["why"] else ""

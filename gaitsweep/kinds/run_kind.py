@@ -26,41 +26,6 @@ from gaitsweep.schema.strict_model import StrictModel, kind_of, plain
 
 
 @dataclasses.dataclass(frozen=True)
-class PlanAxis:
-    """The names of an axis, one or those of a `zip` or `sample`, and its number of points."""
-
-    names: tuple[str, ...]
-    length: int
-
-
-class Rows(Protocol):
-    """The rows of a job, as a run kind and a figure see them; `gaitsweep.job.Design` says what each gives."""
-
-    @property
-    def model(self) -> Model: ...
-    @property
-    def n_rows(self) -> int: ...
-    @property
-    def names(self) -> tuple[str, ...]: ...
-    @property
-    def axes(self) -> Sequence[PlanAxis]: ...
-    @property
-    def grids(self) -> Mapping[str, GridAxis]: ...
-    def following(self, *parameters: str) -> Mapping[str, str]: ...
-    def columns(self, start: int, stop: int) -> dict[str, np.ndarray]: ...
-    def values_in(self, rows: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]: ...
-    def in_cells(self, name: str) -> bool: ...
-
-
-@dataclasses.dataclass(frozen=True)
-class GridAxis:
-    """The place of an axis among a job's, and whether its last cell is next to its first."""
-
-    place: int
-    closed: bool
-
-
-@dataclasses.dataclass(frozen=True)
 class Movement:
     """A parameter that a run moves along `values`; a job names it at `named`, and its values at `valued`."""
 

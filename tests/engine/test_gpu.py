@@ -30,7 +30,8 @@ def test_what_kernels_need_is_there() -> None:
 def test_a_large_kernel_has_all_registers_that_a_thread_may_have() -> None:
     """255 of them leave room for two blocks; the compiler's own choice was 32, and a tenth of the speed."""
     model = PlanarQuadruped()
-    kernel = kernel_of(model, CrossingRecorder(model, crossings=10), Numerics(method="semi_implicit"), None)
+    numerics = Numerics(method="semi_implicit").resolve(model)
+    kernel = kernel_of(model, CrossingRecorder(model, crossings=10), numerics, None)
     card = CudaDevice(0)
     source = gpu_program.running(kernel.chunk, range(kernel.chunk.first_of_carry), kernel.title)
     threads = card.threads(card.module(source).get_kernel("run"))

@@ -121,7 +121,7 @@ def test_stages_of_a_step_are_those_of_an_attempt() -> None:
     whole = jax.jit(
         lambda c: jax.lax.while_loop(lambda c: c.halt == Halt.GOING, lambda c: attempt(params, c), c)
     )(carry)
-    t, after, way = jax.jit(crossing_of(model, numerics, "xla"))(params, state)
+    t, after, way = jax.jit(crossing_of(model, numerics.resolve(model), "xla"))(params, state)
     assert int(way) == ReturnStatus.crossed
     # the same arithmetic; compilers may round sums of products differently
     assert abs(float(t - whole.t)) < 1e-12

@@ -16,12 +16,13 @@ from pydantic import Field
 import gaitsweep as gs
 from gaitsweep import kinds
 from gaitsweep.contract import Model, Params, Quantity
+from gaitsweep.design import Design
 from gaitsweep.engine.advance import Carry, Halt
 from gaitsweep.engine.recorders.recorder import LaneRecord, PollResult
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.job import Job
 from gaitsweep.kinds.columns import GAIT, STATUS, Column
-from gaitsweep.kinds.run_kind import Cost, Rows
+from gaitsweep.kinds.run_kind import Cost
 from gaitsweep.row_outcome import RowNumber
 from gaitsweep.table import ResultDirectory, Snapshot
 from toy_model import launches
@@ -56,7 +57,7 @@ class Fastest(kinds.RunKind):
     def columns(self, model: Model) -> list[Column]:
         return [STATUS, GAIT]
 
-    def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
+    def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         return Cost(30 * cycle, 150 * cycle)
 
 
