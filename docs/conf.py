@@ -50,7 +50,7 @@ nitpick_ignore_regex = [
     (r"py:.*", r"(collections|jax|matplotlib|np|numpy|pandas|pathlib|pd|pydantic|types|typing|xarray)\..*"),
     (r"py:class", r"Path|Client|BaseModel"),
     # Names of unions in signatures, which the text beside them explains.
-    (r"py:class", r"AnyModel|ArrayLike|Rows|Scalar|SectionPoints|(gaitsweep\..*)?(Progress|PartT)"),
+    (r"py:class", r"AnyModel|ArrayLike|Rows|Scalar|SectionPoints|(gaitsweep\..*)?(Progress|ModelT)"),
 ]
 napoleon_numpy_docstring = False
 napoleon_use_rtype = False

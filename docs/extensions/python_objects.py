@@ -8,6 +8,7 @@ import typing
 from typing import Any
 
 from docutils import nodes
+from matplotlib.figure import Figure
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from sphinx.addnodes import pending_xref
@@ -24,7 +25,7 @@ def _plain_annotations(app: Sphinx, documented: Any, bound_method: bool) -> None
     function = inspect.unwrap(documented)
     if not inspect.isfunction(function) or not function.__module__.startswith(_FIGURES):
         return
-    documented.__annotations__ = function.__annotations__ = typing.get_type_hints(function)
+    documented.__annotations__ = function.__annotations__ = typing.get_type_hints(function, localns={"Figure": Figure})
 
 
 def _signature(
