@@ -25,7 +25,8 @@ def _plain_annotations(app: Sphinx, documented: Any, bound_method: bool) -> None
     function = inspect.unwrap(documented)
     if not inspect.isfunction(function) or not function.__module__.startswith(_FIGURES):
         return
-    documented.__annotations__ = function.__annotations__ = typing.get_type_hints(function, localns={"Figure": Figure})
+    hints = typing.get_type_hints(function, localns={"Figure": Figure})
+    documented.__annotations__ = function.__annotations__ = hints
 
 
 def _signature(
