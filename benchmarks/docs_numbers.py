@@ -53,7 +53,8 @@ _GROUPED = r"-?\d{1,3}(?:[ \n]\d{3})+(?![\d.])"
 _BRACES = re.compile(rf"\{{(<?) ?({_GROUPED}|{_NUMBER})(?: \+- ({_NUMBER}))?( %)?\}}")
 # Not measured: code, addresses of links, and what a number only names.
 _UNMEASURED = re.compile(
-    r"```.*?```|`[^`]*`|\]\([^)]*\)|(?:Figs?\.|Tables?|Sec\.|eqs?\.|Eqs?\.|et al\.) ?\(?\d[\d., a-z()]*"
+    r"```.*?```|`[^`]*`|\]\([^)]*\)|(?:Figs?\.|Tables?|Sec\.|eqs?\.|Eqs?\.|et al\.) ?"
+    r"\(?\d+(?:\.\d+)*[a-z]?\b\)?(?:(?:, | and | to )\(?\d+[a-z]?\b(?!\.\d)\)?)*"
     r"|^(?:#+ |- )?\d+\. |\$[^$]*\$|[\w:]*:\d+\b|95 %(?= (?:confidence )?intervals?)",
     re.DOTALL | re.MULTILINE,
 )
@@ -133,14 +134,13 @@ def sourced(text: str) -> Iterator[tuple[str, str]]:
         if not found:
             raise ValueError(f"line {line}: no number in braces")
         file = ROOT / source
-        held = (
-            {float(_plain(n)) for n in re.findall(_NUMBER, re.sub(r"(?<=\d)_(?=\d)", "", file.read_text()))}
-            if file.is_file()
-            else None
-        )
+        if kind == "given" and "/" in source and not file.is_file():
+            raise ValueError(f"line {line}: there is no {source}")
+        written = re.sub(r"(?<=\d)_(?=\d)", "", file.read_text()) if file.is_file() else ""
+        held = {float(_plain(number)) for number in re.findall(_NUMBER, written)}
         for digits in found:
             _must_stand(digits, section, line)
-            if held is not None and float(_plain(digits)) not in held:
+            if file.is_file() and float(_plain(digits)) not in held:
                 raise ValueError(f"line {line}: {digits} is not in {source}")
             yield kind, digits
 

@@ -145,21 +145,31 @@ def longer_than_right(design: Design, run: RunKind, numerics: ResolvedNumerics) 
 
 
 def values_with_right_steps(
-    design: Design, run: RunKind, numerics: ResolvedNumerics, steps: RowSteps
+    design: Design,
+    run: RunKind,
+    numerics: ResolvedNumerics,
+    steps: RowSteps,
+    rows_in: Callable[[int, int], np.ndarray] | None = None,
 ) -> Callable[[int, int], tuple[dict[str, np.ndarray], dict[str, np.ndarray]]]:
-    """`Design.values`, which refuses rows whose step is too long where not all were looked at beforehand."""
-    if numerics.dt is None or not steps.sampled or design.model.host_parameters:
+    """`Design.values`, which refuses rows whose step is too long where not all were looked at beforehand.
+
+    `rows_in(first, last)` gives the rows of the job, (last - first,), where only some of them are simulated.
+    """
+    sampled = numerics.dt is not None and steps.sampled and not design.model.host_parameters
+    if rows_in is None and not sampled:
         return design.values
 
     def values(first: int, last: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        rows = np.arange(first, last, dtype=np.int64)
+        rows = np.arange(first, last, dtype=np.int64) if rows_in is None else rows_in(first, last)
+        if not sampled:
+            return design.values_in(rows)
         dt, longest = _steps(design, run, numerics, rows)
         wrong = np.flatnonzero(dt > longest * _ROUNDING)
         if wrong.size:
             row, right = int(rows[wrong[0]]), _rounded_down(float(longest[wrong[0]]))
             text = f"is {numerics.dt:g} s, too long for row {row}, where {right:g} s is right: leave it out."
             raise JobError([Diagnostic(("numerics", "dt"), text)])
-        return design.values(first, last)
+        return design.values_in(rows)
 
     return values
 

@@ -20,6 +20,7 @@ from gaitsweep.contract import Status, names_gait
 from gaitsweep.engine.sweep.refine import ALONE, UNKNOWN, Grid, inferred, wanted
 from gaitsweep.engine.sweep.sweep import Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.job.step_lengths import values_with_right_steps
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.progress import Progress as RunProgress
@@ -32,10 +33,10 @@ FOLDER = "refinement"
 
 
 def some_rows(context: RunContext, n_rows: int, rows_in: Callable[[int, int], np.ndarray]) -> RunContext:
-    """A job made context of which only `n_rows` rows are simulated, those of `rows_in`."""
-    spec = dataclasses.replace(
-        context.spec, n_rows=n_rows, values=lambda first, stop: context.design.values_in(rows_in(first, stop))
-    )
+    """The context of a run of which only `n_rows` rows are simulated, those of `rows_in`."""
+    numerics, steps = context.spec.numerics, context.steps
+    values = values_with_right_steps(context.design, context.job.run, numerics, steps, rows_in)
+    spec = dataclasses.replace(context.spec, n_rows=n_rows, values=values)
     return dataclasses.replace(context, spec=spec, rows_in=rows_in)
 
 

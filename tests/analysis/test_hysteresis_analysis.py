@@ -1,4 +1,4 @@
-"""Jumps, edges and loop areas of a map whose folds are known in closed form (tests/hysteresis_tables.py)."""
+"""Jumps, edges and loop areas of a map whose folds are known in closed form (hysteresis_tables)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fixed points, ghosts and branches of maps that are known in closed form (tests/hysteresis_tables.py)."""
+"""Fixed points, ghosts and branches of maps that are known in closed form (hysteresis_tables)."""
 
 from __future__ import annotations
 

@@ -103,6 +103,8 @@ def test_a_number_may_come_from_a_file_or_a_publication_or_another_machine() -> 
     assert list(unsourced(page)) == [(1, "2.5")]
     with pytest.raises(ValueError, match=r"3\.1 is not in sweeps/quick_basins\.yaml"):
         list(sourced(page.replace("Aoi 2011, Fig. 6", "sweeps/quick_basins.yaml")))
+    with pytest.raises(ValueError, match=r"there is no sweeps/basins\.yaml"):
+        list(sourced(page.replace("sweeps/quick_basins.yaml", "sweeps/basins.yaml")))
     with pytest.raises(ValueError, match=r"3\.2 does not stand"):
         list(sourced(page.replace("{3.1}", "{3.2}")))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import os
 import subprocess
@@ -23,7 +24,7 @@ from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.solver import METHODS
 from gaitsweep.engine.solver.runge_kutta import DIFFERENCE, STAGES
 from gaitsweep.job import Job, JobError
-from gaitsweep.job.step_lengths import row_steps
+from gaitsweep.job.step_lengths import row_steps, values_with_right_steps
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from tests.support.sweeping import run_rows, scalars
 from toy_model import Toy, bounce_times
@@ -197,6 +198,26 @@ def test_an_explicit_step_is_refused_where_it_is_too_long(numerics: dict, senten
     for sentence in sentences:
         assert sentence in str(refused.value)
     Job(**fields, numerics={"method": "propagator6", "dt": 25e-3})
+
+
+def test_a_step_is_compared_as_rows_begin_where_only_some_sets_were_looked_at() -> None:
+    """Also where some rows of the job are simulated, as in a round of a refined run."""
+    start = {"psi_1": 1, "psi_2": 2, "psi_3": 3}
+    job = Job(
+        name="some", model="multilegged", start=start, run={"kind": "settle"}, vary={"m_B": [0.9, 0.9, 0.7]}
+    )
+    steps = dataclasses.replace(row_steps(job.design, job.run, job.integration), sampled=True)
+    numerics = dataclasses.replace(job.integration, dt=27e-3)
+
+    def values(*rows: int) -> np.ndarray:
+        given = values_with_right_steps(
+            job.design, job.run, numerics, steps, lambda a, b: np.array(rows)[a:b]
+        )
+        return given(0, len(rows))[0]["m_B"]
+
+    assert values(1, 0).tolist() == [0.9, 0.9]
+    with pytest.raises(JobError, match=r"too long for row 2, where 0\.02"):
+        values(0, 2)
 
 
 def _params(model: Multilegged, given: dict[str, float]) -> Any:

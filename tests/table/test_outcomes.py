@@ -22,6 +22,14 @@ def test_an_outcome_is_a_gait_or_why_there_is_none() -> None:
     assert list(found.categories) == ["walk", "trot", "none", "not settled", "failed"]
 
 
+def test_outcomes_of_as_many_gaits_as_a_small_code_holds() -> None:
+    names = [f"gait {n}" for n in range(127)]
+    assert list(outcomes(pd.Categorical(["gait 126"] * 2, names), ["settled", "fell"])) == [
+        "gait 126",
+        "failed",
+    ]
+
+
 @pytest.mark.parametrize("older", [{0, 1, 2}, {1}])
 def test_tables_of_before_get_the_column_when_they_are_loaded(tmp_path: Path, older: set[int]) -> None:
     """All parts without the column, or one of them: a run that another version continued."""

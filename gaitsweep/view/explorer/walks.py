@@ -159,7 +159,7 @@ class Walker:
         starts: Mapping[str, np.ndarray],
         begun: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
-        self._work, self._rows, self._given = spec, rows, (parameters, starts)
+        self._spec, self._rows, self._given = spec, rows, (parameters, starts)
         model = spec.model
         there = {**parameters, **{name: np.full(rows.size, value) for name, value in begun.items()}}
         self._parameters = [{k: float(v[i]) for k, v in there.items()} for i in range(rows.size)]
@@ -171,7 +171,7 @@ class Walker:
 
     def watched(self, windows: Windows, told: Told | None = None) -> Iterator[Watched]:
         """The rows one after the other, simulated in one batch."""
-        rows, spec = self._rows, self._work
+        rows, spec = self._rows, self._spec
         recorder = WindowsRecorder(
             spec.model,
             self.every,
@@ -204,7 +204,7 @@ class Walker:
         return parameters, starts
 
     def _of_block(self, result: RowOutcome, recorder: WindowsRecorder) -> Iterator[Watched]:
-        observed = len(self._work.model.observables)
+        observed = len(self._spec.model.observables)
         cuts = np.cumsum(result.kept)[:-1]
         for i, numbers in enumerate(np.split(result.samples, cuts)):
             crossed = numbers[:, 0] >= 0.0
@@ -250,7 +250,7 @@ class Walker:
         return Motion(stretch, t[:length], stride, feet, pictures)
 
     def _pictures(self, place: int, signals: dict[str, np.ndarray], t: np.ndarray) -> Pictures | None:
-        skeleton = self._work.model.skeleton(self._parameters[place], signals)
+        skeleton = self._spec.model.skeleton(self._parameters[place], signals)
         if skeleton is None:
             return None
         if self.parts is None:

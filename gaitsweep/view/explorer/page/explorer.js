@@ -17,7 +17,7 @@ const SCHEMES = {
 };
 const darkness = matchMedia("(prefers-color-scheme: dark)");
 let shade = SCHEMES[darkness.matches ? "dark" : "light"];
-// The side view's own drawing: gaitsweep/plot/movie/side_view.py.
+// The side view's own drawing: gaitsweep/view/movie/side_view.py.
 const ASIDE = [0.28, 0.22];
 const SERIES = ["#E69F00", "#0072B2", "#009E73", "#CC79A7", "#D55E00", "#56B4E9"];
 const SYMBOLS = { "o": "circle", "s": "square", "^": "triangle-up", "D": "diamond", "v": "triangle-down",
