@@ -120,13 +120,12 @@ class RowOutcome:
 
     @property
     def place(self) -> np.ndarray:
-        """Where the row of each record stands among these rows, (m,)."""
+        """Place of each record's row among these rows, (m,)."""
         return np.repeat(np.arange(self.row.size), self.kept)
 
 
 def _concatenated(parts: list[Any]) -> Any:
-    """Arrays one after the other, or those of each name; files of another version may have other names."""
+    """Arrays one after the other, or those of each name."""
     if isinstance(parts[0], dict):
-        names = [name for name in parts[0] if all(name in part for part in parts)]
-        return {name: _concatenated([part[name] for part in parts]) for name in names}
+        return {name: _concatenated([part[name] for part in parts]) for name in parts[0]}
     return np.concatenate([part for part in parts if len(part)] or parts)  # an empty one has no dtype

@@ -52,7 +52,7 @@ def shipped_as(file: Path, similar: Callable[[str, list[str]], str | None]) -> s
 
 
 def _owner(folder: Path) -> str:
-    """Whose jobs a folder holds, in a sentence: gaitsweep's, or an extension's."""
+    """Owner of a folder's jobs, in words: gaitsweep, or an extension."""
     if folder in (EXAMPLES, shipped("sweeps")):
         return "gaitsweep"
     return next(f"the extension {name}" for name, each in extensions().items() if each.jobs == folder)

@@ -171,8 +171,8 @@ class ResultDirectory:
         if examined.undigested:
             self._digest(examined)
         for number, parts in stored.items():
-            most = max(len(part.numbers) for part in parts)  # rows of an older version may lack some
-            rows = RowOutcome.concat([part for part in parts if len(part.numbers) == most])
+            newest = max((part.numbers.keys() for part in parts), key=len)  # another version may lack some
+            rows = RowOutcome.concat([part for part in parts if part.numbers.keys() == newest])
             _, first = np.unique(rows.row, return_index=True)  # a row may stand in several files
             self._restored[number] = rows.take(first)
 

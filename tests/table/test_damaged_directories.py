@@ -428,6 +428,18 @@ def test_rows_of_open_blocks_are_given_back_to_the_bit(tmp_path: Path) -> None:
         assert not list(path.glob("table/open-*"))
 
 
+def test_rows_of_a_version_with_fewer_numbers_leave_the_others_whole(tmp_path: Path) -> None:
+    with open_toy(tmp_path / "toy") as directory:
+        row = np.array([0])
+        directory.keep(RowOutcome(row, {"status": row.astype(np.int32)}, row, np.zeros((0, 3))))
+        keep(directory, [1, 2])
+    with open_toy(tmp_path / "toy") as directory:
+        found = directory.restored(0)
+        assert found is not None
+        assert found.row.tolist() == [1, 2]
+        assert found.numbers.keys() == {"status", "last"}
+
+
 def test_damaged_rows_of_open_blocks_are_run_again(tmp_path: Path) -> None:
     path = tmp_path / "toy"
     with open_toy(path) as directory:

@@ -76,7 +76,7 @@ class PollResult(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Readings:
-    """Where gaits are read: in `rows` (n,), at times `t` (n,) s, of `observed` (n, k), where `readable` (n,).
+    """Places at which gaits are read: `rows` (n,), times `t` (n,) s, `observed` (n, k), `readable` (n,).
 
     `batch`: readings of samples in one call of the model's `label`; None for one reading of each row.
     """
@@ -152,7 +152,7 @@ class Recorder(abc.ABC):
         return record, jnp.zeros((self.width,), last.dtype), jnp.asarray(False)
 
     def readings(self, rows: RowOutcome) -> Readings | None:
-        """Where the gaits of ended rows are read; None where this recorder keeps no gaits."""
+        """Places at which the gaits of ended rows are read; None where this recorder keeps no gaits."""
         return None
 
     def readings_at_the_end(self, rows: RowOutcome) -> Readings:

@@ -58,7 +58,7 @@ _WITHIN = {2: (1,), 3: (1,), 4: (2,), 5: (1,), 6: (2, 3), 7: (1,), 8: (4,)}
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Memory:
-    """What a row remembers beside its last crossings.
+    """Memory of a row beside its last crossings.
 
     `moves` (2, p) the largest distances from the state 1, ..., p crossings earlier, over the current span of
     crossings and the one before it; `span` (2, n) the least and largest values of the observables, without

@@ -57,7 +57,7 @@ def gait_shares(
 
 
 def sets_by_conditions(table: pd.DataFrame) -> pd.DataFrame:
-    """How many sets of parameters have the three gaits, apart by whether the paper's conditions hold.
+    """Count the sets of parameters with the three gaits, by whether the paper's conditions hold.
 
     Args:
         table: as for `gait_shares`.
