@@ -35,7 +35,9 @@ class PaperJob(StrictModel):
         default={}, alias="set", description="fields of the job that are replaced, dotted, such as its config"
     )
     quick: dict[str, Any] | Literal[False] = Field(
-        default={}, description="fields of the job that --quick replaces, dotted; false leaves the job out"
+        default={},
+        description="fields of the job that --quick replaces, dotted; verify is 0 unless it is among them; "
+        "false leaves the job out",
     )
 
 

@@ -336,7 +336,7 @@ def reproduce(
     paper: Annotated[str, typer.Argument(metavar="PAPER", help="The name of a paper, or a table of claims.")],
     quick: Annotated[
         bool,
-        typer.Option("--quick", help="Fewer rows and wider tolerances: minutes instead of half an hour."),
+        typer.Option("--quick", help="Fewer rows, wider tolerances and no self-check: minutes instead of half an hour."),
     ] = False,
     claims: Annotated[
         str | None,

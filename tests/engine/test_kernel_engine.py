@@ -197,7 +197,7 @@ def test_a_second_process_finds_the_kernel(kernels: Path) -> None:
     """Compiled once for the machine: the second process loads what the first has left."""
     script = (
         "import numpy as np\n"
-        "from sweeping import run_rows\n"
+        "from tests.support.sweeping import run_rows\n"
         "from toy_model import Toy\n"
         "from gaitsweep.engine.recorders.settle import SettleRecorder\n"
         "run_rows(Toy(), SettleRecorder(Toy(), max_cycles=33), {'launch_1': np.ones(3)}, engine='kernel')\n"

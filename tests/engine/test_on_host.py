@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from typing import Any
 
 import jax
 import numpy as np
@@ -39,7 +40,7 @@ class Prepared(Toy):
 @pytest.mark.slow
 @pytest.mark.parametrize(("block", "devices"), [(7, 1), (3, 1), (2, 2)])
 def test_arrays_of_rows_reach_their_lanes(block: int, devices: int) -> None:
-    def found(model: Toy, recorder: type, **how: int):
+    def found(model: Toy, recorder: type, **how: Any):
         return run_rows(
             model,
             recorder(model, 12),
@@ -47,6 +48,7 @@ def test_arrays_of_rows_reach_their_lanes(block: int, devices: int) -> None:
             params={"kick": KICK, "preload": 0.5 + 0.1 * LAUNCH},
             numerics=Numerics(dt=1e-2),
             lanes=2,
+            engine="xla",
             **how,
         )
 

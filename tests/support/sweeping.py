@@ -50,7 +50,7 @@ def run_rows(
     devices: int = 1,
     block: int | None = None,
     drive: Any = None,
-    engine: str = "xla",
+    engine: str = "kernel",
     on: str | None = None,
     varied: frozenset[str] = frozenset(),
 ) -> RowOutcome:
