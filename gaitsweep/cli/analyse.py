@@ -86,8 +86,8 @@ def targets(
     print("\nSmallest miss of the column's target among the sets that meet the row's, in reading errors:")
     print_table(found.nearest, 2, index=True)
     print(
-        f"\nThe best sets meet {len(found.most)} targets: {', '.join(found.most) or 'none'} "
-        f"({found.most_sets} sets)."
+        f"\nLargest number of targets that a set meets: {len(found.most)} "
+        f"({', '.join(found.most) or 'none'}; {found.most_sets} of {found.sets} sets)."
     )
 
 

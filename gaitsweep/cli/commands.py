@@ -227,7 +227,7 @@ def _stopped(name: str, out: Path | None) -> str:
         snapshot = Snapshot.of(path)
     except TableError:
         return "Stopped before anything was written. Run the same command to start again."
-    safe = f"{snapshot.rows_safe} of {snapshot.manifest['rows']} rows are stored in {path}"
+    safe = f"{snapshot.rows_safe} of {snapshot.manifest['rows']} rows are safe in {path}"
     return f"Stopped: {safe}. Run the same command to continue."
 
 

@@ -42,14 +42,14 @@ class TracedProgram:
 
 
 def unrepeatable(model: Model) -> str | None:
-    """Return why a model cannot be run again with the same result, in words after its name, or None."""
+    """The reason why a model is not reproducible, as the end of a sentence after its name, or None."""
     varying = traced_program(model).varying
     if varying is None:
         return None
     return (
         f"but its function {varying} differs each time that it is traced: it draws random numbers or reads a "
-        "clock, once, when it is compiled. Make such a number a parameter, or a constant of the module with "
-        "a fixed seed."
+        "clock when it is compiled. Make such a number a parameter, or a constant of the module with a fixed "
+        "seed."
     )
 
 

@@ -81,7 +81,7 @@ def test_check_counts_sets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     good, bad = written(tmp_path, JOB, "good.yaml"), written(tmp_path, JOB.replace("x_1: [", "x_9: ["))
     assert main(["check", str(good), str(bad)]) == 2
     out, err = capsys.readouterr()
-    assert out == f"{good}: good, 40 sets\n"
+    assert out == f"{good}: valid, 40 sets\n"
     assert "sensitivity.parameters.x_9 is not a parameter" in err
 
 

@@ -100,7 +100,7 @@ def test_the_schema_and_the_refusals_name_them() -> None:
         job(kind="doubling")
     with pytest.raises(JobError, match=r"figures\[0\]\.y is tt, which is not a column of this job's table"):
         job([{"kind": "times", "y": "tt"}])
-    with pytest.raises(JobError, match="needs a run of doublings or return_map, not of settle"):
+    with pytest.raises(JobError, match="doublings or return_map, not settle"):
         job([{"kind": "times"}], kind="settle")
     with pytest.raises(JobError, match="needs a run of return_map or ramp or doublings, not of settle"):
         job([{"kind": "cycles", "y": ["launch_1"]}], kind="settle")
