@@ -108,17 +108,17 @@ class Good(DeclaredModel):
 """
 BAD = {
     "": "valid, 1 parameter, 1 start, 1 observable, 2 signals, 1 gait",
-    "N: int = 3": "annotates N but is no dataclass",
+    "N: int = 3": "annotates N",
     "g = parameter('', 'gravity', 9.81)": "whose g has no unit",
-    "gaits = ()": "takes at least one name",
+    "gaits = ()": "at least one name",
     "def period(self, p): return -p.g": "its function period returns -9.81",
     "def period(self, p): return jnp.sqrt(-p.g)": "its function period returns nan",
     "def flow(self, p, s): return {'z': 1.0 / s.v}": "its function flow returns inf for z",
     "def label(self, p, at): return {'gait': jnp.asarray(4)}": "label returns gait 4",
-    "def failed(self, p, s): return s.z > 0.0": "its function failed says that its default start has fallen",
-    "def failed(self, p, s): return s.z > 0.0 if p.g > 1 else s.z": "Use jnp.where in place of if",
-    "def jump(self, p, s, fired): return s.replace(z=0.0)": "jump changes z where nothing fired",
-    "def section(self, p, s, fired): return ~fired[0]": "section closes a cycle where no event has fired",
+    "def failed(self, p, s): return s.z > 0.0": "its function failed returns True for its default start",
+    "def failed(self, p, s): return s.z > 0.0 if p.g > 1 else s.z": "Use jnp.where",
+    "def jump(self, p, s, fired): return s.replace(z=0.0)": "jump changes z",
+    "def section(self, p, s, fired): return ~fired[0]": "section closes a cycle",
     "z = variable('m', 'height', 'log(0-1)')": "has a default without a value",
     "def flow(self, p, s): return {'height': s.v}": "height",
 }
