@@ -78,8 +78,8 @@ def refuse_missing_platform() -> None:
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY:
         raise UnsupportedSystem(
-            f"This process may use {limit / 1e9:.1f} GB of virtual memory (ulimit -v), but to compile and "
-            f"run a model takes {LEAST_MEMORY / 1e9:.1f} GB or more: raise the limit."
+            f"This process may use {limit / 1e9:.1f} GB of virtual memory (ulimit -v), but compiling and "
+            f"running a model takes at least {LEAST_MEMORY / 1e9:.1f} GB: raise the limit."
         )
     platforms: str | None = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
     if not platforms or platforms == "cpu":
