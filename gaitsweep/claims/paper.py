@@ -231,7 +231,7 @@ def _checked(paper: Paper) -> Iterator[Diagnostic]:
         path = ("claims", at)
         if before.setdefault(claim.id, at) != at:
             yield Diagnostic(
-                (*path, "id"), f"is {claim.id}, like that of claims[{{before[claim.id]}}]: ids must differ."
+                (*path, "id"), f"is {claim.id}, like that of claims[{before[claim.id]}]: ids must differ."
             )
         for number, name in enumerate(claim.of):
             if name not in paper.jobs:

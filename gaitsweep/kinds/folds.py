@@ -198,5 +198,5 @@ def _fold_column(model: Model, name: str) -> Column:
     """Column of the parameter's value at the fold."""
     found = next((each for each in model.parameters if each.name == name), None)
     if found is not None:
-        found = dataclasses.replace(found, name=f"{name}_fold", meaning=f"{found.meaning} at the fold")
+        found = dataclasses.replace(found, name=f"{name}_fold", meaning=f"{found.meaning}, at the fold")
     return Column(f"{name}_fold", quantity=found, repeats=False)

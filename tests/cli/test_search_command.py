@@ -71,7 +71,7 @@ def test_a_search_runs_and_is_shown_again(capsys: Capture) -> None:
     assert main(["report", "results/toy_search"]) == 0
     # another budget is another search
     assert main(["search", "job.yaml", "--set", "search.budget=10"]) == 2
-    assert "results/toy_search holds another job's table" in capsys.readouterr().err
+    assert "results/toy_search contains the table of another job" in capsys.readouterr().err
     assert len(gs.load("results/toy_search")) == 48
 
 
@@ -80,7 +80,7 @@ def test_other_commands_name_the_search(capsys: Capture) -> None:
     assert capsys.readouterr().out == "job.yaml: valid, 48 sets of 1 row\n"
     assert main(["run", "job.yaml"]) == 2
     refused = capsys.readouterr().err
-    assert refused.startswith("job.yaml, line 5: search makes this a job of another command")
+    assert refused.startswith("job.yaml, line 5: search belongs to another command")
     assert "`gaitsweep search`" in refused
     assert not Path("results").exists()
 

@@ -353,7 +353,7 @@ def test_a_variable_that_a_jump_alone_moves_needs_no_rate() -> None:
 
 def test_a_quantity_with_the_name_of_a_column_is_refused() -> None:
     model = type("Mine", (Ground,), {"status": variable("1", "any", 0.0), **_flows(status=lambda s: 0.0)})
-    with pytest.raises(gs.UserError, match="a quantity status, but a table of trace has a column"):
+    with pytest.raises(gs.UserError, match="a quantity status, but the table of trace has"):
         gs.simulate(model, duration=1.0)
 
 

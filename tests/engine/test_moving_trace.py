@@ -84,4 +84,4 @@ def test_what_is_refused(tmp_path: Path, run: str, words: list[str]) -> None:
 
 def test_a_ramp_of_gaits_needs_something_that_moves(tmp_path: Path) -> None:
     text = TEXT.format(run="{kind: trace, duration: 3, every: 1}") + "figures: [{kind: gait_ramp}]\n"
-    assert "this run moves nothing" in refused(written(tmp_path, text))
+    assert "no parameter moves" in refused(written(tmp_path, text))

@@ -102,7 +102,7 @@ def test_the_schema_and_the_refusals_name_them() -> None:
         job([{"kind": "times", "y": "tt"}])
     with pytest.raises(JobError, match="doublings or return_map, not settle"):
         job([{"kind": "times"}], kind="settle")
-    with pytest.raises(JobError, match="needs a run of return_map or ramp or doublings, not of settle"):
+    with pytest.raises(JobError, match="return_map or ramp or doublings, not settle"):
         job([{"kind": "cycles", "y": ["launch_1"]}], kind="settle")
 
 

@@ -80,7 +80,7 @@ def test_no_fold_and_no_fixed_point(tmp_path: Path) -> None:
         ),
         ({"parameters": ["r", "r"]}, r"parameters\[1\] is r, as the first"),
         ({"within": {"r": [-1, 1]}}, "within has no range of a"),
-        ({"within": {"r": [-1, 1], "a": [0, 2], "b": [0, 1]}}, "b is no range of run.parameters"),
+        ({"within": {"r": [-1, 1], "a": [0, 2], "b": [0, 1]}}, "b is not one of run.parameters"),
         ({"within": {"r": [1, -1], "a": [0, 2]}}, "write the lower end first"),
         ({"within": {"r": [-1, 1], "a": [0, 20]}}, r"a\[1\] is 20, but must be from -10 to 10"),
         ({"within": {"r": [-1, 1], "a": [0, 0.5]}}, "a begins at 1 in row 0"),

@@ -108,7 +108,7 @@ def test_a_strip_of_poses_is_a_figure_of_its_directory(quadruped: Path, chain: P
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (["--row", "2"], "There is no row 2: "),
+        (["--row", "2"], "Row 2 does not exist: "),
         (["--row", "-1"], "has rows 0 to 1"),
         (["--row", "1"], "recorded no motion: it ended as fell"),
         (["--size", "960"], "such as 960x540"),

@@ -303,7 +303,7 @@ def hysteresis_widths(
         ways = {way: middle[here & (points["direction"] == way)] for way in ("rising", "falling")}
         if any(way.empty for way in ways.values()):
             place = "" if group is None else f" at {by} = {group:g}"
-            raise AnalysisError(f"There is not a jump in each direction{place}.")
+            raise AnalysisError(f"The observable does not jump in each direction{place}.")
         found.append(float(ways["rising"].iloc[0] - ways["falling"].iloc[0]))
     return found
 

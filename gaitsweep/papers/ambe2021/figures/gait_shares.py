@@ -57,7 +57,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         column = getattr(figure, field)
         if column is not None and column not in sets and column not in TEXT_COLUMNS:
             allowed = near_miss.allowing(sets)
-            yield (field,), f"is {column}, which is no parameter that varies in this job. {allowed}"
+            yield (field,), f"is {column}, which is not a varying parameter of this job. {allowed}"
 
 
 @figure_kind("settle", check=_check)
@@ -65,7 +65,9 @@ def gait_shares(
     table: pd.DataFrame,
     *,
     x: Horizontal,
-    y: Annotated[AlongAxis | None, "column along the vertical axis; curves over x without"] = None,
+    y: Annotated[
+        AlongAxis | None, "column along the vertical axis; by default curves over x are drawn"
+    ] = None,
     title: Title = None,
 ) -> Figure:
     """The fraction of starts with each gait: curves over x, or a map over x and y for each gait.

@@ -68,7 +68,7 @@ def _at(N: int, kind: str, k: int, share: float) -> tuple[Branch, LagRule, float
 
 def _branch(kind: str, k: int) -> Branch:
     if kind not in ("A", "B", "direct"):
-        raise MeasureError(f"kind is {kind}: allowed are A, B, direct.")
+        raise MeasureError(f"kind is {kind}. Allowed: A, B, direct.")
     return Branch(kind, k)
 
 
@@ -210,7 +210,7 @@ def wave_numbers(*, which: str, beta: float = 0.8) -> float:
         "lag": lag(chain),
     }
     if which not in found:
-        raise MeasureError(f"which is {which}: allowed are {', '.join(found)}.")
+        raise MeasureError(f"which is {which}. Allowed: {', '.join(found)}.")
     return float(found[which])
 
 

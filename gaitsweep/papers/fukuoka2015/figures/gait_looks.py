@@ -41,7 +41,7 @@ _BAR = 0.62
 def check_gaits(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     """Return why gaits cannot be read of a table, or None."""
     if not has_swing_onsets(table):
-        yield figure.needs(table, "when each of four legs begins to swing (planar_quadruped tells it)")
+        yield figure.needs(table, "the swing onsets of four legs (as from planar_quadruped)")
 
 
 def has_swing_onsets(table: PlannedTable) -> bool:
@@ -88,7 +88,7 @@ def footfalls(axes: Axes, samples: pd.DataFrame, legs: Sequence[str] = LEGS) -> 
     """
     missing = [CONTACTS[leg] for leg in legs if CONTACTS[leg] not in samples.columns]
     if missing:
-        raise PlotError(f"The table has no column {missing[0]}: footfalls are drawn from a trace.")
+        raise PlotError(f"The table has no column {missing[0]}: footfalls need a trace.")
     t = samples["t"].to_numpy(float)
     down = samples[[CONTACTS[leg] for leg in legs]].to_numpy(float)
     for row, leg in enumerate(legs):
