@@ -1,4 +1,4 @@
-"""The folder of what can be computed again, and its files, which carry a digest of their content.
+"""The cache folder of results that can be computed again, each file with a digest of its content.
 
 It is $GAITSWEEP_CACHE, by default $XDG_CACHE_HOME/gaitsweep or ~/.cache/gaitsweep. Kernels in it are loaded
 as code: a folder that other users can write to is not used.

@@ -1,4 +1,4 @@
-"""Comparison of a paper's claims with gaitsweep's results: tables of claims, measures, verdicts, page.
+"""Comparison of a paper's claims with results: tables of claims, measures, verdicts, page.
 
 `configs/claims/PAPER.yaml` lists the claims. A claim names its jobs, a `measure` of their tables and the
 paper's value; the verdict compares the two.

@@ -433,7 +433,7 @@ def test_a_platform_that_is_not_here_is_a_sentence(job_file: Path) -> None:
     environment = os.environ | {"JAX_PLATFORMS": "abacus"}
     found = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert found.returncode == 2
-    assert "JAX_PLATFORMS is abacus, and JAX finds no such device here." in found.stderr
+    assert "JAX_PLATFORMS is abacus, but JAX finds no such device here." in found.stderr
     assert found.stderr.count("\n") == 1
 
 

@@ -62,7 +62,7 @@ def test_all_of_them_are_copied_and_work_where_they_are(capsys: Capture) -> None
     Path("here/hopper.py").unlink()
     capsys.readouterr()
     assert main(["examples", "hopper", "--to", "here"]) == 2
-    assert "here/hopper.yaml exists with other contents" in capsys.readouterr().err
+    assert "here/hopper.yaml exists already" in capsys.readouterr().err
     assert not Path("here/hopper.py").exists()
 
 

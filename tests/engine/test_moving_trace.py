@@ -59,7 +59,7 @@ def test_a_trace_that_moves_nothing_keeps_its_hash() -> None:
 @pytest.mark.parametrize(
     ("run", "words"),
     [
-        ("{kind: trace, duration: 3, every: 1, path: [1, 2]}", ["run.path", "name its run.parameter"]),
+        ("{kind: trace, duration: 3, every: 1, path: [1, 2]}", ["run.path", "run.parameter"]),
         ("{kind: trace, duration: 3, every: 1, parameter: kick}", ["run.path is missing", "kick moves"]),
         ("{kind: trace, duration: 3, every: 1, parameter: kick, path: [1, 2]}", ["run.rate is missing"]),
         (

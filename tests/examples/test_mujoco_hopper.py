@@ -126,7 +126,7 @@ def made(xml: str, **members: object) -> type[gs.MjcfModel]:
 )
 def test_what_mjx_cannot_do_is_refused(old: str, new: str, sentence: str) -> None:
     assert old in TEXT
-    with pytest.raises(gs.ArgumentError, match=f"is refused by session:Body: .*{sentence}"):
+    with pytest.raises(gs.ArgumentError, match=f"is not accepted by session:Body: .*{sentence}"):
         gs.simulate(made(TEXT.replace(old, new)), duration=0.1)
 
 

@@ -59,7 +59,7 @@ BAD = [
     (
         MAP,
         "{kind: return_map, y: launch_1, bandwidth: wide}",
-        ["figures[0].bandwidth", "wide is not known here"],
+        ["figures[0].bandwidth", "wide is unknown here"],
     ),
     (RAMP, "{kind: return_map, y: launch_1}", ["needs a run of return_map, not of ramp"]),
     (MAP, "{kind: branches, y: launch_1, x: stiffness}", ["figures[0].x is stiffness", "not a column"]),

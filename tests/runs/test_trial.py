@@ -149,7 +149,11 @@ class Tips(Unlabelled):
     [
         (Swings, {"x_0": [1.0, 2.0, -2.0]}, ["label gives gait 2 at the start of row 2 (x_0 = -2)"]),
         (Swings, {"x_0": [1.0, 12.0]}, ["surface of its event 'wall' at the start of row 1 (x_0 = 12)"]),
-        (Timed, {"w": [2.0, 3.7], "x_0": [0.5, 1.0]}, ["period gives -0.2 at the start of row 2 (w = 3.7,"]),
+        (
+            Timed,
+            {"w": [2.0, 3.7], "x_0": [0.5, 1.0]},
+            ["period returns -0.2 at the start of row 2 (w = 3.7,"],
+        ),
         (Roots, {"x_0": [1.0, 3.5]}, ["guards returns NaN for 'wall' at the start of row 1"]),
         (
             Roots,
@@ -206,7 +210,7 @@ def test_of_a_large_job_the_corners_of_the_axes_are_looked_at() -> None:
     ends = {(x, w, v) for x in (0.5, 1.0) for w in (1.0, 3.5) for v in (0.0, 0.1)}
     assert ends <= set(zip(*design.at(rows, ["x_0", "w", "v_0"]).values(), strict=True))
     (told,) = remarks_on_rows(design, "swing:Timed")
-    assert told.startswith("The model is swing:Timed, but its function period gives")
+    assert told.startswith("The model is swing:Timed, but its function period returns")
 
 
 @pytest.mark.slow

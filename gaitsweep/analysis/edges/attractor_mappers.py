@@ -102,7 +102,7 @@ class LabelMapper:
         label = np.asarray(self._label({name: each[which] for name, each in self._held.items()}, observed))
         if (wrong := label[images.sound & ~((label >= 0) & (label < self._counts.size))]).size:
             raise ArgumentError(
-                f"The model's function label gives gait {wrong[0]}, where it gives an index into its gaits: "
+                f"The model's function label returns gait {wrong[0]}, but must return the index of a gait, "
                 f"0 to {self._counts.size - 1}."
             )
         label = np.where(images.sound, label, 0)

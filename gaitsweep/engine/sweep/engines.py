@@ -52,7 +52,7 @@ def choose(
     if reason is None:
         return "kernel", None
     if wanted == "kernel":
-        raise EngineError(f"engine.name is kernel, but {reason}. Allowed: auto, xla.")
+        raise EngineError(f"engine.name is kernel, but {reason}. Allowed here: auto, xla.")
     return "xla", f"engine: xla, because {reason}."
 
 
@@ -61,7 +61,7 @@ def _obstacle(
 ) -> str | None:
     """The reason why a scalar kernel is not available, in words, or None."""
     if model.host_parameters:
-        return f"{model.name} computes on the host from {', '.join(model.host_parameters)}"
+        return f"{model.name} computes on the host with {', '.join(model.host_parameters)}"
     if device.platform not in KERNEL_POLLS_PER_CHUNK:
         return f"there are no kernels for {device.platform}"
     if device.platform == "gpu":
