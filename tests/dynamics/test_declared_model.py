@@ -419,7 +419,7 @@ def test_contradictions_are_told_in_a_sentence() -> None:
 
 
 def test_a_number_in_the_place_of_the_meaning_is_refused() -> None:
-    with pytest.raises(TypeError, match=r"The meaning of a declaration is 9\.81, but takes text"):
+    with pytest.raises(TypeError, match=r"The meaning of a declaration is 9\.81, but must be text"):
         parameter("m/s2", 9.81)  # type: ignore[arg-type]
-    with pytest.raises(TypeError, match=r"The unit of a declaration is 1\.0, but takes text"):
+    with pytest.raises(TypeError, match=r"The unit of a declaration is 1\.0, but must be text"):
         variable(1.0, "height")  # type: ignore[arg-type]

@@ -51,7 +51,7 @@ BAD = [
     (RAMP, "{kind: hysteresis, y: launch_1, least: 0}", ["figures[0].least is 0", "above 0"]),
     (RAMP, "{kind: hysteresis, y: launch_1, x: stiffness}", ["figures[0].x is stiffness", "an observable"]),
     (MAP, "{kind: hysteresis, y: launch_1}", ["needs a run of ramp or staircase, not of return_map"]),
-    (MAP, "{kind: return_map, y: 3}", ["figures[0].y is 3", "takes text"]),
+    (MAP, "{kind: return_map, y: 3}", ["figures[0].y is 3", "must be text"]),
     # the run of this name has crossings, its figure does not
     (MAP, "{kind: return_map, y: launch_1, crossings: 3}", ["figures[0].crossings", "a figure (return_map)"]),
     (MAP, "{kind: return_map}", ["figures[0].y is missing"]),
