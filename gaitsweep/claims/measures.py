@@ -27,7 +27,7 @@ def measure(function: Measure) -> Measure:
     """Register a function as a measure, under its name; a decorator.
 
     A measure takes the tables of a claim's jobs by position and the fields of `with` by keyword. It returns
-    a number, a text, or a list of either. It raises UserError if the tables lack what it measures.
+    a number, a text, or a list of either. It raises UserError if the tables lack the needed data.
 
     Raises:
         ValueError: another function has this name.
@@ -42,7 +42,7 @@ BROKEN = 0.05  # s; a shorter loss of contact is a break of the stance, not a sw
 
 
 class MeasureError(AnalysisError):
-    """A table lacks what a measure needs; the message is a sentence."""
+    """A table lacks data that a measure needs; the message is a sentence."""
 
 
 @measure
@@ -78,7 +78,7 @@ def value(table: pd.DataFrame, *, column: str, where: Condition | None = None, t
         take: min, max, median, mean, first, last or count.
 
     Raises:
-        MeasureError: no record fulfils `where`, or the table has no such column or `take` is another word.
+        MeasureError: no record fulfils `where`, or the table has no such column or `take` is not allowed.
     """
     rows = records(table, where, may_be_empty=take == "count")
     if column not in rows.columns:

@@ -35,7 +35,7 @@ _PLACE_AT_FAULT = (
 
 
 class TableError(UserError):
-    """A result directory cannot be used; the message is a sentence that says what to do."""
+    """A result directory cannot be used; the message is a sentence with advice."""
 
 
 class WriteError(TableError):

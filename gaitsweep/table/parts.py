@@ -108,7 +108,7 @@ def part_bytes(
 ) -> EncodedPart:
     """Encode a block's records as parquet with a checksum for each page and a `Footer` in the metadata.
 
-    Categories are stored as text, which parquet encodes by a dictionary of its own; their order is kept in
+    Categories are stored as text, which parquet encodes with its own dictionary; their order is stored in
     the footer. So any other reader of parquet sees plain text, and finds the unit and the meaning of a column
     in the metadata of its arrow field, under the keys `unit` and `meaning`.
 

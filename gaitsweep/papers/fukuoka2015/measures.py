@@ -448,7 +448,7 @@ def _stance_time(trace: pd.DataFrame) -> float:
 
 
 def _gaits(table: pd.DataFrame, begin: float, threshold: float) -> pd.DataFrame:
-    """The gaits of the rows; a table of ends has its own threshold unless another one is asked for."""
+    """The gaits of the rows; a table of ends has its own threshold unless another one is given."""
     found = gaits_in(table, window=(begin, math.inf), thresholds=(THRESHOLD, threshold))
     if threshold != THRESHOLD:
         found["gait"] = found[f"gait_at_{threshold:g}"]

@@ -168,7 +168,7 @@ def _curves(table: pd.DataFrame, x: str, title: str | None) -> Figure:
 def _edges(axes: Axes, table: pd.DataFrame, x: str, y: str | None) -> None:
     """The limits of the conditions that depend on the axes, with all other parameters as in the job.
 
-    There are none for a profile: the inner legs do not have one m, kappa and a.
+    A profile has none, since its inner legs do not share one m, kappa and a.
     """
     if has_profile(table):
         return

@@ -179,7 +179,7 @@ def _named(table: pd.DataFrame) -> str:
 
 
 def _theory(table: pd.DataFrame, axes: list[str]) -> tuple[np.ndarray, str | None]:
-    """The ends of the analytic pieces on section 1, (n, 2, 3), or the reason why there are none."""
+    """The ends of the analytic pieces on section 1, (n, 2, 3), and a reason if there are no pieces."""
     none = np.zeros((0, 2, 3))
     if any(name.removesuffix("_end") not in _PSI for name in axes):
         return none, "they are known for psi_1, psi_2 and psi_3 only."

@@ -49,7 +49,7 @@ _INSIDE = (0.1, 0.3, 0.45, 0.7, 0.9)  # shares of a set's range, off its middle,
 
 
 def springs_or(N: int, table: pd.DataFrame | None) -> int:
-    """The springs of a trace's chain; N without a trace, which only says which figure shows the claim."""
+    """The number of springs of a trace's chain, or N without a trace; the trace only has the figure."""
     return N if table is None else springs_of(table)
 
 

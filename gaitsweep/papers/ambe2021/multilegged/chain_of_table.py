@@ -1,4 +1,4 @@
-"""What the theory reads of a table: the chain's parameters, and the relative phases on section 1."""
+"""Input of the theory from a table: the chain's parameters, and the relative phases on section 1."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ class Chain(NamedTuple):
     of the first and the last leg, if they differ from the others.
 
     With a profile, `m` (N-1,), `kappa` (N-2,) and `a` (N-1,) are those of legs 2 .. N and of springs
-    2 .. N-1, and the values of the ends are given. What is known for equal inner legs only refuses it.
+    2 .. N-1, and the values of the ends are given. Functions for equal inner legs refuse it.
     """
 
     beta: Scalar = 0.8

@@ -1,4 +1,4 @@
-"""Figures of the nine gaits: their colours and markers, footfall bars of four legs, and what they need."""
+"""Figures of the nine gaits: their colours and markers, footfall bars of four legs, and shared checks."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def check_gaits(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
 
 
 def has_swing_onsets(table: PlannedTable) -> bool:
-    """Whether a table says when legs begin to swing, as `analysis.gait_tables` reads it."""
+    """Whether a table has the swing onsets of legs, for `analysis.gait_tables`."""
     averages = ("delta_1_mean", "delta_2_mean", "period", "variation", "antiphase", "length")
     return (
         table.missing([f"{name}_end" for name in averages]) is None
