@@ -74,7 +74,7 @@ class Settle(RunKind):
     coarse: Annotated[int, PlainValidator(checked(_power_of_two)), WithJsonSchema({"type": "integer"})] = (
         Field(
             default=8,
-            description="cells between the first starts that refine simulates: a power of two; "
+            description="spacing in cells of the first starts that refine simulates, a power of two; "
             "what is narrower may be missed",
         )
     )

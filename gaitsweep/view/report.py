@@ -61,7 +61,7 @@ figure { margin: 1.2rem 0; } img { max-width: 100%; height: auto; background: #f
 }
 """
 )
-_NOT_READ = "not classified"  # records without a gait
+_NOT_READ = "not read"  # records without a gait
 # Number of reasons shown for failed sets of constants.
 _REASONS = 5
 # Entries of the manifest that are shown elsewhere, or are of no use to a reader.

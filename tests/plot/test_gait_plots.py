@@ -179,5 +179,5 @@ def test_a_ramp() -> None:
     }
     ends = [bar.get_x() for bar in bars] + [bar.get_x() + bar.get_width() for bar in bars]
     assert 0.5 <= min(ends) < max(ends) <= 1.0
-    with pytest.raises(PlotError, match="moves no parameter"):
+    with pytest.raises(PlotError, match="o parameter moves"):
         plot.draw("gait_ramp", crossings_of("trot"))

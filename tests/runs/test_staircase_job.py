@@ -124,13 +124,13 @@ BAD = [
     ({"path": [4, -1]}, {}, ["run.path[1] is -1, but must be above 0 (spring, in N/m)"]),
     ({"path": [4, "stiffness"]}, {}, ["run.path[1]", "stiffness moves in this run"]),
     ({}, {"params": {"kick": "8-stiffness"}}, ["params.kick is", "where the staircase has stiffness = 9"]),
-    ({"step": 1e-4}, {}, ["run.step is 0.0001, which makes 100001 stairs; at most 10000 are made"]),
-    ({"step": 1e-320}, {}, ["run.step is", "at most 10000 are made"]),
+    ({"step": 1e-4}, {}, ["run.step is 0.0001, which gives 100001 stairs; at most 10000 are allowed"]),
+    ({"step": 1e-320}, {}, ["run.step is", "at most 10000 are allowed"]),
     ({"dwells": 3}, {}, ["run.dwells is not a field of run (staircase); did you mean dwell?"]),
     (
         {},
         {"figures": [{"kind": "basin", "x": "launch_1", "y": "t"}]},
-        ["needs a run of settle or fixed_time, not of stair"],
+        ["needs a run of kind settle or fixed_time, not stair"],
     ),
 ]
 

@@ -147,7 +147,7 @@ class Tips(Unlabelled):
 @pytest.mark.parametrize(
     ("kind", "axes", "words"),
     [
-        (Swings, {"x_0": [1.0, 2.0, -2.0]}, ["label gives gait 2 at the start of row 2 (x_0 = -2)"]),
+        (Swings, {"x_0": [1.0, 2.0, -2.0]}, ["label returns gait 2 at the start of row 2 (x_0 = -2)"]),
         (Swings, {"x_0": [1.0, 12.0]}, ["surface of its event 'wall' at the start of row 1 (x_0 = 12)"]),
         (
             Timed,
