@@ -1,4 +1,4 @@
-"""The folder of what can be computed again, and its files, which carry a digest of their content.
+"""The cache folder of results that can be computed again, each file with a digest of its content.
 
 It is $GAITSWEEP_CACHE, by default $XDG_CACHE_HOME/gaitsweep or ~/.cache/gaitsweep. Kernels in it are loaded
 as code: a folder that other users can write to is not used.
@@ -72,10 +72,13 @@ def _unsafe(folder: Path) -> str | None:
     """Return why code from a folder may be another user's, or None."""
     about, user = folder.stat(), os.geteuid()
     if about.st_uid not in (user, 0):
-        return f"it belongs to user {about.st_uid}, and this is user {user}; set GAITSWEEP_CACHE to your own"
+        return (
+            f"it belongs to user {about.st_uid}, but this process runs as user {user}; set "
+            "GAITSWEEP_CACHE to your own"
+        )
     others = stat.S_IWOTH if _is_own_group(about.st_gid, user) else stat.S_IWOTH | stat.S_IWGRP
     if about.st_mode & others and not about.st_mode & stat.S_ISVTX:
-        return f"other users may write to it; take that away by chmod go-w {folder}"
+        return f"other users can write to it; prevent that by chmod go-w {folder}"
     return None
 
 

@@ -78,9 +78,13 @@ class Status(ResultCode):
     """
 
     running = 0, "The row has not ended yet."
-    settled = 1, "The section's state stopped moving, or repeats every 2 to 8 crossings.", Verdict.sound
+    settled = (
+        1,
+        "The state at the section stopped changing, or repeats every 2 to 8 crossings.",
+        Verdict.sound,
+    )
     cycle_limit = 2, "The row reached run.max_cycles without settling."
-    fell = 3, "The model's own test of a fall came true.", Verdict.failed
+    fell = 3, "The body fell, by the model's test of a fall.", Verdict.failed
     diverged = 4, "A state variable grew past the bound of divergence.", Verdict.failed
     not_a_number = 5, "A state variable became NaN, or the model's period is not finite.", Verdict.failed
     event_stall = (
@@ -88,12 +92,16 @@ class Status(ResultCode):
         "Events followed each other at one instant without end (stalled_by names them).",
         Verdict.failed,
     )
-    time_limit = 7, "Time ran out: run.max_time, or four nominal periods for each cycle allowed."
-    complete = 8, "The row recorded all that was asked of it.", Verdict.sound
+    time_limit = 7, "The row reached run.max_time, or four nominal periods for each allowed cycle."
+    complete = 8, "The row recorded everything that its run requires.", Verdict.sound
     inferred = 9, "The row was not simulated: its neighbours decide its label.", Verdict.sound
     step_limit = 10, "The row needed more steps than its limit allows."
-    no_fixed_point = 11, "No fixed point was found from which to follow a branch."
-    at_rest = 12, "All rates of the flow vanished and stayed so: a fixed point of the flow.", Verdict.sound
+    no_fixed_point = 11, "No fixed point was found at which a branch could begin."
+    at_rest = (
+        12,
+        ("All rates of the flow vanished for good: the row is at a fixed point of the flow."),
+        Verdict.sound,
+    )
 
     SOUND = _OfVerdict(Verdict.sound)
     UNDECIDED = _OfVerdict(Verdict.undecided)
@@ -101,7 +109,7 @@ class Status(ResultCode):
 
 
 class Outcome(enum.StrEnum):
-    """The outcomes of rows that came to no gait; the outcome of the others is their gait."""
+    """The outcomes of rows without a gait; the outcome of other rows is their gait."""
 
     NO_GAIT = "none"  # a sound row whose gait the model does not name
     NOT_SETTLED = "not settled"

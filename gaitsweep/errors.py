@@ -29,17 +29,16 @@ class UserError(Exception):
 
 
 class UnsupportedSystem(UserError):
-    """This operating system lacks what the request needs; the message says what does it instead."""
+    """This system lacks a feature that the request needs; the message names an alternative."""
 
 
 def refuse_windows() -> None:
-    """Raise UnsupportedSystem on Windows, whose file locks and signals are others."""
+    """Raise UnsupportedSystem on Windows, whose file locks and signals differ."""
     if sys.platform == "win32":
         raise UnsupportedSystem(
-            "gaitsweep runs on Linux and macOS, not on Windows itself: install it in WSL 2 "
-            "(`wsl --install`, then `pip install gaitsweep` there)."
+            "Windows is not supported; use WSL 2 (`wsl --install`, then `pip install gaitsweep` there)."
         )
 
 
 class ArgumentError(UserError, ValueError):
-    """An invalid argument of a function; the message is a sentence that says what is allowed."""
+    """An invalid argument of a function; the message is a sentence with the allowed values."""

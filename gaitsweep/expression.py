@@ -105,7 +105,7 @@ def evaluate(
                 f"in {_quoted(expression)}, {name} is not a known name{near_miss.suggestion(name, allowed)}"
             )
     if clash := sorted(set(names) & set(CONSTANTS)):
-        raise ExpressionError(f"{clash[0]} is a constant and cannot be a name of its own.")
+        raise ExpressionError(f"{clash[0]} is a constant and cannot be redefined.")
     if functions is not None:
         return _evaluate_tree(expression, tree, {**CONSTANTS, **names}, functions, float)
     # A lone number goes through the loops of arrays too: NumPy's scalar powers differ from them by an ulp.
@@ -172,7 +172,7 @@ def fulfilled(
             near = near_miss.suggestion(name, list(columns))
             raise ExpressionError(f"in {_quoted(condition)}, {name} is not a column{near}")
     if not used:
-        raise ExpressionError(f"{_quoted(condition)} names no column.")
+        raise ExpressionError(f"{_quoted(condition)} does not name a column.")
     known = {name: read(columns[name]) for name in used}
     with np.errstate(all="ignore"):
         found = _truth(condition, tree, known)
@@ -225,7 +225,7 @@ def _compared(text: str, left: Any, how: ast.cmpop, right: Any) -> Any:
     if texts[0] != texts[1]:
         raise ExpressionError(f"{_quoted(text)} compares text with a number.")
     if texts[0] and type(how) not in (ast.Eq, ast.NotEq):
-        raise ExpressionError(f"{_quoted(text)} orders texts; only ==, != and in [...] compare them.")
+        raise ExpressionError(f"{_quoted(text)} orders texts, but only ==, != and in [...] can compare them.")
     return np.asarray(_COMPARISONS[type(how)](left, right), bool)
 
 
@@ -301,7 +301,7 @@ def _arithmetic(error: Exception) -> str:
         return "it divides by zero, or takes the logarithm of zero"
     if "overflow" in sort or "too large" in sort:
         return "it grows past 1.8e308"
-    return "a root, power or logarithm of a number that has none"
+    return "a root, power or logarithm is not defined for its number"
 
 
 @functools.lru_cache(maxsize=4096)
@@ -325,7 +325,7 @@ def _parse(text: str, condition: bool = False) -> ast.expr:
 
 def _hint(text: str) -> str:
     if product := re.search(r"(?<![\w.])(\d+\.?\d*)\s*([A-Za-z_]\w*|\()", text):
-        return f"; a product needs its star, and a number no unit: {product[1]}*{product[2]}"
+        return f"; a product needs a star, and a number has no unit: {product[1]}*{product[2]}"
     return ""
 
 
@@ -407,11 +407,11 @@ def _check_call(text: str, node: ast.Call) -> None:
         if isinstance(argument, (ast.Starred, ast.GeneratorExp)):
             raise ExpressionError(_refusal(text, argument))
     if node.keywords:
-        raise ExpressionError(f"in {_quoted(text)}, {name} takes no named arguments.")
+        raise ExpressionError(f"in {_quoted(text)}, {name} has no named arguments.")
     if name in ("min", "max") and len(node.args) < 2:
-        raise ExpressionError(f"in {_quoted(text)}, {name} takes two numbers or more.")
+        raise ExpressionError(f"in {_quoted(text)}, {name} needs at least two numbers.")
     if name not in ("min", "max") and len(node.args) != 1:
-        raise ExpressionError(f"in {_quoted(text)}, {name} takes one number.")
+        raise ExpressionError(f"in {_quoted(text)}, {name} needs exactly one number.")
 
 
 def _refusal(text: str, node: ast.AST) -> str:

@@ -71,20 +71,22 @@ def extensions() -> Mapping[str, Extension]:
             extension = entry.load()
         except Exception as error:  # another package's code may raise anything
             raise ExtensionError(
-                f"The extension {entry.name} of {owner} does not import ({type(error).__name__}: {error}): "
-                f"mend it, or uninstall {owner}."
+                f"The extension {entry.name} of {owner} cannot be imported ({type(error).__name__}: "
+                f"{error}): repair it, or uninstall {owner}."
             ) from error
         if not isinstance(extension, Extension):
             raise ExtensionError(
-                f"The extension {entry.name} of {owner} is {entry.value}, which is no gaitsweep.Extension."
+                f"The extension {entry.name} of {owner} is {entry.value}, which is not a gaitsweep.Extension."
             )
         if entry.name in found:
-            raise ExtensionError(f"There are two extensions {entry.name}: uninstall {owner}, or the other.")
+            raise ExtensionError(
+                f"There are two extensions named {entry.name}: uninstall {owner} or the other package."
+            )
         for name in extension.models:
             if name in models:
                 raise ExtensionError(
                     f"The extensions {models[name]} and {entry.name} both have a model {name}: uninstall "
-                    f"{owner}, or the other."
+                    f"{owner} or the other package."
                 )
             models[name] = entry.name
         found[entry.name] = extension

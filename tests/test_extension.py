@@ -51,10 +51,10 @@ def test_a_mistyped_job_of_an_extension_is_named_with_it(installed, tmp_path: Pa
 @pytest.mark.parametrize(
     ("name", "value", "sentence"),
     [
-        ("other", "NOT_THERE", r"The extension other of other does not import \(AttributeError: "),
-        ("other", "__doc__", "which is no gaitsweep.Extension"),
+        ("other", "NOT_THERE", r"The extension other of other cannot be imported \(AttributeError: "),
+        ("other", "__doc__", "which is not a gaitsweep.Extension"),
         ("other", "TAKEN", "ambe2021 and other both have a model multilegged: uninstall other"),
-        ("ambe2021", "OTHER", "There are two extensions ambe2021: uninstall other"),
+        ("ambe2021", "OTHER", "two extensions named ambe2021: uninstall other"),
     ],
 )
 def test_an_extension_that_cannot_be_used_is_refused(installed, name: str, value: str, sentence: str) -> None:

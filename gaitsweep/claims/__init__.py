@@ -1,7 +1,7 @@
-"""A paper's claims beside what gaitsweep finds: their tables, measures, verdicts and page.
+"""Comparison of a paper's claims with results: tables of claims, measures, verdicts, page.
 
-`configs/claims/PAPER.yaml` lists the claims. A claim names the jobs that it is measured from, a `measure` and
-what the paper says; the verdict follows from both.
+`configs/claims/PAPER.yaml` lists the claims. A claim names its jobs, a `measure` of their tables and the
+paper's value; the verdict compares the two.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Measures: functions from tables to what a claim is about, registered by name; those of any table."""
+"""Measures: functions that compute a claim's value from tables, registered by name; here the general ones."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ def measure(function: Measure) -> Measure:
     """Register a function as a measure, under its name; a decorator.
 
     A measure takes the tables of a claim's jobs by position and the fields of `with` by keyword. It returns
-    a number, a text, or a list of either. It raises UserError where the tables do not show what it measures.
+    a number, a text, or a list of either. It raises UserError if the tables lack the needed data.
 
     Raises:
         ValueError: another function has this name.
     """
     name = function.__name__
     if MEASURES.setdefault(name, function) is not function:
-        raise ValueError(f"There is a measure named {name}: give this one another name.")
+        raise ValueError(f"A measure named {name} exists already: choose another name.")
     return function
 
 
@@ -42,16 +42,16 @@ BROKEN = 0.05  # s; a shorter loss of contact is a break of the stance, not a sw
 
 
 class MeasureError(AnalysisError):
-    """A table does not have what a measure needs; the message is a sentence."""
+    """A table lacks data that a measure needs; the message is a sentence."""
 
 
 @measure
 def share(table: pd.DataFrame, *, where: Condition, of: Condition | None = None) -> float:
-    """Share of the rows that fulfil `where` among those that fulfil `of` (1).
+    """Fraction of the rows fulfilling `of` that also fulfil `where` (1).
 
     Args:
         table: a result table with one record a row.
-        where, of: conditions, such as `gait == 'direct'`; of all rows without `of`.
+        where, of: conditions, such as `gait == 'direct'`; without `of` all rows count.
 
     Raises:
         MeasureError: no row fulfils `of`.
@@ -63,7 +63,7 @@ def share(table: pd.DataFrame, *, where: Condition, of: Condition | None = None)
 
 @measure
 def difference_of_shares(table: pd.DataFrame, *, where: Condition, of: Condition, less: Condition) -> float:
-    """Share of the rows that fulfil `where` among those of `of`, less that among those of `less` (1)."""
+    """Fraction fulfilling `where` among the rows of `of`, minus that among the rows of `less` (1)."""
     return share(table, where=where, of=of) - share(table, where=where, of=less)
 
 
@@ -78,7 +78,7 @@ def value(table: pd.DataFrame, *, column: str, where: Condition | None = None, t
         take: min, max, median, mean, first, last or count.
 
     Raises:
-        MeasureError: no record fulfils `where`, or the table has no such column or `take` is another word.
+        MeasureError: no record fulfils `where`, or the table has no such column or `take` is not allowed.
     """
     rows = records(table, where, may_be_empty=take == "count")
     if column not in rows.columns:
@@ -110,7 +110,7 @@ def texts(table: pd.DataFrame, *, column: str, where: Condition | None = None) -
 
 @measure
 def ratio_of_medians(table: pd.DataFrame, *, column: str, where: Condition, to: Condition) -> float:
-    """Median of a column in the records of one condition, over that in the records of another (1)."""
+    """Median of a column over the records of one condition, divided by that of another condition (1)."""
     return value(table, column=column, where=where) / value(table, column=column, where=to)
 
 
@@ -133,16 +133,16 @@ def default_values(*, model: str, names: Sequence[str]) -> list[float]:
 
 
 def defaults(parameters: Iterable[Quantity]) -> dict[str, float]:
-    """The default values of parameters, those that are formulas of others worked out."""
+    """The default values of parameters, with formulas evaluated."""
     written: dict[str, Any] = {quantity.name: quantity.default for quantity in parameters}
     return resolve(written, {})
 
 
 def records(table: pd.DataFrame, where: str | None, may_be_empty: bool = False) -> pd.DataFrame:
-    """The records of a table that fulfil a condition; all of them without one.
+    """The records of a table that fulfil a condition; without a condition, all records.
 
     Raises:
-        MeasureError: no record fulfils the condition, unless that is allowed.
+        MeasureError: no record fulfils the condition, and `empty` results are not allowed.
         ExpressionError: the condition cannot be evaluated over the table's columns.
     """
     found = table
@@ -155,7 +155,7 @@ def records(table: pd.DataFrame, where: str | None, may_be_empty: bool = False) 
 
 
 def _plain(column: pd.Series) -> np.ndarray:
-    """Truth values and numbers as they are, all else as objects; missing ones are NaN."""
+    """Booleans and numbers unchanged, other values as objects; missing values are NaN."""
     if pd.api.types.is_bool_dtype(column.dtype) and not column.hasnans:
         return column.to_numpy(bool)
     if pd.api.types.is_numeric_dtype(column.dtype):
@@ -174,7 +174,7 @@ def numbers(table: pd.DataFrame, column: str) -> np.ndarray:
 
 
 def stances(t: np.ndarray, down: np.ndarray) -> np.ndarray:
-    """First sample of each stance and the first after it, (n, 2); breaks up to `BROKEN` are part of it.
+    """First sample of each stance and first sample after it, (n, 2); breaks up to `BROKEN` are ignored.
 
     Args:
         t: times of the samples (k,), s.

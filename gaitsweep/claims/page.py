@@ -1,4 +1,4 @@
-"""The page of a paper's claims: one HTML file with the figures inside."""
+"""The page of a paper's claims: one HTML file with embedded figures."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _COLOURS = {
 
 
 def _verdicts(scheme: int) -> str:
-    """A property of CSS for each verdict: 0 light, 1 dark."""
+    """The CSS properties of the verdicts' colours: scheme 0 is light, 1 is dark."""
     return " ".join(f"--{each.name}: {colours[scheme]};" for each, colours in _COLOURS.items())
 
 
@@ -54,13 +54,13 @@ table { border-collapse: collapse; } td { vertical-align: top; padding: .2rem 1r
 
 
 def page(paper: str, table: pd.DataFrame, runs: Sequence[JobRun], *, quick: bool) -> str:
-    """The page as text.
+    """The HTML text of the page.
 
     Args:
         paper: authors, year, journal.
-        table: a row a claim, as `reproduce` makes it.
+        table: one row per claim, from `reproduce`.
         runs: the jobs that ran.
-        quick: say that these are the quick jobs.
+        quick: whether to state that these are the quick jobs.
     """
     sections = [_head(paper, table, quick)]
     shown: set[str] = set()
@@ -79,14 +79,14 @@ def page(paper: str, table: pd.DataFrame, runs: Sequence[JobRun], *, quick: bool
 def _head(paper: str, table: pd.DataFrame, quick: bool) -> str:
     found = [ClaimVerdict(each) for each in table["verdict"]]
     lines = "".join(
-        f'<tr style="--colour: var(--{each.name})"><td class="verdict">{html.escape(each.value)}</td>'
+        f'<tr style="--colour: var(--{each.name})"><td class="verdict">{html.escape(each.words)}</td>'
         f"<td>{found.count(each)}</td><td>{html.escape(each.sentence)}</td></tr>"
         for each in ClaimVerdict
     )
-    how = " These are the quick jobs: fewer rows, wider tolerances." if quick else ""
+    how = " These are the quick jobs, with fewer rows and wider tolerances." if quick else ""
     return (
-        f"<h1>{html.escape(paper)}</h1><p>{len(table)} claims beside what gaitsweep "
-        f"{html.escape(version())} finds.{how}</p><table>{lines}</table>"
+        f"<h1>{html.escape(paper)}</h1><p>{len(table)} claims, compared with the results of "
+        f"gaitsweep {html.escape(version())}.{how}</p><table>{lines}</table>"
     )
 
 
@@ -99,8 +99,8 @@ def _claim(claim: dict[str, object]) -> str:
     }
     fields["allowed"] = f"{claim['allowed']}{unit}: {claim['because']}"
     for key, words in (
-        ("why", "why"),
-        ("chosen", "chosen here"),
+        ("why", "reason"),
+        ("chosen", "our choice"),
         ("definition", "by definition"),
         ("constants", "constants"),
         ("tried", "tried"),
@@ -113,7 +113,7 @@ def _claim(claim: dict[str, object]) -> str:
     )
     return (
         f'<article id="{html.escape(str(claim["id"]))}" style="--colour: var(--{found.name})">'
-        f'<h3><span class="verdict">{html.escape(found.value)}</span> {html.escape(str(claim["claim"]))}</h3>'
+        f'<h3><span class="verdict">{html.escape(found.words)}</span> {html.escape(str(claim["claim"]))}</h3>'
         f'<dl>{listed}</dl><p class="small"><code>{html.escape(str(claim["command"]))}</code></p></article>'
     )
 

@@ -1,4 +1,4 @@
-"""The table of a paper's claims: what `configs/claims/PAPER.yaml` holds."""
+"""The table of a paper's claims, read from `configs/claims/PAPER.yaml`."""
 
 from __future__ import annotations
 
@@ -26,18 +26,20 @@ _Words = list[str]
 
 
 class PaperJob(StrictModel):
-    """A sweep that claims are measured from."""
+    """A job whose table claims are measured from."""
 
     job: Stem = Field(
-        description="file of the job, among those of an extension or beside the table of claims"
+        description="file of the job, in an extension's folder of jobs or beside the table of claims"
     )
     set_: dict[str, Any] = Field(
-        default={}, alias="set", description="fields of the job that are replaced, dotted, such as its config"
+        default={},
+        alias="set",
+        description="fields of the job to replace, with dotted names, such as its config",
     )
     quick: dict[str, Any] | Literal[False] = Field(
         default={},
-        description="fields of the job that --quick replaces, dotted; verify is 0 unless it is among them; "
-        "false leaves the job out",
+        description="fields of the job that --quick replaces, with dotted names; verify is 0 unless it is given "
+        "here; false leaves the job out",
     )
 
 
@@ -48,49 +50,60 @@ class Quick(StrictModel):
     between: tuple[float, float] | None = Field(default=None, description="allowed interval")
     above: float | None = Field(default=None, description="lower bound")
     below: float | None = Field(default=None, description="upper bound")
-    because: str | None = Field(default=None, description="why this tolerance")
+    because: str | None = Field(default=None, description="reason for this tolerance")
 
 
 class Claim(StrictModel):
-    """A figure, table, equation or sentence of a paper, and how it is judged."""
+    """A figure, table, equation or sentence of a paper, and the rule of its verdict."""
 
     id: str = Field(pattern=r"^[a-z][a-z0-9_]*$", description="name of the claim in the table")
     where: str = Field(description="figure, table, equation or section of the paper")
-    claim: str = Field(description="what the paper says, in our words")
+    claim: str = Field(description="statement of the paper, in our words")
     measure: str = Field(description="name of the measure")
     of: list[str] = Field(default=[], description="jobs whose tables the measure takes, in this order")
     with_: dict[str, Any] = Field(default={}, alias="with", description="keyword arguments of the measure")
     paper: float | str | _Numbers | _Words = Field(description="the paper's value")
-    unit: str = Field(default="", description="unit of the value; 1 for a number without, empty for texts")
+    unit: str = Field(
+        default="", description="unit of the value; 1 for a number without unit, empty for texts"
+    )
     tolerance: float | None = Field(default=None, ge=0, description="absolute tolerance")
     between: tuple[float, float] | None = Field(default=None, description="allowed interval")
     above: float | None = Field(default=None, description="lower bound of the value")
     below: float | None = Field(default=None, description="upper bound of the value")
     equals: str | _Words | None = Field(
-        default=None, description="the text or texts; those of paper if left out"
+        default=None, description="expected text or texts; by default those of paper"
     )
-    because: str = Field(description="why this tolerance")
-    chosen: str = Field(default="", description="what was chosen where the paper is silent")
+    because: str = Field(description="reason for this tolerance")
+    chosen: str = Field(default="", description="choices made where the paper gives no value")
     asked: bool = Field(
-        default=False, description="whether the paper leaves it open: the answer is ours, not a claim of it"
+        default=False,
+        description="whether the paper leaves the question open, so that the answer is "
+        "ours and not a claim of the paper",
     )
     definition: str = Field(
         default="",
-        description="why no simulation can turn the verdict: a value or a rule that the model is given",
+        description="reason why no simulation can change the verdict, such as a value or rule built "
+        "into the model",
     )
     step: str = Field(
-        default="", description="what finer steps give, where these turn the verdict: it is `not` then"
+        default="",
+        description="result with finer steps, if it changes the verdict; the claim then "
+        "counts as not reproduced",
     )
-    open: str = Field(default="", description="constants that the paper does not give, where these decide")
-    tried: str = Field(default="", description="what was tried where the paper's value is not reached")
-    figure: Stem | Literal[""] = Field(default="", description="figure of the first job that shows it")
-    command: str = Field(default="", description="the command; the run of the first job if left out")
+    open: str = Field(
+        default="", description="constants that decide the result and that the paper does not give"
+    )
+    tried: str = Field(default="", description="attempts to reach the paper's value, if it is not reached")
+    figure: Stem | Literal[""] = Field(default="", description="figure of the first job that shows the claim")
+    command: str = Field(
+        default="", description="command that computes the value; by default the run of the first job"
+    )
     quick: Quick | Literal[False] = Field(
-        default=Quick(), description="what --quick replaces; false: not judged"
+        default=Quick(), description="fields that --quick replaces; false: no verdict with --quick"
     )
 
     def as_quick(self) -> Claim | None:
-        """The claim as `--quick` judges it, None where it does not."""
+        """The claim with the replacements of `--quick`, or None if `--quick` leaves it out."""
         if self.quick is False:
             return None
         replaced = self.quick.model_dump(exclude_none=True)
@@ -119,11 +132,11 @@ class Paper(StrictModel):
         """The paper with some of its claims.
 
         Raises:
-            ArgumentError: it has no claim of a name.
+            ArgumentError: there is no claim of one of the names.
         """
         wanted, known = set(names), [claim.id for claim in self.claims]
         for name in sorted(wanted - set(known)):
-            raise ArgumentError(f"{name} is no claim of {self.name}{near_miss.suggestion(name, known)}")
+            raise ArgumentError(f"{name} is not a claim of {self.name}{near_miss.suggestion(name, known)}")
         return self.model_copy(update={"claims": [claim for claim in self.claims if claim.id in wanted]})
 
 
@@ -138,21 +151,21 @@ def _tables() -> dict[str, Path]:
 
 
 def read_paper(name: str | Path) -> Paper:
-    """The table of claims of a paper.
+    """Read the table of claims of a paper.
 
     Args:
         name: one of `known_papers()`, or a YAML file.
 
     Raises:
         ArgumentError: there is no such paper.
-        JobError: all that is wrong in the file, with its line.
+        JobError: all errors in the file, each with its line.
     """
     file = Path(name)
     if file.suffix not in (".yaml", ".yml"):
         known = _tables()
         if str(name) not in known:
             raise ArgumentError(
-                f"{name} is no paper with a table of claims{near_miss.suggestion(str(name), known)}"
+                f"{name} is not a paper with a table of claims{near_miss.suggestion(str(name), known)}"
             )
         file = known[str(name)]
     document = read_document(file)
@@ -161,7 +174,9 @@ def read_paper(name: str | Path) -> Paper:
     data = document.data
     for key in data:
         if key not in ("paper", "jobs", "claims"):
-            wrong.append(Diagnostic((key,), "is not a field of a table of claims: paper, jobs, claims are."))
+            wrong.append(
+                Diagnostic((key,), "is not a field of a table of claims. Allowed: paper, jobs, claims.")
+            )
     jobs = {
         str(key).strip(): read
         for key, each in _mapping(data.get("jobs"), "jobs", wrong).items()
@@ -173,7 +188,7 @@ def read_paper(name: str | Path) -> Paper:
         if (read := _read(Claim, each, ("claims", at), wrong)) is not None
     ]
     if not isinstance(data.get("paper"), str):
-        wrong.append(Diagnostic(("paper",), "is missing: authors, year, journal."))
+        wrong.append(Diagnostic(("paper",), "is missing: name the authors, year and journal."))
     if not wrong:
         paper = Paper(name=file.stem, paper=data["paper"], file=file, jobs=jobs, claims=claims)
         wrong += _checked(paper)
@@ -189,14 +204,14 @@ def _located(document: Document, wrong: Iterable[Diagnostic]) -> JobError:
 def _mapping(value: Any, field: str, wrong: list[Diagnostic]) -> Mapping[str, Any]:
     if value is None or isinstance(value, Mapping):
         return value or {}
-    wrong.append(Diagnostic((field,), "takes fields (key: value)."))
+    wrong.append(Diagnostic((field,), "must be a mapping (key: value)."))
     return {}
 
 
 def _list(value: Any, wrong: list[Diagnostic]) -> list[Any]:
     if isinstance(value, list) and value:
         return value
-    wrong.append(Diagnostic(("claims",), "is missing: a list of claims."))
+    wrong.append(Diagnostic(("claims",), "must be a list of claims."))
     return []
 
 
@@ -211,23 +226,25 @@ def _read(part: type[Any], value: Any, path: tuple[str | int, ...], wrong: list[
 
 
 def _checked(paper: Paper) -> Iterator[Diagnostic]:
-    """Check across fields: names must exist, and each claim needs one way to be judged."""
+    """Diagnostics across fields: unknown names, and claims without a rule for their verdict."""
     before: dict[str, int] = {}
     for at, claim in enumerate(paper.claims):
         path = ("claims", at)
         if before.setdefault(claim.id, at) != at:
-            yield Diagnostic((*path, "id"), f"is {claim.id}, the name of claims[{before[claim.id]}] too.")
+            yield Diagnostic(
+                (*path, "id"), f"is {claim.id}, like that of claims[{before[claim.id]}]: ids must differ."
+            )
         for number, name in enumerate(claim.of):
             if name not in paper.jobs:
                 near = near_miss.suggestion(name, paper.jobs)
-                yield Diagnostic((*path, "of", number), f"is {name}, which is no job here{near}")
+                yield Diagnostic((*path, "of", number), f"is {name}, which is not under jobs{near}")
         if claim.measure not in MEASURES:
             near = near_miss.suggestion(claim.measure, MEASURES)
-            yield Diagnostic((*path, "measure"), f"is {claim.measure}, which is no measure{near}")
+            yield Diagnostic((*path, "measure"), f"is {claim.measure}, which is not a measure{near}")
         elif (text := _misfit(claim)) is not None:
             yield Diagnostic((*path, "with"), text)
         if not claim.of and not claim.command:
-            yield Diagnostic((*path, "command"), "is missing: a claim without jobs names its command.")
+            yield Diagnostic((*path, "command"), "is missing: a claim without jobs must name its command.")
         text = _unjudged(claim)
         if text is not None:
             yield Diagnostic(path, text)
@@ -239,13 +256,14 @@ def _checked(paper: Paper) -> Iterator[Diagnostic]:
         if not paper.job_file(name).is_file():
             yield Diagnostic(
                 ("jobs", name, "job"),
-                f"is {paper.jobs[name].job}, which is no job of gaitsweep or of an extension, and no file "
+                f"is {paper.jobs[name].job}, which is neither a job of gaitsweep or of an extension "
+                "nor a file "
                 "beside the table of claims.",
             )
 
 
 def _misfit(claim: Claim) -> str | None:
-    """Return why a measure does not take the tables and arguments of a claim."""
+    """The reason why a measure does not accept the tables and arguments of a claim, or None."""
     measure = MEASURES[claim.measure]
     try:
         inspect.signature(measure).bind(*[pd.DataFrame()] * len(claim.of), **claim.with_)
@@ -258,19 +276,20 @@ def _misfit(claim: Claim) -> str | None:
         except ValidationError as error:
             first = error.errors()[0]
             reason = first.get("ctx", {}).get("error") or f"{first['msg'].rstrip('.')}."
-            return f"has {name}: {found(value)}, which the measure {claim.measure} does not take: {reason}"
+            return f"has {name}: {found(value)}, which the measure {claim.measure} does not accept: {reason}"
     return None
 
 
 def _unjudged(claim: Claim) -> str | None:
-    """Return why no verdict can follow from a claim's fields."""
+    """The reason why a claim has no rule for its verdict, or None."""
     first = claim.paper[0] if isinstance(claim.paper, list) else claim.paper
     numeric = isinstance(first, float)
     bounds = [claim.between, claim.above, claim.below]
     if claim.tolerance is not None:
-        return None if numeric else "has a tolerance, but paper is no number: give between, above or below."
+        text = "has a tolerance, but its paper is not a number: use between, above or below instead."
+        return None if numeric else text
     if any(bound is not None for bound in bounds):
         return None
     if numeric:
-        return "needs a tolerance, or between, above or below."
+        return "must have a tolerance, or between, above or below."
     return None

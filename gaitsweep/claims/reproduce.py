@@ -1,4 +1,4 @@
-"""A paper reproduced: its jobs run where they are missing, its claims measured and judged."""
+"""Reproduction of a paper: runs its missing jobs, measures its claims and gives their verdicts."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ TABLE, PAGE = "claims.parquet", "index.html"
 
 @dataclasses.dataclass(frozen=True)
 class JobRun:
-    """A job of a paper after its run: its directory, or why it has no table."""
+    """A job of a paper after its run: its directory, or the reason why it has no table."""
 
     name: str
     command: str
@@ -41,7 +41,7 @@ class JobRun:
 
     @property
     def notes(self) -> str:
-        """Rows by status and the self-check, as a sentence each."""
+        """Sentences with the rows by status and the self-check."""
         if self.path is None:
             return self.failure
         snapshot = Snapshot.of(self.path)
@@ -51,14 +51,14 @@ class JobRun:
         return f"{told} {self.failure}".strip()
 
     def figure(self, stem: str) -> Path | None:
-        """The file of one of its figures, None where it is not drawn."""
+        """The file of one of its figures, or None if it was not drawn."""
         file = None if self.path is None else self.path / "figures" / f"{stem}.png"
         return file if file is not None and file.is_file() else None
 
 
 @dataclasses.dataclass(frozen=True)
 class Reproduction:
-    """Verdicts on a paper's claims: `table` has a row for each, `page` shows them."""
+    """Verdicts on a paper's claims: `table` has a row for each claim, `page` shows them."""
 
     table: pd.DataFrame
     folder: Path
@@ -89,18 +89,18 @@ def reproduce(
     progress: Progress | None = None,
     tell: Callable[[str], None] | None = None,
 ) -> Reproduction:
-    """Run a paper's jobs where their tables are missing, and judge its claims.
+    """Run a paper's jobs whose tables are missing, and compare its claims with the results.
 
     Args:
         paper: its table of claims.
         out: the folder of `claims.parquet`, `index.html` and the jobs' directories;
             `results/reproduce_PAPER` by default.
-        quick: take fewer rows and wider tolerances, as the table of claims says.
-        progress: told how far the job under way is.
-        tell: told, in a sentence each, which job runs and what goes wrong.
+        quick: use the table's settings for `--quick`: fewer rows and wider tolerances.
+        progress: callback with the progress of the current job.
+        tell: callback with sentences about the jobs that run and about errors.
 
     Returns:
-        A row a claim. A job that fails leaves its claims `not run`, and the others go on.
+        The verdicts. If a job fails, its claims are `not run`, and the other jobs still run.
 
     Raises:
         TableError: the folder cannot be written.
@@ -132,7 +132,7 @@ def reproduce(
         began = time.perf_counter()
         ours, found, why = _judge(judged, runs, table_of)
         if judged is not None and why and found is ClaimVerdict.not_run:
-            say(f"{judged.id} is not judged: {why}")
+            say(f"{judged.id} has no verdict: {why}")
         seconds = time.perf_counter() - began
         rows.append(_row(paper, judged or written, runs, sources, ours, found, why, seconds))
     table = pd.DataFrame(rows)
@@ -152,7 +152,7 @@ def _run(
     progress: Progress | None,
     say: Callable[[str], None],
 ) -> JobRun:
-    """Run one job, or continue it; a failure becomes a sentence."""
+    """Run one job, or continue it; errors are stored as sentences."""
     job = paper.jobs[name]
     file = paper.job_file(name)
     # a quick job is small, so that its self-check would take longer than its rows
@@ -176,16 +176,16 @@ def _inline(value: object) -> str:
 
 
 def _short(file: Path) -> str:
-    """A shipped job as its folder in a checkout, since that is what a reader types."""
+    """The path of a shipped job in a checkout, which readers can type."""
     return f"sweeps/{file.name}" if file.parent.name == "sweeps" else str(file)
 
 
 def _judge(
     claim: Claim | None, runs: dict[str, JobRun], table_of: Callable[[str], pd.DataFrame]
 ) -> tuple[Value | None, ClaimVerdict, str]:
-    """Measure a claim: the value, the verdict, and the reason where there is none."""
+    """Measure a claim: its value, its verdict, and a reason if it has no value or is not reproduced."""
     if claim is None:
-        return None, ClaimVerdict.not_run, "left out by --quick"
+        return None, ClaimVerdict.not_run, "--quick leaves this claim out"
     for name in claim.of:
         if name not in runs:
             return None, ClaimVerdict.not_run, f"--quick leaves the job {name} out"
@@ -200,7 +200,7 @@ def _judge(
         missed = ClaimVerdict.open_constants if claim.open else ClaimVerdict.not_reproduced
         told = error.sentence if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
         return None, missed, told
-    return ours, verdict(claim, ours), claim.step and f"finer steps turn it: {claim.step}"
+    return ours, verdict(claim, ours), claim.step and f"finer steps change the verdict: {claim.step}"
 
 
 def _row(
@@ -259,7 +259,7 @@ def _source(file: Path, job: PaperJob) -> tuple[str, str]:
 
 
 def written(value: Value) -> str:
-    """A value as a reader sees it: six digits a number, lists with commas."""
+    """Format a value for readers: numbers with six digits, lists with commas."""
     if isinstance(value, str):
         return value
     if isinstance(value, (int, float)):

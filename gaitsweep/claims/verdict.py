@@ -1,4 +1,4 @@
-"""The verdict on a claim, worked out from what was measured."""
+"""The verdict on a claim, from its measured value."""
 
 from __future__ import annotations
 
@@ -16,33 +16,45 @@ class ClaimVerdict(enum.StrEnum):
 
     reproduced = "reproduced"
     not_reproduced = "not"
-    open_constants = "open: constants"  # out of tolerance, and the paper leaves out constants that decide it
-    definition = "definition"  # it holds because the model or its labels are made so
-    answered = "answered"  # the paper asks, and leaves the answer open
+    open_constants = "open: constants"  # out of tolerance, and the paper lacks constants that decide it
+    definition = "definition"  # true by the definition of the model or of its labels
+    answered = "answered"  # the paper leaves the question open
     not_run = "not run"
 
     @property
+    def words(self) -> str:
+        """The verdict in text for readers: "not reproduced"."""
+        return _WORDS.get(self, self.value)
+
+    @property
     def sentence(self) -> str:
-        """Meaning of the verdict, for a reader of the page."""
+        """Meaning of the verdict, for readers of the page."""
         return _SENTENCES[self]
 
 
+_WORDS = {
+    ClaimVerdict.not_reproduced: "not reproduced",
+    ClaimVerdict.open_constants: "with open constants",
+    ClaimVerdict.definition: "true by definition",
+}
 _SENTENCES = {
     ClaimVerdict.reproduced: "our value agrees with the paper's within the tolerance",
-    ClaimVerdict.not_reproduced: "our value does not agree with the paper's, or no longer at a finer step",
-    ClaimVerdict.open_constants: "it does not agree, and the paper leaves out constants that decide it",
-    ClaimVerdict.definition: "the model or its labels are made so: no simulation could turn it",
-    ClaimVerdict.answered: "the paper leaves the question open; what is found here holds in this run too",
-    ClaimVerdict.not_run: "not judged: left out by --quick, its job did not run, or its table lacks a column",
+    ClaimVerdict.not_reproduced: "our value does not agree with the paper's, or not with finer steps",
+    ClaimVerdict.open_constants: "our value does not agree, and the paper lacks constants that decide it",
+    ClaimVerdict.definition: "the definition of the model or of its labels decides it, and no "
+    "simulation can change it",
+    ClaimVerdict.answered: "the paper leaves the question open, and this run confirms our answer",
+    ClaimVerdict.not_run: "no verdict: --quick leaves it out, its job did not run, or its table lacks "
+    "a column",
 }
 
 
 def verdict(claim: Claim, ours: Value) -> ClaimVerdict:
-    """Whether a measured value agrees with what the paper says.
+    """The verdict on a claim from its measured value.
 
     Args:
         claim: the claim, with its tolerance, bounds or texts.
-        ours: what its measure returned.
+        ours: the result of its measure.
     """
     if agrees(claim, ours):
         if claim.step:
@@ -54,7 +66,7 @@ def verdict(claim: Claim, ours: Value) -> ClaimVerdict:
 
 
 def agrees(claim: Claim, ours: Value) -> bool:
-    """Whether a value is within a claim's tolerance and bounds, or is its text; NaN never is."""
+    """Whether a value is within a claim's tolerance and bounds, or equals its text; false for NaN."""
     if claim.tolerance is not None:
         theirs: Any = claim.paper
         if _listed(theirs) != _listed(ours):

@@ -1,4 +1,4 @@
-"""The command `gaitsweep`: what a user types, and nothing else."""
+"""The command line of gaitsweep."""
 
 from __future__ import annotations
 

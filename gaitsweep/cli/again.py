@@ -1,7 +1,7 @@
-"""Stored output of a complete job, which the same command prints again without loading JAX.
+"""Stored output of complete jobs, which the same command prints again without loading JAX.
 
-It is kept in the user's cache, with the digests of all files on which it depends: the job and its config, the
-program, and every file of the result directory. If one of them differs, the command runs as a whole.
+It is stored in the user's cache with the digests of all files on which it depends: the job and its config,
+the program, and every file of the result directory. If one of them has changed, the command runs normally.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ _LOCK = ".lock"
 
 
 def recall(command: Sequence[str]) -> tuple[str, str] | None:
-    """Return the stored output and errors of the same command, if nothing has changed since.
+    """The stored output and errors of the same command, or None if anything has changed since.
 
     Args:
-        command: all that the command was given.
+        command: the arguments of the command.
     """
     file = _memory(command)
     if file is None:
@@ -45,10 +45,10 @@ def recall(command: Sequence[str]) -> tuple[str, str] | None:
 
 
 def remember(command: Sequence[str], sources: Sequence[Path], folder: Path, printed: str, told: str) -> None:
-    """Keep what a command printed when its job was complete.
+    """Store the output of a command whose job is complete.
 
     Args:
-        command: all that the command was given.
+        command: the arguments of the command.
         sources: the job and its config.
         folder: the result directory.
         printed, told: the text on standard output and on standard error.
@@ -67,7 +67,7 @@ def remember(command: Sequence[str], sources: Sequence[Path], folder: Path, prin
 
 
 def _memory(command: Sequence[str]) -> Path | None:
-    """The file in which a command is remembered; None without a writable cache."""
+    """The cache file of a command, or None without a writable cache."""
     folder = cache_folder("complete")
     if folder is None:
         return None
@@ -78,7 +78,7 @@ def _memory(command: Sequence[str]) -> Path | None:
 
 
 def _program() -> str:
-    """Identify this program, its Python and its packages."""
+    """An identifier of this program, its Python and its packages."""
     root = Path(__file__).parents[1]
     stamps = [
         f"{file.relative_to(root)} {(seen := file.stat()).st_size} {seen.st_mtime_ns}"

@@ -1,6 +1,6 @@
 """The commands `gaitsweep analyse NAME`: each prints one analysis of a result directory.
 
-Each imports the analysis when it runs, so that `--help` need not wait for JAX and pandas.
+Each imports its analysis when it runs, so that `--help` does not load JAX and pandas.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from gaitsweep.extension import extensions
 
 
 class _Analyses(TyperGroup):
-    """The commands of gaitsweep, and those of extensions, which are read when a command is looked for."""
+    """The commands of gaitsweep and of its extensions, which are loaded at the first use of a command."""
 
     _theirs: dict[str, Any] | None = None
 
@@ -34,17 +34,20 @@ class _Analyses(TyperGroup):
 
 app = typer.Typer(
     cls=_Analyses,
-    help="Analyse the table of a result directory, and print the numbers.",
+    help="Analyse the table of a result directory and print the results.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
 
 Directory = Annotated[Path, typer.Argument(metavar="DIR", help="A result directory.")]
-Observable = Annotated[str, typer.Option("--observable", metavar="NAME", help="A section observable.")]
-Parameter = Annotated[str, typer.Option("--parameter", metavar="NAME", help="The parameter that moves.")]
+Observable = Annotated[str, typer.Option("--observable", metavar="NAME", help="Observable at the section.")]
+Parameter = Annotated[str, typer.Option("--parameter", metavar="NAME", help="Moving parameter.")]
 
 Kept = Annotated[
-    list[str] | None, typer.Option("--by", metavar="COLUMN", help="Kept apart; may be repeated.")
+    list[str] | None,
+    typer.Option(
+        "--by", metavar="COLUMN", help="Column whose values are analysed separately; may be repeated."
+    ),
 ]
 
 
@@ -56,7 +59,7 @@ def result_table(directory: Path) -> Any:
 
 
 def print_table(found: Any, digits: int = 4, index: bool = False) -> None:
-    """Print a data frame, its numbers with so many digits after the point."""
+    """Print a data frame, with numbers rounded to so many decimal places."""
     print(found.round(digits).to_string(index=index))
 
 
@@ -64,39 +67,46 @@ def print_table(found: Any, digits: int = 4, index: bool = False) -> None:
 def targets(
     directories: Annotated[
         list[Path],
-        typer.Argument(metavar="DIR...", help="Results of searches for the same targets."),
+        typer.Argument(metavar="DIR...", help="Result directories of searches for the same targets."),
     ],
     within: Annotated[
-        float, typer.Option("--within", metavar="X", help="Misses that count as met, in reading errors.")
+        float, typer.Option("--within", metavar="X", help="Largest miss of a met target, in reading errors.")
     ] = 1.0,
     target: Annotated[
-        list[str] | None, typer.Option("--target", metavar="NAME", help="Only these; may be repeated.")
+        list[str] | None,
+        typer.Option("--target", metavar="NAME", help="Analyse only this target; may be repeated."),
     ] = None,
 ) -> None:
-    """Print how many sets of a search meet each pair of targets, and how near others come to the rest."""
+    """Count the sets of a search that meet each pair of targets, and print the smallest misses."""
     from gaitsweep.fitting.conflicts import conflicts
 
     found = conflicts([result_table(directory) for directory in directories], within, target)
-    print(f"Of {found.sets} sets, those that meet the target of the row and that of the column:")
+    print(f"Number of sets, of {found.sets}, that meet both the target of the row and that of the column:")
     print_table(found.together, index=True)
-    print("\nThe least miss of the column's target among them, in reading errors:")
+    print("\nSmallest miss of the column's target among the sets that meet the row's, in reading errors:")
     print_table(found.nearest, 2, index=True)
     print(
-        f"\nAt most {len(found.most)} targets are met by one set: {', '.join(found.most) or 'none'} "
-        f"(in {found.most_sets} sets)."
+        f"\nLargest number of targets that a set meets: {len(found.most)} "
+        f"({', '.join(found.most) or 'none'}; {found.most_sets} of {found.sets} sets)."
     )
 
 
 @app.command()
 def summary(
     directory: Directory,
-    by: Annotated[list[str], typer.Option("--by", metavar="COLUMN", help="Groups; may be repeated.")],
+    by: Annotated[
+        list[str], typer.Option("--by", metavar="COLUMN", help="Column of groups; may be repeated.")
+    ],
     of: Annotated[
         list[str] | None,
-        typer.Option("--of", metavar="COLUMN", help="Median, least and largest; may be repeated."),
+        typer.Option(
+            "--of",
+            metavar="COLUMN",
+            help="Column whose median, minimum and maximum are printed; may be repeated.",
+        ),
     ] = None,
 ) -> None:
-    """Count the rows of each group, such as each gait, and print the medians and ranges of columns."""
+    """Count the rows of each group, such as each gait, and print medians and ranges of columns."""
     from gaitsweep.analysis.records import require
 
     table = result_table(directory)
@@ -123,7 +133,7 @@ def attractors(directory: Directory) -> None:
 
 @app.command()
 def basins(directory: Directory, by: Kept = None) -> None:
-    """Print the share of each outcome, basin entropies and the uncertainty exponent of starts on a grid."""
+    """Print outcome fractions, basin entropies and the uncertainty exponent of starts on a grid."""
     from gaitsweep.analysis.basins import measures
 
     found = measures.basins(result_table(directory), by=by or ())
@@ -145,7 +155,7 @@ def wada(directory: Directory, by: Kept = None) -> None:
 
 @app.command()
 def hysteresis(directory: Directory, observable: Observable, parameter: Parameter) -> None:
-    """Print where a ramp or staircase jumps between branches, and the areas of its hysteresis loops."""
+    """Print the jumps of a ramp or staircase between branches, and the areas of its hysteresis loops."""
     from gaitsweep.analysis.transitions.transition_points import loop_area, transition_points
 
     table = result_table(directory)
@@ -157,16 +167,16 @@ def hysteresis(directory: Directory, observable: Observable, parameter: Paramete
 def gait_transitions(
     directory: Directory,
     parameter: Parameter,
-    start: Annotated[str, typer.Option("--start", metavar="NAME", help="The start that selects the branch.")],
+    start: Annotated[str, typer.Option("--start", metavar="NAME", help="Start that selects the branch.")],
 ) -> None:
-    """Print where each gait is lost, from settled rows at many values of a parameter."""
+    """Print the parameter values at which gaits are lost, from settled rows along a parameter."""
     from gaitsweep.analysis.transitions.transition_points import transition_points_by_gait
 
     print_table(transition_points_by_gait(result_table(directory), parameter, start))
 
 
 def _of_extensions() -> dict[str, Any]:
-    """The commands that extensions bring, by name.
+    """The commands of extensions, by name.
 
     Raises:
         ExtensionError: an extension cannot be used.

@@ -1,4 +1,4 @@
-"""The command `animate`: one row of a trace as a movie, or as a strip of poses."""
+"""The command `animate`: draws one row of a trace as a movie or as a strip of poses."""
 
 from __future__ import annotations
 
@@ -12,46 +12,60 @@ import typer
 
 
 def animate(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="The result directory of a trace.")],
-    row: Annotated[int, typer.Option("--row", metavar="N", help="Which row.")] = 0,
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Result directory of a trace.")],
+    row: Annotated[int, typer.Option("--row", metavar="N", help="Number of the row.")] = 0,
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", metavar="FILE", help="A .gif or .mp4 (.png of --still); in DIR/figures by default."
+            "--out",
+            metavar="FILE",
+            help="Output file, .gif or .mp4 (.png with --still); by default in DIR/figures.",
         ),
     ] = None,
     start: Annotated[
-        float | None, typer.Option("--start", metavar="S", help="From when, s of the trace.")
+        float | None,
+        typer.Option("--start", metavar="S", help="Time in the trace at which the movie begins, s."),
     ] = None,
     seconds: Annotated[
-        float | None, typer.Option("--seconds", metavar="S", help="How much of the trace; all by default.")
+        float | None,
+        typer.Option(
+            "--seconds", metavar="S", help="Length of the movie in time of the trace, s; by default all."
+        ),
     ] = None,
     speed: Annotated[
         float | None,
-        typer.Option("--speed", metavar="X", help="1: real time; by default a cycle takes about 1.6 s."),
+        typer.Option(
+            "--speed", metavar="X", help="Speed relative to real time; by default a cycle takes about 1.6 s."
+        ),
     ] = None,
     fps: Annotated[
-        float | None, typer.Option("--fps", metavar="N", help="Pictures a second; 25 by default.")
+        float | None, typer.Option("--fps", metavar="N", help="Frames per second; 25 by default.")
     ] = None,
     size: Annotated[
-        str | None, typer.Option("--size", metavar="WxH", help="Pixels; 960x540, or 1600x560 of --still.")
+        str | None,
+        typer.Option(
+            "--size", metavar="WxH", help="Size in pixels; by default 960x540, or 1600x560 with --still."
+        ),
     ] = None,
     renderer: Annotated[
         str,
-        typer.Option("--renderer", metavar="NAME", help="mujoco, matplotlib, or auto: mujoco where it can."),
+        typer.Option("--renderer", metavar="NAME", help="mujoco, matplotlib, or auto: mujoco if available."),
     ] = "auto",
     still: Annotated[
         float | None,
-        typer.Option("--still", metavar="T", help="A PNG of six poses over the cycle from T, s."),
+        typer.Option(
+            "--still", metavar="T", help="Draw a PNG of six poses over the cycle that begins at T, s."
+        ),
     ] = None,
     trust: Annotated[
         bool,
         typer.Option(
-            "--trust", help="Run the code of a model of one's own that lies in DIR, or where DIR says."
+            "--trust",
+            help="Allow running the code of your own model from DIR, or from the folder named in DIR.",
         ),
     ] = False,
 ) -> None:
-    """Show one row of a trace walking: a movie, or a strip of poses."""
+    """Draw the walking model of one row of a trace, as a movie or a strip of poses."""
     from gaitsweep.cli.progress import shown_progress
     from gaitsweep.plot import PlotError
     from gaitsweep.view.movie import row_movie as movie
@@ -61,7 +75,7 @@ def animate(
         given = [name for name, value in moving.items() if value is not None]
         if given:
             raise PlotError(
-                f"--still makes one picture, of which {given[0]} says nothing: leave one of them out."
+                f"--still draws a single picture, to which {given[0]} does not apply: remove one of the two."
             )
         pixels = movie.STILL_SIZE if size is None else _size(size)
         print(
@@ -71,7 +85,7 @@ def animate(
         )
         return
     began = time.monotonic()
-    with shown_progress("pictures") as shown:
+    with shown_progress("frames") as shown:
 
         def progress(done: int, total: int) -> None:
             shown(done, total, done / max(time.monotonic() - began, 1e-9), done / total, "")
@@ -102,5 +116,5 @@ def _size(text: str) -> tuple[int, int]:
 
     match = re.fullmatch(r"\s*(\d{1,6})\s*[xX×]\s*(\d{1,6})\s*", text)
     if match is None:
-        raise PlotError(f"--size is {text}, but is written as width x height in pixels, such as 960x540.")
+        raise PlotError(f"--size is {text}, but must be width x height in pixels, such as 960x540.")
     return int(match[1]), int(match[2])

@@ -1,6 +1,6 @@
-"""The commands: each reads its options, calls the function that does the work, and prints the result.
+"""The commands. Each reads its options, calls the function that does the work, and prints the result.
 
-Each imports what it needs when it runs, so that `--help` and `--version` need not wait for JAX and pandas.
+Each imports its dependencies when it runs, so that `--help` and `--version` do not load JAX and pandas.
 """
 
 from __future__ import annotations
@@ -42,17 +42,19 @@ app = typer.Typer(
 JobFile = Annotated[
     Path,
     typer.Argument(
-        metavar="JOB.yaml", parser=shipped_or_own, help="The job, or builtin:NAME (`gaitsweep examples`)."
+        metavar="JOB.yaml",
+        parser=shipped_or_own,
+        help="Job file, or builtin:NAME of a shipped job (see `gaitsweep examples`).",
     ),
 ]
 Out = Annotated[
-    Path | None, typer.Option("--out", metavar="DIR", help="Result directory; results/NAME by default.")
+    Path | None, typer.Option("--out", metavar="DIR", help="Result directory; by default results/NAME.")
 ]
 Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Override a field of the job; may be repeated."),
 ]
-Directory = Annotated[Path, typer.Argument(metavar="DIR", help="A result directory.")]
+Directory = Annotated[Path, typer.Argument(metavar="DIR", help="Result directory.")]
 
 
 def _print_version(asked: bool) -> None:
@@ -77,21 +79,23 @@ def run(
     settings: Settings = None,
     engine: Annotated[
         str | None,
-        typer.Option("--engine", metavar="NAME", help="auto, xla or kernel; the job's by default."),
+        typer.Option("--engine", metavar="NAME", help="auto, xla or kernel; by default the job's."),
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what the job would need, and run nothing.")
+        bool,
+        typer.Option("--dry-run", help="Print the resources that the job would need, without running it."),
     ] = False,
     strict: Annotated[
-        bool, typer.Option("--strict", help="Exit with code 3 where the run's self-check warns.")
+        bool, typer.Option("--strict", help="Exit with code 3 if the self-check warns.")
     ] = False,
     rows: Annotated[
         str | None,
         typer.Option(
             "--rows",
             metavar="A:B",
-            help="Only rows A to B-1, whole blocks, beside other processes that run the others in the same "
-            "directory; the last of them completes the table.",
+            help="Run only rows A to B-1, which must be whole blocks, while other processes run other "
+            "rows in "
+            "the same directory; the last process completes the table.",
         ),
     ] = None,
     cluster: Annotated[
@@ -99,13 +103,13 @@ def run(
         typer.Option(
             "--cluster",
             metavar="WHERE",
-            help="Workers of Dask that compute the rows: local:N (N processes of this machine), the "
-            "scheduler tcp://HOST:PORT, or its file FILE.json.",
+            help="Dask workers that compute the rows: local:N (N processes on this machine), the scheduler "
+            "tcp://HOST:PORT, or its file FILE.json.",
         ),
     ] = None,
     collect: Annotated[
         bool,
-        typer.Option("--collect", help="Parts come back through the scheduler; no directory is shared."),
+        typer.Option("--collect", help="Return parts through the scheduler, without a shared directory."),
     ] = False,
     block_limit: Annotated[
         float | None,
@@ -113,12 +117,12 @@ def run(
             "--block-limit",
             metavar="S",
             min=1.0,
-            help="Seconds after which a block is taken from a worker that hangs; ten times the longest so "
-            "far by default.",
+            help="Seconds after which a block is taken from a hanging worker; by default ten times the "
+            "longest block so far.",
         ),
     ] = None,
 ) -> None:
-    """Run a job, or continue it where it stopped: its table and its figures."""
+    """Run a job, or continue it, and write its table and figures."""
     command = [str(each) for each in (job_file, out, settings, engine, strict)]
     said = None if dry_run else again.recall(command)
     if said is not None:
@@ -132,7 +136,7 @@ def run(
     if cluster is None and (collect or block_limit is not None):
         raise typer.BadParameter("--collect and --block-limit are options of --cluster.")
     if cluster is not None and rows is not None:
-        raise typer.BadParameter("--rows runs here, beside others: leave --cluster or --rows away.")
+        raise typer.BadParameter("--rows and --cluster cannot be combined: remove one of the two.")
     overrides = list(settings or ())
     if engine is not None:
         overrides.append(f"engine.name={engine}")
@@ -167,7 +171,7 @@ def run(
     print(outcome)
     if not snapshot.complete:  # a share of the rows, whose table other processes complete
         return
-    # what was mended is not said again, and other tables or modules of the user's own may change
+    # repairs are not reported again, and other tables or the user's modules may change
     lasting = all(sentence.startswith(("Warning: ", "engine: ")) for sentence in told)
     if lasting and not _leans_on_others(job):
         sources = [job_file, *([] if job.config is None else [config_file(job.config, job_file.parent)])]
@@ -178,7 +182,7 @@ def run(
 def _workers(
     where: str | None, *, collect: bool = False, limit: float | None = None, tell: Callable[[str], None]
 ) -> Iterator[Cluster | None]:
-    """The workers of a cluster, None where none is named."""
+    """The workers of a cluster, or None without `--cluster`."""
     if where is None:
         yield None
         return
@@ -191,7 +195,7 @@ def _workers(
 
 @contextlib.contextmanager
 def _shown_progress(unit: str = "rows") -> Iterator[Progress]:
-    """Show the progress of a run, in rows or sets, and stop it at Ctrl-C."""
+    """Show the progress of a run in rows or sets, and stop the run at Ctrl-C."""
     from gaitsweep.cli.progress import shown_progress
     from gaitsweep.cli.stop import stop_requests
 
@@ -205,7 +209,7 @@ def _shown_progress(unit: str = "rows") -> Iterator[Progress]:
 
 
 def _leans_on_others(job: Job) -> bool:
-    """Whether a job's model or figures need files beside the job, its config and its directory."""
+    """Whether a job's model or figures depend on files besides the job, its config and its directory."""
     shipped = type(job.design.model).__module__.startswith("gaitsweep.")
     return not shipped or any(getattr(figure, "with_table", None) is not None for figure in job.figures)
 
@@ -222,14 +226,14 @@ def _stopped(name: str, out: Path | None) -> str:
     try:
         snapshot = Snapshot.of(path)
     except TableError:
-        return "Stopped before anything was written; the same command starts the job again."
+        return "Stopped before anything was written. Run the same command to start again."
     safe = f"{snapshot.rows_safe} of {snapshot.manifest['rows']} rows are safe in {path}"
-    return f"Stopped: {safe}, and the same command continues from them."
+    return f"Stopped: {safe}. Run the same command to continue."
 
 
 @app.command()
 def plot(directory: Directory) -> None:
-    """Draw the figures of a table again, without simulating."""
+    """Draw the figures of a table again, without simulation."""
     from gaitsweep.runs.figures import FigureError, draw_figures
     from gaitsweep.table import Snapshot
 
@@ -249,9 +253,9 @@ def plot(directory: Directory) -> None:
     for path in paths:
         print(path)
     if not paths:
-        text = f"The job of {directory} asks for no figure: add `figures:` to it and run it again."
+        text = f"The job of {directory} has no figures: add `figures:` to it and run it again."
         if "sensitivity" in job:
-            text = f"The figures of {directory} are drawn by `gaitsweep sensitivity`: run it again."
+            text = f"`gaitsweep sensitivity` draws the figures of {directory}: run it again."
         print(text, file=sys.stderr)
 
 
@@ -262,7 +266,7 @@ app.add_typer(analyse.app, name="analyse")
 
 @app.command()
 def info(directory: Directory) -> None:
-    """Say what a result directory holds, and how it was made."""
+    """Print the contents of a result directory and its provenance."""
     from gaitsweep.cli import show
     from gaitsweep.table import Snapshot
 
@@ -280,16 +284,16 @@ app.command()(models.check_model)
 def check(
     job_files: Annotated[
         list[Path],
-        typer.Argument(metavar="JOB.yaml...", parser=shipped_or_own, help="The jobs, one or more."),
+        typer.Argument(metavar="JOB.yaml...", parser=shipped_or_own, help="One or more jobs."),
     ],
 ) -> None:
-    """Check jobs without running them, a line each."""
+    """Check jobs without running them, and print one line for each."""
     from gaitsweep.job import JobError
 
     bad = 0
     for job_file in job_files:
         try:
-            print(f"{job_file}: good, {_size_of(job_file)}")
+            print(f"{job_file}: valid, {_size_of(job_file)}")
         except JobError as error:
             bad += 1
             print(error, file=sys.stderr)
@@ -301,7 +305,7 @@ def check(
 
 
 def _size_of(job_file: Path) -> str:
-    """Count a job's rows, or its sets of constants, and warn of its rows; JobError where it is bad."""
+    """The number of a job's rows or sets, in words; prints warnings about rows; raises JobError."""
     from gaitsweep.job import load_job
     from gaitsweep.job.checks import remarks_on_rows
     from gaitsweep.schema.yaml_document import read_document
@@ -325,7 +329,7 @@ def _size_of(job_file: Path) -> str:
 
 @app.command()
 def report(directory: Directory) -> None:
-    """Write report.html into a result directory: job, counts, figures and provenance in one file."""
+    """Write report.html into a result directory, with its job, counts, figures and provenance."""
     from gaitsweep.view.report import write_report
 
     print(write_report(directory))
@@ -333,23 +337,31 @@ def report(directory: Directory) -> None:
 
 @app.command()
 def reproduce(
-    paper: Annotated[str, typer.Argument(metavar="PAPER", help="The name of a paper, or a table of claims.")],
+    paper: Annotated[
+        str, typer.Argument(metavar="PAPER", help="Name of a paper, or file of a table of claims.")
+    ],
     quick: Annotated[
         bool,
-        typer.Option("--quick", help="Fewer rows, wider tolerances and no self-check: minutes instead of half an hour."),
+        typer.Option(
+            "--quick",
+            help="Use fewer rows, wider tolerances and no self-check: minutes instead of half an hour.",
+        ),
     ] = False,
     claims: Annotated[
         str | None,
-        typer.Option("--claims", metavar="ID,ID,...", help="These claims alone, and the jobs they need."),
+        typer.Option(
+            "--claims", metavar="ID,ID,...", help="Check only these claims, and run only their jobs."
+        ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="results/reproduce_PAPER by default.")
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Output directory; by default results/reproduce_PAPER."),
     ] = None,
     strict: Annotated[
-        bool, typer.Option("--strict", help="Exit with code 3 where a verdict is `not`.")
+        bool, typer.Option("--strict", help="Exit with code 3 if a claim is not reproduced.")
     ] = False,
 ) -> None:
-    """Run the jobs of a paper where they are missing, and put its claims beside what they give."""
+    """Run the missing jobs of a paper, and compare its claims with the results."""
     from gaitsweep.claims.paper import read_paper
 
     table_of_claims = read_paper(paper)
@@ -363,18 +375,20 @@ def reproduce(
     with _shown_progress() as progress:
         found = run_and_judge(table_of_claims, out, quick=quick, progress=progress, tell=_tell)
     counts = found.counts
-    judged = ", ".join(f"{number} {name}" for name, number in counts.items() if number)
-    print(f"{len(found.table)} claim{'s' * (len(found.table) != 1)}: {judged}.")
+    reproduced = counts[ClaimVerdict.reproduced.value]
+    of = f"{reproduced} of {len(found.table)} claim{'s' * (len(found.table) != 1)} reproduced"
+    others = [each for each in ClaimVerdict if each is not ClaimVerdict.reproduced and counts[each.value]]
+    print(", ".join([of, *(f"{counts[each.value]} {each.words}" for each in others)]) + ".")
     if len(found.by_constants) > 1:
         sets = ", ".join(f"{number} with {constants}" for constants, number in found.by_constants.items())
-        print(f"Reproduced by simulation: {sets}.")
+        print(f"Claims reproduced by simulation: {sets}.")
     judged_claims: list[dict[str, str]] = found.table.to_dict(orient="records")
-    for missed in (ClaimVerdict.not_reproduced.value, ClaimVerdict.open_constants.value):
-        for claim in (each for each in judged_claims if each["verdict"] == missed):
+    for missed in (ClaimVerdict.not_reproduced, ClaimVerdict.open_constants):
+        for claim in (each for each in judged_claims if each["verdict"] == missed.value):
             unit = "" if claim["unit"] in ("", "1") else f" {claim['unit']}"
             ours = f"{claim['ours']}{unit}; paper: {claim['paper']}" if claim["ours"] else claim["why"]
             turned = f"; {claim['why']}" if claim["ours"] and claim["why"] else ""
-            print(f"{missed}, {claim['id']}: {ours}{turned}")
+            print(f"{claim['id']} ({missed.words}): {ours}{turned}")
     print(f"Page: {found.page}")
     if found.failed:
         raise typer.Exit(EXIT_FAILURE)
@@ -387,22 +401,21 @@ def search(
     job_file: Annotated[
         Path,
         typer.Argument(
-            metavar="JOB.yaml", parser=shipped_or_own, help="A job with `search:` in the place of `vary:`."
+            metavar="JOB.yaml", parser=shipped_or_own, help="Job file with `search:` in place of `vary:`."
         ),
     ],
     out: Out = None,
     settings: Settings = None,
     cluster: Annotated[
         str | None,
-        typer.Option(
-            "--cluster", metavar="WHERE", help="Workers of Dask that compute the rows, as of `run`."
-        ),
+        typer.Option("--cluster", metavar="WHERE", help="Dask workers that compute the rows, as for `run`."),
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what the search would need, and run nothing.")
+        bool,
+        typer.Option("--dry-run", help="Print the resources that the search would need, without running it."),
     ] = False,
 ) -> None:
-    """Search constants of a model that meet targets, or go on; say which constants the targets pin."""
+    """Search, or continue to search, constants of a model that meet targets; report their ranges."""
     from gaitsweep.cli import show_search
     from gaitsweep.fitting.search_job import load_search
 
@@ -430,19 +443,17 @@ def sensitivity(
         typer.Argument(
             metavar="JOB.yaml",
             parser=shipped_or_own,
-            help="A job with `sensitivity:` in the place of `vary:`.",
+            help="Job file with `sensitivity:` in place of `vary:`.",
         ),
     ],
     out: Out = None,
     settings: Settings = None,
     cluster: Annotated[
         str | None,
-        typer.Option(
-            "--cluster", metavar="WHERE", help="Workers of Dask that compute the rows, as of `run`."
-        ),
+        typer.Option("--cluster", metavar="WHERE", help="Dask workers that compute the rows, as for `run`."),
     ] = None,
 ) -> None:
-    """Measure how much results depend on each constant, or go on: a table, the indices and their figure."""
+    """Measure how much results depend on each constant: write a table, the indices and their figure."""
     from gaitsweep.cli import show_sensitivity
     from gaitsweep.fitting.sensitivity_job import load_sensitivity
 
@@ -461,7 +472,8 @@ def sensitivity(
 @app.command(name="schema")
 def write_schema(
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Where to write it; printed by default.")
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="Output file; by default the schema is printed."),
     ] = None,
 ) -> None:
     """Write the JSON schema of job files, for editors."""

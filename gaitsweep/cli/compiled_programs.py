@@ -1,8 +1,8 @@
-"""XLA's compiled programs, kept on disk, so that a program is compiled once for a machine and not once a run.
+"""A disk cache of XLA's compiled programs, which so are compiled once per machine and not once per run.
 
-JAX does so itself, if it is told where; the names of its files tell versions and the instruction sets of
-processors apart, so a home folder may be shared. Programs that cannot be read or written are compiled again,
-without a word.
+JAX manages the cache in the folder set here; its file names contain versions and instruction sets of
+processors, so a home folder may be shared. Programs that cannot be read or written are compiled again
+silently.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from gaitsweep.cache_folder import cache_folder
 
 
 def keep_compiled_programs() -> None:
-    """Let JAX keep its programs in our cache, unless it has been imported or the user has set a folder."""
+    """Set JAX's cache folder, unless JAX has been imported or the user has set a folder."""
     if "jax" in sys.modules or "JAX_COMPILATION_CACHE_DIR" in os.environ:
         return
     folder = cache_folder("xla")

@@ -1,4 +1,4 @@
-"""The command `examples`: jobs, models, configs and notebooks that come with gaitsweep, listed and copied."""
+"""The command `examples`: lists and copies the jobs, models, configs and notebooks of gaitsweep."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from gaitsweep.shipped import BUILTIN, EXAMPLES, shipped
 
 KINDS = ("models", "notebooks", "jobs", "configs")
 _NOTES = {
-    "models": "models of your own kind, each with its job",
-    "notebooks": "the papers' models and your own, cell by cell",
-    "jobs": "the papers' figures, and what goes beyond them",
+    "models": "small models to start your own from, each with a job",
+    "notebooks": "introductions to the papers' models and to writing your own",
+    "jobs": "the papers' figures, and further studies",
     "configs": "the papers' parameters: `config: builtin:NAME` in a job",
 }
 
 
 @dataclasses.dataclass(frozen=True)
 class Example:
-    """Files that `gaitsweep examples NAME` copies, by their paths, and a line on what they are."""
+    """The files that `gaitsweep examples NAME` copies, and a line that describes them."""
 
     name: str
     kind: str
@@ -39,10 +39,13 @@ class Example:
 def examples(
     name: Annotated[
         str | None,
-        typer.Argument(metavar="NAME", help="What to copy: a name of the list, or all of one kind: models."),
+        typer.Argument(
+            metavar="NAME",
+            help="Example to copy: a name in the list, or a kind, such as models, for all of it.",
+        ),
     ] = None,
     to: Annotated[
-        Path, typer.Option("--to", metavar="DIR", help="Where the files go; this folder by default.")
+        Path, typer.Option("--to", metavar="DIR", help="Folder for the files; by default the current one.")
     ] = Path(),
 ) -> None:
     """List the jobs, models, configs and notebooks that come with gaitsweep, or copy some of them."""
@@ -53,14 +56,14 @@ def examples(
     chosen = [each for each in found if name in (each.name, each.kind)]
     if not chosen:
         near = near_miss.suggestion(name, [*KINDS, *(each.name for each in found)])
-        raise ArgumentError(f"{name} is no example{near}")
+        raise ArgumentError(f"{name} is not an example{near}")
     files = {file.name: _portable(file) for each in chosen for file in each.files}
     for path in add_files(to, files):
         print(path)
 
 
 def known_examples() -> list[Example]:
-    """All examples, kind by kind, in the order of their names."""
+    """All examples, by kind and name."""
     jobs, configs = (
         sorted(
             (file for folder in folders(kind) for file in folder.glob("*.yaml")), key=lambda file: file.name
@@ -78,7 +81,7 @@ def known_examples() -> list[Example]:
 
 
 def _with_its_files(job: Path) -> tuple[Path, ...]:
-    """The model of an example's job, the MJCF of its body where it has one, and the job."""
+    """The model of an example's job, its MJCF file if it has one, and the job."""
     files = (job.with_suffix(suffix) for suffix in (".py", ".xml", ".yaml"))
     return tuple(file for file in files if file.is_file())
 
@@ -93,12 +96,12 @@ def _list(found: list[Example]) -> None:
             about = textwrap.shorten(each.about, max(width - names - 4, 20), placeholder=" ...")
             print(f"  {each.name:<{names}}  {about}".rstrip())
         print()
-    print("gaitsweep examples NAME --to DIR copies one, gaitsweep examples models all models;")
-    print(f"gaitsweep run {BUILTIN}NAME runs a job where it is.")
+    print("gaitsweep examples NAME --to DIR copies an example, gaitsweep examples models all models;")
+    print(f"gaitsweep run {BUILTIN}NAME runs a job without a copy.")
 
 
 def _portable(file: Path) -> str:
-    """The text of an example; a config beside the shipped jobs is named so that it is found anywhere."""
+    """The text of an example, with shipped configs named as `builtin:NAME`, which works in any folder."""
     text = file.read_text(encoding="utf-8")
     if file.suffix != ".yaml":
         return text
@@ -106,7 +109,7 @@ def _portable(file: Path) -> str:
 
 
 def _first_line(file: Path) -> str:
-    """The first line of a YAML file's comment, at its beginning."""
+    """The first line of the comment at the beginning of a YAML file."""
     first = file.read_text(encoding="utf-8").partition("\n")[0]
     return first.lstrip("# ").strip() if first.startswith("#") else ""
 

@@ -1,4 +1,4 @@
-"""The command `explore`: a page on which a click on a start makes it walk."""
+"""The command `explore`: writes a page that animates the walking model from a start on a click."""
 
 from __future__ import annotations
 
@@ -10,31 +10,37 @@ import typer
 
 
 def explore(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="A result directory.")],
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Result directory.")],
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="The page; DIR/explore.html by default.")
+        Path | None, typer.Option("--out", metavar="FILE", help="Output file; by default DIR/explore.html.")
     ] = None,
     x: Annotated[
-        str | None, typer.Option("--x", metavar="COLUMN", help="Along the horizontal axis; the figure's.")
+        str | None,
+        typer.Option("--x", metavar="COLUMN", help="Column on the horizontal axis; by default the figure's."),
     ] = None,
     y: Annotated[
-        str | None, typer.Option("--y", metavar="COLUMN", help="Along the vertical axis; the figure's.")
+        str | None,
+        typer.Option("--y", metavar="COLUMN", help="Column on the vertical axis; by default the figure's."),
     ] = None,
     walks: Annotated[
         int | None,
-        typer.Option("--walks", metavar="N", help="Starts that are simulated again at most; 400 by default."),
+        typer.Option(
+            "--walks", metavar="N", help="Largest number of starts that are simulated again; 400 by default."
+        ),
     ] = None,
     max_size: Annotated[
-        float | None, typer.Option("--max-size", metavar="MB", help="Largest size; 10 MB by default.")
+        float | None,
+        typer.Option("--max-size", metavar="MB", help="Largest size of the page; 10 MB by default."),
     ] = None,
     trust: Annotated[
         bool,
         typer.Option(
-            "--trust", help="Run the code of a model of one's own that lies in DIR, or where DIR says."
+            "--trust",
+            help="Allow running the code of your own model from DIR, or from the folder named in DIR.",
         ),
     ] = False,
 ) -> None:
-    """Write explore.html into a result directory: click a start, and it walks."""
+    """Write explore.html into a result directory: a click on a start shows the model walking from it."""
     from gaitsweep.cli.progress import shown_progress
     from gaitsweep.view.explorer.explorer import write_explorer
 

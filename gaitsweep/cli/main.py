@@ -1,6 +1,6 @@
-"""Runs a command, and turns every error of the user into a sentence and an exit code.
+"""Running of commands; every user error becomes a sentence and an exit code.
 
-0: done; 1: something failed while running (a full disk); 2: the user's input was refused; 130: Ctrl-C;
+0: success; 1: a failure while running, such as a full disk; 2: the user's input was refused; 130: Ctrl-C;
 143: SIGTERM.
 """
 
@@ -22,7 +22,7 @@ from gaitsweep.cli.commands import STOPPED, app
 from gaitsweep.cli.compiled_programs import keep_compiled_programs
 from gaitsweep.errors import EXIT_FAILURE, UserError, refuse_windows
 
-# What JAX, Python and the loader of shared libraries say when they get no memory.
+# Messages of JAX, Python and the loader of shared libraries when memory is exhausted.
 _NO_MEMORY = (
     "RESOURCE_EXHAUSTED",
     "can't start new thread",
@@ -35,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line.
 
     Args:
-        arguments: the words after `gaitsweep`; by default those of this process.
+        arguments: the arguments after `gaitsweep`; by default those of this process.
 
     Returns:
         The exit code.
@@ -70,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _ended(sentence: str, code: int) -> int:
-    """Print why a command ended, and return its exit code; a full or closed stream is used no more."""
+    """Print an error message, and return the exit code; a full or closed stream is not used again."""
     for stream, text in ((sys.stderr, f"{sentence}\n" if sentence else ""), (sys.stdout, "")):
         try:
             stream.write(text)
@@ -81,7 +81,7 @@ def _ended(sentence: str, code: int) -> int:
 
 
 def _of_the_machine(error: Exception) -> str | None:
-    """The sentence for what the machine may refuse anywhere: memory, threads, disk; None for all else."""
+    """The message for a shortage of memory, threads or disk, or None for other errors."""
     if isinstance(error, BrokenPipeError):
         return ""  # the reader of our output has closed it (| head), which is no error
     if isinstance(error, OSError):
@@ -92,20 +92,20 @@ def _of_the_machine(error: Exception) -> str | None:
         try:
             os.getcwd()
         except OSError:
-            return "The working directory does not exist any more: change to another one."
+            return "The working directory no longer exists: change to another one."
         return f"The output cannot be written: {reason(error)}." if error.errno == errno.ENOSPC else None
     limited = resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
     no_memory = isinstance(error, MemoryError) or any(word in str(error) for word in _NO_MEMORY)
     if no_memory or (limited and isinstance(error, ImportError)):  # a library that cannot be loaded
         return (
-            "The memory that this process may use is not enough (ulimit -v, or the machine's). What was "
-            "written before is safe; fewer engine.lanes and a smaller engine.block need less."
+            "This process ran out of memory (that of the machine, or the limit of ulimit -v). Stored results "
+            "are safe. Reduce engine.lanes or engine.block to use less memory."
         )
     return None
 
 
 def _shown_as_sentence(otherwise: Callable[..., None]) -> Callable[..., None]:
-    """Show our own warnings, such as an incomplete table, without the line of code that raised them."""
+    """Show gaitsweep's warnings, such as an incomplete table, without the line of code that raised them."""
 
     def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
         if category is UserWarning:

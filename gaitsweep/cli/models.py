@@ -1,4 +1,4 @@
-"""The commands about models: what there are, one of your own to begin with, and its test."""
+"""The commands about models: a list of models, templates of models and papers, and a test."""
 
 from __future__ import annotations
 
@@ -41,10 +41,11 @@ _PAPER = {
 
 def models(
     name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="A model; all of them are listed if not given.")
+        str | None,
+        typer.Argument(metavar="NAME", help="Model to describe; by default all models are listed."),
     ] = None,
 ) -> None:
-    """List the models, or the parameters, starts, observables and gaits of one."""
+    """List all models, or the parameters, starts, observables and gaits of one model."""
     from gaitsweep import models as registry
     from gaitsweep.cli import show
 
@@ -55,34 +56,48 @@ def models(
 
 
 def new_model(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Lower case, a Python name: my_hopper.")],
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="Name in lower case, valid in Python: my_hopper.")
+    ],
     to: Annotated[
-        Path, typer.Option("--to", metavar="DIR", help="Where its folder NAME goes; here by default.")
+        Path,
+        typer.Option(
+            "--to",
+            metavar="DIR",
+            help="Folder that will contain the folder NAME; by default the current one.",
+        ),
     ] = Path(),
 ) -> None:
-    """Write a model of your own to begin with, a hopper: model, job, test and README in a folder NAME."""
+    """Write a template of your own model, a hopper, into a folder NAME: model, job, test and README."""
     _write(to / name, name, {Path(each).name: each for each in _FILES})
     print(f"Try it: cd {to / name} && gaitsweep run {name}.yaml && pytest")
 
 
 def new_paper(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Lower case, a Python name: goswami1998.")],
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="Name in lower case, valid in Python: goswami1998.")
+    ],
     to: Annotated[
-        Path, typer.Option("--to", metavar="DIR", help="Where its folder NAME goes; here by default.")
+        Path,
+        typer.Option(
+            "--to",
+            metavar="DIR",
+            help="Folder that will contain the folder NAME; by default the current one.",
+        ),
     ] = Path(),
 ) -> None:
-    """Write the package of a paper to begin with: model, jobs, figures, analyses, measures, claims, test."""
+    """Write a template of a paper's package: model, jobs, figures, analyses, measures, claims, test."""
     _write(to / name, name, _PAPER)
     print(f"Try it: pip install -e {to / name} && gaitsweep reproduce {name} --quick")
 
 
 def _write(folder: Path, name: str, files: Mapping[str, str]) -> None:
-    """Write example files with another name in the place of the template's, and print their paths.
+    """Write example files with a new name instead of the template's, and print their paths.
 
     Args:
         folder: the new folder.
-        name: of the model or the paper.
-        files: paths in `EXAMPLES` by the paths of the new files.
+        name: the name of the model or the paper.
+        files: mapping from the paths of the new files to paths in `EXAMPLES`.
     """
     _refuse_name(name)
     texts = {}
@@ -97,37 +112,42 @@ def _write(folder: Path, name: str, files: Mapping[str, str]) -> None:
 
 
 def _class_name(name: str) -> str:
-    """The class of a model by the name of its module: `my_hopper` gives MyHopper."""
+    """The name of a model's class from that of its module: `my_hopper` gives MyHopper."""
     return "".join(part.capitalize() for part in name.split("_"))
 
 
 def check_model(
     name: Annotated[
-        str, typer.Argument(metavar="MODULE:CLASS", help="package.module:attribute, or a registered name.")
+        str,
+        typer.Argument(metavar="MODULE:CLASS", help="Model: package.module:attribute, or a registered name."),
     ],
     steps: Annotated[
-        int | None, typer.Argument(metavar="[STEPS]", min=1, help="Steps beside MuJoCo C; 300 by default.")
+        int | None,
+        typer.Argument(metavar="[STEPS]", min=1, help="Number of steps of --against-c; 300 by default."),
     ] = None,
     against_c: Annotated[
         bool,
         typer.Option(
             "--against-c",
-            help="Step a model of an MJCF beside MuJoCo C, STEPS from each keyframe and 8 random states.",
+            help="Compare STEPS steps of an MJCF model with MuJoCo C, from each keyframe and 8 random "
+            "states.",
         ),
     ] = False,
 ) -> None:
-    """Test a model against the contract, and try some rows: what is wrong, a sentence each."""
+    """Test a model against the contract and run some rows; print one sentence for each error."""
     from gaitsweep import models as registry
     from gaitsweep.cli import show
     from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
     from gaitsweep.models.conformity import faults
 
     if steps is not None and not against_c:
-        raise ArgumentError(f"{steps} is a number of steps for --against-c, which is not given.")
+        raise ArgumentError(f"STEPS is {steps}, but is allowed only with --against-c.")
 
     kind = registry.find(name)
     if against_c and not issubclass(kind, MjcfModel):
-        raise ArgumentError(f"{name} has no MJCF: --against-c is for models that derive from MjcfModel.")
+        raise ArgumentError(
+            f"{name} has no MJCF: --against-c applies only to models that derive from MjcfModel."
+        )
     found = faults(kind)
     for words in found:
         print(f"The model is {name}, {words}", file=sys.stderr)
@@ -140,7 +160,7 @@ def check_model(
         print(f"The model is {name}, {words}", file=sys.stderr)
     if tried.faults:
         raise typer.Exit(REFUSED)
-    print(f"{name}: good, {show.extent_of(kind())}")
+    print(f"{name}: valid, {show.extent_of(kind())}")
     for remark in tried.remarks:
         print(remark)
     model = kind()
@@ -153,7 +173,7 @@ def check_model(
 
 
 def _step_against_c(name: str, model: MjcfModel, steps: int) -> None:
-    """Print how a model of an MJCF moves beside MuJoCo C; it ends with REFUSED where it moves otherwise."""
+    """Compare an MJCF model with MuJoCo C and print the result; exit with REFUSED if they differ."""
     from gaitsweep.dynamics.mjx.against_c import compare
     from gaitsweep.dynamics.mjx.refusals import cautions
 
@@ -164,8 +184,8 @@ def _step_against_c(name: str, model: MjcfModel, steps: int) -> None:
         print(parting, file=sys.stderr)
     agree = found.starts - len(found.partings)
     print(
-        f"{name}: {agree} of {found.starts} motions of {steps} steps agree with MuJoCo C to 1e-5; largest "
-        f"difference before a motion parts {found.largest:.1e}"
+        f"{name}: {agree} of {found.starts} motions of {steps} steps agree with MuJoCo C within 1e-5; the "
+        f"largest difference before a divergence is {found.largest:.1e}"
     )
     if found.wrong:
         raise typer.Exit(REFUSED)
@@ -178,11 +198,11 @@ def _refuse_name(name: str) -> None:
         near = re.sub(r"\W+", "_", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)).strip("_").lower()
         hint = f"; did you mean {near}?" if re.fullmatch(r"[a-z][a-z0-9_]*", near) and near != name else "."
         raise NewFilesError(
-            f"The name {name!r} is no name of a Python module: it takes lower-case letters, digits and "
-            f"underscores, a letter first{hint}"
+            f"The name {name!r} is not valid for a Python module: use lower-case letters, digits and "
+            f"underscores, beginning with a letter{hint}"
         )
     if name in registry.names():
-        raise NewFilesError(f"The name {name} is that of a model of gaitsweep: choose another.")
+        raise NewFilesError(f"A model named {name} comes with gaitsweep: choose another name.")
     known = importlib.util.find_spec(name)
     if known is not None and known.origin is not None:
-        raise NewFilesError(f"The name {name} is that of a module of this Python: choose another.")
+        raise NewFilesError(f"A module named {name} is installed in this Python: choose another name.")

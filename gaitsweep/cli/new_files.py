@@ -1,4 +1,4 @@
-"""New files for a user: all of them or none, and never in place of what is there."""
+"""Writing of new files for a user: all or none, and without replacing existing files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gaitsweep.errors import EXIT_FAILURE, UserError
 
 
 class NewFilesError(UserError):
-    """New files would replace others, or cannot be written there; the message says which."""
+    """New files would replace existing ones, or cannot be written there; the message names them."""
 
 
 class NotWrittenError(NewFilesError):
@@ -22,13 +22,13 @@ class NotWrittenError(NewFilesError):
 
 
 def write_folder(folder: Path, files: Mapping[str, str]) -> None:
-    """Write a new folder with these files, by their names in it.
+    """Write a new folder with these texts by file name.
 
     Raises:
         NewFilesError: the folder exists, or cannot be made there.
     """
     if folder.exists() or folder.is_symlink():
-        raise NewFilesError(f"{folder} exists: choose another name, or another place by --to DIR.")
+        raise NewFilesError(f"{folder} exists already: choose another name, or another folder with --to DIR.")
     hidden = None
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -46,23 +46,25 @@ def write_folder(folder: Path, files: Mapping[str, str]) -> None:
 
 
 def add_files(folder: Path, files: Mapping[str, str]) -> list[Path]:
-    """Write new files into a folder, which is made where it is missing; those that are there alike stay.
+    """Write new files into a folder, which is created if missing; existing identical files are left.
 
     Args:
-        folder: where they go.
-        files: their texts by their paths in it.
+        folder: the folder.
+        files: their texts by their paths in the folder.
 
     Returns:
         Their paths.
 
     Raises:
-        NewFilesError: a file exists with another text; none is written then.
+        NewFilesError: a file exists with different contents; then no file is written.
     """
     paths = {folder / name: text for name, text in files.items()}
     for path, text in paths.items():
         alike = path.is_file() and path.read_bytes() == text.encode()
         if not alike and (path.exists() or path.is_symlink()):
-            raise NewFilesError(f"{path} exists with other contents: choose another place by --to DIR.")
+            raise NewFilesError(
+                f"{path} exists already with different contents: choose another folder with --to DIR."
+            )
     for path, text in paths.items():
         if path.exists():
             continue

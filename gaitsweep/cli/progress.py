@@ -1,4 +1,4 @@
-"""The progress of a run: a bar on a terminal, lines elsewhere."""
+"""Display of progress: a bar on a terminal, lines elsewhere."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ _WHOLE = 1_000_000  # steps of the bar
 
 @contextlib.contextmanager
 def shown_progress(unit: str = "rows", console: Console | None = None) -> Iterator[Told]:
-    """A context with a bar on standard error where that is a terminal, with lines elsewhere.
+    """A context that shows progress on standard error, as a bar on a terminal and as lines elsewhere.
 
-    A continued run starts its bar where the last one stopped, and estimates the time left from there.
+    The bar of a continued run starts where the last run stopped, and estimates the time left from there.
 
     Args:
-        unit: what is counted.
-        console: the terminal, if it is another.
+        unit: the unit of the counts.
+        console: another terminal.
     """
     if console is None and not sys.stderr.isatty():
         yield progress_lines(unit)

@@ -1,4 +1,4 @@
-"""The text that commands print about models, estimates and result directories."""
+"""Text output of commands about models, estimates and result directories."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _PIPED_WIDTH = 240  # columns, where the output is no terminal
 
 
 def estimate(needs: Estimate) -> str:
-    """The resources that a job would need, as text."""
+    """Format the resources that a job would need."""
     time = f"about {duration(needs.seconds)}"
     if needs.seconds_most > 1.05 * needs.seconds:
         time += f", at most {duration(needs.seconds_most)} (measured on the first rows)"
@@ -42,18 +42,18 @@ def estimate(needs: Estimate) -> str:
 
 
 def counts(by_status: dict[str, int]) -> str:
-    """The number of rows with each status: "15 settled, 1 fell"."""
+    """Format the number of rows with each status: "15 settled, 1 fell"."""
     return ", ".join(f"{number} {status}" for status, number in by_status.items()) or "none finished"
 
 
 def shares(by_status: Mapping[str, int]) -> str:
-    """The share of the rows with each status: "93.8 % settled, 6.2 % fell"."""
+    """Format the share of rows with each status: "93.8 % settled, 6.2 % fell"."""
     rows = sum(by_status.values())
     return ", ".join(f"{100.0 * number / rows:.3g} % {status}" for status, number in by_status.items())
 
 
 def stalled(stalls: Mapping[str, Mapping[str, Any]]) -> str:
-    """The guards that stalled rows, and when: "3 event_stall: leg 2 touches or lifts, t = 1.25 s"."""
+    """Format the guards that stalled rows, and times: "3 event_stall: leg 2 touches or lifts, t = 1.25 s"."""
     told = []
     for names, found in stalls.items():
         when = ""
@@ -66,12 +66,12 @@ def stalled(stalls: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def unsettled(slowest: Mapping[str, int]) -> str:
-    """The observables that kept rows from settling: "psi_1 in 12 rows, psi_2 in 1 row"."""
+    """Format the observables that prevented settling: "psi_1 in 12 rows, psi_2 in 1 row"."""
     return ", ".join(f"{name} in {rows} row{'s' * (rows != 1)}" for name, rows in slowest.items())
 
 
 def axes(known: Sequence[Mapping[str, Any]]) -> str:
-    """The axes with their numbers of points: "psi_2 (99) x psi_1 (99)"."""
+    """Format the axes with their numbers of points: "psi_2 (99) x psi_1 (99)"."""
     return " x ".join(
         f"{' and '.join(axis['names'])} ({axis['length']}{', drawn' if axis['drawn'] else ''})"
         for axis in known
@@ -79,12 +79,12 @@ def axes(known: Sequence[Mapping[str, Any]]) -> str:
 
 
 def distance(far: Mapping[str, Any]) -> str:
-    """The largest distance from the analytic solutions: "0.110 rad (row 123)"."""
+    """Format the largest distance from the analytic solutions: "0.110 rad (row 123)"."""
     return f"{far.get('rad', float('nan')):.3f} rad (row {far.get('row', '?')})"
 
 
 def outcome(snapshot: Snapshot) -> str:
-    """The results of a run on disk, as text."""
+    """Format the results of a run on disk."""
     rows, parts = snapshot.manifest["rows"], len(snapshot.files.footers)
     so_far = "" if snapshot.complete else f" of {rows}"
     lines = [
@@ -100,11 +100,12 @@ def outcome(snapshot: Snapshot) -> str:
     if stalls := snapshot.manifest.get("stalls"):
         lines.insert(1, f"Stalled: {stalled(stalls)}.")
     if slowest := snapshot.manifest.get("slowest"):
-        lines.insert(1, f"Kept from settling by {unsettled(slowest)}.")
+        lines.insert(1, f"Rows did not settle because of {unsettled(slowest)}.")
     if snapshot.counts and not set(snapshot.counts) & Status.SOUND:
         worst = next(iter(snapshot.counts))
-        meaning = Status[worst].sentence if worst in Status.__members__ else "a status of another version."
-        lines.insert(1, f"No row came to a good end. {worst}: {meaning}")
+        known = worst in Status.__members__
+        meaning = Status[worst].sentence if known else "This version does not know this status."
+        lines.insert(1, f"No row ended normally. {worst}: {meaning}")
     if isinstance(found := snapshot.manifest.get("self_check"), dict):
         lines.append(sentence(found))
     lines.extend(remarks(snapshot.manifest))
@@ -113,9 +114,9 @@ def outcome(snapshot: Snapshot) -> str:
 
 
 def directory(snapshot: Snapshot) -> str:
-    """The contents of a result directory as text: job, progress, statuses of rows, provenance."""
+    """Format the contents of a result directory: job, progress, statuses of rows, provenance."""
     rows = snapshot.manifest["rows"]
-    state = "complete" if snapshot.complete else "not complete: the same command continues it"
+    state = "complete" if snapshot.complete else "not complete; run the same command to continue"
     lines = {
         "job": f"{snapshot.job.get('name', '?')} (model {snapshot.job.get('model', '?')})",
         "rows": f"{snapshot.rows_done} of {rows}, {state}",
@@ -123,10 +124,10 @@ def directory(snapshot: Snapshot) -> str:
     for status, number in snapshot.counts.items():
         lines[f"  {status}"] = f"{number}   {status_sentence(status, snapshot.job)}".rstrip()
     if snapshot.rows_open:
-        lines["rows open"] = f"{snapshot.rows_open} more have ended in blocks that are not complete"
+        lines["rows open"] = f"{snapshot.rows_open} more rows have ended in incomplete blocks"
     for number, fault in sorted(snapshot.files.faults.items()):
-        what = "another job's" if fault.foreign else "damaged"
-        lines[f"part {number}"] = f"{what}: {fault.file}: {fault.what} Running the job again makes it anew"
+        what = "from another job" if fault.foreign else "damaged"
+        lines[f"part {number}"] = f"{what}: {fault.file}: {fault.what} Run the job again to replace it"
     for fault in (*snapshot.files.strangers, *snapshot.files.open_faults):
         lines[fault.file.name] = fault.what
     if snapshot.files.undigested:
@@ -140,13 +141,13 @@ def directory(snapshot: Snapshot) -> str:
 
 
 def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:
-    """Entries of a manifest as lines of text, by their titles."""
+    """Format entries of a manifest as lines, by their titles."""
     lines: dict[str, str] = {}
     for key, value in manifest.items():
         if key == "stalls" and isinstance(value, dict):
             lines[key] = stalled(value)
         elif key == "slowest" and isinstance(value, dict):
-            lines["unsettled"] = f"{unsettled(value)}: what changed most, relative to its tolerance"
+            lines["unsettled"] = f"{unsettled(value)} (largest change relative to its tolerance)"
         elif key == "largest_distance" and isinstance(value, dict):
             if value:
                 lines["distance"] = f"{distance(value)}, the largest from the analytic solutions"
@@ -168,11 +169,11 @@ def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:
 def model_list(known: Iterable[tuple[str, type[Model]]]) -> None:
     """Print the registered models."""
     rows = [(name, (kind.__doc__ or "").strip().splitlines()[0], kind.source) for name, kind in known]
-    _print_table("", ("model", "what it is", "source"), rows)
+    _print_table("", ("model", "description", "source"), rows)
 
 
 def extent_of(model: Model) -> str:
-    """Counts of a model's quantities by kind."""
+    """Format the number of a model's quantities by kind."""
     counts = {
         "parameter": model.parameters,
         "start": model.initial_conditions,
@@ -184,7 +185,7 @@ def extent_of(model: Model) -> str:
 
 
 def model(name: str, kind: type[Model]) -> None:
-    """Print the fields of a model that a job can set, and its outputs, under the name that jobs use."""
+    """Print the quantities of a model that a job can set, and its outputs, under a name that jobs use."""
     instance = kind()
     doc = (kind.__doc__ or "").strip().splitlines()
     console = _console()
@@ -192,7 +193,7 @@ def model(name: str, kind: type[Model]) -> None:
     fields = dataclasses.fields(kind)  # pyright: ignore[reportArgumentType] (each is a dataclass)
     structure = [structure_field(field) for field in fields]
     if structure:
-        _print_table("structure (one job for each)", ("name", "default", "allowed", "meaning"), structure)
+        _print_table("structure (one value per job)", ("name", "default", "allowed", "meaning"), structure)
     columns = ("name", "unit", "default", "allowed", "meaning", "source")
     _print_table("parameters", columns, [quantity(each) for each in instance.parameters])
     _print_table("start", columns[:5], [quantity(each)[:5] for each in instance.initial_conditions])
@@ -217,7 +218,7 @@ def structure_field(field: dataclasses.Field[Any]) -> tuple[str, str, str, str]:
 def quantity(of: Quantity) -> tuple[str, ...]:
     """Name, unit, default, allowed values, meaning and source of a quantity."""
     if of.default is None:
-        default = "needed"
+        default = "required"
     elif isinstance(of.default, float) and math.isnan(of.default):
         default = "the model's"
     else:
@@ -254,13 +255,13 @@ def _print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str
 
 
 def aligned(lines: dict[str, str]) -> str:
-    """Put keys and values in two columns."""
+    """Format keys and values in two columns."""
     width = max(map(len, lines)) + 2
     return "\n".join(f"{key:<{width}}{value}".rstrip() for key, value in lines.items())
 
 
 def plain(value: object) -> str:
-    """Write a value of a manifest on one line."""
+    """Format a value of a manifest on one line."""
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, dict):
@@ -271,7 +272,7 @@ def plain(value: object) -> str:
 
 
 def size(number: float) -> str:
-    """Write a number of bytes in the unit that suits it."""
+    """Format a number of bytes with a suitable unit."""
     for unit in ("bytes", "kB", "MB", "GB"):
         if number < 1000:
             return f"{number:.3g} {unit}"
@@ -280,7 +281,7 @@ def size(number: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Write a time in the unit that suits it."""
+    """Format a time with a suitable unit."""
     scales = (("days", 86400.0, 172800.0), ("h", 3600.0, 7200.0), ("min", 60.0, 120.0))
     unit, length = next(((unit, length) for unit, length, least in scales if seconds >= least), ("s", 1.0))
     number = seconds / length

@@ -1,4 +1,4 @@
-"""The text that `gaitsweep search` prints at its end."""
+"""Text output of `gaitsweep search`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def estimate(needs: SearchEstimate) -> str:
         + (f", and at most {needs.rows_of_neighbours} of its neighbours" if needs.rows_of_neighbours else ""),
     }
     if needs.batch is None:
-        lines["time"] = "not estimated: fixed points alone"
+        lines["time"] = "not estimated: the search computes only fixed points"
     else:
         lines["engine"] = f"{needs.batch.engine} on {needs.batch.device}, {needs.batch.lanes} lanes"
         lines["steps"] = f"about {needs.steps:.2g}"
@@ -48,17 +48,17 @@ def outcome(found: Found) -> str:
     if not len(near.best):
         most = found.table["why"].value_counts().head(_REASONS)
         why = [f"  {count} sets: {reason}" for reason, count in most.items()]
-        return "\n".join([*lines, "No set has a value for every target. Why, most often:", *why])
+        return "\n".join([*lines, "No set has a value for every target. Most frequent reasons:", *why])
     best: dict[str, Any] = near.best.iloc[0].to_dict()
     lines.append(
-        f"Best: row {best['row']}, score {best['score']:.4g} (root mean square miss, in reading errors)."
+        f"Best set: row {best['row']}, score {best['score']:.4g} (root mean square miss in reading errors)."
     )
     if near.fitting:
-        lines.append(f"{near.fitting} sets miss no target by more than its reading error:")
+        lines.append(f"{near.fitting} sets meet all targets within their reading errors:")
     else:
         lines.append(
-            f"No set fits all targets within their reading errors. The near-best ones, {len(near.best)} with "
-            f"a score up to {NEAR:g} times the least:"
+            f"No set meets all targets within their reading errors. The {len(near.best)} near-best sets have "
+            f"scores up to {NEAR:g} times the lowest:"
         )
     constants = [
         (
@@ -69,7 +69,7 @@ def outcome(found: Found) -> str:
         )
         for each in near.constants
     ]
-    lines.append(_table(("constant", "best", "near-best", "of its range", ""), constants))
+    lines.append(_table(("constant", "best", "near-best", "share of range", ""), constants))
     targets = []
     for name, target in found.job.targets.items():
         low, high = target.aim.wanted
@@ -80,7 +80,7 @@ def outcome(found: Found) -> str:
         miss = f"{best[f'{MISS}{name}']:+.2f}"
         targets.append((name, f"{wanted} +- {target.aim.error:g}", f"{best[name]:.5g}", at_half, miss, kept))
     lines.append(
-        _table(("target", "wanted", "best set", "at half the step", "miss, reading errors", ""), targets)
+        _table(("target", "wanted", "best set", "at half the step", "miss in reading errors", ""), targets)
     )
     lines += [f"Figure: {figure}" for figure in found.figures]
     return "\n".join(lines)

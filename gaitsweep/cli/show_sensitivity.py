@@ -1,4 +1,4 @@
-"""The text that `gaitsweep sensitivity` prints at its end."""
+"""Text output of `gaitsweep sensitivity`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gaitsweep.table.manifest import FIGURES, TABLE
 
 
 def outcome(found: Sensitivity) -> str:
-    """Sets by status, and the indices of each output, the most important parameter first."""
+    """Format sets by status, and the indices of each output, the most important parameter first."""
     status = found.table["status"].astype(str).value_counts()
     by_status = {str(name): int(number) for name, number in status.items() if number}
     lines = [f"{len(found.table)} sets: {counts(by_status)}."]
@@ -28,7 +28,7 @@ def outcome(found: Sensitivity) -> str:
 
 
 def _of_output(output: str, indices: pd.DataFrame) -> list[str]:
-    """The indices of one output as lines."""
+    """Format the indices of one output as lines."""
     first = indices.iloc[0]
     units = {str(unit) for unit in indices["unit"]} - {"1"}
     unit = f" ({units.pop()})" if len(units) == 1 else ""
@@ -51,7 +51,7 @@ def _of_output(output: str, indices: pd.DataFrame) -> list[str]:
 
 
 def _number(index: dict) -> str:
-    """The value of an index, and half its interval of 95 % where it has one."""
+    """Format the value of an index, with half its 95 % interval if known."""
     if math.isnan(index["value"]):
         return "-"
     half = index["confidence"]

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM during a run: recorded at once, obeyed between two chunks of work."""
+"""Ctrl-C and SIGTERM during a run: recorded at once, acted on between two chunks of work."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM asked the run to stop."""
+    """SIGTERM requested a stop of the run."""
 
     exit_code = 128 + signal.SIGTERM
 
 
 @contextlib.contextmanager
 def stop_requests() -> Iterator[Callable[[], None]]:
-    """A context that records the first SIGINT or SIGTERM; a second raises at once.
+    """A context that records the first SIGINT or SIGTERM; a second one raises at once.
 
-    Its value is called to raise KeyboardInterrupt, or Terminated, where a stop was asked for: raised by the
-    signal itself, it could hit a library's callback, which may suppress it.
+    Its value is a function that raises KeyboardInterrupt or Terminated if a stop was requested. An exception
+    raised by the signal handler itself could hit a library's callback, which may suppress it.
     """
     asked: type[KeyboardInterrupt] | None = None
 

@@ -1,4 +1,4 @@
-"""What varies: a job's `vary`, read once into a `Design`, and the values of each row from its number."""
+"""The axes of a job: `vary` is read once into a `Design`, which gives the values of each row."""
 
 from gaitsweep.design.design import Design, GridAxis
 

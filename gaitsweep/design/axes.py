@@ -1,4 +1,4 @@
-"""Axes: as a job writes them (`values`, `linspace`, ...), and their points by index."""
+"""Axes: their forms in a job (`values`, `linspace`, ...), and their points by index."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _SOBOL_CHUNK = 2**16  # points drawn at a time: a power of two, as the sequence 
 
 def _of_length(value: Any, length: int, words: str) -> Any:
     if not isinstance(value, (list, tuple)) or len(value) != length:
-        raise InvalidValue(f"is {found(value)}, but takes {words}.")
+        raise InvalidValue(f"is {found(value)}, but must be {words}.")
     return value
 
 
@@ -32,12 +32,12 @@ _THREE = BeforeValidator(checked(_of_length, length=3, words="[first, last, numb
 _TWO = BeforeValidator(checked(_of_length, length=2, words="[low, high]"))
 Ends = Annotated[tuple[Number, Number, PointCount], _THREE]
 At = Annotated[Literal["ends", "centre"], word("ends", "centre")]
-_AT = "ends: both ends are points; centre: the points are the middles of equal cells"
-_SEED = "seed of the points, with the name of what varies"
+_AT = "ends: both ends are points; centre: the points are the centres of equal cells"
+_SEED = "seed of the points, combined with the name of the axis"
 
 
 class Values(StrictModel):
-    """Points one by one."""
+    """Points listed one by one."""
 
     values: list[Number] = Field(min_length=1, max_length=MOST_LISTED, description="the points")
 
@@ -46,7 +46,7 @@ class Values(StrictModel):
 
 
 class Linspace(StrictModel):
-    """Points at equal distances."""
+    """Equally spaced points."""
 
     linspace: Ends = Field(description="[first, last, number of points]")
     at: At = Field(default="ends", description=_AT)
@@ -56,7 +56,7 @@ class Linspace(StrictModel):
 
 
 class Logspace(StrictModel):
-    """Points at equal ratios, the ends given as values above 0."""
+    """Points with equal ratios, between two ends above 0."""
 
     logspace: Ends = Field(description="[first, last, number of points], the ends above 0")
     at: At = Field(default="ends", description=_AT)
@@ -88,7 +88,7 @@ class Sobol(StrictModel):
 
 
 class Sample(StrictModel):
-    """Points of a box, drawn together."""
+    """Points of a box that are drawn together."""
 
     n: PointCount = Field(description="number of points")
     seed: Seed = Field(default=0, description=_SEED)
@@ -96,11 +96,11 @@ class Sample(StrictModel):
         default="random", description="random: independent uniform points; sobol: one joint Sobol sequence"
     )
     of: dict[Text, Annotated[tuple[Number, Number], _TWO]] = Field(
-        min_length=1, description="[low, high] of each name that varies"
+        min_length=1, description="[low, high] by name"
     )
 
     def axes(self) -> dict[str, RangeAxis]:
-        """The axis of each name, drawn once: a slice of rows sees what the whole sees."""
+        """The axis of each name; the points are drawn once, so that a slice of rows has the same values."""
         box = SampleBox(tuple(self.of), self.n, self.seed, self.method)
         return {name: RangeAxis(*ends, self.n, RandomAxis(box, name)) for name, ends in self.of.items()}
 
@@ -111,7 +111,7 @@ AXIS_KINDS: dict[str, type[WrittenAxis]] = {kind.__name__.lower(): kind for kind
 
 @dataclass(frozen=True)
 class ListAxis:
-    """Points given one by one: numbers or expressions, or an array (length,) of numbers."""
+    """Points listed one by one: numbers or expressions, or an array (length,) of numbers."""
 
     numbers: tuple[float | str, ...] | np.ndarray
     drawn: ClassVar[bool] = False
@@ -126,7 +126,7 @@ class ListAxis:
         return tuple(self._formula_at.values())
 
     def at(self, index: np.ndarray, names: Mapping[str, Any]) -> np.ndarray:
-        """Points `index` (n,); `names` has a float or (n,) for each name that the formulas use."""
+        """Points `index` (n,); `names` has a float or (n,) for each name in the formulas."""
         result = self._plain[index]
         for place in np.intersect1d(index, list(self._formula_at)):
             formula, mask = self._formula_at[place], index == place
@@ -137,14 +137,14 @@ class ListAxis:
 
     @cached_property
     def _formula_at(self) -> dict[int, str]:
-        """The formulas by their places."""
+        """The formulas by their positions."""
         if isinstance(self.numbers, np.ndarray):
             return {}
         return {place: number for place, number in enumerate(self.numbers) if isinstance(number, str)}
 
     @cached_property
     def _plain(self) -> np.ndarray:
-        """The numbers (length,), NaN in place of a formula."""
+        """The numbers (length,), with NaN for formulas."""
         if isinstance(self.numbers, np.ndarray):
             return self.numbers.astype(np.float64)
         return np.array([np.nan if isinstance(number, str) else number for number in self.numbers])
@@ -152,7 +152,7 @@ class ListAxis:
 
 @dataclass(frozen=True)
 class LinearSpacing:
-    """Equal steps over [0, 1]: both ends included, or the middles of equal cells."""
+    """Equal steps over [0, 1]: both ends included, or the centres of equal cells."""
 
     count: int
     at: str
@@ -163,7 +163,7 @@ class LinearSpacing:
 
 @dataclass(frozen=True)
 class SampleBox:
-    """The points of a sample, drawn together when the first of them is asked for."""
+    """The points of a sample, which are drawn together at their first use."""
 
     names: tuple[str, ...]
     count: int
@@ -182,7 +182,7 @@ class SampleBox:
 
 @dataclass(frozen=True)
 class RandomAxis:
-    """Points of [0, 1) of one name of a sample, (length,)."""
+    """Points of [0, 1) for one name of a sample, (length,)."""
 
     box: SampleBox
     name: str
@@ -203,7 +203,7 @@ class RangeAxis:
 
     @property
     def drawn(self) -> bool:
-        """Whether its points are random, or of a Sobol sequence; others have equal differences or ratios."""
+        """Whether its points are random or form a Sobol sequence; others have equal steps or ratios."""
         return isinstance(self.fraction, RandomAxis)
 
     @property
@@ -212,10 +212,10 @@ class RangeAxis:
         return tuple(number for number in (self.low, self.high) if isinstance(number, str))
 
     def at(self, index: np.ndarray, names: Mapping[str, Any]) -> np.ndarray:
-        """Points `index` (n,); `names` has a float or (n,) for each name that the ends use.
+        """Points `index` (n,); `names` has a float or (n,) for each name in the ends.
 
         Raises:
-            ExpressionError: an end of a logarithmic axis that is not above 0.
+            ExpressionError: an end of a logarithmic axis is not above 0.
         """
         low, high = (
             evaluate(end, {name: names[name] for name in names_in(end)}) for end in (self.low, self.high)
@@ -235,13 +235,13 @@ Axis = ListAxis | RangeAxis
 
 
 def _bits(seed: int, name: str, count: int) -> np.ndarray:
-    """Raw 64-bit words, of which NumPy promises that they never change; each name has a stream of its own."""
+    """Raw 64-bit words, which NumPy guarantees never to change; each name has its own stream."""
     key = int.from_bytes(hashlib.sha256(f"{seed} {name}".encode()).digest()[:16], "big")
     return np.asarray(np.random.Philox(key=key).random_raw(count))
 
 
 def _sobol(seed: int, names: list[str], count: int) -> dict[str, np.ndarray]:
-    """An unscrambled Sobol sequence under a digital shift of our own: SciPy's scrambling may change."""
+    """An unscrambled Sobol sequence with our own digital shift, since SciPy's scrambling may change."""
     sequence = scipy.stats.qmc.Sobol(len(names), scramble=False, bits=_SOBOL_BITS)
     shifts = [_bits(seed, name, 1)[0] >> np.uint64(64 - _SOBOL_BITS) for name in names]
     points = np.empty((len(names), count))

@@ -1,4 +1,4 @@
-"""The design of a job: the parameters and starts of each row, from the row's number."""
+"""The design of a job: the parameters and starts of each row, computed from the row's number."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MOST_WORK = 20_000_000  # the same times the letters of all formulas that are wo
 
 @dataclasses.dataclass(frozen=True)
 class GridAxis:
-    """The place of an axis among a design's groups, and whether its last cell is next to its first."""
+    """The position of an axis among a design's groups, and whether its last cell borders on its first."""
 
     place: int
     closed: bool
@@ -34,11 +34,11 @@ class GridAxis:
 
 @dataclasses.dataclass(frozen=True)
 class Design:
-    """The rows of a job, whose values follow from their numbers; nothing grows with the number of rows.
+    """The rows of a job; their values follow from their numbers, so memory does not grow with their number.
 
-    `settings` has a number or a formula for each parameter and start that does not vary, the model's
-    defaults among them; NaN stands for a start that the model itself decides. The parameter of
-    a ramp or staircase has the first value of its path. `sizes` are the structure's numbers.
+    `settings` has a number or a formula for each parameter and start that does not vary, including the
+    model's defaults; NaN stands for a start that the model itself decides. The parameter of a ramp or
+    staircase has the first value of its path. `sizes` are the numbers of the structure.
     """
 
     model: Model
@@ -48,7 +48,7 @@ class Design:
 
     @property
     def n_rows(self) -> int:
-        """The product of the axes' lengths; 1 where nothing varies."""
+        """The product of the axes' lengths; 1 without axes."""
         return math.prod(group.length for group in self.groups)
 
     @property
@@ -58,9 +58,9 @@ class Design:
 
     @property
     def derived(self) -> dict[str, str]:
-        """The parameters that are formulas of others, the structure's numbers written into them.
+        """The parameters that are formulas of others, with the structure's numbers filled in.
 
-        A parameter that moves while a row runs (ramp, staircase) moves those that are `following` it.
+        A parameter that moves while a row runs (ramp, staircase) also moves the parameters `following` it.
         """
         parameters = [quantity.name for quantity in self.model.parameters]
         formulas = {name: self.settings[name] for name in parameters if name in self.settings}
@@ -73,11 +73,11 @@ class Design:
         }
 
     def columns(self, start: int, stop: int) -> dict[str, np.ndarray]:
-        """Values of what varies in rows start..stop-1: a float64 array (stop - start,) by name.
+        """Values of the axes in rows start..stop-1: a float64 array (stop - start,) by name.
 
         Raises:
-            IndexError: rows that the job does not have.
-            ExpressionError: an expression that has no value in one of these rows.
+            IndexError: the job does not have these rows.
+            ExpressionError: an expression has no value in one of these rows.
         """
         return self.at(self._rows(start, stop), self.names)
 
@@ -85,9 +85,9 @@ class Design:
         """All parameters and all starts in rows start..stop-1: float64 arrays (stop - start,) by name.
 
         Raises:
-            IndexError: rows that the job does not have.
-            ExpressionError: an expression that has no value in one of these rows.
-            JobError: a value that the model does not allow; only where `checkable` is false.
+            IndexError: the job does not have these rows.
+            ExpressionError: an expression has no value in one of these rows.
+            JobError: the model does not allow a value; only for names that are not `checkable`.
         """
         return self.values_in(self._rows(start, stop))
 
@@ -100,7 +100,7 @@ class Design:
         return {name: values[name] for name in parameters}, {name: values[name] for name in starts}
 
     def at(self, rows: np.ndarray, wanted: Iterable[str]) -> dict[str, np.ndarray]:
-        """The `wanted` names in `rows` (n,) of int64: float64 arrays (n,), in the order wanted."""
+        """The `wanted` names in `rows` (n,) of int64: float64 arrays (n,), in that order."""
         wanted = tuple(wanted)
         needed = self.closure(wanted)
         known: dict[str, Any] = dict(self.sizes)
@@ -120,7 +120,7 @@ class Design:
         return {name: float(value[0]) for name, value in values.items()}
 
     def closure(self, names: Iterable[str]) -> set[str]:
-        """The names and all that their formulas use, directly or not."""
+        """The names and all names in their formulas, directly or indirectly."""
         reached: set[str] = set()
         waiting = list(names)
         while waiting:
@@ -131,7 +131,7 @@ class Design:
         return reached
 
     def following(self, *parameters: str) -> dict[str, str]:
-        """The formulas of the parameters that move with others, each after those that it uses."""
+        """The formulas of the parameters that move with `parameters`, each after those that it uses."""
         derived = self.derived
         others = (name for name in self.order if name in derived and name not in parameters)
         return {name: derived[name] for name in others if not self.closure([name]).isdisjoint(parameters)}
@@ -146,13 +146,13 @@ class Design:
 
     @functools.cached_property
     def order(self) -> tuple[str, ...]:
-        """All names, each after those that it uses; raises graphlib.CycleError where no order is."""
+        """All names, each after those that it uses; raises graphlib.CycleError if they form a cycle."""
         graph = {name: sorted(self.uses(name)) for name in [*self.settings, *self._places]}
         return tuple(graphlib.TopologicalSorter(graph).static_order())
 
     @property
     def grids(self) -> dict[str, GridAxis]:
-        """The axes of equal steps that move alone, by name."""
+        """The separate axes (not in a zip or sample) with equal steps, by name."""
         return {
             name: GridAxis(place, self._closed(name, axis))
             for place, group in enumerate(self.groups)
@@ -161,7 +161,7 @@ class Design:
         }
 
     def in_cells(self, name: str) -> bool:
-        """Whether a name's points are sure to be drawn as cells: equal steps or ratios, or few points."""
+        """Whether figures draw a name's points as cells: equal steps or ratios, or few points."""
         if name not in self._places:
             return False
         axis = self.groups[self._places[name]].axes[name]
@@ -171,7 +171,7 @@ class Design:
         return regular or np.unique(axis.at(np.arange(axis.length), {})).size <= 4
 
     def _closed(self, name: str, axis: RangeAxis) -> bool:
-        """Whether an axis is an angle whose cells fill one turn."""
+        """Whether an axis is an angle whose cells cover one turn."""
         quantities = {q.name: q for q in (*self.model.parameters, *self.model.initial_conditions)}
         if not quantities[name].circular or axis.logarithmic or axis.formulas:
             return False
@@ -179,17 +179,17 @@ class Design:
         return turn and axis.fraction == LinearSpacing(axis.length, "centre")
 
     def with_columns(self, columns: Mapping[str, np.ndarray]) -> Design:
-        """The design whose rows are the entries of these columns (n,); nothing else varies in it."""
+        """The design whose rows are the entries of these columns (n,), without other axes."""
         settings = {name: value for name, value in self.settings.items() if name not in columns}
         group = Group({name: ListAxis(column) for name, column in columns.items()})
         return dataclasses.replace(self, groups=(group,), settings=settings)
 
     def stride(self, position: int) -> int:
-        """Number of rows after which the group at `position` moves on."""
+        """Number of rows for which the group at `position` keeps its point."""
         return math.prod(group.length for group in self.groups[position + 1 :])
 
     def index(self, rows: np.ndarray, position: int) -> np.ndarray:
-        """Which point of the group at `position` the rows (n,) have."""
+        """The index of the point of the group at `position` in rows (n,)."""
         return rows // self.stride(position) % self.groups[position].length
 
     def spans(self, name: str) -> tuple[int, ...]:
@@ -198,7 +198,7 @@ class Design:
         return tuple(place for place, group in enumerate(self.groups) if needed & set(group.axes))
 
     def rows_over(self, points: np.ndarray, positions: Sequence[int]) -> np.ndarray:
-        """The rows at combinations (n,) of the groups at `positions`, the others at their first point."""
+        """Rows at combinations (n,) of the groups at `positions`; other groups have their first point."""
         rows = np.zeros_like(points)
         for position in reversed(positions):
             length = self.groups[position].length
@@ -207,9 +207,9 @@ class Design:
         return rows
 
     def checkable(self, name: str) -> bool:
-        """Whether all values of a name are few enough to be checked before the job runs.
+        """Whether a name has so few values that all can be checked before the job runs.
 
-        Plain numbers always are; a formula is where the axes that it depends on make few combinations.
+        This is true of plain numbers, and of formulas whose axes have few combinations.
         """
         if name in self._places and not self.uses(name):
             return True
@@ -239,7 +239,7 @@ class Design:
 
     def _rows(self, start: int, stop: int) -> np.ndarray:
         if not 0 <= start <= stop <= self.n_rows:
-            raise IndexError(f"Rows {start} to {stop} are not all among the {self.n_rows} rows of this job.")
+            raise IndexError(f"Rows {start} to {stop} are out of range: the job has {self.n_rows} rows.")
         return np.arange(start, stop, dtype=np.int64)
 
 
@@ -256,7 +256,7 @@ def inside(values: np.ndarray, quantity: Quantity) -> np.ndarray:
 
 
 def must(quantity: Quantity) -> str:
-    """The end of a sentence about a value out of range: what it must be, what it is, its unit."""
+    """The end of a message about a value out of range: allowed range, meaning and unit."""
     unit = "" if quantity.unit in ("", "1") else f", in {quantity.unit}"
     if quantity.whole and math.isinf(quantity.low) and math.isinf(quantity.high):
         return f"must be a whole number ({quantity.meaning}{unit})"

@@ -1,4 +1,4 @@
-"""The grammar of a job's `vary`: what moves together, in the order in which the groups multiply."""
+"""The grammar of a job's `vary`: groups of axes, whose combinations are the rows."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LONG = 1000  # points of a list
 
 @dataclass(frozen=True)
 class Group:
-    """Names that move together: an axis, a `zip` or a `sample`; `paths` say where each is written."""
+    """Names that vary together: an axis, a `zip` or a `sample`; `paths` are their places in the job."""
 
     axes: Mapping[str, Axis]
     paths: Mapping[str, Path] = field(default_factory=dict)
@@ -37,7 +37,7 @@ class Group:
 
     @property
     def drawn(self) -> bool:
-        """Whether its points are random, or of a Sobol sequence."""
+        """Whether its points are random or form a Sobol sequence."""
         return any(axis.drawn for axis in self.axes.values())
 
 
@@ -58,18 +58,18 @@ class Vary:
 
 
 def read_vary(raw: Any, quantities: Mapping[str, Quantity], refuse: Callable[[str], str | None]) -> Vary:
-    """The groups of `vary`.
+    """Read the groups of `vary`.
 
     Args:
-        raw: the mapping as written: axes by name, `zip` and `sample` with a group each or a list of groups.
+        raw: the mapping as written: axes by name; `zip` and `sample` with a group or a list of groups.
         quantities: the model's parameters and starts; empty while the model is unknown.
-        refuse: why a name may not vary, as the end of a sentence, or None where it may.
+        refuse: function from a name to the reason why it cannot vary (the end of a message), or None.
     """
     vary = Vary(quantities)
     if raw is None:
         return vary
     if not isinstance(raw, Mapping):
-        vary.refuse(("vary",), f"is {found(raw)}, but takes axes (name: axis).")
+        vary.refuse(("vary",), f"is {found(raw)}, but must be a mapping of names to axes (name: axis).")
         return vary
     for name, value in raw.items():
         path: Path = ("vary", str(name))
@@ -88,7 +88,7 @@ def read_vary(raw: Any, quantities: Mapping[str, Quantity], refuse: Callable[[st
 
 
 def _check_size(vary: Vary) -> None:
-    """Diagnostics about more rows, or more drawn points, than a job may have; none is made before."""
+    """Diagnostics about too many rows or drawn points, found without drawing them."""
     rows = 1
     for group in vary.groups:
         rows *= group.length
@@ -96,10 +96,10 @@ def _check_size(vary: Vary) -> None:
             break
     if rows > MOST_ROWS:
         made = f"{rows}" if rows < 10**30 else "more than 1e30"
-        vary.refuse(("vary",), f"makes {made} rows; a job has at most {MOST_ROWS}.")
+        vary.refuse(("vary",), f"gives {made} rows; at most {MOST_ROWS} are allowed.")
     drawn = sum(group.length * len(group.axes) for group in vary.groups if group.drawn)
     if drawn > MOST_DRAWN:
-        text = f"draws {drawn} numbers (points times names); a job draws at most {MOST_DRAWN}."
+        text = f"draws {drawn} numbers (points times names); at most {MOST_DRAWN} are allowed."
         vary.refuse(("vary",), text)
 
 
@@ -112,7 +112,10 @@ def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> tuple[Axis, dic
     kinds = [kind for kind in AXIS_KINDS if isinstance(value, Mapping) and kind in value]
     if not isinstance(value, Mapping):
         kinds_of = ", ".join(AXIS_KINDS)
-        text = f"is {found(value)}, but takes a list or one of {kinds_of}; one value goes under params."
+        text = (
+            f"is {found(value)}, but must be a list or one of {kinds_of}; a single value belongs "
+            "under params."
+        )
         vary.refuse(path, text)
         return None
     if len(kinds) != 1:
@@ -122,7 +125,9 @@ def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> tuple[Axis, dic
     if kinds == ["values"] and isinstance(value["values"], (list, tuple, np.ndarray)):
         listed = value["values"]
         if len(listed) > MOST_LISTED:
-            text = f"has {len(listed)} points; a list has at most {MOST_LISTED}: use linspace, or a sample."
+            text = (
+                f"has {len(listed)} points; a list may have at most {MOST_LISTED}: use linspace or a sample."
+            )
             vary.refuse((*path, "values"), text)
             return None
         value["values"] = [_switch(item, vary.quantities.get(name)) for item in listed]
@@ -136,7 +141,7 @@ def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> tuple[Axis, dic
 
 
 def _many_numbers(value: dict[str, Any]) -> Values | None:
-    """The axis of a long list of plain numbers, which are read at once; None where they cannot be."""
+    """The axis of a long list of plain numbers, which is converted at once, or None for other lists."""
     listed = value.get("values")
     if set(value) != {"values"} or not isinstance(listed, list) or len(listed) < _LONG:
         return None
@@ -151,9 +156,9 @@ def _many_numbers(value: dict[str, Any]) -> Values | None:
 
 def _about_kinds(value: Mapping[str, Any], kinds: list[str], path: Path) -> Diagnostic:
     if kinds:
-        return Diagnostic(path, f"has {' and '.join(kinds)}, but an axis is one of them.")
+        return Diagnostic(path, f"has {' and '.join(kinds)}, but an axis must have only one of them.")
     if not value:
-        return Diagnostic(path, f"is empty, but takes one of {', '.join(AXIS_KINDS)}.")
+        return Diagnostic(path, f"is empty, but must have one of {', '.join(AXIS_KINDS)}.")
     for key in value:
         if key not in ("at", "seed"):
             return unknown_field((*path, str(key)), "an axis", AXIS_KINDS)
@@ -161,14 +166,16 @@ def _about_kinds(value: Mapping[str, Any], kinds: list[str], path: Path) -> Diag
 
 
 def _switch(item: Any, quantity: Quantity | None) -> Any:
-    """True and false as 1 and 0 where the model has a quantity from 0 to 1."""
+    """True and false as 1 and 0 for a quantity from 0 to 1."""
     switch = quantity is not None and (quantity.low, quantity.high, quantity.open_ends) == (0.0, 1.0, False)
     return float(item) if switch and isinstance(item, bool) else item
 
 
 def _read_zip(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
     if not isinstance(value, Mapping) or not value:
-        vary.refuse(path, f"is {found(value)}, but takes axes (name: axis) of equal length.")
+        vary.refuse(
+            path, f"is {found(value)}, but must be a mapping of names to axes of equal length (name: axis)."
+        )
         return {}
     axes: dict[str, Axis] = {}
     plain: dict[str, Any] = {}
@@ -187,7 +194,7 @@ def _read_zip(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
 
 def _read_sample(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
     if not isinstance(value, Mapping):
-        text = f"is {found(value)}, but takes fields. {near_miss.allowing(Sample.model_fields)}"
+        text = f"is {found(value)}, but must be a mapping. {near_miss.allowing(Sample.model_fields)}"
         vary.refuse(path, text)
         return {}
     sample = read_model(Sample, dict(value), path, vary.diagnostics, "a sample")
@@ -202,11 +209,11 @@ def _read_sample(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
 
 
 def _check_order(axis: Axis, path: Path, vary: Vary) -> None:
-    """Refuse a box whose low end is above its high end; an axis of equal steps may go down."""
+    """Refuse a random axis whose low end is above its high end; axes with equal steps may descend."""
     if isinstance(axis, RangeAxis) and axis.drawn and not axis.formulas:
         low, high = float(axis.low), float(axis.high)
         if low > high:
-            vary.refuse(path, f"goes from {low:g} to {high:g}, but the low end comes first.")
+            vary.refuse(path, f"goes from {low:g} to {high:g}, but the low end must come first.")
 
 
 def _check_names(vary: Vary, refuse: Callable[[str], str | None]) -> None:
@@ -215,14 +222,14 @@ def _check_names(vary: Vary, refuse: Callable[[str], str | None]) -> None:
         for name, path in group.paths.items():
             if name in seen:
                 where = ".".join(map(str, seen[name]))
-                vary.refuse(path, f"varies {name}, which {where} varies already.")
+                vary.refuse(path, f"is also varied by {where}: remove one of the two.")
             elif (reason := refuse(name)) is not None:
                 vary.refuse(path, reason)
             seen.setdefault(name, path)
 
 
 def written_groups(vary: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """The groups of `vary` as written, checked or not: axis, zip or sample, and the fields of each."""
+    """The groups of `vary` as written, even unchecked: axis, zip or sample, and the fields of each."""
     for name, value in vary.items() if isinstance(vary, Mapping) else ():
         if name not in ("zip", "sample"):
             yield "axis", {str(name): value}
@@ -233,7 +240,7 @@ def written_groups(vary: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
 
 
 def written_names(vary: Any) -> Iterator[tuple[str, ...]]:
-    """The names that move together in each group of `vary` as a job writes it."""
+    """The names in each group of `vary`, as written in a job."""
     for form, group in written_groups(vary):
         names = group.get("of", {}) if form == "sample" else group
         if isinstance(names, Mapping):
@@ -260,7 +267,7 @@ def vary_schema() -> dict[str, Any]:
         "properties": {
             "zip": {
                 "anyOf": [zipped, {"type": "array", "items": zipped}],
-                "description": "axes that move together",
+                "description": "axes that vary together",
             },
             "sample": {
                 "anyOf": [sample, {"type": "array", "items": sample}],

@@ -151,7 +151,7 @@ class Event:
     def jump(self, function: Callable[..., Any], /) -> Event:
         """Decorator of the function (params, state) -> state that the event applies."""
         if self.effect is not None:
-            raise TypeError(f"The event {self.name!r} has two jumps; write one.")
+            raise TypeError(f"The event {self.name!r} has two jumps; only one is allowed.")
         self.effect = function
         return self
 
@@ -163,7 +163,7 @@ class Event:
         mode.
         """
         if self.resting is not None:
-            raise TypeError(f"The event {self.name!r} has two functions of rest; write one.")
+            raise TypeError(f"The event {self.name!r} has two functions of rest; only one is allowed.")
         self.resting = function
         return self
 
@@ -186,7 +186,8 @@ def _quantity(unit: str, meaning: str, *others: Any, **more: Any) -> Quantity:
     for what, text in (("unit", unit), ("meaning", meaning)):
         if not isinstance(text, str):
             raise TypeError(
-                f"The {what} of a declaration is {text!r}, but takes text: write the unit, the meaning, then "
+                f"The {what} of a declaration is {text!r}, but must be text: write the unit, the "
+                "meaning, then "
                 'a number, as in parameter("m/s2", "gravitational acceleration", 9.81).'
             )
     return Quantity("", unit, meaning, *others, **more)

@@ -190,8 +190,8 @@ def advance(
     if steps is not None:
         if sensitivities:
             raise ValueError(
-                f"Derivatives go through located events, but {numerics.method} takes steps of fixed length: "
-                "use rk4."
+                f"Derivatives need located events, but {numerics.method} takes steps of fixed length: use "
+                "rk4."
             )
         return _advance_stepped(steps, numerics, drive)
     hybrid = cast(HybridModel, model)

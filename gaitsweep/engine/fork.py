@@ -27,7 +27,7 @@ def refuse_fork() -> None:
     """
     if _computed_before:
         raise UnsupportedSystem(
-            "This process is a fork of one that has computed with JAX, and lacks the threads of JAX: it "
-            "would wait for ever. One call with all values uses all cores by itself (engine lanes); or start "
-            "processes by multiprocessing.get_context('spawn'), or give client= a client of Dask."
+            "This process is a fork of one that has computed with JAX, and lacks the threads of JAX, so the "
+            "computation would never end. Use one call with all values, which uses all cores; or start "
+            "processes by multiprocessing.get_context('spawn'), or pass a Dask client as client=."
         )

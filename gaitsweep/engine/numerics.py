@@ -159,7 +159,7 @@ def step_of(model: Model, numerics: ResolvedNumerics, params: Params) -> jax.Arr
 
 def unknown_step(model: Model, method: str) -> str:
     """The error message for a step that neither the numerics nor the model determine."""
-    return f"{model.name} does not say how long a step of {method} may be: give numerics.dt."
+    return f"{model.name} does not recommend a step length for {method}: set numerics.dt."
 
 
 def tolerance_scale(share: Any) -> Any:

@@ -1,1 +1,1 @@
-"""Small models that are written as a user would write them, each with a job beside it."""
+"""Small models, written as by a user, each with a job."""

@@ -53,7 +53,7 @@ class CompassWalker(DeclaredModel):
 
     @strike.jump
     def exchange(self, p, s):
-        """The legs change their roles; angular momentum about the new foot and about the hip is kept."""
+        """The legs change their roles; angular momentum about the new foot and about the hip is conserved."""
         length, c = p.a + p.b, jnp.cos(s.stance - s.swing)
         ab = p.m * p.a * p.b
         whole = (p.m_H * length**2 + 2.0 * p.m * p.a * length) * c * s.stance_rate
@@ -84,13 +84,13 @@ class CompassWalker(DeclaredModel):
 
 
 def _inertia(p, between):
-    """Inertia of the stance leg with what it carries, and the coupling of the legs (kg m2)."""
+    """Inertia of the stance leg with its load, and the coupling of the legs (kg m2)."""
     length = p.a + p.b
     mass = (p.m_H + p.m) * length**2 + p.m * p.a**2
     return mass, -p.m * length * p.b * jnp.cos(between)
 
 
 def _solved(a11, a12, a21, a22, b1, b2):
-    """The two unknowns of two linear equations."""
+    """Solve two linear equations with two unknowns."""
     determinant = a11 * a22 - a12 * a21
     return (a22 * b1 - a12 * b2) / determinant, (a11 * b2 - a21 * b1) / determinant

@@ -1,4 +1,4 @@
-"""Whether formulas can be worked out, rows have values that the model allows, and figures fit the run."""
+"""Checks of a job's formulas, of its rows' values, and of its figures."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _MOST_TURNS = 20  # of a path, at each of which formulas are checked; of a longe
 
 
 def check_names(design: Design, spec: ModelSpec) -> list[Diagnostic]:
-    """Diagnostics about formulas that use what is not there, or that go round in a circle."""
+    """Diagnostics about formulas that use unknown names or depend on themselves."""
     diagnostics: list[Diagnostic] = []
     own = [*spec.parameters, *spec.sizes]
     for name in [*design.settings, *design.names]:
@@ -38,7 +38,7 @@ def check_names(design: Design, spec: ModelSpec) -> list[Diagnostic]:
                 continue
             text = f"uses {used}, which is not a parameter of {spec.model.name}"
             if used in spec.starts:
-                text = f"uses {used}, a start value, on which no parameter may depend"
+                text = f"uses {used}, which is a start value; parameters cannot depend on start values"
             text += near_miss.suggestion(used, [*allowed, *CONSTANTS])
             diagnostics.append(Diagnostic(place(design, spec, name), text))
     if diagnostics:
@@ -53,13 +53,13 @@ def check_names(design: Design, spec: ModelSpec) -> list[Diagnostic]:
 
 
 def check_ranges(design: Design, spec: ModelSpec, run: RunKind) -> list[Diagnostic]:
-    """Diagnostics about values outside what the model allows, each with the first row that has one."""
+    """Diagnostics about values that the model does not allow, each with the first such row."""
     diagnostics: list[Diagnostic] = []
     moving = run.moved
     wrong: set[str] = set()
     for name in design.order:
         if name == moving or design.closure([name]) & wrong:
-            continue  # what follows from a wrong value is not told beside it
+            continue  # values that follow from a wrong value are not reported
         diagnostic = _check_quantity(design, spec, name, spec.quantities[name])
         if diagnostic is not None:
             diagnostics.append(diagnostic)
@@ -70,7 +70,7 @@ def check_ranges(design: Design, spec: ModelSpec, run: RunKind) -> list[Diagnost
 
 
 def place(design: Design, spec: ModelSpec, name: str) -> Path:
-    """Path of a name's value in the job, written or not."""
+    """Path of a name's value in the job, even if the job leaves it out."""
     for group in design.groups:
         if name in group.paths:
             return group.paths[name]
@@ -103,7 +103,7 @@ def _check_quantity(design: Design, spec: ModelSpec, name: str, quantity: Quanti
 
 
 def _between_its_ends(design: Design, name: str, quantity: Quantity) -> bool:
-    """Whether a name has all its points between two numbers that the model allows: none need be made."""
+    """Whether both ends of a name's axis are allowed, so that its points need no check."""
     for group in design.groups:
         axis = group.axes.get(name)
         if isinstance(axis, RangeAxis) and not axis.formulas:
@@ -113,14 +113,15 @@ def _between_its_ends(design: Design, name: str, quantity: Quantity) -> bool:
 
 
 def remarks_on_rows(design: Design, name: str) -> list[str]:
-    """Sentences of `check-model` on a user's model, at some of a job's own rows.
+    """Faults that `check-model` would find in a user's model at some rows of a job, as sentences.
 
-    The corners of the axes are among them, and all rows of a small job. A model of gaitsweep's own or with
-    `host_parameters` is not looked at, nor rows of which a formula has no value: their block says so.
+    These are the corners of the axes and others, or all rows of a small job. Models of gaitsweep and models
+    with `host_parameters` are not checked. If a formula has no value in one of the rows, nothing is reported:
+    the run reports it for the row's block.
 
     Args:
         design: the job's rows.
-        name: that of the model in the job.
+        name: the name of the model in the job.
     """
     model = design.model
     if model.host_parameters or type(model).__module__.startswith("gaitsweep."):
@@ -141,7 +142,7 @@ def remarks_on_rows(design: Design, name: str) -> list[str]:
 
 
 def _some_rows(design: Design) -> np.ndarray:
-    """`_TRIED` rows: the corners of the first axes, then others drawn from all; of fewer rows some twice."""
+    """`_TRIED` rows: the corners of the first axes, then random ones; rows of a small job may repeat."""
     if design.n_rows <= _TRIED:
         return np.arange(_TRIED) % design.n_rows  # as many, so that the same program evaluates them
     axes = [place for place, group in enumerate(design.groups) if group.length > 1][:_CORNERED]
@@ -178,7 +179,7 @@ def _check_path(design: Design, spec: ModelSpec, run: RunKind, movement: Movemen
 
 
 def check_figures(figures: list[FigureKind], design: Design, run: RunKind) -> list[Diagnostic]:
-    """Diagnostics about figures that cannot be drawn of the run's table, or that have the same name."""
+    """Diagnostics about figures that cannot be drawn from the run's table, or that share a name."""
     model = design.model
     columns = table_columns(design, run)
     table = PlannedTable(design, run, columns)
@@ -190,8 +191,8 @@ def check_figures(figures: list[FigureKind], design: Design, run: RunKind) -> li
         if not figure.suits(run):
             others = [kind_of(part) for part in RUN_KINDS.values() if figure.kind_name in part.figures]
             suited = " or ".join(dict.fromkeys([*figure.runs, *others]))
-            text = f"is {figure.kind_name}, which needs a run of {suited}"
-            wrong.append(Diagnostic((*path, "kind"), f"{text}, not of {run.kind_name}."))
+            text = f"is {figure.kind_name}, which needs a run of kind {suited}"
+            wrong.append(Diagnostic((*path, "kind"), f"{text}, not {run.kind_name}."))
             continue
         before = len(wrong)
         for field, column in figure.columns().items():
@@ -207,7 +208,7 @@ def check_figures(figures: list[FigureKind], design: Design, run: RunKind) -> li
         if len(wrong) == before:
             wrong += [Diagnostic((*path, *place), text) for place, text in figure.refusals(table)]
         if figure.stem in stems:
-            text = f"is {figure.stem}, the name of figures[{stems[figure.stem]}] too"
-            wrong.append(Diagnostic((*path, "name"), f"{text}: give each figure a name of its own."))
+            text = f"is {figure.stem}, like that of figures[{stems[figure.stem]}]"
+            wrong.append(Diagnostic((*path, "name"), f"{text}: give each figure its own name."))
         stems.setdefault(figure.stem, index)
     return wrong

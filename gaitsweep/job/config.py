@@ -1,6 +1,6 @@
-"""Parameter sets in files of their own, under what a job says itself.
+"""Parameter sets in separate files, whose values a job's own values override.
 
-A job names one by its path (`config: ../configs/mine.yaml`), or as `builtin:NAME`.
+A job names such a file by its path (`config: ../configs/mine.yaml`) or as `builtin:NAME`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _FIELDS = ("model", "structure", "params", "source")
 
 
 class Config:
-    """A job's mapping with its config merged in, and which fields came from there."""
+    """A job's mapping merged with its config, and the fields that came from the config."""
 
     def __init__(self, raw: dict[str, Any], folder: Path) -> None:
         self.raw = raw
@@ -32,13 +32,15 @@ class Config:
             return
         if not isinstance(named, (str, Path)) or not str(named).strip():
             self.diagnostics.append(
-                Diagnostic(("config",), f"is {found(named)}, but takes a YAML file's path or builtin:NAME.")
+                Diagnostic(
+                    ("config",), f"is {found(named)}, but must be the path of a YAML file or builtin:NAME."
+                )
             )
             return
         try:
             self._document = read_document(config_file(named, folder))
         except JobError as error:
-            # what has no line of its own is told at the job's field
+            # errors without a line are reported at the job's field
             self.diagnostics.extend(
                 each if each.line else Diagnostic(("config",), f"names {each.file}, which {each.text}")
                 for each in error.diagnostics
@@ -47,13 +49,13 @@ class Config:
         self._merge(self._document.data)
 
     def locate(self, diagnostic: Diagnostic) -> Diagnostic:
-        """The diagnostic with the config's file and line, where the config wrote the field."""
+        """The diagnostic with the config's file and line if the field comes from the config."""
         if self._document is None or diagnostic.file or diagnostic.path[:2] not in self._own:
             return diagnostic
         return self._document.locate(diagnostic)
 
     def refuse(self, diagnostics: list[Diagnostic]) -> None:
-        """Raise JobError if there is anything to complain about."""
+        """Raise JobError if there are diagnostics."""
         if diagnostics:
             raise JobError([self.locate(diagnostic) for diagnostic in diagnostics])
 
@@ -70,7 +72,7 @@ class Config:
         for section in ("structure", "params"):
             theirs = data.get(section)
             if theirs is not None and not isinstance(theirs, Mapping):
-                text = f"is {found(theirs)}, but takes numbers by name (name: number)."
+                text = f"is {found(theirs)}, but must be a mapping of names to numbers (name: number)."
                 self.diagnostics.append(self._document.locate(Diagnostic((section,), text)))
                 continue
             own = self.raw.get(section)
@@ -80,7 +82,7 @@ class Config:
         self.raw = merged
 
     def _without_overridden(self, theirs: Mapping[str, Any], section: str) -> dict[str, Any]:
-        """The config's values but for those that the job varies, moves, or writes in the other section."""
+        """The config's values without those that the job varies, moves, or sets in the other section."""
         overridden = _moving(self.raw)
         other = self.raw.get("structure" if section == "params" else "params")
         if isinstance(other, Mapping):

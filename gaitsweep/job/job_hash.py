@@ -1,4 +1,4 @@
-"""The hash of what decides a job's numbers."""
+"""The hash of everything in a job that decides its numbers."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ _HASHED_FORM = 4  # raised when the meaning of a resolved job changes, so that n
 
 
 def job_hash(resolved: dict[str, Any], run: RunKind, engine: dict[str, Any], steps: str | None) -> str:
-    """The sha256, in hex, of a resolved job, less its name, its figures and what decides no number.
+    """The sha256, in hex, of a resolved job without its name, its figures and other fields without effect.
 
     Args:
         resolved: the job as plain values, as `Job.resolved` gives it.
-        run: its run kind, which says which of its fields count.
+        run: its run kind, which decides which of its fields count.
         engine: name, lanes, block and device on which the rows run.
-        steps: what the model recommends for the rows' steps, where the job leaves them open.
+        steps: digest of the steps that the model recommends, if the job leaves them open.
     """
     deciding = {key: resolved[key] for key in ("model", "structure", "params", "start", "numerics")}
     deciding |= {"vary": _in_order(resolved["vary"]), "run": run.hashed(resolved["run"]), "engine": engine}
@@ -30,7 +30,7 @@ def job_hash(resolved: dict[str, Any], run: RunKind, engine: dict[str, Any], ste
 
 
 def _in_order(vary: dict[str, Any]) -> list[Any]:
-    """`vary` with its names in lists, so that their order is hashed."""
+    """`vary` with its names in lists, so that the hash depends on their order."""
     ordered: list[Any] = []
     for name, value in vary.items():
         groups = value if isinstance(value, list) else [value]

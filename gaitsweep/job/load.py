@@ -1,4 +1,4 @@
-"""A job from its file, with `--set key=value` laid over it."""
+"""Loading of a job from its file, with the overrides of `--set key=value`."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from gaitsweep.shipped import job_file
 
 
 def load_job(path: str | Path, overrides: Sequence[str] = ()) -> Job:
-    """The job in a YAML file.
+    """Load the job in a YAML file.
 
     Args:
-        path: the file, or `builtin:NAME` of one that comes with gaitsweep; `config` and the user's own
-            modules are found from its folder.
-        overrides: "key=value" each, the key dotted (`run.max_cycles=10`), the value YAML; they override the
-            file and may add fields that it does not have.
+        path: the file, or `builtin:NAME` for one that comes with gaitsweep; `config` and the user's modules
+            are found relative to its folder.
+        overrides: texts "key=value" with a dotted key and a YAML value (`run.max_cycles=10`), which override
+            fields of the file or add fields to it.
 
     Raises:
-        JobError: all that is wrong, with file and line, or the override, of each.
-        ArgumentError: not a path.
+        JobError: all errors, each with its file and line or its override.
+        ArgumentError: `path` is not a path.
     """
     if not isinstance(path, (str, Path)):
         raise ArgumentError(
-            f"path is a {type(path).__name__}, but takes the path of a YAML file: of fields in a dictionary "
-            "make a job by Job(**fields)."
+            f"path is a {type(path).__name__}, but must be the path of a YAML file; use Job(**fields) to "
+            "create a job from a dictionary."
         )
     path = job_file(path)
     with effort.limited():
@@ -42,7 +42,7 @@ def load_job(path: str | Path, overrides: Sequence[str] = ()) -> Job:
 
 
 def laid_over(path: Path, overrides: Sequence[str]) -> Document:
-    """Read a YAML file, with `--set key=value` laid over it; raises JobError."""
+    """Read a YAML file and apply the overrides `key=value`; raises JobError."""
     document = read_document(path)
     for override in overrides:
         _lay_over(document, override)
@@ -55,7 +55,11 @@ def _lay_over(document: Document, override: str) -> None:
     parts = tuple(part.strip() for part in key.split("."))
     if not equals or not all(parts):
         raise JobError(
-            [Diagnostic((), "is not read: write --set key=value, such as run.max_cycles=10.", place=origin)]
+            [
+                Diagnostic(
+                    (), "is not valid: write --set key=value, such as --set run.max_cycles=10.", place=origin
+                )
+            ]
         )
     value = read_value(text, origin)
     inside = document.data
@@ -64,14 +68,14 @@ def _lay_over(document: Document, override: str) -> None:
             inside[part] = {}
         inside = inside[part]
         if not isinstance(inside, dict):
-            text = f"is {found(inside)}, which has no fields to set."
+            text = f"is {found(inside)} and has no fields to set."
             raise JobError([Diagnostic(parts[: depth + 1], text, place=origin)])
     inside[parts[-1]] = value
     _mark(document, parts, origin)
 
 
 def _mark(document: Document, parts: FieldPath, origin: str) -> None:
-    """From now on the override is where this field, and what it made on the way, is written."""
+    """Note the override as the place of this field and of those that it created."""
     inner = [place for place in document.places if place[: len(parts)] == parts]
     for place in inner:
         del document.places[place]

@@ -1,4 +1,4 @@
-"""The model of a job with its structure, and the parameters and starts that are set."""
+"""The model of a job, its structure, and the parameters and starts that the job sets."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _RESERVED = {*CONSTANTS, *FUNCTIONS, "zip", "sample"}
 
 @dataclasses.dataclass(frozen=True)
 class ModelSpec:
-    """A model's instance with the quantities that a job may set, by name."""
+    """An instance of a model with the quantities that a job may set, by name."""
 
     model: Model
     structure: dict[str, Any]
@@ -39,12 +39,12 @@ class ModelSpec:
 
     @property
     def quantities(self) -> dict[str, Quantity]:
-        """Parameters, then starts."""
+        """The parameters, then the starts."""
         return {**self.parameters, **self.starts}
 
     @property
     def sizes(self) -> dict[str, float]:
-        """The structure's numbers, which expressions may use: {"N": 3.0}."""
+        """The numbers of the structure, which expressions may use: {"N": 3.0}."""
         return {
             name: float(value)
             for name, value in self.resolved_structure.items()
@@ -53,9 +53,9 @@ class ModelSpec:
 
     @property
     def resolved_structure(self) -> dict[str, Any]:
-        """The structure as a resolved job has it: fields marked `later` are left out at their default.
+        """The structure in a resolved job, without fields marked `later` that have their default.
 
-        A field that a model got later then changes neither the hash nor the manifest of older jobs.
+        Fields that were added to a model later so change neither the hash nor the manifest of older jobs.
         """
         later = {
             field.name: field.default
@@ -67,15 +67,14 @@ class ModelSpec:
         }
 
     def unknown(self, name: str, field: str) -> str | None:
-        """Return the reason why `name` cannot stand in `params`, `start` or `vary`, or None."""
+        """The reason why `name` is not allowed in `params`, `start` or `vary`, or None."""
         here = {"params": self.parameters, "start": self.starts, "vary": self.quantities}[field]
         if name in here:
             return None
         if name in self.structure:
-            where = "it goes under structure or params; one job for each value"
-            return (
-                f"shapes the arrays and cannot {'vary' if field == 'vary' else 'be a start value'}: {where}."
-            )
+            cannot = "cannot vary" if field == "vary" else "cannot be a start value"
+            where = "set it under structure or params, in one job for each value"
+            return f"decides the size of arrays and {cannot}: {where}."
         if name in self.quantities:
             noun, other = ("start value", "start") if field == "params" else ("parameter", "params")
             return f"is a {noun} of {self.model.name}: write it under {other}."
@@ -88,10 +87,10 @@ class ModelSpec:
 def read_model_spec(
     name: Any, structure: Any, params: Any, folders: Sequence[FilePath]
 ) -> tuple[ModelSpec | None, list[Diagnostic]]:
-    """The model that a job names, its structure taken from `structure` and from what `params` has of it.
+    """The model that a job names, with the structure that `structure` and `params` set.
 
     Returns:
-        The spec, or None where the diagnostics stand in its way.
+        The spec, or None if there are errors; and the diagnostics.
     """
     try:
         found_class = models.find(read_text(name), folders)
@@ -114,11 +113,16 @@ def read_model_spec(
             diagnostics.append(Diagnostic(path, str(error)))
         if seen.setdefault(key, shape[key]) != shape[key]:
             diagnostics.append(
-                Diagnostic(path, f"is {found(value)}, but structure.{key} is {found(seen[key])}.")
+                Diagnostic(
+                    path,
+                    f"is {found(value)}, but structure.{key} is {found(seen[key])}: remove one of the two.",
+                )
             )
     for key, value in shape.items():
         if value is dataclasses.MISSING:
-            diagnostics.append(Diagnostic(("structure", key), f"is missing: {name} has no default for it."))
+            diagnostics.append(
+                Diagnostic(("structure", key), f"is missing: {name} has no default for {key}.")
+            )
     if diagnostics:
         return None, diagnostics
     return _instance(str(name), found_class, shape)
@@ -149,25 +153,27 @@ def _instance(
         parameters = {quantity.name: quantity for quantity in model.parameters}
         starts = {quantity.name: quantity for quantity in model.initial_conditions}
     except Exception as error:  # a user's model may refuse its structure in any way
-        return None, [Diagnostic(("structure",), f"is refused by {name}: {str(error).rstrip('.')}.")]
+        return None, [Diagnostic(("structure",), f"is not accepted by {name}: {str(error).rstrip('.')}.")]
     names = [*parameters, *starts, *shape]
     for each in names:
         if each in _RESERVED or names.count(each) > 1:
-            reason = "which jobs read otherwise" if each in _RESERVED else "twice"
-            return None, [
-                Diagnostic(("model",), f"is {name}, which has a quantity named {each}, {reason}: rename it.")
-            ]
+            what = f"a quantity named {each}, which is reserved" if each in _RESERVED else f"{each} twice"
+            return None, [Diagnostic(("model",), f"is {name}, which has {what}: rename it.")]
     if name not in models.names() and (wrong := fault(model)) is not None:
         return None, [Diagnostic(("model",), f"is {name}, {wrong}")]
     return ModelSpec(model, shape, parameters, starts), []
 
 
 def read_settings(raw: Any, field: str, spec: ModelSpec) -> tuple[dict[str, float | str], list[Diagnostic]]:
-    """The numbers and formulas under `params` or `start`, less the structure, and what is wrong there."""
+    """The numbers and formulas under `params` or `start` without the structure, and the diagnostics."""
     if raw is None:
         return {}, []
     if not isinstance(raw, Mapping):
-        return {}, [Diagnostic((field,), f"is {found(raw)}, but takes numbers by name (name: number).")]
+        return {}, [
+            Diagnostic(
+                (field,), f"is {found(raw)}, but must be a mapping of names to numbers (name: number)."
+            )
+        ]
     settings: dict[str, float | str] = {}
     diagnostics: list[Diagnostic] = []
     for key, value in raw.items():
@@ -190,9 +196,9 @@ def _read_setting(value: Any, quantity: Quantity) -> float | str:
     if switch and isinstance(value, bool):
         return float(value)
     if switch and isinstance(value, str) and value.lower() in ("yes", "no", "on", "off"):
-        raise InvalidValue(f"is {found(value)}, but takes true, false or a number from 0 to 1.")
+        raise InvalidValue(f"is {found(value)}, but must be true, false or a number from 0 to 1.")
     if isinstance(value, (list, tuple, Mapping)):
-        raise InvalidValue(f"is {found(value)}, but takes one number; what varies goes under vary.")
+        raise InvalidValue(f"is {found(value)}, but must be one number; lists and axes belong under vary.")
     read, default = read_number(value), quantity.default
     # the same formula stays the same text, with which a job's hash was made
     if isinstance(read, str) and isinstance(default, str) and read == read_number(default):

@@ -1,4 +1,4 @@
-"""The numerics and the engine of a job, as it writes them."""
+"""The sections `numerics` and `engine` of a job."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ def _block(value: Any) -> int | str:
 
 
 def rows_of_a_part(block: int | str, n_rows: int) -> int:
-    """The rows of a part of a table: those chosen, or 1024 times a power of two.
+    """The number of rows in a part of a table: the chosen one, or 1024 times a power of two.
 
-    A table has about 64 parts, and more if these had more than 32 768 rows, but at most 500.
+    A table has about 64 parts, or more (up to 500) to keep each part within 32 768 rows.
     """
     if isinstance(block, int):
         return block
@@ -39,18 +39,19 @@ def rows_of_a_part(block: int | str, n_rows: int) -> int:
 
 
 class NumericsSpec(StrictModel):
-    """Integration of a trajectory; the model recommends what is left out."""
+    """Integration of trajectories; the model recommends values for the fields that are left out."""
 
     method: Annotated[
         Literal["auto", "tsit5", "rk4", "propagator6", "propagator", "semi_implicit"],
         word(*METHOD_NAMES, former=former_names.METHODS),
     ] = Field(
         default="auto",
-        description="auto: what the model recommends; tsit5: Runge-Kutta pair of orders 5 and 4, whose steps "
-        "follow from rtol and atol; rk4: classic Runge-Kutta, 4th order; for flows that are linear between "
-        "events, propagator6: long steps over stiff contacts, 6th order; propagator: the same to 1e-6 of any "
-        "transient; semi_implicit: steps of fixed length with events inside them, for models that have such "
-        "steps",
+        description="auto: the method that the model recommends; tsit5: Runge-Kutta pair of orders 5 and 4 "
+        "with step control by rtol and atol; rk4: classic Runge-Kutta of order 4; propagator6: order 6 with "
+        "long steps over stiff contacts, for flows that are linear between events; propagator: the "
+        "same, with "
+        "each transient resolved to 1e-6; semi_implicit: steps of fixed length with events inside them, for "
+        "models that define such steps",
     )
     dt: Annotated[
         float | Literal["auto"],
@@ -58,40 +59,41 @@ class NumericsSpec(StrictModel):
         WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}]}),
     ] = Field(
         default="auto",
-        description="longest step, in s; auto: as long as is right for the parameters of each row. A longer "
-        "one is refused.",
+        description="longest step, in s; auto: the longest step that is accurate for the parameters of each "
+        "row. Longer steps are refused.",
     )
     rtol: Positive | None = Field(
-        default=None, description="relative tolerance of a step's error, for tsit5; the model's if not given"
+        default=None, description="relative tolerance of a step's error, for tsit5; by default the model's"
     )
     atol: Positive | None = Field(
-        default=None, description="absolute tolerance of a step's error, for tsit5; the model's if not given"
+        default=None, description="absolute tolerance of a step's error, for tsit5; by default the model's"
     )
     precision: Annotated[Literal["float64", "float32", "mixed"], word("float64", "float32", "mixed")] = Field(
         default="float64",
-        description="float64; where a model allows it, float32, or mixed: forces in float32, the state and "
-        "time in float64",
+        description="float64; or, if the model allows it, float32 or mixed: forces in float32, state "
+        "and time "
+        "in float64",
     )
     event_tolerance: Positive = Field(
-        default=1e-12, description="error of an event's time, as a share of the nominal period"
+        default=1e-12, description="error of an event's time, as a fraction of the nominal period"
     )
 
     def resolve(self, model: Model, contraction: bool) -> ResolvedNumerics:
-        """The numerics of a job's rows; `contraction` as `EngineChoice` has it."""
+        """The numerics of a job's rows; `contraction` is that of `EngineChoice`."""
         dt = None if self.dt == "auto" else self.dt
         return Numerics(**{**self.model_dump(), "dt": dt, "contraction": contraction}).resolve(model)
 
 
 class EngineChoice(StrictModel):
-    """On what the rows run."""
+    """Engine and devices that compute the rows."""
 
     name: Annotated[Literal["auto", "xla", "kernel"], word("auto", "xla", "kernel")] = Field(
         default="auto",
-        description="kernel: compiled scalar kernels, the fastest; xla: JAX's own compiler; auto: kernel "
-        "where the model and the machine allow it",
+        description="kernel: compiled scalar kernels, the fastest; xla: JAX's compiler; auto: kernel if the "
+        "model and the machine allow it",
     )
     lanes: LaneCount | None = Field(
-        default=None, description="trajectories advanced at once; chosen for the device if not given"
+        default=None, description="trajectories advanced at once; by default chosen for the device"
     )
     block: Annotated[
         int | Literal["auto"],
@@ -99,11 +101,11 @@ class EngineChoice(StrictModel):
         WithJsonSchema({"anyOf": [{"type": "integer"}, {"type": "string"}]}),
     ] = Field(
         default="auto",
-        description="rows of one part of the table; auto: 1024 to 32 768, or what makes at most 500 parts",
+        description="rows in a part of the table; auto: 1024 to 32 768, or more to make at most 500 parts",
     )
-    devices: Count | None = Field(default=None, description="devices to use; all if not given")
+    devices: Count | None = Field(default=None, description="number of devices to use; by default all")
     contraction: Flag = Field(
         default=True,
-        description="kernels may compute a product and a sum in one instruction, which is faster and rounds "
-        "once; false: they round twice, and a CPU and a GPU round alike",
+        description="whether kernels may compute a product and a sum in one instruction, which is faster and "
+        "rounds once; without it they round twice, equally on a CPU and a GPU",
     )

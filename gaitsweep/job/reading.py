@@ -1,4 +1,4 @@
-"""Reading of a job: its sections in order, all diagnostics together, then its rows."""
+"""Reading of a job: its sections in order, with all diagnostics collected, then its rows."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ _READ_HERE = ("params", "start", "vary", "structure")  # parts of a job that pyd
 def read_job(
     data: Any, folder: Path, handler: Callable[[Any], Any], sections: dict[str, SchemaSection]
 ) -> tuple[Any, Design, ResolvedNumerics]:
-    """A job as pydantic makes it, its rows, and its numerics.
+    """The job built by pydantic, its rows, and its numerics.
 
     Model, structure, params, start and vary come first, since expressions in the other parts use them.
 
     Args:
         data: the job's mapping as written.
-        folder: the folder to which `config` is relative and where the user's own modules are.
-        handler: pydantic's reader of the whole mapping.
+        folder: the folder to which `config` is relative and which has the user's modules.
+        handler: pydantic's validator of the whole mapping.
         sections: the parts of a job by the keys under which pydantic reports them.
 
     Raises:
-        JobError: everything that is wrong with the job.
+        JobError: all errors in the job.
     """
     if not isinstance(data, Mapping):
-        raise JobError([Diagnostic((), f"holds {found(data)}, but a job is a mapping (key: value).")])
+        raise JobError([Diagnostic((), f"is {found(data)}, but a job must be a mapping (key: value).")])
     if others := [key for key in FITS if data.get(key) is not None]:
-        text = f"makes this a job of another command: run it with `gaitsweep {others[0]}`."
+        text = f"belongs to another command: run this job with `gaitsweep {others[0]}`."
         raise JobError([Diagnostic((others[0],), text)])
     config = Config({str(key): _plain(value) for key, value in data.items() if value is not None}, folder)
     raw, diagnostics = config.raw, list(config.diagnostics)
@@ -68,9 +68,9 @@ def read_job(
             return None
         if name in settings:
             field = "params" if name in spec.parameters else "start"
-            return f"varies, but {field}.{name} fixes it: take one of the two out."
+            return f"varies, but {field}.{name} fixes it: remove one of the two."
         if name == moved:
-            return "varies, but run.parameter moves it: take one of the two out."
+            return "varies, but run.parameter moves it: remove one of the two."
         return spec.unknown(name, "vary")
 
     vary = read_vary(raw.get("vary"), spec.quantities if spec else {}, reason)
@@ -121,7 +121,7 @@ def _laid_out(
     moved: str | None,
     diagnostics: list[Diagnostic],
 ) -> Design | None:
-    """The design, with the model's defaults; a parameter that moves has 1 until its path is read."""
+    """The design with the model's defaults; a moving parameter has the value 1 until its path is read."""
     varied = {name for group in groups for name in group.axes}
     settings: dict[str, float | str] = {}
     for name, quantity in spec.quantities.items():
@@ -129,7 +129,7 @@ def _laid_out(
         if name in varied:
             continue
         if name == moved and name in given:
-            text = "is fixed, but run.parameter moves it: take one of the two out."
+            text = "is fixed, but run.parameter moves it: remove one of the two."
             diagnostics.append(Diagnostic((field, name), text))
         if name in given:
             settings[name] = given[name]
@@ -141,14 +141,14 @@ def _laid_out(
             )
         elif (field, name) not in {diagnostic.path[:2] for diagnostic in diagnostics}:
             text = (
-                f"is missing: {quantity.meaning} ({quantity.unit}) has no default; set it here or under vary."
+                f"is missing: {quantity.meaning} ({quantity.unit}) has no default. Set it here or under vary."
             )
             diagnostics.append(Diagnostic((field, name), text))
             settings[name] = 1.0
     for name, (other, why) in spec.model.given_with.items():
         if name in {*varied, *given, moved} and other not in {*varied, *given, moved}:
             paths = [group.paths[name] for group in groups if name in group.paths]
-            text = f"is given without {other}: {why}"
+            text = f"is set without {other}: {why}"
             diagnostics.append(Diagnostic((*paths, ("params", name))[0], text))
     design = Design(spec.model, tuple(groups), settings, spec.sizes)
     wrong = check_names(design, spec)
@@ -169,7 +169,7 @@ def _scope(design: Design | None, spec: ModelSpec | None, moved: str | None) -> 
             continue
         setting = design.settings[name]
         if any(used in moving for used in names_in(setting)):
-            moving[name] = "follows what has no one value in this job"
+            moving[name] = "depends on a parameter that varies or moves"
             continue
         try:
             fixed[name] = evaluate(setting, {used: fixed[used] for used in names_in(setting)})
@@ -179,7 +179,7 @@ def _scope(design: Design | None, spec: ModelSpec | None, moved: str | None) -> 
 
 
 def _check_whole(design: Design, spec: ModelSpec, job: Any, numerics: ResolvedNumerics) -> list[Diagnostic]:
-    """Diagnostics about a job whose parts are all well formed, but do not fit together."""
+    """Diagnostics about sections that are valid by themselves but do not fit together."""
     run, moving = job.run, job.run.moved
     diagnostics: list[Diagnostic] = []
     for movement in run.movements:
@@ -187,8 +187,8 @@ def _check_whole(design: Design, spec: ModelSpec, job: Any, numerics: ResolvedNu
         for name in (parameter, *design.following(parameter)):
             if name in spec.model.host_parameters:
                 moves = "" if name == parameter else f", with which {name} moves"
-                text = f"is {parameter}{moves}: {name} is compiled into a row's body"
-                text += " and cannot move while it runs."
+                text = f"is {parameter}{moves}: {name} is compiled into the body of a row"
+                text += " and cannot move while the row runs."
                 diagnostics.append(Diagnostic(movement.named, text))
     diagnostics.extend(run.check(design, numerics.method))
     diagnostics.extend(check_numerics(spec.model, job.numerics, numerics))
@@ -198,12 +198,16 @@ def _check_whole(design: Design, spec: ModelSpec, job: Any, numerics: ResolvedNu
         places.append((moving, ("run", "parameter"), "is"))
     for name, path, does in places:
         if columns.count(name) > 1:
-            text = f"{does} {name}, but the table has a column of that name: rename the model's quantity."
+            text = (
+                f"{does} {name}, but the table has another column of this name: rename the model's quantity."
+            )
             diagnostics.append(Diagnostic(path, text))
     named = {name for name, _, _ in places}
     for name in dict.fromkeys(name for name in columns if columns.count(name) > 1 and name not in named):
-        text = f"is {spec.model.name}, which has a quantity {name}, but a table of {run.kind_name}"
-        diagnostics.append(Diagnostic(("model",), f"{text} has a column of that name: rename the quantity."))
+        text = f"is {spec.model.name}, which has a quantity {name}, but the table of {run.kind_name}"
+        diagnostics.append(
+            Diagnostic(("model",), f"{text} has another column of this name: rename the quantity.")
+        )
     diagnostics.extend(check_ranges(design, spec, run))
     diagnostics.extend(check_figures(job.figures, design, run))
     return diagnostics

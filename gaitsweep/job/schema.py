@@ -46,22 +46,23 @@ _STRUCTURE = WithJsonSchema(
 
 
 class Job(StrictModel):
-    """A parameter sweep: a model, what varies, what is done with each row, and the figures.
+    """A parameter sweep: a model, the axes that vary, the run of each row, and the figures.
 
-    Build it with `load_job`, or in Python by its fields: `Job(name="quick", model="mine:Hopper", vary={...},
-    run={"kind": "settle"})`. `params` and `start` have what is set, formulas as text; numbers elsewhere are
-    numbers. Raises JobError with a sentence for each thing that is wrong.
+    Build it with `load_job`, or in Python from its fields: `Job(name="quick", model="mine:Hopper",
+    vary={...}, run={"kind": "settle"})`. `params` and `start` have the values that are set, formulas as text;
+    all other numeric fields are numbers. Raises JobError with a message for each error.
     """
 
-    name: Stem = Field(description="the job's name, which names its result directory")
-    model: Text = Field(description="a registered model, or package.module:attribute of your own")
+    name: Stem = Field(description="name of the job and of its result directory")
+    model: Text = Field(description="name of a registered model, or package.module:attribute of your own")
     structure: Annotated[dict[str, Any], _STRUCTURE] = Field(
-        default_factory=dict, description="what shapes the model, such as N; one job for each"
+        default_factory=dict,
+        description="fields that decide the size of the model, such as N; each value needs its own job",
     )
     config: Annotated[str | Path | None, _PATH, WithJsonSchema({"type": "string"})] = Field(
         default=None,
-        description="path, from the job's folder, of a YAML file with model, structure and params; or "
-        "builtin:NAME of one that comes with gaitsweep",
+        description="path of a YAML file with model, structure and params, relative to the job's folder; or "
+        "builtin:NAME for one that comes with gaitsweep",
     )
     params: Annotated[dict[str, float | str], _SETTINGS] = Field(
         default_factory=dict, description="fixed parameters, by name"
@@ -71,23 +72,29 @@ class Job(StrictModel):
     )
     vary: Annotated[dict[str, Any], WithJsonSchema(vary_schema())] = Field(
         default_factory=dict,
-        description="axes by name, zip and sample groups; they multiply, the last varies fastest",
+        description="axes by name, and groups of axes under zip and sample; all combinations run, and the "
+        "last axis varies fastest",
     )
     run: Annotated[RunKind, OneOf(RUN_KINDS)] = Field(
-        description=f"what is done with each row (kind: {_KINDS[0]} or {_KINDS[1]})"
+        description=f"task of each row (kind: {_KINDS[0]} or {_KINDS[1]})"
     )
     numerics: Annotated[NumericsSpec, _NUMERICS] = Field(
         default_factory=NumericsSpec,
-        description="how trajectories are integrated; left out, or auto, as the model recommends",
+        description="integration of trajectories; fields that are auto or left out follow the model's "
+        "recommendation",
     )
-    engine: EngineChoice = Field(default_factory=EngineChoice, description="on what the rows run")
+    engine: EngineChoice = Field(
+        default_factory=EngineChoice, description="engine and devices that compute the rows"
+    )
     verify: VerifyCount = Field(
         default=32,
-        description="rows that are repeated, as they were and with finer steps, when the run is complete, to "
-        "see whether the table depends on these; 0: none. Left out: at most 32, and fewer in a small run",
+        description="number of rows that the self-check reruns after the run, once unchanged and once with "
+        "finer steps, to see whether the table depends on the steps; 0: no self-check. By default 32, "
+        "or fewer "
+        "in a small run",
     )
     figures: list[Annotated[FigureKind, OneOf(FIGURES)]] = Field(
-        default_factory=list, max_length=200, description="figures made from the table"
+        default_factory=list, max_length=200, description="figures to draw from the table"
     )
 
     _design: Design = PrivateAttr()
@@ -110,21 +117,21 @@ class Job(StrictModel):
 
     @property
     def integration(self) -> ResolvedNumerics:
-        """The numerics of its rows, what the job leaves open taken from its model."""
+        """The numerics of its rows, with the model's recommendations filled in."""
         return self._integration
 
     @property
     def block(self) -> int:
-        """The rows of a part of the table."""
+        """The number of rows in a part of the table."""
         return rows_of_a_part(self.engine.block, self._design.n_rows)
 
     def resolved(self, engine: str | None = None) -> dict[str, Any]:
-        """The job as plain values with everything filled in, the model's defaults and the config too.
+        """The job as plain values, with the model's defaults and the config filled in.
 
-        `engine` is the one that runs, where the job leaves the choice open.
+        `engine` is the engine that runs, if the job leaves the choice open.
 
-        Loading it again gives the same job. Formulas stay formulas, since they may follow what varies; a
-        start that the model decides itself, and the parameter of a ramp or staircase, are left out.
+        Loading the result gives the same job. Formulas stay formulas, since they may depend on axes; starts
+        that the model decides itself, and the parameter of a ramp or staircase, are left out.
         """
         dumped = self.model_dump(mode="json", exclude={"config", "params", "start"})
         moving = self.run.moved
@@ -153,15 +160,15 @@ class Job(StrictModel):
         lanes: int | None = None,
         steps: str | None = None,
     ) -> str:
-        """The sha256, in hex, of what decides the job's numbers: neither its name nor its figures.
+        """The sha256, in hex, of everything that decides the job's numbers, so without name and figures.
 
-        The order of `vary` counts, since it is the order of rows and columns; no other order does.
+        The order of `vary` counts, since it decides the order of rows and columns; no other order counts.
 
         Args:
-            device: class of the device that computes, such as "cpu" or "gpu".
-            engine: the engine that runs, where the job leaves the choice open.
-            lanes: the lanes that the engine chose, where the job leaves them open.
-            steps: what the model recommends for the rows' steps, where the job leaves them open.
+            device: class of the device, such as "cpu" or "gpu".
+            engine: the engine that runs, if the job leaves the choice open.
+            lanes: the lanes that the engine chose, if the job leaves them open.
+            steps: digest of the steps that the model recommends, if the job leaves them open.
         """
         runs_on = {
             "name": engine if engine is not None else self.engine.name,
@@ -188,16 +195,16 @@ def _sections(data: Any) -> dict[str, SchemaSection]:
 
 
 class _Figures(StrictModel):
-    """The figures of a job, without the rest of it."""
+    """The figures of a job, without its other fields."""
 
     figures: list[Annotated[FigureKind, OneOf(FIGURES)]]
 
 
 def read_figures(value: Any, file: str) -> list[dict[str, Any]]:
-    """Read the figures that a table's job asks for, as plain values, without its model and its other fields.
+    """Read the figures of a table's job from plain values, without its model and its other fields.
 
     Raises:
-        JobError: what is wrong with them, a sentence each, which names the file.
+        JobError: all errors in them, each with the name of the file.
     """
     data = {"figures": value}
     try:
@@ -209,13 +216,13 @@ def read_figures(value: Any, file: str) -> list[dict[str, Any]]:
     stems = [figure.get("name") or figure["kind"] for figure in plain]
     twice = next((stem for stem in stems if stems.count(stem) > 1), None)
     if twice is not None:
-        text = f"has two figures named {twice}: give each a name of its own."
+        text = f"has two figures named {twice}: give each figure its own name."
         raise JobError([Diagnostic(("figures",), text, file=file)])
     return plain
 
 
 def schema() -> dict[str, Any]:
-    """The JSON schema of a job file, for editors; each field has a description."""
+    """The JSON schema of job files, for editors; each field has a description."""
     described = Job.model_json_schema()
     described["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     described["title"] = "gaitsweep job"

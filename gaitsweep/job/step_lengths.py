@@ -1,4 +1,4 @@
-"""Step lengths of a job's rows, and checks of a step that the job asks for."""
+"""Step lengths of a job's rows, and checks of `numerics.dt`."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _ROUNDING = 1.0 + 1e-9
 
 
 def check_numerics(model: Model, numerics: NumericsSpec, resolved: ResolvedNumerics) -> list[Diagnostic]:
-    """Diagnostics about numerics, and what they are resolved to, that do not suit a model at all."""
+    """Diagnostics about numerics, as written and as resolved, that do not suit a model."""
     diagnostics = []
     if numerics.event_tolerance > LARGEST_EVENT_TOLERANCE:
         most = f"at most {LARGEST_EVENT_TOLERANCE:g} of a period"
@@ -54,7 +54,7 @@ def check_numerics(model: Model, numerics: NumericsSpec, resolved: ResolvedNumer
         diagnostics.append(Diagnostic(("numerics", "event_tolerance"), text))
     if numerics.precision not in model.precisions:
         allowed = ", ".join(model.precisions)
-        text = f"is {numerics.precision}, in which {model.name} is not right. Allowed: {allowed}."
+        text = f"is {numerics.precision}, which is not accurate enough for {model.name}. Allowed: {allowed}."
         diagnostics.append(Diagnostic(("numerics", "precision"), text))
     unfit = refusal(resolved.method, model, numerics.precision)
     if unfit is not None:
@@ -62,17 +62,18 @@ def check_numerics(model: Model, numerics: NumericsSpec, resolved: ResolvedNumer
         return diagnostics
     for name in ("rtol", "atol"):
         if getattr(numerics, name) is not None and not resolved.adaptive:
-            text = f"is given, but the steps of {resolved.method} follow from no tolerance: leave it out."
+            text = f"is set, but {resolved.method} has no step control by tolerances: remove it."
             diagnostics.append(Diagnostic(("numerics", name), text))
     return diagnostics
 
 
 @dataclasses.dataclass(frozen=True)
 class RowSteps:
-    """The steps of a job's rows, from as many distinct sets of parameters as they take.
+    """The steps of a job's rows, evaluated for each distinct set of the parameters on which they depend.
 
-    `rows` one row of each set, `each` rows of one set, `dt` (s) that they take and `longest` (s) that is
-    right for them, NaN where that is not known: (n,) each. `sampled`: not all sets were looked at.
+    `rows` (n,) has one row of each set, `each` is the number of rows of a set, `dt` (n,) is their step (s),
+    and `longest` (n,) the longest accurate step (s), NaN if unknown. If `sampled`, only some sets were
+    evaluated.
     """
 
     rows: np.ndarray
@@ -83,7 +84,7 @@ class RowSteps:
 
     @property
     def digest(self) -> str:
-        """The recommended step to six digits, so that a changed recommendation is noticed later."""
+        """The recommended step to six digits, which reveals a changed recommendation later."""
         text = ",".join(f"{dt:.5e}" for dt in self.dt[np.linspace(0, self.dt.size - 1, 1024).astype(int)])
         return hashlib.sha256(text.encode()).hexdigest()
 
@@ -93,8 +94,8 @@ def row_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> RowSt
 
     Args:
         design: the job's rows.
-        run: what is done with them; a parameter that moves has the steps of its whole path.
-        numerics: the engine's, for this model.
+        run: their run kind; for a moving parameter, the steps of its whole path count.
+        numerics: the resolved numerics of this model.
     """
     model = design.model
     names = _deciding(model, numerics, design)
@@ -109,7 +110,7 @@ def row_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> RowSt
 
 
 def check_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> list[Diagnostic]:
-    """Diagnostics about a step that is too long for some rows, or that nobody has said."""
+    """Diagnostics about a step that is too long for some rows, or that neither job nor model gives."""
     if numerics.dt is None:
         dt, _ = _steps(design, run, numerics, np.zeros(1, np.int64))
         if not np.isnan(dt).any() or numerics.adaptive:  # which is NaN only with the row's period
@@ -129,9 +130,11 @@ def check_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> lis
     rows = round(wrong.size * steps.each) if not steps.sampled else None
     of = f"{rows} of {design.n_rows}" if rows is not None else f"some of {design.n_rows}"
     text = (
-        f"is {numerics.dt:g} s, too long for {of} rows: the longest step of {numerics.method} that is right "
-        f"for all of them is {_rounded_down(float(longest[worst])):g} s{f' (at {where})' if where else ''}. "
-        "Leave it out, and each row takes a step that is right for it."
+        f"is {numerics.dt:g} s, too long for {of} rows: the longest accurate step of "
+        f"{numerics.method} for all "
+        f"of them is {_rounded_down(float(longest[worst])):g} s{f' (at {where})' if where else ''}. "
+        "Remove it to "
+        "let each row take an accurate step."
     )
     return [Diagnostic(("numerics", "dt"), text)]
 
@@ -151,9 +154,9 @@ def values_with_right_steps(
     steps: RowSteps,
     rows_in: Callable[[int, int], np.ndarray] | None = None,
 ) -> Callable[[int, int], tuple[dict[str, np.ndarray], dict[str, np.ndarray]]]:
-    """`Design.values`, which refuses rows whose step is too long where not all were looked at beforehand.
+    """`Design.values`, with a check of the rows' steps if `check_steps` checked only some of them.
 
-    `rows_in(first, last)` gives the rows of the job, (last - first,), where only some of them are simulated.
+    `rows_in(first, last)` gives the rows of the job (last - first,) if only some of them are simulated.
     """
     sampled = numerics.dt is not None and steps.sampled and not design.model.host_parameters
     if rows_in is None and not sampled:
@@ -167,7 +170,7 @@ def values_with_right_steps(
         wrong = np.flatnonzero(dt > longest * _ROUNDING)
         if wrong.size:
             row, right = int(rows[wrong[0]]), _rounded_down(float(longest[wrong[0]]))
-            text = f"is {numerics.dt:g} s, too long for row {row}, where {right:g} s is right: leave it out."
+            text = f"is {numerics.dt:g} s, too long for row {row}: use at most {right:g} s, or remove it."
             raise JobError([Diagnostic(("numerics", "dt"), text)])
         return design.values_in(rows)
 
@@ -175,7 +178,7 @@ def values_with_right_steps(
 
 
 def _matters(design: Design, name: str, steps: RowSteps) -> bool:
-    """Whether what varies under this name differs between the sets that were looked at."""
+    """Whether the values of an axis differ between the evaluated sets."""
     seen = design.at(steps.rows[:: max(1, steps.rows.size // 1000)], [name])[name]
     return bool(np.ptp(seen) > 0.0)
 
@@ -188,7 +191,7 @@ def _rounded_down(value: float) -> float:
 def _steps(
     design: Design, run: RunKind, numerics: ResolvedNumerics, rows: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The steps that rows (n,) take, and the longest that are right for them."""
+    """The steps of rows (n,), and their longest accurate steps."""
     if rows.size > _CHUNK:
         chunks = [rows[first : first + _CHUNK] for first in range(0, rows.size, _CHUNK)]
         parts = [_steps(design, run, numerics, chunk) for chunk in chunks]

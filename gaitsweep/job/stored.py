@@ -1,4 +1,4 @@
-"""The job that made a table, as its run wrote it, and the parameters of its rows."""
+"""The job of a table, as stored by its run, and the parameters of its rows."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from gaitsweep.schema.diagnostics import Diagnostic, JobError
 
 
 def stored_job(attrs: Mapping[Any, Any], trust: bool = False) -> Job:
-    """The job that made a table, whatever `job.yaml` says by now.
+    """The job that made a table, even if `job.yaml` was edited since.
 
     Args:
         attrs: the table's `.attrs`.
-        trust: import a user's model from the table's directory or from the folder that it names; see
+        trust: whether to import a user's model from the table's directory or the folder named there; see
             `gaitsweep.models.find_of_table`.
 
     Raises:
@@ -32,7 +32,7 @@ def stored_job(attrs: Mapping[Any, Any], trust: bool = False) -> Job:
 
 
 def row_params(design: Design, row: int) -> Any:
-    """The frozen pytree of parameters that a row of a job ran with.
+    """The frozen pytree of parameters of a row.
 
     Args:
         design: the job's rows.

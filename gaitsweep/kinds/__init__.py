@@ -1,6 +1,6 @@
-"""Run kinds: what a job may do with each of its rows. A kind is one class in one file.
+"""Run kinds: the tasks that a job can give to each of its rows. A kind is one class in one file.
 
-`register` adds a kind from another package, before its jobs are read; it is usable as a decorator:
+`register` adds a kind from another package before its jobs are read; it is usable as a decorator:
 
     @gaitsweep.kinds.register
     class Count(RunKind): ...
@@ -34,7 +34,7 @@ import_all("run_kinds")
 
 
 def parameter_written(run: Any) -> Any:
-    """The parameter that a run moves, as a job writes it before it is checked; None where it moves none."""
+    """The parameter that a run moves, as written in a job that is not checked yet, or None."""
     kind = run.get("kind") if isinstance(run, Mapping) else None
     part = RUN_KINDS.get(kind) if isinstance(kind, str) else None
     return run.get("parameter") if part is not None and part.moves() else None

@@ -1,4 +1,4 @@
-"""Columns of a table: each is declared once, and frames are built from the declarations by name."""
+"""Columns of a table, each declared once; data frames are built from these declarations."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class Column:
 
     Args:
         name: its name in the table.
-        read: its values (n,) from the `Records`; by default the number of the same name.
-        quantity: the model's quantity that it holds, for its unit and meaning.
-        repeats: whether many records have the same value, so that the column needs little room on disk.
+        read: function from the `Records` to its values (n,); by default the number of the same name.
+        quantity: the model's quantity in the column, for its unit and meaning.
+        repeats: whether many records have the same value, so that the column compresses well.
     """
 
     name: str
@@ -43,9 +43,9 @@ class Column:
 class Records:
     """The records of a block of rows.
 
-    `rows` (n,) the row of each record; `place` (n,) where its numbers are among the block's samples, -1 where
-    a row left none, None where a row has one record and no samples; `samples` (n, names) the recorder's
-    numbers, NaN where there are none.
+    `rows` (n,) is the row of each record. `place` (n,) is the position of its numbers among the block's
+    samples, -1 for a row without samples, and None if each row has one record and no samples. `samples`
+    (n, names) are the recorder's numbers, NaN where missing.
     """
 
     model: Model
@@ -70,7 +70,7 @@ class Records:
         return cls(model, block, np.repeat(block.row, records), place, names, samples)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """A number of each record, (n,): the sample's with this name, else the row's."""
+        """A number of each record, (n,): that of the sample with this name, else that of the row."""
         if name in self.names:
             return self.samples[:, self.names.index(name)]
         return self.of_row(self.block.numbers[name])
@@ -81,11 +81,11 @@ class Records:
         return np.ones(self.rows.size, bool) if self.place is None else self.place >= 0
 
     def of_row(self, values: np.ndarray) -> np.ndarray:
-        """The value of each record's row (n, ...), from those of the block's rows."""
+        """The value of each record's row (n, ...), from the values of the block's rows."""
         return values if self.place is None else np.repeat(values, np.maximum(self.block.kept, 1), axis=0)
 
     def label(self, name: str, absent: float | None = None) -> np.ndarray:
-        """A gait's number or a trait (n,); `absent` where it was not read: by default 0 or NaN."""
+        """A gait's number or a trait (n,); `absent` (by default 0 or NaN) where it was not read."""
         if self.place is None:
             return self.block.labels[name]
         labels = self.block.sample_labels[name]
@@ -119,7 +119,7 @@ def traits(model: Model) -> list[Column]:
 
 
 def signals(model: Model) -> list[Column]:
-    """The signals of a sample; whether a foot is down repeats itself."""
+    """The signals of a sample; contacts of feet count as repeating."""
     return [Column(q.name, None, q, q.name.startswith("contact_")) for q in model.signals]
 
 
@@ -139,7 +139,7 @@ def _gait(records: Records) -> pd.Categorical:
 
 
 def _stalled_by(records: Records) -> pd.Categorical:
-    """The guards that stalled each row, by their names; missing where none did."""
+    """The names of the guards that stalled each row; missing for other rows."""
     model = records.model
     names = model.guard_names if isinstance(model, HybridModel) else ()
     words = records.of_row(records.block.fired)
@@ -172,7 +172,7 @@ def row_number(quantity: Quantity) -> Column:
 
 
 def _slowest(records: Records) -> pd.Categorical:
-    """The observable that kept a row or a stair from settling; missing where its number is below zero."""
+    """The observable that prevented a row or a stair from settling; missing if its number is negative."""
     names = [q.name for q in records.model.observables]
     codes = np.nan_to_num(records["slowest"], nan=-1.0).astype(int)
     return pd.Categorical.from_codes(codes.tolist(), categories=names)
@@ -182,9 +182,9 @@ SLOWEST = Column("slowest", _slowest)
 
 
 def gaits(model: Model, codes: np.ndarray) -> pd.Categorical:
-    """Gaits by their codes (n,), of `gait_codes`; one that was not read is "none" where the model has that.
+    """Gaits from their `gait_codes` (n,); a gait that was not read is "none" if the model has that gait.
 
-    A label that is no index of a gait has a category of its own, "unknown (7)".
+    A label that is not an index of a gait has a category of its own, "unknown (7)".
     """
     names = list(model.gaits)
     unread = names.index("none") if "none" in names else -1
@@ -197,6 +197,6 @@ def gaits(model: Model, codes: np.ndarray) -> pd.Categorical:
 
 
 def _placed(values: np.ndarray, place: np.ndarray, absent: float) -> np.ndarray:
-    """The value at each place, `absent` where the place is -1."""
+    """The value at each place, or `absent` if the place is -1."""
     last = np.full((1, *values.shape[1:]), absent, values.dtype)
     return np.concatenate([values, last])[place]

@@ -1,4 +1,4 @@
-"""Run kind `continuation`: the fixed points of each row's return map are followed along a parameter."""
+"""Run kind `continuation`: follows the fixed points of each row's return map along a parameter."""
 
 from __future__ import annotations
 
@@ -30,28 +30,32 @@ CYCLES_A_NUMBER = 5
 
 
 class Continuation(FollowsFixedPoints):
-    """Follow the fixed points of each row's return map along one parameter, stable or not."""
+    """Follow the stable and unstable fixed points of each row's return map along one parameter."""
 
     stores_starting_points: ClassVar[bool] = True
 
     kind: Literal["continuation"] = Field(
         init=False,
-        description="continuation: the steady gaits along a parameter, stable and unstable, around folds",
+        description="continuation: follow steady gaits, stable and unstable, along a parameter and "
+        "around folds",
     )
     parameter: Text = Field(description="the model's parameter along which a branch is followed")
     path: list[Real] = Field(
-        min_length=2, max_length=2, description="where the branch starts, and the other end of its range"
+        min_length=2,
+        max_length=2,
+        description="value at which the branch starts, and the other end of its range",
     )
 
     crossing: bool = Field(
-        default=False, description="follow the branches that cross at branch points, too, in both directions"
+        default=False,
+        description="whether to follow the branches that cross at branch points too, in both directions",
     )
 
     def values_between(self) -> Iterator[float]:
         return path_values(sorted(self.path))
 
     def hashed(self, fields: dict[str, Any]) -> dict[str, Any]:
-        """Its fields, without `crossing` where that does nothing: older results keep their hashes."""
+        """The fields, without `crossing` if it is false, so that older results keep their hashes."""
         return {name: each for name, each in fields.items() if name != "crossing" or each}
 
     def first_values(self) -> Mapping[str, float]:
@@ -73,7 +77,12 @@ class Continuation(FollowsFixedPoints):
 
     def check_steps(self) -> list[Diagnostic]:
         if self.path[0] == self.path[1]:
-            return [Diagnostic(("run", "path", 1), f"is {self.path[1]:g}, as where the branch starts.")]
+            return [
+                Diagnostic(
+                    ("run", "path", 1),
+                    f"is {self.path[1]:g}, like the start of the branch; give another end.",
+                )
+            ]
         return super().check_steps()
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:

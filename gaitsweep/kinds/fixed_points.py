@@ -1,4 +1,4 @@
-"""Fields and checks that run kinds on fixed points of each row's return map share."""
+"""Fields and checks shared by the run kinds that follow fixed points of each row's return map."""
 
 from __future__ import annotations
 
@@ -31,22 +31,24 @@ class FollowsFixedPoints(RunKind):
     own_blocks: ClassVar[bool] = True
 
     settle: CountOrZero = Field(
-        default=100, description="cycles before the search for the first fixed point begins"
+        default=100, description="cycles simulated before the search for the first fixed point"
     )
     fix: list[Text] = Field(
-        default=[], description="conserved quantities to hold as they are after `settle` cycles"
+        default=[], description="conserved quantities that are held at their values after `settle` cycles"
     )
     step: Positive = Field(
-        default=0.02, description="length of the first step, as a share of the range where only that moves"
+        default=0.02,
+        description="length of the first step, as a fraction of the parameter's range if only the "
+        "parameter moves",
     )
     longest: Positive = Field(default=0.08, description="length of the longest step")
     shortest: Positive = Field(
-        default=1e-4, description="length below which a step is given up, and a leap tried"
+        default=1e-4, description="shortest length of a step; below it a leap is tried"
     )
-    most: Count = Field(default=300, description="points of a branch")
+    most: Count = Field(default=300, description="largest number of points of a branch")
 
     def first_values(self) -> Mapping[str, float]:
-        """The values that the run itself gives to parameters where a row begins."""
+        """The values of parameters that the run sets at the start of a row."""
         return {}
 
     def recorder(self, model: Model) -> CrossingRecorder:
@@ -66,7 +68,7 @@ class FollowsFixedPoints(RunKind):
         return []
 
     def _check_map(self, model: Model, method: str) -> list[Diagnostic]:
-        """Diagnostics about a map that has no derivative, and about what it does not conserve."""
+        """Diagnostics about a map without derivative, and about quantities that it does not conserve."""
         wrong = []
         chart = model.chart()
         names = [] if chart is None else [quantity.name for quantity in chart.conserved]
@@ -80,14 +82,14 @@ class FollowsFixedPoints(RunKind):
         except ValueError:  # the check of the method says so
             return wrong
         if refusal is not None:
-            text = f"is {method}, by which a return map has no derivative: {refusal}"
+            text = f"is {method}, with which a return map has no derivative: {refusal}"
             wrong.append(Diagnostic(("numerics", "method"), text))
         return wrong
 
     def starting_points(
         self, rows: Design, spec: SweepSpec, sample: np.ndarray, share: float
     ) -> tuple[StartingPoints, StartingPoints]:
-        """The fixed points at which branches begin, found again with a share of the step."""
+        """The fixed points at which branches begin, computed again with a fraction of the step."""
         mapping, values, starts = self.return_map(rows, spec, sample)
 
         def found(one: BatchedReturnMap) -> StartingPoints:
@@ -101,7 +103,7 @@ class FollowsFixedPoints(RunKind):
     def return_map(
         self, rows: Design, spec: SweepSpec, numbers: np.ndarray
     ) -> tuple[BatchedReturnMap, dict[str, Any], Values]:
-        """The return map of rows (n,), their parameters where they begin, and their starts."""
+        """The return map of rows (n,), their parameters at the start, and their starts."""
         parameters, starts = rows.values_in(numbers)
         following = rows.following(*(each.parameter for each in self.movements))
         mapping = BatchedReturnMap(rows.model, tuple(following.items()), spec.numerics, spec.engine)

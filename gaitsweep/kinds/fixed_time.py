@@ -1,4 +1,4 @@
-"""Run kind `fixed_time`: each row is followed for a given time and read where it ends."""
+"""Run kind `fixed_time`: follows each row for a given time and records its state at the end."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from gaitsweep.schema.numbers import Positive
 
 
 class FixedTime(RunKind):
-    """Follow each row for a given time; one row a start, read at that time.
+    """Follow each row for a given time and record its state at the end; one record per row.
 
-    The gait is that of the last section crossing before it.
+    The gait is that of the last section crossing before the end.
     """
 
     compared: ClassVar = "ends"
     one_a_row: ClassVar[bool] = True
 
     kind: Literal["fixed_time"] = Field(
-        init=False, description="fixed_time: a given time, each row read where it ends"
+        init=False, description="fixed_time: simulate for a given time and record the state at its end"
     )
     duration: Positive = Field(description="simulated time, in s")
 

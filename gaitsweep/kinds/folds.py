@@ -1,4 +1,4 @@
-"""Run kind `folds`: the fold next to each row's gait is followed in the plane of two parameters."""
+"""Run kind `folds`: follows the fold next to each row's gait in the plane of two parameters."""
 
 from __future__ import annotations
 
@@ -40,22 +40,26 @@ class Folds(FollowsFixedPoints):
     """Find the fold next to each row's gait, and follow it in the plane of two parameters."""
 
     kind: Literal["folds"] = Field(
-        init=False, description="folds: where a gait is lost in the plane of two parameters, with cusps"
+        init=False,
+        description="folds: follow the fold at which a gait is lost, and its cusps, in the plane of "
+        "two parameters",
     )
     parameters: list[Text] = Field(
         min_length=2,
         max_length=2,
-        description="two of the model's parameters; a row begins at its own values of both, and a gait is "
-        "followed along the first, in both directions, to the nearest fold",
+        description="two of the model's parameters; a row begins at its own values of both, and its gait is "
+        "followed along the first parameter in both directions to the nearest fold",
     )
     within: dict[Text, Annotated[list[Real], Field(min_length=2, max_length=2)]] = Field(
-        description="the range of each of both parameters, two numbers"
+        description="range of each of the two parameters: [lowest, highest]"
     )
     longest: Positive = Field(default=0.1, description="length of the longest step")
     shortest: Positive = Field(
-        default=1e-3, description="length below which a step is given up, and a leap tried"
+        default=1e-3, description="shortest length of a step; below it a leap is tried"
     )
-    most: Count = Field(default=100, description="points of a curve in each of its two directions")
+    most: Count = Field(
+        default=100, description="largest number of points of a curve in each of its two directions"
+    )
 
     @property
     def movements(self) -> tuple[Movement, ...]:
@@ -90,20 +94,20 @@ class Folds(FollowsFixedPoints):
     def _check_ranges(self) -> Iterator[Diagnostic]:
         first, second = self.parameters
         if first == second:
-            text = f"is {second}, as the first: a curve of folds lies in the plane of two parameters."
+            text = f"is {second}, like the first; a curve of folds needs two different parameters."
             yield Diagnostic(("run", "parameters", 1), text)
             return
         for name in self.within:
             if name not in self.parameters:
-                text = f"is no range of run.parameters{near_miss.suggestion(name, self.parameters)}"
+                text = f"is not one of run.parameters{near_miss.suggestion(name, self.parameters)}"
                 yield Diagnostic(("run", "within", name), text)
         for name in self.parameters:
             if name not in self.within:
-                text = f"has no range of {name}: write {name}: [lowest, highest] there."
+                text = f"has no range for {name}: add {name}: [lowest, highest]."
                 yield Diagnostic(("run", "within"), text)
             elif not self.within[name][0] < self.within[name][1]:
                 low, high = self.within[name]
-                text = f"is from {low:g} to {high:g}: write the lower end first, and a higher one."
+                text = f"is from {low:g} to {high:g}, but the first number must be lower than the second."
                 yield Diagnostic(("run", "within", name), text)
 
     def _check_starts(self, rows: Design) -> Iterator[Diagnostic]:
@@ -117,7 +121,10 @@ class Folds(FollowsFixedPoints):
             outside = np.flatnonzero(~((parameters[name] >= low) & (parameters[name] <= high)))
             if outside.size:
                 at = f"{parameters[name][outside[0]]:g} in row {outside[0]}"
-                text = f"is from {low:g} to {high:g}, but {name} begins at {at}: a row begins in the range."
+                text = (
+                    f"is from {low:g} to {high:g}, but {name} begins at {at}: rows must begin "
+                    "within the range."
+                )
                 yield Diagnostic(("run", "within", name), text)
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:

@@ -21,17 +21,17 @@ class Ramp(RunKind):
     """Move one parameter slowly along a path and record every section crossing."""
 
     kind: Literal["ramp"] = Field(
-        init=False, description="ramp: a parameter moved slowly, every crossing recorded"
+        init=False, description="ramp: move a parameter slowly and record every section crossing"
     )
     parameter: Text = Field(description="the model's parameter that moves")
     path: list[Real] = Field(
-        min_length=2, max_length=1000, description="values between which it moves, in order"
+        min_length=2, max_length=1000, description="values between which the parameter moves, in order"
     )
-    rate: Positive = Field(description="its speed, in its unit a second")
+    rate: Positive = Field(description="speed of the parameter, in its unit per second")
     initial_dwell: NotNegative = Field(
-        default=0.0, description="time at the first value before it moves, in s"
+        default=0.0, description="time at the first value before the parameter moves, in s"
     )
-    gaits: Flag = Field(default=False, description="whether the gait is read at every crossing too")
+    gaits: Flag = Field(default=False, description="whether to classify the gait at every crossing")
 
     def schedule(self) -> RampSchedule:
         return RampSchedule(tuple(self.path), self.rate, self.initial_dwell)

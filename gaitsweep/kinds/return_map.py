@@ -15,13 +15,15 @@ from gaitsweep.schema.numbers import Count, CountOrZero
 
 
 class ReturnMap(RunKind):
-    """Record successive section values of each row."""
+    """Record the state of each row at successive section crossings."""
 
-    kind: Literal["return_map"] = Field(init=False, description="return_map: successive section values")
-    crossings: Count = Field(
-        description="section crossings to record, after the one (crossing 0: the start) that they begin with"
+    kind: Literal["return_map"] = Field(
+        init=False, description="return_map: record the state at successive section crossings"
     )
-    after_cycles: CountOrZero = Field(default=0, description="section crossings to let pass first")
+    crossings: Count = Field(
+        description="number of section crossings to record after crossing 0, with which the record begins"
+    )
+    after_cycles: CountOrZero = Field(default=0, description="section crossings before the recording begins")
 
     def recorder(self, model: Model) -> CrossingRecorder:
         return CrossingRecorder(model, self.crossings, self.after_cycles)

@@ -27,7 +27,7 @@ from gaitsweep.schema.strict_model import StrictModel, kind_of, plain
 
 @dataclasses.dataclass(frozen=True)
 class Movement:
-    """A parameter that a run moves along `values`; a job names it at `named`, and its values at `valued`."""
+    """A parameter that a run moves along `values`; `named` and `valued` are the job's fields with both."""
 
     parameter: str
     values: tuple[float, ...]
@@ -36,7 +36,7 @@ class Movement:
 
 
 class Between(Protocol):
-    """Called between the steps of a run kind that makes its own table, with a note on how far it is."""
+    """Callback between the steps of a run kind that makes its own table, with a note on its progress."""
 
     def __call__(self, note: str = "") -> None: ...
 
@@ -54,7 +54,7 @@ class Schedule(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Cost:
-    """Attempts that a row is likely to make and makes at most, and the records that it leaves."""
+    """Likely and largest number of attempts of a row, and the number of its records."""
 
     likely: float
     most: float
@@ -64,14 +64,15 @@ class Cost:
 class RunKind(StrictModel):
     """The task of each row of a job.
 
-    A kind has a field `kind: Literal["its_name"]` and gives `recorder`, `columns` and `cost`. A kind that
-    moves a parameter has the fields `parameter` and `path`, and gives `schedule`. A kind that does not use
-    the sweep engine sets `own_blocks` and gives `block_table`.
+    A kind has a field `kind: Literal["its_name"]` and defines `recorder`, `columns` and `cost`. A kind that
+    moves a parameter has the fields `parameter` and `path`, and defines `schedule`. A kind that does not use
+    the sweep engine sets `own_blocks` and defines `block_table`.
 
-    In Python it is made from its other fields, `Settle(max_cycles=150)`, with NumPy's arrays and numbers.
+    In Python it is created without `kind`, as in `Settle(max_cycles=150)`; NumPy arrays and numbers are
+    accepted.
 
     Raises:
-        ArgumentError: a field that it does not have, or a value that the field does not take.
+        ArgumentError: an unknown field, or a value that is not allowed.
     """
 
     # how the self-check compares a sample of rows with the same rows at finer steps: by their fixed point
@@ -93,7 +94,7 @@ class RunKind(StrictModel):
             )
             raise ArgumentError("\n".join(map(str, wrong))) from None
 
-    # so that pydantic does not call it for a job, whose errors are gathered and told with their lines
+    # so that pydantic does not call it for a job, whose errors are gathered and reported with their lines
     __init__.__pydantic_base_init__ = True  # pyright: ignore[reportFunctionMemberAccess]
 
     @classmethod
@@ -109,51 +110,51 @@ class RunKind(StrictModel):
 
     @property
     def kind_name(self) -> str:
-        """The value of its field `kind`."""
+        """The value of the field `kind`."""
         return kind_of(type(self))
 
     @property
     def moved(self) -> str | None:
-        """The parameter that it moves, where there is one."""
+        """The parameter that moves, or None."""
         return getattr(self, "parameter", None)
 
     @property
     def turns(self) -> tuple[float, ...]:
-        """The values between which it moves its parameter, in order; none where it moves nothing."""
+        """The values between which the parameter moves, in order; empty if none moves."""
         return tuple(getattr(self, "path", None) or ())
 
     @property
     def movements(self) -> tuple[Movement, ...]:
-        """The parameters that it moves, one where it has a field `parameter`."""
+        """The parameters that move; one if the kind has a field `parameter`."""
         if self.moved is None:
             return ()
         return (Movement(self.moved, self.turns, ("run", "parameter"), ("run", "path")),)
 
     def places(self) -> Iterator[Mapping[str, float]]:
-        """Values of the parameters that it moves at which the length of steps is chosen."""
+        """Values of the moving parameters at which the length of steps is chosen."""
         if self.moved is None:
             yield {}
         else:
             yield from ({self.moved: value} for value in self.values_between())
 
     def values_between(self) -> Iterator[float]:
-        """Values of the parameter that it moves: those of its path, and three in each pass."""
+        """Values of the moving parameter: those of its path, and three in each pass."""
         return path_values(self.turns)
 
     def recorder(self, model: Model) -> Recorder:
-        """Recorder of each trajectory, which also decides when it ends."""
+        """Recorder of each trajectory, which also decides when the trajectory ends."""
         raise NotImplementedError
 
     def schedule(self) -> Schedule | None:
-        """Schedule of the parameter that moves; None without one."""
+        """Schedule of the moving parameter, or None."""
         return None
 
     def columns(self, model: Model) -> list[Column]:
-        """The columns of its table after `row` and what varies, in their order."""
+        """The columns of the table after `row` and the axes, in order."""
         raise NotImplementedError
 
     def all_columns(self, model: Model) -> list[Column]:
-        """Its columns, and those of numbers that its recorder declares with a quantity."""
+        """The columns, and those of the recorder's numbers that have a quantity."""
         declared = (each.quantity for each in self.recorder(model).numbers if each.quantity is not None)
         return [*self.columns(model), *map(row_number, declared)]
 
@@ -162,7 +163,7 @@ class RunKind(StrictModel):
 
         Args:
             model: the rows' model.
-            axes: what varies, (n,) each.
+            axes: the values of the axes, (n,) each.
             block: the results of the n rows.
         """
         if self.one_a_row:
@@ -177,17 +178,17 @@ class RunKind(StrictModel):
     def block_table(
         self, rows: Design, spec: SweepSpec, first: int, last: int, between: Between
     ) -> pd.DataFrame:
-        """The records of rows first..last-1, where `own_blocks`; `between` is called now and then."""
+        """The records of rows first..last-1 if `own_blocks`; `between` is called repeatedly meanwhile."""
         raise NotImplementedError
 
     def starting_points(
         self, rows: Design, spec: SweepSpec, sample: np.ndarray, share: float
     ) -> tuple[StartingPoints, StartingPoints]:
-        """Starts of sampled rows (n,), at their own step and a share of it, for the self-check."""
+        """Starts of sampled rows (n,), at their own step and a fraction of it, for the self-check."""
         raise NotImplementedError
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
-        """Diagnostics of its fields, by themselves and for these rows.
+        """Diagnostics of the fields, by themselves and for these rows.
 
         Args:
             rows: the job's rows.
@@ -196,7 +197,7 @@ class RunKind(StrictModel):
         return []
 
     def refined(self, rows: Design) -> Grid | None:
-        """Refinement of the edges between gaits; None where all rows are simulated."""
+        """Refinement of the boundaries between gaits, or None if all rows are simulated."""
         return None
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
@@ -210,7 +211,7 @@ class RunKind(StrictModel):
         raise NotImplementedError
 
     def hashed(self, fields: dict[str, Any]) -> dict[str, Any]:
-        """Those of its fields that decide the numbers of its table."""
+        """The fields that decide the numbers of the table."""
         return fields
 
 
@@ -230,5 +231,5 @@ class StartingPoints:
 
 
 def table_columns(rows: Design, run: RunKind) -> list[str]:
-    """The columns of the table that a run makes, in their order."""
+    """The columns of the table of a run, in order."""
     return ["row", *rows.names, *(column.name for column in run.all_columns(rows.model))]

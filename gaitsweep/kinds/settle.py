@@ -37,43 +37,44 @@ def _power_of_two(value: Any) -> int:
     whole = read_whole(value, low=2, high=MOST_COARSE)
     if whole & (whole - 1):
         below = 1 << (whole.bit_length() - 1)
-        raise InvalidValue(f"is {whole}, but takes a power of two; did you mean {below} or {2 * below}?")
+        raise InvalidValue(f"is {whole}, but must be a power of two; did you mean {below} or {2 * below}?")
     return whole
 
 
 class Settle(RunKind):
-    """Follow each row until its section's state stops moving, or repeats; one row a start."""
+    """Follow each row until its state at the section stops changing or repeats; one record per row."""
 
     compared: ClassVar = "settled"
     one_a_row: ClassVar[bool] = True
 
     kind: Literal["settle"] = Field(
         init=False,
-        description="settle: until the section's state stops moving, or repeats every 2 to 8 crossings",
+        description="settle: simulate until the state at the section stops changing, or repeats every 2 to 8 "
+        "crossings",
     )
     max_cycles: Count = Field(default=150, description="cycles after which a row is given up")
     tolerance: PositiveOrEach = Field(
         default=1e-3,
-        description="change a cycle below which a row has settled: of angles in rad, of other observables as "
-        "a share of their scale; one for all, or by the names of observables (the others keep 1e-3)",
+        description="largest change per cycle of a settled row: of angles in rad, of other observables as a "
+        "fraction of their scale; one number for all, or numbers by observable (1e-3 for the others)",
     )
     max_time: Positive | None = Field(
         default=None, description="simulated time after which a row is given up, in s"
     )
     refine: Annotated[Literal["boundary"], word("boundary")] | None = Field(
         default=None,
-        description="boundary: of a grid, only cells next to another gait are simulated; "
-        "the others are inferred",
+        description="boundary: simulate only the cells of a grid that border on another gait, and infer the "
+        "others",
     )
     over: list[Text] | None = Field(
         default=None,
         min_length=1,
-        description="axes that refine; all linspace and logspace axes of starts if not given",
+        description="axes to refine; by default all linspace and logspace axes of starts",
     )
     coarse: Annotated[int, PlainValidator(checked(_power_of_two)), WithJsonSchema({"type": "integer"})] = (
         Field(
             default=8,
-            description="cells between the first starts that refine simulates: a power of two; "
+            description="spacing in cells of the first starts that refine simulates, a power of two; "
             "what is narrower may be missed",
         )
     )
@@ -107,10 +108,10 @@ class Settle(RunKind):
         return Grid(tuple(group.length for group in rows.groups), axes, self.coarse)
 
     def _check_refinement(self, rows: Design) -> list[Diagnostic]:
-        """Diagnostics about a run that refines what is no grid."""
+        """Diagnostics about refinement of axes that do not form a grid."""
         if self.refine is None:
             if self.over is not None:
-                return [Diagnostic(("run", "over"), "names axes that refine, but run.refine is not given.")]
+                return [Diagnostic(("run", "over"), "names axes to refine, but run.refine is not given.")]
             return []
         grids, over = rows.grids, self.over or []
         wrong = []
@@ -118,7 +119,10 @@ class Settle(RunKind):
             if name in over[:place]:
                 wrong.append(Diagnostic(("run", "over", place), f"is {name}, which is named twice."))
             elif name in rows.names and name not in grids:
-                text = f"is {name}, whose points are no grid: only a linspace or logspace of its own refines."
+                text = (
+                    f"is {name}, whose points do not form a grid: only separate linspace and "
+                    "logspace axes can be refined."
+                )
                 wrong.append(Diagnostic(("run", "over", place), text))
             elif name not in grids:
                 near = near_miss.suggestion(name, grids) if grids else ": no axis of this job is a grid."
@@ -142,7 +146,7 @@ class Settle(RunKind):
 
 
 def check_tolerance(tolerance: float | Mapping[str, float], model: Model) -> list[Diagnostic]:
-    """Diagnostics about tolerances of what the model does not observe."""
+    """Diagnostics about tolerances of names that are not observables of the model."""
     if not isinstance(tolerance, Mapping):
         return []
     names = [quantity.name for quantity in model.observables]

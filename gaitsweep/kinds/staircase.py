@@ -34,29 +34,30 @@ MOST_STAIRS = 10_000  # of a staircase
 
 
 class Staircase(RunKind):
-    """Move one parameter in stairs along a path, keep it constant on each, and record the end of each."""
+    """Move one parameter in stairs along a path, constant on each stair, and record the end of each."""
 
     kind: Literal["staircase"] = Field(
         init=False,
-        description="staircase: a parameter moved in stairs and kept on each, the end of each recorded",
+        description="staircase: move a parameter in stairs and record the end of each stair",
     )
     parameter: Text = Field(description="the model's parameter that moves")
     path: list[Real] = Field(
         min_length=2,
         max_length=1000,
-        description="values between which it moves, in order; each is one stair",
+        description="values between which the parameter moves, in order; each is one stair",
     )
     step: Positive = Field(
-        description="largest distance between stairs, in its unit; each pass has equal stairs"
+        description="largest distance between stairs, in the parameter's unit; the stairs of a pass are equal"
     )
     dwell: Positive = Field(description="time on each stair, in s")
     first_dwell: Positive | None = Field(
-        default=None, description="time on the first stair, in s; as on the others if not given"
+        default=None, description="time on the first stair, in s; by default as on the others"
     )
     tolerance: PositiveOrEach = Field(
         default=1e-3,
-        description="change a cycle below which a stair has settled: of angles in rad, of other observables "
-        "as a share of their scale; one for all, or by the names of observables (the others keep 1e-3)",
+        description="largest change per cycle of a settled stair: of angles in rad, of other "
+        "observables as a "
+        "fraction of their scale; one number for all, or numbers by observable (1e-3 for the others)",
     )
 
     def schedule(self) -> StepSchedule:
@@ -97,11 +98,11 @@ class Staircase(RunKind):
         pairs = list(itertools.pairwise(self.path))
         for index, (before, value) in enumerate(pairs, start=1):
             if value == before:
-                text = f"is {value:g}, as the value before it is: leave one of the two out."
+                text = f"is {value:g}, like the value before it: remove one of the two."
                 return [Diagnostic(("run", "path", index), text)]
         stairs = 1.0 + sum(max(1.0, abs(b - a) / self.step) for a, b in pairs)
         if stairs > MOST_STAIRS:
-            text = f"is {self.step:g}, which makes {stairs:.6g} stairs; at most {MOST_STAIRS} are made."
+            text = f"is {self.step:g}, which gives {stairs:.6g} stairs; at most {MOST_STAIRS} are allowed."
             return [Diagnostic(("run", "step"), text)]
         return []
 

@@ -21,21 +21,24 @@ _MOVING = ("parameter", "path", "rate", "initial_dwell")  # fields that say how 
 
 
 class Trace(RunKind):
-    """Record the signals of each row at equal intervals of time, a parameter moving if one is named."""
+    """Record the signals of each row at equal intervals of time; a parameter may move meanwhile."""
 
-    kind: Literal["trace"] = Field(init=False, description="trace: a time series of each row")
+    kind: Literal["trace"] = Field(init=False, description="trace: record a time series of each row")
     duration: Positive = Field(description="length of the recording, in s")
     every: Positive = Field(description="interval between samples, in s")
     after_cycles: CountOrZero = Field(
-        default=0, description="section crossings to let pass first; t counts from there"
+        default=0, description="section crossings before the recording begins, at which t = 0"
     )
     parameter: Text | None = Field(default=None, description="the model's parameter that moves meanwhile")
     path: list[Real] | None = Field(
-        default=None, min_length=2, max_length=1000, description="values between which it moves, in order"
+        default=None,
+        min_length=2,
+        max_length=1000,
+        description="values between which the parameter moves, in order",
     )
-    rate: Positive | None = Field(default=None, description="its speed, in its unit a second")
+    rate: Positive | None = Field(default=None, description="speed of the parameter, in its unit per second")
     initial_dwell: NotNegative = Field(
-        default=0.0, description="time at the first value before it moves, in s"
+        default=0.0, description="time at the first value before the parameter moves, in s"
     )
 
     def recorder(self, model: Model) -> Recorder:
@@ -53,20 +56,27 @@ class Trace(RunKind):
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
         if self.every > self.duration:
-            text = f"is {self.every:g} s, but must not be longer than run.duration, {self.duration:g} s."
+            text = f"is {self.every:g} s, but must be at most run.duration, {self.duration:g} s."
             return [Diagnostic(("run", "every"), text)]
         if self.duration / self.every > MOST_SAMPLES:
-            text = f"makes {self.duration / self.every:.3g} samples a row; at most {MOST_SAMPLES} are kept."
+            text = (
+                f"gives {self.duration / self.every:.3g} samples per row; at most {MOST_SAMPLES} are allowed."
+            )
             return [Diagnostic(("run", "every"), text)]
         if self.parameter is None:
             given = [name for name in _MOVING if name in self.model_fields_set and getattr(self, name)]
-            return [Diagnostic(("run", name), "moves nothing: name its run.parameter.") for name in given]
+            return [
+                Diagnostic(
+                    ("run", name), "has no effect without run.parameter: name the parameter that moves."
+                )
+                for name in given
+            ]
         for name in ("path", "rate"):
             if getattr(self, name) is None:
-                return [Diagnostic(("run", name), f"is missing, but {self.parameter} moves along it.")]
+                return [Diagnostic(("run", name), f"is missing, but run.parameter is {self.parameter}.")]
         if self.after_cycles:
-            text = f"is {self.after_cycles}, but {self.parameter} moves from the start: "
-            return [Diagnostic(("run", "after_cycles"), f"{text}use run.initial_dwell.")]
+            text = f"is {self.after_cycles}, but {self.parameter} moves from the start of a row: "
+            return [Diagnostic(("run", "after_cycles"), f"{text}use run.initial_dwell instead.")]
         return []
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:

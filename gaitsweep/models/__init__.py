@@ -1,4 +1,4 @@
-"""The registry of models, which are imported when they are first used."""
+"""The registry of models, which are imported at their first use."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from gaitsweep.models.own_modules import (
     stamp_of,
 )
 
-_OWN = "a model of your own is written package.module:attribute"
+_OWN = "write your own model as package.module:attribute"
 # classes that no module gives, such as those of a notebook's cells, by the name that a job has for them
 _SESSION: weakref.WeakValueDictionary[str, type[Model]] = weakref.WeakValueDictionary()
 _OF_SESSION = "session:"
@@ -69,7 +69,7 @@ def names() -> tuple[str, ...]:
 
 
 def name_of(model_class: type[Model]) -> str:
-    """The name with which `find` gives this class.
+    """The name by which `find` returns this class.
 
     It is the registered name, or "package.module:attribute". A class that cannot be imported again, such as
     one of a notebook's cell, has a name that holds in this Python process only (see `importable`).
@@ -118,9 +118,9 @@ def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
     module_name, _, attribute = path.partition(":")
     if module_name.endswith(".py"):
         written = f"{Path(module_name).stem}:{attribute}"
-        raise ModelError(f"is {name}, but a file is named without its folder and ending: write {written}.")
+        raise ModelError(f"is {name}, but a file must be named without folder and ending: write {written}.")
     if not all(part.isidentifier() for part in module_name.split(".")) or not attribute.isidentifier():
-        raise ModelError(f"is {name}, which cannot be read; {_OWN}.")
+        raise ModelError(f"is {name}, which is not a valid name; {_OWN}.")
     module = _import(name, module_name, [*folders, Path.cwd()] if own else [])
     if not hasattr(module, attribute):
         classes = [(key, each) for key, each in vars(module).items() if inspect.isclass(each)]
@@ -136,15 +136,15 @@ def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
 
 
 def find_of_table(attrs: Mapping[Any, Any], trust: bool = False) -> type[Model]:
-    """The class of the model that made a table, which may be a stranger's.
+    """The class of the model that made a table.
 
-    The table's directory names the model, and to import a module runs its code. So a model of a user's own is
-    taken from where Python finds modules and from the working directory, but neither from the result
-    directory nor from the folder that its manifest names, unless `trust` is set.
+    The table's directory names the model, and importing a module runs its code. A user's model is therefore
+    imported only from Python's import path and the working directory, and not from the result directory or
+    the folder named in its manifest, unless `trust` is set.
 
     Args:
         attrs: the table's `.attrs`.
-        trust: look into these two folders, too.
+        trust: whether to search these two folders too.
 
     Raises:
         ModelError: as `find`; or the code is in one of these two folders, without `trust`.
@@ -166,9 +166,9 @@ def find_of_table(attrs: Mapping[Any, Any], trust: bool = False) -> type[Model]:
     )
     if here is None and place is not None:
         raise ModelError(
-            f"is {name}, whose code is in {place}: it came with {directory} and would run as you. Give "
-            "--trust (trust=True in Python) if you trust whoever made it, or put the module into the "
-            "working directory or on PYTHONPATH."
+            f"is {name}, whose code is in {place}: it came with {directory} and would run with your "
+            "permissions. Use --trust (trust=True in Python) if you trust its author, or put the module into "
+            "the working directory or on PYTHONPATH."
         )
     return find(name)
 
@@ -185,7 +185,7 @@ def _as_model(name: str, found: object) -> type[Model]:
         raise ModelError(f"is {name}, which is not a model: derive it from HybridModel or SteppedModel.")
     if inspect.isabstract(found):
         missing = ", ".join(sorted(found.__abstractmethods__))
-        raise ModelError(f"is {name}, which is not a whole model yet: it lacks {missing}.")
+        raise ModelError(f"is {name}, which is not a complete model: it lacks {missing}.")
     return found
 
 
@@ -199,20 +199,20 @@ def _import(name: str, module_name: str, folders: list[Path]) -> object:
                 module = _as_written(module)
     except ModuleNotFoundError as error:
         reason = _missing(module_name, error.name, folders) or _raised(error)
-        raise ModelError(f"is {name}, but {module_name} does not import: {reason}") from error
-    except (Exception, SystemExit) as error:  # a user's module may raise anything, which its author is told
-        raise ModelError(f"is {name}, but {module_name} does not import: {_raised(error)}") from error
+        raise ModelError(f"is {name}, but {module_name} cannot be imported: {reason}") from error
+    except (Exception, SystemExit) as error:  # a user's module may raise any exception, which is reported
+        raise ModelError(f"is {name}, but {module_name} cannot be imported: {_raised(error)}") from error
     _refuse_namesake(name, module_name, folders)
     return module
 
 
 def _raised(error: BaseException) -> str:
-    """An exception by its type and message, which may be a sentence already."""
+    """Format an exception by its type and message."""
     return f"{type(error).__name__}: {str(error).rstrip('.')}."
 
 
 def _missing(module_name: str, missing: str | None, folders: list[Path]) -> str | None:
-    """That a user's module is nowhere, with the near miss; None if it is one that the module imports."""
+    """The message that a user's module does not exist, or None if an import inside it failed."""
     if missing is None or not f"{module_name}.".startswith(f"{missing}."):
         return None
     *package, last = missing.split(".")
@@ -227,9 +227,9 @@ def _missing(module_name: str, missing: str | None, folders: list[Path]) -> str 
 
 
 def _as_written(module: ModuleType) -> ModuleType:
-    """The user's module, reloaded with those beside it that it imports if one of their files has changed.
+    """The user's module, reloaded together with the modules beside it if one of their files has changed.
 
-    Data files that they read as they were loaded count too.
+    Changes in data files that they read on import count too.
     """
     if installed(module):
         return module
@@ -251,7 +251,7 @@ def _is_changed(file: Path, stamp: Stamp) -> bool:
 
 
 def _stamps(module: ModuleType) -> dict[str, Stamp]:
-    """The stamps of a user's module and of the loaded modules next to it."""
+    """The stamps of a user's module and of the loaded modules beside it."""
     return {name: stamp_of(file) for name, file in modules_beside(module).items() if name in sys.modules}
 
 
@@ -271,7 +271,7 @@ def _importable(folders: list[Path]) -> Iterator[None]:
 
 
 def _refuse_namesake(name: str, module_name: str, folders: list[Path]) -> None:
-    """Refuse a module that was loaded from elsewhere under the same name, since it would be used instead."""
+    """Refuse a module if another one of the same name has been loaded, since that would be used instead."""
     top = module_name.partition(".")[0]
     loaded = getattr(sys.modules.get(top), "__file__", None)
     for folder in folders:
@@ -279,6 +279,7 @@ def _refuse_namesake(name: str, module_name: str, folders: list[Path]) -> None:
         if spec is not None and spec.origin is not None:
             if loaded is not None and Path(loaded).resolve() != Path(spec.origin).resolve():
                 raise ModelError(
-                    f"is {name}, but a module {top} is loaded from {loaded}: rename {spec.origin}."
+                    f"is {name}, but another module {top} has been loaded from {loaded}: rename "
+                    f"{spec.origin}."
                 )
             return

@@ -42,7 +42,7 @@ Where = Callable[[int], str]  # words that say at which of some points something
 
 
 class _Fault(Exception):
-    """A violation of the contract; the message continues `but its function`."""
+    """A violation of the contract; the message follows `but its function`."""
 
 
 def fault(model: Model) -> str | None:
@@ -55,7 +55,7 @@ def fault(model: Model) -> str | None:
         model: an instance of the user's class.
 
     Returns:
-        Words that continue a sentence after the model's name, with a full stop at the end.
+        The end of a sentence that begins with the model's name.
     """
     try:
         hash(model)
@@ -67,9 +67,9 @@ def fault(model: Model) -> str | None:
 @cached_by_content(maxsize=64)
 def _fault(model: Model) -> str | None:
     if not model.parameters:
-        return "which has no parameter: declare one at least, such as a frequency or a mass."
+        return "which has no parameter: declare at least one, such as a frequency or a mass."
     if not model.observables:
-        return "which has no observable: declare one at least, which is recorded at each crossing."
+        return "which has no observable: declare at least one, to be recorded at each crossing."
     return next(_of_quantities(model), None) or _traced(model)
 
 
@@ -96,7 +96,7 @@ def _look(model: Model) -> None:
             _called_by_init(model, params, _bare_state(model))
         raise
     if not dataclasses.is_dataclass(state):
-        raise _Fault(f"init gives {type(state).__name__}, where it gives a frozen dataclass.")
+        raise _Fault(f"init returns {type(state).__name__}, but must return a frozen dataclass.")
     if isinstance(model, Declared):
         _event_functions(model, params, state)
     rates: Mapping[str, Any] = {}
@@ -114,7 +114,7 @@ def _look(model: Model) -> None:
     _scalar("failed", _given("failed", model.failed, params, state))
     _scalar("period", period := _given("period", model.period, params))
     if (kind := _kind(period)) != "real numbers":  # a time limit of its type would be rounded
-        raise _Fault(f"period gives {kind}, where it gives a real number of seconds: 3.0, not 3.")
+        raise _Fault(f"period returns {kind}, but must return a real number of seconds: 3.0, not 3.")
     observed = _given("observe", model.observe, params, state)
     _named("observe", observed, "observables", (quantity.name for quantity in model.observables))
     signals = _given("signal", model.signal, params, state)
@@ -124,12 +124,12 @@ def _look(model: Model) -> None:
     _named("label", labels, "gait and label fields", fields)
     if (kind := _kind(labels["gait"])) not in ("whole numbers", "booleans"):
         raise _Fault(
-            f"label gives the gait as {kind}, where it gives an index into its gaits: a whole number."
+            f"label returns the gait as {kind}, but must return the index of a gait, a whole number."
         )
 
 
 def _bare_state(model: Declared) -> Any:
-    """A state with the declared fields of a model; those that `init` adds are empty."""
+    """A state with the declared fields of a model; fields added by `init` are empty."""
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(model.State):
         declared = model.declarations.get(field.name)
@@ -145,20 +145,21 @@ def _declared_events(model: Declared) -> list[Event]:
 
 
 def _event_functions(model: Declared, params: Any, state: Any) -> None:
-    """Refuse event functions that do not give one real number, by the events' names."""
+    """Refuse event functions that do not return one real number, by the events' names."""
     for event in _declared_events(model):
         name = f"for the event {event.name!r}"
         given = _given(name, lambda p, s, event=event: event.function(model, p, s), params, state)
         _scalar(name, given)
         if (kind := _kind(given)) != "real numbers":
             raise _Fault(
-                f"{name} gives {kind}, where it gives a real number that rises through zero: s.x - 2.0, not "
+                f"{name} returns {kind}, but must return a real number that rises through zero: s.x - "
+                "2.0, not "
                 "s.x > 2.0."
             )
 
 
 def _called_by_init(model: Any, params: Any, state: Any) -> None:
-    """Refuse a flow or a jump that fails at a bare state, as the fault of what it is and not of `init`."""
+    """Refuse a flow or a jump that fails at a bare state, so that `init` is not blamed for it."""
     added = {field.name for field in dataclasses.fields(state)} - set(model.declarations) - {ARMING}
     if added:  # they are empty here, and a flow may read them
         return
@@ -167,7 +168,7 @@ def _called_by_init(model: Any, params: Any, state: Any) -> None:
 
 
 def _jump_functions(model: Declared, params: Any, state: Any) -> None:
-    """Refuse jumps of events that give no state, by the events' names."""
+    """Refuse jumps of events that do not return a state, by the events' names."""
     for event in _declared_events(model):
         if (effect := event.effect) is None:
             continue
@@ -175,7 +176,7 @@ def _jump_functions(model: Declared, params: Any, state: Any) -> None:
         after = _given(name, lambda p, s, effect=effect: effect(model, p, s), params, state)
         if not isinstance(after, type(state)):
             kind = "nothing" if after is None else type(after).__name__
-            raise _Fault(f"{name} gives {kind}, where it gives a state: return s.replace(...).")
+            raise _Fault(f"{name} returns {kind}, but must return a state, such as s.replace(...).")
 
 
 def _events(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
@@ -189,15 +190,19 @@ def _events(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
         name, found = "events", _given("events", model.events, params, state, after)
     if getattr(found, "ndim", None) != 1:
         shape = getattr(found, "shape", type(found).__name__)
-        raise _Fault(f"{name} gives {shape}, where it gives one number for each event, (n,): use jnp.stack.")
+        raise _Fault(
+            f"{name} returns {shape}, but must return one number for each event, (n,): use jnp.stack."
+        )
     if isinstance(model, HybridModel):
         if _kind(found) != "real numbers":
-            raise _Fault(f"guards gives {_kind(found)}, where it gives real numbers.")
+            raise _Fault(f"guards returns {_kind(found)}, but must return real numbers.")
         names = model.guard_names
         if not isinstance(names, tuple) or not all(isinstance(each, str) for each in names):
-            raise _Fault(f"guard_names gives {names!r}, where it gives a tuple of texts.")
+            raise _Fault(f"guard_names returns {names!r}, but must return a tuple of texts.")
         if names and len(names) != found.shape[0]:
-            raise _Fault(f"guard_names gives {len(names)} names, but guards gives {found.shape[0]} numbers.")
+            raise _Fault(
+                f"guard_names returns {len(names)} names, but guards returns {found.shape[0]} numbers."
+            )
     return jax.ShapeDtypeStruct(found.shape, bool)
 
 
@@ -214,7 +219,7 @@ class _Program:
     operations: Any
 
     def unchanged(self, first: int) -> list[bool]:
-        """Whether each result is an argument as it was: the result i the argument `first` + i."""
+        """Whether each result i is the unchanged argument `first` + i."""
         jaxpr = self.operations.jaxpr
         arguments = {variable: place for place, variable in enumerate(jaxpr.invars)}
         origins = _origins(jaxpr, arguments)
@@ -255,7 +260,7 @@ def _program(name: str, function: Callable[..., Any], *args: Any) -> _Program:
         reason = (str(error).splitlines() or [""])[0]
         advice = ""
         if isinstance(error, jax.errors.ConcretizationTypeError | jax.errors.TracerArrayConversionError):
-            advice = " Use jnp.where in place of if, and jnp in place of math and numpy."
+            advice = " Use jnp.where instead of if, and jnp instead of math and numpy."
         raise _Fault(f"{name} raises {type(error).__name__}: {reason.rstrip('.')}.{advice}") from error
 
 
@@ -263,25 +268,27 @@ def _rates(state: Any, rates: Any) -> None:
     fields = list(vars(state))
     if not isinstance(rates, Mapping):
         kind = "nothing" if rates is None else type(rates).__name__
-        raise _Fault(f"flow gives {kind}, where it gives rates by the state's fields.")
+        raise _Fault(f"flow returns {kind}, but must return a mapping from fields of the state to rates.")
     for name, rate in rates.items():
         if name not in fields:
-            text = f"flow gives a rate of {name}, which is no field of its state"
+            text = f"flow returns a rate of {name}, which is not a field of its state"
             raise _Fault(f"{text}{near_miss.suggestion(str(name), _continuous(state))}")
         if name not in _continuous(state):
-            raise _Fault(f"flow gives a rate of {name}, which is a mode: only jump changes it.")
+            raise _Fault(f"flow returns a rate of {name}, which is a mode: only jump can change it.")
         shape = jnp.shape(getattr(state, name))
         if rate.shape not in (shape, ()):
-            raise _Fault(f"flow gives {name} a rate of shape {rate.shape}, but the field has {shape}.")
+            raise _Fault(
+                f"flow returns a rate of {name} with shape {rate.shape}, but the field has shape {shape}."
+            )
         if (kind := _kind(rate)) != "real numbers":
-            zero = ": write 1.0 in place of 1" if kind == "whole numbers" else ""
-            raise _Fault(f"flow gives the rate of {name} as {kind}, where it gives real numbers{zero}.")
+            zero = ": write 1.0 instead of 1" if kind == "whole numbers" else ""
+            raise _Fault(f"flow returns the rate of {name} as {kind}, but must return real numbers{zero}.")
         if rate.dtype.itemsize < (own := jnp.result_type(getattr(state, name))).itemsize:
-            raise _Fault(f"flow gives the rate of {name} in {rate.dtype}, but the field is in {own}.")
+            raise _Fault(f"flow returns the rate of {name} in {rate.dtype}, but the field is in {own}.")
 
 
 def _moved_or_jumped(model: Model, state: Any, rates: Mapping[str, Any], jumped: _Program) -> None:
-    """Refuse a declared variable that has no rate and that no jump changes: a rate that was forgotten."""
+    """Refuse a declared variable without a rate that no jump changes: its rate was forgotten."""
     if not isinstance(model, Declared):
         return
     leaves = jax.tree.leaves_with_path(state)
@@ -293,8 +300,8 @@ def _moved_or_jumped(model: Model, state: Any, rates: Mapping[str, Any], jumped:
         name = jax.tree_util.keystr(path).lstrip(".")
         if same and isinstance(model.declarations.get(name), Variable) and name not in rates:
             raise _Fault(
-                f"flow gives no rate of {name}, and no jump changes it: give its rate, which is 0.0 where it "
-                "stands still."
+                f"flow returns no rate of {name}, and no jump changes it: return its rate, or 0.0 if it is "
+                "constant."
             )
 
 
@@ -316,59 +323,63 @@ def _continuous(state: Any) -> list[str]:
 def _alike(name: str, before: Any, after: Any) -> None:
     """Refuse a function whose result is not a state of the same structure and shapes."""
     if jax.tree.structure(before) != jax.tree.structure(after):
-        raise _Fault(f"{name} gives {type(after).__name__}, where it gives a {type(before).__name__}.")
+        raise _Fault(f"{name} returns {type(after).__name__}, but must return {type(before).__name__}.")
     for (path, old), new in zip(jax.tree.leaves_with_path(before), jax.tree.leaves(after), strict=True):
         field = jax.tree_util.keystr(path).lstrip(".")
         if old.shape != new.shape:
-            raise _Fault(f"{name} gives {field} the shape {new.shape}, but init gives it {old.shape}.")
+            raise _Fault(
+                f"{name} returns {field} with shape {new.shape}, but init returns it with shape {old.shape}."
+            )
         if old.dtype != new.dtype:
-            raise _Fault(f"{name} gives {field} the type {new.dtype}, but init gives it {old.dtype}.")
+            raise _Fault(
+                f"{name} returns {field} with type {new.dtype}, but init returns it with type {old.dtype}."
+            )
 
 
 def _scalar(name: str, found: Any) -> None:
     if getattr(found, "shape", None) != ():
         shape = getattr(found, "shape", type(found).__name__)
-        raise _Fault(f"{name} gives {shape}, where it gives one number, ().")
+        raise _Fault(f"{name} returns {shape}, but must return one number, ().")
 
 
 def _named(name: str, found: Any, kind: str, wanted: Iterable[str]) -> None:
     given = list(found) if isinstance(found, Mapping) else []
     for each in wanted:
         if each not in given:
-            told = ", ".join(map(str, given)) or "nothing by name"
-            raise _Fault(f"{name} does not give {each}, one of its {kind}; it gives {told}.")
+            told = ", ".join(map(str, given)) or "no names"
+            raise _Fault(f"{name} does not return {each}, one of its {kind}; it returns {told}.")
         _scalar(f"{name}, {each},", found[each])
 
 
 def faults(kind: type[Model]) -> list[str]:
-    """All that is found wrong with a model, by its functions' shapes and by their values at its defaults.
+    """All faults of a model: of the shapes of its functions, and of their values at its defaults.
 
     Args:
-        kind: the class; its structure takes its defaults.
+        kind: the class; its structure has its defaults.
 
     Returns:
-        As `fault`: words that continue a sentence after the model's name. Empty where nothing is wrong.
+        Ends of sentences, as in `fault`; empty for a sound model.
     """
     if (unread := _unread_structure(kind)) is not None:
         return [unread]
     missing = [field.name for field in dataclasses.fields(kind) if _required(field)]  # pyright: ignore
     if missing:
-        return [f"which has no default for {', '.join(missing)}: it is tested with its defaults."]
+        return [f"which has no default for {', '.join(missing)}, which the test needs."]
     try:
         model = kind()
         wrong = list(_of_quantities(model))
     except Exception as error:  # a user's class may raise anything
-        return [f"which raises {type(error).__name__} when it is made: {str(error).rstrip('.')}."]
+        return [f"which raises {type(error).__name__} when it is created: {str(error).rstrip('.')}."]
     if (found := fault(model)) is not None:
         return list(dict.fromkeys([*wrong, _traced(model) or found])) if wrong else [found]
     try:
         return list(_by_value(model))
     except ExpressionError as error:
-        return [f"a default of which has no value: {error}"]
+        return [f"which has a default without a value: {error}"]
 
 
 def _unread_structure(kind: type[Model]) -> str | None:
-    """Fields that are annotated as structure in a class that is no dataclass, and so have no effect."""
+    """Fields annotated as structure in a class that is not a dataclass, which so have no effect."""
     for each in kind.__mro__:
         if not issubclass(each, Model) or each.__module__.startswith("gaitsweep.contract"):
             continue
@@ -377,7 +388,7 @@ def _unread_structure(kind: type[Model]) -> str | None:
             constant = get_origin(hint) is ClassVar or str(hint).startswith(("ClassVar", "typing.ClassVar"))
             if name not in own and not constant:
                 return (
-                    f"whose class {each.__name__} annotates {name} but is no dataclass, so no job can set "
+                    f"whose class {each.__name__} annotates {name} but is not a dataclass, so no job can set "
                     "it: write @dataclasses.dataclass(frozen=True) before the class."
                 )
     return None
@@ -402,16 +413,22 @@ def _of_quantities(model: Model) -> Iterator[str]:
             if names.count(name) > 1:
                 yield f"whose {where} have the name {name} twice: rename one."
             if not name.isidentifier():
-                yield f"whose {where} have the name {name!r}: it takes letters, digits and underscores."
+                yield (
+                    f"whose {where} have the name {name!r}: names must consist of letters, digits "
+                    "and underscores."
+                )
         for quantity in quantities:
             yield from _of_quantity(quantity, quantity.name in starts)
     if all(quantity.scale == math.inf and not quantity.circular for quantity in model.observables):
         yield "whose observables all have an infinite scale, so that each row would settle at once."
     hidden = {quantity.name for quantity in settable} & {quantity.name for quantity in model.signals}
     for name in sorted(hidden):
-        yield f"whose signal {name} has the name of what a job sets and would hide it in a trace: rename it."
+        yield (
+            f"whose signal {name} has the name of a parameter or start and would hide it in a "
+            "trace: rename it."
+        )
     if not model.gaits or len(set(model.gaits)) < len(model.gaits):
-        yield f'whose gaits are {model.gaits}: it takes at least one name ("none"), each once.'
+        yield f'whose gaits are {model.gaits}: there must be at least one name ("none"), without repetitions.'
     named = {
         "a gait": model.gaits,
         "an event": model.guard_names if isinstance(model, HybridModel) else (),
@@ -428,13 +445,13 @@ def _of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
     for field in ("unit", "meaning"):
         if not getattr(quantity, field):
             unit = ' ("1" for a number without one)' if field == "unit" else ""
-            yield f"whose {name} has no {field}: tables and figures show it{unit}."
+            yield f"whose {name} has no {field}, which tables and figures show{unit}."
     texts = {"symbol": f"${quantity.symbol}$", "unit": quantity.unit, "meaning": quantity.meaning}
     for field, text in texts.items():
         if getattr(quantity, field) and not can_be_set(text):
             yield f"whose {name} has the {field} {getattr(quantity, field)!r}, {_UNSET}"
     if not low <= high or (low == high and quantity.open_ends):
-        yield f"whose {name} has bounds that leave no value: low is {low:g}, high is {high:g}."
+        yield f"whose {name} has bounds that allow no value: low is {low:g}, high is {high:g}."
     elif isinstance(quantity.default, int | float):
         undecided = start and math.isnan(quantity.default)  # a start that the model itself decides
         inside = low < quantity.default < high if quantity.open_ends else low <= quantity.default <= high
@@ -514,14 +531,14 @@ def _begun(model: Model) -> Callable[[Any, Any], _Begun]:
 
 
 def _by_value(model: Model) -> Iterator[str]:
-    """Faults that show at the defaults, then those that show over the ranges of parameters and starts."""
+    """Faults at the defaults, then faults over the ranges of parameters and starts."""
     # a simulator has thousands of operations, and each set of its parameters is a body
     costly = model.host_parameters or not isinstance(model, HybridModel)
     values, starts = sample(model, _SAMPLE // 8 if costly else _SAMPLE)
     found, known = _at_points(model, values, starts), {**values, **starts}
     default = jax.tree.map(lambda leaf: leaf[:1], found)
     if bool(default.fallen[0]):
-        yield "but its function failed says that its default start has fallen."
+        yield "but its function failed returns True for its default start."
     if default.guards is not None:
         yield from _not_finite("guards", default.guards, lambda row: written(known, row))
     yield from _sound(default, lambda row: written(known, row))
@@ -531,27 +548,25 @@ def _by_value(model: Model) -> Iterator[str]:
 def faults_of_rows(
     model: Model, values: Mapping[str, np.ndarray], starts: Mapping[str, np.ndarray], where: Where
 ) -> list[str]:
-    """Find faults as `faults` does, at parameters and starts (n,) of a job's own rows.
+    """Find faults as `faults` does, at parameters and starts (n,) of a job's rows.
 
     Args:
         model, values, starts: the rows; a model without `host_parameters`.
-        where: words that say which row is meant, by its place among these: " at the start of row 3".
+        where: function from the place of a row among these to words such as " at the start of row 3".
 
     Returns:
-        As `fault`: words that continue a sentence after the model's name.
+        Ends of sentences, as in `fault`.
     """
     found = _at_points(model, values, starts)
     said = [*_sound(found, where), *_in_order(model, found, where)]
     if np.all(found.fallen):
-        said.append(
-            f"but its function failed says that the start has fallen{where(0)} and in all others tried."
-        )
+        said.append(f"but its function failed returns True{where(0)} and at all other starts tried.")
     known = True if found.guards is None else ~np.any(np.isnan(found.guards), axis=1)
     for name, beyond in found.beyond.items():
         if (there := np.flatnonzero(beyond & known)).size:
             said.append(
                 f"which begins on or beyond the surface of its event {name!r}{where(int(there[0]))}: "
-                "the event happens only after its function has been below zero."
+                "the event occurs only after its function has been below zero."
             )
     return said
 
@@ -563,7 +578,7 @@ def _at_points(model: Model, values: Mapping[str, np.ndarray], starts: Mapping[s
 
 
 def _sound(found: _Begun, where: Where) -> Iterator[str]:
-    """Faults of starts: numbers that are not finite, and what changes where nothing has fired."""
+    """Faults of starts: numbers that are not finite, and changes although no event has fired."""
     numbers = {
         "init": found.own_state,
         "observe": found.observed,
@@ -580,24 +595,24 @@ def _sound(found: _Begun, where: Where) -> Iterator[str]:
         rows = _rows((np.asarray(old) != new) & ~(np.isnan(old) & np.isnan(new)))
         if rows.size:
             at = where(int(rows[0]))
-            text = f"but its function jump changes {field} where nothing fired{at}"
+            text = f"but its function jump changes {field} although no event has fired{at}"
             yield f"{text}: use jnp.where(fired[i], ...)."
     if (closed := np.flatnonzero(found.closes)).size:
-        yield f"but its function section closes a cycle where no event has fired{where(int(closed[0]))}."
+        yield f"but its function section closes a cycle although no event has fired{where(int(closed[0]))}."
 
 
 def _in_order(model: Model, found: _Begun, where: Where) -> Iterator[str]:
-    """Faults of periods, labels and events that show at some start."""
+    """Faults of periods, labels and events at any start."""
     period, gait = found.period, found.gait
     if (wrong := np.flatnonzero(~((period > 0.0) & (period < math.inf)))).size:
         at = where(int(wrong[0]))
-        yield f"but its function period gives {period[wrong[0]]:g}{at}, where it gives seconds above 0."
+        yield f"but its function period returns {period[wrong[0]]:g}{at}, but must return seconds above 0."
     seen = np.all([np.isfinite(each) for each in found.observed.values()], axis=0)
     if (wrong := np.flatnonzero(seen & ~((gait >= 0) & (gait < len(model.gaits))))).size:
         at = where(int(wrong[0]))
         yield (
-            f"but its function label gives gait {gait[wrong[0]]}{at}, where it gives an index into its "
-            f"gaits: 0 to {len(model.gaits) - 1}."
+            f"but its function label returns gait {gait[wrong[0]]}{at}, but must return the index of a gait, "
+            f"0 to {len(model.gaits) - 1}."
         )
     if not isinstance(model, HybridModel):
         return
@@ -608,14 +623,16 @@ def _in_order(model: Model, found: _Begun, where: Where) -> Iterator[str]:
     if (wrong := np.flatnonzero(sound & np.any(np.isnan(guards), axis=1))).size:
         at = where(int(wrong[0]))
         guard = int(np.flatnonzero(np.isnan(guards[wrong[0]]))[0])
-        yield f"but its function guards gives NaN for {_guard(model, guard)}{at}, where it never happens."
+        yield (
+            f"but its function guards returns NaN for {_guard(model, guard)}{at}, so this event never occurs."
+        )
     if model.simultaneous == "independent":
         apart = _dependent(model, params, state)
         for i, j in np.argwhere(np.any(apart, axis=0)).tolist():
             at = where(int(np.argmax(apart[:, i, j])))
             yield (
                 f'whose simultaneous is "independent", but the events {_guard(model, i)} and '
-                f"{_guard(model, j)} lead to different states in turn and in one jump{at}: leave it out."
+                f"{_guard(model, j)} lead to different states in two jumps and in one{at}: remove it."
             )
     # an armed event cannot fire twice without leaving its surface
     armed = isinstance(model, Declared) and all(event.rising for event in _declared_events(model))
@@ -624,7 +641,7 @@ def _in_order(model: Model, found: _Begun, where: Where) -> Iterator[str]:
     fires = _without_end(model, params, state)
     for guard in np.flatnonzero(np.any(fires, axis=0)).tolist():
         at = where(int(np.argmax(fires[:, guard])))
-        yield f"whose event {_guard(model, guard)} is not ended by its jump: it happens without end{at}."
+        yield f"whose event {_guard(model, guard)} is not ended by its jump and so occurs without end{at}."
 
 
 def _guard(model: HybridModel, guard: int) -> str:
@@ -725,7 +742,7 @@ def _not_finite(name: str, found: Any, where: Where) -> Iterator[str]:
         if (wrong := _rows(~np.isfinite(numbers))).size:
             field = jax.tree_util.keystr(path).strip(".[]'")
             of = f" for {field}" if field else ""
-            yield f"but its function {name} gives {numbers[wrong[0]]}{of}{where(int(wrong[0]))}."
+            yield f"but its function {name} returns {numbers[wrong[0]]}{of}{where(int(wrong[0]))}."
 
 
 def _rows(flags: np.ndarray) -> np.ndarray:

@@ -105,7 +105,7 @@ def data_files() -> Iterator[dict[Path, Stamp]]:
 
 @functools.cache
 def _listen() -> None:
-    """Let Python tell which files it opens, from now on."""
+    """Install a hook that records the files that Python opens."""
 
     def note(event: str, arguments: tuple[Any, ...]) -> None:
         if event != "open" or (opened := _OPENED.get()) is None:

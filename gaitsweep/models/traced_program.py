@@ -33,7 +33,7 @@ _ADDRESS = re.compile(r"0x[0-9a-f]+")
 class TracedProgram:
     """Program that the functions of a model compute.
 
-    `digests` are those of the functions, by name; empty for gaitsweep's own models, which its version tells.
+    `digests` are those of the functions, by name; empty for gaitsweep's models, which its version identifies.
     `varying` is a function that is another one each time it is traced, or None.
     """
 
@@ -42,14 +42,14 @@ class TracedProgram:
 
 
 def unrepeatable(model: Model) -> str | None:
-    """Return why a model cannot be run again with the same result, in words after its name, or None."""
+    """The reason why a model is not reproducible, as the end of a sentence after its name, or None."""
     varying = traced_program(model).varying
     if varying is None:
         return None
     return (
         f"but its function {varying} differs each time that it is traced: it draws random numbers or reads a "
-        "clock, once, when it is compiled. Make such a number a parameter, or a constant of the module with "
-        "a fixed seed."
+        "clock when it is compiled. Make such a number a parameter, or a constant of the module with a fixed "
+        "seed."
     )
 
 
@@ -57,7 +57,7 @@ def unrepeatable(model: Model) -> str | None:
 def traced_program(model: Model) -> TracedProgram:
     """Trace the functions of a user's model twice, and compare.
 
-    Functions that cannot be traced are left out: `models.conformity` says why they cannot.
+    Functions that cannot be traced are left out; `models.conformity` reports them.
     """
     if type(model).__module__.startswith("gaitsweep."):
         return TracedProgram({})
@@ -123,7 +123,7 @@ def _digests(model: Model) -> Iterator[tuple[str, str]]:
 
 
 class _Traced:
-    """Functions as they are traced, and the shapes of their results."""
+    """Traced functions, and the shapes of their results."""
 
     def __init__(self) -> None:
         self.shapes: dict[str, Any] = {}

@@ -1,6 +1,6 @@
-"""Figures from tables; each function is a kind of figure that a job may ask for.
+"""Figures from tables; each function is a kind of figure for jobs.
 
-`figure_kind` makes a kind of a function, and `register` adds a class; both before its jobs are read.
+`figure_kind` turns a function into a kind, and `register` adds a class; call them before jobs are read.
 """
 
 from __future__ import annotations

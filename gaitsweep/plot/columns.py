@@ -1,4 +1,4 @@
-"""Reads tables for figures: columns by name, their labels on axes, the outcomes of rows."""
+"""Columns of tables for figures: columns by name, their labels on axes, the outcomes of rows."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _WORDS = {"t": "time", "t_end": "time at the end", "crossing": "cycle", "cycles"
 
 
 class PlotError(UserError, ValueError):
-    """A figure cannot be made from this table; the message is a sentence for the user."""
+    """A figure cannot be drawn from this table; the message is a sentence for the user."""
 
 
 def column(table: pd.DataFrame, name: str, suffixes: Sequence[str] = ("",)) -> str:
-    """The column that `name` means: the first of name + suffix that the table has.
+    """The column with a name and the first of some suffixes that the table has.
 
     Raises:
-        PlotError: the table has none; the message names the near miss and the columns.
+        PlotError: the table has no such column; the message names the near miss and the columns.
     """
     for suffix in suffixes:
         if name + suffix in table.columns:
@@ -56,7 +56,7 @@ def moved_parameter(table: pd.DataFrame) -> str | None:
 
 
 def is_logarithmic(table: pd.DataFrame, name: str) -> bool:
-    """Whether the table's job varies a column in equal ratios (`logspace`): its axes are logarithmic."""
+    """Whether the table's job varies a column in equal ratios (`logspace`), on a logarithmic axis."""
     groups = written_groups(table.attrs.get("job", {}).get("vary"))
     axes = [group[name] for _, group in groups if name in group]
     return any(isinstance(axis, Mapping) and "logspace" in axis for axis in axes)
@@ -70,14 +70,14 @@ def log_axes(axes: Axes, table: pd.DataFrame, **along: str) -> None:
 
 
 def base_name(name: str) -> str:
-    """The quantity that a column holds: psi_1 for psi_1_end and psi_1_n."""
+    """The quantity in a column: psi_1 for psi_1_end and psi_1_n."""
     return re.sub(r"_(end|n)\Z", "", name) if re.fullmatch(r"\w+_\w+_(end|n)", name) else name
 
 
 def symbol(table: pd.DataFrame, name: str) -> str:
     """A column's symbol in TeX: from `table.attrs["quantities"]`, else from its name.
 
-    A symbol that Matplotlib cannot set gives way to the name.
+    If Matplotlib cannot typeset the symbol, the name is used.
     """
     quantities = table.attrs.get("quantities", {})
     base = _bare(name) if name not in quantities and _bare(name) in quantities else base_name(name)
@@ -100,7 +100,7 @@ def axis_label(table: pd.DataFrame, name: str) -> str:
 
 
 def unit_of(table: pd.DataFrame, name: str) -> str:
-    """A column's unit; empty where it has none."""
+    """A column's unit, or an empty text."""
     unit = _quantity(table, name).get("unit", "rad" if is_angle(table, name) else _UNITS.get(name, ""))
     return "" if unit == "1" else settable(str(unit))
 
@@ -116,7 +116,7 @@ def described(table: pd.DataFrame, name: str, width: int = 44) -> str:
 
 
 def written(table: pd.DataFrame, name: str, value: object) -> str:
-    """The value of a column as text: `f = 2.6 Hz`, angles in multiples of pi."""
+    """Format the value of a column: `f = 2.6 Hz`, angles in multiples of pi."""
     if not isinstance(value, int | float | np.number):
         return f"{symbol(table, name)} = {value}"
     number = float(value)
@@ -128,7 +128,7 @@ def written(table: pd.DataFrame, name: str, value: object) -> str:
 
 
 def row_names(table: pd.DataFrame, without: Sequence[str] = ()) -> dict[Any, str]:
-    """The name of each row: the values of the swept axes that differ between them; its number without any.
+    """The name of each row: the values of the axes that differ between the rows, or its number.
 
     Args:
         without: axes that are named elsewhere, such as that of the panels.

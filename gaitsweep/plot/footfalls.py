@@ -51,31 +51,29 @@ def footprints(
     panels: Panels = "row",
     titles: Annotated[Sequence[Text] | None, "titles of the panels, in order"] = None,
     guides: Annotated[
-        Flag, "whether swings of neighbouring legs that follow each other are joined, in their wave's colour"
+        Flag, "whether to join successive swings of neighbouring legs, in the colour of their wave"
     ] = True,
     window: Window = None,
     title: Title = None,
 ) -> Figure:
-    """A bar for each limb while it is on the ground, the first on top; time in s below, in cycles above.
+    """A bar for each limb on the ground, the first limb on top; time in s below, in cycles above.
 
-    Limbs have the names and colours of `gaitsweep animate`. Cycles count from the begin of what is shown.
+    Limbs have the names and colours of `gaitsweep animate`. Cycles count from the beginning of the window.
 
-    Losses of contact shorter than half a swing are filled; the legend says how many, and how long at most.
-    In a chain of legs the link whose lag is free along the analytic solutions has a colour of its own.
+    Losses of contact shorter than half a swing are filled; the legend gives their number and the longest one.
+    In a chain of legs the link whose lag is free along the analytic solutions has its own colour.
 
     Args:
         table: a trace table with columns t (s) and contact_1, contact_2, ... (1 on the ground).
 
     Raises:
-        PlotError: t, panels or the contacts are not in the table.
+        PlotError: the table lacks t, panels or the contacts.
     """
     column(table, "t")
     found = (re.fullmatch(r"contact_(\d+)", str(name)) for name in table.columns)
     legs = sorted(int(match[1]) for match in found if match)
     if not legs:
-        raise PlotError(
-            "The table has no columns contact_1, contact_2, ...: footprints are made from a trace."
-        )
+        raise PlotError("The table has no columns contact_1, contact_2, ...: footprints need a trace.")
     parts: list[tuple[Any, pd.DataFrame]] = [(None, table)]
     if panels is not None:
         parts = list(table.groupby(column(table, panels), sort=True, observed=True))
@@ -124,7 +122,7 @@ def _filled(hops: Sequence[float]) -> str | None:
 def _heading(
     table: pd.DataFrame, panels: str | None, value: Any, number: int, titles: Sequence[str]
 ) -> str | None:
-    """A panel's title: the one given for its row or position, else the value of its column."""
+    """A panel's title: the given one, else the value of its column."""
     if value is None:
         return titles[0] if titles else None
     place = int(value) if panels == "row" else number  # rows of a partial table keep their own titles
@@ -183,7 +181,7 @@ def _panel(
 
 
 def _free_link(part: pd.DataFrame, legs: int) -> int | None:
-    """The neighbouring limbs whose phase difference is free by the model, 1 on; None where there are none."""
+    """The first of two neighbouring limbs whose phase difference the model leaves free, from 1, or None."""
     model = model_of(part)
     return None if model is None else model.free_link(part, legs)
 

@@ -1,6 +1,6 @@
-"""The interface of a kind of figure: its fields, the runs and columns that it needs, its drawing.
+"""The interface of a kind of figure: its fields, its runs and columns, and its drawing.
 
-`figure_kind` makes a kind of a function that draws; its fields in a job are the function's arguments.
+`figure_kind` turns a drawing function into a kind; its fields in a job are the function's arguments.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from gaitsweep.schema.strict_model import Registry, StrictModel, kind_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# What an argument names: a column of the table, one of numbers that is drawn along an axis, an observable.
+# Types of arguments that name a column of the table, a numeric column along an axis, or an observable.
 Column = Annotated[Text, "column_fields"]
 AlongAxis = Annotated[Text, "column_fields", "axis_fields"]
 Observable = Annotated[Text, "observable_fields"]
@@ -40,19 +40,21 @@ Vertical = Annotated[AlongAxis, "column along the vertical axis"]
 Observed = Annotated[Observable, "observable of the model"]
 GaitColumn = Annotated[Column, "column of the gait"]
 Hue = Annotated[Column, "column that colours the points"]
-Panels = Annotated[Column | None, "column of which each value gets a panel"]
-Name = Annotated[Stem | None, Field(description="file stem of the figure; its kind if not given")]
+Panels = Annotated[Column | None, "column whose values have a panel each"]
+Name = Annotated[
+    Stem | None, Field(description="name of the figure's file without ending; by default its kind")
+]
 Title = Annotated[Text | None, "text above the figure"]
 Bandwidth = Annotated[
     Positive | None,
-    "half the window of the smoothing, in the unit of y; if not given, 0.05 rad for an angle, and a "
-    "twentieth of the range of other values",
+    "half-width of the smoothing window, in the unit of y; by default 0.05 rad for an angle, and a twentieth "
+    "of the range of other values",
 ]
 
 Window = Annotated[
     Sequence[Real] | None,
     Field(min_length=2, max_length=2),
-    "begin and end of what is shown, in s; all if not given",
+    "beginning and end of the time that is shown, in s; by default all",
 ]
 
 TEXT_COLUMNS = frozenset({"status", "gait", "outcome", "special", "end", "slowest", "stalled_by"})
@@ -62,7 +64,7 @@ Refusal = tuple[Path, str]  # where in the figure, and the end of the sentence
 
 @dataclasses.dataclass(frozen=True)
 class PlannedTable:
-    """Facts about a table before its job runs: the rows, the run, and the names of its columns."""
+    """The rows, the run and the columns of a table whose job has not run yet."""
 
     rows: Design
     run: RunKind
@@ -77,22 +79,22 @@ class PlannedTable:
         return self.rows.names
 
     def missing(self, names: Sequence[str]) -> str | None:
-        """The first of the names that is no column."""
+        """The first of the names that is not a column."""
         return next((name for name in names if name not in self.columns), None)
 
     def unit(self, column: str) -> str:
-        """A column's unit; empty where it has none."""
+        """A column's unit, or an empty text."""
         quantities = {c.name: c.quantity for c in self.run.all_columns(self.model) if c.quantity is not None}
         quantities |= {q.name: q for q in (*self.model.parameters, *self.model.initial_conditions)}
         return quantities[column].unit if column in quantities else ""
 
 
 class FigureKind(StrictModel):
-    """A figure that a job may ask for.
+    """A figure of a job.
 
     A kind has a field `kind: Literal["its_name"]` and may have `title` and `name`; its other fields are
-    arguments of `draw`, which gets the table first. `check` finds what the job alone shows to be wrong; what
-    only the table shows is refused by `draw`.
+    arguments of `draw`, whose first argument is the table. `check` finds errors that the job alone shows;
+    `draw` refuses errors that only the table shows.
     """
 
     draw: ClassVar[Callable[..., Figure]]
@@ -104,16 +106,16 @@ class FigureKind(StrictModel):
 
     @property
     def kind_name(self) -> str:
-        """The value of its field `kind`."""
+        """The value of the field `kind`."""
         return kind_of(type(self))
 
     @property
     def stem(self) -> str:
-        """The name of its file, without the ending."""
+        """The name of its file without ending."""
         return getattr(self, "name", None) or self.kind_name
 
     def suits(self, run: RunKind) -> bool:
-        """Whether it can be drawn of a run's table."""
+        """Whether it can be drawn from a run's table."""
         return run.kind_name in self.runs or self.kind_name in run.figures
 
     def columns(self) -> dict[str, str]:
@@ -124,7 +126,7 @@ class FigureKind(StrictModel):
         }
 
     def observed(self) -> dict[Path, str]:
-        """The observables that it names, by where in it they stand."""
+        """The observables that it names, by their paths in the figure's fields."""
         return self._named(self.observable_fields)
 
     def _named(self, fields: Sequence[str]) -> dict[Path, str]:
@@ -136,11 +138,11 @@ class FigureKind(StrictModel):
         return {place: name for place, name in places.items() if name not in (None, *self.worked_out)}
 
     def check(self, table: PlannedTable) -> Iterator[Refusal]:
-        """Return why this kind of figure cannot be drawn of the table, beside the checks of all kinds."""
+        """Errors of this kind of figure for the table, besides those checked for all kinds."""
         yield from ()
 
     def refusals(self, table: PlannedTable) -> Iterator[Refusal]:
-        """Return why it cannot be drawn of a table that has the columns and observables named."""
+        """Errors of the figure for a table that has its columns and observables."""
         yield from self._titles()
         along = [(field, getattr(self, field)) for field in self.axis_fields]
         for number, (field, column) in enumerate(along):
@@ -148,21 +150,22 @@ class FigureKind(StrictModel):
                 numbers = [name for name in table.columns if name not in TEXT_COLUMNS]
                 yield (
                     (field,),
-                    f"is {column}, which has no numbers for an axis. {near_miss.allowing(numbers)}",
+                    f"is {column}, which is not numeric and cannot be an axis. {near_miss.allowing(numbers)}",
                 )
             elif column is not None and column in [other for _, other in along[:number]]:
-                yield (field,), f"is {column}, as {along[0][0]} is: name another column."
+                yield (field,), f"is {column}, like {along[0][0]}: name another column."
         yield from self.check(table)
 
     def needs(self, table: PlannedTable, what: str) -> Refusal:
         """The refusal of a table that lacks columns."""
         text = (
-            f"is {self.kind_name}, which needs {what}: a run of {table.run.kind_name} of {table.model.name}"
+            f"is {self.kind_name}, which needs {what}: a run of kind {table.run.kind_name} of "
+            f"{table.model.name}"
         )
         return ("kind",), f"{text} has no such column."
 
     def _titles(self) -> Iterator[Refusal]:
-        """Refusals of texts that Matplotlib cannot typeset between dollar signs."""
+        """Errors in texts that Matplotlib cannot typeset between dollar signs."""
         texts: list[tuple[Path, str]] = []
         for field in ("title", "titles", "points", "intervals", "ticks"):
             written: Any = getattr(self, field, None)
@@ -173,17 +176,17 @@ class FigureKind(StrictModel):
                           for at, each in enumerate(written)]  # fmt: skip
         for path, text in texts:
             if not can_be_set(text):
-                told = f"is {found(text)}, whose formula Matplotlib cannot set"
-                yield path, f"{told}: write TeX between two dollar signs, and \\$ for a dollar."
+                told = f"is {found(text)}, whose formula Matplotlib cannot typeset"
+                yield path, f"{told}: write TeX between two dollar signs, and \\$ for a dollar sign."
 
     def __reduce__(self) -> tuple[Callable[..., FigureKind], tuple[str, dict[str, Any]]]:
         return _unpickled, (self.kind_name, dict(self))  # the class of a function has no name in its module
 
 
 def check_window(figure: Any) -> Iterator[Refusal]:
-    """Return why a figure's window shows nothing, or None."""
+    """Errors of a figure's window."""
     if figure.window is not None and not figure.window[0] < figure.window[1]:
-        yield ("window",), f"is {found(figure.window)}, but its begin comes before its end."
+        yield ("window",), f"is {found(figure.window)}, but its beginning must be before its end."
 
 
 FIGURES: Registry[FigureKind] = Registry("figure", module="gaitsweep.plot.kinds")
@@ -196,13 +199,13 @@ def figure_kind(
     check: Callable[[Any, PlannedTable], Iterator[Refusal]] | None = None,
     worked_out: tuple[str, ...] = (),
 ) -> Callable[[Callable[Spec, Figure]], Callable[Spec, Figure]]:
-    """Decorates a function from a table to a figure: it is registered, and its figures carry remarks.
+    """Register a function from a table to a figure as a kind; its figures carry remarks. A decorator.
 
-    Its arguments that are annotated with a description are the kind's fields in a job, besides `name`.
+    Arguments of the function with an annotated description are fields of the kind in a job, besides `name`.
 
     Args:
-        runs: the kinds of runs that it suits.
-        check: as `FigureKind.check`, of the figure in a job and the table that the job will have.
+        runs: the run kinds whose tables it can show.
+        check: like `FigureKind.check`, for the figure in a job and the planned table.
         worked_out: columns that it adds to the table.
     """
 
@@ -235,15 +238,15 @@ def figure_kind(
 
 
 def draw(kind: str, table: pd.DataFrame, **spec: Any) -> Figure:
-    """The figure of one kind from a table.
+    """Draw a figure of some kind from a table.
 
     Args:
         kind: a key of FIGURES.
-        table: a result table, as `gaitsweep.load` gives it.
-        spec: the figure's own arguments.
+        table: a result table from `gaitsweep.load`.
+        spec: the arguments of the kind.
 
     Raises:
-        PlotError: the kind is not known, or the table lacks a column of the figure.
+        PlotError: the kind is unknown, or the table lacks a column of the figure.
     """
     if kind not in FIGURES:
         raise PlotError(f"{kind} is not a kind of figure{near_miss.suggestion(kind, FIGURES)}")
@@ -283,7 +286,7 @@ def _in_job(annotation: Any) -> Any:
 
 
 def _parts(annotations: Sequence[Any]) -> Iterator[Any]:
-    """Annotations and all that they are made of."""
+    """Annotations and all their parts."""
     for each in annotations:
         yield each
         yield from _parts(get_args(each))

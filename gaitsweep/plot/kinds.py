@@ -1,4 +1,4 @@
-"""All kinds of figures: those of gaitsweep, and those that extensions bring."""
+"""All kinds of figures: those of gaitsweep and those of extensions."""
 
 from __future__ import annotations
 

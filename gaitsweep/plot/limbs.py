@@ -28,7 +28,7 @@ class Placed(Protocol):
 
 
 def limb_colours(limbs: Iterable[Placed]) -> list[str]:
-    """A colour for each limb: that of its pair, lighter on the far side; black if all are alike."""
+    """A colour for each limb: that of its pair, lighter on the far side; black if all are equal."""
     places = [(limb.pair, limb.far) for limb in limbs]
     if len(set(places)) == 1:
         return [_ALIKE] * len(places)
@@ -41,7 +41,7 @@ def limb_colours(limbs: Iterable[Placed]) -> list[str]:
 
 
 def model_of(table: pd.DataFrame) -> Model | None:
-    """The model of a table with its structure; None where it is not here, or the table has no job."""
+    """The model of a table with its structure; None if it is unavailable or the table has no job."""
     job = table.attrs.get("job", {})
     try:
         return models.find_of_table(table.attrs)(**job.get("structure", {}))

@@ -27,7 +27,7 @@ def sensitivity_figure(indices: pd.DataFrame) -> Figure:
     """Bars of the indices of each output, the most important parameter on top.
 
     Args:
-        indices: one record an index, with columns as `gaitsweep.fitting.indices.COLUMNS`; `.attrs` may have
+        indices: one record per index, with the columns `gaitsweep.fitting.indices.COLUMNS`; `.attrs` may have
             `quantities` with symbols and units.
     """
     outputs = list(dict.fromkeys(indices["output"]))
@@ -62,7 +62,7 @@ def _panel(axes: Axes, here: pd.DataFrame, indices: pd.DataFrame) -> dict[str, A
     of = {(row["parameter"], row["index"]): row for row in here.to_dict("records")}
 
     def column(index: str, field: str) -> np.ndarray:
-        """A field of an index for each parameter; NaN where it is not there."""
+        """A field of an index for each parameter; NaN if it is missing."""
         return np.array([of.get((name, index), {}).get(field, np.nan) for name in names], float)
 
     known = any(np.isfinite(column(index, "value")).any() for index in drawn)

@@ -61,7 +61,7 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
 
 
 def colours(names: Iterable[str]) -> dict[str, str]:
-    """A colour for each name: a gait's own, spare colours for the others in their order."""
+    """A colour for each name: that of a gait, else spare colours in order."""
     names, own = list(names), {name: colour for name, (colour, _) in gait_styles().items()} | dict(COLOURS)
     free = [colour for colour in SPARE_COLOURS if colour not in {own.get(name) for name in names}]
     others = [name for name in names if name not in own]
@@ -78,7 +78,7 @@ def markers(names: Iterable[str]) -> dict[str, str]:
 
 
 def angle_axis(axes: Axes, which: str, steps: int = 4) -> None:
-    """Show an angle on axis x, y or z, ticks at multiples of pi, `steps` intervals a turn.
+    """Show an angle on axis x, y or z with ticks at multiples of pi, `steps` intervals per turn.
 
     The axis extends from 0 to 2 pi, or only over the data if they take less than half of that.
     """
@@ -99,7 +99,7 @@ def _half_a_turn(axes: Axes, which: str) -> bool:
 
 
 def percent(share: float) -> str:
-    """A share in whole per cent, for a legend."""
+    """Format a fraction in whole per cent, for a legend."""
     return "<1" if 0.0 < share < 0.005 else f"{100 * share:.0f}"
 
 
@@ -114,7 +114,7 @@ def angle_ticks(axes: Axes, which: str) -> None:
 
 
 def in_pi(angle: float, *, fractions: bool = True) -> str:
-    """An angle (rad) as a multiple of pi: 3π/4, or 0.77π if it is no round fraction."""
+    """Format an angle (rad) as a multiple of pi: 3π/4, or 0.77π if it is not a simple fraction."""
     turns = round(angle / np.pi, 4)
     if turns == round(turns):
         return {0: "0", 1: "π", -1: "−π"}.get(round(turns), f"{round(turns)}π").replace("-", "−")

@@ -1,1 +1,1 @@
-"""How text becomes a checked value: documents, numbers, strict models, and what is wrong with them."""
+"""Conversion of text to checked values: documents, numbers, strict models, and diagnostics."""

@@ -28,13 +28,16 @@ _DEEPEST = 4  # lists inside lists that are quoted
 
 @dataclasses.dataclass(frozen=True)
 class Diagnostic:
-    """An error: the path of the field, the end of the sentence, and the file and line, if known."""
+    """An error in a field: its path, the text that follows the field's name, and the file and line if known.
+
+    The text follows the name after a space, or directly where it begins with a colon.
+    """
 
     path: Path
     text: str
     file: str = ""
     line: int | None = None
-    place: str = ""  # "--set key=value" where that, not a line, brought it in
+    place: str = ""  # "--set key=value" if the field was set there and not in a line of the file
 
     def __str__(self) -> str:
         parts = [self.file] if self.file else []
@@ -44,12 +47,13 @@ class Diagnostic:
             parts.append(f"line {self.line}")
         where = ", ".join(parts)
         field = shown(self.path)
-        what = printable(clipped_words(f"{field} {self.text}" if field else self.text))
+        joined = "" if self.text.startswith(":") else " "
+        what = printable(clipped_words(f"{field}{joined}{self.text}" if field else self.text))
         return f"{printable(where)}: {what}" if where else what
 
 
 class JobError(UserError):
-    """A job that cannot be run: `diagnostics` has all that is wrong, the message the first few."""
+    """A job that cannot be run: `diagnostics` has all errors, the message the first few."""
 
     def __init__(self, diagnostics: Sequence[Diagnostic]) -> None:
         self.diagnostics = tuple(dict.fromkeys(diagnostics))
@@ -63,7 +67,7 @@ class JobError(UserError):
 
 
 def printable(text: str) -> str:
-    """A text on one line, with a space for each line's end and an escape for whatever a terminal obeys."""
+    """A text on one line: line ends become spaces, and control characters are escaped."""
     if text.isprintable():
         return text
     return "".join(
@@ -73,19 +77,19 @@ def printable(text: str) -> str:
 
 
 def clipped(text: str) -> str:
-    """A text short enough to be quoted."""
+    """A text, shortened so that it can be quoted."""
     return text if len(text) <= _TEXT_LIMIT else f"{text[: _TEXT_LIMIT - 3]}..."
 
 
 def clipped_words(text: str) -> str:
-    """A sentence without words longer than anybody reads: a key of a thousand letters."""
+    """A sentence with overlong words shortened, such as a key of a thousand letters."""
     if len(text) > _LONGEST_SENTENCE:
         text = f"{text[:_LONGEST_SENTENCE]}..."
     return re.sub(rf"\S{{{_LONGEST_WORD + 1},}}", lambda word: f"{word[0][: _LONGEST_WORD - 3]}...", text)
 
 
 def shown(path: Path) -> str:
-    """A path as a reader would write it: vary.psi_1.linspace[0]."""
+    """A path in dotted notation: vary.psi_1.linspace[0]."""
     text = ""
     for part in path:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
@@ -117,7 +121,7 @@ def _written(value: object, depth: int) -> str:
 
 
 def _some(texts: Iterator[str]) -> Iterator[str]:
-    """As many of the texts as are shown, and one more."""
+    """The first texts, one more than are shown."""
     length = 0
     for text in texts:
         yield text
@@ -127,7 +131,7 @@ def _some(texts: Iterator[str]) -> Iterator[str]:
 
 
 def refuse(wrong: Sequence[Diagnostic]) -> None:
-    """Raise JobError where something is wrong."""
+    """Raise JobError if there are diagnostics."""
     if wrong:
         raise JobError(wrong)
 
@@ -135,7 +139,7 @@ def refuse(wrong: Sequence[Diagnostic]) -> None:
 def unknown_field(
     path: Path, section: str, allowed: Iterable[str], former: Mapping[str, str] | None = None
 ) -> Diagnostic:
-    """The diagnostic of a field that its section does not have; `former`: names that fields had before."""
+    """The diagnostic of a field that its section does not have; `former` maps older names to new ones."""
     field = str(path[-1])
     of = f" of {section}" if section else ""
     if former and field in former:
@@ -145,7 +149,7 @@ def unknown_field(
 
 @dataclasses.dataclass(frozen=True)
 class SchemaSection:
-    """A section of a job: its name in a sentence, its class, and the field whose union it belongs to."""
+    """A section of a job: its name in messages, its class, and the field whose union it belongs to."""
 
     words: str
     model: type[StrictModel]
@@ -174,7 +178,7 @@ def from_pydantic(
 def read_model(
     model: type[ModelT], value: Any, path: Path, wrong: list[Diagnostic], words: str = ""
 ) -> ModelT | None:
-    """The value at `path` as a strict model, or None with what is wrong with it added to `wrong`.
+    """The value at `path` as a strict model, or None, with its diagnostics added to `wrong`.
 
     `words` name it in a sentence, by default the last step of its path.
     """
@@ -204,39 +208,46 @@ def _from_details(
         return _about_kind(path, value, sections)
     if sort in ("too_short", "too_long"):
         end, limit = ("at least", "min_length") if sort == "too_short" else ("at most", "max_length")
-        return Diagnostic(path, f"has {context['actual_length']} items, but takes {end} {context[limit]}.")
+        return Diagnostic(
+            path, f"has {context['actual_length']} items, but must have {end} {context[limit]}."
+        )
     if sort == "list_type":
-        return Diagnostic(path, f"is {found(value)}, but takes a list in brackets.")
+        return Diagnostic(path, f"is {found(value)}, but must be a list in brackets.")
     if sort == "model_attributes_type" and (loc == ("run",) or loc[:1] == ("figures",)):
         return _about_kind(path, value, sections)
     if sort in ("model_type", "dict_type", "model_attributes_type"):
         inner = sections.get(_key(loc, -1) if loc else "")
         fields = f" {near_miss.allowing(inner.fields)}" if inner else ""
-        return Diagnostic(path, f"is {found(value)}, but takes fields (key: value).{fields}")
-    return Diagnostic(path, f"is {found(value)}, which this field does not take.")
+        return Diagnostic(path, f"is {found(value)}, but must be a mapping (key: value).{fields}")
+    return Diagnostic(path, f"is {found(value)}, which is not allowed here.")
 
 
 def _about_kind(path: Path, value: object, sections: dict[str, SchemaSection]) -> Diagnostic:
     kinds = [tag.rpartition(".")[2] for tag, section in sections.items() if section.union == path[0]]
     former = former_names.RUN_KINDS if path[0] == "run" else None
-    return wrong_kind(path, value, kinds, former) or Diagnostic(path, f"is {found(value)}.")
+    noun = "a run kind" if path[0] == "run" else "a figure kind"
+    return wrong_kind(path, value, kinds, former, noun) or Diagnostic(path, f"is {found(value)}.")
 
 
 def wrong_kind(
-    path: Path, value: object, kinds: Collection[str], former: Mapping[str, str] | None = None
+    path: Path,
+    value: object,
+    kinds: Collection[str],
+    former: Mapping[str, str] | None = None,
+    noun: str = "an allowed kind",
 ) -> Diagnostic | None:
-    """The diagnostic of fields whose `kind` is not one of `kinds`; None where it is."""
+    """The diagnostic of a mapping whose `kind` is not one of `kinds`, or None."""
     if not isinstance(value, Mapping):
-        text = f"is {found(value)}, but takes fields, kind among them. {near_miss.allowing(kinds)}"
+        text = f"is {found(value)}, but must be a mapping with the field kind. {near_miss.allowing(kinds)}"
         return Diagnostic(path, text)
     if "kind" not in value:
         return Diagnostic((*path, "kind"), f"is missing. {near_miss.allowing(kinds)}")
     kind = value["kind"]
     if isinstance(kind, str) and kind in kinds:
         return None
-    text = f"is {found(kind)}, which is none{near_miss.suggestion(str(kind), kinds)}"
+    text = f": {found(kind)} is not {noun}{near_miss.suggestion(str(kind), kinds)}"
     if former and isinstance(kind, str) and kind in former:
-        text = f"is {kind}, which is called {former[kind]} now: write {former[kind]}."
+        text = f": {kind} is now called {former[kind]}; write {former[kind]}."
     return Diagnostic((*path, "kind"), text)
 
 

@@ -1,4 +1,4 @@
-"""Names that older versions wrote into jobs, and what they are called now."""
+"""Names that older versions wrote into jobs, and their present names."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ METHODS = {"exact": "propagator", "stabilised": "propagator6"}
 
 
 def renamed(job: dict[str, Any]) -> dict[str, Any]:
-    """A job with the names of today; the same object where it has no older ones."""
+    """A job with the present names; the same object if it has no older ones."""
     run, numerics = job.get("run"), job.get("numerics")
     changed: dict[str, Any] = {}
     if isinstance(run, dict) and isinstance(run.get("kind"), str):

@@ -26,7 +26,7 @@ from gaitsweep.schema.diagnostics import Diagnostic, JobError, found
 
 @dataclass(frozen=True)
 class Scope:
-    """Names that expressions outside `vary` may use, and the reason why others may not be used."""
+    """Names that expressions outside `vary` may use, and reasons why other names are not allowed."""
 
     fixed: Mapping[str, float] = field(default_factory=dict)
     moving: Mapping[str, str] = field(default_factory=dict)  # name -> "varies in this job"
@@ -40,20 +40,20 @@ MOST_POINTS = 10**7  # of an axis
 _LONGEST_TEXT = 1000
 _STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 _TRAPS: tuple[tuple[re.Pattern[str], str], ...] = (
-    (re.compile(r"^\s*\d+:\d"), "which some YAML readers take for base 60: write one plain number"),
+    (re.compile(r"^\s*\d+:\d"), "which some YAML readers read in base 60; write a plain number"),
     (re.compile(r"^\s*\d{4}-\d{1,2}-\d{1,2}([Tt ].*)?\Z"), "which is a date, not a number"),
     (
         re.compile(r"^\s*[-+]?0\d+\s*\Z"),
-        "which some readers take for base 8: write it without the leading zero",
+        "which some readers read in base 8; write it without the leading zero",
     ),
-    (re.compile(r"^\s*[-+]?\.?(inf(inity)?|nan)\s*\Z", re.IGNORECASE), "but takes a finite number"),
-    (re.compile(r"^\s*[-+]?\d+,\d+\s*\Z"), "but a decimal point is a dot"),
-    (re.compile(r"^\s*(yes|no|on|off|true|false)\s*\Z", re.IGNORECASE), "but takes a number"),
+    (re.compile(r"^\s*[-+]?\.?(inf(inity)?|nan)\s*\Z", re.IGNORECASE), "but must be a finite number"),
+    (re.compile(r"^\s*[-+]?\d+,\d+\s*\Z"), "but the decimal point must be a dot"),
+    (re.compile(r"^\s*(yes|no|on|off|true|false)\s*\Z", re.IGNORECASE), "but must be a number"),
 )
 
 
 def not_text(value: str) -> str | None:
-    """The first character of a text that no figure can show, in words; None where all can be shown."""
+    """The first character of a text that figures cannot show, in words, or None."""
     if value.isprintable():
         return None
     for each in value:
@@ -63,20 +63,18 @@ def not_text(value: str) -> str | None:
 
 
 class InvalidValue(ValueError):
-    """A value that a field does not take; the message goes on from the field's name."""
+    """A value that a field does not allow; the message follows the field's name."""
 
 
 def read_number(value: Any) -> float | str:
-    """A float, or the text of an expression that names parameters, without its spaces.
+    """A float, or the text of an expression that names parameters, without spaces.
 
     Raises:
-        InvalidValue: what is not a finite number or arithmetic; YAML's traps (1:30, 010, dates) are named.
+        InvalidValue: it is not a finite number or arithmetic; YAML's traps (1:30, 010, dates) are explained.
     """
     if isinstance(value, str):
         if not effort.spend("expressions"):  # no diagnostic for each: the reading ends here
-            text = (
-                f"has more than {effort.MOST['expressions']} numbers that are written as text or expressions."
-            )
+            text = f"has more than {effort.MOST['expressions']} numbers written as text or expressions."
             raise JobError([Diagnostic((), text)])
         for trap, sentence in _TRAPS:
             if len(value) < 100 and trap.match(value):
@@ -86,18 +84,18 @@ def read_number(value: Any) -> float | str:
         except ExpressionError as error:
             raise InvalidValue(f"is not a number: {error}") from None
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise InvalidValue(f"is {found(value)}, but takes a number.")
+        raise InvalidValue(f"is {found(value)}, but must be a number.")
     try:
         return evaluate(float(value), {}) + 0.0  # turns -0.0 into 0.0, which decide the same rows
     except (ExpressionError, OverflowError):
-        raise InvalidValue(f"is {found(value)}, but takes a finite number.") from None
+        raise InvalidValue(f"is {found(value)}, but must be a finite number.") from None
 
 
 def read_fixed(value: Any) -> float | None:
-    """A float, expressions evaluated over the job's `SCOPE`; None where the names cannot be known yet.
+    """A float, expressions evaluated over the job's `SCOPE`; None if the names are not known yet.
 
     Raises:
-        InvalidValue: as `read_number`; names that vary in this job, or that the model does not have.
+        InvalidValue: as `read_number`; or a name varies in this job or is unknown to the model.
     """
     number = read_number(value)
     if not isinstance(number, str):
@@ -112,7 +110,7 @@ def read_fixed(value: Any) -> float | None:
             )
         if name not in scope.fixed:
             near = near_miss.suggestion(name, [*scope.fixed, *CONSTANTS])
-            raise InvalidValue(f'is "{number}", but {name} is not known here{near}')
+            raise InvalidValue(f'is "{number}", but {name} is unknown here{near}')
     try:
         return evaluate(number, scope.fixed)
     except ExpressionError as error:
@@ -144,7 +142,7 @@ def read_whole(value: Any, low: int, high: int) -> int:
     if number is None:
         return low
     if number != math.floor(number):
-        raise InvalidValue(f"is {number:g}, but takes a whole number.")
+        raise InvalidValue(f"is {number:g}, but must be a whole number.")
     if not low <= number <= high:
         raise InvalidValue(f"is {number:g}, but must be a whole number from {low} to {high}.")
     return int(number)
@@ -156,7 +154,7 @@ def read_each(value: Any) -> float | dict[str, float]:
         return read_real(value, low=0.0, open_ends=True)
     if not value:
         raise InvalidValue(
-            "is an empty mapping, but takes a number above 0, or one for each of some observables."
+            "is an empty mapping, but must be a number above 0, or such numbers by the names of observables."
         )
     each = {}
     for name, number in value.items():
@@ -168,16 +166,16 @@ def read_each(value: Any) -> float | dict[str, float]:
 
 
 def read_text(value: Any) -> str:
-    """Text, without the line feed at the end of a block of YAML; raises InvalidValue for all else."""
+    """Text, without the line feed at the end of a YAML block; raises InvalidValue for other values."""
     if not isinstance(value, str):
         quotes = ": put it in quotes" if isinstance(value, (int, float)) else ""
-        raise InvalidValue(f"is {found(value)}, but takes text{quotes}.")
+        raise InvalidValue(f"is {found(value)}, but must be text{quotes}.")
     if not value.strip():
-        raise InvalidValue("is empty, but takes text.")
+        raise InvalidValue("is empty, but must be text.")
     if len(value) > _LONGEST_TEXT:
         raise InvalidValue(f"is {found(value)}, which is longer than {_LONGEST_TEXT} characters.")
     if (wrong := not_text(value)) is not None:
-        raise InvalidValue(f"has {wrong}, which is no text.")
+        raise InvalidValue(f"contains {wrong}, which is not allowed in text.")
     return value.rstrip("\n")
 
 
@@ -186,29 +184,30 @@ def read_stem(value: Any) -> str:
     text = read_text(value).strip()
     if not _STEM.fullmatch(text):
         raise InvalidValue(
-            f"is {found(text)}, but names files: letters, digits, _ - . (a letter or digit first)."
+            f"is {found(text)}, but must be a file name of letters, digits, _ - . that begins with a "
+            "letter or digit."
         )
     return text
 
 
 def read_flag(value: Any) -> bool:
-    """True or false; raises InvalidValue for all else, 1 and yes included."""
+    """True or false; raises InvalidValue for other values, also for 1 and yes."""
     if not isinstance(value, (bool, np.bool_)):
-        raise InvalidValue(f"is {found(value)}, but takes true or false.")
+        raise InvalidValue(f"is {found(value)}, but must be true or false.")
     return bool(value)
 
 
 def read_word(value: Any, allowed: tuple[str, ...], former: Mapping[str, str] | None = None) -> str:
-    """One of the allowed words; raises InvalidValue with the near miss, or with what a former word is now."""
+    """One of the allowed words; raises InvalidValue with the near miss or the new name of an older word."""
     if former and isinstance(value, str) and value in former:
-        raise InvalidValue(f"is {found(value)}, which is called {former[value]} now: write {former[value]}.")
+        raise InvalidValue(f"is {found(value)}, which is now called {former[value]}; write {former[value]}.")
     if not isinstance(value, str) or value not in allowed:
         raise InvalidValue(f"is {found(value)}{near_miss.suggestion(str(value), allowed)}")
     return value
 
 
 def checked(read: Callable[..., Any], **limits: Any) -> Callable[[Any], Any]:
-    """A reader as pydantic takes it: InvalidValue becomes the error whose sentence we print."""
+    """Wrap a reader for pydantic: InvalidValue becomes the error whose text is printed."""
 
     def validate(value: Any) -> Any:
         try:
@@ -220,7 +219,7 @@ def checked(read: Callable[..., Any], **limits: Any) -> Callable[[Any], Any]:
 
 
 def wrong_value(text: str) -> PydanticCustomError:
-    """The error of a pydantic validator whose sentence, from the field's name on, we print."""
+    """The error of a pydantic validator whose text is printed after the field's name."""
     return PydanticCustomError("gaitsweep", "{text}", {"text": text})
 
 
@@ -251,5 +250,5 @@ Flag = Annotated[bool, PlainValidator(checked(read_flag)), WithJsonSchema({"type
 
 
 def word(*allowed: str, former: Mapping[str, str] | None = None) -> BeforeValidator:
-    """The validator to put beside a Literal, for its sentence; `former`: older words and those of today."""
+    """The validator of a Literal, for its error message; `former` maps older words to new ones."""
     return BeforeValidator(checked(read_word, allowed=allowed, former=former))

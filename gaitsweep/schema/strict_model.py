@@ -40,8 +40,8 @@ class Registry(Mapping[str, type[ModelT]]):
     """Models by their kind, in the order in which they were registered.
 
     Args:
-        noun: what a sentence calls a member, such as "run".
-        models: the members that are always there.
+        noun: the name of a member in messages, such as "run".
+        models: the built-in members.
         module: a module that registers further members; it is imported when one is first looked for.
     """
 
@@ -61,7 +61,7 @@ class Registry(Mapping[str, type[ModelT]]):
         """
         kind = kind_of(model)
         if self._models.setdefault(kind, model) is not model:
-            raise ValueError(f"There is a kind of {self.noun} named {kind}: give this one another name.")
+            raise ValueError(f"A kind of {self.noun} named {kind} exists already: choose another name.")
         return model
 
     def unregister(self, kind: str) -> None:
@@ -90,7 +90,7 @@ class Registry(Mapping[str, type[ModelT]]):
 
 @dataclasses.dataclass(frozen=True)
 class OneOf:
-    """The annotation of a field that takes any model of a registry, those registered later too."""
+    """The annotation of a field for any model of a registry, including models registered later."""
 
     registry: Registry[Any]
 
@@ -118,7 +118,7 @@ def _union(models: tuple[type[StrictModel], ...]) -> TypeAdapter[Any]:
 
 
 def plain(value: Any) -> Any:
-    """Lists and Python's numbers for arrays, series and NumPy's numbers, in mappings too."""
+    """Replace arrays, series and NumPy numbers by lists and Python numbers, also inside mappings."""
     if isinstance(value, Mapping):
         return {key: plain(each) for key, each in value.items()}
     if isinstance(value, list | tuple | range):

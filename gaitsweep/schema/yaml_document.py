@@ -1,7 +1,7 @@
-"""A YAML file as plain values, with the line of each field, and nothing of YAML 1.1's readings of numbers.
+"""YAML files as plain values, with the line of each field; numbers follow YAML 1.2, not 1.1.
 
-Numbers are read as in YAML 1.2: `1e-3` is one, `1:30`, dates and `010` stay text, which the fields that
-take numbers refuse with a sentence. Only true and false are booleans.
+`1e-3` is a number; `1:30`, dates and `010` stay text, which numeric fields refuse with an explanation. Only
+true and false are booleans.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ _SHORT = 64 * 1024  # bytes
 _LARGEST = 2 * 1024 * 1024 if hasattr(yaml, "CSafeLoader") else 4 * _SHORT
 _MOST_NODES = 100_000  # values of a file, with all that its aliases stand for
 _DEEPEST = 60  # lists and mappings inside each other
-_TOO_DEEP = f"is nested too deep: at most {_DEEPEST} lists and mappings inside each other."
+_TOO_DEEP = f"is nested too deep: at most {_DEEPEST} levels of lists and mappings are allowed."
 _MOST_LISTED = 200  # names of a folder that are looked through for a near miss
 _CORE = "tag:yaml.org,2002:"
 _TAGS = ("null", "bool", "int", "float", "str", "seq", "map")
 
 
 class _Limit(Exception):
-    """More than a document may have; the message goes on from the file's name."""
+    """A document exceeds a limit; the message follows the file's name."""
 
     def __init__(self, line: int | None, message: str) -> None:
         self.line = line
@@ -42,7 +42,7 @@ class _Limit(Exception):
 
 
 class _Counted:
-    """Limits of both loaders: they count nodes and depth while they compose."""
+    """Limits of both loaders, which count nodes and depth while they compose."""
 
     _nodes = 0
     _depth = 0
@@ -62,7 +62,7 @@ class _Counted:
 
 
 class _Loader(_Counted, yaml.SafeLoader):
-    """The safe loader, without its rules of what a plain word means."""
+    """The safe loader, without its rules for plain words."""
 
     yaml_implicit_resolvers: ClassVar[dict] = {}  # pyright: ignore[reportIncompatibleVariableOverride]
 
@@ -71,7 +71,7 @@ _ByLibyaml: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class _FastLoader(_Counted, _ByLibyaml):
-    """The same by libyaml, where PyYAML was built with it."""
+    """The same loader by libyaml, if PyYAML was built with it."""
 
     yaml_implicit_resolvers: ClassVar[dict] = _Loader.yaml_implicit_resolvers
 
@@ -89,27 +89,27 @@ _Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.012345
 _Loader.add_implicit_resolver("tag:yaml.org,2002:merge", re.compile(r"^<<\Z"), ["<"])
 
 _YAML_SENTENCES = {
-    "mapping values are not allowed": "a colon where none may stand: indent, or add quotes",
-    "could not find expected ':'": "a key without its colon",
-    "expected ',' or ']'": "a list [ that is not closed, or a comma that is missing",
-    "expected ',' or '}'": "a mapping { that is not closed, or a comma that is missing",
-    "unexpected end of stream": "text in quotes that is not closed",
-    "found undefined alias": "an alias (*name) without its anchor (&name)",
-    "expected <block end>": "an indentation that fits neither the lines above nor below",
-    "did not find expected key": "an indentation that fits neither the lines above nor below",
-    "did not find expected '-'": "an indentation that fits neither the lines above nor below",
-    "another document": "a second document (---); a job is one document",
-    "cannot start any token": "a character that no value may start with: put the text in quotes",
-    "special characters are not allowed": "a control character",
-    "control characters are not allowed": "a control character",
-    "expected node content": "a comma or bracket too many, or a value that is missing",
-    "expected the node content": "a comma or bracket too many, or a value that is missing",
+    "mapping values are not allowed": "a colon is not allowed here: indent, or add quotes",
+    "could not find expected ':'": "a colon is missing after a key",
+    "expected ',' or ']'": "a list [ is not closed, or a comma is missing",
+    "expected ',' or '}'": "a mapping { is not closed, or a comma is missing",
+    "unexpected end of stream": "a closing quote is missing",
+    "found undefined alias": "an alias (*name) has no anchor (&name)",
+    "expected <block end>": "the indentation fits neither the lines above nor those below",
+    "did not find expected key": "the indentation fits neither the lines above nor those below",
+    "did not find expected '-'": "the indentation fits neither the lines above nor those below",
+    "another document": "a second document (---) begins; a job is one document",
+    "cannot start any token": "a value cannot begin with this character: put the text in quotes",
+    "special characters are not allowed": "control characters are not allowed",
+    "control characters are not allowed": "control characters are not allowed",
+    "expected node content": "there is a comma or bracket too many, or a value is missing",
+    "expected the node content": "there is a comma or bracket too many, or a value is missing",
 }
 
 
 @dataclasses.dataclass
 class Document:
-    """Content of a file: `data`, and by path the line or the `--set` from which it comes."""
+    """Content of a file: `data`, and the line or the `--set` of each path."""
 
     file: str
     data: dict[str, Any]
@@ -117,7 +117,7 @@ class Document:
     overridden: list[diagnostics.Path] = dataclasses.field(default_factory=list)
 
     def locate(self, diagnostic: Diagnostic) -> Diagnostic:
-        """The diagnostic with the file and line (or `--set`) of the nearest field that is written here."""
+        """The diagnostic with the file and line (or `--set`) of the nearest field in this document."""
         if diagnostic.file:
             return diagnostic
         place = self._place(diagnostic.path)
@@ -136,7 +136,7 @@ class Document:
         return None
 
     def located(self, error: JobError) -> JobError:
-        """The error with every diagnostic located, in the order of the lines."""
+        """The error with the location of each diagnostic, in the order of the lines."""
         found = [self.locate(diagnostic) for diagnostic in error.diagnostics]
         return JobError(sorted(found, key=lambda diagnostic: diagnostic.line or 0))
 
@@ -145,8 +145,8 @@ def read_document(path: Path) -> Document:
     """The YAML mapping in a file.
 
     Raises:
-        JobError: a file that is missing, a directory, not text, not YAML, empty, or not a mapping; a key
-            that is written twice; a tag that asks for more than plain values.
+        JobError: the file is missing, a directory, not text, not YAML, empty, or not a mapping; or it has a
+            duplicate key or an unsupported tag.
     """
     name = str(path)
     text = _read_text(path, name)
@@ -156,12 +156,12 @@ def read_document(path: Path) -> Document:
         raise _refused(name, None, "is empty: a job is a mapping (name: ..., model: ..., run: ...).")
     data = reading.value(node, ())
     if not isinstance(data, dict):
-        raise _refused(name, 1, f"holds {diagnostics.found(data)}, but a job is a mapping (key: value).")
+        raise _refused(name, 1, f"holds {diagnostics.found(data)}, but a job must be a mapping (key: value).")
     return Document(name, data, reading.places)
 
 
 def read_value(text: str, origin: str) -> Any:
-    """The plain value of YAML text that was given on the command line, `origin` being how it was given."""
+    """The plain value of YAML text from the command line; `origin` is the option in which it stands."""
     node = _compose(text, origin)
     return None if node is None else _Reading(origin).value(node, ())
 
@@ -177,7 +177,7 @@ def _read_text(path: Path, name: str) -> str:
             jobs = ", ".join(sorted(_yaml_files(path))[:8])
             raise _refused(name, None, f"is a directory, not a file.{f' It holds {jobs}.' if jobs else ''}")
         if kind:
-            raise _refused(name, None, f"is {kind}, not a file: a job is read from a regular file.")
+            raise _refused(name, None, f"is {kind}; a job must be a regular file.")
         raw = _read_regular(path, name)
     except FileNotFoundError:
         raise _refused(name, None, f"does not exist{_meant(path)}") from None
@@ -191,7 +191,7 @@ def _read_text(path: Path, name: str) -> str:
 
 
 def _meant(path: Path) -> str:
-    """The end of the sentence about a file that is missing."""
+    """The end of the message about a missing file."""
     # `sweeps/quick_basins.yaml` of the documentation, in a folder that is no checkout
     if known := shipped_as(path, near_miss.nearest):
         return f"; did you mean {known}?"
@@ -203,24 +203,26 @@ def _meant(path: Path) -> str:
 
 
 def _read_regular(path: Path, name: str) -> bytes:
-    """The bytes of a regular file, which is what it was a moment ago or is refused; never more than allowed.
+    """The bytes of a regular file, at most the allowed number; any other kind of file is refused.
 
-    Opened without waiting, since it may have become a named pipe in between, which nobody may ever write to.
+    It is opened without blocking, since it may have been replaced by a named pipe that has no writer.
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
     with os.fdopen(descriptor, "rb") as file:
         if kind := _kind(os.fstat(descriptor).st_mode):
-            raise _refused(name, None, f"is {kind}, not a file: a job is read from a regular file.")
+            raise _refused(name, None, f"is {kind}; a job must be a regular file.")
         raw = file.read(_LARGEST + 1)  # a file of /proc has no size before it is read
     if raw is None:
-        raise _refused(name, None, "cannot be read: there is nothing in it yet.")
+        raise _refused(name, None, "cannot be read: it is empty so far.")
     if len(raw) > _LARGEST:
-        raise _refused(name, None, f"is larger than {_LARGEST / 2**20:g} MiB, which no job is.")
+        raise _refused(
+            name, None, f"is larger than {_LARGEST / 2**20:g} MiB, the largest size of a job file."
+        )
     return raw
 
 
 def _kind(mode: int) -> str:
-    """Return the kind of a file that is not a regular one, else an empty text."""
+    """The kind of a file that is not a regular one, else an empty text."""
     if stat.S_ISREG(mode):
         return ""
     kinds = {
@@ -230,7 +232,7 @@ def _kind(mode: int) -> str:
         stat.S_IFCHR: "a device",
         stat.S_IFBLK: "a device",
     }
-    return kinds.get(stat.S_IFMT(mode), "no regular file")
+    return kinds.get(stat.S_IFMT(mode), "not a regular file")
 
 
 def _yaml_files(folder: Path) -> list[str]:
@@ -254,7 +256,7 @@ def _compose(text: str, name: str) -> yaml.Node | None:
         raise _refused(name, line, f"is not YAML: {_sentence(text, error.problem or '', line)}.") from None
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
-        raise _refused(name, line, "is not text: it has a control character.") from None
+        raise _refused(name, line, "is not text: it contains a control character.") from None
     except (RecursionError, ValueError, OverflowError) as error:  # an escape past Unicode's last character
         reason = "is nested too deep to be read" if isinstance(error, RecursionError) else "is not YAML"
         raise _refused(name, None, f"{reason}.") from None
@@ -263,7 +265,7 @@ def _compose(text: str, name: str) -> yaml.Node | None:
 def _sentence(text: str, problem: str, line: int | None) -> str:
     lines = text.split("\n", line or 0)
     if line is not None and line <= len(lines) and re.match(r"^\s*\t", lines[line - 1]):
-        return "a tab stands where YAML wants spaces"
+        return "a tab is used for indentation; use spaces"
     for start, sentence in _YAML_SENTENCES.items():
         if start in problem:
             return sentence
@@ -271,7 +273,7 @@ def _sentence(text: str, problem: str, line: int | None) -> str:
 
 
 class _Reading:
-    """Plain values from YAML's nodes, keeping the line of each."""
+    """Converts YAML nodes to plain values and records the line of each."""
 
     def __init__(self, file: str) -> None:
         self.file = file
@@ -292,7 +294,9 @@ class _Reading:
         tag = node.tag.removeprefix(_CORE)
         if tag not in _TAGS:
             shown = node.tag.replace(_CORE, "!!")
-            text = f"has the tag {shown}, which is not read: write plain numbers, text, lists, mappings."
+            text = (
+                f"has the tag {shown}, which is not supported: write plain numbers, text, lists and mappings."
+            )
             raise _refused(self.file, line, text, path)
         self._open.add(id(node))
         try:
@@ -310,7 +314,10 @@ class _Reading:
             line = key_node.start_mark.line + 1
             if key_node.tag == "tag:yaml.org,2002:merge":
                 raise _refused(
-                    self.file, line, "uses a merge key (<<), which is not read: write the fields out.", path
+                    self.file,
+                    line,
+                    "uses a merge key (<<), which is not supported: write the fields out.",
+                    path,
                 )
             key = self._key(key_node, line, path)
             if key in result:
@@ -325,9 +332,11 @@ class _Reading:
             shown = (
                 diagnostics.clipped(node.value) if isinstance(node, yaml.ScalarNode) else "a list or mapping"
             )
-            raise _refused(self.file, line, f"has the key {shown or '(empty)'}, but a key is text.", path)
+            raise _refused(
+                self.file, line, f"has the key {shown or '(empty)'}, but a key must be text.", path
+            )
         if (wrong := not_text(node.value)) is not None:
-            raise _refused(self.file, line, f"has a key with {wrong}, which no key has.", path)
+            raise _refused(self.file, line, f"has a key that contains {wrong}, which is not allowed.", path)
         return node.value
 
     def _scalar(self, tag: str, text: str, line: int, path: diagnostics.Path) -> Any:
@@ -341,6 +350,8 @@ class _Reading:
             return float(text)
         if tag == "str":
             if (wrong := not_text(text)) is not None:
-                raise _refused(self.file, line, f"has {wrong}, which is no text.", path)
+                raise _refused(self.file, line, f"contains {wrong}, which is not allowed in text.", path)
             return text
-        raise _refused(self.file, line, f"is tagged !!{tag}, but {diagnostics.found(text)} is not one.", path)
+        raise _refused(
+            self.file, line, f"is tagged !!{tag}, but {diagnostics.found(text)} is not of that type.", path
+        )

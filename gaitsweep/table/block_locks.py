@@ -1,8 +1,8 @@
-"""Locks of single blocks, for processes that compute different blocks of one table at the same time.
+"""Locks of single blocks, for processes that compute different blocks of a table at the same time.
 
-The file `.blocks` has a record for each block: how often the block was begun without coming to an end, and by
-which process last. A process locks the record of the block that it computes; the operating system frees the
-lock when the process ends, however it ends, also that of another machine on a network file system.
+The file `.blocks` has a record for each block: the number of starts without an end, and the process of the
+last start. A process locks the record of the block that it computes; the operating system frees the lock when
+the process ends in any way, also on another machine that shares a network file system.
 """
 
 from __future__ import annotations
@@ -41,17 +41,18 @@ class BlockLocks:
         """
         if not hasattr(fcntl, "F_OFD_SETLK"):
             raise UnsupportedSystem(
-                f"Processes that share the directory {folder} need locks of open files, which {sys.platform} "
+                f"Processes that share the directory {folder} need open file description locks, which "
+                f"{sys.platform} "
                 "lacks: run the job without --rows, or by --cluster with --collect."
             )
         flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
         self._descriptor = os.open(folder / BLOCK_LOCKS, flags, 0o644)
 
     def take(self, number: int, process: str) -> bool:
-        """Lock a block in the name of a process; False if another one holds it.
+        """Lock a block for a process; returns False if another process holds the lock.
 
-        A file system without locks gives all: two processes may then compute the same block, and write the
-        same part.
+        On a file system without locks it always succeeds; two processes may then compute the same block and
+        write the same part.
         """
         try:
             self._lock(fcntl.F_WRLCK, number)
@@ -62,7 +63,7 @@ class BlockLocks:
         return True
 
     def free(self, number: int) -> None:
-        """Give a block back."""
+        """Unlock a block."""
         with contextlib.suppress(OSError):
             self._lock(fcntl.F_UNLCK, number)
 
@@ -72,19 +73,19 @@ class BlockLocks:
         fcntl.fcntl(self._descriptor, fcntl.F_OFD_SETLK, fields)
 
     def begun(self, number: int) -> Begun:
-        """Process that has begun a block and not ended it."""
+        """Number of starts of a block without an end, and the process of the last start."""
         times, _, process = os.pread(self._descriptor, _RECORD, number * _RECORD).decode(
             errors="replace"
         ).rstrip("\0 \n").partition(" ")  # fmt: skip
         return Begun(int(times), process) if times.isdigit() else Begun(0, "")
 
     def begin(self, number: int) -> None:
-        """Note that the process which holds a block begins it."""
+        """Record that the process with the lock of a block starts it."""
         times, process = self.begun(number)
         self._note(number, times + 1, process)
 
     def end(self, number: int) -> None:
-        """Note that a block has come to its end, with a part or an error."""
+        """Record that a block has ended, with a part or an error."""
         self._note(number, 0, "")
 
     def _note(self, number: int, times: int, process: str) -> None:

@@ -98,7 +98,7 @@ class ResultDirectory:
         except OSError as error:
             full = error.errno == errno.ENOSPC  # else the place is at fault, which the user chose
             kind = WriteError if full else TableError
-            raise kind(f"The result directory {path} cannot be made: {reason(error)}.") from error
+            raise kind(f"The result directory {path} cannot be created: {reason(error)}.") from error
         try:
             # Checked again, since another run may have created it between the first check and the lock.
             damaged = _claimed(path, job_hash, n_rows, block)
@@ -106,11 +106,11 @@ class ResultDirectory:
             directory = cls(path, lock, manifest or new_manifest(job_hash, n_rows, block, job))
             if isinstance(damaged, DamagedManifest):
                 directory.notes.append(
-                    f"{damaged.what}: it is made anew, since the table's parts are this job's."
+                    f"{damaged.what}: it will be rewritten, since the table's parts belong to this job."
                 )
             if not lock.exclusive:
                 directory.notes.append(
-                    f"The file system of {path} has no locks: do not run this job twice at once."
+                    f"The file system of {path} has no locks: do not run this job twice at the same time."
                 )
             with writing(f"The result directory {path} cannot be written"):
                 directory._prepare(job, new=manifest is None)
@@ -143,7 +143,7 @@ class ResultDirectory:
             self._keep_latest_digests()
 
     def _examine(self) -> None:
-        """Verify the files, and remove damaged ones."""
+        """Verify the files and remove damaged ones."""
         examined = Examination(self.path, self.manifest)
         for _ in examined.parts():
             pass
@@ -152,7 +152,9 @@ class ResultDirectory:
         for fault in examined.faults.values():
             if fault.foreign and not fault.digest_known:
                 # no part of this table was ever there: the file was put there by mistake
-                raise TableError(f"{fault.sentence[:-1]}: move it out of this directory, and run again.")
+                raise TableError(
+                    f"{fault.sentence[:-1]}: move it out of this directory and run the job again."
+                )
             self._clear(fault)
         self._footers = examined.footers
         stored: dict[int, list[RowOutcome]] = {}
@@ -177,29 +179,30 @@ class ResultDirectory:
             self._restored[number] = rows.take(first)
 
     def _digest(self, examined: Examination) -> None:
-        """Note the digests of files that have none and are sound by their own checks."""
+        """Record the digests of valid files that have none."""
         n = len(examined.undigested)
-        told = f"{n} file{'s' * (n != 1)} of {self.path / TABLE} carr{'y' if n != 1 else 'ies'} no digests"
+        told = f"{n} file{'s' * (n != 1)} of {self.path / TABLE} {'have' if n != 1 else 'has'} no digests"
         if self.manifest["format"] == 1:
-            self.notes.append(f"{told}, as in older versions: not every damage of them is found.")
+            self.notes.append(f"{told}, as in older versions: some damage to them cannot be detected.")
             return
         write_digests(self.path, read_digests(self.path) | examined.undigested)
         self.notes.append(
-            f"{told} in {DIGESTS}. Their job, block, rows and page checksums are right: they are kept, and "
-            "the digests are made anew."
+            f"{told} in {DIGESTS}. Their job, block, rows and page checksums are correct: the files "
+            "are used, and "
+            "their digests are written again."
         )
 
     def _clear(self, fault: Fault) -> None:
-        """Remove a file that cannot be used; a part of another job is renamed instead."""
+        """Remove an unusable file; a part of another job is renamed instead."""
         file = fault.file
         if file.is_dir() and not file.is_symlink():
             try:
                 file.rmdir()
             except OSError as error:
                 raise TableError(
-                    f"{file} is a folder, where a file belongs: move it out of this directory."
+                    f"{file} is a folder but must be a file: move it out of this directory."
                 ) from error
-            self.notes.append(f"{file} was a folder: it is removed, and its rows are run again.")
+            self.notes.append(f"{file} was a folder: it was removed, and its rows run again.")
         elif fault.foreign:
             aside = file.with_name(file.name + FOREIGN)
             number = 1
@@ -208,12 +211,12 @@ class ResultDirectory:
                 aside = file.with_name(f"{file.name}.{number}{FOREIGN}")
             file.rename(aside)
             self.notes.append(
-                f"{fault.sentence} It is set aside as {aside.name}, and this table's rows are run again."
+                f"{fault.sentence} It was renamed to {aside.name}, and the rows of this table run again."
             )
         else:
             file.unlink(missing_ok=True)
             self.notes.append(
-                f"{file} was damaged: it is removed, and its rows are run again ({fault.what[:-1]})."
+                f"{file} was damaged: it was removed, and its rows run again ({fault.what[:-1]})."
             )
 
     @property
@@ -273,7 +276,7 @@ class ResultDirectory:
         """
         start, stop = self.rows_of(number)
         if not 0 <= number < self.n_blocks:
-            raise ValueError(f"There is no block {number}: the blocks are 0 to {self.n_blocks - 1}.")
+            raise ValueError(f"Block {number} does not exist: the blocks are 0 to {self.n_blocks - 1}.")
         quantities = self.manifest.get("quantities")
         return checked_part(frame, number, (start, stop), self.manifest["job_hash"], quantities)
 
@@ -309,7 +312,7 @@ class ResultDirectory:
         self._has_part(number, footer)
 
     def take_parts(self, numbers: Iterable[int]) -> list[int]:
-        """Read parts that other processes have written; returns those that are not there or not sound."""
+        """Read parts that other processes have written; returns the missing and invalid ones."""
         digests = read_digests(self.path)
         absent = []
         for number in numbers:
@@ -324,7 +327,7 @@ class ResultDirectory:
         return absent
 
     def _has_part(self, number: int, footer: Footer) -> None:
-        """Note that a part is on disk, and remove stored rows that nobody needs any more."""
+        """Record that a part is on disk, and remove stored rows that are no longer needed."""
         self._footers[number] = footer
         self._restored.pop(number, None)
         for file, blocks in list(self._open_files.items()):
@@ -368,11 +371,11 @@ class ResultDirectory:
             self._keep_latest_digests()
 
     def _keep_latest_digests(self) -> None:
-        """Leave one line for each name, since `sha256sum -c` tests a file against all of its lines."""
+        """Keep one line for each name, since `sha256sum -c` tests a file against all of its lines."""
         write_digests(self.path, read_digests(self.path))
 
     def read_beside(self, name: str) -> bytes | None:
-        """The bytes that `write_beside` wrote; None, with a note, if they are gone, damaged or edited."""
+        """The bytes that `write_beside` wrote; None, with a note, if they are missing, damaged or edited."""
         digest = read_digests(self.path).get(name)
         try:
             data = read_file(self.path / name)
@@ -382,8 +385,8 @@ class ResultDirectory:
             data = b""
         if digest is not None and digest_of(data) == digest:
             return data
-        what = "has no digest" if digest is None else f"has another digest than {DIGESTS} says"
-        self.notes.append(f"{self.path / name} {what}: it is made anew.")
+        what = "has no digest" if digest is None else f"differs from its digest in {DIGESTS}"
+        self.notes.append(f"{self.path / name} {what}: it will be rewritten.")
         return None
 
     def update_manifest(self, **fields: Any) -> None:
@@ -406,7 +409,7 @@ class ResultDirectory:
             raise
 
     def tidy_digests(self) -> None:
-        """Reduce `SHA256SUMS` to one line for each existing file, and remove what other writers have left.
+        """Reduce `SHA256SUMS` to one line for each existing file, and remove leftovers of other writers.
 
         Raises:
             WriteError: it cannot be written; the old file is unchanged.
@@ -442,7 +445,7 @@ class ResultDirectory:
 
 
 def _claimed(path: Path, job_hash: str, n_rows: int, block: int) -> dict[str, Any] | DamagedManifest | None:
-    """The manifest from `claim`, or its error if it is damaged or gone but the parts belong to this job."""
+    """The manifest from `claim`, or the error if it is damaged but the parts belong to this job."""
     try:
         return claim(path, job_hash, n_rows, block)
     except DamagedManifest as error:
@@ -450,7 +453,7 @@ def _claimed(path: Path, job_hash: str, n_rows: int, block: int) -> dict[str, An
         examined = Examination(path, assumed)
         if not any(True for _ in examined.parts()) and not any(True for _ in examined.open_rows()):
             raise TableError(
-                f"{error} It holds no sound part of this job: choose another directory with --out."
+                f"{error} It has no valid part of this job: choose another directory with --out."
             ) from error
         return error
 

@@ -21,7 +21,7 @@ FOREIGN = ".foreign"  # suffix of a part of another table that was renamed
 
 @dataclasses.dataclass(frozen=True)
 class Fault:
-    """A file that cannot be used: `what` is the end of a sentence; `foreign`: it belongs to another table."""
+    """An unusable file: `what` is the reason, and `foreign` is true if it belongs to another table."""
 
     file: Path
     what: str
@@ -30,15 +30,15 @@ class Fault:
 
     @property
     def sentence(self) -> str:
-        return f"{self.file} is {'no part of this table' if self.foreign else 'damaged'}: {self.what}"
+        return f"{self.file} is {'not a part of this table' if self.foreign else 'damaged'}: {self.what}"
 
 
 class Examination:
     """The files of a table, each read once and compared with the manifest.
 
     The iteration over `parts` sets `footers` of valid parts and `faults` of the others, by block; `strangers`
-    are files without a block; the iteration over `open_rows` sets `open_faults`. `digests` are those of the
-    files as they were noted; `undigested` those of the sound files for which none was, by name.
+    are files without a block; the iteration over `open_rows` sets `open_faults`. `digests` are the recorded
+    digests of files, and `undigested` those of valid files without a recorded one, by name.
     """
 
     def __init__(self, path: Path, manifest: Mapping[str, Any]) -> None:
@@ -72,7 +72,7 @@ class Examination:
             elif opened is not None:
                 self._open_numbers.append(opened)
             elif name.endswith(".parquet"):
-                what = "its name is none that this table's files have: move it out of this directory."
+                what = "files of this table do not have such names. Move it out of this directory."
                 self.strangers.append(Fault(self.folder / name, what, foreign=True))
         self.last_open = max(self._open_numbers, default=0)
 
@@ -116,7 +116,7 @@ class Examination:
             try:
                 data = read_file(file)
                 if digest is not None and digest_of(data) != digest:
-                    raise DamagedPart(f"its bytes have another digest than {DIGESTS} says")
+                    raise DamagedPart(f"its bytes differ from the digest in {DIGESTS}")
                 rows = read_open(data, self.job_hash, self.rows)
                 if digest is None:
                     self.undigested[name] = digest_of(data)
@@ -137,22 +137,22 @@ def examined_part(data: bytes, digest: str | None, manifest: Mapping[str, Any], 
 
     Args:
         data: the part's bytes.
-        digest: their digest as it was noted; if it was not, the checksums of all pages are verified.
+        digest: their recorded digest; without it, the checksums of all pages are verified.
         manifest: the manifest, of which the format, the job's hash, the rows and the block count.
         number: the block.
 
     Raises:
-        DamagedPart: it is not the part that was written.
+        DamagedPart: the bytes are not those of the part that was written.
     """
     start, stop = rows_of(manifest, number)
     if digest is not None and digest_of(data) != digest:
         _say_whose(data, manifest["job_hash"], number)
-        raise DamagedPart(f"its bytes have another digest than {DIGESTS} says")
+        raise DamagedPart(f"its bytes differ from the digest in {DIGESTS}")
     footer = read_footer(data)
     _check_job(footer, manifest["job_hash"])
     if footer.part != number or footer.rows != stop - start:
         raise DamagedPart(
-            f"it holds {footer.rows} rows of part {footer.part}, not {stop - start} of {number}"
+            f"it has {footer.rows} rows of part {footer.part} instead of {stop - start} rows of part {number}"
         )
     if digest is None:
         read_records(data, footer, start, stop)
@@ -160,14 +160,14 @@ def examined_part(data: bytes, digest: str | None, manifest: Mapping[str, Any], 
 
 
 def _say_whose(data: bytes, job_hash: str, number: int) -> None:
-    """Raise the reason if a part with a wrong digest is a valid part of another job or block."""
+    """Raise an error if a part with a wrong digest is a valid part of another job or block."""
     try:
         footer = read_footer(data)
     except DamagedPart:
         return
     _check_job(footer, job_hash)
     if footer.part != number:
-        raise DamagedPart(f"it holds part {footer.part}, not {number}")
+        raise DamagedPart(f"it has part {footer.part} instead of {number}")
 
 
 def _check_job(footer: Footer, job_hash: str) -> None:

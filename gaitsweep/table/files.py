@@ -35,7 +35,7 @@ _PLACE_AT_FAULT = (
 
 
 class TableError(UserError):
-    """A result directory cannot be used; the message is one sentence that says what to do instead."""
+    """A result directory cannot be used; the message is a sentence with advice."""
 
 
 class WriteError(TableError):
@@ -58,7 +58,7 @@ def not_written(sentence: str, error: OSError) -> TableError:
 
 @contextlib.contextmanager
 def writing(what: str, then: str = "") -> Iterator[None]:
-    """A context in which `what` is written: an OSError becomes the exception that says so, and `then`."""
+    """A context in which an OSError becomes an exception whose message is `what`, the reason and `then`."""
     try:
         yield
     except OSError as error:
@@ -80,9 +80,9 @@ def read_file(path: Path, most: int | None = None) -> bytes:
     with os.fdopen(descriptor, "rb") as file:
         found = os.fstat(file.fileno())
         if not stat.S_ISREG(found.st_mode):
-            raise OSError(errno.EINVAL, "it is no regular file", str(path))
+            raise OSError(errno.EINVAL, "it is not a regular file", str(path))
         if most is not None and found.st_size > most:
-            raise OSError(errno.EFBIG, f"it has more than {most} bytes", str(path))
+            raise OSError(errno.EFBIG, f"it is larger than {most} bytes", str(path))
         return file.read()
 
 
@@ -90,8 +90,8 @@ def replace_file(path: Path, write: Callable[[BinaryIO], object]) -> None:
     """Write a file to a hidden temporary name in the folder of `path`, flush it to disk, and rename it.
 
     A kill at any point leaves the old or the new file, and at most a temporary file, which `remove_partials`
-    removes. A link at either name is replaced, not followed. Of several that write the same file at the same
-    time, the last to end is read.
+    removes. A link at either name is replaced, not followed. If several processes write the same file at the
+    same time, the last one to finish wins.
 
     Args:
         path: the path of the file; its folder exists.
@@ -137,9 +137,11 @@ def own_folder(path: Path) -> None:
         OSError: it cannot be created.
     """
     if path.is_symlink():
-        raise TableError(f"{path} is a link, which is not followed: put a folder there, or remove it.")
+        raise TableError(
+            f"{path} is a link, which is not allowed here: remove it, or replace it by a folder."
+        )
     if path.exists() and not path.is_dir():
-        raise TableError(f"{path} is a file where a folder belongs: move it away.")
+        raise TableError(f"{path} is a file but must be a folder: move it elsewhere.")
     path.mkdir(exist_ok=True)
 
 
@@ -157,7 +159,7 @@ def remove_partials(folder: Path) -> None:
 
 
 class Numbered(NamedTuple):
-    """The names of a table's files of one kind, by their numbers: `part-00003.parquet`."""
+    """The numbered names of one kind of a table's files: `part-00003.parquet`."""
 
     kind: str
 
@@ -174,23 +176,23 @@ PARTS, OPEN_ROWS = Numbered("part"), Numbered("open")
 
 
 def this_process() -> str:
-    """The name of this process in sentences."""
+    """The name of this process in messages."""
     return f"process {os.getpid()} on {socket.gethostname()}"
 
 
 class BusyDirectory(TableError):
-    """Another run is writing the directory."""
+    """Another run is writing to the directory."""
 
 
 class Lock:
-    """The right to write a directory, released by the operating system when the process ends."""
+    """A lock for writing to a directory, released by the operating system when the process ends."""
 
     def __init__(self, folder: Path, *, shared: bool = False) -> None:
         """Take the lock of a folder.
 
         Args:
             folder: the directory.
-            shared: share the right with other processes that share it, each of which writes parts only.
+            shared: share the lock with other processes that only write parts.
 
         Raises:
             BusyDirectory: another run holds it.
@@ -205,13 +207,13 @@ class Lock:
             self._descriptor = os.open(path, flags, 0o644)
         except OSError as error:
             if error.errno == errno.ELOOP:
-                raise TableError(f"{path} is a link, which is not followed: remove it.") from None
+                raise TableError(f"{path} is a link, which is not allowed here: remove it.") from None
             raise
         found = os.fstat(self._descriptor)
         # of a hard link, another file would be changed too
         if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
             self.release()
-            raise TableError(f"{path} is no lock file of gaitsweep: remove it.")
+            raise TableError(f"{path} is not a lock file of gaitsweep: remove it.")
         try:
             fcntl.flock(self._descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
         except OSError as error:
@@ -219,7 +221,7 @@ class Lock:
             if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
                 self.release()
                 raise BusyDirectory(
-                    f"Another run ({holder or 'of unknown process'}) is writing {folder}: "
+                    f"Another run ({holder or 'unknown process'}) is writing to {folder}: "
                     "wait until it ends, stop it, or choose another directory with --out."
                 ) from None
             if error.errno not in _NO_LOCKS_HERE:

@@ -24,19 +24,19 @@ _LARGEST = 256 * 2**20  # bytes
 
 
 class DamagedManifest(TableError):
-    """A manifest that was changed after gaitsweep wrote it, or removed from beside its table.
+    """A manifest that was changed after gaitsweep wrote it, or is missing beside a table.
 
-    `what` says so; the message says also what to do about it, where a directory is given.
+    `what` describes the damage; with a directory, the message also says how to repair it.
     """
 
     def __init__(self, what: str, path: Path | None = None) -> None:
-        again = f"run the job of {path} again, which makes it anew where the parts of the table are its own."
+        again = f"run the job of {path} again to rewrite it, if the parts of the table belong to that job."
         super().__init__(what if path is None else f"{what}: {again}")
         self.what = what.rstrip(".")
 
 
 def sealed(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a manifest of JSON values with the digest of its fields, which reveals an edit."""
+    """A manifest of JSON values with the digest of its fields, which reveals edits."""
     fields = {name: value for name, value in manifest.items() if name != SEAL}
     text = json.dumps(fields, sort_keys=True, separators=(",", ":"))
     return {**fields, SEAL: hashlib.sha256(text.encode()).hexdigest()}
@@ -46,36 +46,37 @@ def read_manifest(path: Path) -> dict[str, Any]:
     """Read the manifest of a directory.
 
     Raises:
-        DamagedManifest: it is not JSON, was changed after it was written, or is gone from beside its table.
-        TableError: there is none, or its format is unknown to this version of gaitsweep.
+        DamagedManifest: it is not JSON, was changed after it was written, or is missing beside a table.
+        TableError: the directory has none, or this version of gaitsweep does not know its format.
     """
     file = path / MANIFEST
     try:
         text = read_file(file, _LARGEST).decode()
     except (FileNotFoundError, NotADirectoryError):
         if (path / TABLE).is_dir():
-            raise DamagedManifest(f"{path} has no {MANIFEST} any more", path) from None
-        what = "is not a directory" if path.exists() and not path.is_dir() else f"has no {MANIFEST}"
-        what = what if path.exists() else "does not exist"
-        raise TableError(f"{path} is no result directory of gaitsweep: it {what}.") from None
+            raise DamagedManifest(f"{MANIFEST} of {path} is missing", path) from None
+        what = f"is not a result directory of gaitsweep: it has no {MANIFEST}"
+        if not path.is_dir():
+            what = "is not a directory" if path.exists() else "does not exist"
+        raise TableError(f"{path} {what}.") from None
     except OSError as error:
         raise TableError(f"{file} cannot be read: {reason(error)}.") from error
     except ValueError as error:
-        raise DamagedManifest(f"{file} is no text any more ({error})", path) from error
+        raise DamagedManifest(f"{file} is damaged: it is not text ({error})", path) from error
     try:
         manifest = json.loads(text)
         json.dumps(manifest, ensure_ascii=False).encode()  # half a surrogate could not be printed
     except (ValueError, RecursionError) as error:
-        raise DamagedManifest(f"{file} is no JSON any more ({error})", path) from error
+        raise DamagedManifest(f"{file} is damaged: it is not JSON ({error})", path) from error
     needed = ("format", "job_hash", "rows", "block")
     if not isinstance(manifest, dict) or not all(name in manifest for name in needed):
-        raise DamagedManifest(f"{file} is no manifest of gaitsweep: it lacks one of {', '.join(needed)}.")
+        raise DamagedManifest(f"{file} is not a manifest of gaitsweep: it lacks one of {', '.join(needed)}.")
     if manifest["format"] in FORMATS:  # a later one may have other fields
         _check_fields(file, manifest)
     if manifest["format"] not in FORMATS or isinstance(manifest["format"], bool):
         raise TableError(
-            f"{path} was written in format {_short(manifest['format'])}, and this version of gaitsweep reads "
-            f"formats up to {FORMAT}: use the version that its manifest names."
+            f"{path} has format {_short(manifest['format'])}, but this version of gaitsweep reads only "
+            f"formats up to {FORMAT}. Use the version named in its manifest."
         )
     if manifest["format"] >= FORMAT and manifest.get(SEAL) != sealed(manifest)[SEAL]:
         raise DamagedManifest(f"{file} was changed after gaitsweep wrote it", path)
@@ -91,7 +92,7 @@ def _check_fields(file: Path, manifest: Mapping[str, Any]) -> None:
     for name, (fits, allowed) in _FIELDS.items():
         if name in manifest and not fits(manifest[name]):
             raise DamagedManifest(
-                f"{file}: {name} is {_short(json.dumps(manifest[name]))}, but is {allowed}", file.parent
+                f"{file}: {name} is {_short(json.dumps(manifest[name]))}, but must be {allowed}", file.parent
             )
 
 
@@ -114,7 +115,7 @@ def _is_quantity(value: object) -> bool:
 
 
 def is_job(value: object) -> bool:
-    """Return whether plain values can be a job, as far as a reader of tables depends on it."""
+    """Whether plain values are a job, in the fields on which readers of tables depend."""
     if not isinstance(value, dict):
         return False
     mappings = ("structure", "params", "start", "vary", "run", "numerics", "engine")
@@ -186,7 +187,9 @@ _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
 def new_manifest(job_hash: str, n_rows: int, block: int, job: Mapping[str, Any]) -> dict[str, Any]:
     """Return the manifest of a new directory."""
     if n_rows < 1 or block < 1:
-        raise ValueError(f"A table has at least one row and one row a part, not {n_rows} and {block}.")
+        raise ValueError(
+            f"A table must have at least one row and one row per part, not {n_rows} and {block}."
+        )
     created = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     return {
         "format": FORMAT,
@@ -227,18 +230,19 @@ def claim(path: Path, job_hash: str, n_rows: int, block: int) -> dict[str, Any] 
         return None
     if not (path / MANIFEST).exists() and not (path / TABLE).is_dir():
         raise TableError(
-            f"{path} holds files that are not gaitsweep's ({min(entry.name for entry in entries)}) "
-            f"and no {MANIFEST}: choose another directory with --out."
+            f"{path} contains files that are not gaitsweep's ({min(entry.name for entry in entries)}) "
+            f"and has no {MANIFEST}: choose another directory with --out."
         )
     manifest = read_manifest(path)
     if manifest["job_hash"] != job_hash:
         raise TableError(
-            f"{path} holds another job's table (its hash is {manifest['job_hash'][:12]}, this job's is "
-            f"{job_hash[:12]}): choose another directory with --out, or remove that one."
+            f"{path} contains the table of another job (its hash is {manifest['job_hash'][:12]}, this "
+            "job's is "
+            f"{job_hash[:12]}): choose another directory with --out, or remove this one."
         )
     if (manifest["rows"], manifest["block"]) != (n_rows, block):
         raise TableError(
-            f"{path} holds {manifest['rows']} rows in blocks of {manifest['block']}, and this job has "
-            f"{n_rows} rows in blocks of {block}: choose another directory with --out, or remove that one."
+            f"{path} has {manifest['rows']} rows in blocks of {manifest['block']}, but this job has "
+            f"{n_rows} rows in blocks of {block}: choose another directory with --out, or remove this one."
         )
     return manifest

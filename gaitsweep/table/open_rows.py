@@ -1,7 +1,7 @@
-"""Files of ended rows of incomplete blocks, which are kept until the parts of the blocks are written.
+"""Files of ended rows of incomplete blocks, which exist until the parts of the blocks are written.
 
-`table/open-00003.parquet` is the third file of such rows. It contains the engine's results to the bit,
-without gaits, since these are determined for whole blocks.
+`table/open-00003.parquet` is the third file of such rows. It contains the engine's exact results,
+without gaits, which are determined for whole blocks.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ def read_open(data: bytes, job_hash: str, n_rows: int) -> RowOutcome:
     except UNREADABLE as error:
         raise DamagedPart(f"it cannot be read ({on_one_line(error)})") from error
     if its_hash != job_hash:
-        raise DamagedPart(f"it is another job's (hash {its_hash[:12]})")
+        raise DamagedPart(f"it belongs to another job (hash {its_hash[:12]})")
     if not sound:
-        raise DamagedPart("its rows are none of this table's")
+        raise DamagedPart("its rows do not belong to this table")
     row, kept, samples = (rows.pop(name) for name in ("row", "kept", "samples"))
     return RowOutcome(row, rows, kept, samples)

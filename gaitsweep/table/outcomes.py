@@ -1,4 +1,4 @@
-"""The column `outcome`: the gait that each row came to, or why it came to none."""
+"""The column `outcome`: the gait of each row, or the reason why it has none."""
 
 from __future__ import annotations
 

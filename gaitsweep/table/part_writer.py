@@ -1,4 +1,4 @@
-"""Writing parts of a table that other processes write too: the workers of a cluster, an array of jobs."""
+"""Writing of parts by one of several processes, such as workers of a cluster or an array of jobs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ WRITER = f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}"
 class PartWriter:
     """Writes parts into a result directory whose manifest belongs to another process.
 
-    A part has the same bytes whoever writes it, so that one may replace another's.
+    The bytes of a part do not depend on its writer, so one process may replace another's part.
     """
 
     def __init__(
@@ -34,7 +34,7 @@ class PartWriter:
         n_rows: int,
         block: int,
     ) -> None:
-        """Take the directory, and what its manifest says.
+        """Open a directory for writing parts.
 
         Args:
             path: the result directory, which exists.
@@ -48,11 +48,11 @@ class PartWriter:
         return rows_of(self._known, number)
 
     def has(self, number: int) -> bool:
-        """Whether the part of a block is there and sound."""
+        """Whether the part of a block exists and is valid."""
         return not self.missing([number])
 
     def missing(self, numbers: Iterable[int]) -> list[int]:
-        """Those of some blocks whose part is not there or not sound."""
+        """The blocks, among some, whose part is missing or invalid."""
         parts = {number: self.path / TABLE / PARTS.name(number) for number in numbers}
         there = {number for number, part in parts.items() if part.exists()}
         # digests are read after names, since the line of a file is written before its name

@@ -1,4 +1,4 @@
-"""One part of a table: a parquet file with the rows of one block, and a footer that identifies it."""
+"""Parts of a table: a parquet file with the rows of one block, and a footer that identifies it."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def check_frame(frame: pd.DataFrame, start: int, stop: int) -> None:
     """Check that a frame has the records of rows `start` to `stop - 1`, in order.
 
     Raises:
-        ValueError: it has not, by an error of the program.
+        ValueError: it has not, because of a bug.
     """
     for column in ("row", "status"):
         if column not in frame:
@@ -65,12 +65,12 @@ def check_frame(frame: pd.DataFrame, start: int, stop: int) -> None:
                 f"A part needs the column {column}; this one has {', '.join(map(str, frame.columns))}."
             )
     if not all(isinstance(column, str) for column in frame.columns) or not frame.columns.is_unique:
-        raise ValueError("The columns of a part need names that are text, each of them once.")
+        raise ValueError("The columns of a part must have different names that are text.")
     rows = frame["row"].to_numpy()
     if rows.dtype != np.int64:
-        raise ValueError(f"The column row of a part is int64, not {rows.dtype}.")
+        raise ValueError(f"The column row of a part must be int64, not {rows.dtype}.")
     if rows.size and (rows[0] < start or rows[-1] >= stop or np.any(np.diff(rows) < 0)):
-        raise ValueError(f"The rows of a part stand in order, from {start} to {stop - 1}.")
+        raise ValueError(f"The rows of a part must be in order, from {start} to {stop - 1}.")
 
 
 def checked_part(
@@ -108,7 +108,7 @@ def part_bytes(
 ) -> EncodedPart:
     """Encode a block's records as parquet with a checksum for each page and a `Footer` in the metadata.
 
-    Categories are stored as text, which parquet encodes by a dictionary of its own; their order is kept in
+    Categories are stored as text, which parquet encodes with its own dictionary; their order is stored in
     the footer. So any other reader of parquet sees plain text, and finds the unit and the meaning of a column
     in the metadata of its arrow field, under the keys `unit` and `meaning`.
 
@@ -150,7 +150,7 @@ def part_bytes(
 
 
 def _text(codes: np.ndarray, names: list[str]) -> pa.Array:
-    """The names of codes (n,), of which -1 has none."""
+    """The names of codes (n,); -1 has no name."""
     coded = pa.array(codes, mask=codes < 0)
     return pa.DictionaryArray.from_arrays(coded, pa.array(names, pa.string())).cast(pa.string())
 
@@ -173,7 +173,7 @@ def read_footer(data: bytes) -> Footer:
     except UNREADABLE as error:
         raise DamagedPart(f"it cannot be read as parquet ({on_one_line(error)})") from error
     if not sound:
-        raise DamagedPart("its footer is none of gaitsweep's")
+        raise DamagedPart("its footer is not one of gaitsweep")
     return footer
 
 
@@ -203,15 +203,15 @@ def read_records(
         raise DamagedPart(f"its records cannot be read ({on_one_line(error)})") from error
     each = rows[np.flatnonzero(np.diff(rows, prepend=start - 1))] if rows.size else rows
     if not np.array_equal(each, np.arange(start, stop)):
-        raise DamagedPart(f"its rows are not {start} to {stop - 1}, each of them in its place")
+        raise DamagedPart(f"its rows are not {start} to {stop - 1} in order")
     return table
 
 
 def readable(data: bytes) -> pa.BufferReader:
-    """A reader of a copy of the bytes in Arrow's own memory.
+    """A reader of a copy of the bytes in Arrow's memory.
 
-    Arrow's threads may let go of it after the last read has returned. If it were Python's memory and Python
-    had ended meanwhile, the process would abort.
+    Arrow's threads may release the copy after the last read has returned. With Python's memory the process
+    would abort if Python had ended meanwhile.
     """
     own = pa.allocate_buffer(len(data))
     np.frombuffer(own, np.uint8)[:] = np.frombuffer(data, np.uint8)

@@ -1,4 +1,4 @@
-"""Reading a result directory: its contents, and its table as a data frame."""
+"""Reading of result directories: their contents, and their tables as data frames."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _DEEPEST, _MOST_EVENTS = 50, 400_000  # of an edited `job.yaml`
 class Snapshot:
     """The contents of a result directory at one moment, without its records; a run may be writing it.
 
-    `job` is the job that was run, `written` the content of `job.yaml`; they differ if it was edited.
+    `job` is the job that was run, `written` the content of `job.yaml`; they differ if the file was edited.
     `files` are those of the table, examined; `rows_open` is the number of ended rows of incomplete blocks.
     """
 
@@ -72,7 +72,7 @@ class Snapshot:
 
     @property
     def rows_safe(self) -> int:
-        """The number of rows that need not be run again, with those of open blocks."""
+        """The number of rows that are stored, including those of incomplete blocks."""
         return self.rows_done + self.rows_open
 
     @property
@@ -87,10 +87,12 @@ class Snapshot:
 
     @property
     def without_digests(self) -> str:
-        """Sentence on files without digests, in which damage can go unseen."""
-        n, told = len(self.files.undigested), "so not every damage would be found"
-        again = "" if self.manifest["format"] == 1 else ". Its job, run again, makes the digests anew"
-        return f"{n} file{'s' * (n != 1)} of the table carry no digests, {told}{again}"
+        """Sentence on files without digests, in which damage may go undetected."""
+        n, told = len(self.files.undigested), "so some damage cannot be detected"
+        again = "" if self.manifest["format"] == 1 else ". Run its job again to write the digests"
+        return (
+            f"{n} file{'s' * (n != 1)} of the table {'has' if n == 1 else 'have'} no digests, {told}{again}"
+        )
 
     def require_sound(self) -> None:
         """Refuse a table with damaged files or files of another table.
@@ -105,10 +107,10 @@ class Snapshot:
 
 def _refusal(found: list[Fault]) -> str:
     more = ", ".join(fault.file.name for fault in found[1:6]) + (", ..." if len(found) > 6 else "")
-    others = f" So {'is' if len(found) == 2 else 'are'} {more}." if more else ""
+    others = f" Also affected: {more}." if more else ""
     if all(fault.file.suffix == ".parquet" and fault.foreign and not fault.digest_known for fault in found):
         return f"{found[0].sentence}{others}"
-    return f"{found[0].sentence}{others} Run its job again, which makes that part anew."
+    return f"{found[0].sentence}{others} Run its job again to replace it."
 
 
 def add_counts(footers: dict[int, Footer]) -> dict[str, int]:
@@ -125,7 +127,7 @@ _SOURCES = ("cycles", "gait", "status")
 
 @dataclasses.dataclass(frozen=True)
 class Wanted:
-    """The records that are read of a table: some columns, or all, of some rows, or all."""
+    """The records to read from a table: some or all columns of some or all rows."""
 
     columns: tuple[str, ...] | None = None
     rows: range | np.ndarray | None = None  # in rising order
@@ -135,7 +137,7 @@ class Wanted:
         """The wanted records of a table of `n_rows` rows; see `load`.
 
         Raises:
-            TableError: rows that a table does not have, or that are no row numbers.
+            TableError: the table does not have these rows, or they are not row numbers.
         """
         names = None if columns is None else _decoded(columns)
         if rows is None:
@@ -147,10 +149,10 @@ class Wanted:
         else:
             numbers = np.unique(np.asarray(rows))
             if numbers.size and numbers.dtype.kind not in "iu":
-                raise TableError(f"rows has {numbers[0]!s}, but takes a slice, or numbers of rows.")
+                raise TableError(f"rows contains {numbers[0]!s}, but must be a slice or row numbers.")
         if len(numbers) and not 0 <= numbers[0] <= numbers[-1] < n_rows:
             wrong = numbers[0] if numbers[0] < 0 else numbers[-1]
-            raise TableError(f"rows has {wrong}, but the table has rows 0 to {n_rows - 1}.")
+            raise TableError(f"rows contains {wrong}, but the table has rows 0 to {n_rows - 1}.")
         return cls(names, numbers)
 
     def records_of(self, table: pa.Table) -> pa.Table:
@@ -211,14 +213,14 @@ def _job_of(
         text = " ".join(str(error).split())[:200]
         raise TableError(f"{file} cannot be read: {text}. {_written_anew(path)}") from error
     if not is_job(written):
-        raise TableError(f"{file} is no job any more. {_written_anew(path)}")
+        raise TableError(f"{file} was changed and is not a job. {_written_anew(path)}")
     if known is None or (digest is None and written == known):
         return written, written
     return known, written
 
 
 def _parsed(text: str) -> Any:
-    """The values of a YAML text that may have been edited; raises what YAML's readers raise."""
+    """The values of a YAML text that may have been edited; raises the exceptions of YAML's readers."""
     depth = 0
     for number, event in enumerate(yaml.parse(text, Loader=yaml.SafeLoader)):
         # the time of PyYAML grows with the square of the depth, and its value readers are recursive
@@ -231,7 +233,7 @@ def _parsed(text: str) -> Any:
 
 
 def _written_anew(path: Path) -> str:
-    return f"Run the job of {path} again, which writes it anew."
+    return f"Run the job of {path} again to rewrite it."
 
 
 def load(
@@ -258,8 +260,8 @@ def load(
         One record for each row, crossing or sample; `status`, `gait` and other names are categories.
 
     Raises:
-        TableError: it is not a result directory, has no complete part yet, has a damaged file, or does not
-            have a column or a row.
+        TableError: it is not a result directory, has no complete part yet, has a damaged file, or lacks a
+            column or a row.
     """
     _, table = load_with_snapshot(path, columns, rows)
     return table
@@ -295,7 +297,7 @@ _TOGETHER = 65_536
 
 
 def load_parts(path: str | Path, columns: Sequence[str]) -> Iterator[pd.DataFrame]:
-    """The records of a complete table, some parts at a time, so that memory holds a few of them.
+    """The records of a complete table, some parts at a time, so that few are in memory.
 
     Args:
         path: the directory.
@@ -321,13 +323,11 @@ def load_parts(path: str | Path, columns: Sequence[str]) -> Iterator[pd.DataFram
 
 
 def _require_parts(snapshot: Snapshot) -> None:
-    """Refuse a table that is not sound, or has no part yet."""
+    """Refuse a table that is damaged or has no part yet."""
     snapshot.require_sound()
-    waiting = f"; {snapshot.rows_open} rows of its open blocks have ended" if snapshot.rows_open else ""
+    waiting = f"; {snapshot.rows_open} rows of incomplete blocks have ended" if snapshot.rows_open else ""
     if not snapshot.files.footers:
-        raise TableError(
-            f"{snapshot.path} has no finished part yet: run its job until there is one{waiting}."
-        )
+        raise TableError(f"{snapshot.path} has no complete part yet: run its job further{waiting}.")
 
 
 @dataclasses.dataclass
@@ -340,10 +340,10 @@ class _Part:
 
 
 class _Parts:
-    """Parts in order; a column of numbers that all have is one array from the start, so that none is copied.
+    """Parts in order; numeric columns of all parts are read into one array, without copies.
 
     Args:
-        n_rows: the number of rows of the table, from which and from the first part the records are reckoned.
+        n_rows: the number of rows of the table; with the first part, it gives the number of records.
     """
 
     def __init__(self, n_rows: int) -> None:
@@ -353,7 +353,7 @@ class _Parts:
         self.length = 0
 
     def add(self, table: pa.Table, footer: Footer, a_row: float = 1.0) -> None:
-        """Add the records of a part, of which a row has about `a_row`."""
+        """Add the records of a part, with about `a_row` records per row."""
         self._room = self._room or math.ceil(a_row * self._n_rows)
         columns: dict[str, np.ndarray | pa.ChunkedArray] = {}
         for name, column in zip(table.column_names, table.columns, strict=True):
@@ -369,7 +369,7 @@ class _Parts:
         self.length += table.num_rows
 
     def _placed(self, name: str, values: np.ndarray) -> np.ndarray:
-        """The values in their place of the whole column, if they fit there."""
+        """The values in their place in the whole column, if they fit there."""
         if name not in self._whole:
             self._whole[name] = np.empty(self._room, values.dtype)
         whole = self._whole[name]
@@ -380,14 +380,14 @@ class _Parts:
         return place
 
     def whole(self, name: str) -> np.ndarray | None:
-        """The column of all parts, if each has its values there."""
+        """The column of all parts, if all have their values there."""
         whole = self._whole.get(name)
         there = all(getattr(part.columns.get(name), "base", None) is whole for part in self.parts)
         return None if whole is None or not there else whole[: self.length]
 
 
 def _decoded(columns: Sequence[str]) -> tuple[str, ...]:
-    """The columns to read of the parts for these of the table."""
+    """The columns of the parts that are needed for these columns of the table."""
     return (*columns, *_SOURCES) if "outcome" in columns else tuple(columns)
 
 
@@ -408,7 +408,7 @@ def _frame(path: Path, parts: _Parts, columns: Sequence[str] | None) -> pd.DataF
         except pa.ArrowException as error:
             raise TableError(
                 f"The parts of {path} do not fit together ({' '.join(str(error).split())}): "
-                "they were written by different versions; run its job into another directory."
+                "different versions wrote them. Run its job into another directory."
             ) from error
     return pd.DataFrame(values, index=pd.RangeIndex(parts.length), copy=False)
 
@@ -420,7 +420,7 @@ def _outcomes(parts: _Parts) -> pd.Categorical:
 
 
 def _near_column(path: Path, name: str) -> str:
-    """The end of a sentence about a column that a table does not have."""
+    """The end of the message about an unknown column."""
     file = next(iter(sorted((path / TABLE).glob("part-*.parquet"))))
     return near_miss.suggestion(name, pq.read_schema(file).names)
 
@@ -448,7 +448,7 @@ def _recoded(name: str, part: _Part, categories: list[str]) -> np.ndarray:
 
 
 def _promoted(name: str, parts: list[_Part]) -> pd.Series:
-    """A column of text or flags, or one that differs between parts of different versions."""
+    """A column of text or flags, or one whose type differs between parts of different versions."""
     pieces = [_in_arrow(part.columns.get(name, pa.nulls(part.length))) for part in parts]
     kinds = [pa.schema([pa.field(name, piece.type)]) for piece in pieces]
     common = pa.unify_schemas(kinds, promote_options="permissive").types[0]
@@ -461,12 +461,12 @@ def _in_arrow(piece: Any) -> pa.ChunkedArray:
 
 
 def _narrow(categories: list[str]) -> np.dtype[Any]:
-    """The type of codes of categories, as narrow as that of pandas."""
+    """The smallest integer type for codes of categories, as in pandas."""
     return np.min_scalar_type(-max(len(categories), 1))
 
 
 def _codes(column: pa.ChunkedArray, categories: list[str]) -> np.ndarray:
-    """The place of each name among the categories, -1 for none."""
+    """The index of each name among the categories, -1 for missing names."""
     place = {name: number for number, name in enumerate(categories)}
     codes = [np.zeros(0, _narrow(categories))]
     for chunk in column.chunks:
@@ -480,15 +480,15 @@ def _codes(column: pa.ChunkedArray, categories: list[str]) -> np.ndarray:
 def _warn(snapshot: Snapshot) -> None:
     if not snapshot.complete:
         rows = snapshot.manifest["rows"]
-        waiting = f" ({snapshot.rows_open} of them have ended, in blocks that are open)"
+        waiting = f" ({snapshot.rows_open} of them have ended, in incomplete blocks)"
         warnings.warn(
             f"{snapshot.path} is not complete: {rows - snapshot.rows_done} of {rows} rows are missing"
-            f"{waiting if snapshot.rows_open else ''}. Its job, run again, goes on.",
+            f"{waiting if snapshot.rows_open else ''}. Run its job again to continue.",
             stacklevel=4,
         )
     if snapshot.job_edited:
         warnings.warn(
-            f"{snapshot.path / JOB} was changed after the run: the manifest's job is the one that was run.",
+            f"{snapshot.path / JOB} was changed after the run; the manifest has the job that was run.",
             stacklevel=4,
         )
     if snapshot.files.undigested:

@@ -1,4 +1,4 @@
-"""A result directory as one HTML file: what was asked, how rows ended, the figures, and the provenance."""
+"""A report of a result directory in one HTML file: outcomes of rows, figures, job and provenance."""
 
 from __future__ import annotations
 
@@ -61,34 +61,35 @@ figure { margin: 1.2rem 0; } img { max-width: 100%; height: auto; background: #f
 }
 """
 )
-_NOT_READ = "not read"  # of records without a gait
-# Reasons that are shown where sets of constants failed.
+_NOT_READ = "not read"  # records without a gait
+# Number of reasons shown for failed sets of constants.
 _REASONS = 5
-# What of the manifest is shown apart, or is of no use to a reader.
+# Entries of the manifest that are shown elsewhere, or are of no use to a reader.
 _APART = (
     "quantities", "job", "figures_drawn", "sha256", "counts", "gaits", "self_check", "stalls", "slowest",
     "complete", "versions", "largest_distance", "program",
 )  # fmt: skip
 _NAMES = {
     "job_hash": "hash of the job", "gaitsweep": "gaitsweep", "git_commit": "commit of the source",
-    "created": "begun", "rows": "rows", "block": "rows of a part", "dt": "steps, shortest and longest (s)",
+    "created": "start of the run", "rows": "rows", "block": "rows of a part", "dt": "steps, shortest "
+        "and longest (s)",
     "format": "format of the directory", "lanes": "trajectories at once", "axes": "axes",
     "method": "integration method", "timings": "time", "model_folder": "folder of the model",
-    "made_before": "parts that others made",
+    "made_before": "parts made by other versions",
 }  # fmt: skip
 
 
 def write_report(path: str | Path) -> Path:
-    """Write `report.html` into a result directory; it needs no other file.
+    """Write the self-contained page `report.html` into a result directory.
 
     Args:
         path: the directory, complete or not.
 
     Returns:
-        Where the report stands.
+        The file.
 
     Raises:
-        TableError: it is no result directory, or a file of its table is damaged.
+        TableError: it is not a result directory, or a file of its table is damaged.
         WriteError: the report cannot be written.
     """
     snapshot = Snapshot.of(path)
@@ -112,11 +113,11 @@ def _page(snapshot: Snapshot) -> str:
     explorer = snapshot.path / "explore.html"
     sections = [
         f'<h1>{name}</h1><p class="faint">Model {model}, {state}{run}.</p>{_warnings(snapshot)}',
-        '<p><a href="explore.html">The explorer: click a start, and it walks.</a></p>'
+        '<p><a href="explore.html">Explorer: click a start to see the model walk from it.</a></p>'
         if explorer.exists()
         else "",
         figures,
-        f"<h2>How rows ended</h2>{_counts(snapshot)}",
+        f"<h2>Outcomes of rows</h2>{_counts(snapshot)}",
         _gaits(snapshot),
         _self_check(snapshot),
         f"<h2>Provenance</h2>{_provenance(snapshot)}",
@@ -126,7 +127,7 @@ def _page(snapshot: Snapshot) -> str:
 
 
 def document(title: str, style: str, sections: Sequence[str]) -> str:
-    """An HTML document that needs no other file, from an escaped title, CSS, and sections of HTML."""
+    """A self-contained HTML document from an escaped title, CSS, and sections of HTML."""
     body = "\n".join(sections)
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -136,7 +137,7 @@ def document(title: str, style: str, sections: Sequence[str]) -> str:
 
 
 def figure_of(path: Path, caption: str) -> str:
-    """The HTML of a PNG file, with its image inside."""
+    """The HTML of a PNG file, with its image embedded."""
     image = base64.b64encode(path.read_bytes()).decode()
     name = html.escape(caption)
     return (
@@ -149,7 +150,7 @@ def _warnings(snapshot: Snapshot) -> str:
     """Summary at the top of the report."""
     told = []
     if not snapshot.complete:
-        told.append("The table is not complete: the same command continues it.")
+        told.append("The table is not complete. Run the same command to continue it.")
     if snapshot.job_edited:
         told.append("job.yaml was changed after the run; the job below is the one that was run.")
     check = snapshot.manifest.get("self_check")
@@ -159,7 +160,7 @@ def _warnings(snapshot: Snapshot) -> str:
 
 
 def _counts(snapshot: Snapshot) -> str:
-    """Rows by status, with what each status means; they add up to the rows that ended."""
+    """Rows by status, with the meaning of each status; they add up to the rows that ended."""
     total = sum(snapshot.counts.values())
     if not total:
         return "<p>No row has ended yet.</p>"
@@ -178,12 +179,12 @@ def _counts(snapshot: Snapshot) -> str:
         each = ", ".join(
             f"{html.escape(name)} in {int(rows)} row{'s' * (rows != 1)}" for name, rows in slowest.items()
         )
-        told += f"<p>Kept from settling by {each}.</p>"
+        told += f"<p>Rows did not settle because of {each}.</p>"
     return f'<div class="wide"><table>{"".join(lines)}</table></div>{told}{_reasons(snapshot)}'
 
 
 def _columns(snapshot: Snapshot, *names: str) -> pd.DataFrame:
-    """Columns of the table as far as it goes; the page says elsewhere that it is not complete."""
+    """Columns of the table, which may be incomplete; the page says so elsewhere."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return load(snapshot.path, columns=names)
@@ -194,17 +195,17 @@ def _number(number: int, total: int) -> str:
 
 
 def _reasons(snapshot: Snapshot) -> str:
-    """Most frequent reasons why sets of constants failed."""
+    """Most frequent reasons for failed sets of constants."""
     if not snapshot.counts.get("failed"):  # no status of rows, which have none of this name
         return ""
     why = _columns(snapshot, "why")["why"].astype(str)
     most = collections.Counter(each for each in why if each).most_common(_REASONS)
     lines = [f"<li>{html.escape(reason)} ({number} sets)</li>" for reason, number in most]
-    return f"<p>Why sets failed, most often:</p><ul>{''.join(lines)}</ul>"
+    return f"<p>Most frequent reasons for failed sets:</p><ul>{''.join(lines)}</ul>"
 
 
 def _gaits(snapshot: Snapshot) -> str:
-    """The gaits by how their rows ended; they add up to the rows, or to the records of all rows."""
+    """The gaits by the status of their rows; they add up to the rows, or to the records of all rows."""
     footers = snapshot.files.footers.values()
     if not any("gait" in footer.categories for footer in footers):
         return ""
@@ -231,7 +232,7 @@ def _gaits(snapshot: Snapshot) -> str:
 
 
 def _self_check(snapshot: Snapshot) -> str:
-    """Section on the self-check at half the step."""
+    """Section on the self-check."""
     found = snapshot.manifest.get("self_check")
     if not isinstance(found, dict):
         return ""
@@ -258,14 +259,14 @@ def _self_check(snapshot: Snapshot) -> str:
 
 
 def _provenance(snapshot: Snapshot) -> str:
-    """Provenance of the table: the manifest in words, the versions last."""
+    """Provenance of the table: entries of the manifest, with the versions last."""
     manifest = snapshot.manifest
     facts = {_NAMES.get(key, key): value for key, value in manifest.items() if key not in _APART}
     if "git_commit" not in manifest or manifest["git_commit"] is None:
-        facts[_NAMES["git_commit"]] = "not known: gaitsweep ran from no checkout"
+        facts[_NAMES["git_commit"]] = "unknown: gaitsweep did not run from a checkout"
     versions = manifest.get("versions", {})
     facts["versions"] = ", ".join(f"{name} {number}" for name, number in versions.items())
-    facts["to make it again"] = "gaitsweep run job.yaml"
+    facts["command to reproduce it"] = "gaitsweep run job.yaml"
     lines = [
         f"<tr><th>{html.escape(str(name))}</th><td>{html.escape(_written(value))}</td></tr>"
         for name, value in facts.items()
@@ -275,7 +276,7 @@ def _provenance(snapshot: Snapshot) -> str:
 
 
 def _written(value: Any) -> str:
-    """A value of the manifest in words."""
+    """Format a value of the manifest."""
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, Mapping):

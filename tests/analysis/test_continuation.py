@@ -151,7 +151,7 @@ def test_a_start_without_a_fixed_point() -> None:
     assert ends == ["singular", "not_converged", "range"]
     assert table["row"].value_counts()[[0, 1]].tolist() == [1, 1]
     assert table.loc[table["row"] < 2, "stable"].isna().all()
-    with pytest.raises(ValueError, match="two numbers that differ"):
+    with pytest.raises(ValueError, match="two different numbers"):
         continuation(FOLD, FOLD.points([[0.5]]), {}, parameter="r", within=(1.0, 1.0))
 
 

@@ -98,7 +98,7 @@ def test_figure_where_two_gaits_are_stable() -> None:
     beside = draw(pd.concat([table, more.assign(r=more["r"] + 1.5)]), x="r", y="up")
     walk = beside.axes[0].collections[0].get_paths()[0].vertices
     assert [float(walk[:, 0].min()), float(walk[:, 0].max())] == [0.0, 3.5]
-    with pytest.raises(PlotError, match=r"walk at up = 0: stable in ranges of r that lie apart"):
+    with pytest.raises(PlotError, match=r"walk at up = 0: stable in separate ranges of r"):
         draw(pd.concat([table, more.assign(r=more["r"] + 5.0)]), x="r", y="up")
     with pytest.raises(PlotError, match="not of numbers"):
         draw(table, x="r", y="gait")

@@ -215,7 +215,7 @@ def test_a_model_on_its_section() -> None:
 
 def test_what_is_refused() -> None:
     u1 = SADDLE.points([[1.0, 0.0]] * 2)
-    with pytest.raises(ValueError, match="both need as many"):
+    with pytest.raises(ValueError, match="both must have the same number"):
         edge_states(SADDLE, u1, u1[:1], {})
     with pytest.raises(ValueError, match="resolution of float64"):
         EdgeLimits(bisection_distance=1e-15)

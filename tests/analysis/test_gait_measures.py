@@ -69,7 +69,7 @@ def test_gaits_by_threshold_come_from_onsets() -> None:
     assert list(found["L-walk"]) == [1, 0, 0]
     assert found.loc[0.07, "order"] == "walk trot gallop"
     assert found.loc[0.05, "order"] == "walk gallop"
-    with pytest.raises(AnalysisError, match="No threshold"):
+    with pytest.raises(AnalysisError, match="thresholds is empty"):
         gaits_by_threshold(table, ())
 
 

@@ -237,7 +237,7 @@ def test_onsets_in_a_trace() -> None:
 
 def test_refusals_and_units() -> None:
     onsets = _table(_steps("trot"))
-    with pytest.raises(AnalysisError, match="LG is no leg"):
+    with pytest.raises(AnalysisError, match="LG is not a leg"):
         gait_of(onsets.assign(leg="LG"))
     with pytest.raises(AnalysisError, match="leg is not a column"):
         gait_of(onsets.drop(columns="leg"))

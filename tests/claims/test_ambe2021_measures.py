@@ -67,7 +67,7 @@ def test_directions_and_order_of_a_wave(table: pd.DataFrame) -> None:
 
 
 def test_a_trace_of_less_than_two_cycles_is_refused(table: pd.DataFrame) -> None:
-    with pytest.raises(UserError, match="two cycles at least"):
+    with pytest.raises(UserError, match="at least two cycles"):
         waves(table[table["t"] < 20.0])
 
 

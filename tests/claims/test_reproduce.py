@@ -78,7 +78,7 @@ def test_every_claim_has_a_verdict(
     assert "no column nothing" in found["why"]["not_there"]
     assert found["command"]["all_settle"].startswith("gaitsweep run ")
     told = capsys.readouterr().out
-    assert "5 claims: 1 reproduced, 2 not, 2 not run." in told
+    assert "1 of 5 claims reproduced, 2 not reproduced, 2 not run." in told
     assert "not, far_off: 1; paper: 0\n" in told
     page = (out / "index.html").read_text()
     assert page.count("<article") == 5
@@ -127,21 +127,21 @@ def test_a_job_whose_config_is_gone_harms_no_other(table_of_claims: Path, tmp_pa
             "tolerence: 0, unit",
             "tolerence is not a field of a claim; did you mean tolerance?",
         ),
-        ("measure: texts", "measure: text", "which is no measure"),
-        ("of: [lost]", "of: [lsot]", "which is no job here"),
+        ("measure: texts", "measure: text", "not a measure"),
+        ("of: [lost]", "of: [lsot]", "did you mean lost?"),
         ("with: {column: nothing}", "with: {colum: nothing}", "does not fit the measure texts"),
-        ("id: far_off", "id: all_settle", "the name of claims[0] too"),
-        ("bad.yaml", "worse.yaml", "no job of gaitsweep or of an extension"),
-        ("paper: 0, tolerance: 0.1", "paper: 0", "needs a tolerance"),
+        ("id: far_off", "id: all_settle", "claims[0]"),
+        ("bad.yaml", "worse.yaml", "worse.yaml"),
+        ("paper: 0, tolerance: 0.1", "paper: 0", "claims[1] must have a tolerance"),
         ("paper: Nobody (2026)", "papers: Nobody (2026)", "papers is not a field"),
         ("because: exact, tried", "tried", "because is missing"),
         ("\"status == 'settled'\"", "\"@pd.os.system('true') == 0\"", "is not a condition"),
         ("\"status == 'settled'\"", "\"psi_1.to_csv('out')\"", "is not a condition"),
         ("\"status == 'settled'\"", "5", "where: 5"),
         ("with: {column: nothing}", "with: {column: [1]}", "column: a list (1)"),
-        ("basins: {job", "../../basins: {job", "names files: letters"),
-        ("basins: {job", '"a\\nb": {job', "names files: letters"),
-        ("job: small.yaml", "job: ../small.yaml", "names files: letters"),
+        ("basins: {job", "../../basins: {job", "file name of letters"),
+        ("basins: {job", '"a\\nb": {job', "file name of letters"),
+        ("job: small.yaml", "job: ../small.yaml", "file name of letters"),
         ("figure: basin", "figure: ../../../basin", "figure"),
     ],
 )
@@ -157,7 +157,7 @@ def test_papers() -> None:
     for name in known_papers():
         paper = read_paper(name)
         assert {claim.measure for claim in paper.claims} <= set(MEASURES)
-    with pytest.raises(ArgumentError, match="is no paper"):
+    with pytest.raises(ArgumentError, match="is not a paper"):
         read_paper("ambe2012")
 
 

@@ -324,9 +324,7 @@ def test_ctrl_c_says_how_to_continue(job_file: Path, runner: FakeRunner, capsys:
     assert "Stopped before anything was written" in refused(capsys, 130, ["run", str(job_file)])
     runner.error_after_blocks = 2
     text = refused(capsys, 130, ["run", str(job_file)])
-    assert (
-        text == "Stopped: 8 of 10 rows are safe in results/toy, and the same command continues from them.\n"
-    )
+    assert text == "Stopped: 8 of 10 rows are safe in results/toy. Run the same command to continue.\n"
     runner.error = None
     assert main(["run", str(job_file)]) == 0
     assert "10 rows: 9 settled, 1 fell." in capsys.readouterr().out
@@ -386,7 +384,7 @@ def test_check_has_a_line_for_each_job(job_file: Path, capsys: Capture) -> None:
     Path("bad.yaml").write_text(JOB.replace("multilegged", "multilegs"))
     assert main(["check", "job.yaml", "bad.yaml", "job.yaml"]) == 2
     printed = capsys.readouterr()
-    assert printed.out == "job.yaml: good, 10 rows\n" * 2
+    assert printed.out == "job.yaml: valid, 10 rows\n" * 2
     assert printed.err.startswith("bad.yaml, line 2: model is multilegs")
     assert printed.err.count("\n") == 1
     assert main(["check", "job.yaml"]) == 0
@@ -435,7 +433,7 @@ def test_a_platform_that_is_not_here_is_a_sentence(job_file: Path) -> None:
     environment = os.environ | {"JAX_PLATFORMS": "abacus"}
     found = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert found.returncode == 2
-    assert "JAX_PLATFORMS is abacus, and JAX finds no such device here." in found.stderr
+    assert "JAX_PLATFORMS is abacus, but JAX finds no such device here." in found.stderr
     assert found.stderr.count("\n") == 1
 
 

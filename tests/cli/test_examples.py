@@ -62,7 +62,7 @@ def test_all_of_them_are_copied_and_work_where_they_are(capsys: Capture) -> None
     Path("here/hopper.py").unlink()
     capsys.readouterr()
     assert main(["examples", "hopper", "--to", "here"]) == 2
-    assert "here/hopper.yaml exists with other contents" in capsys.readouterr().err
+    assert "here/hopper.yaml exists already" in capsys.readouterr().err
     assert not Path("here/hopper.py").exists()
 
 
@@ -99,7 +99,7 @@ def test_notebooks_name_no_file_of_a_checkout() -> None:
 def test_windows_is_refused_in_a_sentence(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
     monkeypatch.setattr(sys, "platform", "win32")
     assert main(["models"]) == 2
-    assert "not on Windows itself: install it in WSL 2" in capsys.readouterr().err
+    assert "Windows is not supported; use WSL 2" in capsys.readouterr().err
     with pytest.raises(UnsupportedSystem, match="WSL 2"):
         _ = gs.sweep
 

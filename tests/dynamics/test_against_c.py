@@ -132,7 +132,7 @@ def test_keyframes_are_taken_by_name_and_controls_have_one_shape() -> None:
         model_of(TURNING, keyframe="thrwn").mjx_body  # noqa: B018
     for given in (jnp.zeros(()), jnp.zeros(2), jnp.zeros((1, 1))):
         model = model_of(TURNING, lambda self, p, s, given=given: given)
-        with pytest.raises(ValueError, match=re.escape(f"shape {given.shape}, where it gives (1,)") + ".*a"):
+        with pytest.raises(ValueError, match=re.escape(f"shape {given.shape}, but must return (1,)") + ".*a"):
             model.checked_control(None, None)
 
 
@@ -220,7 +220,7 @@ def test_check_model_steps_beside_c() -> None:
 @pytest.mark.parametrize(
     ("first", "second", "words"),
     [
-        ("q", "knee", "signal q_0 has the name of what a job sets"),
+        ("q", "knee", "signal q_0 has the name of a"),
         ("a-b", "a_b", "have the name a_b_0 twice"),
         ("x", "x_rate", "have the name x_rate_0 twice"),
     ],

@@ -277,7 +277,7 @@ def test_names_that_are_too_few_are_refused() -> None:
     class Few(Alternating):
         guard_names = ("one", "two")
 
-    assert fault(Few()) == "but its function guard_names gives 2 names, but guards gives 3 numbers."
+    assert fault(Few()) == "but its function guard_names returns 2 names, but guards returns 3 numbers."
 
 
 @pytest.mark.slow

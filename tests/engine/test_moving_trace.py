@@ -59,8 +59,11 @@ def test_a_trace_that_moves_nothing_keeps_its_hash() -> None:
 @pytest.mark.parametrize(
     ("run", "words"),
     [
-        ("{kind: trace, duration: 3, every: 1, path: [1, 2]}", ["run.path", "name its run.parameter"]),
-        ("{kind: trace, duration: 3, every: 1, parameter: kick}", ["run.path is missing", "kick moves"]),
+        ("{kind: trace, duration: 3, every: 1, path: [1, 2]}", ["run.path", "run.parameter"]),
+        (
+            "{kind: trace, duration: 3, every: 1, parameter: kick}",
+            ["run.path is missing", "run.parameter is kick"],
+        ),
         ("{kind: trace, duration: 3, every: 1, parameter: kick, path: [1, 2]}", ["run.rate is missing"]),
         (
             "{kind: trace, duration: 3, every: 1, parameter: kick, path: [1, 2], rate: 1, after_cycles: 4}",
@@ -84,4 +87,4 @@ def test_what_is_refused(tmp_path: Path, run: str, words: list[str]) -> None:
 
 def test_a_ramp_of_gaits_needs_something_that_moves(tmp_path: Path) -> None:
     text = TEXT.format(run="{kind: trace, duration: 3, every: 1}") + "figures: [{kind: gait_ramp}]\n"
-    assert "this run moves nothing" in refused(written(tmp_path, text))
+    assert "no parameter moves" in refused(written(tmp_path, text))

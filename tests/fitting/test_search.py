@@ -373,14 +373,14 @@ def test_wrong_searches_are_refused(change: dict[str, Any], sentence: str, tmp_p
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"kind": "valu"}, 'search.targets.speed.kind is "valu", which is none; did you mean value?'),
+        ({"kind": "valu"}, 'search.targets.speed.kind: "valu" is not an allowed kind; did you mean value?'),
         ({"of": "launch_2"}, "search.targets.speed.of is launch_2, which is none; did you mean launch_1"),
         ({"error": 0}, "search.targets.speed.error is 0, but must be above 0"),
         ({"at": {"mas": 1}}, "search.targets.speed.at.mas is not"),
         ({"at": {"kick": 1}}, "at.kick is free, but every measure sets it"),
         ({"at": {"mass": -1}}, "search.targets.speed.at.mass is -1, but must be above 0"),
         ({"held_back": True}, "are all held back"),
-        ({"kind": ["value"]}, "search.targets.speed.kind is a list"),
+        ({"kind": ["value"]}, "search.targets.speed.kind: a list"),
         ({"of": "status"}, "search.targets.speed.of is status, which is none. Allowed: cycles"),
         ({"weight": 2}, "search.targets.speed.weight is not a field of a measure (value)"),
         ({"at": {"mass": {"linspace": [1, 2, 20000]}}}, "a linspace of 20000 points, but takes 2 to 10000"),
@@ -778,7 +778,7 @@ def test_a_width_is_of_cma_and_a_share(tmp_path: Path) -> None:
         ([{"kic": 1.0}], r"search.known\[0\] is refused: kic is not free here; did you mean kick\?"),
         (["none.yaml"], r"search.known\[0\] is refused: config names .*none.yaml"),
         ([3], "search.known"),
-        (["."], r"search.known\[0\] is refused: .* is no result directory"),
+        (["."], r"search.known\[0\] is refused: .* is not a result directory"),
         ([{"kick": 1.0}] * 401, "search.known has 401 sets, but the budget is 400."),
     ],
 )

@@ -81,7 +81,7 @@ def test_check_counts_sets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     good, bad = written(tmp_path, JOB, "good.yaml"), written(tmp_path, JOB.replace("x_1: [", "x_9: ["))
     assert main(["check", str(good), str(bad)]) == 2
     out, err = capsys.readouterr()
-    assert out == f"{good}: good, 40 sets\n"
+    assert out == f"{good}: valid, 40 sets\n"
     assert "sensitivity.parameters.x_9 is not a parameter" in err
 
 
@@ -242,7 +242,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "no output": ({"outputs": None}, "outputs is empty, but takes measures by name."),
     "an output's kind": (
         {"outputs": {"a": {"kind": "valeu", "of": "linear", "at": {"y_0": 1}}}},
-        'a.kind is "valeu", which is none; did you mean value?',
+        'a.kind: "valeu" is not an allowed kind; did you mean value?',
     ),
     "an output's column": (
         {"outputs": {"a": {"kind": "value", "of": "lineal", "at": {"y_0": 1}}}},
@@ -298,7 +298,7 @@ def test_another_design_does_not_go_on_in_the_same_directory(tmp_path: Path) -> 
     file = written(tmp_path, JOB)
     run_sensitivity(load_sensitivity(file, ["sensitivity.n=4"]), tmp_path / "out")
     for change in ("sensitivity.seed=1", "sensitivity.outputs.curved.of=linear", "run.duration=2.5"):
-        with pytest.raises(gs.TableError, match="another job's table"):
+        with pytest.raises(gs.TableError, match="table of another job"):
             run_sensitivity(load_sensitivity(file, ["sensitivity.n=4", change]), tmp_path / "out")
 
 

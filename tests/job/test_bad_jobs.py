@@ -21,7 +21,7 @@ def test_a_name_that_meant_something_else_once() -> None:
     """Jobs of versions whose K_13 was the start's pull have no K_31; today's K_13 is a gain of eq. (6)."""
     quadruped: dict[str, Any] = {"name": "x", "model": "waist_quadruped", "run": {"kind": "settle"}}
     for old in ({"params": {"K_13": 20}}, {"vary": {"K_13": [0, 20]}}):
-        with pytest.raises(JobError, match=r"K_13 is given without K_31: .* is K_hold"):
+        with pytest.raises(JobError, match=r"K_13 is .*without K_31: .*K_hold"):
             Job(**quadruped, **old)
     now = Job(**quadruped, params={"K_13": 20, "K_31": "K_13"})
     assert Job(**now.resolved()).design.settings["K_31"] == "K_13"
@@ -31,7 +31,7 @@ def test_a_precision_in_which_the_model_is_not_right(tmp_path: Path) -> None:
     text = GOOD.replace("toy_model:Toy", "multilegged").replace("{mass: 2}", "{m: 1}")
     text = text.replace("launch_1_end", "psi_1_end").replace("launch_1", "psi_1")
     message = refused(written(tmp_path, text), "numerics.precision=float32", "start={psi_2: 1, psi_3: 1}")
-    assert "float32, in which multilegged is not right. Allowed: float64." in message
+    assert "numerics.precision is float32" in message
 
 
 def test_the_good_job_is_good(tmp_path: Path) -> None:
@@ -39,7 +39,7 @@ def test_the_good_job_is_good(tmp_path: Path) -> None:
 
 
 def test_fields_are_no_path() -> None:
-    with pytest.raises(ArgumentError, match=r"path is a dict, but takes the path .* make a job by Job\(\*\*"):
+    with pytest.raises(ArgumentError, match=r"path is a dict, .* path of a YAML file.*Job\(\*\*fields\)"):
         load_job({"name": "x"})  # pyright: ignore[reportArgumentType]
 
 
@@ -55,20 +55,20 @@ LINES: list[tuple[int, str, list[str]]] = [
     (1, "name: ''", ["line 1", "name is empty"]),
     (1, "name: ../up", ["line 1", 'name is "../up"', "letters, digits"]),
     (1, "", ["name is missing"]),
-    (1, "name: [a]", ["line 1", "name is a list", "takes text"]),
+    (1, "name: [a]", ["line 1", "name is a list", "text"]),
     (
         2,
         "model: multileged",
         ["line 2", "model is multileged", "did you mean multilegged?", "module:attribute"],
     ),
     (2, "model: toy_model:Toi", ["line 2", "toy_model has no Toi", "did you mean Toy?"]),
-    (2, "model: toy_modell:Toy", ["line 2", "toy_modell does not import: no module of that name"]),
+    (2, "model: toy_modell:Toy", ["line 2", "toy_modell cannot be imported: no module of that name"]),
     (2, "model: tests/toy_model.py:Toy", ["line 2", "write toy_model:Toy."]),
     (2, "model: toy_model:Params", ["line 2", "is not a model", "HybridModel or SteppedModel"]),
     (2, "model: toy_model:flight_time", ["line 2", "is not a model"]),
-    (2, "model: toy_model:HybridModel", ["line 2", "not a whole model", "flow"]),
-    (2, "model: 'toy model:Toy'", ["line 2", "cannot be read", "package.module:attribute"]),
-    (2, "model: 7", ["line 2", "model is 7", "takes text"]),
+    (2, "model: toy_model:HybridModel", ["line 2", "not a complete model", "flow"]),
+    (2, "model: 'toy model:Toy'", ["line 2", "not a valid name", "package.module:attribute"]),
+    (2, "model: 7", ["line 2", "model is 7", "text"]),
     (2, "", ["model is missing"]),
     # parameters
     (
@@ -78,7 +78,7 @@ LINES: list[tuple[int, str, list[str]]] = [
     ),
     (3, "params: {launch_1: 2}", ["line 3", "params.launch_1", "start value of toy", "write it under start"]),
     (3, "start: {mass: 2}", ["line 3", "start.mass is a parameter of toy", "write it under params"]),
-    (3, "start: {N: 2}", ["line 3", "start.N shapes the arrays"]),
+    (3, "start: {N: 2}", ["line 3", "start.N", "under structure or params"]),
     (3, "start: {launch_1: 2}", ["line 5", "vary.launch_1 varies, but start.launch_1 fixes it"]),
     (3, "params: 3", ["line 3", "params is 3", "name: number"]),
     (3, "params: [mass, 2]", ["line 3", "params is a list (", "name: number"]),
@@ -90,23 +90,23 @@ LINES: list[tuple[int, str, list[str]]] = [
         "params: {kicking: yes}",
         ["line 3", 'params.kicking is "yes"', "true, false or a number from 0 to 1"],
     ),
-    (3, "params: {mass: true}", ["line 3", "params.mass is true", "takes a number"]),
+    (3, "params: {mass: true}", ["line 3", "params.mass is true", "a number"]),
     (3, "params: {mass: }", ["line 3", "params.mass is empty"]),
-    (3, "params: {mass: [1, 2]}", ["line 3", "params.mass is a list (1, 2)", "what varies goes under vary"]),
-    (3, "params: {mass: .nan}", ["line 3", "params.mass", "takes a finite number"]),
-    (3, "params: {mass: inf}", ["line 3", "params.mass", "takes a finite number"]),
+    (3, "params: {mass: [1, 2]}", ["line 3", "params.mass is a list (1, 2)", "one number", "under vary"]),
+    (3, "params: {mass: .nan}", ["line 3", "params.mass", "a finite number"]),
+    (3, "params: {mass: inf}", ["line 3", "params.mass", "a finite number"]),
     (3, "params: {mass: 1e400}", ["line 3", "params.mass", "finite number"]),
     (3, "params: {mass: 1:30}", ["line 3", 'params.mass is "1:30"', "base 60"]),
     (3, "params: {mass: 010}", ["line 3", 'params.mass is "010"', "base 8", "without the leading zero"]),
     (3, "params: {mass: 2020-11-12}", ["line 3", "params.mass", "is a date, not a number"]),
-    (3, "params: {mass: '1,5'}", ["line 3", "params.mass", "a decimal point is a dot"]),
+    (3, "params: {mass: '1,5'}", ["line 3", "params.mass", "decimal point", "dot"]),
     (3, "params: {mass: 2 kg}", ["line 3", "params.mass is not a number", "no unit"]),
     (3, "params: {mass: 2pi}", ["line 3", "params.mass", "2*pi"]),
     (3, "params: {mass: 2*stifness}", ["line 3", "params.mass uses stifness", "did you mean stiffness?"]),
     (
         3,
         "params: {mass: 2*launch_1}",
-        ["line 3", "params.mass uses launch_1, a start value", "Allowed: mass"],
+        ["line 3", "params.mass uses launch_1", "start value", "Allowed: mass"],
     ),
     (3, "params: {mass: stiffness, stiffness: mass}", ["line 3", "depends on itself", "mass -> stiffness"]),
     (3, "params: {mass: 1/(stiffness-4)}", ["line 3", "params.mass has no value", "divides by zero"]),
@@ -120,10 +120,10 @@ LINES: list[tuple[int, str, list[str]]] = [
     (3, "structure: {N: 2}\nparams: {N: 3}", ["line 4", "params.N is 3", "structure.N is 2"]),
     (3, "config: nothing.yaml", ["line 3", "config names", "nothing.yaml, which does not exist"]),
     (3, "config: .", ["line 3", "config names", "is a directory"]),
-    (3, "config: 3", ["line 3", "config is 3", "a YAML file's path"]),
+    (3, "config: 3", ["line 3", "config is 3", "builtin:NAME"]),
     # axes
     (5, "  launch_3: [1, 2]", ["line 5", "vary.launch_3", "did you mean launch_1?", "mass"]),
-    (5, "  N: [1, 2]", ["line 5", "vary.N shapes the arrays", "one job for each value"]),
+    (5, "  N: [1, 2]", ["line 5", "vary.N", "cannot vary", "under structure or params"]),
     (5, "  mass: [1, 2]", ["line 5", "vary.mass varies, but params.mass fixes it"]),
     (5, "  launch_1: 3", ["line 5", "vary.launch_1 is 3", "values, linspace, logspace, random, sobol"]),
     (5, "  launch_1: []", ["line 5", "vary.launch_1.values has 0 items", "at least 1"]),
@@ -165,19 +165,19 @@ LINES: list[tuple[int, str, list[str]]] = [
     (
         5,
         "  launch_1: {random: [2, 1, 3]}",
-        ["line 5", "launch_1.random goes from 2 to 1", "low end comes first"],
+        ["line 5", "launch_1.random goes from 2 to 1", "low end"],
     ),
     (5, "  launch_1: {random: [1, 2, 3], seed: -1}", ["line 5", "seed is -1", "from 0"]),
     (5, "  launch_1: {sobol: [1, 2, 3], sead: 1}", ["line 5", "sead", "did you mean seed?"]),
     (5, "  launch_1: [1, two]", ["line 5", "launch_1 uses two", "Allowed: mass"]),
-    (5, "  launch_1: [1, yes]", ["line 5", 'values[1] is "yes"', "takes a number"]),
+    (5, "  launch_1: [1, yes]", ["line 5", 'values[1] is "yes"', "a number"]),
     (5, "  launch_1: [1, 1:30]", ["line 5", 'values[1] is "1:30"', "base 60"]),
     (5, "  launch_1: [1, 2, -1, 3]", ["line 5", "vary.launch_1 is -1 in row 2", "above 0"]),
     (5, "  launch_1: [1, preload-0.5]", ["line 5", "vary.launch_1 is 0 in row 1", "above 0"]),
     (5, "  preload: [1, 0.5]\n  launch_1: [1, preload-0.5]", ["line 6", "vary.launch_1 is 0 in row 3"]),
     (5, "  launch_1: [launch_1]", ["line 5", "depends on itself", "launch_1 -> launch_1"]),
     (5, "  zip: {launch_1: [1, 2], preload: [1]}", ["line 5", "vary.zip", "launch_1 has 2, preload has 1"]),
-    (5, "  zip: {launch_1: [1, 2]}\n  launch_1: [1]", ["line 6", "varies launch_1, which vary.zip.launch_1"]),
+    (5, "  zip: {launch_1: [1, 2]}\n  launch_1: [1]", ["line 6", "vary.launch_1", "vary.zip.launch_1"]),
     (5, "  zip: [1, 2]", ["line 5", "vary.zip[0] is 1", "equal length"]),
     (5, "  sample: {of: {launch_1: [1, 2]}}", ["line 5", "vary.sample.n is missing: number of points"]),
     (5, "  sample: {n: 3, of: {}}", ["line 5", "vary.sample.of has 0 items"]),
@@ -190,7 +190,7 @@ LINES: list[tuple[int, str, list[str]]] = [
     (
         5,
         "  launch_1: {linspace: [1, 2, 10000]}\n  preload: {linspace: [1, 2, 100001]}",
-        ["line 4", "vary makes 1000010000 rows", "at most 1000000000"],
+        ["line 4", "1000010000 rows", "at most 1000000000"],
     ),
     # run
     (
@@ -199,7 +199,7 @@ LINES: list[tuple[int, str, list[str]]] = [
         ["line 6", "run.kind", "did you mean settle?", "settle, fixed_time, trace, ramp, return_map"],
     ),
     (6, "run: {max_cycles: 3}", ["line 6", "run.kind is missing", "Allowed: settle"]),
-    (6, "run: settle", ["line 6", 'run is "settle"', "kind among them"]),
+    (6, "run: settle", ["line 6", 'run is "settle"', "kind", "Allowed: "]),
     (
         6,
         "run:",
@@ -214,7 +214,7 @@ LINES: list[tuple[int, str, list[str]]] = [
         ],
     ),
     (6, "run: {kind: settle, max_cycles: 0}", ["line 6", "run.max_cycles is 0", "whole number from 1"]),
-    (6, "run: {kind: settle, max_cycles: many}", ["line 6", 'run.max_cycles is "many"', "not known here"]),
+    (6, "run: {kind: settle, max_cycles: many}", ["line 6", 'run.max_cycles is "many"', "unknown"]),
     (6, "run: {kind: settle, tolerance: 0}", ["line 6", "run.tolerance is 0", "above 0"]),
     (6, "run: {kind: settle, tolerance: -1e-3}", ["line 6", "run.tolerance is -0.001", "above 0"]),
     (6, "run: {kind: settle, max_time: launch_1}", ["line 6", "run.max_time", "launch_1 varies in this job"]),
@@ -224,7 +224,7 @@ LINES: list[tuple[int, str, list[str]]] = [
         ["line 6", "run.every is missing: interval between samples, in s"],
     ),
     (6, "run: {kind: trace, duration: 1, every: 2}", ["line 6", "run.every is 2 s", "run.duration, 1 s"]),
-    (6, "run: {kind: trace, duration: 1, every: 1e-9}", ["line 6", "run.every", "samples a row"]),
+    (6, "run: {kind: trace, duration: 1, every: 1e-9}", ["line 6", "run.every", "1e+09 samples"]),
     (
         6,
         "run: {kind: ramp, parameter: stifness, path: [1, 2], rate: 1}",
@@ -251,7 +251,7 @@ LINES: list[tuple[int, str, list[str]]] = [
     (6, "run: {kind: return_map, crossings: 0}", ["line 6", "run.crossings is 0", "whole number"]),
     # numerics and engine
     (7, "numerics: {dt: 0}", ["line 7", "numerics.dt is 0", "above 0"]),
-    (7, "numerics: {dt: small}", ["line 7", "numerics.dt", "small is not known here"]),
+    (7, "numerics: {dt: small}", ["line 7", "numerics.dt", "small is unknown"]),
     (7, "numerics: {dT: 1e-3}", ["line 7", "numerics.dT", "did you mean dt?"]),
     (7, "numerics: {method: euler}", ["line 7", "numerics.method", "Allowed: auto, tsit5, rk4"]),
     (7, "numerics: {method: propagator6}", ["line 7", "linear in the state", "Allowed: tsit5, rk4."]),
@@ -262,10 +262,10 @@ LINES: list[tuple[int, str, list[str]]] = [
         "numerics: {dt: 2e-3, event_tolerance: 1}",
         ["line 7", "numerics.event_tolerance is 1,", "at most 0.001 of a period"],
     ),
-    (7, "numerics: {dt: 32}", ["line 7", "numerics.dt is 32 s, too long for", "the longest step of tsit5"]),
-    (7, "numerics: {method: rk4, rtol: 1e-3}", ["line 7", "numerics.rtol is given, but the steps of rk4"]),
+    (7, "numerics: {dt: 32}", ["line 7", "numerics.dt is 32 s, too long for", "step of tsit5", "0.2776 s"]),
+    (7, "numerics: {method: rk4, rtol: 1e-3}", ["line 7", "numerics.rtol", "rk4"]),
     (7, "numerics: 3", ["line 7", "numerics is 3", "Allowed: method, dt"]),
-    (8, "engine: {contraction: 1}", ["line 8", "engine.contraction is 1", "takes true or false"]),
+    (8, "engine: {contraction: 1}", ["line 8", "engine.contraction is 1", "true or false"]),
     (8, "engine: {name: cuda}", ["line 8", 'engine.name is "cuda"', "Allowed: auto, xla, kernel"]),
     (8, "engine: {block: 0}", ["line 8", "engine.block is 0", "whole number"]),
     (8, "engine: {lanes: 2.5}", ["line 8", "engine.lanes is 2.5", "whole number"]),
@@ -274,7 +274,7 @@ LINES: list[tuple[int, str, list[str]]] = [
     # figures
     (10, "  - {kind: bassin, x: launch_1, y: mass}", ["line 10", "figures[0].kind", "did you mean basin?"]),
     (10, "  - {x: launch_1}", ["line 10", "figures[0].kind is missing", "solution_set"]),
-    (10, "  - basin", ["line 10", 'figures[0] is "basin"', "kind among them"]),
+    (10, "  - basin", ["line 10", 'figures[0] is "basin"', "kind", "Allowed: "]),
     (10, "  - {kind: basin, x: launch_1}", ["line 10", "figures[0].y is missing"]),
     (
         10,
@@ -282,11 +282,11 @@ LINES: list[tuple[int, str, list[str]]] = [
         ["line 10", "figures[0].y is mass", "not a column", "launch_1"],
     ),
     (10, "  - {kind: basin, x: launch_1, y: launch_1_ned}", ["line 10", "did you mean launch_1_end?"]),
-    (10, "  - {kind: basin, x: launch_1, y: 3}", ["line 10", "figures[0].y is 3", "takes text"]),
+    (10, "  - {kind: basin, x: launch_1, y: 3}", ["line 10", "figures[0].y is 3", "text"]),
     (
         10,
         "  - {kind: cycles, y: [launch_1]}",
-        ["line 10", "needs a run of return_map or ramp, not of settle"],
+        ["line 10", "cycles", "return_map or ramp", "settle"],
     ),
     (
         10,
@@ -311,7 +311,7 @@ LINES: list[tuple[int, str, list[str]]] = [
     (
         10,
         "  - {kind: basin, x: launch_1, y: row}\n  - {kind: basin, x: launch_1, y: row}",
-        ["line 11", "figures[1]", "name of figures[0] too"],
+        ["line 11", "figures[1]", "figures[0]"],
     ),
     (9, "figures: basin\nx:", ["line 9", 'figures is "basin"', "a list in brackets"]),
 ]
@@ -329,7 +329,7 @@ def test_a_line_that_is_wrong(tmp_path: Path, line: int, text: str, words: list[
 
 RUNS = [
     (TRACE, "{kind: footprints, panels: rwo}", ["figures[0].panels is rwo", "did you mean row?"]),
-    (TRACE, "{kind: basin, x: launch_1, y: row}", ["needs a run of settle or fixed_time, not of trace"]),
+    (TRACE, "{kind: basin, x: launch_1, y: row}", ["basin", "settle or fixed_time", "trace"]),
     (MAP, "{kind: cycles, y: [lunch_1]}", ["figures[0].y[0] is lunch_1", "did you mean launch_1?"]),
     (MAP, "{kind: cycles, y: [launch_1], x: pass}", ["figures[0].x is pass", "not a column"]),
     (MAP, "{kind: cycles, y: []}", ["figures[0].y has 0 items"]),
@@ -354,21 +354,21 @@ FILES: list[tuple[str | bytes, list[str]]] = [
     ("quick\n", ["line 1", "holds", "mapping"]),
     ("3\n", ["line 1", "holds 3", "mapping"]),
     ("name: a\n\tmodel: b\n", ["line 2", "tab"]),
-    ("name: a: b\n", ["line 1", "a colon where none may stand"]),
+    ("name: a: b\n", ["line 1", "a colon"]),
     ("name: a\nvary: {mass: [1, 2}\n", ["line 2", "not closed"]),
     ("name: a\nvary: {mass: [1, 2]\n", ["not closed"]),
-    ("name: 'a\nmodel: b\n", ["in quotes that is not closed"]),
+    ("name: 'a\nmodel: b\n", ["closing quote"]),
     ("name: a\n model: b\n", ["line 2"]),
-    ("name: a\nmodel\nrun: {}\n", ["line 3", "a key without its colon"]),
+    ("name: a\nmodel\nrun: {}\n", ["line 3", "a colon is missing"]),
     ("name: @a\n", ["line 1", "put the text in quotes"]),
-    ("name: *missing\n", ["line 1", "an alias (*name) without its anchor"]),
+    ("name: *missing\n", ["line 1", "alias", "anchor"]),
     ("name: a\n---\nname: b\n", ["line 2", "a second document"]),
     ("name: a\nmodel: b\nname: c\n", ["line 3", "name is written twice, first in line 1"]),
     ("name: a\nparams:\n  mass: 1\n  mass: 3\n", ["line 4", "params.mass is written twice, first in", "3"]),
-    ("name: a\nparams: {1: 2}\n", ["line 2", "params has the key 1", "a key is text"]),
-    ("name: a\nparams: {[1]: 2}\n", ["line 2", "a key is text"]),
-    ("name: a\n? \n: 3\n", ["line 2", "a key is text"]),
-    ("name: !!python/object/apply:os.system ['true']\n", ["line 1", "name has the tag", "not read"]),
+    ("name: a\nparams: {1: 2}\n", ["line 2", "params has the key 1", "a key must be text"]),
+    ("name: a\nparams: {[1]: 2}\n", ["line 2", "a key must be text"]),
+    ("name: a\n? \n: 3\n", ["line 2", "a key must be text"]),
+    ("name: !!python/object/apply:os.system ['true']\n", ["line 1", "name has the tag", "not supported"]),
     ("name: !!python/name:os.system ''\n", ["line 1", "has the tag"]),
     ("name: !own a\n", ["line 1", "name has the tag !own"]),
     ("name: !!binary aGVsbG8=\n", ["line 1", "has the tag"]),
@@ -448,14 +448,14 @@ OVERRIDES = [
         "vary.launch_1.linspace=[-1,2,3]",
         ["--set vary.launch_1.linspace=[-1,2,3]: vary.launch_1 is -1 in row 0"],
     ),
-    ("run.kind.x=1", ['--set run.kind.x=1: run.kind is "settle", which has no fields']),
+    ("run.kind.x=1", ['--set run.kind.x=1: run.kind is "settle" and has no fields']),
     ("figures.x=1", ["--set figures.x=1: figures is a list"]),
-    ("params.mass", ["--set params.mass: is not read", "key=value"]),
-    ("=3", ["--set =3: is not read"]),
-    ("params..mass=3", ["--set params..mass=3: is not read"]),
+    ("params.mass", ["--set params.mass: ", "key=value"]),
+    ("=3", ["--set =3: ", "key=value"]),
+    ("params..mass=3", ["--set params..mass=3: ", "key=value"]),
     ("params.mass=[1", ["--set params.mass=[1", "not closed"]),
     ("params.mass=", ["--set params.mass=: params.mass is empty"]),
-    ("engine.lanes=many", ["--set engine.lanes=many: engine.lanes", "not known here"]),
+    ("engine.lanes=many", ["--set engine.lanes=many: engine.lanes", "unknown"]),
     ("name=" + "x" * 200, ["--set name=xxx", "letters, digits"]),
 ]
 
@@ -468,11 +468,11 @@ def test_an_override_that_is_wrong(tmp_path: Path, override: str, words: list[st
 
 
 MODELS = [
-    ("raise RuntimeError('no device')", ["does not import: RuntimeError: no device"]),
-    ("import nothing_of_that_name", ["does not import", "nothing_of_that_name"]),
-    ("def f(:", ["does not import: SyntaxError"]),
+    ("raise RuntimeError('no device')", ["cannot be imported: RuntimeError: no device"]),
+    ("import nothing_of_that_name", ["cannot be imported", "nothing_of_that_name"]),
+    ("def f(:", ["cannot be imported: SyntaxError"]),
     ("x = 1", ["has no Own"]),
-    ("import sys; sys.exit(3)", ["does not import"]),
+    ("import sys; sys.exit(3)", ["cannot be imported"]),
     (
         "import dataclasses\nimport toy_model\nfrom gaitsweep.contract import Quantity\n"
         "@dataclasses.dataclass(frozen=True)\nclass Own(toy_model.Toy):\n"
@@ -483,38 +483,38 @@ MODELS = [
         "import dataclasses\nimport toy_model\n\n"
         "@dataclasses.dataclass(frozen=True)\nclass Own(toy_model.Toy):\n"
         "    def __post_init__(self):\n        raise ValueError('N must be even')\n",
-        ["structure is refused by", "N must be even"],
+        ["structure is not accepted by", "N must be even"],
     ),
     (
         "import toy_model\nclass Own(toy_model.Toy):\n"
         "    def flow(self, params, state):\n        return {'hieght': state.speed}\n",
-        ["its function flow gives a rate of hieght", "did you mean height?"],
+        ["its function flow", "hieght", "did you mean height?"],
     ),
     (
         "import toy_model\nclass Own(toy_model.Toy):\n"
         "    def init(self, params, start):\n        return dict(vars(super().init(params, start)))\n",
-        ["its function init gives dict, where it gives a frozen dataclass."],
+        ["its function init returns dict", "frozen dataclass."],
     ),
     (
         "import toy_model\nclass Own(toy_model.Toy):\n"
         "    def guards(self, params, state):\n        return -state.height[0]\n",
-        ["its function guards gives ()", "(n,)"],
+        ["its function guards returns ()", "(n,)"],
     ),
     (
         "import toy_model\nclass Own(toy_model.Toy):\n"
         "    def failed(self, params, state):\n        return bool(state.height[0] > 2)\n",
-        ["its function failed raises TracerBoolConversionError", "Use jnp.where in place of if"],
+        ["its function failed raises TracerBoolConversionError", "Use jnp.where"],
     ),
     (
         "import toy_model\nclass Own(toy_model.Toy):\n"
         "    def observe(self, params, state):\n        return {'launch': state.launch[0]}\n",
-        ["its function observe does not give launch_1", "it gives launch."],
+        ["its function observe", "launch_1", "it returns launch."],
     ),
     (
         "import dataclasses\nimport toy_model\n"
         "class Own(toy_model.Toy):\n    def jump(self, params, state, fired):\n"
         "        return dataclasses.replace(state, bounces=state.bounces.sum())\n",
-        ["its function jump gives bounces the shape (), but init gives it (1,)."],
+        ["its function jump", "bounces", "()", "init", "(1,)."],
     ),
     (
         "import toy_model\nclass Own(toy_model.Toy):\n    __hash__ = None\n",
@@ -537,7 +537,7 @@ def test_a_model_of_ones_own_that_is_wrong(tmp_path: Path, source: str, words: l
 def test_a_namesake_is_not_simulated_instead(tmp_path: Path) -> None:
     written(tmp_path, "x = 1", "toy_model.py")
     message = refused(written(tmp_path, GOOD))
-    assert "line 2: model is toy_model:Toy, but a module toy_model is loaded from" in message
+    assert "line 2: model is toy_model:Toy, but another module toy_model has been loaded from" in message
 
 
 def test_a_model_that_was_edited_is_loaded_anew(tmp_path: Path) -> None:
@@ -551,7 +551,7 @@ def test_a_model_that_was_edited_is_loaded_anew(tmp_path: Path) -> None:
     assert load_job(path).design.model.name == "afterwards"
     written(tmp_path, "class Own(", "own_edited.py")
     for _ in range(2):
-        with pytest.raises(JobError, match="own_edited does not import: SyntaxError"):
+        with pytest.raises(JobError, match="own_edited cannot be imported: SyntaxError"):
             load_job(path)
 
 

@@ -17,13 +17,13 @@ STAIRS = {"kind": "staircase", "parameter": "stiffness", "path": [4, 9, 4], "ste
 RAMP = {"kind": "ramp", "parameter": "stiffness", "path": [4, 9], "rate": 0.1}
 TRACE = {"kind": "trace", "duration": 1, "every": 0.1}
 REFUSED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
-    ({"kind": "hold", "duration": 3}, {}, "run.kind is hold, which is called fixed_time now"),
+    ({"kind": "hold", "duration": 3}, {}, "fixed_time"),
     ({**STAIRS, "hold": 3}, {}, "run.hold is not a field of run (staircase) any more: it is called dwell"),
     ({**STAIRS, "dwell": 3, "first_hold": 4}, {}, "(staircase) any more: it is called first_dwell now."),
     ({**RAMP, "hold": 3}, {}, "run.hold is not a field of run (ramp) any more: it is called initial_dwell"),
     ({**TRACE, "hold": 3}, {}, "(trace) any more: it is called initial_dwell now."),
-    (TRACE, {"method": "exact"}, 'method is "exact", which is called propagator now: write propagator.'),
-    (TRACE, {"method": "stabilised"}, "which is called propagator6 now: write propagator6."),
+    (TRACE, {"method": "exact"}, "propagator"),
+    (TRACE, {"method": "stabilised"}, "propagator6"),
 ]  # fmt: skip
 
 

@@ -103,9 +103,9 @@ def test_points_are_counted_before_they_are_drawn() -> None:
     began = time.process_time()
     with pytest.raises(JobError, match=rf"draws 30000000 numbers .*at most {MOST_DRAWN}"):
         Job(**fields, vary={"sample": {"n": 10**7, "of": box}})
-    with pytest.raises(JobError, match=rf"has {MOST_LISTED + 1} points; a list has at most {MOST_LISTED}"):
+    with pytest.raises(JobError, match=rf"has {MOST_LISTED + 1} points; .* at most {MOST_LISTED}"):
         Job(**fields, vary={"psi_1": [0.5] * (MOST_LISTED + 1), "psi_2": [1]})
-    with pytest.raises(JobError, match="makes more than 1e30 rows"):
+    with pytest.raises(JobError, match="more than 1e30 rows"):
         Job(
             **fields,
             vary={

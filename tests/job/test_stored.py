@@ -59,7 +59,7 @@ def test_a_model_is_found_from_another_folder(tmp_path: Path, monkeypatch: pytes
     del sys.modules["a_bouncer"]
     shutil.rmtree(own)
     monkeypatch.chdir(elsewhere)
-    with pytest.raises(gs.JobError, match="a_bouncer does not import"):
+    with pytest.raises(gs.JobError, match="a_bouncer cannot be imported"):
         stored_job(again.attrs, trust=True)
 
 

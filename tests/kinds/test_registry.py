@@ -96,20 +96,20 @@ def test_the_schema_and_the_refusals_name_them() -> None:
     assert "times" in described["properties"]["figures"]["items"]["discriminator"]["mapping"]
     with pytest.raises(JobError, match=r"run\.crosings is not a field of run \(doublings\)"):
         job(crosings=3)
-    with pytest.raises(JobError, match="is none; did you mean doublings"):
+    with pytest.raises(JobError, match="did you mean doublings"):
         job(kind="doubling")
     with pytest.raises(JobError, match=r"figures\[0\]\.y is tt, which is not a column of this job's table"):
         job([{"kind": "times", "y": "tt"}])
-    with pytest.raises(JobError, match="needs a run of doublings or return_map, not of settle"):
+    with pytest.raises(JobError, match="doublings or return_map, not settle"):
         job([{"kind": "times"}], kind="settle")
-    with pytest.raises(JobError, match="needs a run of return_map or ramp or doublings, not of settle"):
+    with pytest.raises(JobError, match="return_map or ramp or doublings, not settle"):
         job([{"kind": "cycles", "y": ["launch_1"]}], kind="settle")
 
 
 def test_what_is_not_registered_is_refused() -> None:
-    with pytest.raises(JobError, match=r"run\.kind is \"doublings\", which is none"):
+    with pytest.raises(JobError, match=r"run\.kind: \"doublings\" is not"):
         job()
-    with pytest.raises(JobError, match=r"figures\[0\]\.kind is \"times\", which is none"):
+    with pytest.raises(JobError, match=r"figures\[0\]\.kind: \"times\" is not"):
         job([{"kind": "times"}], kind="return_map", crossings=3)
 
 
@@ -119,7 +119,7 @@ def test_a_name_is_given_once() -> None:
         """Another kind with the same name."""
 
     assert kinds.register(Doublings) is Doublings
-    with pytest.raises(ValueError, match="There is a kind of run named doublings"):
+    with pytest.raises(ValueError, match="kind of run named doublings"):
         kinds.register(Another)
 
     class Nameless(kinds.RunKind):

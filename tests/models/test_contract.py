@@ -197,4 +197,4 @@ def test_jumps_that_depend_on_their_order_cannot_be_called_independent() -> None
     assert faults(Multilegged) == []
     wrong = faults(_NotIndependent)
     assert wrong
-    assert all("in turn and in one jump" in each for each in wrong)
+    assert all("in two jumps and in one" in each for each in wrong)

@@ -135,7 +135,7 @@ def test_a_data_file_that_is_read_at_import_is_loaded_anew(folder: tuple[Path, s
 
 def test_a_missing_module(folder: tuple[Path, str]) -> None:
     path, package = folder
-    nowhere = f"does not import: no module of that name is installed or in {path}"
+    nowhere = f"cannot be imported: no module of that name is installed or in {path}"
     for meant, misspelt in (
         (f"{package}_model", f"{package}_modle"),
         (f"{package}.springs", f"{package}.sprigns"),
@@ -155,7 +155,7 @@ def test_a_broken_edit_is_a_sentence(folder: tuple[Path, str]) -> None:
     path, package = folder
     before = found(path)[1]
     write(path / package / "numbers_of.py", "TWO = \n")
-    with pytest.raises(models.ModelError, match="does not import: SyntaxError"):
+    with pytest.raises(models.ModelError, match="cannot be imported: SyntaxError"):
         models.find(f"{package}_model:Own", [path])
     write(path / package / "numbers_of.py", "TWO = 2.0\n")
     assert found(path)[1] == before

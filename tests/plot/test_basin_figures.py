@@ -117,7 +117,7 @@ def test_a_job_is_told_of_several_rows_in_a_logarithmic_cell() -> None:
         "restitution": [0.2, 0.8],
     }
     figure = {"kind": "basin", "x": "stiffness", "y": "launch_1"}
-    with pytest.raises(JobError, match="leaves restitution out"):
+    with pytest.raises(JobError, match="leaves out restitution"):
         gs.Job(
             name="springs", model="toy_model:Toy", run={"kind": "settle"}, vary=vary, figures=[figure]
         )  # fmt: skip

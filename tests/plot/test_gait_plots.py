@@ -78,7 +78,7 @@ def test_the_rule() -> None:
     one = plot.draw("loading_rule", _ends(), measures=["tilt_stance"], only="k2", value=0.08, title="Loads,")
     rendered(one)
     assert len(one.axes) == 1
-    with pytest.raises(PlotError, match="load_together is no measure"):
+    with pytest.raises(PlotError, match="load_together is not a measure"):
         plot.draw("loading_rule", _ends(), measures=["load_together"])
     trots = ends(0.0 * DELTA, DELTA, DELTA)
     assert "no pair shifted" in plot.draw("loading_rule", trots).axes[0].get_title()
@@ -179,5 +179,5 @@ def test_a_ramp() -> None:
     }
     ends = [bar.get_x() for bar in bars] + [bar.get_x() + bar.get_width() for bar in bars]
     assert 0.5 <= min(ends) < max(ends) <= 1.0
-    with pytest.raises(PlotError, match="moves no parameter"):
+    with pytest.raises(PlotError, match="o parameter moves"):
         plot.draw("gait_ramp", crossings_of("trot"))

@@ -285,7 +285,7 @@ def test_gait_map_of_starts_on_no_grid() -> None:
         ("hysteresis", {"y": "delta_13", "parameter": "beta"}, "beta is not a column"),
         ("hysteresis", {"y": "delta_13", "panels": "mas"}, "mas is not a column"),
         ("return_map", {"y": "delta_13", "panels": "beta"}, "beta is not a column"),
-        ("return_map", {"y": "delta_13", "form": "both"}, "form is both, but is one of change and next"),
+        ("return_map", {"y": "delta_13", "form": "both"}, "form is both, but must be change or next"),
         ("branches", {"y": "delta_13", "x": "beta"}, "beta is not a column"),
         ("gait_map", {"x": "f", "y": "beta"}, "beta is not a column"),
         ("gait_map", {"x": "f", "y": "t", "hue": "gate"}, "gate is not a column"),

@@ -78,10 +78,10 @@ def test_no_fold_and_no_fixed_point(tmp_path: Path) -> None:
             {"parameters": ["r", "aa"], "within": {"r": [-1, 1], "aa": [0, 1]}},
             r"parameters\[1\] is aa, which",
         ),
-        ({"parameters": ["r", "r"]}, r"parameters\[1\] is r, as the first"),
-        ({"within": {"r": [-1, 1]}}, "within has no range of a"),
-        ({"within": {"r": [-1, 1], "a": [0, 2], "b": [0, 1]}}, "b is no range of run.parameters"),
-        ({"within": {"r": [1, -1], "a": [0, 2]}}, "write the lower end first"),
+        ({"parameters": ["r", "r"]}, r"parameters\[1\] is r, like the first"),
+        ({"within": {"r": [-1, 1]}}, "within has no range for a"),
+        ({"within": {"r": [-1, 1], "a": [0, 2], "b": [0, 1]}}, "b is not one of run.parameters"),
+        ({"within": {"r": [1, -1], "a": [0, 2]}}, "must be lower"),
         ({"within": {"r": [-1, 1], "a": [0, 20]}}, r"a\[1\] is 20, but must be from -10 to 10"),
         ({"within": {"r": [-1, 1], "a": [0, 0.5]}}, "a begins at 1 in row 0"),
         ({"step": 0.5}, "must lie between run.shortest"),
@@ -93,5 +93,5 @@ def test_refusals(run: dict[str, Any], words: str) -> None:
 
 
 def test_figures_need_their_run() -> None:
-    with pytest.raises(JobError, match="which needs a run of folds, not of settle"):
+    with pytest.raises(JobError, match="which needs a run of kind folds, not settle"):
         job(run={"kind": "settle"})

@@ -221,4 +221,4 @@ def test_a_users_error_is_its_sentence_alone(capsys: pytest.CaptureFixture[str])
     shell.run_cell("import gaitsweep as gs\ngs.load('nowhere')")
     shown = capsys.readouterr().out.strip().splitlines()
     assert len(shown) == 1
-    assert shown[0].startswith("TableError: nowhere is no result directory")
+    assert shown[0].startswith("TableError: nowhere does not exist")

@@ -119,18 +119,18 @@ BAD = [
     ({"dwell": 0}, {}, ["run.dwell is 0, but must be above 0"]),
     ({"first_dwell": -1}, {}, ["run.first_dwell is -1, but must be above 0"]),
     ({"tolerance": 0}, {}, ["run.tolerance is 0, but must be above 0"]),
-    ({"path": [4]}, {}, ["run.path has 1 items, but takes at least 2"]),
-    ({"path": [4, 9, 9, 4]}, {}, ["run.path[2] is 9, as the value before it is: leave one of the two out"]),
+    ({"path": [4]}, {}, ["run.path has 1 items, but must have at least 2"]),
+    ({"path": [4, 9, 9, 4]}, {}, ["run.path[2] is 9, like the value before it"]),
     ({"path": [4, -1]}, {}, ["run.path[1] is -1, but must be above 0 (spring, in N/m)"]),
     ({"path": [4, "stiffness"]}, {}, ["run.path[1]", "stiffness moves in this run"]),
     ({}, {"params": {"kick": "8-stiffness"}}, ["params.kick is", "where the staircase has stiffness = 9"]),
-    ({"step": 1e-4}, {}, ["run.step is 0.0001, which makes 100001 stairs; at most 10000 are made"]),
-    ({"step": 1e-320}, {}, ["run.step is", "at most 10000 are made"]),
+    ({"step": 1e-4}, {}, ["run.step is 0.0001, which gives 100001 stairs; at most 10000 are allowed"]),
+    ({"step": 1e-320}, {}, ["run.step is", "at most 10000 are allowed"]),
     ({"dwells": 3}, {}, ["run.dwells is not a field of run (staircase); did you mean dwell?"]),
     (
         {},
         {"figures": [{"kind": "basin", "x": "launch_1", "y": "t"}]},
-        ["needs a run of settle or fixed_time, not of stair"],
+        ["needs a run of kind settle or fixed_time, not stair"],
     ),
 ]
 

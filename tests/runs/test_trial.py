@@ -147,17 +147,21 @@ class Tips(Unlabelled):
 @pytest.mark.parametrize(
     ("kind", "axes", "words"),
     [
-        (Swings, {"x_0": [1.0, 2.0, -2.0]}, ["label gives gait 2 at the start of row 2 (x_0 = -2)"]),
+        (Swings, {"x_0": [1.0, 2.0, -2.0]}, ["label returns gait 2 at the start of row 2 (x_0 = -2)"]),
         (Swings, {"x_0": [1.0, 12.0]}, ["surface of its event 'wall' at the start of row 1 (x_0 = 12)"]),
-        (Timed, {"w": [2.0, 3.7], "x_0": [0.5, 1.0]}, ["period gives -0.2 at the start of row 2 (w = 3.7,"]),
-        (Roots, {"x_0": [1.0, 3.5]}, ["guards gives NaN for 'wall' at the start of row 1"]),
+        (
+            Timed,
+            {"w": [2.0, 3.7], "x_0": [0.5, 1.0]},
+            ["period returns -0.2 at the start of row 2 (w = 3.7,"],
+        ),
+        (Roots, {"x_0": [1.0, 3.5]}, ["guards returns NaN for 'wall' at the start of row 1"]),
         (
             Roots,
             {"x_0": [1.0, 4.5, 6.0]},
-            ["flow gives nan for v at the start of row 2", "jump changes v where nothing fired", "guards"],
+            ["flow returns nan for v at the start of row 2", "jump changes v", "guards"],
         ),
         (Tips, {"w": [2.0, 6.0]}, ["event 'tips' is not ended by its jump", "row 1 (w = 6)"]),
-        (Tips, {"w": [8.0, 9.0]}, ["failed says that the start has fallen", "not ended"]),
+        (Tips, {"w": [8.0, 9.0]}, ["failed returns True", "not ended"]),
         (Swings, {"x_0": [0.5, 0.6], "w": [1.0, 2.0]}, []),
     ],
 )
@@ -188,7 +192,7 @@ def test_a_run_says_it_before_a_row_runs(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_check_model_names_a_guard_that_has_no_value_at_some_start() -> None:
-    assert ["guards gives NaN for 'wall' at " in each for each in faults(Narrow)] == [True]
+    assert ["guards returns NaN for 'wall' at " in each for each in faults(Narrow)] == [True]
 
 
 class Narrow(Roots):
@@ -206,7 +210,7 @@ def test_of_a_large_job_the_corners_of_the_axes_are_looked_at() -> None:
     ends = {(x, w, v) for x in (0.5, 1.0) for w in (1.0, 3.5) for v in (0.0, 0.1)}
     assert ends <= set(zip(*design.at(rows, ["x_0", "w", "v_0"]).values(), strict=True))
     (told,) = remarks_on_rows(design, "swing:Timed")
-    assert told.startswith("The model is swing:Timed, but its function period gives")
+    assert told.startswith("The model is swing:Timed, but its function period returns")
 
 
 @pytest.mark.slow

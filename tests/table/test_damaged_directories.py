@@ -58,7 +58,7 @@ def test_no_flipped_bit_of_a_part_is_read(whole: Path) -> None:
         broken[random.integers(len(data))] ^= 1 << int(random.integers(8))
         file.write_bytes(broken)
         # a flip in the hash that its footer keeps reads as another job's
-        with pytest.raises(TableError, match=r"part-00001\.parquet is (damaged|no part of this table)"):
+        with pytest.raises(TableError, match=r"part-00001\.parquet is (damaged|not a part of this table)"):
             load(whole)
     assert any("part-00001.parquet was damaged" in note for note in mended(whole))
     pd.testing.assert_frame_equal(load(whole), expected, check_exact=True)
@@ -81,7 +81,7 @@ def test_parts_in_each_others_place_are_named_and_made_again(whole: Path) -> Non
     first, second = part(whole, 0).read_bytes(), part(whole, 1).read_bytes()
     part(whole, 0).write_bytes(second)
     part(whole, 1).write_bytes(first)
-    with pytest.raises(TableError, match=r"part-00000.*holds part 1, not 0.*part-00001"):
+    with pytest.raises(TableError, match=r"part-00000.*part 1 instead of 0.*part-00001"):
         load(whole)
     assert len(mended(whole)) == 2
     pd.testing.assert_frame_equal(load(whole), expected, check_exact=True)
@@ -93,9 +93,9 @@ def test_another_jobs_part_in_place_of_ours_is_set_aside(whole: Path, tmp_path: 
         fill(directory)
     stranger = part(tmp_path / "other", 0).read_bytes()
     part(whole, 0).write_bytes(stranger)
-    with pytest.raises(TableError, match="no part of this table: it belongs to another job"):
+    with pytest.raises(TableError, match="not a part of this table: it belongs to another job"):
         load(whole)
-    assert "set aside" in mended(whole)[0]
+    assert "foreign" in mended(whole)[0]
     pd.testing.assert_frame_equal(load(whole), expected, check_exact=True)
     assert (whole / "table" / "part-00000.parquet.foreign").read_bytes() == stranger
 
@@ -103,9 +103,9 @@ def test_another_jobs_part_in_place_of_ours_is_set_aside(whole: Path, tmp_path: 
 @pytest.mark.parametrize("name", ["part-000001.parquet", "part-00009.parquet", "copy of part-00000.parquet"])
 def test_no_part_is_read_twice_or_beside_the_table(whole: Path, name: str) -> None:
     shutil.copy(part(whole, 0), whole / "table" / name)
-    with pytest.raises(TableError, match=f"{name} is no part of this table"):
+    with pytest.raises(TableError, match=f"{name} is not a part of this table"):
         load(whole)
-    with pytest.raises(TableError, match="move it out"):
+    with pytest.raises(TableError, match="ove it out"):
         open_toy(whole)
 
 
@@ -135,7 +135,7 @@ def test_a_manifest_that_was_edited_is_refused_and_made_anew(whole: Path) -> Non
         with pytest.raises(TableError, match=r"manifest\.json"):
             load(whole)
         note = mended(whole)[0]
-        assert "it is made anew, since the table's parts are this job's" in note
+        assert "it will be rewritten" in note
         assert "run the job" not in note, "it is being run"
         assert len(load(whole)) == 10
         file.write_text(good)
@@ -147,10 +147,10 @@ def test_a_small_file_that_is_lost_costs_no_row(whole: Path, lost: tuple[str, ..
     for name in lost:
         (whole / name).unlink()
     if "manifest.json" in lost:
-        with pytest.raises(TableError, match=r"no manifest\.json any more"):
+        with pytest.raises(TableError, match=r"manifest\.json of .* is missing"):
             load(whole)
     else:
-        with pytest.warns(UserWarning, match="3 files of the table carry no digests"):
+        with pytest.warns(UserWarning, match="3 files of the table have no digests"):
             pd.testing.assert_frame_equal(load(whole), expected, check_exact=True)
     notes = mended(whole)
     assert [file.stat().st_ino for file in sorted((whole / "table").iterdir())] == parts
@@ -230,7 +230,7 @@ def test_odd_fields_of_an_unsealed_or_sealed_manifest(whole: Path, name: str) ->
                 with contextlib.suppress(TableError):
                     look(whole)
     file.write_text("[" * 100_000)
-    with pytest.raises(TableError, match="no JSON"):
+    with pytest.raises(TableError, match="not JSON"):
         load(whole)
 
 
@@ -329,14 +329,14 @@ def test_a_directory_of_format_1_is_read_and_says_that_it_has_no_digests(whole: 
     del manifest["sha256"], manifest["job"]
     (whole / "manifest.json").write_text(json.dumps({**manifest, "format": 1}))
     (whole / "SHA256SUMS").unlink()
-    with pytest.warns(UserWarning, match="carry no digests"):
+    with pytest.warns(UserWarning, match="have no digests"):
         table = load(whole)
     pd.testing.assert_frame_equal(table, expected, check_exact=True)
     assert table.attrs["job"] == expected.attrs["job"]
     assert any("no digests" in note for note in mended(whole))
     part(whole, 1).unlink()
     mended(whole)  # a directory of format 1 goes on
-    with pytest.warns(UserWarning, match="carry no digests"):
+    with pytest.warns(UserWarning, match="have no digests"):
         pd.testing.assert_frame_equal(load(whole), expected, check_exact=True)
 
 

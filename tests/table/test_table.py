@@ -127,9 +127,9 @@ def test_all_records_of_a_chosen_row_are_read(tmp_path: Path) -> None:
     ("wanted", "sentence"),
     [
         ({"columns": ["gate"]}, r"gate is not a column of .*toy; did you mean gait\? Allowed: row, a"),
-        ({"rows": [3, 10]}, "rows has 10, but the table has rows 0 to 9."),
-        ({"rows": range(-2, 3)}, "rows has -2, but the table has rows 0 to 9."),
-        ({"rows": [0.5]}, "rows has 0.5, but takes a slice, or numbers of rows."),
+        ({"rows": [3, 10]}, "rows contains 10, but the table has rows 0 to 9."),
+        ({"rows": range(-2, 3)}, "rows contains -2, but the table has rows 0 to 9."),
+        ({"rows": [0.5]}, "rows contains 0.5, but must be a slice"),
     ],
 )
 def test_columns_and_rows_that_a_table_does_not_have_are_refused(
@@ -197,7 +197,7 @@ def test_memory_holds_the_wanted_columns_and_one_part(
 
 def test_a_directory_without_parts_is_refused_by_load(tmp_path: Path) -> None:
     open_toy(tmp_path / "toy").close()
-    with pytest.raises(TableError, match="no finished part yet"):
+    with pytest.raises(TableError, match="no complete part yet"):
         load(tmp_path / "toy")
     with pytest.raises(TableError, match="does not exist"):
         load(tmp_path / "nothing")
@@ -269,7 +269,7 @@ def test_foreign_places_are_refused_and_left_alone(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(TableError, match="is a file"):
         open_toy(tmp_path / "file")
-    with pytest.raises(TableError, match="cannot be made"):
+    with pytest.raises(TableError, match="cannot be created"):
         open_toy(tmp_path / "file" / "below")
     (tmp_path / "empty").mkdir()
     open_toy(tmp_path / "empty").close()

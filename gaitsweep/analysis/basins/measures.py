@@ -177,5 +177,5 @@ def _check_units(table: pd.DataFrame, axes: Sequence[str], scales: Mapping[str, 
         shown = ", ".join(f"{name} in {unit or '1'}" for name, unit in units.items())
         raise AnalysisError(
             f"A distance needs one unit, but the axes are {shown}: give scales, such as "
-            f"{{{next(iter(units))!r}: 1.0}}, for what counts as one along each."
+            f"{{{next(iter(units))!r}: 1.0}}, the lengths that count as 1 along them."
         )

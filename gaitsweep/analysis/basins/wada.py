@@ -63,7 +63,7 @@ def wada(
     5:16579, with the starts of the table in place of new ones.
     """
     if box < 2 or box & (box - 1):
-        raise AnalysisError(f"box is {box}, but has to be a power of 2: 2, 4, 8, ...")
+        raise AnalysisError(f"box is {box}, but must be a power of 2: 2, 4, 8, ...")
     by, axes = panels_and_axes(table, by, axes)
     labels = outcome_labels(table, label)
     merging, boxes = [], []
@@ -71,7 +71,8 @@ def wada(
         grid = find_grid(table.iloc[rows], axes)
         if grid is None:
             raise AnalysisError(
-                f"The starts along {', '.join(axes) or 'no axis'} form no grid: name the others as by."
+                f"The starts along {', '.join(axes) or 'no axis'} do not form a grid: name the other "
+                "axes as by."
             )
         if min(grid.lengths) <= box:
             raise AnalysisError(

@@ -72,7 +72,7 @@ def continuation(
         ValueError: the map does not have a name that is given, or the range has no width.
     """
     if not max(within) > min(within):
-        raise ArgumentError(f"within is {list(within)}, but must be a range: two numbers that differ.")
+        raise ArgumentError(f"within is {list(within)}, but must be a range of two different numbers.")
     follow = partial(
         _followed,
         parameter=parameter,

@@ -142,10 +142,10 @@ def fold_curves(
         ArgumentError: there are not two parameters, or a range has no width.
     """
     if len(parameters) != 2 or parameters[0] == parameters[1]:
-        raise ArgumentError(f"parameters are {', '.join(parameters)}: a curve of folds takes two.")
+        raise ArgumentError(f"parameters are {', '.join(parameters)}, but a curve of folds needs two.")
     for name in parameters:
         if name not in within or not max(within[name]) > min(within[name]):
-            raise ArgumentError(f"within has no range for {name}: two numbers that differ.")
+            raise ArgumentError(f"within has no range for {name}: give two different numbers.")
     steps = steps or ArclengthSteps()
     n, records = len(starts), []
     complete = mapping.complete({**values, **begin}, n)

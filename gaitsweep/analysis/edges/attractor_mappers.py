@@ -102,7 +102,7 @@ class LabelMapper:
         label = np.asarray(self._label({name: each[which] for name, each in self._held.items()}, observed))
         if (wrong := label[images.sound & ~((label >= 0) & (label < self._counts.size))]).size:
             raise ArgumentError(
-                f"The model's function label gives gait {wrong[0]}, where it gives an index into its gaits: "
+                f"The model's function label returns gait {wrong[0]}, but must return the index of a gait, "
                 f"0 to {self._counts.size - 1}."
             )
         label = np.where(images.sound, label, 0)
@@ -113,7 +113,7 @@ def _of_each(pair: np.ndarray, given: int, what: str) -> np.ndarray:
     """The index of each pair in an argument that has one entry for all pairs, or one for each."""
     if given > 1 and np.max(pair) >= given:
         raise ArgumentError(
-            f"{what} are given for {given} pairs, but there are more: give one for each, or for all."
+            f"{what} are given for {given} pairs, but there are more: give one for each pair, or one for all."
         )
     return pair if given > 1 else np.zeros_like(pair)
 
@@ -160,7 +160,7 @@ def fates(
         found = np.asarray(mapper(images, pair[going], cycle))
         if found.shape != going.shape:
             raise ArgumentError(
-                f"mapper gave an array of shape {found.shape}, but must give one label for each of "
+                f"mapper gave an array of shape {found.shape}, but must return one label for each of "
                 f"{going.size} trajectories."
             )
         labels[going] = np.where(images.sound, np.maximum(found, UNDECIDED), -1 - images.status)

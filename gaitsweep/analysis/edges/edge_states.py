@@ -60,7 +60,9 @@ def edge_states(
         ValueError: u1 and u2 differ in length, or the map does not have a parameter that is given.
     """
     if len(u1) != len(u2):
-        raise ArgumentError(f"u1 has {len(u1)} points and u2 has {len(u2)}, but both need as many.")
+        raise ArgumentError(
+            f"u1 has {len(u1)} points and u2 has {len(u2)}, but both must have the same number."
+        )
     limits = limits or EdgeLimits()
     n = len(u1)
     search = Tracking(mapping, u1, u2, mapping.complete(values, n), mapper, limits)

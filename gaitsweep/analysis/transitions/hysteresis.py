@@ -44,7 +44,7 @@ def hysteresis(
         table: a table of one of these runs.
         observable: the section observable that jumps; each of the table's in turn by default.
         parameter: the parameter's column; the one that the run moved by default.
-        start: of settled rows, the column of the start value that chooses the branch.
+        start: of settled rows, the column of the start value that selects the branch.
         least: smallest change that counts as a jump, in the observable's unit.
         by: columns of what varies; rows that share them are taken together.
 
@@ -54,11 +54,11 @@ def hysteresis(
     run = table.attrs.get("job", {}).get("run", {})
     parameter = parameter or run.get("parameter")
     if parameter is None:
-        raise AnalysisError("This run moved no parameter: name the column as parameter=.")
+        raise AnalysisError("No parameter moves in this run: name the column as parameter=.")
     if "pass" not in table.columns:
         if start is None:
             raise AnalysisError(
-                "These rows have no passes up and down: name the column of the start value that chooses the "
+                "These rows have no passes up and down: name the column of the start value that selects the "
                 "branch as start=."
             )
         return Hysteresis(transition_points_by_gait(table, parameter, start, by=by), pd.DataFrame())

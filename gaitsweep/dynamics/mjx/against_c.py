@@ -184,7 +184,7 @@ class _Both:
                 return f"{_acting(m, data)} (from step {k + 1} on)"
             if i >= moved and off[i] > TOLERANCE:
                 kind = mujoco.mjtSensor(m.sensor_type[_sensor_of(m, i - moved)]).name
-                return f"MJX computes a sensor of type {kind.partition('_')[2].lower()} otherwise"
+                return f"MJX computes a sensor of type {kind.partition('_')[2].lower()} differently"
             loose |= bool(_off(ours[k], theirs[1]).max(initial=0.0) > _OF_A_STEP)
         if loose:
             return f"the solver of constraints, which both end at the option tolerance {m.opt.tolerance:g}"
@@ -220,7 +220,7 @@ def _sentences(model: MjcfModel, control: np.ndarray) -> list[str]:
             "keyframe_ctrl has them."
         )
     causes = {each.cause: each for each in reversed(compare(model, FIRST_USE).wrong)}
-    return [*found, *(f"The MJCF moves otherwise than in MuJoCo C. {each}" for each in causes.values())]
+    return [*found, *(f"The MJCF moves differently in MuJoCo C. {each}" for each in causes.values())]
 
 
 def _at_default(model: MjcfModel) -> tuple[Any, Any]:

@@ -100,7 +100,7 @@ class MjxBody:
                     placed = placed.replace(mat_rgba=jnp.ones((1, 4)))
                 data = mjx.make_data(placed)
             except NotImplementedError as error:
-                raise ValueError(f"MJX cannot do what this model has: {str(error).rstrip('.')}.") from error
+                raise ValueError(f"MJX does not support this model: {str(error).rstrip('.')}.") from error
             moved = {name: jnp.asarray(getattr(at_start, name)) for name in ("mocap_pos", "mocap_quat")}
             # on the host, since a program may run on any device
             self._model = jax.tree.map(np.asarray, placed)
@@ -199,7 +199,7 @@ class MjxBody:
         """
         contact = self._data._impl.contact
         if self.mj_model.opt.cone != mujoco.mjtCone.mjCONE_PYRAMIDAL or (contact.dim != 3).any():
-            raise ValueError("Pressures are read of contacts with pyramidal cones and condim 3.")
+            raise ValueError("Pressures need contacts with pyramidal cones and condim 3.")
         # the force is a sum over the four edges of the friction pyramid, whose normal component is 1
         edges = contact.efc_address[:, None] + np.arange(4)
         return jnp.sum(data._impl.efc_force[edges], axis=1)

@@ -133,7 +133,7 @@ class MjcfModel(Declared, SteppedModel):
         if given.shape != (m.nu,):
             names = ", ".join(m.actuator(i).name or f"actuator {i}" for i in range(m.nu)) or "none"
             raise ValueError(
-                f"control gives the shape {given.shape}, where it gives ({m.nu},), a number for each "
+                f"control returns the shape {given.shape}, but must return ({m.nu},), a number for each "
                 f"actuator of the MJCF ({names})."
             )
         return given

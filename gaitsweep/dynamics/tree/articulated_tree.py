@@ -98,11 +98,11 @@ class Tree:
     def __post_init__(self) -> None:
         for i, link in enumerate(self.links):
             if not WORLD <= link.parent < i:
-                raise ValueError(f"Link '{link.name}' has to come after its parent, link {link.parent}.")
+                raise ValueError(f"Link '{link.name}' must come after its parent, link {link.parent}.")
             if link.kind == "free" and link.parent != WORLD:
-                raise ValueError(f"Link '{link.name}' is free, so it has to hang on the world.")
+                raise ValueError(f"Link '{link.name}' is free, so its parent must be the world.")
             if link.kind in ("hinge", "slide") and abs(np.linalg.norm(link.axis) - 1.0) > 1e-9:
-                raise ValueError(f"The axis {link.axis} of link '{link.name}' has to have length 1.")
+                raise ValueError(f"The axis {link.axis} of link '{link.name}' must have length 1.")
 
     @property
     def nv(self) -> int:

@@ -96,20 +96,26 @@ def _numbers(m: mujoco.MjModel, body: int, j: int | None, begins: bool, ends: bo
 def _complaints(m: mujoco.MjModel) -> Iterator[str]:
     """A sentence for each feature of a model that the tree does not support."""
     if not m.nv:
-        yield "The model has no joint, so there is nothing that could move."
+        yield "The model has no joint, so nothing can move."
     for number, name in ((m.neq, "an equality constraint"), (m.ntendon, "a tendon"), (m.nflex, "a flex")):
         if number:
-            yield f"The model has {name}, which an articulated tree cannot do: remove it."
+            yield f"The model has {name}, which an articulated tree does not support: remove it."
     if m.opt.density or m.opt.viscosity:
-        yield "The model moves in a fluid (option density or viscosity), which an articulated tree cannot do."
+        yield (
+            "The model moves in a fluid (option density or viscosity), which an articulated tree "
+            "does not support."
+        )
     for body in range(1, m.nbody):
         name = _name(m.body(body).name, "body", body)
         if m.body_mocapid[body] >= 0:
-            yield f"Body '{name}' is a mocap body, which an articulated tree cannot do: remove mocap."
+            yield f"Body '{name}' is a mocap body, which an articulated tree does not support: remove mocap."
         if m.body_gravcomp[body]:
-            yield f"Body '{name}' has gravcomp, which an articulated tree cannot do: apply its force instead."
+            yield (
+                f"Body '{name}' has gravcomp, which an articulated tree does not support: apply its "
+                "force instead."
+            )
         if m.body_plugin[body] >= 0:
-            yield f"Body '{name}' has a plugin, which an articulated tree cannot do."
+            yield f"Body '{name}' has a plugin, which an articulated tree does not support."
     for j in range(m.njnt):
         yield from _of_joint(m, j)
     for k in range(m.nu):
@@ -123,15 +129,18 @@ def _of_joint(m: mujoco.MjModel, j: int) -> Iterator[str]:
     kind, dof = m.jnt_type[j], m.jnt_dofadr[j]
     unconstrained = m.opt.disableflags & _OFF.mjDSBL_CONSTRAINT
     if kind == mujoco.mjtJoint.mjJNT_BALL:
-        yield f"Joint '{name}' is a ball joint, which an articulated tree cannot do: use three hinges."
+        yield f"Joint '{name}' is a ball joint, which an articulated tree does not support: use three hinges."
     if m.jnt_limited[j] and not (unconstrained or m.opt.disableflags & _OFF.mjDSBL_LIMIT):
-        yield f"Joint '{name}' has a limit, which an articulated tree cannot do: remove its range."
+        yield f"Joint '{name}' has a limit, which an articulated tree does not support: remove its range."
     if m.dof_frictionloss[dof] and not (unconstrained or m.opt.disableflags & _OFF.mjDSBL_FRICTIONLOSS):
-        yield f"Joint '{name}' has frictionloss, which an articulated tree cannot do: use damping."
+        yield f"Joint '{name}' has frictionloss, which an articulated tree does not support: use damping."
     if m.jnt_stiffnesspoly[j].any() or m.dof_dampingpoly[dof].any() or m.jnt_plasticadr[j] >= 0:
         yield f"Joint '{name}' has a spring or damper that is not linear: apply its force instead."
     if kind == mujoco.mjtJoint.mjJNT_FREE and m.jnt_stiffness[j]:
-        yield f"Joint '{name}' is free and has a spring, which a tree cannot do: apply its force instead."
+        yield (
+            f"Joint '{name}' is free and has a spring, which a tree does not support: apply its "
+            "force instead."
+        )
 
 
 def compiled(source: mujoco.MjModel | str | Path) -> mujoco.MjModel:
@@ -145,7 +154,7 @@ def compiled(source: mujoco.MjModel | str | Path) -> mujoco.MjModel:
     if isinstance(source, str) and source.lstrip().startswith("<"):
         return mujoco.MjModel.from_xml_string(source)
     if not Path(source).is_file():
-        raise FileNotFoundError(f"There is no MJCF at {source}.")
+        raise FileNotFoundError(f"The MJCF {source} does not exist.")
     return mujoco.MjModel.from_xml_path(str(source))
 
 

@@ -149,7 +149,7 @@ class CudaDevice:
         # cuda-core has no access to variables
         failed, address, size = driver.cuLibraryGetGlobal(module.handle, name.encode())
         if failed:
-            raise RuntimeError(f"The variable {name} of a kernel is not found: {failed.name}.")
+            raise RuntimeError(f"The variable {name} of a kernel was not found: {failed.name}.")
         if size < len(value):
             raise RuntimeError(f"The variable {name} of a kernel has {size} bytes, not {len(value)}.")
         pinned = self._pinned.allocate(len(value))

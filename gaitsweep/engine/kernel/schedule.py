@@ -12,7 +12,7 @@ from collections.abc import Container, Sequence
 from gaitsweep.engine.kernel.program import Program
 
 # The share of values below which another order than the program's own is better: of the chain's tsit5, with
-# .986 times as many values, the compiler spills twice the bytes.
+# 0.986 times as many values, the compiler spills twice the bytes.
 CLEARLY = 0.98
 
 

@@ -177,7 +177,7 @@ class BatchedReturnMap(Map):
             written[name] = setting
         missing = [name for name, value in written.items() if value is None]
         if missing:
-            raise ArgumentError(f"{missing[0]} of {self.model.name} has no default: give it in settings.")
+            raise ArgumentError(f"{missing[0]} of {self.model.name} has no default: set it in settings.")
         return written
 
     @cached_property

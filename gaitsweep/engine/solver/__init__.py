@@ -76,8 +76,9 @@ def refusal(name: str, model: Model, precision: str) -> str | None:
     )
     if not linear:
         return (
-            f"is {name}, which is right only where the flow between events is linear in the state, and "
-            f"{model.name} does not say so of its own. Allowed: {general}."
+            f"is {name}, which needs a flow that is linear in the state between events, but "
+            f"{model.name} does "
+            f"not declare that of its flow. Allowed: {general}."
         )
     if precision != "float64":
         return f"is {name}, which needs numerics.precision float64. Allowed in {precision}: {general}."

@@ -1,4 +1,4 @@
-"""The number of polls in a chunk: the work of the device between two returns to the host."""
+"""The number of polls in a chunk, the work of the device between two returns to the host."""
 
 from __future__ import annotations
 
@@ -23,9 +23,8 @@ class ChunkSizer:
     """Chooses the number of polls in a chunk that minimises idle time.
 
     A row that has ended waits for the end of its chunk, half a chunk on average; each return to the host
-    costs the host's time. The sum is least for chunks that last sqrt(2 x host time x row time). Where lanes
-    wait to take the place of those that end, a chunk lasts until few are left. No result depends on the
-    choice.
+    costs the host's time. The sum is smallest for chunks that last sqrt(2 x host time x row time). If lanes
+    wait to replace those that end, a chunk lasts until few are left. No result depends on the choice.
 
     Args:
         shortest: polls in the first chunks, and the minimum.
@@ -39,7 +38,7 @@ class ChunkSizer:
         self._poll = math.nan  # s of a poll and the attempts before it
 
     def begins(self) -> float:
-        """Record the begin of a chunk, and the host's time since the last one; returns the time (s)."""
+        """Record the start of a chunk and the host's time since the last one; returns the time (s)."""
         now = time.perf_counter()
         self._host = _smoothed(self._host, now - self._returned)
         return now

@@ -36,7 +36,7 @@ def choose(
     numerics: ResolvedNumerics,
     drive: RowDrive | None,
 ) -> tuple[str, str | None]:
-    """The name of the engine, and the reason where `auto` cannot use its first choice, the kernel.
+    """The name of the engine, and the reason if `auto` cannot use its first choice, the kernel.
 
     Args:
         wanted: auto, xla or kernel.

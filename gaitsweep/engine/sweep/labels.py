@@ -51,9 +51,9 @@ def labelled(spec: SweepSpec, block: Block) -> RowOutcome:
 
 
 def gait_codes(labels: np.ndarray) -> np.ndarray:
-    """The codes of gaits from what `label` gave: an index as it is, -1 - n of a number -n below 0.
+    """The codes of gaits from the results of `label`: an index is its own code, a number -n becomes -1 - n.
 
-    So -1 is left to what was not read, and a label that is no index of a gait can be told by its code.
+    So -1 stands for gaits that were not read, and a label that is not an index of a gait is recognisable.
     """
     labels = np.clip(np.asarray(labels, np.int64), -(2**31) + 1, 2**31 - 1)
     return np.where(labels < 0, labels - 1, labels)

@@ -1,4 +1,4 @@
-"""The functions of one trajectory, which every engine vectorises in its own way."""
+"""The functions of one trajectory, which each engine vectorises in its own way."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Device = Any  # a jax.Device, which type checkers do not accept as a type
 
 
 def host_device() -> Device:
-    """The device of what is not a row: the CPU, unless JAX may not use it (JAX_PLATFORMS=cuda)."""
+    """The device of computations other than rows: the CPU, unless JAX may not use it (JAX_PLATFORMS=cuda)."""
     platforms: str | None = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
     if platforms and "cpu" not in platforms.split(","):
         return jax.local_devices()[0]

@@ -1,7 +1,7 @@
 """The assignment of rows to lanes: filling free lanes, collecting results, and the open blocks.
 
 Lanes work in groups, each in a thread: while the host collects the results of one group and opens new rows in
-it, the others go on.
+it, the others continue.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class _Chunk(NamedTuple):
 
 
 class Group:
-    """Some lanes of a device, the rows in them, and how far these are."""
+    """Some lanes of a device, the rows in them, and their progress."""
 
     def __init__(self, lanes: Any, spec: SweepSpec) -> None:
         self.lanes, self.size = lanes, lanes.size
@@ -70,7 +70,7 @@ class Group:
                 column[lanes] = each[name][rows]
 
     def open_again(self) -> None:
-        """Open the rows of all lanes anew, as if none of them had begun."""
+        """Open the rows of all lanes again, as if none of them had begun."""
         self.lanes.fill(*self._values, np.ones(self.size, bool))
 
     def chunk(self, polls: int | None = None) -> _Chunk:
@@ -144,12 +144,12 @@ class LaneScheduler:
         return [(group, chunk.output) for group, chunk in zip(busy, chunks, strict=True)]
 
     def go(self) -> None:
-        """Let all groups run; `step` takes what they give."""
+        """Start all groups; `step` collects their output."""
         for group in self.groups:
             self._go_on(group)
 
     def step(self) -> float:
-        """Wait for the next chunk, collect it, and let its group go on; returns when it began (s)."""
+        """Wait for the next chunk, collect it, and continue its group; returns its start time (s)."""
         if self._threads is None:
             (group,) = self.groups
             chunk = group.chunk()
@@ -163,7 +163,7 @@ class LaneScheduler:
         return chunk.began
 
     def end(self) -> None:
-        """Wait for what runs."""
+        """Wait for running chunks."""
         if self._threads is not None:
             self._threads.shutdown(cancel_futures=True)
 
@@ -237,13 +237,13 @@ class LaneScheduler:
             group.sizer.limit()
 
     def take(self, number: int) -> Block:
-        """A block that is complete, to write it; it is open until it is closed."""
+        """A complete block that can be written; it stays open until it is closed."""
         self.complete.remove(number)
         self.taken.add(number)
         return self.open[number]
 
     def close(self, number: int) -> None:
-        """Remove a block that is written."""
+        """Remove a written block."""
         self.taken.remove(number)
         del self.open[number]
 

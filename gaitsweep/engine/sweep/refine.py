@@ -1,12 +1,12 @@
-"""Selection of the cells of a grid that have to be simulated, and the labels of the others.
+"""Selection of the cells of a grid that must be simulated, and the labels of the other cells.
 
 The grid is laid out in boxes of `coarse` cells a side, and their corners are simulated first. A box in which
 two labels are known (in a corner, on a side that a finer neighbour shares, or inside) is halved along one
 refined axis, and the corners of its halves are simulated; those that are mixed are halved along the next
-axis, and so on, until all cells of a mixed box are known. A box in which all that is known agrees lends its
-label to the cells that are not. So both sides of every boundary in the result are simulated; what lies
-wholly between the corners of a box, and reaches none of its sides where these are simulated, is missed. All
-of it follows from the known labels alone, in whatever order these came.
+axis, and so on, until all cells of a mixed box are known. A box whose known labels agree passes its label to
+its unknown cells. So both sides of every boundary in the result are simulated; a region that lies entirely
+between the corners of a box and touches no simulated cell of its sides is missed. The selection follows from
+the known labels alone and does not depend on their order.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Sides = dict[int, int]  # cells along the side of a box, by refined axis
 
 @dataclasses.dataclass(frozen=True)
 class Grid:
-    """A grid of rows, of which some axes are refined and each cell along the others is a panel of its own.
+    """A grid of rows with some refined axes; each cell along the other axes is a separate panel.
 
     `lengths`: cells along each axis. `wraps`: for each refined axis, by its place, whether its last cell and
     its first are neighbours. `coarse`: cells along a side of the first boxes, a power of two.
@@ -37,10 +37,10 @@ class Grid:
 
     def __post_init__(self) -> None:
         if self.coarse < 2 or self.coarse & (self.coarse - 1):
-            raise ValueError(f"coarse is a power of two from 2 on, not {self.coarse}.")
+            raise ValueError(f"coarse is {self.coarse}, but must be a power of two, at least 2.")
 
     def levels(self) -> Iterator[tuple[Sides, Sides]]:
-        """The sides of boxes and those of their halves, the widest first."""
+        """The sides of boxes and of their halves, the widest first."""
         sides = dict.fromkeys(self.wraps, self.coarse)
         while max(sides.values()) > 1:
             for axis in self.wraps:
@@ -59,14 +59,14 @@ class Grid:
 
 
 def wanted(known: np.ndarray, grid: Grid) -> np.ndarray:
-    """The cells to simulate next, given what is known; none once every cell is decided.
+    """The cells to simulate next, from the known labels; none when every cell is decided.
 
     Args:
-        known: integers of the grid's shape: a label >= 0 or ALONE for what was simulated, else UNKNOWN.
-        grid: how cells lie.
+        known: integers of the grid's shape: a label >= 0 or ALONE for simulated cells, else UNKNOWN.
+        grid: the grid.
 
     Returns:
-        Which cells, bool, of the same shape; only UNKNOWN ones.
+        A mask of cells of the same shape; only UNKNOWN cells are set.
     """
     first = dict.fromkeys(grid.wraps, grid.coarse)
     need = np.zeros(grid.lengths, bool)
@@ -87,7 +87,7 @@ def wanted(known: np.ndarray, grid: Grid) -> np.ndarray:
 
 
 def inferred(known: np.ndarray, grid: Grid) -> np.ndarray:
-    """The label of every cell: its own, or that of the box in which it lies; UNKNOWN where neither is."""
+    """The label of every cell: its own, or that of the box that contains it, else UNKNOWN."""
     labels = np.array(known)
     for sides, _ in grid.levels():
         low, high = _spans(known, grid, sides)
@@ -111,9 +111,9 @@ def _points(grid: Grid, sides: Sides) -> tuple[np.ndarray, ...]:
 
 
 def _spans(known: np.ndarray, grid: Grid, sides: Sides) -> tuple[np.ndarray, np.ndarray]:
-    """The lowest and the highest label known in each box, its sides included.
+    """The lowest and the highest known label in each box, including its sides.
 
-    Lowest and highest differ around an ALONE cell whatever else is known; where nothing is, low > high.
+    They always differ around an ALONE cell; if no label is known, low > high.
     """
     low = np.where(known == UNKNOWN, _NONE, np.where(known == ALONE, UNKNOWN, known)).astype(np.int32)
     high = np.where(known == ALONE, _NONE, known).astype(np.int32)

@@ -26,7 +26,7 @@ _SPARE = 1.0
 
 @dataclasses.dataclass
 class Timings:
-    """Seconds of compiling (the first call of each program) and of running, and the number of attempts."""
+    """Seconds of compilation (the first call of each program) and of running, and the number of attempts."""
 
     compile_s: float = 0.0
     run_s: float = 0.0
@@ -59,11 +59,11 @@ def sweep(
         blocks: the numbers of the blocks to run.
         write: called with each complete block.
         progress: called after each chunk; an exception that it raises stops the sweep.
-        timings: updated during the sweep, so that it is right for an interrupted sweep too.
+        timings: updated during the sweep, so that it is also correct for an interrupted sweep.
         open_rows: stores the ended rows of incomplete blocks within `SAFE_WITHIN` s, and also when an
             exception stops the sweep; rows that it already has are not run again.
-        encode: makes of a complete block what `write` is given, in several threads at a time; by default it
-            is given the block itself.
+        encode: converts a complete block for `write`, in several threads at a time; by default `write`
+            receives the block itself.
 
     Returns:
         The timings.
@@ -116,11 +116,11 @@ def _encoded(spec: SweepSpec, block: Block, encode: Callable[[int, RowOutcome], 
 
 
 class _Disk:
-    """A thread that writes, one thing after the other, while rows go on; others encode the next blocks.
+    """A thread that writes blocks one after the other while rows continue; others encode the next blocks.
 
     Args:
-        written: called with the number of each block that has been written, by the thread that waits.
-        cards: GPUs that end rows.
+        written: called with the number of each written block, by the waiting thread.
+        cards: number of GPUs that end rows.
     """
 
     # what may wait for each card
@@ -137,7 +137,7 @@ class _Disk:
         self._longest_s = 1.0  # s of writing a block; the first time it loads libraries
 
     def write(self, number: int, encode: Callable[[], Any], write: Callable[[Any], None]) -> None:
-        """Let a block be encoded and written; raises what an earlier one has raised."""
+        """Queue a block for encoding and writing; raises errors of earlier blocks."""
         self.take_done(self._most)
         encoded = self._encoding.submit(encode)
         job = self._thread.submit(self._timed, lambda: write(encoded.result()))
@@ -145,11 +145,11 @@ class _Disk:
         self._waiting.append((job, lambda: self._written(number)))
 
     def store(self, keep: Callable[[], None], stored: Callable[[], None]) -> None:
-        """Let rows be stored by `keep`, and `stored` be called when they are."""
+        """Queue rows for `keep`, and call `stored` afterwards."""
         self._waiting.append((self._thread.submit(keep), stored))
 
     def take_done(self, most: int) -> None:
-        """Take note of what is on disk, and wait until fewer than `most` things are being written."""
+        """Record finished writes, and wait until fewer than `most` writes are pending."""
         while self._waiting and (len(self._waiting) >= most or self._waiting[0][0].done()):
             self._take()
 
@@ -160,11 +160,11 @@ class _Disk:
 
     @property
     def ahead_s(self) -> float:
-        """The time (s) until one more block is written."""
+        """The estimated time (s) until one more block would be written."""
         return (1 + sum(not future.done() for future, _ in self._waiting)) * self._longest_s
 
     def end(self) -> None:
-        """Write what waits, and end; raises what the first has raised that could not be written."""
+        """Finish all pending writes; raises the error of the first one that failed."""
         failures: list[BaseException] = []
         try:
             while self._waiting:
@@ -202,7 +202,7 @@ class _Keeper:
             self._oldest = began
 
     def store_if_due(self, ahead: float = 0.0) -> None:
-        """Let the rows be stored if the oldest would wait too long: `ahead` s, and for the disk."""
+        """Store the rows if the oldest would wait too long: for `ahead` s, and for the disk."""
         self._disk.take_done(sys.maxsize)
         if self._oldest is None or self._storing:
             return
@@ -219,7 +219,7 @@ class _Keeper:
                 self._disk.store(lambda: self._keep(ended), lambda: self._stored(ended))
 
     def store(self) -> None:
-        """Store all ended rows of open blocks that are not on disk; nothing else is being written."""
+        """Store all ended rows of open blocks that are not on disk; no other write is pending."""
         ended = self._scheduler.ended()
         if self._open_rows is not None and ended:
             self._keep(ended)

@@ -13,7 +13,7 @@ from gaitsweep.engine.sweep.lane import Device, Values
 
 @dataclasses.dataclass(frozen=True)
 class SweepSpec:
-    """The specification of a sweep: its rows, and how they are run.
+    """The specification of a sweep: its rows and their model, recorder, numerics and engine.
 
     `values(first, last)` returns the parameters and the initial conditions of rows first..last-1, arrays of
     that length by name; `drive` returns the parameters at a time from a row's values, for ramps and
@@ -38,7 +38,7 @@ class SweepSpec:
 
 @dataclasses.dataclass(frozen=True)
 class SweepProgress:
-    """Progress: rows done, rows in all, share done (0 to 1), attempts, seconds since the start."""
+    """Progress: rows done, all rows, fraction done (0 to 1), attempts, seconds since the start."""
 
     done: int
     rows: int

@@ -64,22 +64,22 @@ def local_devices(count: int | None = None) -> list[Device]:
     see_all_cores()
     devices = jax.local_devices()
     if count is not None and count > len(devices):
-        raise ArgumentError(f"engine.devices asks for {count} devices, and JAX sees {len(devices)} here.")
+        raise ArgumentError(f"engine.devices is {count}, but JAX finds only {len(devices)} devices here.")
     return devices[:count]
 
 
 def refuse_missing_platform() -> None:
-    """Raise UnsupportedSystem where JAX cannot compute here.
+    """Raise UnsupportedSystem if JAX cannot compute here.
 
-    It may only use devices that are not here (JAX_PLATFORMS=cuda), this process is a fork, or it may use so
-    little memory that compilers end it.
+    The reasons are missing devices (JAX_PLATFORMS=cuda), a forked process, and a limit of memory that is too
+    low for compilers.
     """
     refuse_fork()
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY:
         raise UnsupportedSystem(
-            f"This process may use {limit / 1e9:.1f} GB of virtual memory (ulimit -v), but to compile and "
-            f"run a model takes {LEAST_MEMORY / 1e9:.1f} GB or more: raise the limit."
+            f"This process may use {limit / 1e9:.1f} GB of virtual memory (ulimit -v), but compiling and "
+            f"running a model takes at least {LEAST_MEMORY / 1e9:.1f} GB: raise the limit."
         )
     platforms: str | None = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
     if not platforms or platforms == "cpu":
@@ -89,8 +89,8 @@ def refuse_missing_platform() -> None:
         jax.local_devices()
     except (AssertionError, RuntimeError) as error:  # which of them depends on the version of JAX
         raise UnsupportedSystem(
-            f"JAX_PLATFORMS is {platforms}, and JAX finds no such device here. On an NVIDIA GPU install "
-            "'gaitsweep[cuda]'; without JAX_PLATFORMS, JAX takes what there is."
+            f"JAX_PLATFORMS is {platforms}, but JAX finds no such device here. On an NVIDIA GPU install "
+            "'gaitsweep[cuda]'; without JAX_PLATFORMS, JAX uses the available devices."
         ) from error
 
 

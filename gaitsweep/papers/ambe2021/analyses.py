@@ -15,7 +15,7 @@ app = typer.Typer()
 
 @app.command()
 def waves(directory: Directory) -> None:
-    """Print wavelength and speed of waves in traces of the multi-legged chain, beside eqs. (27), (28)."""
+    """Compare wavelength and speed of waves in traces of the multi-legged chain with eqs. (27), (28)."""
     from gaitsweep.papers.ambe2021.analysis.travelling_wave import waves as measured
 
     print_table(measured(gs.load(directory)), 6)
@@ -23,7 +23,7 @@ def waves(directory: Directory) -> None:
 
 @app.command()
 def gait_shares(directory: Directory) -> None:
-    """Count the sets of parameters in which the multi-legged chain has its gaits, by the conditions."""
+    """Count the sets of parameters with each gait of the multi-legged chain, by the conditions."""
     from gaitsweep.papers.ambe2021.analysis.gait_shares import sets_by_conditions
 
     print_table(sets_by_conditions(gs.load(directory)))
@@ -31,7 +31,7 @@ def gait_shares(directory: Directory) -> None:
 
 @app.command()
 def source_place(directory: Directory) -> None:
-    """Print at which leg the source of the multi-legged chain's waves settles: shares of the starts."""
+    """Print the shares of starts whose waves settle to a source at each leg of the multi-legged chain."""
     from gaitsweep.papers.ambe2021.analysis.source_place import source_place as places
 
     found = places(gs.load(directory))
@@ -40,7 +40,7 @@ def source_place(directory: Directory) -> None:
 
 @app.command()
 def source_drift(directory: Directory) -> None:
-    """Print how fast E, and with it the source of the multi-legged chain's waves, drifts, beside the law."""
+    """Compare the drift of E, and so of the source of the multi-legged chain's waves, with the law."""
     from gaitsweep.papers.ambe2021.analysis.source_place import source_drift as drifts
 
     print_table(drifts(gs.load(directory)), 8)
@@ -48,20 +48,21 @@ def source_drift(directory: Directory) -> None:
 
 @app.command()
 def multilegged_theory(
-    springs: Annotated[int, typer.Option("--N", help="Springs; the chain has N + 1 legs.")] = 3,
+    springs: Annotated[int, typer.Option("--N", help="Number of springs; the chain has N + 1 legs.")] = 3,
     omega: Annotated[float, typer.Option("--omega", help="Basic frequency, rad/s.")] = 0.4,
     settings: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the chain; may be repeated."),
+        typer.Option("--set", metavar="NAME=VALUE", help="Set a parameter of the chain; may be repeated."),
     ] = None,
     figures: Annotated[
-        Path | None, typer.Option("--figures", metavar="DIR", help="Draw Figs. 8 to 11 of Ambe 2021 there.")
+        Path | None,
+        typer.Option("--figures", metavar="DIR", help="Folder in which to draw Figs. 8 to 11 of Ambe 2021."),
     ] = None,
     k: Annotated[
         int | None, typer.Option("--k", help="Boundary leg of the source wave in these figures.")
     ] = None,
 ) -> None:
-    """Print the solutions of a chain of legs by the theory; no result directory is needed."""
+    """Print the analytic solutions of a chain of legs, without a result directory."""
     import jax
 
     from gaitsweep import ArgumentError, near_miss

@@ -252,7 +252,7 @@ def _params(**changed: float) -> Any:
 
 
 def _state(**changed: Any) -> State:
-    """A state that is zero but for what is given."""
+    """A state that is zero except for the given values."""
     zeros = {field.name: jnp.zeros(()) for field in dataclasses.fields(State)}
     zeros |= {name: jnp.zeros(4) for name in ("landing_x", "landing_z", "height", "gain")}
     zeros |= {"q": jnp.zeros(16), "v": jnp.zeros(15)}
@@ -303,7 +303,7 @@ def hysteresis_widths(
         ways = {way: middle[here & (points["direction"] == way)] for way in ("rising", "falling")}
         if any(way.empty for way in ways.values()):
             place = "" if group is None else f" at {by} = {group:g}"
-            raise AnalysisError(f"There is not a jump in each direction{place}.")
+            raise AnalysisError(f"The observable does not jump in each direction{place}.")
         found.append(float(ways["rising"].iloc[0] - ways["falling"].iloc[0]))
     return found
 
@@ -342,7 +342,7 @@ def gait_lost_at(
 
 
 def _first_middle(points: pd.DataFrame, without: str) -> float:
-    """The middle of the first interval; the sentence `without` where there is none."""
+    """The middle of the first interval; raises an error with the sentence `without` if there is none."""
     if points.empty:
         raise AnalysisError(without)
     return float((points["low"].iloc[0] + points["high"].iloc[0]) / 2.0)
@@ -406,7 +406,7 @@ def gaits_of_branch(table: pd.DataFrame, *, parameter: str) -> list[str]:
 def gap_of_edges(
     table: pd.DataFrame, *, parameter: str, upper: str, lower: str, start: str = "delta_13"
 ) -> float:
-    """Width of the range in which both gaits are kept: where `upper` is lost less where `lower` is."""
+    """Width of the range in which both gaits persist: the edge of `upper` minus that of `lower`."""
     lost = {
         gait: gait_lost_at(table, parameter=parameter, gait=gait, direction=way, start=start)
         for gait, way in ((upper, "rising"), (lower, "falling"))

@@ -17,11 +17,16 @@ app = typer.Typer()
 def gaits(
     directory: Directory,
     window: Annotated[
-        tuple[float, float], typer.Option("--window", metavar="S S", help="Begin and end, s; all by default.")
+        tuple[float, float],
+        typer.Option(
+            "--window", metavar="S S", help="Beginning and end of the analysed time, s; by default all."
+        ),
     ] = (-math.inf, math.inf),
     threshold: Annotated[
         float | None,
-        typer.Option("--threshold", metavar="X", help="Largest shift of a pair in phase, cycles."),
+        typer.Option(
+            "--threshold", metavar="X", help="Largest shift of a pair that counts as in phase, cycles."
+        ),
     ] = None,
 ) -> None:
     """Count the rows of a four-legged model with each gait."""
@@ -35,11 +40,20 @@ def gaits(
 @app.command()
 def gait_bouts(
     directory: Directory,
-    by: Annotated[str, typer.Option("--by", metavar="NAME", help="family, gait or gait_at_0.05.")] = "family",
-    cycles: Annotated[int, typer.Option("--cycles", min=1, help="Strides that a gait is read from.")] = 3,
-    least: Annotated[int, typer.Option("--least", min=1, help="Readings in a bout; shorter ones go.")] = 3,
+    by: Annotated[
+        str, typer.Option("--by", metavar="NAME", help="Column of the bouts: family, gait or gait_at_0.05.")
+    ] = "family",
+    cycles: Annotated[
+        int, typer.Option("--cycles", min=1, help="Number of strides for one reading of the gait.")
+    ] = 3,
+    least: Annotated[
+        int,
+        typer.Option(
+            "--least", min=1, help="Smallest number of readings in a bout; shorter bouts are dropped."
+        ),
+    ] = 3,
 ) -> None:
-    """List the gaits that follow each other along each row, with the speeds at which they begin and end."""
+    """List the successive gaits of each row, with the speeds at which they begin and end."""
     from gaitsweep.papers.fukuoka2015.analysis import gait_bouts as bouts
 
     found = bouts.gait_bouts(bouts.gaits_along(gs.load(directory), cycles=cycles), by, least)
@@ -56,14 +70,18 @@ def gait_bouts(
 def loading_rule(
     directory: Directory,
     split: Annotated[
-        str | None, typer.Option("--split", metavar="COLUMN", help="Analyse each of its values separately.")
+        str | None,
+        typer.Option("--split", metavar="COLUMN", help="Column whose values are analysed separately."),
     ] = None,
     predict: Annotated[
-        bool, typer.Option("--predict", help="Loads of trots without feedback, shifts of the walks with it.")
+        bool,
+        typer.Option(
+            "--predict", help="Compare loads of trots without feedback with shifts of walks with feedback."
+        ),
     ] = False,
-    pairs: Annotated[bool, typer.Option("--pairs", help="List each pair of legs instead.")] = False,
+    pairs: Annotated[bool, typer.Option("--pairs", help="List the pairs of legs instead.")] = False,
 ) -> None:
-    """Measure how well leg loads and pitch of the planar quadruped agree with the rule of leg loading."""
+    """Measure how well leg loads and pitch of the planar quadruped follow the rule of leg loading."""
     from gaitsweep.papers.fukuoka2015.analysis import loading_rule as rule
 
     table = gs.load(directory)
@@ -80,7 +98,10 @@ def loading_rule(
 def gait_thresholds(
     directory: Directory,
     window: Annotated[
-        tuple[float, float], typer.Option("--window", metavar="S S", help="Begin and end, s; all by default.")
+        tuple[float, float],
+        typer.Option(
+            "--window", metavar="S S", help="Beginning and end of the analysed time, s; by default all."
+        ),
     ] = (-math.inf, math.inf),
 ) -> None:
     """Count the rows with each gait for several thresholds, the shifts by size, and gaits by touchdowns."""
@@ -103,7 +124,7 @@ def gait_measures(
     directory: Directory,
     by: Annotated[
         list[str] | None,
-        typer.Option("--by", metavar="COLUMN", help="Kept apart besides the gait; may be repeated."),
+        typer.Option("--by", metavar="COLUMN", help="Column to group by besides the gait; may be repeated."),
     ] = None,
 ) -> None:
     """Print speed, period, flight, pitch, power of the joints and cost of transport of each gait."""
@@ -124,10 +145,10 @@ def speed_transitions(directory: Directory, by: Kept = None) -> None:
 def body_oscillation(
     directory: Directory,
     along: Annotated[
-        bool, typer.Option("--along", help="Of each gait bout along a row whose speed changes.")
+        bool, typer.Option("--along", help="Analyse each gait bout of rows whose speed changes.")
     ] = False,
 ) -> None:
-    """Print how far the body pitches at once and twice the gait frequency, for each family of gaits."""
+    """Print the amplitude of pitch at once and twice the gait frequency for each family of gaits."""
     from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import family_oscillation
     from gaitsweep.papers.fukuoka2015.analysis.oscillation_along import oscillation_along
 
@@ -141,7 +162,10 @@ def body_oscillation(
 def repertoire(
     directory: Directory,
     sets: Annotated[
-        list[str], typer.Option("--set", metavar="COLUMN", help="Names a parameter set; may be repeated.")
+        list[str],
+        typer.Option(
+            "--set", metavar="COLUMN", help="Column that identifies a parameter set; may be repeated."
+        ),
     ],
 ) -> None:
     """Print the gaits of each parameter set of the planar quadruped, with their median speeds."""

@@ -138,7 +138,7 @@ def share_in_order(
     sequences = _sequences(records(table, where), falling, by).values()
     parts = {"all": slice(None), "begin": slice(len(order)), "end": slice(-len(order), None)}
     if at not in parts:
-        raise MeasureError(f"at is {at}: allowed are {', '.join(parts)}.")
+        raise MeasureError(f"at is {at}. Allowed: {', '.join(parts)}.")
     return float(np.mean([names[parts[at]] == list(order) for names in sequences]))
 
 
@@ -427,7 +427,7 @@ def _footfalls(part: pd.DataFrame) -> dict[str, float]:
         # the first stance may have begun before the trace
         lands[leg] = t[stances(t, part[f"F_{leg}"].to_numpy(float) > 0.0)[1:, 0]]
         if len(lands[leg]) < 2:
-            raise MeasureError(f"{leg} touches down less than twice.")
+            raise MeasureError(f"{leg} touches down fewer than two times.")
     turns = TURN / float(np.median(np.diff(lands["LF"])))
     after = {leg: (mine[:, None] - lands["LF"][None]).ravel() for leg, mine in lands.items()}
     return {leg: float(mean_direction(turns * each)) / TURN for leg, each in after.items()}
@@ -448,7 +448,7 @@ def _stance_time(trace: pd.DataFrame) -> float:
 
 
 def _gaits(table: pd.DataFrame, begin: float, threshold: float) -> pd.DataFrame:
-    """The gaits of the rows; a table of ends has its own threshold unless another one is asked for."""
+    """The gaits of the rows; a table of ends has its own threshold unless another one is given."""
     found = gaits_in(table, window=(begin, math.inf), thresholds=(THRESHOLD, threshold))
     if threshold != THRESHOLD:
         found["gait"] = found[f"gait_at_{threshold:g}"]

@@ -1,4 +1,4 @@
-"""Basins of attraction: the gait that each start leads to, over two swept quantities."""
+"""Basins of attraction: the gait reached from each start, over two swept quantities."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ def basin(
     that failed or did not settle are hatched grey; cells without a row yet are left white.
 
     Args:
-        table: a settle table; a partial table is drawn as far as it goes.
+        table: a settle table, complete or partial.
 
     Raises:
-        PlotError: the table does not have a column, or a cell has several rows.
+        PlotError: the table lacks a column, or a cell has several rows.
     """
     for name in (x, y, hue, *([panels] if panels else [])):
         column(table, name)
@@ -148,7 +148,8 @@ def _cells(
         return None
     if part.duplicated([x, y]).any():
         raise PlotError(
-            f"Several rows have the same {x} and {y}: another quantity varies too. Name it as `panels`, or "
+            f"Several rows have the same {x} and {y}, since another quantity varies too. Name it as "
+            "`panels`, or "
             "keep one of its values in the table."
         )
     across, up = (

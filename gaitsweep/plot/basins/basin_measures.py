@@ -28,15 +28,15 @@ _SHADES = ListedColormap(mpl.colormaps["viridis"](np.linspace(0.0, 0.85, 256)))
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     if figure.panels == "attractor":
-        yield ("panels",), "is attractor, which is worked out, and no column of this job's table."
+        yield ("panels",), "is attractor, which is computed and not a column of this job's table."
     axes = figure.axes
     if axes is None:
         axes = [name for name in table.varied if name != figure.panels]
         if not axes:
-            yield ("axes",), "is missing: besides panels nothing varies that could be the starts."
+            yield ("axes",), "is missing: besides panels, the job has no axis that could be the starts."
     for at, name in enumerate(axes):
         if name in TEXT_COLUMNS:
-            yield ("axes", at), f"is {name}, which has no numbers: take what varies."
+            yield ("axes", at), f"is {name}, which is not numeric: use axes of the job."
         elif name in axes[:at] or name == figure.panels:
             yield ("axes", at), f"is {name}, which is named twice."
     units = {name: table.unit(name) for name in axes if name not in TEXT_COLUMNS}
@@ -44,7 +44,10 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         shown = ", ".join(f"{name} in {unit or '1'}" for name, unit in units.items())
         yield ("axes",), f"needs one unit for the distance between starts, but there are {shown}."
     if figure.hue == "attractor" and table.run.refined(table.rows) is not None:
-        yield ("hue",), "is attractor, but run.refine infers rows, which have no state to tell one by."
+        yield (
+            ("hue",),
+            ("is attractor, but run.refine infers rows, which have no state that identifies an attractor."),
+        )
 
 
 @figure_kind("settle", "fixed_time", check=_check, worked_out=("attractor",))
@@ -54,21 +57,21 @@ def basin_measures(
     axes: Annotated[
         Sequence[Column] | None,
         Field(min_length=1),
-        "columns of the starts; what varies besides panels if not given",
+        "columns of the starts; by default all axes besides panels",
     ] = None,
     hue: Annotated[
-        Column, "column of what starts come to; attractor groups the settled states, matched along panels"
+        Column, "column of the outcomes of starts; attractor groups the settled states, matched along panels"
     ] = "gait",
-    panels: Annotated[Column | None, "column of which each value is measured by itself"] = None,
+    panels: Annotated[Column | None, "column whose values are measured separately"] = None,
     title: Title = None,
 ) -> Figure:
     """Three panels: the fraction of each outcome with its interval, entropies, uncertainty fraction over eps.
 
     Args:
-        table: a settle table, refined or not; a partial table is measured as far as it goes.
+        table: a settle table, refined or not, complete or partial.
 
     Raises:
-        PlotError, AnalysisError: the table does not have a column, or no axis is left.
+        PlotError, AnalysisError: the table lacks a column, or no axis is left.
     """
     if panels:
         column(table, panels)

@@ -27,7 +27,7 @@ def check_cells(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         near = f"name it as panels, or fix its value under {field}"
         yield (
             ("panels",),
-            f"leaves {name} out, which varies too: a cell of {figure.x} and {figure.y} would have "
+            f"leaves out {name}, which varies too, so a cell of {figure.x} and {figure.y} would have "
             f"several rows; {near}.",
         )
 
@@ -60,9 +60,9 @@ def on_grid(values: np.ndarray, *, log: bool = False) -> bool:
 
 
 def filled(values: np.ndarray, *, log: bool = False) -> np.ndarray:
-    """Sorted values of a grid with the missing ones between them, so that no cell covers a missing neighbour.
+    """Sorted values of a grid with missing values filled in, so that no cell covers a missing neighbour.
 
-    Values that form no grid are returned as they are. Steps are ratios with `log`.
+    Values that do not form a grid are returned unchanged. Steps are ratios with `log`.
     """
     places = np.log(values) if log else values
     gaps = np.diff(places)

@@ -25,7 +25,7 @@ _HATCHED = (Outcome.NOT_SETTLED, Outcome.FAILED)
 def gait_map(
     table: pd.DataFrame, *, x: Horizontal, y: Vertical, hue: GaitColumn = "gait", title: Title = None
 ) -> Figure:
-    """Cells coloured by the set of gaits that their starts settle in: one colour for each set.
+    """Cells coloured by the set of gaits in which their starts settle: one colour for each set.
 
     A gait belongs to a cell's set if any start of the cell settles in it. Cells in which another start failed
     have a darker colour of their own, those in which another did not settle a lighter one: they may have more
@@ -33,11 +33,11 @@ def gait_map(
     occurs among its starts. The legend gives each set's share of the cells.
 
     Args:
-        table: a settle table, several starts for each pair of x and y; a partial table is drawn as far as it
-            goes. `none` is not a gait.
+        table: a settle table, complete or partial, with several starts for each pair of x and y. `none` is
+            not a gait.
 
     Raises:
-        PlotError: the table does not have a column.
+        PlotError: the table lacks a column.
     """
     for name in (x, y, hue):
         column(table, name)
@@ -94,7 +94,7 @@ def _whole(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _colours(sets: list[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
-    """The colour of each set: a single gait's own, another for sets of several, greys for none."""
+    """The colour of each set: that of a single gait, other colours for several gaits, greys for no gait."""
     whole = list(dict.fromkeys(map(_whole, sets)))
     alone = style.colours(dict.fromkeys(name for each in whole for name in each if name != OTHER))
     colour: dict[tuple[str, ...], str] = {
@@ -113,7 +113,7 @@ def _colours(sets: list[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
 
 
 def _mixed(colour: str, other: str) -> str:
-    """Half way between two colours."""
+    """The mean of two colours."""
     red, green, blue = 0.5 * (np.array(to_rgb(colour)) + np.array(to_rgb(other)))
     return to_hex((float(red), float(green), float(blue)))
 

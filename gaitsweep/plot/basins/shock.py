@@ -31,7 +31,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     units = {column: table.unit(column) for column in (figure.x, figure.y)}
     if not TEXT_COLUMNS & set(units) and len(set(units.values())) > 1:
         shown = " and ".join(f"{column} in {unit or '1'}" for column, unit in units.items())
-        yield ("y",), f"is {figure.y}, but a shock is a distance, which needs one unit: {shown}."
+        yield ("y",), f"is {figure.y}, but a shock is a distance and needs equal units: {shown}."
     else:
         yield from check_cells(figure, table)
 
@@ -42,17 +42,17 @@ def shock(
     *,
     x: Horizontal,
     y: Annotated[AlongAxis, "column along the vertical axis, in the unit of x"],
-    hue: Annotated[Column, "column of what starts come to"] = "gait",
+    hue: Annotated[Column, "column of the outcomes of starts"] = "gait",
     panels: Panels = None,
     title: Title = None,
 ) -> Figure:
     """Cells coloured by their distance, along x and y, to the nearest start with another outcome.
 
     Args:
-        table: a settle table, refined or not; a partial table is drawn as far as it goes.
+        table: a settle table, refined or not, complete or partial.
 
     Raises:
-        PlotError: the table does not have a column, or a cell has several rows.
+        PlotError: the table lacks a column, or a cell has several rows.
         AnalysisError: x and y have different units.
     """
     for name in (x, y, hue, *([panels] if panels else [])):

@@ -39,7 +39,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
 def branches(
     table: pd.DataFrame,
     *,
-    x: Annotated[AlongAxis, "column of the parameter, which varies"],
+    x: Annotated[AlongAxis, "column of the varying parameter"],
     y: Observed,
     bandwidth: Bandwidth = None,
     title: Title = None,
@@ -53,7 +53,7 @@ def branches(
         table: a return map's table over several values of x.
 
     Raises:
-        PlotError: the table does not have a column.
+        PlotError: the table lacks a column.
     """
     name = column(table, y, ("_n", ""))
     for each in (x, "row", "crossing"):
@@ -84,7 +84,7 @@ def branches(
 
 
 def _draw(axes: Axes, found: pd.DataFrame, x: str) -> None:
-    """Each branch: its line, interrupted where an angle wraps, and its points with their errors."""
+    """Draw the line of each branch, interrupted where an angle wraps, and its points with their errors."""
     for _, branch in found.groupby("branch", sort=True):
         stable = bool(branch["stable"].iloc[0])
         colour = _COLOUR[stable]

@@ -48,20 +48,20 @@ def continuation(
     ] = None,
     intervals: Annotated[
         Mapping[Text, Annotated[Sequence[Real], Field(min_length=2, max_length=2)]],
-        "ranges of the parameter to show beside, by name, two numbers each",
+        "ranges of the parameter to show beside the branches, [low, high] by name",
     ] = MappingProxyType({}),
     title: Title = None,
 ) -> Figure:
-    """Branches over a parameter: solid where stable, dashed where not, bifurcations marked.
+    """Branches over a parameter, solid where stable and dashed where unstable, with marked bifurcations.
 
     A thin dotted line crosses a corner or a jump of the map.
 
     Args:
         table: a continuation's table.
-        x: the column of the parameter; by default the one that the table's job moves.
+        x: the column of the parameter; by default that of the table's job.
 
     Raises:
-        PlotError: the table does not have a column.
+        PlotError: the table lacks a column.
     """
     name = column(table, y, ("_n", ""))
     x = x or moved_parameter(table) or "parameter"
@@ -109,7 +109,7 @@ def _span(table: pd.DataFrame, hue: str) -> Normalize:
 
 
 def _colours(table: pd.DataFrame, hue: str | None) -> dict[Any, Any]:
-    """A colour for each row, if colour shows another parameter or the gait."""
+    """A colour for each row, if colours show another parameter or the gait."""
     if hue is None:
         return {}
     if not _numbers(table, hue):
@@ -181,6 +181,6 @@ def _key(table: pd.DataFrame, beside: Mapping[str, Sequence[float]], coloured: b
 
 
 def _beside(number: int) -> dict[str, Any]:
-    """The look of the range of this number: translucent, so that overlaps show both."""
+    """The style of the range with this number: translucent, so that overlaps are visible."""
     face, hatch = _BESIDE[number % len(_BESIDE)]
     return {"facecolor": to_rgba(face, 0.5), "edgecolor": "#9A9A9A", "hatch": hatch, "linewidth": 0.5}

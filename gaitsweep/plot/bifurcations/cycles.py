@@ -24,7 +24,7 @@ _NAMED_LINES = 8
 def cycles(
     table: pd.DataFrame,
     *,
-    y: Annotated[Sequence[Observable], Field(min_length=1), "observables of the model, a panel each"],
+    y: Annotated[Sequence[Observable], Field(min_length=1), "observables of the model, one panel each"],
     x: Horizontal = "crossing",
     hue: Hue = "row",
     title: Title = None,
@@ -37,7 +37,7 @@ def cycles(
         table: a crossing table (return map or ramp).
 
     Raises:
-        PlotError: the table does not have a column.
+        PlotError: the table lacks a column.
     """
     names = [column(table, name, ("_n", "")) for name in y]
     x = column(table, x, ("", "_n"))
@@ -71,7 +71,7 @@ def _rows(table: pd.DataFrame) -> list[tuple[object, pd.DataFrame]]:
 
 
 def _line_colours(values: Sequence[Any]) -> dict[Any, str]:
-    """A colour for each value: a gait's own if it is one, else a palette's, repeated if there are many."""
+    """A colour for each value: that of a gait, else one of a palette, repeated for many values."""
     if all(isinstance(value, str) for value in values):
         return dict(style.colours(map(str, values)))
     palette = style.SPARE_COLOURS[:6]

@@ -32,23 +32,23 @@ def folds(
 ) -> Figure:
     """Draw the folds at which gaits are lost in the plane of two parameters, and where two gaits are stable.
 
-    A curve is dashed where what is lost there is no stable gait, and thin and dotted over a corner or a jump
-    of the map. The area between a curve below which one gait exists and another above which another one does
-    is filled; so is that between both sides of a cusp.
+    A curve is dashed where an unstable gait is lost, and thin and dotted over a corner or a jump of the map.
+    The area between a curve below which one gait exists and a curve above which another gait exists is
+    filled, and so is the area between both sides of a cusp.
 
     Args:
         table: the table of a run of folds.
         x, y: the columns of both parameters at the folds; by default those of the table's job.
 
     Raises:
-        PlotError: a column is not there.
+        PlotError: a column is missing.
     """
     names = table.attrs.get("job", {}).get("run", {}).get("parameters") or ["x", "y"]
     x, y = x or f"{names[0]}_fold", y or f"{names[1]}_fold"
     for each in (x, y, hue, "row", "point", "side", "unstable", "special", "end"):
         column(table, each)
     if x == y:
-        raise PlotError(f"y is {y}, as x is: name another column.")
+        raise PlotError(f"y is {y}, like x: name another column.")
     table = rows_where(table, table[x].notna()).sort_values(["row", "point"], kind="stable")
     table = table.assign(gait=table[hue].astype(str))
     with style.canvas(style.COLUMN + 1.2, 3.5, title) as figure:
@@ -98,7 +98,7 @@ def _draw(axes: Axes, curve: pd.DataFrame, x: str, y: str, colour: dict[str, str
 
 
 def _gaits(curve: pd.DataFrame) -> list[str]:
-    """The gait of each segment of a curve: of its first point, or of its second where the first is a cusp."""
+    """The gait of each segment of a curve, from its first point, or its second if the first is a cusp."""
     gait, cusp = curve["gait"].tolist(), _marked(curve)["cusp"]
     return [gait[k + 1] if cusp[k] else gait[k] for k in range(len(curve) - 1)]
 

@@ -1,4 +1,4 @@
-"""Draw where each gait is lost along a parameter, by settled rows that start in each gait."""
+"""Values of a parameter at which gaits are lost, from settled rows that start in each gait."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _OPEN = "#777777"
 def gait_transitions(
     table: pd.DataFrame,
     *,
-    x: Annotated[AlongAxis, "column of the parameter, which varies"],
+    x: Annotated[AlongAxis, "column of the varying parameter"],
     y: Observed,
     start: Annotated[Column, "column of the start that selects the branch"],
     hue: GaitColumn = "gait",
@@ -35,14 +35,14 @@ def gait_transitions(
     """An observable of settled rows over a parameter, and the intervals in which each gait is lost.
 
     Points are coloured by gait; rows that did not settle are open, and those that fell are marked below. A
-    gait is lost between the last value at which a row settles in it and the first at which none of its own
-    starts does; the legend gives these intervals.
+    gait is lost between the last value at which a row settles in it and the first value at which none of its
+    starts settles in it; the legend gives these intervals.
 
     Args:
         table: a settle table with starts in each gait at each value of x.
 
     Raises:
-        PlotError: the table does not have a column.
+        PlotError: the table lacks a column.
     """
     name = column(table, y, ("_end", ""))
     for each in (x, start, hue, "status"):
@@ -83,7 +83,7 @@ def _points(
     names: list[str],
     colour: dict[str, str],
 ) -> list[Line2D | Patch]:
-    """The rows, and their entries in the legend."""
+    """Draw the rows; returns their entries in the legend."""
     handles: list[Line2D | Patch] = []
     markers = style.markers(list(colour))
     for name in names:

@@ -62,7 +62,10 @@ class _Panel(NamedTuple):
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     if figure.parameter not in (None, table.run.moved):
-        yield ("parameter",), f"is {figure.parameter}, but this run moves {table.run.moved}: leave it out."
+        yield (
+            ("parameter",),
+            (f"is {figure.parameter}, but this run moves {table.run.moved}: remove parameter."),
+        )
 
 
 @figure_kind("ramp", "staircase", check=_check)
@@ -70,14 +73,14 @@ def hysteresis(
     table: pd.DataFrame,
     *,
     y: Observed,
-    parameter: Annotated[Text | None, "the parameter that the run moves; it need not be said"] = None,
+    parameter: Annotated[Text | None, "the parameter that the run moves; it can be left out"] = None,
     panels: Panels = None,
     with_table: Annotated[
         Text | pd.DataFrame | None,
-        "a second result directory to show beside, by its path or its job's name",
+        "a second result directory to show beside the first, by its path or its job's name",
     ] = None,
     x: Annotated[
-        Observable | None, "observable along the horizontal axis, such as speed; the parameter if not given"
+        Observable | None, "observable along the horizontal axis, such as speed; by default the parameter"
     ] = None,
     ticks: Annotated[
         Mapping[Text, Real], "values of y to mark at the right side, by name, such as those of a paper"
@@ -85,19 +88,20 @@ def hysteresis(
     least: Annotated[Positive, "change of y that counts as a jump, in its unit"] = LEAST,
     title: Title = None,
 ) -> Figure:
-    """An observable over the moving parameter, rising and falling passes distinguished, jumps shaded.
+    """An observable over the moving parameter, with distinct rising and falling passes and shaded jumps.
 
-    A ramp is a thin line through its crossings; a staircase has a marker at the end of each hold, open where
-    the hold had not settled, and a faint line between holds of one branch. The legend gives the interval of
-    each pass's jump, the median over the rows. Arrows stand where the two passes differ most. Passes that
-    jump to and fro, as an irregular gait does, are on no branch: they have a panel of their own below.
+    A ramp is a thin line through its crossings; a staircase has a marker at the end of each stair, open if
+    the stair had not settled, and a faint line between stairs of one branch. The legend gives the interval of
+    each pass's jump, the median over the rows. Arrows mark where the two passes differ most. Passes that
+    jump to and fro, as with an irregular gait, belong to no branch and have their own panel below.
 
     Args:
         table: a ramp or staircase table.
-        with_table: a table, or a path relative to here or to the parent of the first table's directory.
+        with_table: a table, or a path relative to the working directory or to the parent of the first table's
+            directory.
 
     Raises:
-        PlotError: the table does not have a column, or no parameter moves.
+        PlotError: the table lacks a column, or no parameter moves.
     """
     parameter = parameter or moved_parameter(table)
     if parameter is None:
@@ -199,7 +203,7 @@ def _pace(table: pd.DataFrame) -> str:
 
 
 def _origin(tables: list[pd.DataFrame], name: str) -> float | None:
-    """The angle at which the circle is cut for the axis; None if the observable is no angle."""
+    """The angle at which the circle is cut for the axis; None if the observable is not an angle."""
     tables = [table for table in tables if name in table.columns]
     if not tables or not is_angle(tables[0], name):
         return None
@@ -354,7 +358,7 @@ def _below(axes: Axes, handles: list[Patch]) -> None:
 
 
 def _in_words(edge: Mapping[Any, Any], table: pd.DataFrame, parameter: str) -> str:
-    """A transition point in words: `f rises: 2.86 to 2.9 Hz`."""
+    """Format a transition point: `f rises: 2.86 to 2.9 Hz`."""
     verb = "rises" if edge["direction"] == "rising" else "falls"
     interval = f"{edge['low']:.4g} to {edge['high']:.4g} {unit_of(table, parameter)}".rstrip()
     rows = "" if edge["of"] == 1 else f", {edge['rows']} of {edge['of']} rows"

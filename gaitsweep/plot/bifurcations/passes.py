@@ -36,7 +36,7 @@ def draw_row(
 ) -> list[Pass]:
     """Draw one row: each pass as a line (of a ramp) or markers (of a staircase); returns its passes.
 
-    No line crosses a missing record, a wrap of an angle, or, between holds, a jump by `least`.
+    Lines are interrupted at missing records, where an angle wraps, and, between stairs, at jumps by `least`.
     """
     stairs = "stair" in part.columns
     if not stairs:
@@ -70,9 +70,9 @@ def draw_row(
 
 
 def draw_arrows(axes: Axes, passes: list[Pass], least: float) -> None:
-    """An arrow along the first pass up and the first pass down, where the two differ most.
+    """Draw an arrow along the first pass up and the first pass down, where the two differ most.
 
-    There is none if they nowhere differ by half of `least` (in the observable's unit).
+    No arrow is drawn if they never differ by half of `least` (in the observable's unit).
     """
     first = {one.colour: one for one in reversed(passes)}
     if set(first) != {UP, DOWN}:

@@ -48,20 +48,20 @@ def return_map(
     bandwidth: Bandwidth = None,
     title: Title = None,
 ) -> Figure:
-    """The change from crossing to crossing over the value, or the next value over it with the diagonal.
+    """The change from crossing to crossing over the value, or the next value over the value and the diagonal.
 
     A grey point is one step of one start; the line is their local linear regression with two standard errors
     on either side, interrupted where the points have a gap, a jump or two branches. Stable fixed points are
-    filled, unstable ones open; a triangle marks a ghost, where the change comes near to zero and turns back.
+    filled, unstable ones open; a triangle marks a ghost, where the change nearly reaches zero.
 
     Args:
         table: a return map's table.
 
     Raises:
-        PlotError: the table does not have a column, or the form is none of these two.
+        PlotError: the table lacks a column, or the form is unknown.
     """
     if form not in FORMS:
-        raise PlotError(f"form is {form}, but is one of {' and '.join(FORMS)}.")
+        raise PlotError(f"form is {form}, but must be {' or '.join(FORMS)}.")
     name = column(table, y, ("_n", ""))
     for each in ("row", "crossing", *([panels] if panels else [])):
         column(table, each)

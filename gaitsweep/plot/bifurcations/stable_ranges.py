@@ -30,25 +30,25 @@ def stable_ranges(
     hue: GaitColumn = "gait",
     title: Title = None,
 ) -> Figure:
-    """The range of one parameter in which each gait is stable, over another that differs between branches.
+    """The range of a parameter in which each gait is stable, over another that differs between branches.
 
     Each gait has an area, with another colour where two are stable; edges are marked by the bifurcation
-    there. An edge without a mark is where the branch was left or lost, or where stability changes at a corner
-    or jump of the map; an edge without a line is where branches begin, or leave their range.
+    there. At an edge without a mark the branch ended, or stability changes at a corner or jump of the map; at
+    an edge without a line branches begin or leave their range.
 
     Args:
         table: a continuation's table. If several branches have the same gait at one value of y, their stable
             ranges must touch, and are joined.
-        x: the column of the continuation parameter; by default the one that the job moves.
+        x: the column of the continuation parameter; by default that of the job.
 
     Raises:
-        PlotError: a column is not there, y is not numeric, or a gait's ranges at one value of y are disjoint.
+        PlotError: a column is missing, y is not numeric, or a gait's ranges at one value of y are disjoint.
     """
     x = x or moved_parameter(table) or "parameter"
     for name in (x, y, hue, "row", "point", "stable", "special", "end"):
         column(table, name)
     if not pd.api.types.is_numeric_dtype(table[y]):
-        raise PlotError(f"y is {y}, which is not of numbers: the plane of two parameters has no such axis.")
+        raise PlotError(f"y is {y}, which is not numeric and cannot be an axis.")
     with style.canvas(style.COLUMN + 1.2, 3.5, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))
@@ -87,7 +87,7 @@ def _union(same: pd.DataFrame, what: str, x: str) -> pd.Series:
     reach = np.maximum.accumulate(high)
     if np.any(low[1:] > reach[:-1]):
         raise PlotError(
-            f"{what}: stable in ranges of {x} that lie apart, which are no one area. Draw fewer branches, or "
+            f"{what}: stable in separate ranges of {x}, which do not form one area. Draw fewer branches, or "
             "the branches themselves (figures: continuation)."
         )
     last = same.iloc[int(np.argmax(high))]

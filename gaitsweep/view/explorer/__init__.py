@@ -1,1 +1,1 @@
-"""The explorer: a page on which a click on a start of a table makes it walk."""
+"""The explorer: a page on which a click on a start of a table shows the walking model."""

@@ -1,4 +1,4 @@
-"""Choice of the starts of a map that are simulated again: an even subgrid, and those beside a boundary."""
+"""Choice of the starts that are simulated again: an even subgrid, and starts beside a boundary."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from gaitsweep.view.explorer.start_map import StartMap
 
 
 def boundary(shown: StartMap) -> np.ndarray:
-    """Whether a cell has a neighbour of another outcome in its slice, (n,); circular axes are closed."""
+    """Whether a cell has a neighbour with another outcome in its slice, (n,); circular axes are closed."""
     assert shown.at is not None
     assert shown.edges is not None
     lengths = [len(edges) - 1 for edges in shown.edges]
@@ -32,7 +32,7 @@ def boundary(shown: StartMap) -> np.ndarray:
 
 
 def spread(n: int) -> np.ndarray:
-    """The numbers 0 to n-1, (n,), in an order whose every beginning is spread evenly.
+    """The numbers 0 to n-1, (n,), ordered so that the first k numbers are spread evenly for every k.
 
     Source: the sequence of van der Corput (1935) in base 2.
     """
@@ -62,14 +62,14 @@ def subgrid(shown: StartMap) -> np.ndarray:
 
 
 def cells_to_trace(shown: StartMap, simulated: np.ndarray, most: int) -> tuple[np.ndarray, int]:
-    """The records of cells that walk, the first ones being the most useful, and how many are at boundaries.
+    """The records to animate, the most useful first, and the number of them at boundaries.
 
-    Half of them are cells of a subgrid, the others lie beside a boundary.
+    Half of them are cells of a subgrid, the others are beside a boundary.
 
     Args:
         shown: the map.
-        simulated: whether a record was simulated, (n,); others cannot walk.
-        most: how many walk at most.
+        simulated: whether a record was simulated, (n,); others cannot be animated.
+        most: largest number of records to animate.
     """
     even = subgrid(shown)
     even = even[simulated[even]]

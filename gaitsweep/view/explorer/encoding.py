@@ -1,4 +1,4 @@
-"""Compact numbers for a page: whole numbers of two bytes, differences where neighbours are alike."""
+"""Compact encodings of numbers for a page: integers of two bytes, differences of similar neighbours."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ _NO_NUMBER = -32768
 
 
 def packed(numbers: np.ndarray) -> str:
-    """Whole numbers (n,) of two bytes as text: the low bytes, then the high ones, to compress better."""
+    """Integers (n,) of two bytes as text: the low bytes, then the high ones, which compress better."""
     planes = numbers.astype("<i2").reshape(-1).view(np.uint8).reshape(-1, 2).T
     return base64.b64encode(planes.tobytes()).decode()
 
 
 def compressed(text: bytes) -> str:
-    """Bytes as gzip, in text of base64."""
+    """Bytes compressed by gzip, as base64 text."""
     return base64.b64encode(gzip.compress(text, 9, mtime=0)).decode()
 
 
 def motion_fields(motion: Motion) -> dict[str, Any]:
-    """A stretch of motion as the page reads it.
+    """A stretch of motion in the format of the page.
 
-    Each column of `points` is stored as differences from picture to picture, the first from 0, in units of
-    `unit` m; the last column is the camera's path. `contact`: for each limb the samples between which it is
-    on the ground, begin and end in turn.
+    Each column of `points` is stored as differences from frame to frame, the first from 0, in units of
+    `unit` m; the last column is the camera's path. `contact` has, for each limb, the samples at which ground
+    contact alternately begins and ends.
     """
     stretch, t = motion.stretch, motion.t
     found: dict[str, Any] = {
@@ -61,7 +61,7 @@ def motion_fields(motion: Motion) -> dict[str, Any]:
 
 
 def crossing_fields(crossings: Crossings, shown: np.ndarray, low: np.ndarray, high: np.ndarray) -> Any:
-    """The observables numbered `shown` (k,) over the crossings of a row, as shares of the way low to high."""
+    """The observables `shown` (k,) over the crossings of a row, as fractions from low to high."""
     values = crossings.observed[:, shown]
     share = (values - low) / np.where(high > low, high - low, 1.0)
     whole = np.rint(share * 2.0 * _LARGEST) - _LARGEST
@@ -70,7 +70,7 @@ def crossing_fields(crossings: Crossings, shown: np.ndarray, low: np.ndarray, hi
 
 
 def _turns(down: np.ndarray) -> list[int]:
-    """The samples at which a limb lands and lifts, in turn, from its contact (n,)."""
+    """The samples at which a limb alternately lands and lifts, from its contact (n,)."""
     return np.flatnonzero(np.diff(np.r_[False, down, False])).tolist()
 
 

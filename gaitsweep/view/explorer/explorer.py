@@ -1,4 +1,4 @@
-"""The explorer of a result directory: one page on which a click on a start makes it walk."""
+"""The explorer of a result directory: one page on which a click on a start shows the walking model."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ _MEASURED = 1000
 # Lines of one figure beside the map, and symbols that name it.
 _MOST_SERIES = 6
 _NAMED = 3
-# An angle by which a row that was simulated again may differ from the table's unsaid, rad.
+# Differences in angles up to this value between a row simulated again and the table are not reported, rad.
 _APART = 1e-2
 
 
 class ExplorerSizeError(ArgumentError):
-    """The page does not fit into the size that is allowed."""
+    """The page does not fit into the allowed size."""
 
 
 def write_explorer(
@@ -68,27 +68,27 @@ def write_explorer(
     progress: Progress | None = None,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Path:
-    """Write a page on which a click on a start of a table makes it walk; it needs no other file.
+    """Write a self-contained page on which a click on a start of a table shows the walking model.
 
     Args:
         directory: a result directory of a run of kind settle, fixed_time, return_map, ramp, staircase or
             continuation.
         out: the file; `explore.html` in the directory by default.
         x, y: columns along the axes; by default those of the job's figures, or the longest axes.
-        walks: how many starts (records of a ramp or a staircase) are simulated again at most; 400 by default.
+        walks: largest number of starts (records of a ramp or a staircase) simulated again; 400 by default.
         max_size: the largest size of the page, MB; 10 by default.
-        trust: import a user's model from the directory, or from the folder that its manifest names.
-        progress: called with the rows done, the rows in all, rows a second, the share done, a remark.
-        tell: called with a sentence for each thing that the page lacks.
+        trust: whether to import a user's model from the directory or the folder named in its manifest.
+        progress: called with the rows done, all rows, rows per second, the fraction done, and a remark.
+        tell: called with sentences about the contents that the page lacks.
 
     Returns:
         The file.
 
     Raises:
-        ArgumentError: the table's kind cannot be explored, or the size is too small.
+        ArgumentError: the run kind of the table is not supported, or the size is too small.
         MissingPackageError: plotly is not installed.
-        PlotError: a column is not there.
-        TableError, JobError, RunError: the directory cannot be read, or its job not run here.
+        PlotError: a column is missing.
+        TableError, JobError, RunError: the directory cannot be read, or its job cannot run here.
         WriteError: the file cannot be written.
     """
     directory = Path(directory)
@@ -123,19 +123,20 @@ def explorer_of(
 
 
 def _job_of(table: pd.DataFrame, trust: bool) -> Job:
-    """The job that made a table, whatever `job.yaml` says by now."""
+    """The job that made a table, even if `job.yaml` was edited since."""
     fields, where = table.attrs["job"], table.attrs.get("path", "This result")
     for other in ("search", "sensitivity"):
         if other in fields:
             raise ArgumentError(
-                f"{where} holds sets of constants (a job with `{other}:`), which the explorer does not show: "
-                "`gaitsweep report` does."
+                f"{where} contains sets of constants (a job with `{other}:`), which the explorer does "
+                "not show. "
+                "Use `gaitsweep report`."
             )
     kind = fields.get("run", {}).get("kind", "another kind")
     if kind not in KINDS:
-        instead = " `gaitsweep animate` shows a trace's rows." if kind == "trace" else ""
+        instead = " Use `gaitsweep animate` for the rows of a trace." if kind == "trace" else ""
         raise ArgumentError(
-            f"{where} holds {kind} rows, which the explorer does not show. "
+            f"{where} contains {kind} rows, which the explorer does not show. "
             f"Allowed: {', '.join(KINDS)}.{instead}"
         )
     return stored_job(table.attrs, trust)
@@ -151,15 +152,15 @@ def _page(
     progress: Progress | None,
     tell: Callable[[str], None],
 ) -> str:
-    """The page of a table: HTML with plotly.js (its source `plotly`), the records and the walks inside."""
+    """The HTML page of a table, with plotly.js (its source `plotly`), the records and the walks embedded."""
     if walks < 0 or max_size <= 0.0:
-        raise ArgumentError(f"walks is {walks} and max_size {max_size:g} MB, but neither may be below 0.")
+        raise ArgumentError(f"walks is {walks} and max_size is {max_size:g} MB, but both must be at least 0.")
     if not len(table):
-        raise ArgumentError("No row has ended yet, so that there is nothing to explore.")
+        raise ArgumentError("No row has ended yet, so there is nothing to explore.")
     script = compressed(plotly.encode())
     frame_size = len(script) + sum(len(_part(name)) for name in ("html", "css", "js")) + 4000
     room = int(max_size * _MB) - frame_size
-    least = f"The page needs {(frame_size + 0.2 * _MB) / _MB:.1f} MB without any walk"
+    least = f"The page needs {(frame_size + 0.2 * _MB) / _MB:.1f} MB even without walks"
     if room < 0.2 * _MB:
         raise ExplorerSizeError(f"{least}, but --max-size is {max_size:g} MB.")
     context = prepare(job)
@@ -168,7 +169,7 @@ def _page(
     fields = _table_fields(shown)
     room -= len(compressed(_json(fields)))
     if room < 0:
-        raise ExplorerSizeError(f"The table alone takes more than --max-size, {max_size:g} MB.")
+        raise ExplorerSizeError(f"The table alone is larger than --max-size, {max_size:g} MB.")
     spent = table.attrs.get("manifest", {}).get("timings", {}).get("run_s", 0.0)
     chosen = _Walks(shown, context, walks, float(spent), progress)
     fields |= chosen.fields(room)
@@ -182,7 +183,7 @@ def _page(
 
 
 def _labelled(table: pd.DataFrame, context: RunContext) -> pd.DataFrame:
-    """A table with a gait for each record: of crossings, the gait that their observables are labelled as."""
+    """A table with a gait for each record; crossings have the label of their observables."""
     run = context.job.run
     if "gait" not in table.columns:
         names = [q.name for q in context.model.observables]
@@ -207,7 +208,7 @@ def _labelled(table: pd.DataFrame, context: RunContext) -> pd.DataFrame:
 def _gaits(
     context: RunContext, rows: np.ndarray, t: np.ndarray, seen: Mapping[str, np.ndarray]
 ) -> np.ndarray:
-    """The number of the gait (n,) that the observables of n records, at times `t` (n,) s, are labelled as."""
+    """The number of the gait (n,) from the observables of n records at times `t` (n,) s."""
     model, drive = context.model, context.spec.drive
     some, place = np.unique(rows, return_inverse=True)
     parameters, _ = context.design.values_in(some)
@@ -222,14 +223,14 @@ def _gaits(
 
 
 def _most_records(table: pd.DataFrame, room: float) -> int:
-    """Number of records of a table that fit into so many bytes of the page."""
+    """The number of a table's records that fit into a number of bytes of the page."""
     some = table.iloc[np.linspace(0, len(table) - 1, min(_MEASURED, len(table))).astype(int)]
     size = len(compressed(_json({"columns": columns_of(some)}))) / len(some)
     return max(int(room / size), 100)
 
 
 def _table_fields(shown: StartMap) -> dict[str, Any]:
-    """The map and the records, as the page reads them."""
+    """The map and the records in the format of the page."""
     fields: dict[str, Any] = {
         "kind": shown.kind,
         "x": shown.axis("x"),
@@ -254,14 +255,14 @@ def _table_fields(shown: StartMap) -> dict[str, Any]:
 
 
 class _Walks:
-    """The records that walk, simulated again, and their fields on the page.
+    """The animated records, simulated again, and their fields on the page.
 
     Args:
         shown: the records of the page.
         context: their job.
-        most: how many walk at most.
-        spent: seconds that the job took.
-        progress: told how far it is.
+        most: largest number of animated records.
+        spent: duration of the job, s.
+        progress: progress callback.
     """
 
     def __init__(
@@ -275,10 +276,10 @@ class _Walks:
         self._parts: BodyParts | None = None
         self._sizes: list[tuple[float, float, float]] = []
         self.series = self._drawn_over_cycles()
-        self.sentence = "No walk is stored."
+        self.sentence = "The page has no animated starts."
 
     def fields(self, room: int) -> dict[str, Any]:
-        """The walks, as many as fit into so many bytes; `sentence` says how many."""
+        """The walks that fit into a number of bytes; `sentence` has their number."""
         walks: dict[int, dict[str, Any]] = {}
         around: dict[int, Crossings] = {}
         for watch in self._watches:
@@ -316,7 +317,7 @@ class _Walks:
         return told
 
     def _walk(self, watch: Watch, walker: Walker, watched: Watched, record: int) -> dict[str, Any]:
-        """The fields of one record that walks."""
+        """The fields of one animated record."""
         period = float(walker.periods[watched.place])
         motions = [walker.motion(watched, each) for each in watch.stretches(record, watched, period)]
         motions = [each for each in motions if each is not None]
@@ -328,13 +329,13 @@ class _Walks:
         }
 
     def _over_cycles(self, crossings: Crossings) -> dict[str, Any]:
-        """The observables that are drawn over the cycles."""
+        """The observables drawn over the cycles."""
         numbers = np.array([each["number"] for each in self.series], int)
         low, high = (np.array([each[end] for each in self.series]) for end in ("low", "high"))
         return crossing_fields(crossings, numbers, low, high)
 
     def _differs(self, record: int, watched: Watched) -> dict[str, Any]:
-        """Describe how a row that was simulated again differs from the table's, where it does."""
+        """Describe differences between a row simulated again and the table."""
         row, run = self._table.iloc[record], self._context.job.run
         if run.kind_name == "continuation":  # a fixed point, which the next crossing has to give back
             return self._apart(record, watched, 1, "n")
@@ -346,7 +347,7 @@ class _Walks:
         return {**later, **self._apart(record, watched, int(row["cycles"]), "end")}
 
     def _apart(self, record: int, watched: Watched, crossing: int, suffix: str) -> dict[str, Any]:
-        """By how much the angles at a crossing differ from the table's, where they do."""
+        """Differences of angles at a crossing from the table's."""
         if crossing >= len(watched.crossings.number):
             return {}
         row = self._table.iloc[record]
@@ -356,7 +357,7 @@ class _Walks:
         return {"apart": most} if most > _APART else {}
 
     def _drawn_over_cycles(self) -> list[dict[str, Any]]:
-        """The observables that are drawn over the cycles, in groups of one unit, angles first.
+        """The observables drawn over the cycles, in groups with one unit each, angles first.
 
         The page draws one group at a time; `group` is its name in HTML.
         """
@@ -385,7 +386,7 @@ class _Walks:
         return found
 
     def _set_ranges(self, crossings: list[Crossings]) -> None:
-        """Set the ranges of the observables that are drawn over the cycles."""
+        """Set the ranges of the observables drawn over the cycles."""
         for each in self.series:
             seen = [some.observed[:, each["number"]] for some in crossings]
             values = np.concatenate(seen) if seen else np.zeros(0)
@@ -393,7 +394,7 @@ class _Walks:
             each["low"], each["high"] = (float(f(values)) if values.size else 0.0 for f in (np.min, np.max))
 
     def _figure(self) -> dict[str, Any] | None:
-        """Parts of the body in the pictures, and its size; None for a model without a skeleton."""
+        """Parts of the body in the frames, and its size; None for a model without a skeleton."""
         if self._parts is None or not self._sizes:
             return None
         half, height, depth = np.quantile(np.array(self._sizes), 0.98, axis=0)
@@ -409,7 +410,7 @@ class _Walks:
 
     @property
     def limbs(self) -> tuple[LimbLook, ...]:
-        """The limbs by name and place: those of the skeleton, of the model, or numbers."""
+        """The names and places of limbs: those of the skeleton, those of the model, or numbers."""
         if self._parts is not None:
             named = zip(self._parts.names, self._parts.pairs, strict=True)
             return tuple(LimbLook(name, pair, far) for name, (pair, far) in named)
@@ -419,15 +420,15 @@ class _Walks:
         return tuple(LimbLook(f"leg {number + 1}") for number in range(count))
 
     def _tell(self, kept: list[dict[str, Any]], made: int) -> None:
-        """Say how many walk, and how many of them differ from their records."""
+        """State the number of animated records, and of those that differ from the table."""
         starts = self._context.job.run.one_a_row or self._context.job.run.kind_name == "return_map"
         total = self._table["row"].nunique() if starts else len(self._table)
         noun = ("start" if starts else "record") + "s" * (total != 1)
         beside = f", {self._beside} of them beside a boundary" if self._beside and len(kept) == made else ""
         full = f"; {made - len(kept)} more did not fit" if len(kept) < made else ""
         other = sum("later" in each or "apart" in each for each in kept)
-        differ = f"; the page says how {other} of them differ from their records" if other else ""
-        self.sentence = f"{len(kept)} of {total} {noun} walk{beside}{full}{differ}."
+        differ = f"; {other} of them differ from the table, as the page shows" if other else ""
+        self.sentence = f"{len(kept)} of {total} {noun} are animated{beside}{full}{differ}."
 
 
 def _about(shown: StartMap, table: pd.DataFrame, context: RunContext, walks: _Walks) -> dict[str, Any]:
@@ -471,7 +472,7 @@ def _json(fields: Any) -> bytes:
 def _plain(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
-    raise TypeError(f"{type(value)} is no JSON")
+    raise TypeError(f"{type(value)} is not JSON")
 
 
 def _part(ending: str) -> str:
@@ -481,7 +482,7 @@ def _part(ending: str) -> str:
 
 
 def _filled(texts: Mapping[str, str], plotly: str, data: str, size: str) -> str:
-    """The template with its parts, of which `texts` are escaped; `size` is that of the page, MB."""
+    """The template filled with its parts; `texts` are escaped, and `size` is that of the page in MB."""
     parts = {f"{{{{{name}}}}}": html.escape(text) for name, text in texts.items()}
     parts |= {
         "{{size}}": size,

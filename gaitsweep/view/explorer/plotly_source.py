@@ -1,4 +1,4 @@
-"""The source of plotly.js, made quicker to read for a browser without a change of what it does."""
+"""The source of plotly.js, rewritten so that browsers load it faster with the same behaviour."""
 
 from __future__ import annotations
 
@@ -23,27 +23,26 @@ _OPENING = 1500  # letters of a module in which it says its name
 
 
 def plotly_source() -> str:
-    """The source of plotly.js, of the Python package plotly.
+    """The source of plotly.js, from the Python package plotly.
 
     Raises:
         MissingPackageError: plotly is not installed.
     """
     if importlib.util.find_spec("plotly") is None:
         raise MissingPackageError(
-            "The explorer needs the package plotly: install it with pip install 'gaitsweep[explore]'."
+            "The explorer needs the package plotly: run pip install 'gaitsweep[explore]'."
         )
     file = resources.files("plotly").joinpath("package_data", "plotly.min.js")
     return quicker(file.read_text(encoding="utf-8"))
 
 
 def quicker(source: str) -> str:
-    """The same program for a page of scatters and heatmaps, for which a browser needs less time.
+    """An equivalent program for scatter plots and heatmaps that browsers load faster.
 
-    Other kinds of traces (maps of the world, surfaces, ...) are not made ready, which takes longest. A
-    function in parentheses is compiled when it is first read; another is read, left, and read again when it
-    is called.
-    Letters beyond ASCII become escapes: a text of Latin letters alone takes one byte a letter. Of a version
-    of plotly.js that is built in another way, what is not recognised stays as it is.
+    Other kinds of traces (maps of the world, surfaces, ...) are not initialised, which takes most of the
+    time. Browsers compile a function in parentheses when they first parse it; they parse others twice.
+    Non-ASCII letters become escapes, since browsers store pure Latin text with one byte per letter. Code that
+    is not recognised, as in other versions of plotly.js, is left unchanged.
     """
     source = re.sub(r"[^\x00-\x7f]+", _escapes, source)
     ready = _ALL_TRACES.findall(source)
@@ -59,7 +58,7 @@ def quicker(source: str) -> str:
 
 
 def _trace_of(source: str, function: str) -> str | None:
-    """The kind of trace whose module a function returns: a module that hands on another, which has a name."""
+    """The kind of trace whose module a function returns, from the name of the module that it passes on."""
     handed = _HANDING_ON.match(source, source.find(f"var {function}=") + len(f"var {function}="))
     if handed is None:
         return None
@@ -70,6 +69,6 @@ def _trace_of(source: str, function: str) -> str | None:
 
 
 def _escapes(letters: re.Match[str]) -> str:
-    """Letters as escapes of JavaScript, the same in texts, expressions and names."""
+    """Letters as JavaScript escapes, which are valid in texts, expressions and names."""
     units = letters[0].encode("utf-16-be")
     return "".join(f"\\u{units[i]:02x}{units[i + 1]:02x}" for i in range(0, len(units), 2))

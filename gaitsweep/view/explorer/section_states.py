@@ -1,4 +1,4 @@
-"""Trajectories that begin at given points of the section: a model whose initial conditions are its state."""
+"""Trajectories from given points of the section, by a model whose initial conditions are its state."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 def states_at(
     mapping: BatchedReturnMap, points: Sequence[Points], values: Mapping[str, np.ndarray]
 ) -> tuple[Model, dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Points of the section as starts of trajectories.
+    """Use points of the section as starts of trajectories.
 
     Args:
         mapping: the return map of the model.
-        points: n times one point.
+        points: n points.
         values: parameters (n,) by name.
 
     Returns:
-        A model that begins in any of its states, and the parameters and the starts (n,) by name.
+        A model that can begin in any of its states, and its parameters and starts (n,) by name.
     """
     n = len(points)
     every = jax.tree.map(lambda *leaves: np.concatenate(leaves), *points)
@@ -45,7 +45,7 @@ def states_at(
 
 
 def _in_state(model: Model, like: Any) -> Model:
-    """The model, with all numbers of a state as its initial conditions; `like` is one of its states."""
+    """The model with all numbers of a state as initial conditions; `like` is one of its states."""
     leaves, tree = jax.tree.flatten(like)
     shapes = [(np.shape(leaf), np.asarray(leaf).dtype) for leaf in leaves]
     cuts = np.cumsum([int(np.prod(shape)) for shape, _ in shapes])

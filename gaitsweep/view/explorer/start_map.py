@@ -1,4 +1,4 @@
-"""The explorer's map of a table: the place of each record, and how it ended."""
+"""The explorer's map of a table: the place and the outcome of each record."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _GREEK = {
 
 @dataclasses.dataclass(frozen=True)
 class Slice:
-    """An axis that is not drawn, of which one value is shown at a time: `texts` (n,) name its values."""
+    """An axis of which one value is shown at a time; `texts` (n,) name its values."""
 
     name: str
     texts: list[str]
@@ -44,11 +44,11 @@ class Slice:
 
 @dataclasses.dataclass(frozen=True)
 class StartMap:
-    """The records of a table as the page draws them.
+    """The records of a table on the map.
 
     `kind` is cells or points; `x` and `y` name columns of `table`; `edges` are those of cells along x and y,
     `at` the cell (n, 2) of each record. `outcome` (n,) is the number of each record's outcome in
-    `outcomes`, which have name, colour and marker. `thinned` says which records were left out.
+    `outcomes`, which have name, colour and marker. `thinned` describes records that were left out.
     """
 
     table: pd.DataFrame
@@ -65,7 +65,7 @@ class StartMap:
     thinned: str = ""
 
     def axis(self, which: str) -> dict[str, Any]:
-        """The label of an axis, whether it is logarithmic or an angle, and where the circle is cut."""
+        """The label of an axis, whether it is logarithmic or an angle, and the cut of the circle."""
         name = self.x if which == "x" else self.y
         log = is_logarithmic(self.table, name)
         circular = is_angle(self.table, name) and not log
@@ -77,16 +77,16 @@ class StartMap:
 
 
 def map_of(table: pd.DataFrame, job: Job, x: str | None, y: str | None, most: int) -> StartMap:
-    """Map of a table for the page.
+    """Create the map of a table.
 
     Args:
         table: the table, with a column `gait`.
         job: its job.
         x, y: columns along the axes; by default those of the job's figures, or the longest axes.
-        most: records that the page can hold.
+        most: largest number of records on the page.
 
     Raises:
-        PlotError: a column is not there.
+        PlotError: a column is missing.
     """
     x, y = _axes(table, job, x, y)
     outcomes, outcome = _outcomes(table)
@@ -105,7 +105,7 @@ def map_of(table: pd.DataFrame, job: Job, x: str | None, y: str | None, most: in
 
 
 def _cells(shown: StartMap, values: list[np.ndarray], job: Job, taken: list[int], most: int) -> StartMap:
-    """A map of cells whose middles are at `values` along x and y, thinned to `most` of them."""
+    """A map of cells centred at `values` along x and y, thinned to `most` of them."""
     table = shown.table
     places = [table[name].to_numpy(float) for name in (shown.x, shown.y)]
     at = np.column_stack([np.searchsorted(v, place) for v, place in zip(values, places, strict=True)])
@@ -148,7 +148,7 @@ def _points(shown: StartMap, job: Job, taken: list[int], most: int) -> StartMap:
 
 
 def with_next(table: pd.DataFrame, y: str) -> pd.DataFrame:
-    """A return map's table with the value of an observable at the next crossing beside that at each."""
+    """A return map's table with another column: the value of an observable at the next crossing."""
     table = table.sort_values(["row", "crossing"], kind="stable")
     attrs = table.attrs
     table = table.assign(**{next_of(y): table.groupby("row")[y].shift(-1)})
@@ -205,10 +205,10 @@ def _axes(table: pd.DataFrame, job: Job, x: str | None, y: str | None) -> tuple[
 
 
 def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], np.ndarray]:
-    """The outcomes that occur, with their looks, and the number of each record's.
+    """The outcomes that occur, with their looks, and the number of each record's outcome.
 
-    Of rows with several records each record has its own: its gait, hollow where a stair had not settled or a
-    steady gait is unstable, and `failed` for the last crossings before a fall.
+    In rows with several records each record has its own outcome: its gait, hollow if a stair had not settled
+    or a steady gait is unstable, and `failed` for the last crossings before a fall.
     """
     hollow, told = np.zeros(len(table), bool), ""
     if "stable" in table.columns:
@@ -241,7 +241,7 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], np.ndarray]:
 def _slices(
     table: pd.DataFrame, job: Job, row: np.ndarray, taken: Sequence[int], few: int | None = None
 ) -> list[Slice]:
-    """The axes that are not drawn; with `few`, only parameters that have no more values."""
+    """The axes that are not drawn; with `few`, only parameters with at most that many values."""
     groups = [(place, group) for place, group in enumerate(job.design.groups) if group.length > 1]
     found = []
     for number, (place, group) in enumerate(groups):
@@ -273,7 +273,7 @@ def label_of(table: pd.DataFrame, name: str) -> str:
 
 
 def written(table: pd.DataFrame, name: str, value: float) -> str:
-    """`ψ₁ = 0.4π` in HTML, with the unit where there is one."""
+    """Format a value in HTML, with its unit if it has one: `ψ₁ = 0.4π`."""
     if is_angle(table, name):
         return f"{html_symbol(table, name)} = {style.in_pi(value)}"
     unit = html.escape(unit_of(table, name), quote=False)
@@ -281,7 +281,7 @@ def written(table: pd.DataFrame, name: str, value: float) -> str:
 
 
 def html_symbol(table: pd.DataFrame, name: str) -> str:
-    """A column's symbol as HTML; its name where its TeX has more than letters, marks above and indices."""
+    """A column's symbol as HTML; its name if its TeX has more than letters, accents and indices."""
     if name.endswith("_next"):
         return f"next {html_symbol(table, _this(name))}"
     text = html.escape(symbol(table, name), quote=False)
@@ -300,7 +300,7 @@ def html_symbol(table: pd.DataFrame, name: str) -> str:
 
 
 def columns_of(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """The columns of a table as the page shows them: numbers to `DIGITS` digits, categories by number."""
+    """The columns of a table in the format of the page: numbers to `DIGITS` digits, categories by number."""
     quantities: Mapping[str, Any] = table.attrs.get("quantities", {})
     found = []
     for name in map(str, table.columns):
@@ -327,7 +327,7 @@ def columns_of(table: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def rounded(value: float) -> float | str | None:
-    """A number to `DIGITS` digits; text where it is infinite, None where it is missing."""
+    """Round a number to `DIGITS` digits; returns text for infinity, None for missing numbers."""
     if math.isnan(value):
         return None
     if math.isinf(value):

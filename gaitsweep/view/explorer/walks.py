@@ -1,4 +1,4 @@
-"""Rows simulated again, so that they can be watched: their crossings, and stretches of their motion."""
+"""Rows that are simulated again for animation: their crossings, and stretches of their motion."""
 
 from __future__ import annotations
 
@@ -38,17 +38,17 @@ class Crossings:
     observed: np.ndarray
 
     def where(self, kept: np.ndarray) -> Crossings:
-        """Those for which `kept` (m,) is true."""
+        """The crossings for which `kept` (m,) is true."""
         return Crossings(self.number[kept], self.t[kept], self.observed[kept])
 
     def until(self, t: float) -> Crossings:
-        """Those up to a time, s."""
+        """The crossings up to a time, s."""
         return self.where(self.t <= t * (1.0 + 1e-9))
 
 
 @dataclasses.dataclass(frozen=True)
 class Stretch:
-    """A stretch of a row's motion from `begin` to `end`, s; `loops`: it is one period of a steady gait."""
+    """A stretch of a row's motion from `begin` to `end`, s; if `loops`, one period of a steady gait."""
 
     name: str
     begin: float
@@ -58,10 +58,10 @@ class Stretch:
 
 @dataclasses.dataclass(frozen=True)
 class Pictures:
-    """The body as seen from its side at n equal instants.
+    """The side view of the body at n equally spaced instants.
 
-    `points` (n, c) m: the coordinates x, y of all points of limbs, bodies and springs, relative to the
-    camera; `camera` (n,) m along the ground; `half`, `height`, `depth` m of what contains the body.
+    `points` (n, c) m are the coordinates x, y of all points of limbs, bodies and springs relative to the
+    camera; `camera` (n,) m is its position along the ground; `half`, `height`, `depth` m bound the body.
     """
 
     points: np.ndarray
@@ -73,10 +73,10 @@ class Pictures:
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
-    """One stretch as it was simulated.
+    """One simulated stretch.
 
-    `t` (m,) s are equal instants, those of `pictures` every `stride`-th of them; `contact` (m, limbs) is 1 on
-    the ground; `pictures` is None for a model that says nothing of how it is drawn.
+    `t` (m,) s are equally spaced instants, and `pictures` has every `stride`-th of them; `contact` (m, limbs)
+    is 1 on the ground; `pictures` is None for a model without a skeleton.
     """
 
     stretch: Stretch
@@ -112,10 +112,10 @@ class BodyParts:
 
 @dataclasses.dataclass(frozen=True)
 class Windows:
-    """The windows of time in which rows are watched, s each.
+    """The time windows in which rows are recorded, s.
 
-    The first begins at `first`; `more` others begin at `second`, `second + spacing` and so on; each is
-    `length` long.
+    The first begins at `first`; `more` others begin at `second`, `second + spacing` and so on; each has the
+    length `length`.
     """
 
     length: float
@@ -129,8 +129,7 @@ class Windows:
 class Watched:
     """One row simulated again: its crossings, samples of its signals (n,) at times `t` (n,) s, and its end.
 
-    `gait` is the number of its gait where it ended, -1 where that was not read; `place` its place among the
-    rows that were simulated.
+    `gait` is the number of its gait at the end, -1 if unknown; `place` is its place among the simulated rows.
     """
 
     row: int
@@ -142,13 +141,13 @@ class Watched:
 
 
 class Walker:
-    """Simulates rows again, and draws stretches of their motion.
+    """Simulates rows again and draws stretches of their motion.
 
     Args:
-        spec: how rows of their job are run.
-        rows: the numbers (n,) by which they are known.
+        spec: the sweep of their job.
+        rows: their numbers (n,).
         parameters, starts: their values (n,) by name.
-        begun: values of parameters that move, by name, where they begin.
+        begun: initial values of moving parameters by name.
     """
 
     def __init__(
@@ -221,9 +220,9 @@ class Walker:
             )
 
     def motion(self, watched: Watched, stretch: Stretch) -> Motion | None:
-        """A stretch of a row, inside one window and up to where its numbers are finite.
+        """A stretch of a row inside one window, up to its last finite numbers.
 
-        None where no two pictures are left.
+        None if fewer than two frames are left.
         """
         place = watched.place
         stride = PICTURES_EVERY * max(1, round(self.periods[place] / self.periods.min()))
@@ -279,6 +278,6 @@ class Walker:
 
 
 def _nearest_first(points: np.ndarray) -> np.ndarray:
-    """Points (n, k, 3) at each instant from the nearest to the farthest for who looks from the right side."""
+    """Points (n, k, 3) at each instant, from the nearest to the farthest for a viewer on the right side."""
     order = np.argsort(points[..., 1], axis=1, kind="stable")
     return np.take_along_axis(points, order[..., None], axis=1)

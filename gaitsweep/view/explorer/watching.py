@@ -1,4 +1,4 @@
-"""When rows are watched, for each run kind: windows of time, and stretches that belong to a record."""
+"""Recording of rows for animation by run kind: time windows, and the stretches of a record."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ _LONGEST = 600.0  # s of following branches again
 
 
 class Watch(abc.ABC):
-    """The records of a table that walk, and what is watched of their rows.
+    """The animated records of a table, and the recording of their rows.
 
     Args:
         table: the records of the page, numbered from 0.
-        records: those that walk (n,), the most useful first.
+        records: the animated records (n,), the most useful first.
         context: their job.
     """
 
@@ -48,7 +48,7 @@ class Watch(abc.ABC):
             self._mine.setdefault(int(self.row_of[record]), []).append(record)
 
     def records_of(self, row: int) -> list[int]:
-        """The records of a row that walk."""
+        """The animated records of a row."""
         return self._mine[row]
 
     def walker(self) -> Walker:
@@ -59,14 +59,14 @@ class Watch(abc.ABC):
 
     @abc.abstractmethod
     def windows(self, period: float) -> Windows:
-        """When its rows are watched; `period` is their longest nominal one, s."""
+        """The time windows in which rows are recorded; `period` is their longest nominal period, s."""
 
     @abc.abstractmethod
     def stretches(self, record: int, watched: Watched, period: float) -> list[Stretch]:
-        """The stretches of motion that are shown of a record; `period` is its row's nominal one, s."""
+        """The stretches of motion shown for a record; `period` is its row's nominal period, s."""
 
     def around(self, record: int, watched: Watched) -> Crossings:
-        """The crossings that are drawn beside a record."""
+        """The crossings drawn beside a record."""
         return watched.crossings
 
     def number(self, record: int, column: str) -> float:
@@ -77,7 +77,7 @@ class Watch(abc.ABC):
 class WatchStarts(Watch):
     """Rows of settle and fixed_time that did not fail: their first cycles, and their gait at the end.
 
-    The gait is read where the last of the rows ends, so that one window does for all.
+    The gait is recorded when the last row ends, so that one window serves all rows.
     """
 
     def windows(self, period: float) -> Windows:
@@ -113,7 +113,7 @@ class WatchStarts(Watch):
 
 
 class WatchFailures(Watch):
-    """Rows of settle and fixed_time that failed: their first cycles, and the last ones before they failed."""
+    """Rows of settle and fixed_time that failed: their first cycles, and the last ones before the failure."""
 
     def windows(self, period: float) -> Windows:
         return Windows(float(np.nanmax(self.table["t_end"].to_numpy(float)[self.records])))
@@ -215,16 +215,16 @@ class WatchStairs(Watch):
 
 
 class WatchBranches(Watch):
-    """Points of branches of a continuation: one cycle of each steady gait, stable or not.
+    """Points of branches of a continuation: one cycle of each steady gait, stable or unstable.
 
-    The table has what is observed of a point, not its state: the branches are followed again, and points that
-    come out otherwise are left out.
+    The table has the observables of a point and not its state, so the branches are followed again; points
+    with other results are left out.
 
     Args:
         table: the records of the page, numbered from 0.
         context: their job.
         rows: the rows (m,) whose branches are followed again.
-        most: how many points walk at most.
+        most: largest number of animated points.
         between: called before each step.
     """
 
@@ -280,7 +280,7 @@ def _up_to(end: float, watched: Watched, name: str, period: float) -> list[Stret
 
 
 def _branches_in_time(context: RunContext, spent: float, rows: int) -> int:
-    """Number of branches to follow again, which takes as long as it took the job."""
+    """Number of branches to follow again, within the time that the job took."""
     each = spent / context.design.n_rows
     return max(1, min(rows, int(_LONGEST / each) if each > 0.0 else rows))
 
@@ -288,18 +288,18 @@ def _branches_in_time(context: RunContext, spent: float, rows: int) -> int:
 def watches(
     shown: StartMap, table: pd.DataFrame, context: RunContext, most: int, spent: float, between: Between
 ) -> tuple[list[Watch], int]:
-    """The records that walk, `most` at most, in groups that are simulated together.
+    """The animated records, at most `most`, in groups that are simulated together.
 
     Args:
         shown: the map.
         table: its records, numbered from 0.
         context: their job.
-        most: how many walk at most.
-        spent: seconds that the job took.
-        between: called now and then while branches are followed again.
+        most: largest number of animated records.
+        spent: duration of the job, s.
+        between: called repeatedly while branches are followed again.
 
     Returns:
-        The groups, and how many of the records lie beside a boundary.
+        The groups, and the number of records beside a boundary.
     """
     kind, beside = context.job.run.kind_name, 0
     if most <= 0:

@@ -56,7 +56,7 @@ class Clip:
 
     @property
     def camera(self) -> np.ndarray:
-        """The path of the camera, (n, 2) m: the body's middle, averaged over a cycle."""
+        """The path of the camera, (n, 2) m: the centre of the body, averaged over a cycle."""
         parts = self.skeleton.bodies or tuple(limb.points for limb in self.skeleton.limbs)
         middle = np.concatenate(parts, axis=1)[..., :2].mean(axis=1)
         if len(self.t) < 3:
@@ -92,7 +92,7 @@ class Footfalls:
         self._now = axes.axvline(0.0, color="black", lw=1.1, zorder=4)
 
     def window(self, low: float, high: float) -> None:
-        """Show the time (s) from `low` to `high` alone."""
+        """Show only the time (s) from `low` to `high`."""
         self._axes.set_xlim(low, high)
 
     def now(self, t: float) -> None:
@@ -170,7 +170,7 @@ def _clock(figure: Figure) -> Text:
 
 
 def _time_bar(axes: Axes, clip: Clip) -> Rectangle:
-    """The share of the clip that has passed."""
+    """The bar with the elapsed fraction of the clip."""
     axes.set_xlim(clip.t[0], clip.t[-1])
     axes.set_ylim(0.0, 1.0)
     axes.set_axis_off()
@@ -182,7 +182,7 @@ def _time_bar(axes: Axes, clip: Clip) -> Rectangle:
 
 @contextlib.contextmanager
 def _sheet(size: tuple[int, int]) -> Iterator[tuple[Figure, FigureCanvasAgg]]:
-    """An empty figure of so many pixels, always `_WIDE` inches wide."""
+    """An empty figure of a given size in pixels, always `_WIDE` inches wide."""
     width, height = size
     with style.canvas(_WIDE, _WIDE * height / width) as figure:
         figure.set_layout_engine("none")
@@ -219,5 +219,5 @@ def still(clip: Clip, size: tuple[int, int], scene: Drawn = side_view) -> Figure
 
 
 def _chart_height(clip: Clip, tall: float) -> float:
-    """The share of the footfalls in the height of a figure `tall` inches high."""
+    """The fraction of the footfalls in the height of a figure `tall` inches high."""
     return min(0.25 + 0.17 * len(clip.skeleton.limbs), 0.4 * tall) / tall

@@ -22,7 +22,7 @@ FORMATS = (".gif", ".mp4")
 
 
 def require(path: Path, fps: float) -> None:
-    """Refuse a movie that could not be written, before anything is drawn.
+    """Refuse a movie that cannot be written, before drawing it.
 
     Raises:
         PlotError: the format is neither .gif nor .mp4, the frame rate is too high for GIF, or MP4 lacks
@@ -30,15 +30,15 @@ def require(path: Path, fps: float) -> None:
     """
     kind = path.suffix.lower()
     if kind not in FORMATS:
-        raise PlotError(f"{path} is no movie's name: end it with {' or '.join(FORMATS)}.")
+        raise PlotError(f"{path} is not a valid name for a movie: it must end with {' or '.join(FORMATS)}.")
     if kind == ".gif" and fps > 50:
-        raise PlotError(f"--fps is {fps:g}, but a GIF shows 50 pictures a second at most.")
+        raise PlotError(f"--fps is {fps:g}, but a GIF can have at most 50 frames per second.")
     if kind == ".mp4":
         _ffmpeg()
 
 
 def save(path: Path, frames: Iterator[np.ndarray], fps: float, colours: Sequence[str] = ()) -> None:
-    """Write RGB frames (height, width, 3) at `fps` a second; the file is replaced only if all are written.
+    """Write RGB frames (height, width, 3) at `fps` per second; the file is replaced when all are written.
 
     `colours` are kept among the 256 of a GIF.
 
@@ -54,7 +54,7 @@ def save(path: Path, frames: Iterator[np.ndarray], fps: float, colours: Sequence
 
 
 def _gif(file: BinaryIO, frames: Iterator[np.ndarray], fps: float, colours: Sequence[str]) -> None:
-    """All frames with one palette, so that pixels that do not change are equal to the bit."""
+    """All frames with one palette, so that unchanged pixels are equal."""
     first = next(frames)
     palette = _palette(first, colours)
 
@@ -73,7 +73,7 @@ def _gif(file: BinaryIO, frames: Iterator[np.ndarray], fps: float, colours: Sequ
 
 
 def _palette(picture: np.ndarray, wanted: Sequence[str]) -> Image.Image:
-    """256 colours: those wanted, the most frequent ones of this frame, and means of its others."""
+    """256 colours: the given ones, the most frequent ones of this frame, and means of the others."""
     packed, counts = np.unique(picture.astype(np.uint32) @ _PLACES, return_counts=True)
     frequent = packed[np.argsort(-counts, kind="stable")[: 4 * _EXACT], None] // _PLACES % 256
     means = Image.fromarray(picture).quantize(256, dither=Image.Dither.NONE).getpalette() or []
@@ -103,7 +103,7 @@ def _ffmpeg() -> str:
         return imageio_ffmpeg.get_ffmpeg_exe()
     except (ImportError, RuntimeError) as error:
         raise PlotError(
-            "An MP4 needs ffmpeg: pip install 'gaitsweep[video]' (imageio-ffmpeg), or write a .gif."
+            "An MP4 needs ffmpeg: run pip install 'gaitsweep[video]' (imageio-ffmpeg), or write a .gif."
         ) from error
 
 

@@ -49,7 +49,7 @@ class Painter:
     ) -> None:
         """Start the process and read its first frame, of `size` (width, height) pixels.
 
-        `skeleton` is the same body as lines, and `camera` (n, 2) m the middle of each frame.
+        `skeleton` is the same body as lines, and `camera` (n, 2) m the centre of each frame.
 
         Raises:
             NoOpenGL: no OpenGL backend works.
@@ -74,7 +74,7 @@ class Painter:
                 self._picture = self._read()
             except NoOpenGL as error:
                 raise PlotError(
-                    f"MuJoCo's renderer stopped after picture {self._at + 1} ({error}): "
+                    f"MuJoCo's renderer stopped after frame {self._at + 1} ({error}): "
                     "try again, or use --renderer matplotlib."
                 ) from error
             self._at += 1
@@ -97,7 +97,7 @@ class Painter:
             ready, _, _ = select.select([self._process.stdout], [], [], max(deadline - time.monotonic(), 0.0))
             piece = os.read(self._process.stdout.fileno(), wanted - len(got)) if ready else b""
             if not piece:
-                silent = f"nothing came within {_PATIENCE:.0f} s"
+                silent = f"no output within {_PATIENCE:.0f} s"
                 words = _last_words(self._process, self._log) if ready else silent
                 self.close()
                 raise NoOpenGL(words)

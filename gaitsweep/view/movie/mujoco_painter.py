@@ -24,7 +24,7 @@ _SHADOW = 1024  # pixels; with software OpenGL, MuJoCo's 4096 take most of the t
 
 
 def main() -> None:
-    """Paint the pictures that standard input asks for, and write their pixels to standard output."""
+    """Render the frames described on standard input, and write their pixels to standard output."""
     given = np.load(io.BytesIO(sys.stdin.buffer.read()))
     pictures = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # output of libraries must not mix with the frames
@@ -66,14 +66,14 @@ def _camera(given: np.lib.npyio.NpzFile, aspect: float) -> mujoco.MjvCamera:
 
 
 def _light(model: mujoco.MjModel) -> None:
-    """Light that keeps marks and shadows on a pale ground visible."""
+    """Light that keeps marks and shadows on pale ground visible."""
     model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = 0.42, 0.4
     model.vis.headlight.specular[:] = 0.0
     model.light_diffuse[:], model.light_specular[:] = 0.3, 0.0
 
 
 def _paint_limbs(model: mujoco.MjModel, colours: np.ndarray) -> None:
-    """Colour the bodies that carry exactly one foot like their limb."""
+    """Give the bodies that carry exactly one foot the colour of their limb."""
     above: list[list[int]] = []
     for number in range(1, len(colours) + 1):
         site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"foot_{number}")

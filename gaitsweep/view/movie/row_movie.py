@@ -1,4 +1,4 @@
-"""A movie, or a strip of poses, of one row of a trace, drawn as its model says."""
+"""A movie or a strip of poses of one row of a trace, drawn from its model's skeleton."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Motion:
     title: str
 
     def at(self, times: np.ndarray) -> dict[str, np.ndarray]:
-        """The signals at times (k,) s: linear between samples; angles and contacts of the nearest sample."""
+        """The signals at times (k,) s, interpolated linearly; angles and contacts from the nearest sample."""
         edges = 0.5 * (self.t[1:] + self.t[:-1])
         nearest = np.searchsorted(edges, times)
         circular = {quantity.name for quantity in self.model.signals if quantity.circular}
@@ -61,15 +61,15 @@ class Motion:
         }
 
     def contact(self, limbs: int) -> np.ndarray:
-        """1 where a limb is on the ground, (n, limbs).
+        """Ground contact of each limb, (n, limbs), 1 on the ground.
 
         Raises:
-            PlotError: the model has no such signal for one of them.
+            PlotError: the model has no such signal for a limb.
         """
         names = [f"contact_{i + 1}" for i in range(limbs)]
         for name in names:
             if name not in self.signals:
-                raise PlotError(f"{self.model.name} has no signal {name}, which says when a foot is down.")
+                raise PlotError(f"{self.model.name} has no signal {name}, which would show ground contact.")
         return np.array([self.signals[name] for name in names]).reshape(limbs, len(self.t)).T
 
 
@@ -84,21 +84,21 @@ def read_motion(directory: str | Path, row: int, trust: bool = False) -> Motion:
     table = load(directory)
     kind = table.attrs["job"].get("run", {}).get("kind", "another kind")
     if kind != "trace":
-        raise PlotError(f"{directory} holds {kind} rows, which have no motion: use a run of kind trace.")
+        raise PlotError(f"{directory} contains {kind} rows, which have no motion: use a run of kind trace.")
     part = _samples(table, directory, row)
     rows = stored_job(table.attrs, trust).design
     missing = [quantity.name for quantity in rows.model.signals if quantity.name not in part.columns]
     if missing:
         names = ", ".join(missing[:_NAMED]) + (", ..." if len(missing) > _NAMED else "")
         raise PlotError(
-            f"The table of {directory} lacks the signals {names}: run its job again, into another directory."
+            f"The table of {directory} lacks the signals {names}: run its job again into another directory."
         )
     names = [quantity.name for quantity in rows.model.signals]
     finite = np.isfinite(part[["t", *names]].to_numpy(float)).all(axis=1)
     part = rows_where(part, finite).sort_values("t")
     if len(part) < 2:
         status = str(table.loc[table["row"] == row, "status"].iloc[0])
-        raise PlotError(f"Row {row} of {directory} recorded no motion: it ended as {status}.")
+        raise PlotError(f"Row {row} of {directory} has no recorded motion: it ended with status {status}.")
     parameters, _ = rows.values(row, row + 1)
     values = {name: float(value[0]) for name, value in parameters.items()}
     set_to = [written(table, name, part[name].iloc[0]) for name in rows.names if name in part.columns]
@@ -115,11 +115,11 @@ def read_motion(directory: str | Path, row: int, trust: bool = False) -> Motion:
 def _samples(table: pd.DataFrame, directory: Path, row: int) -> pd.DataFrame:
     rows = int(table.attrs["manifest"]["rows"])
     if not 0 <= row < rows:
-        allowed = f"rows 0 to {rows - 1}" if rows > 1 else "row 0 alone"
-        raise PlotError(f"There is no row {row}: {directory} has {allowed}.")
+        allowed = f"rows 0 to {rows - 1}" if rows > 1 else "only row 0"
+        raise PlotError(f"Row {row} does not exist: {directory} has {allowed}.")
     part = rows_where(table, table["row"] == row)
     if part.empty:
-        raise PlotError(f"Row {row} of {directory} has not been run yet: run the job again to continue it.")
+        raise PlotError(f"Row {row} of {directory} has not run yet: run the job again to continue it.")
     return part
 
 
@@ -143,20 +143,20 @@ def write_movie(
     Args:
         directory: the result directory of a `trace` run.
         out: .gif or .mp4; `figures/animation_rowN.gif` in the directory by default.
-        row: which row.
-        start, seconds: which part of the trace, s; all that follows by default.
-        speed: how fast, 1 in real time; by default a cycle takes about 1.6 s.
-        fps: pictures a second.
+        row: the number of the row.
+        start, seconds: start and length of the part of the trace, s; by default to its end.
+        speed: speed relative to real time; by default a cycle takes about 1.6 s.
+        fps: frames per second.
         size: width and height, pixels.
-        renderer: mujoco, matplotlib, or auto: MuJoCo where the model and this machine can.
-        progress: told how many pictures of how many are drawn.
-        tell: told, in a sentence, what was done otherwise than asked.
+        renderer: mujoco, matplotlib, or auto: MuJoCo if the model and this machine support it.
+        progress: callback with the numbers of drawn frames and of all frames.
+        tell: callback with sentences about deviations from the request.
 
     Returns:
         The file.
 
     Raises:
-        PlotError, TableError, JobError: what is asked cannot be shown.
+        PlotError, TableError, JobError: the request cannot be fulfilled.
         WriteError: the file cannot be written.
     """
     motion = read_motion(directory, row, trust)
@@ -164,12 +164,12 @@ def write_movie(
     speed = usual_speed(motion.period) if speed is None else speed
     for name, value in (("speed", speed), ("fps", fps), ("seconds", seconds)):
         if value is not None and not 0.0 < value < np.inf:
-            raise PlotError(f"--{name} is {value:g}, but has to be above 0.")
+            raise PlotError(f"--{name} is {value:g}, but must be above 0.")
     end = _end(motion, start, seconds, tell)
     count = int((end - start) / speed * fps * (1.0 + 1e-9)) + 1
     if not 2 <= count <= _MOST_FRAMES:
         raise PlotError(
-            f"That makes {count} picture{'s' * (count != 1)}, but a movie has 2 to {_MOST_FRAMES}: "
+            f"The movie would have {count} frame{'s' * (count != 1)}, but 2 to {_MOST_FRAMES} are allowed: "
             "change --seconds, --speed or --fps."
         )
     target = _target(directory, out, f"animation_row{row}.gif")
@@ -207,13 +207,13 @@ def write_still(
     Args:
         directory, row, size, renderer, trust, tell: as for `write_movie`.
         out: .png; `figures/poses_rowN.png` in the directory by default.
-        at: when the cycle begins, s.
+        at: time at which the cycle begins, s.
 
     Returns:
         The file.
 
     Raises:
-        PlotError, TableError, JobError: what is asked cannot be shown.
+        PlotError, TableError, JobError: the request cannot be fulfilled.
         WriteError: the file cannot be written.
     """
     motion = read_motion(directory, row, trust)
@@ -221,7 +221,7 @@ def write_still(
     end = _end(motion, at, motion.period, tell)
     target = _target(directory, out, f"poses_row{row}.png")
     if target.suffix.lower() != ".png":
-        raise PlotError(f"{target} is no picture's name: end it with .png.")
+        raise PlotError(f"{target} is not a valid name for a picture: it must end with .png.")
     times = np.linspace(at, end, _POSES, endpoint=False)
     with _prepared(motion, times, "", renderer, tell) as (clip, scene):
         figure = animation.still(clip, size, scene)
@@ -234,7 +234,7 @@ def write_still(
 def _check(size: tuple[int, int], renderer: str) -> None:
     low, high = _SIDES
     if not all(low <= side <= high for side in size):
-        raise PlotError(f"--size is {size[0]}x{size[1]}, but each side has {low} to {high} pixels.")
+        raise PlotError(f"--size is {size[0]}x{size[1]}, but each side must have {low} to {high} pixels.")
     if renderer not in RENDERERS:
         raise PlotError(f"{renderer} is not a renderer{near_miss.suggestion(renderer, RENDERERS)}")
 
@@ -255,19 +255,19 @@ def _write(target: Path, write: Callable[[], object]) -> None:
 
 
 def _end(motion: Motion, start: float, seconds: float | None, tell: Told | None) -> float:
-    """End of the part shown, s: at the latest that of the trace."""
+    """End of the shown part, s, at most the end of the trace."""
     first, last = float(motion.t[0]), float(motion.t[-1])
     if not first <= start < last:
-        raise PlotError(f"{start:g} s is not in the trace, which goes from {first:g} to {last:g} s.")
+        raise PlotError(f"{start:g} s is outside the trace, which goes from {first:g} to {last:g} s.")
     if seconds is None:
         return last
     if start + seconds > last * (1.0 + 1e-9) and tell is not None:
-        tell(f"The trace ends at {last:g} s, and so does what is shown.")
+        tell(f"The trace, and with it the movie, ends at {last:g} s.")
     return min(start + seconds, last)
 
 
 def usual_speed(period: float) -> float:
-    """A round speed at which a cycle (s) takes about as long as can be followed."""
+    """A round speed at which the eye can follow a cycle (s)."""
     wanted = np.log(period / _CYCLE_TIME)
     heads = np.array([1.0, 2.0, 2.5, 5.0])
     rounds = (heads * 10.0 ** np.arange(-9.0, 10.0)[:, None]).ravel()
@@ -289,8 +289,7 @@ def _prepared(
     skeleton = motion.model.skeleton(motion.values, signals)
     if skeleton is None:
         raise PlotError(
-            f"{name} does not say how it is drawn: give it a `skeleton`, as docs/own_model.md shows under "
-            "`See it move`."
+            f"{name} has no `skeleton` to draw: define one, as docs/own_model.md shows under `See it move`."
         )
     heading = side_view.heading(skeleton)
     contact = motion.contact(len(skeleton.limbs))
@@ -300,7 +299,7 @@ def _prepared(
     mjcf = None if renderer == "matplotlib" else motion.model.mjcf(motion.values)
     if mjcf is None:
         if renderer == "mujoco":
-            raise PlotError(f"{name} gives no MJCF, which MuJoCo would need: use --renderer matplotlib.")
+            raise PlotError(f"{name} has no MJCF, which MuJoCo needs: use --renderer matplotlib.")
         yield clip, animation.side_view
         return
     nq = sum(key.startswith("q_") for key in signals)
@@ -318,7 +317,7 @@ def _prepared(
                 raise PlotError(f"{error}: use --renderer matplotlib.") from error
             refused = True
             if tell is not None:
-                tell(f"{error}: drawn by Matplotlib.")
+                tell(f"{error}: Matplotlib draws it instead.")
         return Rendered(axes, painters[0]) if painters else animation.side_view(axes, clip, named)
 
     try:

@@ -68,7 +68,7 @@ class Ground:
     def __init__(
         self, axes: Axes, half: float, height: float, depth: float, aside: np.ndarray, *, named: bool
     ) -> None:
-        """Draw it for a body `height` m high and 2 `half` m wide, `depth` m to both sides.
+        """Draw the ground for a body `height` m high and 2 `half` m wide, `depth` m to both sides.
 
         A metre to the left is drawn at the offset `aside` (2,) m; marks that are `named` show their position.
         """

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 
 import gaitsweep as gs
 
-# Starts near the symmetric gait: least squares through it from .25 to 6.5 degrees at mu = 2, beta = 1, within
-# .0002 rad, .004 rad/s and .012 rad/s. Angles of legs grow as the cube root of a small slope.
+# Starts near the symmetric gait: least squares through it from 0.25 to 6.5 degrees at mu = 2, beta = 1,
+# within 0.0002 rad, 0.004 rad/s and 0.012 rad/s. Angles of legs grow as the cube root of a small slope.
 _THETA_S = "0.186*phi**(1/3) - 0.0165*phi"
 _THETA_S_DOT = "sqrt(g/(9.81*l))*(-1.0045*phi**(1/3) + 0.0839*phi**(2/3) + 0.0605*phi)"
 _THETA_NS_DOT = "sqrt(g/(9.81*l))*(-1.1469*phi**(1/3) + 0.3976*phi**(2/3) + 0.1495*phi)"

@@ -94,7 +94,9 @@ def _phases(table: pd.DataFrame, suffix: str) -> np.ndarray:
     names = [f"psi_{i}{suffix}" for i in range(1, table.shape[1])]
     names = [name for name in names if name in table.columns]
     if not names:
-        raise AnalysisError(f"The source is found in a table of the multi-legged chain: psi_1{suffix}, ...")
+        raise AnalysisError(
+            f"A source needs a table of the multi-legged chain with the columns psi_1{suffix}, ..."
+        )
     return table[names].to_numpy(float)
 
 

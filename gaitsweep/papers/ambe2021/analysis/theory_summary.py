@@ -44,7 +44,7 @@ def theory_summary(N: int, omega: float, chain: Chain) -> str:
     lines = [f"{name:42} {float(value):.6g}" for name, value in rows.items()]
     lines += [
         "",
-        "For each set of solutions: the range of its free relative phase (eqs. 19, 20, 25); then, at .45 of",
+        "For each set of solutions: the range of its free relative phase (eqs. 19, 20, 25); then, at 0.45 of",
         "this range, the order of touchdowns, the set S of legs 1, 2, ... (Table 2), T_1 and T_2 (eq. 18);",
         "where a relative phase jumps; the eigenvalues of P_k (eqs. 21, 22, 26), their number in brackets.",
     ]

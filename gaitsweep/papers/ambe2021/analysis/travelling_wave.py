@@ -58,7 +58,7 @@ def waves(table: pd.DataFrame) -> pd.DataFrame:
     """
     N = springs_of(table)
     if "t" not in table.columns or N < 2:
-        raise AnalysisError("Waves are measured in a trace of the multi-legged chain: t, phase_1, ...")
+        raise AnalysisError("Waves need a trace of the multi-legged chain with the columns t, phase_1, ...")
     records = []
     for row, part in table.groupby("row", sort=True):
         part = part.sort_values("t")
@@ -131,7 +131,7 @@ def passages(part: pd.DataFrame, N: int) -> Passages:
     t = part["t"].to_numpy(float)
     times = [_times(t, part[f"phase_{leg}"].to_numpy(float)) for leg in range(1, N + 2)]
     if min(map(len, times)) < 3:
-        raise AnalysisError("A wave is measured over two cycles at least: give the trace a longer duration.")
+        raise AnalysisError("A wave needs at least two cycles: use a longer duration of the trace.")
     period = float(np.mean([each[-1] - each[-3] for each in times])) / 2.0
     last = np.array([each[-1] for each in times])
     return Passages(period, np.mod(last[:-1] - last[1:], period))

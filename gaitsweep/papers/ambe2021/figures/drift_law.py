@@ -42,7 +42,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     pairs = list(ENDS.values()) if figure.of == "ends" else [ENDS[figure.of]]
     if not any(table.missing(pair) is None for pair in pairs):
         told = ", or ".join(" and ".join(pair) for pair in pairs)
-        yield ("of",), f"is {figure.of}, for which {told} have to vary in this job."
+        yield ("of",), f"is {figure.of}, but {told} must vary in this job."
     elif table.missing(["psi_1_end"]):
         yield figure.needs(table, "the multi-legged chain's psi_1")
 
@@ -54,7 +54,7 @@ def drift_law(
     of: Annotated[
         Literal["m", "kappa", "a", "ends"],
         word("m", "kappa", "a", "ends"),
-        "what differs between head and tail: masses, end springs, amplitudes; ends: any of these",
+        "quantities that differ between head and tail: masses, end springs, amplitudes; ends: any of these",
     ] = "m",
     hue: GaitColumn = "gait",
     title: Title = None,
@@ -69,10 +69,10 @@ def drift_law(
         table: a settle table of the multi-legged chain with the columns of the head's and the tail's value.
 
     Raises:
-        PlotError: the table does not have a column, `of` is not one of those, or a profile varies.
+        PlotError: the table lacks a column, `of` is unknown, or a profile varies.
     """
     if of not in APART:
-        raise PlotError(f"of is {of}, but what can differ between the ends is one of {', '.join(APART)}.")
+        raise PlotError(f"of is {of}, but must be one of {', '.join(APART)}.")
     for name in ("cycles", hue):
         column(table, name)
     ends = [column(table, name) for pair in _columns(table, of) for name in pair]
@@ -111,7 +111,7 @@ def _columns(table: pd.DataFrame, of: str) -> list[tuple[str, str]]:
     there = [pair for pair in ENDS.values() if set(pair) <= set(table.columns)]
     if not there:
         pairs = ", ".join(" and ".join(pair) for pair in ENDS.values())
-        raise PlotError(f"This table has no column of an end; of: ends reads pairs of these: {pairs}.")
+        raise PlotError(f"This table has no column of an end; of: ends needs one of these pairs: {pairs}.")
     return there
 
 
@@ -129,7 +129,7 @@ def _pairs(table: pd.DataFrame, kept: pd.DataFrame, ends: list[str], hue: str, b
     profile = [name for name in profile_parameters_of(table) if name in table]
     moving = [name for name in profile if len(table[name].unique()) > 1]
     if moving:
-        raise PlotError(f"{moving[0]} varies: the law is drawn for one profile of the inner legs.")
+        raise PlotError(f"{moving[0]} varies, but the law needs a single profile of the inner legs.")
     springs = sum(f"psi_{i}_end" in table for i in range(1, table.shape[1]))
     chain = chain_of(table)
     groups = kept.groupby([*ends, kept[hue].astype(str)])["cycles"].agg(["median", "max"])

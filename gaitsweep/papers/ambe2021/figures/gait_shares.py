@@ -57,7 +57,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         column = getattr(figure, field)
         if column is not None and column not in sets and column not in TEXT_COLUMNS:
             allowed = near_miss.allowing(sets)
-            yield (field,), f"is {column}, which is no parameter that varies in this job. {allowed}"
+            yield (field,), f"is {column}, which is not a varying parameter of this job. {allowed}"
 
 
 @figure_kind("settle", check=_check)
@@ -65,7 +65,9 @@ def gait_shares(
     table: pd.DataFrame,
     *,
     x: Horizontal,
-    y: Annotated[AlongAxis | None, "column along the vertical axis; curves over x without"] = None,
+    y: Annotated[
+        AlongAxis | None, "column along the vertical axis; by default curves over x are drawn"
+    ] = None,
     title: Title = None,
 ) -> Figure:
     """The fraction of starts with each gait: curves over x, or a map over x and y for each gait.
@@ -166,7 +168,7 @@ def _curves(table: pd.DataFrame, x: str, title: str | None) -> Figure:
 def _edges(axes: Axes, table: pd.DataFrame, x: str, y: str | None) -> None:
     """The limits of the conditions that depend on the axes, with all other parameters as in the job.
 
-    There are none for a profile: the inner legs do not have one m, kappa and a.
+    A profile has none, since its inner legs do not share one m, kappa and a.
     """
     if has_profile(table):
         return

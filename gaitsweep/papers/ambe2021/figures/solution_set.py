@@ -46,7 +46,7 @@ def solution_set(
     axes: Annotated[Sequence[Observable], _Three, "three observables of the model"],
     hue: Hue = "gait",
     theory: Annotated[
-        Flag, "whether the analytic solutions are drawn over it, known for psi_1, psi_2, psi_3"
+        Flag, "whether to draw the analytic solutions, which are known for psi_1, psi_2, psi_3"
     ] = True,
     points: Annotated[
         Mapping[Text, Annotated[Sequence[Real], _Three]], "points to mark, by name, three numbers each"
@@ -62,12 +62,14 @@ def solution_set(
         PlotError: the table does not have a column, or axes or points do not have three entries.
     """
     if len(axes) != 3:
-        raise PlotError(f"axes has {len(axes)} entries: this figure is drawn over three observables.")
+        raise PlotError(f"axes has {len(axes)} entries, but must have three observables.")
     names = [column(table, name, ("_end", "")) for name in axes]
     column(table, hue)
     for name, place in points.items():
         if len(place) != 3:
-            raise PlotError(f"Point {name} has {len(place)} numbers: give one for each of the three axes.")
+            raise PlotError(
+                f"Point {name} has {len(place)} numbers, but must have one for each of the three axes."
+            )
     shown = outcome(table, hue)
     lines, remark = _theory(table, list(axes)) if theory else (np.zeros((0, 2, 3)), None)
     with style.canvas(style.PAGE, 4.3, title) as figure:
@@ -177,7 +179,7 @@ def _named(table: pd.DataFrame) -> str:
 
 
 def _theory(table: pd.DataFrame, axes: list[str]) -> tuple[np.ndarray, str | None]:
-    """The ends of the analytic pieces on section 1, (n, 2, 3), or the reason why there are none."""
+    """The ends of the analytic pieces on section 1, (n, 2, 3), and a reason if there are no pieces."""
     none = np.zeros((0, 2, 3))
     if any(name.removesuffix("_end") not in _PSI for name in axes):
         return none, "they are known for psi_1, psi_2 and psi_3 only."

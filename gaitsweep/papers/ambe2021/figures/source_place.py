@@ -42,7 +42,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
 def source_place(
     table: pd.DataFrame,
     *,
-    x: Annotated[Sequence[Column], "strengths of profiles, a panel each; 0 stands for equal legs"],
+    x: Annotated[Sequence[Column], "strengths of profiles, one panel each; 0 stands for equal legs"],
     title: Title = None,
 ) -> Figure:
     """The share of starts whose source settles at each leg, over the strength of each profile.
@@ -54,7 +54,7 @@ def source_place(
         table: a settle table of the multi-legged chain, several starts for each profile.
 
     Raises:
-        PlotError: the table does not have a column.
+        PlotError: the table lacks a column.
     """
     if not x:
         raise PlotError("x is empty: name a profile that varies, such as m_slope.")

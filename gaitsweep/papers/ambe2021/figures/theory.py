@@ -47,7 +47,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     elif figure.k is not None and not 2 <= figure.k <= N:
         yield ("k",), f"is {figure.k}, but a chain of {N + 1} legs has source waves of k = 2 to {N}."
     if figure.at >= 1.0:
-        yield ("at",), f"is {figure.at:g}, but is a share of the range of the free phase, below 1."
+        yield ("at",), f"is {figure.at:g}, but must be a fraction of the range of the free phase, below 1."
 
 
 @figure_kind("settle", "fixed_time", "return_map", "trace", check=_check)
@@ -60,24 +60,25 @@ def chain_theory(
         "touchdowns (Fig. 8 of Ambe 2021), order (Fig. 9), free_phase (Fig. 10) or sets (Fig. 11)",
     ],
     k: Annotated[CountOrZero | None, "boundary leg of the source wave; 2: the retrograde wave"] = None,
-    at: Annotated[Positive, "where in the range of the free phase, as a share of it; for order"] = 0.3,
+    at: Annotated[Positive, "place in the range of the free phase, as a fraction of it; for order"] = 0.3,
     title: Title = None,
 ) -> Figure:
     """The analytic solutions of the multi-legged chain: touchdowns, their order, the free phase, all sets.
 
     Args:
-        table: a table of the chain; of parameters that vary those of the first row count.
+        table: a table of the chain; the first row's values of varying parameters are used.
 
     Raises:
-        PlotError: the table is not of the chain, or show, k or at are out of range; or touchdowns are asked
-            of a chain with a profile.
+        PlotError: the table is not of the chain, show, k or at are out of range, or show is touchdowns for a
+            chain with a profile.
     """
     names = [str(name) for name in table.columns]
     legs = [name for name in names if re.fullmatch(r"phase_\d+|psi_\d+_end|psi_\d+_n", name)]
     N = len(legs) - any(name.startswith("phase_") for name in legs)
     if N < 2:
         raise PlotError(
-            "The theory is drawn for tables of the multi-legged chain: psi_1_end, ... or phase_1, ..."
+            "The theory needs a table of the multi-legged chain with the columns psi_1_end, ... or "
+            "phase_1, ..."
         )
     return theory_figure(N, chain_of(table), show=show, k=k, at=at, title=title)
 
@@ -94,13 +95,17 @@ def theory_figure(
     """The figure `chain_theory` of N + 1 legs, without a table; arguments and errors as there."""
     k = max(3, (N + 3) // 2) if k is None else k
     if show not in SHOWN:
-        raise PlotError(f"show is {show}: allowed are {', '.join(SHOWN)}.")
+        raise PlotError(f"show is {show}. Allowed: {', '.join(SHOWN)}.")
     if not 2 <= k <= N:
-        raise PlotError(f"k is {k}: a chain of {N + 1} legs has source waves of k = 2 to {N}.")
+        raise PlotError(f"k is {k}, but a chain of {N + 1} legs has source waves of k = 2 to {N}.")
     if not 0.0 < at < 1.0:
-        raise PlotError(f"at is {at}: it is a share of the range of the free phase, between 0 and 1.")
+        raise PlotError(
+            f"at is {at}, but must be a fraction of the range of the free phase, between 0 and 1."
+        )
     if show == "touchdowns" and chain.has_profile:
-        raise PlotError("show: touchdowns draws one curve of leg length, but the legs of a profile differ.")
+        raise PlotError(
+            "show: touchdowns draws one curve of leg length, but the legs of a chain with a profile differ."
+        )
     draw = {"touchdowns": _touchdowns, "order": _order, "free_phase": _free_phase, "sets": _sets}[show]
     return draw(N, chain, k, at, title)
 

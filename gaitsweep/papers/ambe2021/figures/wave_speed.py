@@ -45,7 +45,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
 def wave_speed(
     table: pd.DataFrame,
     *,
-    x: Annotated[Text, "the parameter along the horizontal axis"],
+    x: Annotated[Text, "parameter along the horizontal axis"],
     title: Title = None,
 ) -> Figure:
     """Wavelength and speed of the waves in a trace over a parameter, and the theory's curves.

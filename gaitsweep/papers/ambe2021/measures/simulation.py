@@ -139,7 +139,7 @@ def slice_shares(table: pd.DataFrame, *, slice: int) -> list[float]:
 def largest_part(table: pd.DataFrame, *, slice: int) -> list[float]:
     """Shares of the starts of direct, source, retrograde in one connected part, on the torus (1).
 
-    Parts with at most one cell between them are one: the grid does not tell what lies there.
+    Parts with at most one cell between them count as one, since the grid does not resolve the gap.
     """
     cells = _slice(table, slice).pivot(index="psi_2", columns="psi_1", values="gait").to_numpy()
     return [float(max(_parts(cells == gait)) / np.count_nonzero(cells == gait)) for gait in GAITS]
@@ -392,7 +392,7 @@ def three_gaits(table: pd.DataFrame, *, where: Condition | None = None) -> float
 
 @measure
 def no_gaits(table: pd.DataFrame, *, where: Condition, less: Condition) -> float:
-    """Share of sets of parameters with none of the three gaits, of a condition's less of another's (1)."""
+    """Share of sets of parameters without any of the three gaits: of one condition minus of another (1)."""
     shares = gait_shares(table)
     one, other = (
         float(np.mean((np.asarray(records(shares, each)[list(GAITS)]) == 0.0).all(axis=1)))

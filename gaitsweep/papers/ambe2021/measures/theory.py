@@ -49,7 +49,7 @@ _INSIDE = (0.1, 0.3, 0.45, 0.7, 0.9)  # shares of a set's range, off its middle,
 
 
 def springs_or(N: int, table: pd.DataFrame | None) -> int:
-    """The springs of a trace's chain; N without a trace, which only says which figure shows the claim."""
+    """The number of springs of a trace's chain, or N without a trace; the trace only has the figure."""
     return N if table is None else springs_of(table)
 
 
@@ -68,7 +68,7 @@ def _at(N: int, kind: str, k: int, share: float) -> tuple[Branch, LagRule, float
 
 def _branch(kind: str, k: int) -> Branch:
     if kind not in ("A", "B", "direct"):
-        raise MeasureError(f"kind is {kind}: allowed are A, B, direct.")
+        raise MeasureError(f"kind is {kind}. Allowed: A, B, direct.")
     return Branch(kind, k)
 
 
@@ -210,7 +210,7 @@ def wave_numbers(*, which: str, beta: float = 0.8) -> float:
         "lag": lag(chain),
     }
     if which not in found:
-        raise MeasureError(f"which is {which}: allowed are {', '.join(found)}.")
+        raise MeasureError(f"which is {which}. Allowed: {', '.join(found)}.")
     return float(found[which])
 
 

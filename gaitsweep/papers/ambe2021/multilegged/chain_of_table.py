@@ -1,4 +1,4 @@
-"""What the theory reads of a table: the chain's parameters, and the relative phases on section 1."""
+"""Input of the theory from a table: the chain's parameters, and the relative phases on section 1."""
 
 from __future__ import annotations
 
@@ -81,12 +81,12 @@ def parameters_of(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Any]:
     try:
         order = list(graphlib.TopologicalSorter(uses).static_order())
     except graphlib.CycleError as error:
-        raise AnalysisError("The job's formulas use each other in a circle.") from error
+        raise AnalysisError("The job's formulas depend on each other in a cycle.") from error
     for name in order:
         try:
             values[name] = evaluate(formulas[name], values)
         except ExpressionError as error:
-            raise AnalysisError(f"The job's {name} cannot be read: {error}") from error
+            raise AnalysisError(f"The job's {name} has no value: {error}") from error
     return values
 
 

@@ -36,7 +36,7 @@ class Chain(NamedTuple):
     of the first and the last leg, if they differ from the others.
 
     With a profile, `m` (N-1,), `kappa` (N-2,) and `a` (N-1,) are those of legs 2 .. N and of springs
-    2 .. N-1, and the values of the ends are given. What is known for equal inner legs only refuses it.
+    2 .. N-1, and the values of the ends are given. Functions for equal inner legs refuse it.
     """
 
     beta: Scalar = 0.8
@@ -59,7 +59,7 @@ class Chain(NamedTuple):
     def equal_inner_legs(self, what: str) -> None:
         """Raises an ArgumentError if the chain has a profile, `what` being unknown for it."""
         if self.has_profile:
-            raise ArgumentError(f"{what} is that of a chain with equal inner legs; this one has a profile.")
+            raise ArgumentError(f"{what} requires a chain with equal inner legs, but this one has a profile.")
 
 
 TABLE_1 = Chain()
@@ -85,7 +85,8 @@ def _along(n: int, inner: Scalar, first: Scalar | None, last: Scalar | None) -> 
     if jnp.ndim(inner) > 0:
         if first is None or last is None or jnp.shape(inner) != (n - 2,):
             raise ArgumentError(
-                f"A profile has {n - 2} inner values and both ends, not values of shape {jnp.shape(inner)}."
+                f"A profile must have {n - 2} inner values and both ends, not values of shape "
+                f"{jnp.shape(inner)}."
             )
         return jnp.concatenate([jnp.asarray(each, float).reshape(-1) for each in (first, inner, last)])
     values = jnp.full(n, jnp.asarray(inner, float))
@@ -115,7 +116,7 @@ def end_resets(chain: Chain) -> tuple[jax.Array, jax.Array]:
 
 def _or(value: Scalar | None, otherwise: Scalar) -> Scalar:
     if value is None and jnp.ndim(otherwise) > 0:
-        raise ArgumentError("A chain with a profile needs kappa_1, kappa_end, a_1 and a_end.")
+        raise ArgumentError("A chain with a profile must have kappa_1, kappa_end, a_1 and a_end.")
     return otherwise if value is None else value
 
 

@@ -49,7 +49,7 @@ class LagRule(NamedTuple):
 def branches(N: int) -> tuple[Branch, ...]:
     """All sets of a chain of N + 1 legs, in order along their line: direct, A N, B N, ..., A 2, B 2."""
     if N < 2:
-        raise ArgumentError(f"N is {N}: the solutions need three legs at least, so N >= 2.")
+        raise ArgumentError(f"N is {N}, but must be at least 2: the solutions need at least three legs.")
     waves = [Branch(kind, k) for k in range(N, 1, -1) for kind in ("A", "B")]
     return (Branch("direct", N), *waves)
 

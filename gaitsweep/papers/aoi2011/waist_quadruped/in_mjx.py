@@ -73,7 +73,7 @@ class WaistMjxBody(WaistBody):
 
 def _numbers(m: WaistMechanics) -> dict[str, jax.Array]:
     if not m.numbers:
-        raise ValueError("With body mjx, values go through the model's on_host before its params.")
+        raise ValueError("With body mjx, call the model's on_host before its params.")
     return m.numbers
 
 

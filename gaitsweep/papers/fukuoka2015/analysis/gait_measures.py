@@ -20,7 +20,7 @@ def gait_measures(table: pd.DataFrame, by: Sequence[str] | None = None) -> pd.Da
 
     Args:
         table: a fixed_time or settle table of a model with gaits.
-        by: the columns whose values are kept apart, besides the gait; by default the swept axes but
+        by: the columns to group by, besides the gait; by default the swept axes but
             repetitions (seed, pair, scatter).
 
     Returns:

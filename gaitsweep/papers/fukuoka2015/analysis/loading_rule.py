@@ -219,7 +219,9 @@ def load_prediction(table: pd.DataFrame, feedback: str = "k2") -> pd.DataFrame:
     names = [name for name in MEASURES if name in pairs.columns]
     axes = [name for name in axes_of_pairs(pairs) if name not in REPEATS]
     if feedback not in axes or 0.0 not in set(pairs[feedback]):
-        raise AnalysisError(f"No row has {feedback} = 0: the table has to hold trots without feedback too.")
+        raise AnalysisError(
+            f"No row has {feedback} = 0, but the table must contain trots without feedback too."
+        )
     places = [name for name in axes if name != feedback]
     without = pairs.loc[pairs[feedback] == 0.0]
     trots = without.groupby(places)["gait"].agg(lambda gaits: (gaits.astype(str) == "trot").all())

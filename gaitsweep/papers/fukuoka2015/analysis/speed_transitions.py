@@ -40,11 +40,11 @@ def speed_transitions(table: pd.DataFrame, by: Sequence[str] = (), cycles: int =
     require(table, "row", *by)
     if "pass" not in table.columns:
         raise AnalysisError(
-            "These rows have no passes up and down: take a ramp, or a trace with run.parameter."
+            "These rows have no passes up and down: use a ramp, or a trace with run.parameter."
         )
     along = gaits_along(after_dwell(table), cycles=cycles)
     if "speed" not in along.columns:
-        raise AnalysisError("The table has no speeds: speed_n, or x of a trace.")
+        raise AnalysisError("The table has no speeds (speed_n, or x of a trace).")
     records = []
     for row, mine in along.loc[along["family"].isin(FAMILIES)].groupby("row"):
         bouts = gait_bouts(mine, least=LEAST)

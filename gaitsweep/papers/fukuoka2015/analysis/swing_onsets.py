@@ -63,7 +63,7 @@ def onsets_in(
         One record an onset: row, leg, t (s), status where the trace has it.
 
     Raises:
-        AnalysisError: the table does not have a column, or a leg is none.
+        AnalysisError: the table does not have a column, or a leg is unknown.
     """
     require(trace, "row", "t", *signals.values())
     _refuse_others(signals)
@@ -140,7 +140,7 @@ def gait_of(
         gait_at_0.05, margin (see `nine_gaits.margin`).
 
     Raises:
-        AnalysisError: a column is not there, or a leg is none.
+        AnalysisError: a column is not there, or a leg is unknown.
     """
     require(onsets, "row", "leg", "t")
     _refuse_others(onsets["leg"].dropna().unique())
@@ -164,7 +164,7 @@ def gait_of(
 def _refuse_others(legs: Iterable[Any]) -> None:
     for leg in legs:
         if leg not in LEGS:
-            raise AnalysisError(f"{leg} is no leg{near_miss.suggestion(str(leg), LEGS)}")
+            raise AnalysisError(f"{leg} is not a leg{near_miss.suggestion(str(leg), LEGS)}")
 
 
 def _inside(records: pd.DataFrame, window: tuple[Any, Any], count: int) -> pd.DataFrame:

@@ -39,7 +39,7 @@ def gaits_by_threshold(
         AnalysisError: the table is of another kind, or does not have a column.
     """
     if not len(thresholds):
-        raise AnalysisError("No threshold is given.")
+        raise AnalysisError("thresholds is empty: give at least one threshold.")
     found = gaits_in(table, window=window, thresholds=(thresholds[0], *thresholds))
     speeds = _speeds(table, window)
     speed = np.array([speeds.get(row, np.nan) for row in found["row"].to_numpy()], float)
@@ -67,7 +67,7 @@ def shift_sizes(found: pd.DataFrame, threshold: float = THRESHOLD) -> pd.DataFra
         threshold: largest shift of a pair in phase, cycles: a whole number of bins.
 
     Returns:
-        One record a bin of .01: low and high (cycles), read_as (in phase or shifted, by the threshold),
+        One record a bin of 0.01: low and high (cycles), read_as (in phase or shifted, by the threshold),
         shifts (their number) and, where `found` has them, by_touchdowns (the number of those by touchdowns,
         in rows with one of the nine gaits by them).
     """

@@ -1,4 +1,4 @@
-"""Figures of the nine gaits: their colours and markers, footfall bars of four legs, and what they need."""
+"""Figures of the nine gaits: their colours and markers, footfall bars of four legs, and shared checks."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ _BAR = 0.62
 def check_gaits(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     """Return why gaits cannot be read of a table, or None."""
     if not has_swing_onsets(table):
-        yield figure.needs(table, "when each of four legs begins to swing (planar_quadruped tells it)")
+        yield figure.needs(table, "the swing onsets of four legs (as from planar_quadruped)")
 
 
 def has_swing_onsets(table: PlannedTable) -> bool:
-    """Whether a table says when legs begin to swing, as `analysis.gait_tables` reads it."""
+    """Whether a table has the swing onsets of legs, for `analysis.gait_tables`."""
     averages = ("delta_1_mean", "delta_2_mean", "period", "variation", "antiphase", "length")
     return (
         table.missing([f"{name}_end" for name in averages]) is None
@@ -88,7 +88,7 @@ def footfalls(axes: Axes, samples: pd.DataFrame, legs: Sequence[str] = LEGS) -> 
     """
     missing = [CONTACTS[leg] for leg in legs if CONTACTS[leg] not in samples.columns]
     if missing:
-        raise PlotError(f"The table has no column {missing[0]}: footfalls are drawn from a trace.")
+        raise PlotError(f"The table has no column {missing[0]}: footfalls need a trace.")
     t = samples["t"].to_numpy(float)
     down = samples[[CONTACTS[leg] for leg in legs]].to_numpy(float)
     for row, leg in enumerate(legs):

@@ -37,7 +37,7 @@ _BAR = 0.36
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     if table.run.moved is None:
-        text = "is gait_ramp, but this run moves nothing: name its run.parameter, with path and rate."
+        text = "is gait_ramp, but no parameter moves in this run: set run.parameter, run.path and run.rate."
         yield ("kind",), text
     else:
         yield from check_gaits(figure, table)
@@ -51,9 +51,9 @@ def gait_ramp(
     x: Annotated[
         Literal["parameter", "speed"],
         word("parameter", "speed"),
-        "what is along the axis: the moving parameter, or the measured speed",
+        "quantity along the axis: the moving parameter, or the measured speed",
     ] = "parameter",
-    cycles: Annotated[Count, "cycles that give one reading of the gait"] = 3,
+    cycles: Annotated[Count, "number of cycles for one reading of the gait"] = 3,
     title: Title = None,
 ) -> Figure:
     """Two bars for each row, the rising pass above the falling one, coloured by the gait in each window.
@@ -69,13 +69,13 @@ def gait_ramp(
     """
     parameter = moved_parameter(table)
     if parameter is None or parameter not in table.columns or "pass" not in table.columns:
-        raise PlotError("The table's job moves no parameter: take a ramp, or a trace with run.parameter.")
+        raise PlotError("No parameter moves in the table's job: use a ramp, or a trace with run.parameter.")
     if panels is not None:
         column(table, panels)
     values = [None] if panels is None else sorted(table[panels].dropna().unique())
     along = gaits_along(table, cycles=cycles)
     if x == "speed" and "speed" not in along.columns and len(along):
-        raise PlotError("x is speed, but the table has neither speed_n nor the signal x: leave it out.")
+        raise PlotError("x is speed, but the table has neither speed_n nor the signal x: use another x.")
     along = along.loc[np.isfinite(along[parameter if x == "parameter" else x])] if len(along) else along
     parts = [table if value is None else rows_where(table, table[str(panels)] == value) for value in values]
     rows = [np.unique(part["row"].to_numpy(int)) for part in parts]

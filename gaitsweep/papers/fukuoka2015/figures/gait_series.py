@@ -63,12 +63,15 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     if figure.strip_columns is not None and figure.strip_columns > _MOST_COLUMNS:
         yield (
             ("strip_columns",),
-            f"is {figure.strip_columns}, but strips stand in 1 or {_MOST_COLUMNS} columns.",
+            f"is {figure.strip_columns}, but must be 1 or {_MOST_COLUMNS}.",
         )
     if figure.strip is not None and isinstance(table.run, Trace):
         strips = table.run.duration / figure.strip
         if strips > 10_000 or math.isinf(strips):
-            text = f"is {figure.strip:g} s, which makes {strips:.3g} strips of {table.run.duration:g} s."
+            text = (
+                f"is {figure.strip:g} s, which gives {strips:.3g} strips in {table.run.duration:g} "
+                "s, too many to draw."
+            )
             yield ("strip",), text
 
 
@@ -76,13 +79,13 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
 def gait_series(
     table: pd.DataFrame,
     *,
-    row: Annotated[CountOrZero | None, "the only row to show; all if not given"] = None,
+    row: Annotated[CountOrZero | None, "the row to show; by default all rows"] = None,
     window: Window = None,
     strip: Annotated[Positive | None, "length of a strip, in s; gaits are then named along time"] = None,
-    loads: Annotated[Flag, "whether the loads on the feet are drawn too"] = False,
+    loads: Annotated[Flag, "whether to draw the loads on the feet"] = False,
     titles: Annotated[Sequence[Text] | None, "titles of the strips, in order"] = None,
     strip_columns: Annotated[
-        Count | None, "columns of strips, 1 or 2, read downwards; 2 of more than four strips if not given"
+        Count | None, "columns of strips, 1 or 2, read downwards; by default 2 for more than four strips"
     ] = None,
     title: Title = None,
 ) -> Figure:

@@ -55,22 +55,22 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     told = [name for name in rule.MEASURES if not settled or not name.endswith("together")]
     for at, name in enumerate(figure.measures or []):
         if name not in told:
-            text = f"is {name}, which this job's table does not tell{near_miss.suggestion(name, told)}"
+            text = f"is {name}, which is not a measure of this job's table{near_miss.suggestion(name, told)}"
             yield ("measures", at), text
     if (figure.only is None) != (figure.value is None):
         field, other = ("only", "value") if figure.only is None else ("value", "only")
-        yield (field,), f"is missing, but {other} is given: they go together."
+        yield (field,), f"is missing, but {other} is set: set both or none."
     elif figure.only in TEXT_COLUMNS:
-        yield ("only",), f"is {figure.only}, which has no numbers: take what varies."
+        yield ("only",), f"is {figure.only}, which is not numeric: use an axis of the job."
 
 
 @figure_kind("fixed_time", "settle", "trace", check=_check)
 def loading_rule(
     table: pd.DataFrame,
     *,
-    measures: Annotated[Sequence[Text] | None, "what is shown; all that the table tells"] = None,
-    only: Annotated[Column | None, "column of which one value is shown"] = None,
-    value: Annotated[Real | None, "that value"] = None,
+    measures: Annotated[Sequence[Text] | None, "measures to show; by default all of the table"] = None,
+    only: Annotated[Column | None, "column of which only one value is shown"] = None,
+    value: Annotated[Real | None, "value of the column `only` to show"] = None,
     title: Title = None,
 ) -> Figure:
     """A panel for each measure: delta over it, a point for each diagonal pair of each steady row.
@@ -82,7 +82,7 @@ def loading_rule(
         table: a trace or a settle table of `planar_quadruped`.
 
     Raises:
-        PlotError: a column or a measure is not there.
+        PlotError: a column or a measure is missing.
     """
     if only is not None:
         column(table, only)
@@ -92,7 +92,7 @@ def loading_rule(
     names = list(measures or told)
     missing = [name for name in names if name not in told]
     if missing:
-        raise PlotError(f"{missing[0]} is no measure that this table tells; it tells {', '.join(told)}.")
+        raise PlotError(f"{missing[0]} is not a measure of this table. Allowed: {', '.join(told)}.")
     down = -(-len(names) // _ACROSS)
     across = min(len(names), _ACROSS)
     present = set(pairs["gait"].astype(str))

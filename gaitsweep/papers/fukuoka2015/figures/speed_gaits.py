@@ -44,14 +44,14 @@ _SAME = 0.02  # distance below which points would hide each other, as a share of
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     yield from check_gaits(figure, table)
     if figure.y != "gait" and figure.y in TEXT_COLUMNS:
-        yield ("y",), f"is {figure.y}, which has no numbers: take gait, or what varies."
+        yield ("y",), f"is {figure.y}, which is not numeric: use gait or an axis of the job."
 
 
 @figure_kind("fixed_time", "settle", check=_check)
 def speed_gaits(
     table: pd.DataFrame,
     *,
-    y: Annotated[Column, "column whose values are bands: gait, or a parameter"] = "gait",
+    y: Annotated[Column, "column whose values are the bands: gait, or a parameter"] = "gait",
     panels: Panels = None,
     speed: Annotated[Observable, "observable along the horizontal axis"] = "speed",
     title: Title = None,

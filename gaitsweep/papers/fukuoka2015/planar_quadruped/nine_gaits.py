@@ -56,7 +56,7 @@ def signs(gait: str) -> tuple[int, int]:
         ArgumentError: it is not one of them; the message names the near miss.
     """
     if gait not in CHART:
-        raise ArgumentError(f"{gait} is none of the nine gaits{near_miss.suggestion(gait, CHART)}")
+        raise ArgumentError(f"{gait} is not one of the nine gaits{near_miss.suggestion(gait, CHART)}")
     first, second = divmod(CHART.index(gait), 3)
     return first - 1, second - 1
 

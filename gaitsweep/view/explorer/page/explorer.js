@@ -420,8 +420,8 @@ function showRecord() {
     a.append(chip(target), `${target.name} (${nameOf(other)})`);
     const apart = distance(i, other);
     const far = data.kind === "cells" ? `, ${Number(apart.toPrecision(3))} cell${apart === 1 ? "" : "s"} away` : "";
-    link.append(`${ELSEWHERE[data.run] || "Nearest start that leads elsewhere"}: `, a, far + ".");
-  } else link.textContent = "All that is shown here has the same gait.";
+    link.append(`${ELSEWHERE[data.run] || "Nearest start with another outcome"}: `, a, far + ".");
+  } else link.textContent = "All records shown here have the same gait.";
   const lines = data.columns.map(column => {
     const line = document.createElement("tr"), head = document.createElement("th"), value = document.createElement("td");
     const meaning = document.createElement("td");
@@ -448,10 +448,10 @@ function showWalk() {
   const [found, owner] = walkFor(chosen), before = motion ? motion.name : null;
   walk = found;
   const note = $("instead"), texts = [];
-  if (!walk && !columns.multiplier) texts.push("No walk is stored for this outcome here.");
-  else if (walk && owner !== chosen) texts.push(`Shown is the walk of ${nameOf(owner)}, the nearest one stored with this outcome; starts that walk have a dot on the map.`);
-  if (walk && walk.later) texts.push(`Simulated again with samples in between, this start walked as ${walk.later} at the end: it lies on a boundary, or has drifted since.`);
-  if (walk && walk.apart) texts.push(`Simulated again with samples in between, its phases came ${walk.apart.toPrecision(2)} rad from those of the record.`);
+  if (!walk && !columns.multiplier) texts.push("The page has no animation of this outcome here.");
+  else if (walk && owner !== chosen) texts.push(`The animation shows ${nameOf(owner)}, the nearest record with this outcome that has one; records with an animation have a dot on the map.`);
+  if (walk && walk.later) texts.push(`When it was simulated again with intermediate samples, this start ended with the gait ${walk.later}: it is on a boundary, or drifts.`);
+  if (walk && walk.apart) texts.push(`When it was simulated again with intermediate samples, its phases differed by ${walk.apart.toPrecision(2)} rad from those of the record.`);
   note.hidden = !texts.length;
   note.textContent = texts.join(" ");
   const group = $("stretches");
@@ -879,7 +879,7 @@ function showAbout() {
   $("about").textContent = `${data.model}${data.what ? ": " + data.what : ""} ${data.source ? "(" + data.source + ") " : ""}${data.rows} row${data.rows === 1 ? "" : "s"}, run of kind ${data.run}.`;
   $("remarks").textContent = data.remarks.join("; ");
   $("remarks").hidden = !data.remarks.length;
-  $("map-title").textContent = data.kind === "cells" ? "Where each start leads: choose one" : "Choose a point";
+  $("map-title").textContent = data.kind === "cells" ? "Outcome of each start: choose one" : "Choose a point";
   $("map").setAttribute("aria-label", `map of ${count} records over ${plain(data.x.label)} and ${plain(data.y.label)}; arrow keys move from one to the next`);
   const arrows = data.kind === "cells" ? "<kbd>←</kbd> <kbd>→</kbd> <kbd>↑</kbd> <kbd>↓</kbd> move"
     : "<kbd>←</kbd> <kbd>→</kbd> move along a row, <kbd>↑</kbd> <kbd>↓</kbd> to another row";
@@ -887,7 +887,7 @@ function showAbout() {
   $("keys").innerHTML = `${arrows},${playing} <kbd>e</kbd> goes to the nearest that leads elsewhere.`;
   const from = data.provenance;
   $("provenance").textContent = `gaitsweep ${from.gaitsweep}; job ${from.job}${from.commit ? ", commit " + from.commit : ""}; ${from.engine}, ${from.device}.`;
-  if (!data.figure && data.walks.length) $("told").append(` ${data.model} does not say how its body is drawn, so that only what is observed of it is shown.`);
+  if (!data.figure && data.walks.length) $("told").append(` ${data.model} defines no skeleton, so only its observables are shown.`);
   else if (data.figure && data.figure.note) $("told").append(` ${data.figure.note}`);
 }
 
