@@ -38,8 +38,8 @@ class PaperJob(StrictModel):
     )
     quick: dict[str, Any] | Literal[False] = Field(
         default={},
-        description="fields of the job that --quick replaces, with dotted names; verify is 0 unless it is given "
-        "here; false leaves the job out",
+        description="fields of the job that --quick replaces, with dotted names; verify is 0 unless it is "
+        "given here; false leaves the job out",
     )
 
 
