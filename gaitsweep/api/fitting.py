@@ -13,7 +13,7 @@ from gaitsweep.api.fits import given_job, in_directory, in_memory
 from gaitsweep.api.keywords import AnyModel, fields_without_axes, is_job, refuse_beside_a_job
 from gaitsweep.api.result import refuse_of_session
 from gaitsweep.errors import ArgumentError
-from gaitsweep.fitting.search import Found, run_search
+from gaitsweep.fitting.search import SearchResult, run_search
 from gaitsweep.fitting.search_job import load_search, read_search
 from gaitsweep.kinds import Settle
 from gaitsweep.runs.progress import Progress, progress_lines
@@ -47,16 +47,16 @@ def search(
     numerics: Mapping[str, Any] | None = None,
     engine: str | Mapping[str, Any] | None = None,
     overrides: Sequence[str] = (),
-    progress: Progress | None = None,
+    on_progress: Progress | None = None,
     client: Client | None = None,
     **values: Any,
-) -> Found:
+) -> SearchResult:
     """Search constants that meet targets, or go on with a search that was stopped.
 
     Args:
         model: an instance, a class, a registered name, or "package.module:attribute". Or a job with
             `search`, as the path of its file, which ends in .yaml, as "builtin:NAME" or as a mapping of its
-            fields: then all else but `out`, `overrides`, `progress` and `client` stands in the job.
+            fields: then all else but `out`, `overrides`, `on_progress` and `client` stands in the job.
         out: the result directory; a stopped search goes on there. Without it the result is in memory, but
             that of a job goes to `results/NAME`.
         free: by name, a range [low, high], {low, high, log, whole}, or {choices}.
@@ -80,7 +80,7 @@ def search(
         start: start values by name, as for `gaitsweep.sweep`; a whole number is the `search.start` of a job,
             the Sobol points with which cma begins.
         overrides: settings for a job file, such as "search.budget=64".
-        progress: called now and then with sets done, sets in all, sets a second, the share done, a remark; by
+        on_progress: called now and then with sets done, sets in all, sets a second, the share done, a remark; by
             default a line on standard error every half minute.
         client: a `distributed.Client`, whose workers compute the rows; with a directory they share it.
         values: parameters and start values by name, numbers or formulas. Those named as an argument above
@@ -95,7 +95,7 @@ def search(
         JobError: all else that is wrong with the search, a sentence each.
         RunError, TableError: it cannot run here, or the directory cannot be used.
     """
-    progress = progress_lines("sets") if progress is None else progress
+    on_progress = progress_lines("sets") if on_progress is None else on_progress
     begin = None if isinstance(start, Mapping) else start
     asked = {"free": free, "targets": targets, "method": method, "budget": budget, "population": population}
     asked |= {"side_by_side": side_by_side, "start": begin, "first": first, "first_within": first_within}
@@ -105,7 +105,7 @@ def search(
     if is_job(model):
         refuse_beside_a_job(model, {**asked, **fields, "start": start, "engine": engine, **values})
         job = given_job(model, overrides, load_search, read_search)
-        return in_directory(run_search, job, out, progress, client)
+        return in_directory(run_search, job, out, on_progress, client)
     if overrides:
         raise ArgumentError("overrides are for a job file: give the values as keywords.")
     assert not isinstance(model, Path | Mapping)  # it was read
@@ -116,6 +116,6 @@ def search(
     job = read_search({**written, "search": plain(search_field)}, Path.cwd())
     if out is not None:
         refuse_of_session(written["model"])
-        return in_directory(run_search, job, out, progress, client)
-    found = in_memory(run_search, job, progress, client)
+        return in_directory(run_search, job, out, on_progress, client)
+    found = in_memory(run_search, job, on_progress, client)
     return dataclasses.replace(found, path=None, figures=())

@@ -99,7 +99,7 @@ class Result:
         *,
         x: str | None = None,
         y: str | None = None,
-        walks: int | None = None,
+        replays: int | None = None,
         max_size: float | None = None,
         trust: bool = False,
     ) -> Path:
@@ -108,7 +108,7 @@ class Result:
         Args:
             out: the file; `explore.html` in the result directory by default.
             x, y: columns along the axes; by default those of the job's figures, or the longest axes.
-            walks: how many starts are simulated again at most; 400 by default.
+            replays: how many starts are simulated again at most; 400 by default.
             max_size: the largest size of the page, MB; 10 by default.
             trust: import a user's model from the directory, or from the folder that its manifest names.
 
@@ -124,7 +124,7 @@ class Result:
         from gaitsweep.view.explorer.explorer import EXPLORE, explorer_of
 
         target = self.path / EXPLORE if out is None else Path(out)
-        return explorer_of(self.table, target, x=x, y=y, walks=walks, max_size=max_size, trust=trust)
+        return explorer_of(self.table, target, x=x, y=y, replays=replays, max_size=max_size, trust=trust)
 
     def __repr__(self) -> str:
         where = "in memory" if self._path is None else f"in {self._path}"
@@ -152,7 +152,7 @@ def run(
     out: str | Path | None = None,
     *,
     overrides: Sequence[str] = (),
-    progress: Progress | None = None,
+    on_progress: Progress | None = None,
     strict: bool = False,
     client: Client | None = None,
 ) -> Result:
@@ -162,7 +162,7 @@ def run(
         job: a job, or the path of its YAML file.
         out: the result directory, `results/NAME` by default.
         overrides: settings for a job from a file, such as "run.max_cycles=50".
-        progress: called now and then with rows done, rows in all, rows a second, the share done, a remark; by
+        on_progress: called now and then with rows done, rows in all, rows a second, the share done, a remark; by
             default a line on standard error every half minute.
         strict: raise SelfCheckError where a sample of the rows comes out otherwise at half the step.
         client: a `distributed.Client`, whose workers compute the rows; they share the result directory.
@@ -187,8 +187,8 @@ def run(
     loaded = job if isinstance(job, Job) else load_job(job, overrides)
     refuse_of_session(loaded.model)
     cluster = None if client is None else cluster_of(client)
-    progress = progress_lines() if progress is None else progress
-    path = run_job(loaded, out, progress=progress, tell=warn, strict=strict, cluster=cluster)
+    on_progress = progress_lines() if on_progress is None else on_progress
+    path = run_job(loaded, out, on_progress=on_progress, on_message=warn, strict=strict, cluster=cluster)
     return _remarked(Result(path))
 
 
@@ -210,7 +210,7 @@ def cluster_of(client: Client, collect: bool = False) -> Cluster:
     from gaitsweep.runs.cluster.connection import GivenClient
     from gaitsweep.runs.cluster.dispatch import Cluster
 
-    return Cluster(GivenClient(client), collect=collect, tell=warn)
+    return Cluster(GivenClient(client), collect=collect, on_message=warn)
 
 
 def run_in_memory(job: Job, client: Client | None = None) -> Result:
@@ -224,7 +224,7 @@ def run_in_memory(job: Job, client: Client | None = None) -> Result:
         TableError, RunError: the temporary disk is full, a device is missing.
     """
     cluster = None if client is None else cluster_of(client, collect=True)
-    table = table_in_memory(job, progress=progress_lines(), tell=warn, cluster=cluster)
+    table = table_in_memory(job, on_progress=progress_lines(), on_message=warn, cluster=cluster)
     return _remarked(Result(table=table))
 
 

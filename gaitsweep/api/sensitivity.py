@@ -39,7 +39,7 @@ def sensitivity(
     engine: str | Mapping[str, Any] | None = None,
     verify: int | None = None,
     overrides: Sequence[str] = (),
-    progress: Progress | None = None,
+    on_progress: Progress | None = None,
     client: Client | None = None,
     **values: Any,
 ) -> Sensitivity:
@@ -48,7 +48,7 @@ def sensitivity(
     Args:
         model: an instance, a class, a registered name, or "package.module:attribute". Or a job with
             `sensitivity`, as the path of its file, which ends in .yaml, as "builtin:NAME" or as a mapping of
-            its fields: then all else but `out`, `overrides`, `progress` and `client` stands in the job.
+            its fields: then all else but `out`, `overrides`, `on_progress` and `client` stands in the job.
         parameters: by name, a range [low, high] or {low, high, log, whole}, or a share of its value: "10%".
         outputs: measures by name, such as {"lag": {"kind": "value", "of": "psi_1", "at": {"psi_1": 1.0}}}.
         method: one_at_a_time, morris or sobol, the default.
@@ -60,7 +60,7 @@ def sensitivity(
         params, start, numerics, engine: as for `gaitsweep.sweep`.
         verify: sets that are measured again at half the step; 32 by default, 0: none.
         overrides: settings for a job file, such as "sensitivity.n=64".
-        progress: called now and then with sets done, sets in all, sets a second, the share done, a remark; by
+        on_progress: called now and then with sets done, sets in all, sets a second, the share done, a remark; by
             default a line on standard error every half minute.
         client: a `distributed.Client`, whose workers compute the rows; with a directory they share it.
         values: parameters and start values by name, numbers or formulas.
@@ -71,13 +71,13 @@ def sensitivity(
         JobError: other things that are wrong, a sentence each.
         TableError, RunError: as for `gaitsweep.run`.
     """
-    progress = progress_lines("sets") if progress is None else progress
+    on_progress = progress_lines("sets") if on_progress is None else on_progress
     if is_job(model):
         given = {"parameters": parameters, "outputs": outputs, "method": method, "n": n, "seed": seed}
         given |= {"run": run, "params": params, "start": start, "numerics": numerics, "engine": engine}
         refuse_beside_a_job(model, {**given, "verify": verify, **values})
         job = given_job(model, overrides, load_sensitivity, read_sensitivity)
-        return in_directory(run_sensitivity, job, out, progress, client)
+        return in_directory(run_sensitivity, job, out, on_progress, client)
     if overrides:
         raise ArgumentError("overrides are for a job file: give the values as keywords.")
     assert not isinstance(model, Path | Mapping)  # it was read
@@ -99,5 +99,5 @@ def sensitivity(
     )
     if out is not None:
         refuse_of_session(fields["model"])
-        return in_directory(run_sensitivity, job, out, progress, client)
-    return dataclasses.replace(in_memory(run_sensitivity, job, progress, client), path=None)
+        return in_directory(run_sensitivity, job, out, on_progress, client)
+    return dataclasses.replace(in_memory(run_sensitivity, job, on_progress, client), path=None)

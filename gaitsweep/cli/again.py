@@ -23,13 +23,13 @@ _DECIDING = ("JAX_PLATFORMS", "CUDA_VISIBLE_DEVICES", "XLA_FLAGS", "JAX_ENABLE_X
 _LOCK = ".lock"
 
 
-def recall(command: Sequence[str]) -> tuple[str, str] | None:
+def load_output(command: Sequence[str]) -> tuple[str, str] | None:
     """Return the stored output and errors of the same command, if nothing has changed since.
 
     Args:
         command: all that the command was given.
     """
-    file = _memory(command)
+    file = _output_file(command)
     if file is None:
         return None
     try:
@@ -44,7 +44,9 @@ def recall(command: Sequence[str]) -> tuple[str, str] | None:
         return None
 
 
-def remember(command: Sequence[str], sources: Sequence[Path], folder: Path, printed: str, told: str) -> None:
+def store_output(
+    command: Sequence[str], sources: Sequence[Path], folder: Path, printed: str, told: str
+) -> None:
     """Keep what a command printed when its job was complete.
 
     Args:
@@ -53,7 +55,7 @@ def remember(command: Sequence[str], sources: Sequence[Path], folder: Path, prin
         folder: the result directory.
         printed, told: the text on standard output and on standard error.
     """
-    file = _memory(command)
+    file = _output_file(command)
     if file is None:
         return
     with contextlib.suppress(OSError):
@@ -66,7 +68,7 @@ def remember(command: Sequence[str], sources: Sequence[Path], folder: Path, prin
             old.unlink()
 
 
-def _memory(command: Sequence[str]) -> Path | None:
+def _output_file(command: Sequence[str]) -> Path | None:
     """The file in which a command is remembered; None without a writable cache."""
     folder = cache_folder("complete")
     if folder is None:

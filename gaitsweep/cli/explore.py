@@ -20,7 +20,7 @@ def explore(
     y: Annotated[
         str | None, typer.Option("--y", metavar="COLUMN", help="Along the vertical axis; the figure's.")
     ] = None,
-    walks: Annotated[
+    replays: Annotated[
         int | None,
         typer.Option("--walks", metavar="N", help="Starts that are simulated again at most; 400 by default."),
     ] = None,
@@ -40,7 +40,7 @@ def explore(
 
     with shown_progress("starts") as shown:
 
-        def progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
+        def on_progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
             shown(done, total, rate, fraction, note)
 
         path = write_explorer(
@@ -48,10 +48,10 @@ def explore(
             out,
             x=x,
             y=y,
-            walks=walks,
+            replays=replays,
             max_size=max_size,
             trust=trust,
-            progress=progress,
-            tell=lambda sentence: print(sentence, file=sys.stderr),
+            on_progress=on_progress,
+            on_message=lambda sentence: print(sentence, file=sys.stderr),
         )
     print(path)

@@ -17,7 +17,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 
 T = TypeVar("T")
 # Seconds between two looks at the batches under way.
-_LOOK = 0.1
+_POLL = 0.1
 
 
 class Batches(Generic[T]):
@@ -25,12 +25,12 @@ class Batches(Generic[T]):
 
     Args:
         threads: batches that run at a time; others wait.
-        look: called about ten times a second while a batch is waited for, with what each of the batches
+        on_progress: called about ten times a second while a batch is waited for, with what each of the batches
             under way has done; an exception that it raises is raised by `oldest`.
     """
 
-    def __init__(self, threads: int, look: Callable[[list[SweepProgress]], None]) -> None:
-        self._threads, self._look = ThreadPoolExecutor(threads), look
+    def __init__(self, threads: int, on_progress: Callable[[list[SweepProgress]], None]) -> None:
+        self._threads, self._on_progress = ThreadPoolExecutor(threads), on_progress
         self._under_way: deque[tuple[Future[T], list[SweepProgress]]] = deque()
         self._stopped = threading.Event()
 
@@ -47,18 +47,18 @@ class Batches(Generic[T]):
         """Measure a batch; `measure` is given what it tells how far it is."""
         done: list[SweepProgress] = []
 
-        def tell(now: SweepProgress) -> None:
+        def on_progress(now: SweepProgress) -> None:
             if self._stopped.is_set():  # nobody asks what is found
                 raise InterruptedError
             done[:] = [now]
 
-        self._under_way.append((self._threads.submit(measure, tell), done))
+        self._under_way.append((self._threads.submit(measure, on_progress), done))
 
     def oldest(self) -> T:
         """Wait for the batch that began first, and return its result."""
         future, _ = self._under_way[0]
         while not future.done():
-            wait([future], timeout=_LOOK)
-            self._look([done[0] for _, done in self._under_way if done])
+            wait([future], timeout=_POLL)
+            self._on_progress([done[0] for _, done in self._under_way if done])
         self._under_way.popleft()
         return future.result()

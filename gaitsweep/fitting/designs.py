@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gaitsweep.fitting.free import Free, sets_at
+from gaitsweep.fitting.free_parameters import FreeParameter, sets_at
 
 METHODS = ("one_at_a_time", "morris", "sobol")
 LEVELS = 4  # of each range, on which Morris's trajectories run
@@ -39,7 +39,7 @@ class SensitivityDesign:
 
 
 def design_of(
-    method: str, n: int | None, seed: int, ranges: Mapping[str, Free], base: Mapping[str, float]
+    method: str, n: int | None, seed: int, ranges: Mapping[str, FreeParameter], base: Mapping[str, float]
 ) -> SensitivityDesign:
     """The sets of a method.
 
@@ -77,7 +77,7 @@ def _saltelli(dimension: int, n: int, seed: int) -> np.ndarray:
     return sobol.sample(unit_cube(dimension), n, calc_second_order=False, seed=seed)
 
 
-def _one_at_a_time(ranges: Mapping[str, Free], base: Mapping[str, float]) -> SensitivityDesign:
+def _one_at_a_time(ranges: Mapping[str, FreeParameter], base: Mapping[str, float]) -> SensitivityDesign:
     rows = [dict(base)]
     places = {}
     for name, each in ranges.items():

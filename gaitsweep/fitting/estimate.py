@@ -47,7 +47,7 @@ def estimate_search(job: SearchJob) -> SearchEstimate:
     population = job.fit.population()
     structure = job.fit.structures[0]
     rows = population.rows_of_a_set
-    robust = job.choice.robust
+    robust = job.options.robust
     near = 0 if robust is None else robust.sets * population.of(robust.targets).rows_of_a_set
     together = job.sets_together(population.prepared(structure), rows)
     middle = {
@@ -56,16 +56,16 @@ def estimate_search(job: SearchJob) -> SearchEstimate:
     batches = [_Batch.of(part, structure, middle, together) for part in population.parts]
     known = [each for each in batches if each is not None]
     if not known:
-        return SearchEstimate(job.choice.budget, together, 0, 0, 0.0, 0.0, 0.0, None)
+        return SearchEstimate(job.options.budget, together, 0, 0, 0.0, 0.0, 0.0, None)
     # the search in batches of as many rows as the samples have
-    sets = math.ceil(job.choice.budget / together) * together
-    sets += _FINALIST * min(job.choice.finalists, job.choice.budget)
+    sets = math.ceil(job.options.budget / together) * together
+    sets += _FINALIST * min(job.options.finalists, job.options.budget)
     return SearchEstimate(
-        sets=job.choice.budget,
+        sets=job.options.budget,
         together=together,
         rows_of_a_set=rows,
         rows_of_neighbours=near,
-        steps=sum(each.steps for each in known) * job.choice.budget,
+        steps=sum(each.steps for each in known) * job.options.budget,
         seconds=sum(each.estimate.compile_s + sets * each.seconds for each in known),
         seconds_most=sum(
             each.estimate.compile_s + sets * each.seconds_most * (1.0 + near / rows) for each in known

@@ -13,7 +13,7 @@ import numpy as np
 from gaitsweep import effort, near_miss
 from gaitsweep.design.design import inside, must
 from gaitsweep.engine.solver import derivative_refusal
-from gaitsweep.fitting.free import Free
+from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measure_kinds import MEASURES
 from gaitsweep.fitting.measures import Measure
 from gaitsweep.fitting.population import Population, job_with_run
@@ -52,7 +52,7 @@ class FitJob:
     field: str
     given: dict[str, Any]
     folder: Path
-    free: dict[str, Free]
+    free: dict[str, FreeParameter]
     measures: dict[str, Measure]
     spec: ModelSpec
     config: Mapping[str, Any]
@@ -149,7 +149,7 @@ class FitJob:
         return Population(self.job_of, self.structure, self.measures)
 
 
-def read_free(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> dict[str, Free]:
+def read_free(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> dict[str, FreeParameter]:
     """The free constants by name; what is wrong with them is added to `wrong`."""
     if not isinstance(value, Mapping) or not value:
         said = "is missing: it" if value is None else f"is {found(value)}, but"
@@ -160,12 +160,10 @@ def read_free(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> dict[str,
         if isinstance(each, list) and len(each) == 2:  # [low, high] is short for it
             each = {"low": each[0], "high": each[1]}
         if not isinstance(each, Mapping):
-            text = (
-                f"is {found(each)}, but takes [low, high], or fields. {near_miss.allowing(Free.model_fields)}"
-            )
+            text = f"is {found(each)}, but takes [low, high], or fields. {near_miss.allowing(FreeParameter.model_fields)}"
             wrong.append(Diagnostic((*path, str(name)), text))
             continue
-        if (part := read_model(Free, each, (*path, str(name)), wrong)) is not None:
+        if (part := read_model(FreeParameter, each, (*path, str(name)), wrong)) is not None:
             read[str(name)] = part
     return read
 
@@ -216,7 +214,7 @@ def read_fit_job(
     field: str,
     data: Mapping[str, Any],
     folder: Path,
-    free: dict[str, Free],
+    free: dict[str, FreeParameter],
     measures: dict[str, Measure],
     listed: str,
     wrong: list[Diagnostic],

@@ -32,7 +32,7 @@ _BLOCK = 1024
 Condition = tuple[tuple[str, float], ...]
 Values = dict[str, np.ndarray]
 # Told how far the rows of a batch are; None where nobody is.
-Tell = Callable[[SweepProgress], None] | None
+OnProgress = Callable[[SweepProgress], None] | None
 
 
 class Population:
@@ -57,7 +57,7 @@ class Population:
     ) -> None:
         self._job_of, self._structure, self.measures = job_of, tuple(structure), measures
         self._run = run
-        self.run_elsewhere: Callable[[Job, Tell], pd.DataFrame] | None = None
+        self.run_elsewhere: Callable[[Job, OnProgress], pd.DataFrame] | None = None
         self._context: dict[tuple[Any, ...], RunContext] = {}
         self._preparing = threading.Lock()
         # conditions that several measures share are run once
@@ -112,7 +112,7 @@ class Population:
     def measure(
         self,
         sets: Mapping[str, np.ndarray],
-        progress: Tell = None,
+        on_progress: OnProgress = None,
         share: float = 1.0,
     ) -> dict[str, Measured]:
         """Measure each set; values by the name of the measure.
@@ -122,7 +122,7 @@ class Population:
 
         Args:
             sets: constants and choices of structure, (n,) by name.
-            progress: told how far the rows are.
+            on_progress: told how far the rows are.
             share: the length of steps as a share of the job's own.
         """
         n = next(iter(sets.values())).size
@@ -130,13 +130,13 @@ class Population:
         before, total = 0, n * self.rows_of_a_set
         for part in self.parts:
             part.run_elsewhere = self.run_elsewhere
-            tell = progress if len(self.parts) == 1 else _after(before, total, progress)
-            found |= part._measure_own(sets, n, tell, share)
+            on_part_progress = on_progress if len(self.parts) == 1 else _after(before, total, on_progress)
+            found |= part._measure_own(sets, n, on_part_progress, share)
             before += n * part.own_rows_of_a_set
         return {name: found[name] for name in self.measures}
 
     def _measure_own(
-        self, sets: Mapping[str, np.ndarray], n: int, progress: Tell, share: float
+        self, sets: Mapping[str, np.ndarray], n: int, on_progress: OnProgress, share: float
     ) -> dict[str, Measured]:
         """As `measure`, what is measured on the map and of rows with this population's own run."""
         found = {
@@ -152,7 +152,7 @@ class Population:
                     each.why[mine] = f"refused: {error.diagnostics[0]}"
                 continue
             constants = {name: sets[name][mine] for name in sets if name not in self._structure}
-            rows, refused = self._rows(context, constants, mine.size, progress, share)
+            rows, refused = self._rows(context, constants, mine.size, on_progress, share)
             good = mine[refused == ""]
             for name in found:
                 measure = self.measures[name]
@@ -161,7 +161,7 @@ class Population:
                     at_points = self._on_map(context, constants, measure, mine.size, share)
                     found[name].values[mine], found[name].why[mine] = at_points
                 elif good.size:
-                    seen = self._seen(measure, self._rows_of[name], rows, context.model)
+                    seen = self._select(measure, self._rows_of[name], rows, context.model)
                     found[name].values[good], found[name].why[good] = seen
         return found
 
@@ -175,12 +175,12 @@ class Population:
             part._context, part._preparing = same._context, same._preparing
         return other
 
-    def measure_in_turn(
+    def staged_evaluate(
         self,
         sets: Mapping[str, np.ndarray],
         first: Collection[str],
         goes_on: Callable[[Mapping[str, Measured]], np.ndarray],
-        progress: Tell = None,
+        on_progress: OnProgress = None,
     ) -> dict[str, Measured]:
         """As `measure`, but the measures `first` before the others, which not all sets need.
 
@@ -188,16 +188,16 @@ class Population:
             sets: as those of `measure`.
             first: names of measures.
             goes_on: says of which sets (n,) the others are taken, by what was measured first.
-            progress: told how far the rows are.
+            on_progress: told how far the rows are.
         """
-        begun = self.of(first).measure(sets, progress)
+        begun = self.of(first).measure(sets, on_progress)
         whole = goes_on(begun)
         others = [name for name in self.measures if name not in begun]
         found = {
             name: Measured(np.full(whole.size, np.nan), np.full(whole.size, "", object)) for name in others
         }
         if others and whole.any():
-            rest = self.of(others).measure({name: each[whole] for name, each in sets.items()}, progress)
+            rest = self.of(others).measure({name: each[whole] for name, each in sets.items()}, on_progress)
             for name in others:
                 found[name].values[whole], found[name].why[whole] = rest[name]
         for each in found.values():
@@ -224,7 +224,7 @@ class Population:
         context: RunContext,
         constants: Values,
         n: int,
-        progress: Tell,
+        on_progress: OnProgress,
         share: float,
     ) -> tuple[Values, np.ndarray]:
         """The columns (m, conditions) of the sets that are not refused, and why others are (n,), or "".
@@ -242,7 +242,7 @@ class Population:
             return {}, refused
         if self.run_elsewhere is not None and share == 1.0:
             return self._rows_elsewhere(
-                context, {k: v[good] for k, v in constants.items()}, progress
+                context, {k: v[good] for k, v in constants.items()}, on_progress
             ), refused
         rows = (good[:, None] * each + np.arange(each)).ravel()
         chosen = [{name: column[rows] for name, column in values.items()} for values in (params, starts)]
@@ -262,7 +262,7 @@ class Population:
             varied=frozenset(constants).union(*(dict(each) for each in self._conditions)),
         )
         blocks: dict[int, RowOutcome] = {}
-        sweep(spec, range(-(-rows.size // _BLOCK)), blocks.__setitem__, progress)
+        sweep(spec, range(-(-rows.size // _BLOCK)), blocks.__setitem__, on_progress)
         outcome = RowOutcome.concat([blocks[number] for number in sorted(blocks)])
         table = context.job.run.table(context.model, {}, outcome)
         columns = {str(name): _array(table[name]) for name in table.columns}
@@ -270,14 +270,14 @@ class Population:
             return columns, refused
         return {name: column.reshape(good.size, each) for name, column in columns.items()}, refused
 
-    def _rows_elsewhere(self, context: RunContext, constants: Values, progress: Tell) -> Values:
+    def _rows_elsewhere(self, context: RunContext, constants: Values, on_progress: OnProgress) -> Values:
         """As the columns of `_rows`, of sets whose rows another process computes, as jobs of their own."""
         assert self.run_elsewhere is not None
         n, each = next(iter(constants.values())).size, self.own_rows_of_a_set
         found: Values = {}
         records: list[Values] = []
-        for places in _alike(self._conditions).values():
-            table = self.run_elsewhere(self._job_of_rows(context, constants, places), progress)
+        for places in _group_by_names(self._conditions).values():
+            table = self.run_elsewhere(self._job_of_rows(context, constants, places), on_progress)
             if not context.job.run.one_a_row:
                 columns = context.job.run.all_columns(context.model)
                 part = {name: _array(table[name]) for name in ("row", *(column.name for column in columns))}
@@ -308,7 +308,7 @@ class Population:
             written[field] = {k: v for k, v in written[field].items() if k not in varied}
         return Job.model_validate({**written, "vary": {"zip": groups}, "verify": 0})
 
-    def _seen(self, measure: Measure, places: Sequence[int], rows: Values, model: Model) -> Measured:
+    def _select(self, measure: Measure, places: Sequence[int], rows: Values, model: Model) -> Measured:
         """Measure the rows of the sets at `places`."""
         if not isinstance(measure, RampMeasure):
             return measure.of_sets({name: column[:, places] for name, column in rows.items()}, model)
@@ -324,7 +324,7 @@ class Population:
         """
         if not self._conditions:
             return None
-        places = max(_alike(self._conditions).values(), key=len)
+        places = max(_group_by_names(self._conditions).values(), key=len)
         columns = {name: np.full(n, value) for name, value in constants.items()}
         return self._job_of_rows(self.prepared(structure), columns, places)
 
@@ -360,24 +360,24 @@ def job_with_run(
     return Job.model_validate(written)
 
 
-def _after(before: int, total: int, progress: Tell) -> Tell:
+def _after(before: int, total: int, on_progress: OnProgress) -> OnProgress:
     """Tells of rows of which `before` others stand before them in a batch of `total`; they may be fewer."""
-    if progress is None:
+    if on_progress is None:
         return None
 
-    def tell(now: SweepProgress) -> None:
+    def on_part_progress(now: SweepProgress) -> None:
         share = (before + now.share * now.rows) / max(total, 1)
-        progress(dataclasses.replace(now, done=before + now.done, rows=total, share=share))
+        on_progress(dataclasses.replace(now, done=before + now.done, rows=total, share=share))
 
-    return tell
+    return on_part_progress
 
 
-def _alike(conditions: Sequence[Condition]) -> dict[tuple[str, ...], list[int]]:
+def _group_by_names(conditions: Sequence[Condition]) -> dict[tuple[str, ...], list[int]]:
     """The conditions that set the same names; names that they do not set have the job's own value."""
-    alike: dict[tuple[str, ...], list[int]] = {}
+    places_by_names: dict[tuple[str, ...], list[int]] = {}
     for place, condition in enumerate(conditions):
-        alike.setdefault(tuple(name for name, _ in condition), []).append(place)
-    return alike
+        places_by_names.setdefault(tuple(name for name, _ in condition), []).append(place)
+    return places_by_names
 
 
 def _values(
@@ -388,7 +388,7 @@ def _values(
     params = {q.name: np.empty(n * each) for q in model.parameters}
     starts = {q.name: np.empty(n * each) for q in model.initial_conditions}
     refused = np.full(n, "", object)
-    for names, places in _alike(conditions).items():
+    for names, places in _group_by_names(conditions).items():
         given = np.array([[value for _, value in conditions[place]] for place in places])
         columns = {name: np.repeat(column.astype(float), len(places)) for name, column in constants.items()}
         # a condition that sets a free constant goes before it

@@ -11,9 +11,9 @@ from pydantic import Field
 from gaitsweep import near_miss
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.fitting.fit_job import FitJob
-from gaitsweep.fitting.free import Free
+from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measures import At, Measure
-from gaitsweep.fitting.targets import Aim, Target
+from gaitsweep.fitting.targets import Target, TargetValue
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.numbers import Count, Positive, Seed, Text
 
@@ -21,7 +21,7 @@ from gaitsweep.schema.numbers import Count, Positive, Seed, Text
 ROBUST = "robust"
 
 
-class Robust(Aim):
+class Robust(TargetValue):
     """The share of a set's random neighbours that should keep some targets."""
 
     within: Positive = Field(description="largest change of each constant, as a share of its value, below 1")
@@ -51,7 +51,9 @@ def robust_target(robust: Robust) -> Target:
     return Target(ROBUST, ShareKept(kind="robust"), robust)
 
 
-def wrong_robust(robust: Robust, free: Mapping[str, Free], targets: Mapping[str, Target]) -> list[Diagnostic]:
+def wrong_robust(
+    robust: Robust, free: Mapping[str, FreeParameter], targets: Mapping[str, Target]
+) -> list[Diagnostic]:
     """Faults of the field in view of the search's constants and targets."""
     path, wrong = ("search", ROBUST), []
     if robust.within >= 1.0:
@@ -98,7 +100,7 @@ def share_kept(
     robust: Robust,
     sets: Mapping[str, np.ndarray],
     own: Mapping[str, float],
-    free: Mapping[str, Free],
+    free: Mapping[str, FreeParameter],
     quantities: Mapping[str, Quantity],
     keeps: Callable[[Mapping[str, np.ndarray]], np.ndarray],
 ) -> np.ndarray:

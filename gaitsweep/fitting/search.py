@@ -26,9 +26,9 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.batches import Batches
 from gaitsweep.fitting.cluster_rows import ClusterRows
-from gaitsweep.fitting.free import sets_at
+from gaitsweep.fitting.free_parameters import sets_at
+from gaitsweep.fitting.identifiability import Identifiability, identifiability
 from gaitsweep.fitting.measures import Measured
-from gaitsweep.fitting.near_best import NearBest, near_best
 from gaitsweep.fitting.optimisers import Optimiser, optimiser
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.robustness import ROBUST, share_kept
@@ -53,10 +53,10 @@ _DECIDING = ("numpy", "scipy", "cma", "pymoo")
 
 
 @dataclasses.dataclass(frozen=True)
-class Found:
+class SearchResult:
     """Result of a search.
 
-    `path` is its directory; `table` has a row for each set; `near` says which constants the targets pin;
+    `path` is its directory; `table` has a row for each set; `identifiability` says which constants the targets pin;
     `finalists` has the best sets at half the step; `figures` are the files drawn. In memory there is no path
     and no file.
     """
@@ -64,15 +64,15 @@ class Found:
     job: SearchJob
     path: Path | None
     table: pd.DataFrame
-    near: NearBest
+    identifiability: Identifiability
     finalists: pd.DataFrame | None
     figures: tuple[Path, ...]
 
     def __repr__(self) -> str:
-        best = self.near.summary()["best_score"]
+        best = self.identifiability.summary()["best_score"]
         score = "none complete" if best is None else f"least score {best:.4g}"
         where = "in memory" if self.path is None else f"in {self.path}"
-        return f"Found({len(self.table)} sets: {score}, {self.near.fitting} fit all targets; {where})"
+        return f"SearchResult({len(self.table)} sets: {score}, {self.identifiability.fitting} fit all targets; {where})"
 
     def figure(self, name: str) -> Figure:
         """A figure of the search: convergence, constants or misses.
@@ -82,24 +82,24 @@ class Found:
         """
         if name not in FIGURES:
             raise ArgumentError(f"{name} is no figure of a search{near_miss.suggestion(name, FIGURES)}")
-        return search_figure(name, self.job, self.table, self.near)
+        return search_figure(name, self.job, self.table, self.identifiability)
 
 
 def run_search(
     job: SearchJob,
     out: str | Path | None = None,
     *,
-    progress: Progress | None = None,
-    tell: Callable[[str], None] = lambda _: None,
+    on_progress: Progress | None = None,
+    on_message: Callable[[str], None] = lambda _: None,
     cluster: Cluster | None = None,
-) -> Found:
+) -> SearchResult:
     """Measure the sets that a search's directory still lacks, and say what they tell of the constants.
 
     Args:
         job: the search.
         out: its result directory, `results/NAME` by default.
-        progress: told how far it is.
-        tell: told, in a sentence each, what was found and mended in the directory.
+        on_progress: told how far it is.
+        on_message: told, in a sentence each, what was found and mended in the directory.
         cluster: computes the rows, if this process does not; it is left open.
 
     Raises:
@@ -107,13 +107,13 @@ def run_search(
         KeyboardInterrupt: likewise.
     """
     path = RESULTS / job.name if out is None else Path(out)
-    show = progress or (lambda *_, **__: None)
+    on_progress = on_progress or (lambda *_, **__: None)
     population = job.fit.population()
     context = population.prepared(job.fit.structures[0])
     if context.note is not None:
-        tell(context.note)
+        on_message(context.note)
     for caveat in context.model.caveats():
-        tell(f"Warning: {caveat}")
+        on_message(f"Warning: {caveat}")
     platform = context.spec.devices[0].platform
     together = job.sets_together(context, population.rows_of_a_set)
     versions = {name: provenance.version_of(name) for name in _DECIDING}
@@ -127,11 +127,11 @@ def run_search(
     )
     with (
         naming_the_file(),
-        ResultDirectory.open(path, job.resolved(), job_hash, job.choice.budget, together) as directory,
+        ResultDirectory.open(path, job.resolved(), job_hash, job.options.budget, together) as directory,
     ):
         for note in directory.notes:
-            tell(note)
-        continue_directory(context, directory, tell)
+            on_message(note)
+        continue_directory(context, directory, on_message)
         directory.update_manifest(
             engine=context.engine,
             device=context.device,
@@ -142,18 +142,18 @@ def run_search(
         )
         if cluster is not None:
             population.run_elsewhere = ClusterRows(path, cluster)
-        _Search(job, population, directory, show, side_by_side).go_on()
+        _Search(job, population, directory, on_progress, side_by_side).go_on()
         table = load(path)
-        near = near_best(table, job)
+        near = identifiability(table, job)
         told = len(directory.notes)
-        finalists = _finalists(job, population, directory, near, show)
+        finalists = _finalists(job, population, directory, near, on_progress)
         for note in directory.notes[told:]:
-            tell(note)
+            on_message(note)
         if (doubt := _depends_on_the_step(job, finalists)) is not None:
-            tell(f"Warning: {doubt}")
+            on_message(f"Warning: {doubt}")
         directory.update_manifest(complete=True, counts=directory.counts(), search=near.summary())
         figures = draw_search(path, job, table, near)
-    return Found(job, path, table, near, finalists, tuple(figures))
+    return SearchResult(job, path, table, near, finalists, tuple(figures))
 
 
 def draw_again(path: Path) -> list[Path]:
@@ -168,7 +168,7 @@ def draw_again(path: Path) -> list[Path]:
     if wrong:
         raise JobError(wrong)
     table = load(path)
-    return draw_search(path, search, table, near_best(table, search))
+    return draw_search(path, search, table, identifiability(table, search))
 
 
 class _Search:
@@ -179,20 +179,20 @@ class _Search:
         job: SearchJob,
         population: Population,
         directory: ResultDirectory,
-        show: Progress,
+        on_progress: Progress,
         side_by_side: int,
     ) -> None:
         together = directory.manifest["block"]
-        self.job, self.population, self.directory, self.show = job, population, directory, show
+        self.job, self.population, self.directory, self.on_progress = job, population, directory, on_progress
         self.optimiser: Optimiser = optimiser(
-            job.choice.method,
+            job.options.method,
             len(job.free),
             len(job.counted),
             job.start,
             together,
-            job.choice.seed,
+            job.options.seed,
             job.known_points(),
-            job.choice.width,
+            job.options.width,
         )
         self.known = pd.DataFrame()  # the sets that are on disk
         self.best = np.inf
@@ -215,7 +215,7 @@ class _Search:
         chosen: deque[tuple[int, dict[str, np.ndarray]]] = deque()
         # a cluster takes one batch at a time
         threads = 1 if self.population.run_elsewhere is not None else self.side_by_side
-        with Batches[dict[str, Measured] | None](threads, self._tell) as self.batches:
+        with Batches[dict[str, Measured] | None](threads, self._report) as self.batches:
             for number in range(self.directory.n_blocks):
                 if len(chosen) == self.side_by_side:
                     self._end(*chosen.popleft())
@@ -227,18 +227,20 @@ class _Search:
                 self._end(*chosen.popleft())
 
     def _measured(
-        self, sets: Mapping[str, np.ndarray], tell: Callable[[SweepProgress], None]
+        self, sets: Mapping[str, np.ndarray], on_progress: Callable[[SweepProgress], None]
     ) -> dict[str, Measured]:
         """Measure the sets of a batch."""
-        if self.job.choice.first:
-            measured = self.population.measure_in_turn(sets, self.job.choice.first, self._goes_on, tell)
+        if self.job.options.first:
+            measured = self.population.staged_evaluate(
+                sets, self.job.options.first, self._goes_on, on_progress
+            )
         else:
-            measured = self.population.measure(sets, tell)
-        return measured | _robustness(self.job, self.population, sets, measured, tell)
+            measured = self.population.measure(sets, on_progress)
+        return measured | _robustness(self.job, self.population, sets, measured, on_progress)
 
     def _goes_on(self, first: Mapping[str, Measured]) -> np.ndarray:
         """Whether sets (n,) are measured further: the first targets have values, and near enough ones."""
-        within = self.job.choice.first_within
+        within = self.job.options.first_within
         most = np.inf if within is None else within
         model = self.population.prepared(self.job.fit.structures[0]).design.model
         near = [
@@ -265,7 +267,7 @@ class _Search:
         self.optimiser.tell(told, misses)
         self.best = min(self.best, float(told.min()))
 
-    def _tell(self, under_way: list[SweepProgress]) -> None:
+    def _report(self, under_way: list[SweepProgress]) -> None:
         """Show how far the sets are; at most, since rows that are not needed are left out."""
         total, each = self.directory.n_rows, self.population.rows_of_a_set
         new = self.directory.rows_done - self.before
@@ -274,7 +276,7 @@ class _Search:
         best = f"best score {self.best:.3g}, " if np.isfinite(self.best) else ""
         attempts = sum(now.attempts / max(now.seconds, 1e-9) for now in under_way)
         done = min(self.before + new, total)
-        self.show(done, total, rate, done / total, f"{best}{attempts / 1e6:.1f} M attempts/s")
+        self.on_progress(done, total, rate, done / total, f"{best}{attempts / 1e6:.1f} M attempts/s")
 
     def _frame(
         self,
@@ -322,11 +324,11 @@ def _robustness(
     population: Population,
     sets: Mapping[str, np.ndarray],
     measured: Mapping[str, Measured],
-    tell: Callable[[SweepProgress], None] | None = None,
+    on_progress: Callable[[SweepProgress], None] | None = None,
     share: float = 1.0,
 ) -> dict[str, Measured]:
     """The share of neighbours that keep targets, of the sets that keep them; empty if it is not asked for."""
-    robust = job.choice.robust
+    robust = job.options.robust
     if robust is None:
         return {}
     model = population.prepared(job.fit.structures[0]).design.model
@@ -336,8 +338,8 @@ def _robustness(
         return np.all(near, axis=0)
 
     def rows(now: SweepProgress) -> None:
-        if tell is not None:  # rows of neighbours are none of the batch's own sets
-            tell(dataclasses.replace(now, rows=0))
+        if on_progress is not None:  # rows of neighbours are none of the batch's own sets
+            on_progress(dataclasses.replace(now, rows=0))
 
     kept = keep(measured)
     values = np.full(kept.size, np.nan)
@@ -356,10 +358,14 @@ def _robustness(
 
 
 def _finalists(
-    job: SearchJob, population: Population, directory: ResultDirectory, near: NearBest, show: Progress
+    job: SearchJob,
+    population: Population,
+    directory: ResultDirectory,
+    near: Identifiability,
+    on_progress: Progress,
 ) -> pd.DataFrame | None:
     """The best sets, measured again at half the step; written beside the table."""
-    count = min(job.choice.finalists, len(near.best))
+    count = min(job.options.finalists, len(near.best))
     if not count:
         return None
     frame = near.best.iloc[:count][["row", *job.free, "score", *job.targets]].reset_index(drop=True)
@@ -367,8 +373,8 @@ def _finalists(
         known = pd.read_parquet(io.BytesIO(stored))
         if np.array_equal(known["row"], frame["row"]):
             return known
-    total = job.choice.budget
-    show(total, total, 0.0, 1.0, f"{count} finalists at half the step")
+    total = job.options.budget
+    on_progress(total, total, 0.0, 1.0, f"{count} finalists at half the step")
     sets = {name: free.column(frame[name].tolist()) for name, free in job.free.items()}
     measured = population.measure(sets, share=0.5)
     measured |= _robustness(job, population, sets, measured, share=0.5)
@@ -388,9 +394,9 @@ def _depends_on_the_step(job: SearchJob, finalists: pd.DataFrame | None) -> str 
     if finalists is None:
         return None
     moved = {
-        name: int(np.sum(~(np.abs(finalists[f"{name}_half"] - finalists[name]) <= target.aim.error)))
+        name: int(np.sum(~(np.abs(finalists[f"{name}_half"] - finalists[name]) <= target.value.error)))
         for name, target in job.targets.items()
-        if not target.aim.held_back
+        if not target.value.held_back
     }
     told = ", ".join(f"{name} of {n}" for name, n in moved.items() if n)
     if not told:

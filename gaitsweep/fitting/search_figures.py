@@ -11,8 +11,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gaitsweep.fitting.free import Free
-from gaitsweep.fitting.near_best import PARTS, Constant, NearBest
+from gaitsweep.fitting.free_parameters import FreeParameter
+from gaitsweep.fitting.identifiability import PARTS, Constant, Identifiability
 from gaitsweep.fitting.search_job import Search
 from gaitsweep.fitting.targets import FAILED_MISS, MISS
 from gaitsweep.plot.columns import symbol, unit_of
@@ -31,7 +31,7 @@ _LEAST_SCORE = 1e-2
 _LONG_NAME, _LONG_LABELS = 14, 60
 
 
-def draw_search(path: Path, search: Search, table: pd.DataFrame, near: NearBest) -> list[Path]:
+def draw_search(path: Path, search: Search, table: pd.DataFrame, near: Identifiability) -> list[Path]:
     """Draw the figures of a search into its directory; returns their files.
 
     Args:
@@ -51,7 +51,7 @@ def draw_search(path: Path, search: Search, table: pd.DataFrame, near: NearBest)
     return drawn
 
 
-def search_figure(name: str, search: Search, table: pd.DataFrame, near: NearBest) -> Figure:
+def search_figure(name: str, search: Search, table: pd.DataFrame, near: Identifiability) -> Figure:
     """One of the figures of a search.
 
     Args:
@@ -106,7 +106,7 @@ def _score_axis(axes: Axes, scores: np.ndarray) -> None:
         axes.set_yscale("symlog", linthresh=_LEAST_SCORE)
 
 
-def _constants(free: Mapping[str, Free], table: pd.DataFrame, near: NearBest) -> Figure:
+def _constants(free: Mapping[str, FreeParameter], table: pd.DataFrame, near: Identifiability) -> Figure:
     """The least score over each constant's range, and where the near-best sets have it."""
     columns = min(len(free), 4)
     rows = math.ceil(len(free) / columns)
@@ -128,7 +128,7 @@ def _constants(free: Mapping[str, Free], table: pd.DataFrame, near: NearBest) ->
     return figure
 
 
-def _profile(axes: Axes, free: Free, each: Constant, best: pd.DataFrame) -> None:
+def _profile(axes: Axes, free: FreeParameter, each: Constant, best: pd.DataFrame) -> None:
     edges = np.linspace(0.0, 1.0, PARTS + 1)
     axes.stairs(each.profile, edges, color=_BLUE, lw=1.2, baseline=None)
     shares = free.share(free.written(best[each.name].tolist())) if len(best) else np.zeros(0)
@@ -148,7 +148,7 @@ def _profile(axes: Axes, free: Free, each: Constant, best: pd.DataFrame) -> None
     axes.set_title(each.verdict, fontsize=7.5)
 
 
-def _misses(search: Search, table: pd.DataFrame, near: NearBest) -> Figure:
+def _misses(search: Search, table: pd.DataFrame, near: Identifiability) -> Figure:
     """The misses of the near-best sets, a line each, and of the sets that miss each target least."""
     names = list(search.targets)
     columns = [f"{MISS}{name}" for name in names]
@@ -182,7 +182,7 @@ def _misses(search: Search, table: pd.DataFrame, near: NearBest) -> Figure:
                 label="no value",
             )
         gap = ", " if long else "\n"
-        labels = [f"{name}{gap}held back" if search.targets[name].aim.held_back else name for name in names]
+        labels = [f"{name}{gap}held back" if search.targets[name].value.held_back else name for name in names]
         axes.set_xticks(place, labels, **({"rotation": 30, "ha": "right"} if long else {}))
         axes.set_yscale("symlog", linthresh=1.0)
         axes.yaxis.set_major_formatter("{x:g}")  # 1 and -1, the reading errors, are no powers to a reader

@@ -96,8 +96,8 @@ def run_sensitivity(
     job: SensitivityJob,
     out: str | Path | None = None,
     *,
-    progress: Progress | None = None,
-    tell: Callable[[str], None] = lambda _: None,
+    on_progress: Progress | None = None,
+    on_message: Callable[[str], None] = lambda _: None,
     cluster: Cluster | None = None,
 ) -> Sensitivity:
     """Measure the sets that a directory still lacks, then find the indices and draw them.
@@ -105,8 +105,8 @@ def run_sensitivity(
     Args:
         job: the analysis.
         out: the result directory, `results/NAME` by default.
-        progress: told how far the sets are.
-        tell: told, in a sentence each, what was found and mended in the directory.
+        on_progress: told how far the sets are.
+        on_message: told, in a sentence each, what was found and mended in the directory.
         cluster: computes the rows, if this process does not; it is left open.
 
     Raises:
@@ -114,38 +114,38 @@ def run_sensitivity(
         KeyboardInterrupt: likewise.
     """
     path = RESULTS / job.name if out is None else Path(out)
-    progress = progress or (lambda *_, **__: None)
+    on_progress = on_progress or (lambda *_, **__: None)
     population = job.population()
     context = population.prepared({})
     n, rows = job.design.n_rows, max(1, population.rows_of_a_set)  # a fixed point takes no row
     block = min(n, max(1, rows_of_a_part(context.job.engine.block, n * rows) // rows))
     resolved = job.resolved(context.job, context.engine)
     if context.note is not None:
-        tell(context.note)
+        on_message(context.note)
     for caveat in context.model.caveats():
-        tell(f"Warning: {caveat}")
+        on_message(f"Warning: {caveat}")
     with (
         naming_the_file(),
         ResultDirectory.open(path, resolved, job.hash(context.job_hash, block), n, block) as directory,
     ):
         for note in directory.notes:
-            tell(note)
-        continue_directory(context, directory, tell)
+            on_message(note)
+        continue_directory(context, directory, on_message)
         if missing := directory.missing_blocks():
             _describe(job, context, directory)
             together = 1
             if cluster is not None:
                 population.run_elsewhere = ClusterRows(path, cluster)
                 together = max(1, _ROWS_OF_A_BATCH // (block * rows))
-            _measure(job, population, directory, missing, together, progress)
+            _measure(job, population, directory, missing, together, on_progress)
         if not directory.manifest.get("complete"):
             directory.tidy_digests()
             directory.update_manifest(counts=directory.counts(), complete=True)
         table = load(path)
-        half_step = _at_half_the_step(job, population, directory, table, progress)
+        half_step = _at_half_the_step(job, population, directory, table, on_progress)
         if half_step is not None and half_step.many:
-            tell(f"Warning: {half_step.sentence}")
-        progress(n, n, 0.0, 1.0, "indices")
+            on_message(f"Warning: {half_step.sentence}")
+        on_progress(n, n, 0.0, 1.0, "indices")
         found = dataclasses.replace(_analysed(job, table, context.model), path=path, half_step=half_step)
         _write(found, path)
     return found
@@ -157,25 +157,25 @@ def _measure(
     directory: ResultDirectory,
     missing: list[int],
     together: int,
-    progress: Progress,
+    on_progress: Progress,
 ) -> None:
     """Write the missing parts; the sets of so many parts `together` are one batched run."""
     n, sets, began = job.design.n_rows, job.design.sets, time.perf_counter()
     before = directory.rows_done
     spent = directory.manifest.get("timings", {}).get("run_s", 0.0)
-    progress(before, n, 0.0, before / n, "compiling")
+    on_progress(before, n, 0.0, before / n, "compiling")
     for place in range(0, len(missing), together):
         parts = [directory.rows_of(number) for number in missing[place : place + together]]
         rows = np.concatenate([np.arange(first, last) for first, last in parts])
         done = directory.rows_done
 
-        def tell(now: SweepProgress, done: int = done, size: int = rows.size) -> None:
+        def on_sweep_progress(now: SweepProgress, done: int = done, size: int = rows.size) -> None:
             so_far = done + now.share * size
             rate = (so_far - before) / max(time.perf_counter() - began, 1e-9)
-            progress(math.floor(so_far), n, rate, so_far / n, f"{now.done} of {now.rows} rows")
+            on_progress(math.floor(so_far), n, rate, so_far / n, f"{now.done} of {now.rows} rows")
 
         chosen = {name: column[rows] for name, column in sets.items()}
-        records = _records(rows, chosen, population.measure(chosen, tell))
+        records = _records(rows, chosen, population.measure(chosen, on_sweep_progress))
         for number, (first, last) in zip(missing[place : place + together], parts, strict=True):
             begin = int(np.searchsorted(rows, first))
             part = records.iloc[begin : begin + last - first].reset_index(drop=True)
@@ -246,7 +246,7 @@ def _at_half_the_step(
     population: Population,
     directory: ResultDirectory,
     table: pd.DataFrame,
-    progress: Progress,
+    on_progress: Progress,
 ) -> HalfStep | None:
     """Return the values of some sets at half the step, from now or from before; None where none are asked."""
     n, context = len(table), population.prepared({})
@@ -258,12 +258,12 @@ def _at_half_the_step(
     if asked == 0:
         return None
 
-    def tell(now: SweepProgress) -> None:
-        progress(n, n, 0.0, 1.0, f"at half the step: {now.done} of {now.rows} rows")
+    def on_sweep_progress(now: SweepProgress) -> None:
+        on_progress(n, n, 0.0, 1.0, f"at half the step: {now.done} of {now.rows} rows")
 
     rows = np.unique(np.linspace(0, n - 1, asked).round().astype(int))
     sets = {name: column[rows] for name, column in job.design.sets.items()}
-    again = population.measure(sets, tell, 0.5)
+    again = population.measure(sets, on_sweep_progress, 0.5)
     differ, largest = {}, {}
     for name, measure in job.outputs.items():
         before, after = table[name].to_numpy(float)[rows], again[name].values

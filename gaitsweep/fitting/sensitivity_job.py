@@ -26,7 +26,7 @@ from gaitsweep.fitting.fit_job import (
     wrong_constants,
     wrong_measures,
 )
-from gaitsweep.fitting.free import Free
+from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measures import Measure
 from gaitsweep.fitting.population import Population
 from gaitsweep.job import Job
@@ -75,7 +75,7 @@ class SensitivityJob:
         return self.fit.name
 
     @property
-    def parameters(self) -> dict[str, Free]:
+    def parameters(self) -> dict[str, FreeParameter]:
         """The ranges by parameter."""
         return self.fit.free
 
@@ -178,7 +178,9 @@ def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
     return SensitivityJob(fit, {name: own[name] for name in free}, analysis, dict(written))
 
 
-def _read_parameters(value: Any, wrong: list[Diagnostic]) -> tuple[dict[str, Free], dict[str, float]]:
+def _read_parameters(
+    value: Any, wrong: list[Diagnostic]
+) -> tuple[dict[str, FreeParameter], dict[str, float]]:
     """The parameters with a range, and those with a share of the job's value around it."""
     path = ("sensitivity", "parameters")
     if not isinstance(value, Mapping) or not value:
@@ -224,7 +226,7 @@ def _read_outputs(value: Any, parameters: Iterable[str], wrong: list[Diagnostic]
 
 
 def _read_analysis(
-    written: Mapping[str, Any], ranges: Mapping[str, Free], k: int, wrong: list[Diagnostic]
+    written: Mapping[str, Any], ranges: Mapping[str, FreeParameter], k: int, wrong: list[Diagnostic]
 ) -> Analysis | None:
     """The analysis of k parameters, of which some have ranges; what is wrong is added to `wrong`."""
     rest = {key: value for key, value in written.items() if key not in ("parameters", "outputs")}
@@ -287,7 +289,7 @@ def _follow_conditions(job: Job, names: Iterable[str], outputs: Mapping[str, Mea
     return wrong
 
 
-def _around(name: str, value: float, share: float, wrong: list[Diagnostic]) -> Free | None:
+def _around(name: str, value: float, share: float, wrong: list[Diagnostic]) -> FreeParameter | None:
     """The range from `share` below a value to `share` above it."""
     if not np.isfinite(value) or value == 0.0:
         has = "is 0 in this job" if value == 0.0 else "has no value in this job"
@@ -295,4 +297,4 @@ def _around(name: str, value: float, share: float, wrong: list[Diagnostic]) -> F
         wrong.append(Diagnostic(("sensitivity", "parameters", name), text))
         return None
     low, high = sorted((value * (1.0 - share), value * (1.0 + share)))
-    return Free(low=low, high=high)
+    return FreeParameter(low=low, high=high)

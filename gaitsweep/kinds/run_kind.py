@@ -35,7 +35,7 @@ class Movement:
     valued: Path
 
 
-class Between(Protocol):
+class BlockProgress(Protocol):
     """Called between the steps of a run kind that makes its own table, with a note on how far it is."""
 
     def __call__(self, note: str = "") -> None: ...
@@ -175,9 +175,9 @@ class RunKind(StrictModel):
         return pd.DataFrame(found)
 
     def block_table(
-        self, rows: Design, spec: SweepSpec, first: int, last: int, between: Between
+        self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
     ) -> pd.DataFrame:
-        """The records of rows first..last-1, where `own_blocks`; `between` is called now and then."""
+        """The records of rows first..last-1, where `own_blocks`; `on_progress` is called now and then."""
         raise NotImplementedError
 
     def starting_points(

@@ -18,7 +18,9 @@ _MAKER = ("versions", "machine", "git_commit")
 _TRACING = ("python", "gaitsweep", "jax", "jaxlib", "mujoco", "mujoco-mjx")
 
 
-def continue_directory(context: RunContext, directory: ResultDirectory, tell: Callable[[str], None]) -> None:
+def continue_directory(
+    context: RunContext, directory: ResultDirectory, on_message: Callable[[str], None]
+) -> None:
     """Note in the manifest who makes the parts from now on, and warn where others made those that are there.
 
     Raises:
@@ -26,7 +28,7 @@ def continue_directory(context: RunContext, directory: ResultDirectory, tell: Ca
     """
     manifest = directory.manifest
     for warning in check_program(context, directory.path, manifest):
-        tell(warning)
+        on_message(warning)
     fields: dict[str, Any] = {PROGRAM: dict(context.program) or None}
     missing = directory.missing_blocks()
     before = {name: manifest[name] for name in _MAKER if manifest.get(name) is not None}
@@ -42,7 +44,7 @@ def continue_directory(context: RunContext, directory: ResultDirectory, tell: Ca
             simulated = manifest.get("refinement", {}).get("simulated", 0)
             done, total = directory.rows_done + directory.rows_open or simulated, directory.n_rows
             if done:
-                tell(
+                on_message(
                     f"Warning: {done} of the {total} rows in {directory.path} were made with {difference}. "
                     f"The other rows may differ from theirs in the last digits; {EARLIER} in manifest.json "
                     "names the parts of each."

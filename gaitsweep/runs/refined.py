@@ -23,7 +23,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job.step_lengths import values_with_right_steps
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.prepare import RunContext
-from gaitsweep.runs.progress import Progress as RunProgress
+from gaitsweep.runs.progress import Progress as Progress
 from gaitsweep.table import EncodedPart, ResultDirectory, load
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def refine(
     context: RunContext,
     grid: Grid,
     directory: ResultDirectory,
-    progress: RunProgress,
+    on_progress: Progress,
     timings: Timings,
     cluster: Cluster | None = None,
 ) -> None:
@@ -54,7 +54,7 @@ def refine(
         context: the job's context.
         grid: how its rows lie, and the axes that are refined.
         directory: its result directory.
-        progress: told how many rows are decided; those of the round under way count once they are simulated.
+        on_progress: told how many rows are decided; those of the round under way count once they are simulated.
         timings: added to as rounds go.
         cluster: computes the blocks, if this process does not.
 
@@ -65,8 +65,8 @@ def refine(
     frames: list[pd.DataFrame] = []
     decided = 0.0
     while (rows := np.flatnonzero(wanted(known, grid))).size:
-        tell = _telling(progress, len(frames), known.size, decided)
-        frame = _round(context, directory, len(frames), rows, tell, timings, cluster)
+        on_sweep_progress = _round_progress(on_progress, len(frames), known.size, decided)
+        frame = _round(context, directory, len(frames), rows, on_sweep_progress, timings, cluster)
         known.reshape(-1)[rows] = _labels(frame, context.model.gaits)
         frames.append(frame)
         decided = max(decided, float(np.mean(inferred(known, grid) != UNKNOWN)))
@@ -80,7 +80,7 @@ def _round(
     directory: ResultDirectory,
     number: int,
     rows: np.ndarray,
-    tell: Callable[[SweepProgress], None],
+    on_sweep_progress: Callable[[SweepProgress], None],
     timings: Timings,
     cluster: Cluster | None,
 ) -> pd.DataFrame:
@@ -99,10 +99,10 @@ def _round(
             spent = Timings()
             try:
                 if cluster is not None:
-                    cluster.run_blocks(part, missing, tell, this.rows_in)
+                    cluster.run_blocks(part, missing, on_sweep_progress, this.rows_in)
                     part.tidy_digests()
                 else:
-                    sweep(spec, missing, part.write_encoded, tell, spent, part, encode)
+                    sweep(spec, missing, part.write_encoded, on_sweep_progress, spent, part, encode)
             finally:
                 for field in dataclasses.fields(Timings):
                     setattr(timings, field.name, getattr(timings, field.name) + getattr(spent, field.name))
@@ -112,17 +112,17 @@ def _round(
     return frame
 
 
-def _telling(
-    progress: RunProgress, number: int, total: int, decided: float
+def _round_progress(
+    on_progress: Progress, number: int, total: int, decided: float
 ) -> Callable[[SweepProgress], None]:
     """Progress callback of a round, before which this share of all rows was decided."""
 
-    def tell(now: SweepProgress) -> None:
+    def on_sweep_progress(now: SweepProgress) -> None:
         rate = now.share * now.rows / now.seconds if now.seconds > 0 else 0.0
         share = min(decided + now.share * now.rows / total, 1.0)
-        progress(int(share * total), total, rate, share, f"round {number + 1}: {now.rows} rows")
+        on_progress(int(share * total), total, rate, share, f"round {number + 1}: {now.rows} rows")
 
-    return tell
+    return on_sweep_progress
 
 
 def _labels(frame: pd.DataFrame, gaits: Sequence[str]) -> np.ndarray:

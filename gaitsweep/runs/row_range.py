@@ -38,8 +38,8 @@ def run_rows(
     rows: str,
     out: str | Path | None = None,
     *,
-    progress: Progress | None = None,
-    tell: Callable[[str], None] = lambda _: None,
+    on_progress: Progress | None = None,
+    on_message: Callable[[str], None] = lambda _: None,
     strict: bool = False,
 ) -> Path:
     """Run some rows of a job; if all parts of its table are there then, complete the table.
@@ -48,7 +48,7 @@ def run_rows(
         job: the job; every process has the same.
         rows: the first row and the row after the last, "A:B", multiples of the block.
         out: the result directory, the same for every process; `results/NAME` by default.
-        progress, tell, strict: as for `run_job`.
+        on_progress, on_message, strict: as for `run_job`.
 
     Returns:
         The result directory.
@@ -65,20 +65,22 @@ def run_rows(
         )
     blocks = blocks_of(rows, context.spec.n_rows, context.spec.block)
     with naming_the_file():
-        _make(path, context, tell)
+        _make(path, context, on_message)
         writer = PartWriter(path, context.job_hash, context.spec.n_rows, context.spec.block)
         missing = writer.missing(blocks)
         if missing:
             lock = _patiently(lambda: Lock(path, shared=True))
             try:
-                _run_missing(context, writer, missing, progress or (lambda *_, **__: None))
+                _run_missing(context, writer, missing, on_progress or (lambda *_, **__: None))
             finally:
                 lock.release()
         if not all((path / TABLE / PARTS.name(n)).exists() for n in range(_count(context))):
             return path
         # several processes may find the last part there: one of them completes the table, the others wait
         try:
-            return _patiently(lambda: run_job(job, path, progress=progress, tell=tell, strict=strict))
+            return _patiently(
+                lambda: run_job(job, path, on_progress=on_progress, on_message=on_message, strict=strict)
+            )
         except BusyDirectory:  # one that takes longer to complete it, and does not need this process
             return path
 
@@ -111,16 +113,16 @@ def _count(context: RunContext) -> int:
     return -(-context.spec.n_rows // context.spec.block)
 
 
-def _make(path: Path, context: RunContext, tell: Callable[[str], None]) -> None:
+def _make(path: Path, context: RunContext, on_message: Callable[[str], None]) -> None:
     """Make the directory, unless another process has made it for the same job."""
 
     def made() -> None:
         if (path / MANIFEST).exists():
             if manifest := claim(path, context.job_hash, context.spec.n_rows, context.spec.block):
                 for warning in check_program(context, path, manifest):
-                    tell(warning)
+                    on_message(warning)
                 if differences := differing(manifest):
-                    tell(
+                    on_message(
                         f"Warning: {path} was begun with {'; '.join(differences)}: rows that are made "
                         "here may differ from its others in the last digits."
                     )
@@ -129,7 +131,7 @@ def _make(path: Path, context: RunContext, tell: Callable[[str], None]) -> None:
         with ResultDirectory.open(
             path, resolved, context.job_hash, context.spec.n_rows, context.spec.block
         ) as directory:
-            continue_directory(context, directory, tell)
+            continue_directory(context, directory, on_message)
             describe(context, directory)
 
     _patiently(made)
@@ -147,7 +149,7 @@ def _patiently(take: Callable[[], T]) -> T:
             time.sleep(0.2)
 
 
-def _run_missing(context: RunContext, writer: PartWriter, missing: list[int], progress: Progress) -> None:
+def _run_missing(context: RunContext, writer: PartWriter, missing: list[int], on_progress: Progress) -> None:
     total, done = context.spec.n_rows, 0
     with BlockLocks(writer.path) as locks:
         for number in missing:
@@ -171,10 +173,10 @@ def _run_missing(context: RunContext, writer: PartWriter, missing: list[int], pr
         rows = sum(stop - first for first, stop in map(writer.rows_of, missing))
         began = time.perf_counter()
 
-        def tell(now: SweepProgress | None) -> None:
+        def on_sweep_progress(now: SweepProgress | None) -> None:
             spent = time.perf_counter() - began
             share, finished = (done / rows, done) if now is None else (now.share, now.done)
-            progress(finished, rows, share * rows / max(spent, 1e-9), share, f"of {total} rows")
+            on_progress(finished, rows, share * rows / max(spent, 1e-9), share, f"of {total} rows")
 
-        progress(0, rows, 0.0, 0.0, "compiling")
-        run_blocks(context, missing, write, tell)
+        on_progress(0, rows, 0.0, 0.0, "compiling")
+        run_blocks(context, missing, write, on_sweep_progress)

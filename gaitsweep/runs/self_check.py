@@ -209,14 +209,14 @@ def sample_rows(design: Design, count: int) -> np.ndarray:
 
 
 def self_check(
-    context: RunContext, count: int, progress: Callable[[SweepProgress], None] | None = None
+    context: RunContext, count: int, on_progress: Callable[[SweepProgress], None] | None = None
 ) -> tuple[SelfCheck | None, Again | None]:
     """Repeat a sample of a job's rows, and compare what they give with finer steps.
 
     Args:
         context: the job's context.
         count: rows of the sample; 0 turns it off.
-        progress: told how far it is.
+        on_progress: told how far it is.
 
     Returns:
         What it found, None where it is off; and the rows that ran as they were, to be compared with the
@@ -233,10 +233,10 @@ def self_check(
         return check, _compare_starting_points(context, rows, check)
     again = None
     if compared in ("settled", "ends"):
-        again, resting = _compare_ends(context, rows, check, progress)
+        again, resting = _compare_ends(context, rows, check, on_progress)
         rows = rows[~resting]
     if rows.size:
-        crossings = _compare_crossings(context, rows, check, progress)
+        crossings = _compare_crossings(context, rows, check, on_progress)
         again = again or crossings
     return check, again
 
@@ -246,7 +246,7 @@ def compare_stored(
     check: SelfCheck,
     again: Again,
     stored: Callable[[np.ndarray], pd.DataFrame],
-    progress: Callable[[SweepProgress], None] | None = None,
+    on_progress: Callable[[SweepProgress], None] | None = None,
 ) -> None:
     """Count in `check` the rows whose stored records are not what they gave `again`.
 
@@ -255,17 +255,17 @@ def compare_stored(
         check: what a self-check found.
         again: the rows that it repeated as they were.
         stored: gives the stored records of rows (n,).
-        progress: told how far it is.
+        on_progress: told how far it is.
     """
     if isinstance(again.result, StartingPoints):
         differs = _other_beginnings(context, again.result, again.rows, stored(again.rows))
     elif context.job.run.one_a_row:
-        differs = _other_ends(context, again, stored(again.rows), progress)
+        differs = _other_ends(context, again, stored(again.rows), on_progress)
     else:
         recorder = _beginning(context)
         if recorder != again.recorder:
             spec, few = dataclasses.replace(context.spec, recorder=recorder), again.rows[:LEAST_ROWS]
-            again = Again(few, recorder, _repeated(spec, context.design, [(few, 1.0, 0.0)], progress)[0])
+            again = Again(few, recorder, _repeated(spec, context.design, [(few, 1.0, 0.0)], on_progress)[0])
         differs = _other_records(context.model, again, stored(again.rows))
     check.stored_differs = int(differs.sum())
 
@@ -337,7 +337,7 @@ def _other_ends(
     context: RunContext,
     again: Again,
     stored: pd.DataFrame,
-    progress: Callable[[SweepProgress], None] | None,
+    on_progress: Callable[[SweepProgress], None] | None,
 ) -> np.ndarray:
     """Mask of the rows (n,) that end otherwise when they run again."""
     model, result = context.model, again.result
@@ -354,7 +354,7 @@ def _other_ends(
     if off.any():
         some = np.flatnonzero(off.any(axis=1))
         lanes = [(again.rows[some], 1.0, MOVED)]
-        moved = end_values_of(again.recorder, _repeated(context.spec, context.design, lanes, progress)[0])
+        moved = end_values_of(again.recorder, _repeated(context.spec, context.design, lanes, on_progress)[0])
         own = changes(model, moved, now[some]) / MOVED * ROUNDING_ERROR
         off[some] &= changes(model, now, before)[some] > own
     return differs | off.any(axis=1)
@@ -369,7 +369,7 @@ def _repeated(
     spec: SweepSpec,
     design: Design,
     lanes: list[tuple[np.ndarray, float, float]],
-    progress: Callable[[SweepProgress], None] | None,
+    on_progress: Callable[[SweepProgress], None] | None,
 ) -> list[RowOutcome]:
     """The results of rows that run once more, for each (rows, share, move) of the list."""
     rows = np.concatenate([each[0] for each in lanes])
@@ -389,17 +389,20 @@ def _repeated(
     width = spec.lanes if spec.engine == "xla" else min(spec.lanes, max(8, rows.size))
     again = dataclasses.replace(spec, n_rows=rows.size, block=rows.size, lanes=width, values=values)
     found: list[RowOutcome] = []
-    sweep(again, [0], lambda _, result: found.append(result), progress)
+    sweep(again, [0], lambda _, result: found.append(result), on_progress)
     cuts = np.cumsum([each[0].size for each in lanes])[:-1]
     return [found[0].take(part) for part in np.split(np.arange(rows.size), cuts)]
 
 
 def _compare_ends(
-    context: RunContext, rows: np.ndarray, check: SelfCheck, progress: Callable[[SweepProgress], None] | None
+    context: RunContext,
+    rows: np.ndarray,
+    check: SelfCheck,
+    on_progress: Callable[[SweepProgress], None] | None,
 ) -> tuple[Again, np.ndarray]:
     """Compare how rows (n,) end; gives them as they ran again, and which of them came to rest, both times."""
     spec, design, model = context.spec, context.design, context.model
-    once, finer = _repeated(spec, design, [(rows, 1.0, 0.0), (rows, FINER, 0.0)], progress)
+    once, finer = _repeated(spec, design, [(rows, 1.0, 0.0), (rows, FINER, 0.0)], on_progress)
     at_times = context.job.run.compared == "ends"
     ends, finer_ends = (end_values_of(spec.recorder, each) for each in (once, finer))
     sound = Status.SOUND.among(once.status)
@@ -425,7 +428,7 @@ def _compare_ends(
     if differs.size:
         some = rows[differs]
         flips, spread = np.zeros(some.size, bool), np.zeros((some.size, change.shape[1]))
-        for moved in _repeated(spec, design, [(some, 1.0, MOVED), (some, 1.0, -MOVED)], progress):
+        for moved in _repeated(spec, design, [(some, 1.0, MOVED), (some, 1.0, -MOVED)], on_progress):
             flips |= moved.status != once.status[differs]
             flips |= moved.labels["gait"] != once.labels["gait"][differs]
             flips |= at_times & (moved.cycles != once.cycles[differs])
@@ -469,7 +472,10 @@ def _compare_starting_points(context: RunContext, rows: np.ndarray, check: SelfC
 
 
 def _compare_crossings(
-    context: RunContext, rows: np.ndarray, check: SelfCheck, progress: Callable[[SweepProgress], None] | None
+    context: RunContext,
+    rows: np.ndarray,
+    check: SelfCheck,
+    on_progress: Callable[[SweepProgress], None] | None,
 ) -> Again:
     """Compare the first crossings of rows (n,), with their times; gives them as they ran again."""
     design, model = context.design, context.model
@@ -478,13 +484,13 @@ def _compare_crossings(
         recorder = CrossingRecorder(model, crossings=CROSSINGS)
     lanes = [(rows, 1.0, 0.0), (rows, FINER, 0.0), (rows, 1.0, MOVED)]
     spec = dataclasses.replace(context.spec, recorder=recorder)
-    once, finer, moved = repeated = _repeated(spec, design, lanes, progress)
+    once, finer, moved = repeated = _repeated(spec, design, lanes, on_progress)
     seen = [_crossings(each, rows.size, recorder.after_cycles) for each in repeated]
     if not np.any(np.isfinite(seen[0][:, 1:])) and math.isfinite(end := _comparable_time(context)):
         # no section was crossed: the state is compared after as many nominal periods
         recorder = FixedTimeRecorder(model, end)
         spec = dataclasses.replace(context.spec, recorder=recorder)
-        once, finer, moved = repeated = _repeated(spec, design, lanes, progress)
+        once, finer, moved = repeated = _repeated(spec, design, lanes, on_progress)
         begun = _with_starts(context, rows, np.zeros((0, len(model.observables))))
         seen = [np.stack([begun, end_values(each)], axis=1) for each in repeated]
         seen = [np.concatenate([np.zeros((*each.shape[:2], 1)), each], axis=2) for each in seen]

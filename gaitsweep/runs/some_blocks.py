@@ -15,7 +15,7 @@ def run_blocks(
     context: RunContext,
     blocks: Sequence[int],
     write: Callable[[int, pd.DataFrame], None],
-    between: Callable[[SweepProgress | None], None],
+    on_progress: Callable[[SweepProgress | None], None],
 ) -> None:
     """Compute blocks, and pass the records of each to `write(number, records)` when all its rows have ended.
 
@@ -23,13 +23,13 @@ def run_blocks(
         context: the job's context.
         blocks: the numbers of the blocks.
         write: called with each block.
-        between: called now and then, with how far it is where the sweep engine knows; an exception that it
+        on_progress: called now and then, with how far it is where the sweep engine knows; an exception that it
             raises stops the run.
     """
     spec, kind = context.spec, context.job.run
     if not kind.own_blocks:
-        sweep(spec, blocks, write, between, encode=lambda _, block: context.table(block))
+        sweep(spec, blocks, write, on_progress, encode=lambda _, block: context.table(block))
         return
     for number in blocks:
         first, last = number * spec.block, min((number + 1) * spec.block, spec.n_rows)
-        write(number, kind.block_table(context.design, spec, first, last, lambda note="": between(None)))
+        write(number, kind.block_table(context.design, spec, first, last, lambda note="": on_progress(None)))

@@ -116,7 +116,7 @@ def test_a_ramp_leaves_a_gait_past_its_fold() -> None:
     # the start at -1 is left of the fold at r = 2 (a/3)^(3/2), above .3 there: no right at first
     assert table.loc[table["a"] > 0.9, "order"].to_numpy() == pytest.approx(0.5 * (1.0 + 2.0 / 3.0))
     assert table["only"].to_numpy() == pytest.approx(2.0 / 3.0)
-    assert found.near.best["a"].iloc[0] == pytest.approx(1.0, abs=0.02)
+    assert found.identifiability.best["a"].iloc[0] == pytest.approx(1.0, abs=0.02)
     assert found.finalists is not None
     np.testing.assert_allclose(found.finalists["down_half"], found.finalists["down"], atol=1e-3)
 

@@ -20,11 +20,11 @@ from pandas.testing import assert_frame_equal
 import gaitsweep as gs
 import toy_model
 from gaitsweep.fitting.estimate import estimate_search
-from gaitsweep.fitting.free import sets_at
+from gaitsweep.fitting.free_parameters import sets_at
 from gaitsweep.fitting.optimisers import METHODS, optimiser
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.search import FINALISTS, run_search
-from gaitsweep.fitting.search_job import Choice, load_search, read_search
+from gaitsweep.fitting.search_job import SearchOptions, load_search, read_search
 from gaitsweep.fitting.targets import FAILED_MISS, MISS
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.strict_model import plain
@@ -70,16 +70,16 @@ def job(**search: Any) -> dict[str, Any]:
 
 def test_planted_constants_are_found_again(tmp_path: Path) -> None:
     found = gs.search(TOY, tmp_path / "out")
-    best = found.near.best.iloc[0]
+    best = found.identifiability.best.iloc[0]
     assert best["kick"] == pytest.approx(KICK, rel=0.01)
     assert best["stiffness"] == pytest.approx(STIFFNESS, rel=0.01)
-    assert found.near.fitting > 20
-    assert {each.verdict for each in found.near.constants} == {"pinned"}
-    assert re.fullmatch(r"Found\(400 sets: least score \S+, \d+ fit all targets; in .*/out\)", repr(found))
-    said = (
-        rf"NearBest: {found.near.fitting} sets fit\n  kick: best \S+, \S+ to \S+ \(pinned\)\n  stiffness: .*"
+    assert found.identifiability.fitting > 20
+    assert {each.verdict for each in found.identifiability.constants} == {"pinned"}
+    assert re.fullmatch(
+        r"SearchResult\(400 sets: least score \S+, \d+ fit all targets; in .*/out\)", repr(found)
     )
-    assert re.fullmatch(said, repr(found.near))
+    said = rf"Identifiability: {found.identifiability.fitting} sets fit\n  kick: best \S+, \S+ to \S+ \(pinned\)\n  stiffness: .*"
+    assert re.fullmatch(said, repr(found.identifiability))
     assert list(found.table["row"]) == list(range(400))
     assert found.finalists is not None
     # events are located, so that half the step changes nothing
@@ -199,7 +199,7 @@ def test_keywords_that_have_no_place_are_refused(tmp_path: Path) -> None:
 def test_a_constant_that_the_targets_do_not_see_is_free(tmp_path: Path) -> None:
     speed = {"speed": TOY["search"]["targets"]["speed"]}
     found = gs.search(job(targets=speed, method="sobol", budget=1024, population=256), tmp_path / "out")
-    verdicts = {each.name: each.verdict for each in found.near.constants}
+    verdicts = {each.name: each.verdict for each in found.identifiability.constants}
     assert verdicts == {"kick": "too few sets to say", "stiffness": "free"}
 
 
@@ -475,7 +475,7 @@ def test_one_constant_is_enough(method: str, tmp_path: Path) -> None:
     free = {"kick": [0.1, 3.0]}
     asked = job(free=free, method=method, budget=300)
     asked["params"]["stiffness"] = STIFFNESS
-    best = gs.search(asked, tmp_path / "out").near.best.iloc[0]
+    best = gs.search(asked, tmp_path / "out").identifiability.best.iloc[0]
     assert best["kick"] == pytest.approx(KICK, rel=0.02)
 
 
@@ -485,7 +485,7 @@ def test_a_search_of_which_all_sets_fail_ends_well(method: str, tmp_path: Path) 
     asked["params"]["ceiling"] = 1e-3
     found = gs.search(asked, tmp_path / "out")
     assert set(found.table["status"].astype(str)) == {"failed"}
-    assert len(found.near.best) == 0
+    assert len(found.identifiability.best) == 0
     assert all(file.is_file() for file in found.figures)
 
 
@@ -539,7 +539,7 @@ def test_the_shipped_search_asks_for_its_planted_constants() -> None:
     shipped = load_search(SWEEPS / "multilegged_search.yaml")
     values = {"kappa": np.array([100.0]), "beta": np.array([0.8])}
     for name, measured in shipped.fit.population().measure(values).items():
-        assert measured.values % (2 * np.pi) == pytest.approx(shipped.targets[name].aim.wanted[0], abs=1e-4)
+        assert measured.values % (2 * np.pi) == pytest.approx(shipped.targets[name].value.wanted[0], abs=1e-4)
 
 
 @pytest.mark.slow
@@ -597,21 +597,21 @@ def test_finalists_that_depend_on_the_step_are_told(tmp_path: Path, monkeypatch:
             found["speed"].values[0] += 0.02
         return found
 
-    told: list[str] = []
+    messages: list[str] = []
     asked = read_search(job(budget=64), Path.cwd())
-    run_search(asked, tmp_path / "sound", tell=told.append)
-    assert told == []
+    run_search(asked, tmp_path / "sound", on_message=messages.append)
+    assert messages == []
     monkeypatch.setattr(Population, "measure", shifted)
-    run_search(asked, tmp_path / "shifted", tell=told.append)
-    assert len(told) == 1
-    assert "half the step moves targets by more than their reading errors (speed of 1, of" in told[0]
+    run_search(asked, tmp_path / "shifted", on_message=messages.append)
+    assert len(messages) == 1
+    assert "half the step moves targets by more than their reading errors (speed of 1, of" in messages[0]
 
 
 def test_finalists_are_kept(tmp_path: Path) -> None:
     asked = job(budget=50, finalists=3)
     found = gs.search(asked, tmp_path / "out")
     known = pd.read_parquet(tmp_path / "out" / FINALISTS)
-    assert len(known) == min(3, len(found.near.best))
+    assert len(known) == min(3, len(found.identifiability.best))
     known.assign(score=-1.0).to_parquet(tmp_path / "out" / FINALISTS, index=False)
     assert found.finalists is not None
     assert_frame_equal(gs.search(asked, tmp_path / "out").finalists, found.finalists, check_exact=True)
@@ -621,11 +621,11 @@ def test_finalists_are_kept(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_shipped_search_finds_its_planted_constants(tmp_path: Path) -> None:
     found = gs.search(SWEEPS / "multilegged_search.yaml", tmp_path / "out")
-    best = found.near.best.iloc[0]
+    best = found.identifiability.best.iloc[0]
     assert best["kappa"] == pytest.approx(100.0, rel=0.01)
     assert best["beta"] == pytest.approx(0.8, rel=0.01)
     assert abs(best["miss_retrograde_psi_3"]) < 1.0  # held back
-    assert {each.verdict for each in found.near.constants} == {"pinned"}
+    assert {each.verdict for each in found.identifiability.constants} == {"pinned"}
 
 
 @pytest.mark.slow
@@ -663,7 +663,7 @@ def test_constants_of_the_chain_are_found_again(tmp_path: Path) -> None:
             "seed": 1,
         },
     }
-    best = gs.search(asked, tmp_path / "out").near.best.iloc[0]
+    best = gs.search(asked, tmp_path / "out").identifiability.best.iloc[0]
     assert best["beta"] == pytest.approx(beta, rel=0.01)
     assert best["kappa"] == pytest.approx(kappa, rel=0.01)
 
@@ -687,7 +687,7 @@ def test_workers_of_a_cluster_measure_the_same(tmp_path: Path) -> None:
 
 def test_the_shipped_phases_are_a_set_of_the_shipped_search() -> None:
     found = load_search(SWEEPS / "waist_quadruped_phases_search.yaml")
-    points = optimiser("sobol", len(found.free), 1, 0, 64, found.choice.seed).ask(8501)
+    points = optimiser("sobol", len(found.free), 1, 0, 64, found.options.seed).ask(8501)
     shipped = yaml.safe_load((SWEEPS.parent / "configs" / "aoi2011_phases.yaml").read_text())["params"]
     for name, column in sets_at(found.free, points[-1:]).items():
         assert float(column[0]) == pytest.approx(shipped.get(name, 0), rel=1e-4), name
@@ -709,7 +709,7 @@ def test_known_sets_are_measured_first(tmp_path: Path) -> None:
 
 
 def test_every_field_of_a_search_is_a_keyword() -> None:
-    assert {"free", "targets", *Choice.model_fields} <= set(inspect.signature(gs.search).parameters)
+    assert {"free", "targets", *SearchOptions.model_fields} <= set(inspect.signature(gs.search).parameters)
 
 
 def test_a_known_set_needs_no_start_that_the_measures_set(tmp_path: Path) -> None:
@@ -723,7 +723,7 @@ def test_a_known_set_needs_no_start_that_the_measures_set(tmp_path: Path) -> Non
 @pytest.mark.parametrize("file", sorted(SWEEPS.glob("*_front.yaml")), ids=lambda file: file.stem)
 def test_known_sets_of_the_shipped_fronts_lie_in_their_ranges(file: Path) -> None:
     search = load_search(file)
-    assert len(search.known) == len(search.choice.known)
+    assert len(search.known) == len(search.options.known)
 
 
 def test_a_known_set_may_be_a_config(tmp_path: Path) -> None:

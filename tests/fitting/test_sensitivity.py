@@ -96,12 +96,12 @@ def test_a_stopped_run_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_sensitivity(job, stopped, progress=stop)
+        run_sensitivity(job, stopped, on_progress=stop)
     assert [file.name for file in sorted((stopped / "table").iterdir())] == ["part-00000.parquet"]
     assert not (stopped / "indices.parquet").exists()
-    told: list[int] = []
-    run_sensitivity(job, stopped, progress=lambda done, *_: told.append(done))
-    assert told[0] == 32
+    reports: list[int] = []
+    run_sensitivity(job, stopped, on_progress=lambda done, *_: reports.append(done))
+    assert reports[0] == 32
     for name in ("table/part-00000.parquet", "table/part-00001.parquet", "indices.parquet"):
         assert (stopped / name).read_bytes() == (whole / name).read_bytes(), name
 
@@ -144,7 +144,7 @@ def test_a_cluster_goes_on_with_a_stopped_batch(tmp_path: Path, monkeypatch: pyt
         distributed.Client(workers, set_as_default=False) as client,
     ):
         with pytest.raises(KeyboardInterrupt):
-            run_sensitivity(job, shared, progress=stop, cluster=Cluster(GivenClient(client)))
+            run_sensitivity(job, shared, on_progress=stop, cluster=Cluster(GivenClient(client)))
         before = len(kept)
         assert before > 0
         run_sensitivity(job, shared, cluster=Cluster(GivenClient(client)))

@@ -130,21 +130,21 @@ def test_its_failure_beside_the_rows_is_raised_and_the_table_stands(
 
 
 def test_stopped_rows_stop_it(tmp_path: Path, beside: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    told = threading.Event()
+    called = threading.Event()
 
-    def endless(_ready: Any, _count: int, progress: Callable[[Any], None]) -> dict[str, Any]:
+    def endless(_ready: Any, _count: int, on_progress: Callable[[Any], None]) -> dict[str, Any]:
         while True:
-            told.set()
-            progress(None)
+            called.set()
+            on_progress(None)
             time.sleep(0.001)
 
     def stop(*_: Any, **__: Any) -> None:
-        assert told.wait(10.0)
+        assert called.wait(10.0)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(execute, "self_check", endless)
     with pytest.raises(KeyboardInterrupt):
-        run_job(job(vary={"x_0": [0.5, 0.8]}), tmp_path / "out", progress=stop)
+        run_job(job(vary={"x_0": [0.5, 0.8]}), tmp_path / "out", on_progress=stop)
 
 
 def test_it_can_be_turned_off_and_is_no_part_of_the_hash(tmp_path: Path) -> None:

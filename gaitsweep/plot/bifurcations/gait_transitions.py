@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from gaitsweep.analysis.circular import cut, is_circular, on_line
+from gaitsweep.analysis.circular import branch_cut, is_circular, unwrap_from
 from gaitsweep.analysis.records import in_order
 from gaitsweep.analysis.transitions.transition_points import transition_points_by_gait
 from gaitsweep.contract import Outcome
@@ -57,7 +57,7 @@ def gait_transitions(
             style.message(axes, "no rows yet")
             return figure
         place = table[name].to_numpy(float)
-        place = on_line(place, cut(place)) if is_circular(table, name) else place
+        place = unwrap_from(place, branch_cut(place)) if is_circular(table, name) else place
         shown = outcome(table, hue)
         names = in_order(table, hue, shown)
         colour = style.colours([each for each in names if each not in (Outcome.NOT_SETTLED, Outcome.FAILED)])

@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.transforms import ScaledTranslation
 
-from gaitsweep.analysis.circular import cut, on_line
+from gaitsweep.analysis.circular import branch_cut, unwrap_from
 from gaitsweep.analysis.records import sound
 from gaitsweep.analysis.transitions.jumps import where_it_moves
 from gaitsweep.analysis.transitions.transition_points import (
@@ -203,7 +203,7 @@ def _origin(tables: list[pd.DataFrame], name: str) -> float | None:
     tables = [table for table in tables if name in table.columns]
     if not tables or not is_angle(tables[0], name):
         return None
-    return cut(np.concatenate([table[name].to_numpy(float) for table in tables]))
+    return branch_cut(np.concatenate([table[name].to_numpy(float) for table in tables]))
 
 
 def _moving(table: pd.DataFrame | None, parameter: str) -> pd.DataFrame | None:
@@ -237,7 +237,7 @@ def _strip(
     for number, part in kept.groupby("pass", sort=True):
         value = part[name].to_numpy(float)
         colour = _colour_of(part, x, int(str(number)))
-        value = value if origin is None else on_line(value, origin)
+        value = value if origin is None else unwrap_from(value, origin)
         size = float(np.clip(60.0 / np.sqrt(len(kept)), 0.8, 3.0))
         axes.plot(part[x].to_numpy(float), value, ".", ms=size, color=colour, rasterized=True)
     axes.margins(y=0.1)
@@ -257,7 +257,7 @@ def _mark(
 ) -> None:
     """Thin lines at values of y, named at the right side; in the strip if they are nearer to its data."""
     values = np.array(list(ticks.values()), float)
-    values = values if origin is None else on_line(values, origin)
+    values = values if origin is None else unwrap_from(values, origin)
     below = np.zeros(len(values), bool)
     if strip is not None:
         below = _distance(strip, values) < 0.5 * _distance(axes, values)

@@ -44,7 +44,7 @@ _MOST_GATHERED = 16  # parts that come back through the scheduler at the same ti
 # Between two looks at the tasks (s): where many end in a second, and where few do, since each look costs time
 # of a core on which a worker may run.
 _POLL_OFTEN, _POLL, _MANY = 0.01, 0.05, 10.0
-_TELL = 0.1  # s between two tellings of progress
+_REPORT = 0.1  # s between two reports of progress
 _MOST_FAILURES = 3  # of a block by an error
 # A block may take this many times as long as the longest so far, and at least so long (s), before its worker
 # counts as hanging.
@@ -97,9 +97,9 @@ class Cluster:
         *,
         collect: bool = False,
         limit: float | None = None,
-        tell: Callable[[str], None] = lambda _: None,
+        on_message: Callable[[str], None] = lambda _: None,
     ) -> None:
-        self.workers = Workers(connection, tell)
+        self.workers = Workers(connection, on_message)
         self.collect, self._limit = collect, limit
         self._ticket: JobTicket | None = None
         self._group, self._submitted = f"gaitsweep-{secrets.token_hex(4)}", itertools.count()
@@ -112,14 +112,14 @@ class Cluster:
 
     @contextlib.contextmanager
     def serve(
-        self, context: RunContext, directory: ResultDirectory, wait: Callable[[], None]
+        self, context: RunContext, directory: ResultDirectory, on_wait: Callable[[], None]
     ) -> Iterator[None]:
         """A context in which `run_blocks` may be called, for tables of one job.
 
         Args:
             context: the job's context.
             directory: its result directory.
-            wait: called while the client waits for the cluster; what it raises ends the waiting.
+            on_wait: called while the client waits for the cluster; what it raises ends the waiting.
 
         Raises:
             RunError: the workers cannot compute the job, each named with the reason.
@@ -139,9 +139,9 @@ class Cluster:
             None if self.collect else (str(probe.absolute()), token),
         )
         try:
-            self.workers.connect(wait)
-            while not self.workers.examine(self._ticket, wait):
-                self.workers.connect(wait)
+            self.workers.connect(on_wait)
+            while not self.workers.examine(self._ticket, on_wait):
+                self.workers.connect(on_wait)
             yield
         finally:
             for left in directory.path.glob(f"{probe.name}*"):  # also by workers that were killed
@@ -161,7 +161,7 @@ class Cluster:
         self,
         directory: ResultDirectory,
         missing: Sequence[int],
-        tell: Callable[[SweepProgress], None],
+        on_progress: Callable[[SweepProgress], None],
         rows_in: Callable[[int, int], np.ndarray] | None = None,
     ) -> None:
         """Let the workers compute blocks, and wait until their parts are there.
@@ -169,7 +169,7 @@ class Cluster:
         Args:
             directory: the result directory of the job, or of a round of a refined run.
             missing: the numbers of the blocks.
-            tell: called now and then; an exception that it raises cancels the tasks.
+            on_progress: called now and then; an exception that it raises cancels the tasks.
             rows_in: the rows of the job (stop - first,) that are rows first..stop-1 of this table, where they
                 are not the same.
 
@@ -189,7 +189,7 @@ class Cluster:
         )
         # deaths that an earlier run has counted are forgotten
         (directory.path / BLOCK_LOCKS).unlink(missing_ok=True)
-        Dispatch(self, directory, assignment, missing, tell, rows_in).run()
+        Dispatch(self, directory, assignment, missing, on_progress, rows_in).run()
 
     def submit(self, tasks: Sequence[tuple[int, np.ndarray | None]], assignment: Assignment) -> list[Any]:
         """Give blocks to the scheduler; returns a task in flight for each."""
@@ -237,7 +237,7 @@ class Dispatch:
         directory: ResultDirectory,
         assignment: Assignment,
         missing: Sequence[int],
-        tell: Callable[[SweepProgress], None],
+        on_progress: Callable[[SweepProgress], None],
         rows_in: Callable[[int, int], np.ndarray] | None,
     ) -> None:
         self.cluster, self.workers = cluster, cluster.workers
@@ -249,7 +249,7 @@ class Dispatch:
         self.failed: dict[int, str] = {}
         self.rows = sum(stop - first for first, stop in map(directory.rows_of, missing))
         self.done = 0  # rows
-        self._tell_of, self._told = tell, -_TELL
+        self._on_progress, self._reported = on_progress, -_REPORT
         self._began = time.monotonic()
         self._longest: float | None = None  # s, of the tasks that have ended
         self._rate, self._ends, self._counted = 0.0, 0, self._began  # blocks a second, of the last while
@@ -283,14 +283,14 @@ class Dispatch:
             if self.workers.connection.alive:
                 raise
             ends = 0
-        self._tell()
+        self._report()
         if not ends:
             time.sleep(_POLL_OFTEN if self._rate > _MANY else _POLL)
 
     def _reconnect(self) -> None:
         """Go on with another scheduler; what was in flight is given out again."""
         self._give_back(list(self.flight))
-        self.workers.connect(self._tell)
+        self.workers.connect(self._report)
 
     def _give_back(self, numbers: Sequence[int]) -> None:
         for number in numbers:
@@ -417,7 +417,7 @@ class Dispatch:
             number = min(ours[key] for key in held)
             first, stop = self.directory.rows_of(number)
             name = self.workers.names.get(address, address)
-            self.workers.tell(
+            self.workers.on_message(
                 f"The worker {name} is ended, and its blocks go elsewhere: block {number} (rows {first} to "
                 f"{stop - 1}) took longer than {limit:.0f} s there."
             )
@@ -429,7 +429,7 @@ class Dispatch:
         """See that all parts are there; what is not is given out again."""
         deadline = time.monotonic() + _LAG
         while (lost := self._take_parts()) and time.monotonic() < deadline:
-            self._tell()
+            self._report()
             time.sleep(0.1)  # a network file system shows a file of another machine some time later
         for number in lost:
             first, stop = self.directory.rows_of(number)
@@ -452,12 +452,12 @@ class Dispatch:
                 self.workers.client.cancel(futures, force=True)
         self.flight = {}
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         now = time.monotonic()
-        if now - self._told < _TELL:
+        if now - self._reported < _REPORT:
             return
-        self._told = now
-        self._tell_of(SweepProgress(self.done, self.rows, self.done / self.rows, 0, now - self._began))
+        self._reported = now
+        self._on_progress(SweepProgress(self.done, self.rows, self.done / self.rows, 0, now - self._began))
 
     def _sentence(self) -> str:
         told = []

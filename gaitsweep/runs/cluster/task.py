@@ -191,13 +191,13 @@ def _computed(assignment: Assignment, writer: PartWriter, number: int, rows: np.
     def keep(_: int, frame: pd.DataFrame) -> None:
         found.append(writer.encoded(number, frame, quantities))
 
-    def between(_: object) -> None:
+    def on_progress(_: object) -> None:
         nonlocal last
         if time.monotonic() - last > _POLL:
             _stop_if_unwanted()
             last = time.monotonic()
 
-    run_blocks(context, [number], keep, between)
+    run_blocks(context, [number], keep, on_progress)
     return found[0]
 
 

@@ -24,17 +24,17 @@ class Workers:
 
     Args:
         connection: how the cluster is reached.
-        tell: told, in a sentence each, which workers are refused.
+        on_message: told, in a sentence each, which workers are refused.
     """
 
-    def __init__(self, connection: Connection, tell: Callable[[str], None]) -> None:
-        self.connection, self.tell = connection, tell
+    def __init__(self, connection: Connection, on_message: Callable[[str], None]) -> None:
+        self.connection, self.on_message = connection, on_message
         self.names: dict[str, str] = {}  # by address
         self.most = 0  # usable ones at one time
         self.slots = 0  # blocks that they compute at the same time
         self.on_card = False
         self._refused: dict[str, str] = {}  # reasons by address
-        self._told: set[str] = set()
+        self._messages: set[str] = set()
         self._looked = -_LOOK
         self._away = False
         self._empty: float | None = None  # since when there are none
@@ -66,17 +66,17 @@ class Workers:
         count = len(self.usable)
         return f"{count} worker{'s' * (count != 1)}"
 
-    def connect(self, wait: Callable[[], None]) -> None:
-        """Connect, or connect again, for as long as it takes; `wait` is called meanwhile."""
+    def connect(self, on_wait: Callable[[], None]) -> None:
+        """Connect, or connect again, for as long as it takes; `on_wait` is called meanwhile."""
         while not self.connection.alive:
             self._away = not self.connection.try_to_connect()
             if self._away:
                 self.names, self.slots = {}, 0
-                self._tell_once(
+                self._message_once(
                     f"The scheduler {self.connection.where} does not answer ({self.connection.why}): it is "
                     "waited for."
                 )
-                wait()
+                on_wait()
                 time.sleep(_AWAY)
         self._away = False
         self._looked = -_LOOK
@@ -104,7 +104,7 @@ class Workers:
         elif self._empty is None:
             self._empty = now
         elif now - self._empty > _EMPTY:
-            self._tell_once(f"The scheduler {self.connection.where} has no workers: they are waited for.")
+            self._message_once(f"The scheduler {self.connection.where} has no workers: they are waited for.")
         if self.names and not self.usable:
             raise RunError(
                 f"No worker of {self.connection.where} can compute this job. "
@@ -117,27 +117,27 @@ class Workers:
             return
         self._refused[address] = why
         self._looked = -_LOOK
-        self._tell_once(f"The worker {self.names.get(address, address)} is refused: {why}.")
+        self._message_once(f"The worker {self.names.get(address, address)} is refused: {why}.")
 
-    def _tell_once(self, sentence: str) -> None:
-        if sentence not in self._told:
-            self._told.add(sentence)
-            self.tell(sentence)
+    def _message_once(self, sentence: str) -> None:
+        if sentence not in self._messages:
+            self._messages.add(sentence)
+            self.on_message(sentence)
 
-    def examine(self, ticket: JobTicket, wait: Callable[[], None]) -> bool:
+    def examine(self, ticket: JobTicket, on_wait: Callable[[], None]) -> bool:
         """Ask the workers that are there whether they can compute a job; False if the scheduler is lost.
 
         Raises:
             RunError: some cannot, each named with the reason.
         """
         try:
-            self._examine(ticket, wait)
+            self._examine(ticket, on_wait)
         except (OSError, TimeoutError):
             if self.connection.alive:
                 raise
         return self.connection.alive
 
-    def _examine(self, ticket: JobTicket, wait: Callable[[], None]) -> None:
+    def _examine(self, ticket: JobTicket, on_wait: Callable[[], None]) -> None:
         self.look()
         asked = {
             address: self.client.submit(
@@ -165,7 +165,7 @@ class Workers:
                             found = future.exception()
                         if found is not None:
                             reasons[address] = str(found)
-                wait()
+                on_wait()
                 self.look()  # those that die meanwhile are asked no more
                 asked = {address: future for address, future in asked.items() if address in self.names}
                 time.sleep(_POLL)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.circular import cut
+from gaitsweep.analysis.circular import branch_cut
 from gaitsweep.analysis.records import in_order, outcome_labels, sound
 from gaitsweep.contract import Outcome, Status
 from gaitsweep.job import Job
@@ -71,7 +71,7 @@ class StartMap:
         circular = is_angle(self.table, name) and not log
         origin = 0.0
         if circular and self.kind == POINTS:
-            origin = cut(self.table[name].to_numpy(float))
+            origin = branch_cut(self.table[name].to_numpy(float))
         label = label_of(self.table, name)
         return {"name": name, "label": label, "circular": circular, "log": log, "origin": origin}
 

@@ -13,7 +13,7 @@ from gaitsweep.schema.numbers import Flag, Real, wrong_value
 from gaitsweep.schema.strict_model import StrictModel
 
 
-class Free(StrictModel):
+class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema of jobs
     """A constant that is searched: within a range, or one of some choices."""
 
     low: Real | None = Field(default=None, description="least value")
@@ -119,6 +119,6 @@ class Free(StrictModel):
         return (given - self.low) / (self.high - self.low)
 
 
-def sets_at(free: Mapping[str, Free], shares: np.ndarray) -> dict[str, np.ndarray]:
+def sets_at(free: Mapping[str, FreeParameter], shares: np.ndarray) -> dict[str, np.ndarray]:
     """The constants (n,) by name at points (n, constants) of the unit cube."""
     return {name: each.at(shares[:, i]) for i, (name, each) in enumerate(free.items())}

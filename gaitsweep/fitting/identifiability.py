@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.fitting.free import Free
+from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.search_job import Search
 from gaitsweep.fitting.targets import MISS
 
@@ -57,7 +57,7 @@ class Constant:
 
 
 @dataclasses.dataclass(frozen=True)
-class NearBest:
+class Identifiability:
     """The near-best sets of a search, from the best on, and what they say of each constant.
 
     `fitting` is the number of sets that miss no target by more than its reading error; where there are some,
@@ -78,7 +78,7 @@ class NearBest:
             for each in self.constants
             if len(self.best)
         ]
-        return "\n".join([f"NearBest: {which}", *lines])
+        return "\n".join([f"Identifiability: {which}", *lines])
 
     def summary(self) -> dict[str, Any]:
         """As the manifest has it."""
@@ -92,7 +92,7 @@ class NearBest:
         }
 
 
-def near_best(table: pd.DataFrame, search: Search) -> NearBest:
+def identifiability(table: pd.DataFrame, search: Search) -> Identifiability:
     """The near-best sets of a search's table.
 
     Args:
@@ -103,16 +103,16 @@ def near_best(table: pd.DataFrame, search: Search) -> NearBest:
     sound = table.iloc[measured].sort_values(["score", "row"], kind="stable")
     if not len(sound):
         nothing = tuple(Constant(name, None, None, None, 1.0, np.full(PARTS, np.nan)) for name in search.free)
-        return NearBest(sound, 0, nothing)
+        return Identifiability(sound, 0, nothing)
     misses = np.abs(sound[[f"{MISS}{name}" for name in search.counted]].to_numpy())
     fits = (misses <= 1.0).all(axis=1)
     near = fits if fits.any() else sound["score"].to_numpy() <= NEAR * sound["score"].iloc[0]
     chosen = sound.iloc[np.flatnonzero(near)]
     constants = tuple(_constant(name, free, sound, chosen) for name, free in search.free.items())
-    return NearBest(chosen, int(fits.sum()), constants)
+    return Identifiability(chosen, int(fits.sum()), constants)
 
 
-def _constant(name: str, free: Free, sound: pd.DataFrame, chosen: pd.DataFrame) -> Constant:
+def _constant(name: str, free: FreeParameter, sound: pd.DataFrame, chosen: pd.DataFrame) -> Constant:
     values = chosen[name].tolist()
     shares = free.share(free.written(values))
     low, high = values[int(np.argmin(shares))], values[int(np.argmax(shares))]
