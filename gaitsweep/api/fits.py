@@ -51,6 +51,6 @@ def in_memory(run: Callable[..., FitT], job: Any, on_progress: Progress, client:
     """Return the result of `run` for a job, with its table in memory; the folder of its `path` is gone."""
     cluster = None if client is None else cluster_of(client, collect=True)
     with tempfile.TemporaryDirectory(prefix="gaitsweep_") as folder:
-        found = run(job, folder, on_progress=on_progress, on_message=warn, cluster=cluster)
-    del found.table.attrs["path"]
-    return found
+        result = run(job, folder, on_progress=on_progress, on_message=warn, cluster=cluster)
+    del result.table.attrs["path"]
+    return result

@@ -117,5 +117,5 @@ def search(
     if out is not None:
         refuse_of_session(written["model"])
         return in_directory(run_search, job, out, on_progress, client)
-    found = in_memory(run_search, job, on_progress, client)
-    return dataclasses.replace(found, path=None, figures=())
+    result = in_memory(run_search, job, on_progress, client)
+    return dataclasses.replace(result, path=None, figures=())

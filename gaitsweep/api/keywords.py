@@ -74,14 +74,14 @@ def fields_of(
         ArgumentError: a name that the model does not have, or an array of several dimensions.
     """
     name, structure = _named(model)
-    given = dict(values)
+    settings = dict(values)
     for field, more in (("params", params), ("start", start)):
-        repeated = next((key for key in more or {} if key in given), None)
+        repeated = next((key for key in more or {} if key in settings), None)
         if repeated is not None:
             raise ArgumentError(f"{repeated} is given twice, once in {field}.")
-        given |= more or {}
+        settings |= more or {}
     fields_of_model = _structure_of(name)
-    sizes = {key: value for key, value in given.items() if key in fields_of_model}
+    sizes = {key: value for key, value in settings.items() if key in fields_of_model}
     if structure is None:
         structure = sizes
     elif sizes:
@@ -92,7 +92,7 @@ def fields_of(
         raise ArgumentError("\n".join(map(str, diagnostics)))
     vary: dict[str, Any] = {}
     constants: dict[str, dict[str, Any]] = {"params": {}, "start": {}}
-    for key, value in given.items():
+    for key, value in settings.items():
         if key in sizes:
             continue
         if key in _GROUPS:
@@ -105,7 +105,7 @@ def fields_of(
             constants["params" if key in spec.parameters else "start"][key] = plain(value)
     if any_start:
         for key, quantity in spec.starts.items():
-            if key not in given and quantity.default is None:
+            if key not in settings and quantity.default is None:
                 constants["start"][key] = _allowed(quantity)
     return {
         "name": re.sub(r"\W", "_", spec.model.name) or "model",
@@ -125,17 +125,17 @@ def is_job(model: object) -> TypeGuard[str | Path | Mapping[str, Any]]:
     return isinstance(model, str) and (model.endswith((".yaml", ".yml")) or model.startswith(BUILTIN))
 
 
-def refuse_beside_a_job(job: str | Path | Mapping[str, Any], given: Mapping[str, Any]) -> None:
+def refuse_beside_a_job(job: str | Path | Mapping[str, Any], keywords: Mapping[str, Any]) -> None:
     """Refuse keywords that were given, and are not None, beside a job in which they stand.
 
     Args:
         job: the job's file, or its fields.
-        given: the keywords.
+        keywords: the keywords.
 
     Raises:
         ArgumentError: the first of them, and where it stands.
     """
-    stray = next((name for name, value in given.items() if value is not None), None)
+    stray = next((name for name, value in keywords.items() if value is not None), None)
     if stray is None:
         return
     if isinstance(job, Mapping):
@@ -151,13 +151,13 @@ def fields_without_axes(
     Raises:
         ArgumentError: as there, or an axis.
     """
-    found = fields_of(model, values, **fields)
-    if isinstance(found["run"], BaseModel):  # read with the rest, as from a file
-        found["run"] = found["run"].model_dump(by_alias=True, exclude_none=True)
-    axes = found.pop("vary")
+    job_fields = fields_of(model, values, **fields)
+    if isinstance(job_fields["run"], BaseModel):  # read with the rest, as from a file
+        job_fields["run"] = job_fields["run"].model_dump(by_alias=True, exclude_none=True)
+    axes = job_fields.pop("vary")
     if axes:
         raise ArgumentError(f"{next(iter(axes))} is an axis, but takes a number: give ranges as {ranges}=.")
-    return found
+    return job_fields
 
 
 def _named(model: AnyModel) -> tuple[str, dict[str, Any] | None]:
@@ -174,12 +174,14 @@ def _named(model: AnyModel) -> tuple[str, dict[str, Any] | None]:
 
 def _structure_of(name: str) -> list[str]:
     try:
-        found = models.find(name)
+        model_class = models.find(name)
     except models.ModelError as error:
         raise ArgumentError(error.sentence) from None
-    if not dataclasses.is_dataclass(found):
-        raise ArgumentError(f"The model {found.__name__} is not a dataclass: write @dataclass(frozen=True).")
-    return [field.name for field in dataclasses.fields(found) if field.init]
+    if not dataclasses.is_dataclass(model_class):
+        raise ArgumentError(
+            f"The model {model_class.__name__} is not a dataclass: write @dataclass(frozen=True)."
+        )
+    return [field.name for field in dataclasses.fields(model_class) if field.init]
 
 
 def _check_name(name: str, spec: ModelSpec) -> None:

@@ -105,8 +105,8 @@ class PoincareMap:
         """
         self._require_derivative()
         points, single = self._points(x)
-        found = self.mapping.linearised(points, self._values).jacobian
-        return found[0] if single else found
+        jacobians = self.mapping.linearised(points, self._values).jacobian
+        return jacobians[0] if single else jacobians
 
     def multipliers(self, x: SectionPoints | ArrayLike) -> np.ndarray:
         """The Floquet multipliers of fixed points, complex (n, size), largest in size first.
@@ -128,11 +128,11 @@ class PoincareMap:
             if name not in known:
                 near = near_miss.suggestion(name, known)
                 raise ArgumentError(f"{name} is not a start value of {self.model.name}{near}")
-        given = {**self._starts, **(starts or {})}
-        missing = [name for name in self._without_start if name not in given]
+        start_values = {**self._starts, **(starts or {})}
+        missing = [name for name in self._without_start if name not in start_values]
         if missing:
             raise ArgumentError(f"{missing[0]} of {self.model.name} has no default: give this start value.")
-        points, way = self.mapping.settled(given, self._values, cycles)
+        points, way = self.mapping.settled(start_values, self._values, cycles)
         failed = int(np.count_nonzero(way))
         if failed:
             warnings.warn(
@@ -164,8 +164,8 @@ class PoincareMap:
             ArgumentError: the map has no derivative; `fix` names what it does not conserve.
         """
         self._require_derivative()
-        points, held = self._points(x)[0], self.conserved if fix is None else fix
-        return newton(self.mapping, points, self._values, fix=held, tolerance=tolerance, most=most)
+        points, conserved = self._points(x)[0], self.conserved if fix is None else fix
+        return newton(self.mapping, points, self._values, fix=conserved, tolerance=tolerance, most=most)
 
     def continue_(
         self,
@@ -205,8 +205,8 @@ class PoincareMap:
             )
         points = self._points(x)[0]
         values = {name: value for name, value in self._values.items() if name != parameter}
-        held = self.conserved if fix is None else fix
-        found = []
+        conserved = self.conserved if fix is None else fix
+        tables = []
         for direction in (1, -1) if towards is None else (towards,):
             if np.all(begin == (high if direction > 0 else low)) and towards is None:
                 continue
@@ -218,10 +218,10 @@ class PoincareMap:
                 within=within,
                 begin=np.broadcast_to(begin, (len(points),)),
                 towards=direction,
-                fix=held,
+                fix=conserved,
             )
-            found.append(branches.assign(direction=direction))
-        return pd.concat(found, ignore_index=True)
+            tables.append(branches.assign(direction=direction))
+        return pd.concat(tables, ignore_index=True)
 
     def _points(self, x: Any) -> tuple[Points, bool]:
         """Points, and whether they were one array of coordinates (size,)."""

@@ -139,9 +139,9 @@ class Result:
         known = self.manifest
         counts = {"rows": {"": known["rows"]}, "status": known.get("counts"), "gait": known.get("gaits")}
         lines = [
-            f"{name}: {', '.join(f'{key} {count}'.strip() for key, count in each.items())}"
-            for name, each in counts.items()
-            if each
+            f"{name}: {', '.join(f'{key} {count}'.strip() for key, count in numbers.items())}"
+            for name, numbers in counts.items()
+            if numbers
         ]
         check = known.get("self_check")
         return [*lines, sentence(check)] if isinstance(check, dict) else lines

@@ -73,9 +73,9 @@ def sensitivity(
     """
     on_progress = progress_lines("sets") if on_progress is None else on_progress
     if is_job(model):
-        given = {"parameters": parameters, "outputs": outputs, "method": method, "n": n, "seed": seed}
-        given |= {"run": run, "params": params, "start": start, "numerics": numerics, "engine": engine}
-        refuse_beside_a_job(model, {**given, "verify": verify, **values})
+        keywords = {"parameters": parameters, "outputs": outputs, "method": method, "n": n, "seed": seed}
+        keywords |= {"run": run, "params": params, "start": start, "numerics": numerics, "engine": engine}
+        refuse_beside_a_job(model, {**keywords, "verify": verify, **values})
         job = given_job(model, overrides, load_sensitivity, read_sensitivity)
         return in_directory(run_sensitivity, job, out, on_progress, client)
     if overrides:

@@ -80,15 +80,15 @@ def _saltelli(dimension: int, n: int, seed: int) -> np.ndarray:
 def _one_at_a_time(ranges: Mapping[str, FreeParameter], base: Mapping[str, float]) -> SensitivityDesign:
     rows = [dict(base)]
     places = {}
-    for name, each in ranges.items():
-        low, middle, high = each.at(np.array([0.0, 0.5, 1.0])).tolist()
-        here = []
+    for name, parameter in ranges.items():
+        low, middle, high = parameter.at(np.array([0.0, 0.5, 1.0])).tolist()
+        numbers = []
         for value in (low, middle, high):
             if np.isclose(value, base[name], rtol=1e-12, atol=0.0):
-                here.append(0)  # the job itself
+                numbers.append(0)  # the job itself
             else:
-                here.append(len(rows))
+                numbers.append(len(rows))
                 rows.append({**base, name: value})
-        places[name] = (here[0], here[1], here[2])
+        places[name] = (numbers[0], numbers[1], numbers[2])
     sets = {name: np.array([row[name] for row in rows]) for name in ranges}
     return SensitivityDesign("one_at_a_time", sets, places=places)

@@ -54,7 +54,7 @@ def estimate_search(job: SearchJob) -> SearchEstimate:
         name: free.at(np.array([0.5]))[0] for name, free in job.free.items() if name not in job.fit.structure
     }
     batches = [_Batch.of(part, structure, middle, together) for part in population.parts]
-    known = [each for each in batches if each is not None]
+    known = [batch for batch in batches if batch is not None]
     if not known:
         return SearchEstimate(job.options.budget, together, 0, 0, 0.0, 0.0, 0.0, None)
     # the search in batches of as many rows as the samples have
@@ -65,10 +65,10 @@ def estimate_search(job: SearchJob) -> SearchEstimate:
         together=together,
         rows_of_a_set=rows,
         rows_of_neighbours=near,
-        steps=sum(each.steps for each in known) * job.options.budget,
-        seconds=sum(each.estimate.compile_s + sets * each.seconds for each in known),
+        steps=sum(batch.steps for batch in known) * job.options.budget,
+        seconds=sum(batch.estimate.compile_s + sets * batch.seconds for batch in known),
         seconds_most=sum(
-            each.estimate.compile_s + sets * each.seconds_most * (1.0 + near / rows) for each in known
+            batch.estimate.compile_s + sets * batch.seconds_most * (1.0 + near / rows) for batch in known
         ),
         batch=known[0].estimate,
     )
@@ -91,7 +91,7 @@ class _Batch:
         sample = part.middle_job(structure, middle, sets)
         if sample is None:
             return None
-        found = estimate(sample)
-        each = part.own_rows_of_a_set / found.rows
-        seconds, most = found.seconds - found.compile_s, found.seconds_most - found.compile_s
-        return cls(found, found.steps * each, seconds * each, most * each)
+        needs = estimate(sample)
+        share = part.own_rows_of_a_set / needs.rows
+        seconds, most = needs.seconds - needs.compile_s, needs.seconds_most - needs.compile_s
+        return cls(needs, needs.steps * share, seconds * share, most * share)

@@ -70,7 +70,7 @@ class FitJob:
     def without_default(self) -> set[str]:
         """The parameters and starts that have no default, and that the job neither fixes nor frees."""
         fixed = {*(self.config.get("params") or {}), *(self.config.get("start") or {}), *self.free}
-        return {name for name, each in self.spec.quantities.items() if each.default is None} - fixed
+        return {name for name, quantity in self.spec.quantities.items() if quantity.default is None} - fixed
 
     @property
     def structures(self) -> list[dict[str, Any]]:
@@ -86,34 +86,34 @@ class FitJob:
             JobError: what is wrong with it.
         """
         middle = {
-            name: each.at(np.array([0.5])).tolist()[0]
-            for name, each in self.free.items()
+            name: parameter.at(np.array([0.5])).tolist()[0]
+            for name, parameter in self.free.items()
             if name in self.spec.quantities
         }
         return self._job_with({**middle, **structure})
 
-    def own_values(self, given: Mapping[str, Any] | str) -> dict[str, Any]:
+    def own_values(self, known: Mapping[str, Any] | str) -> dict[str, Any]:
         """The value of each free constant in a set of which some are given.
 
         Args:
-            given: constants by name, or a config that has them; others have the job's own value, or the
+            known: constants by name, or a config that has them; others have the job's own value, or the
                 model's default. What shapes the model is the job's, whatever the config says, unless it is
                 free.
 
         Raises:
             JobError: a name or a value that the model does not allow, or none where there is no default.
         """
-        if isinstance(given, str):
-            job = self._job_with({}, config=given)
+        if isinstance(known, str):
+            job = self._job_with({}, config=known)
         else:
             refuse(
                 [
                     Diagnostic((name,), f"is not free here{near_miss.suggestion(name, self.free)}")
-                    for name in given
+                    for name in known
                     if name not in self.free
                 ]
             )
-            job = self._job_with(given)
+            job = self._job_with(known)
         values = job.design.row(0)
         return {
             name: values[name] if name in values else getattr(job.design.model, name) for name in self.free
@@ -140,8 +140,8 @@ class FitJob:
             ("start", self.spec.starts),
             ("structure", self.structure),
         ):
-            if mine := {name: value for name, value in {**needed, **values}.items() if name in names}:
-                data[field] = {**(data.get(field) or {}), **mine}
+            if settings := {name: value for name, value in {**needed, **values}.items() if name in names}:
+                data[field] = {**(data.get(field) or {}), **settings}
         return Job.model_validate(data, context={"folder": self.folder})
 
     def population(self) -> Population:
@@ -156,14 +156,14 @@ def read_free(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> dict[str,
         wrong.append(Diagnostic(path, f"{said} takes constants by name, such as kappa: {{low: 1, high: 2}}."))
         return {}
     read = {}
-    for name, each in value.items():
-        if isinstance(each, list) and len(each) == 2:  # [low, high] is short for it
-            each = {"low": each[0], "high": each[1]}
-        if not isinstance(each, Mapping):
-            text = f"is {found(each)}, but takes [low, high], or fields. {near_miss.allowing(FreeParameter.model_fields)}"
+    for name, written in value.items():
+        if isinstance(written, list) and len(written) == 2:  # [low, high] is short for it
+            written = {"low": written[0], "high": written[1]}
+        if not isinstance(written, Mapping):
+            text = f"is {found(written)}, but takes [low, high], or fields. {near_miss.allowing(FreeParameter.model_fields)}"
             wrong.append(Diagnostic((*path, str(name)), text))
             continue
-        if (part := read_model(FreeParameter, each, (*path, str(name)), wrong)) is not None:
+        if (part := read_model(FreeParameter, written, (*path, str(name)), wrong)) is not None:
             read[str(name)] = part
     return read
 
@@ -181,7 +181,7 @@ def read_measure(
     more = () if beside is None else SchemaSection("", beside).fields
     unknown = [key for key in value if key not in own]
     wrong.extend(unknown_field((*path, str(key)), f"a measure ({kind})", [*own, *more]) for key in unknown)
-    fields = {key: each for key, each in value.items() if key in own}
+    fields = {key: entry for key, entry in value.items() if key in own}
     if "run" in fields and "run" in own:
         if (run := _read_run(part, fields["run"], (*path, "run"), wrong)) is None:
             return None
@@ -233,22 +233,22 @@ def read_fit_job(
     Raises:
         JobError: all that is wrong.
     """
-    given = {str(key): value for key, value in data.items() if key != field and value is not None}
+    written = {str(key): value for key, value in data.items() if key != field and value is not None}
     for key in _WITHOUT:
-        if key in given:
+        if key in written:
             text = f"has no place beside {field}, whose sets of constants vary: take it out."
             wrong.append(Diagnostic((key,), text))
-            del given[key]
-    config = Config(given, folder)
+            del written[key]
+    config = Config(written, folder)
     spec = None
     if "model" in config.raw:
         params = config.raw.get("params")
         spec, _ = read_model_spec(config.raw["model"], config.raw.get("structure"), params, [folder])
     if spec is None:
         refuse(wrong)
-        Job.model_validate(given, context={"folder": folder})  # says what is wrong with the model
+        Job.model_validate(written, context={"folder": folder})  # says what is wrong with the model
         raise JobError([Diagnostic(("model",), "is missing.")])
-    fit = FitJob(field, given, folder, free, measures, spec, config.raw)
+    fit = FitJob(field, written, folder, free, measures, spec, config.raw)
     wrong.extend(_wrong_run(fit))
     wrong.extend(wrong_constants(fit))
     wrong.extend(wrong_measures(fit, listed))
@@ -286,9 +286,9 @@ def _columns_of_run(
         job = job_with_run(fit.job_of, run, structure)
     except JobError as error:
         wrong.extend(
-            dataclasses.replace(each, path=(*path, *each.path[1:]))
-            for each in error.diagnostics
-            if each.path[:1] == ("run",)
+            dataclasses.replace(diagnostic, path=(*path, *diagnostic.path[1:]))
+            for diagnostic in error.diagnostics
+            if diagnostic.path[:1] == ("run",)
         )
         refuse(wrong)
         raise
@@ -313,10 +313,10 @@ def read_file(path: str | Path, overrides: Sequence[str], read: Any) -> Any:
 def wrong_constants(fit: FitJob) -> list[Diagnostic]:
     """Diagnostics of the free constants of a job."""
     wrong = []
-    for name, each in fit.free.items():
+    for name, parameter in fit.free.items():
         path = (fit.field, _free_field(fit), name)
         if name in fit.spec.structure:
-            if each.choices is None:
+            if parameter.choices is None:
                 wrong.append(Diagnostic(path, "shapes the model: give its choices, not a range."))
             continue
         if (unknown := fit.spec.unknown(name, "vary")) is not None:
@@ -328,7 +328,7 @@ def wrong_constants(fit: FitJob) -> list[Diagnostic]:
                 text = f"is free, but {field}.{name} fixes it: take one of the two out."
                 wrong.append(Diagnostic(path, text))
         quantity = fit.spec.quantities[name]
-        for end in each.ends:
+        for end in parameter.ends:
             if not isinstance(end, int | float) or isinstance(end, bool):
                 wrong.append(Diagnostic(path, f"has the choice {found(end)}, but takes numbers."))
             elif not inside(np.array([float(end)]), quantity)[0]:
@@ -353,13 +353,13 @@ def _wrong_run(fit: FitJob) -> list[Diagnostic]:
 
 def _at_the_choices(error: JobError, fit: FitJob) -> JobError:
     """An error of a job, told where a choice or a range brought it in."""
-    told = [
-        dataclasses.replace(each, path=(fit.field, _free_field(fit), str(each.path[1])))
-        if len(each.path) > 1 and each.path[1] in fit.free
-        else each
-        for each in error.diagnostics
+    diagnostics = [
+        dataclasses.replace(diagnostic, path=(fit.field, _free_field(fit), str(diagnostic.path[1])))
+        if len(diagnostic.path) > 1 and diagnostic.path[1] in fit.free
+        else diagnostic
+        for diagnostic in error.diagnostics
     ]
-    return JobError(told)
+    return JobError(diagnostics)
 
 
 def _free_field(fit: FitJob) -> str:
@@ -382,7 +382,7 @@ def wrong_measures(fit: FitJob, listed: str) -> list[Diagnostic]:
                 wrong.append(Diagnostic(path, unknown))
             elif condition in fit.structure:
                 wrong.append(Diagnostic(path, "is free and shapes the model: a measure cannot set it."))
-            elif condition in fit.free and all(condition in each.at for each in fit.measures.values()):
+            elif condition in fit.free and all(condition in other.at for other in fit.measures.values()):
                 wrong.append(Diagnostic(path, "is free, but every measure sets it: leave it to one of them."))
             else:
                 quantity = fit.spec.quantities[condition]

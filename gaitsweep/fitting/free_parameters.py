@@ -29,7 +29,7 @@ class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema o
         if self.choices is not None:
             if self.low is not None or self.high is not None or self.log or self.whole:
                 raise wrong_value("has choices, and a range as well: give one of the two.")
-            texts = [str(each) for each in self.choices]
+            texts = [str(choice) for choice in self.choices]
             if twice := [text for text in texts if texts.count(text) > 1]:
                 raise wrong_value(f"has the choice {twice[0]} twice.")
             return self
@@ -47,7 +47,7 @@ class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema o
     def _listed(self) -> np.ndarray:
         """Its choices: an array of numbers, or of objects."""
         assert self.choices is not None
-        if all(isinstance(each, int | float) and not isinstance(each, bool) for each in self.choices):
+        if all(isinstance(choice, int | float) and not isinstance(choice, bool) for choice in self.choices):
             return np.array(self.choices)
         listed = np.empty(len(self.choices), object)
         listed[:] = self.choices
@@ -102,7 +102,7 @@ class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema o
         """The values (n,) of a table as `at` gives them."""
         if self.choices is None:
             return np.asarray(values, float)
-        return self._listed[[self.choices.index(each) for each in self.written(values)]]
+        return self._listed[[self.choices.index(value) for value in self.written(values)]]
 
     def share(self, values: Sequence[Any] | np.ndarray) -> np.ndarray:
         """The shares (n,) of its range at which it has these values: what `at` undoes."""
@@ -110,15 +110,15 @@ class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema o
             return np.array([(self.choices.index(value) + 0.5) / len(self.choices) for value in values])
         assert self.low is not None
         assert self.high is not None
-        given = np.asarray(values, float)
+        numbers = np.asarray(values, float)
         if self.whole:
             least, most = math.ceil(self.low), math.floor(self.high)
-            return (given - least + 0.5) / (most - least + 1)
+            return (numbers - least + 0.5) / (most - least + 1)
         if self.log:
-            return np.log(given / self.low) / math.log(self.high / self.low)
-        return (given - self.low) / (self.high - self.low)
+            return np.log(numbers / self.low) / math.log(self.high / self.low)
+        return (numbers - self.low) / (self.high - self.low)
 
 
 def sets_at(free: Mapping[str, FreeParameter], shares: np.ndarray) -> dict[str, np.ndarray]:
     """The constants (n,) by name at points (n, constants) of the unit cube."""
-    return {name: each.at(shares[:, i]) for i, (name, each) in enumerate(free.items())}
+    return {name: parameter.at(shares[:, i]) for i, (name, parameter) in enumerate(free.items())}

@@ -50,8 +50,8 @@ class Constant:
     def words(self) -> tuple[str, str]:
         """The best value, and the near-best ones from the least to the largest."""
         best, low, high = (
-            f"{each:.5g}" if isinstance(each, int | float) and not isinstance(each, bool) else str(each)
-            for each in (self.best, self.low, self.high)
+            f"{value:.5g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
+            for value in (self.best, self.low, self.high)
         )
         return best, f"{low} to {high}"
 
@@ -74,8 +74,8 @@ class Identifiability:
             f"{self.fitting} sets fit" if self.fitting else f"no set fits; {len(self.best)} near-best ones"
         )
         lines = [
-            f"  {each.name}: best {each.words[0]}, {each.words[1]} ({each.verdict})"
-            for each in self.constants
+            f"  {constant.name}: best {constant.words[0]}, {constant.words[1]} ({constant.verdict})"
+            for constant in self.constants
             if len(self.best)
         ]
         return "\n".join([f"Identifiability: {which}", *lines])
@@ -88,7 +88,7 @@ class Identifiability:
             "best_score": None if first is None else float(first["score"]),
             "near_best": len(self.best),
             "fitting": self.fitting,
-            "constants": {each.name: each.verdict for each in self.constants},
+            "constants": {constant.name: constant.verdict for constant in self.constants},
         }
 
 

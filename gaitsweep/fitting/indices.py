@@ -80,23 +80,23 @@ def indices(design: SensitivityDesign, outputs: Mapping[str, Output], seed: int)
             method, of = "sobol", _variance_shares(design, values, seed)
         else:
             method, of = "rbd_fast", _given_data(design, values, seed)
-        for parameter in sorted(of, key=lambda each, of=of: -_importance(of[each])):
+        for parameter in sorted(of, key=lambda candidate, of=of: -_importance(of[candidate])):
             for index in INDICES[method]:
                 if index not in of[parameter]:
                     continue
-                found = of[parameter][index]
+                index_value = of[parameter][index]
                 unit = "1" if index in ("S1", "ST", "elasticity") else output.unit
-                remark = "; ".join(each for each in (found.note, note) if each)
-                record = (found.value, found.confidence, found.rows, unit, remark)
+                remark = "; ".join(text for text in (index_value.note, note) if text)
+                record = (index_value.value, index_value.confidence, index_value.rows, unit, remark)
                 parts.append((method, name, parameter, index, *record))
     return pd.DataFrame(parts, columns=list(COLUMNS))
 
 
-def _importance(found: Mapping[str, _Index]) -> float:
+def _importance(by_index: Mapping[str, _Index]) -> float:
     """By what a parameter is sorted: the largest change, mu_star, ST, or S1 where there is no ST."""
-    changes = [abs(each.value) for name, each in found.items() if name.startswith("change")]
-    main = [found[name].value for name in ("mu_star", "ST", "S1") if name in found]
-    known = [each for each in (*changes, *main) if np.isfinite(each)]
+    changes = [abs(index.value) for name, index in by_index.items() if name.startswith("change")]
+    main = [by_index[name].value for name in ("mu_star", "ST", "S1") if name in by_index]
+    known = [value for value in (*changes, *main) if np.isfinite(value)]
     if not known:
         return -np.inf
     return max(known) if changes else known[0]
@@ -132,22 +132,22 @@ def _changes(design: SensitivityDesign, output: Output) -> dict[str, dict[str, _
     y = output.values
 
     def change(end: int, begin: int) -> float:
-        found = y[end] - y[begin]
-        return float(wrapped_difference(found)) if output.circular else float(found)
+        difference = y[end] - y[begin]
+        return float(wrapped_difference(difference)) if output.circular else float(difference)
 
     of = {}
     for name, (low, middle, high) in design.places.items():
-        found = {}
+        by_index = {}
         for word, place in (("low", low), ("middle", middle), ("high", high)):
             if word == "middle" and place == 0:
                 continue
             where = {"middle": "the middle"}.get(word, f"the {word} end") if np.isfinite(y[0]) else _OWN_SET
             value = change(place, 0)
             why = "" if np.isfinite(value) else f"no value at {where}"
-            found[f"change_{word}"] = _Index(value, np.nan, 2, why)
+            by_index[f"change_{word}"] = _Index(value, np.nan, 2, why)
         x = design.sets[name]
-        found["elasticity"] = _elasticity(x[0], y[0], x[high] - x[low], change(high, low), output.circular)
-        of[name] = found
+        by_index["elasticity"] = _elasticity(x[0], y[0], x[high] - x[low], change(high, low), output.circular)
+        of[name] = by_index
     return of
 
 
@@ -178,7 +178,7 @@ def _elementary_effects(design: SensitivityDesign, y: np.ndarray, seed: int) -> 
 
     used = np.repeat(whole, k + 1)
     with _seeded(seed):
-        found = morris.analyze(
+        analysis = morris.analyze(
             unit_cube(k),
             design.shares[used],
             y[used],
@@ -189,9 +189,9 @@ def _elementary_effects(design: SensitivityDesign, y: np.ndarray, seed: int) -> 
         )
     return {
         name: {
-            "mu_star": _Index(float(found["mu_star"][i]), float(found["mu_star_conf"][i]), rows, note),
-            "mu": _Index(float(found["mu"][i]), np.nan, rows, note),
-            "sigma": _Index(float(found["sigma"][i]), np.nan, rows, note),
+            "mu_star": _Index(float(analysis["mu_star"][i]), float(analysis["mu_star_conf"][i]), rows, note),
+            "mu": _Index(float(analysis["mu"][i]), np.nan, rows, note),
+            "sigma": _Index(float(analysis["sigma"][i]), np.nan, rows, note),
         }
         for i, name in enumerate(names)
     }
@@ -206,7 +206,7 @@ def _variance_shares(design: SensitivityDesign, y: np.ndarray, seed: int) -> dic
     from SALib.analyze import sobol
 
     with _seeded(seed):
-        found = sobol.analyze(
+        analysis = sobol.analyze(
             unit_cube(len(names)),
             y,
             calc_second_order=False,
@@ -216,7 +216,7 @@ def _variance_shares(design: SensitivityDesign, y: np.ndarray, seed: int) -> dic
         )
     return {
         name: {
-            index: _Index(float(found[index][i]), float(found[f"{index}_conf"][i]), y.size)
+            index: _Index(float(analysis[index][i]), float(analysis[f"{index}_conf"][i]), y.size)
             for index in INDICES["sobol"]
         }
         for i, name in enumerate(names)
@@ -246,7 +246,7 @@ def _given_data(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str
     from SALib.analyze import rbd_fast
 
     with _seeded(seed):
-        found = rbd_fast.analyze(
+        analysis = rbd_fast.analyze(
             unit_cube(k),
             design.shares[used],
             y[used],
@@ -256,7 +256,7 @@ def _given_data(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str
         )
     return {
         name: {
-            "S1": _Index(float(found["S1"][i]), float(found["S1_conf"][i]), rows, note),
+            "S1": _Index(float(analysis["S1"][i]), float(analysis["S1_conf"][i]), rows, note),
             "ST": total,
         }
         for i, name in enumerate(names)

@@ -32,7 +32,7 @@ _WORDS = ("row", "status", "stalled_by", "slowest")
 def _read_at(value: Any) -> dict[str, tuple[float, ...]]:
     if not isinstance(value, Mapping) or not value:
         raise InvalidValue("takes a number, a list, or {linspace: [first, last, number]} by name.")
-    points = {str(name): _points(str(name), each) for name, each in value.items()}
+    points = {str(name): _points(str(name), written) for name, written in value.items()}
     if (rows := math.prod(map(len, points.values()))) > MOST_CONDITIONS:
         raise InvalidValue(f"makes {rows} rows of a set, but a measure takes {MOST_CONDITIONS} at most.")
     return points
@@ -45,14 +45,14 @@ def _points(name: str, value: Any) -> tuple[float, ...]:
                 raise InvalidValue("takes a number, a list, or {linspace: [first, last, number]}.")
             if len(value["linspace"]) != 3:
                 raise InvalidValue("has a linspace that is not [first, last, number].")
-            first, last, number = (read_real(each) for each in value["linspace"])
+            first, last, number = (read_real(item) for item in value["linspace"])
             if number != int(number) or not 2 <= number <= MOST_CONDITIONS:
                 raise InvalidValue(f"has a linspace of {number:g} points, but takes 2 to {MOST_CONDITIONS}.")
             return tuple(np.linspace(first, last, int(number)).tolist())
         if isinstance(value, list | tuple):
             if not value:
                 raise InvalidValue("is an empty list.")
-            return tuple(read_real(each) for each in value)
+            return tuple(read_real(item) for item in value)
         return (read_real(value),)
     except InvalidValue as error:
         raise InvalidValue(f"has {name}, which {error}") from None
@@ -130,21 +130,21 @@ class RowMeasure(Measure):
 
 
 def _read_gaits(value: Any) -> tuple[str, ...]:
-    given = value if isinstance(value, list | tuple) else [value]
-    if not given:
+    items = value if isinstance(value, list | tuple) else [value]
+    if not items:
         raise InvalidValue("is an empty list, but takes a gait or several.")
-    return tuple(read_text(each) for each in given)
+    return tuple(read_text(item) for item in items)
 
 
 def _read_among(value: Any) -> dict[str, tuple[float, float]]:
     if not isinstance(value, Mapping) or not value:
         raise InvalidValue("takes a range [low, high] of columns by name, such as speed: [0, 1].")
     ranges = {}
-    for name, each in value.items():
-        if not isinstance(each, list | tuple) or len(each) != 2:
+    for name, limits in value.items():
+        if not isinstance(limits, list | tuple) or len(limits) != 2:
             raise InvalidValue(f"has {name}, which takes [low, high].")
         try:
-            low, high = (read_real(end) for end in each)
+            low, high = (read_real(end) for end in limits)
         except InvalidValue as error:
             raise InvalidValue(f"has {name}, which {error}") from None
         if not low < high:
@@ -312,10 +312,10 @@ class Order(RowMeasure):
         medians = np.full((len(sound), len(self.gaits)), np.nan)
         why = np.full(len(sound), "", object)
         for place, group in enumerate(self.gaits):
-            here = np.isin(rows["gait"], group) & sound & np.isfinite(seen)
-            there = here.any(axis=1)
-            medians[there, place] = np.nanmedian(np.where(here, seen, np.nan)[there], axis=1)
-            why = np.where((why == "") & ~there, f"no {' or '.join(group)}", why)
+            in_group = np.isin(rows["gait"], group) & sound & np.isfinite(seen)
+            has_group = in_group.any(axis=1)
+            medians[has_group, place] = np.nanmedian(np.where(in_group, seen, np.nan)[has_group], axis=1)
+            why = np.where((why == "") & ~has_group, f"no {' or '.join(group)}", why)
         return Measured(np.diff(medians, axis=1).min(axis=1), why)
 
     def unit(self, model: Model) -> str:
@@ -403,19 +403,19 @@ class FixedPoint(Measure):
         """Its values for n sets, whose one condition has these parameters and starts (n,)."""
         points, reached = mapping.settled(starts, values, self.settle)
         fixed = newton(mapping, points, values, fix=self.fix)
-        found = np.full(n, np.nan)
-        there = np.flatnonzero(fixed.converged & (reached == ReturnStatus.crossed))
-        if there.size:
+        measured = np.full(n, np.nan)
+        known = np.flatnonzero(fixed.converged & (reached == ReturnStatus.crossed))
+        if known.size:
             images = fixed.images
             if self.of_ in images.observed:
-                found[there] = np.asarray(images.observed[self.of_], float)[there]
+                measured[known] = np.asarray(images.observed[self.of_], float)[known]
             else:
                 names = [quantity.name for quantity in mapping.conserved]
-                held = images.conserved_jacobian[there][:, [names.index(name) for name in self.fix]]
-                size = np.abs(floquet.multipliers(images.jacobian[there], held))
-                found[there] = size[:, 0] if self.of_ == _MULTIPLIER else (size > 1.0).sum(axis=1)
-        why = np.where(np.isnan(found), "no fixed point found", "")
-        return Measured(found, why)
+                conserved = images.conserved_jacobian[known][:, [names.index(name) for name in self.fix]]
+                size = np.abs(floquet.multipliers(images.jacobian[known], conserved))
+                measured[known] = size[:, 0] if self.of_ == _MULTIPLIER else (size > 1.0).sum(axis=1)
+        why = np.where(np.isnan(measured), "no fixed point found", "")
+        return Measured(measured, why)
 
     def unit(self, model: Model) -> str:
         return {q.name: q.unit for q in model.observables}.get(self.of_, "1")

@@ -95,9 +95,9 @@ class Sobol:
     def ask(self, n: int) -> np.ndarray:
         while sum(map(len, self._drawn)) < n:
             self._drawn.append(self._points.random(_DRAWN))
-        there = np.concatenate(self._drawn)
-        self._drawn = [there[n:]]
-        return there[:n]
+        points = np.concatenate(self._drawn)
+        self._drawn = [points[n:]]
+        return points[:n]
 
     def tell(self, scores: np.ndarray, misses: np.ndarray) -> None:
         pass

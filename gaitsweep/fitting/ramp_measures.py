@@ -91,8 +91,8 @@ class Transition(RampMeasure):
 
     def of_rows(self, rows: Sequence[Sequence[Crossings]], model: Model) -> Measured:
         values, why = np.full(len(rows), np.nan), np.full(len(rows), "", object)
-        for number, mine in enumerate(rows):
-            places = [self._place(row) for row in mine]
+        for number, rows_of_set in enumerate(rows):
+            places = [self._place(row) for row in rows_of_set]
             why[number] = next((reason for _, reason in places if reason), "")
             if not why[number]:
                 values[number] = np.mean([value for value, _ in places])
@@ -105,7 +105,7 @@ class Transition(RampMeasure):
         seen = self._in_pass(row, self.pass_)
         gaits = seen["gait"]
         which = np.where(np.isin(gaits, self.gait), 0, np.where(np.isin(gaits, self.to), 1, 2))
-        bouts = [each for each in _bouts(which, self.least) if each[0] != 2]
+        bouts = [bout for bout in _bouts(which, self.least) if bout[0] != 2]
         for (before, _, last), (after, first, _) in itertools.pairwise(bouts):
             if (before, after) == (0, 1):
                 read = column(self.of_ or self.run.parameter, _by_their_names(seen))
@@ -154,7 +154,7 @@ class GaitSequence(RampMeasure):
     only: bool = Field(default=False, description="gaits between those of the list count against it")
 
     def of_rows(self, rows: Sequence[Sequence[Crossings]], model: Model) -> Measured:
-        values = np.array([np.mean([self._share(row) for row in mine]) for mine in rows])
+        values = np.array([np.mean([self._share(row) for row in rows_of_set]) for rows_of_set in rows])
         return Measured(values, np.full(values.size, "", object))
 
     def _share(self, row: Crossings) -> float:
@@ -162,7 +162,7 @@ class GaitSequence(RampMeasure):
             return 0.0
         gaits = self._in_pass(row, self.pass_)["gait"]
         names = list(dict.fromkeys(gaits.tolist()))
-        codes = np.array([names.index(each) for each in gaits.tolist()], int)
+        codes = np.array([names.index(gait) for gait in gaits.tolist()], int)
         bouts = [code for code, _, _ in _bouts(codes, self.least)]
         # what lasts shorter than `least` between two bouts of a gait does not part them
         seen = [names[code] for code, _ in itertools.groupby(bouts)]
@@ -191,7 +191,7 @@ def crossings_of(table: Mapping[str, np.ndarray], n_rows: int) -> list[Crossings
 
 def _by_their_names(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Columns, and observables by their own names too."""
-    return {**columns, **{name.removesuffix(_SUFFIX): each for name, each in columns.items()}}
+    return {**columns, **{name.removesuffix(_SUFFIX): values for name, values in columns.items()}}
 
 
 def _names(columns: Iterable[str]) -> list[str]:

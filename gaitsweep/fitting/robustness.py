@@ -82,13 +82,13 @@ def own_constants(robust: Robust, fit: FitJob) -> dict[str, float]:
     values: dict[str, float] = {}
     wrong = []
     for place, name in enumerate(robust.constants):
-        given = job.design.settings.get(name, known[name].default if name in known else None)
+        setting = job.design.settings.get(name, known[name].default if name in known else None)
         if name not in known:
             text = f"is {name}, which is no parameter{near_miss.suggestion(name, known)}"
-        elif not isinstance(given, int | float):
-            text = f"is {name}, whose value is {given}: only a number can change by a share of itself."
+        elif not isinstance(setting, int | float):
+            text = f"is {name}, whose value is {setting}: only a number can change by a share of itself."
         else:
-            values[name] = float(given)
+            values[name] = float(setting)
             continue
         wrong.append(Diagnostic(("search", ROBUST, "constants", place), text))
     if wrong:
@@ -118,7 +118,7 @@ def share_kept(
     rng = np.random.default_rng(robust.seed)
     near = {name: np.repeat(column, robust.sets) for name, column in sets.items()}
     near |= {name: np.full(n * robust.sets, value) for name, value in own.items()}
-    changing = [name for name, each in free.items() if each.choices is None and not each.whole]
+    changing = [name for name, parameter in free.items() if parameter.choices is None and not parameter.whole]
     for name in [*changing, *own]:
         quantity = quantities[name]
         factor = 1.0 + robust.within * rng.uniform(-1.0, 1.0, robust.sets)

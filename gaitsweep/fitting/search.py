@@ -269,9 +269,9 @@ class _Search:
 
     def _report(self, under_way: list[SweepProgress]) -> None:
         """Show how far the sets are; at most, since rows that are not needed are left out."""
-        total, each = self.directory.n_rows, self.population.rows_of_a_set
+        total, rows_per_set = self.directory.n_rows, self.population.rows_of_a_set
         new = self.directory.rows_done - self.before
-        new += sum(int(now.share * now.rows / each) for now in under_way)
+        new += sum(int(now.share * now.rows / rows_per_set) for now in under_way)
         rate = new / max(time.perf_counter() - self.began, 1e-9)
         best = f"best score {self.best:.3g}, " if np.isfinite(self.best) else ""
         attempts = sum(now.attempts / max(now.seconds, 1e-9) for now in under_way)
@@ -292,15 +292,15 @@ class _Search:
         n = next(iter(misses.values())).size
         failed = np.any([measured[name].why != "" for name in self.job.counted], axis=0)
         why = [
-            "; ".join(f"{name}: {each}" for name, each in zip(measured, reasons, strict=True) if each)
-            for reasons in zip(*(each.why for each in measured.values()), strict=True)
+            "; ".join(f"{name}: {reason}" for name, reason in zip(measured, reasons, strict=True) if reason)
+            for reasons in zip(*(values.why for values in measured.values()), strict=True)
         ]
         frame: dict[str, Any] = {
             "row": np.arange(first, first + n, dtype=np.int64),
             "generation": np.full(n, generation),
             **{name: _plain(column) for name, column in sets.items()},
             **{name: target.shown(measured[name].values, model) for name, target in targets.items()},
-            **{f"{MISS}{name}": each for name, each in misses.items()},
+            **{f"{MISS}{name}": miss for name, miss in misses.items()},
             "score": scores(misses, targets),
             "status": pd.Categorical.from_codes(failed.astype(int), [Status.complete.name, "failed"]),
             "why": pd.Series(why, dtype="str"),
@@ -341,20 +341,20 @@ def _robustness(
         if on_progress is not None:  # rows of neighbours are none of the batch's own sets
             on_progress(dataclasses.replace(now, rows=0))
 
-    kept = keep(measured)
-    values = np.full(kept.size, np.nan)
-    if kept.any():
-        mine = {name: column[kept] for name, column in sets.items()}
+    keeps = keep(measured)
+    values = np.full(keeps.size, np.nan)
+    if keeps.any():
+        kept_sets = {name: column[keeps] for name, column in sets.items()}
         some = population.of(robust.targets)
-        values[kept] = share_kept(
+        values[keeps] = share_kept(
             robust,
-            mine,
+            kept_sets,
             job.changing,
             job.free,
             job.fit.spec.quantities,
             lambda near: keep(some.measure(near, rows, share)),
         )
-    return {ROBUST: Measured(values, np.where(kept, "", "the set itself does not keep the targets"))}
+    return {ROBUST: Measured(values, np.where(keeps, "", "the set itself does not keep the targets"))}
 
 
 def _finalists(
@@ -411,21 +411,21 @@ def _quantities(job: SearchJob, population: Population) -> dict[str, dict[str, A
     """Unit and meaning of the columns."""
     model = population.prepared(job.fit.structures[0]).design.model
     known = {q.name: q for q in (*model.parameters, *model.initial_conditions)}
-    found: dict[str, dict[str, Any]] = {
+    quantities: dict[str, dict[str, Any]] = {
         name: {"unit": known[name].unit, "meaning": known[name].meaning, "symbol": known[name].symbol}
         for name in job.free
         if name in known
     }
     for name, target in job.targets.items():
         measure = target.measure
-        found[name] = {
+        quantities[name] = {
             "unit": measure.unit(model),
             "meaning": f"{type(measure).model_fields['kind'].description}",
             "circular": measure.circular(model),
         }
-        found[f"{MISS}{name}"] = {"unit": "1", "meaning": f"miss of {name}, in reading errors"}
-    found["score"] = {"unit": "1", "meaning": "root mean square of the misses, in reading errors"}
-    return found
+        quantities[f"{MISS}{name}"] = {"unit": "1", "meaning": f"miss of {name}, in reading errors"}
+    quantities["score"] = {"unit": "1", "meaning": "root mean square of the misses, in reading errors"}
+    return quantities
 
 
 def _plain(column: np.ndarray) -> Any:

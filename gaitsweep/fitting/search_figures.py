@@ -99,8 +99,8 @@ def _convergence(table: pd.DataFrame) -> Figure:
 
 def _score_axis(axes: Axes, scores: np.ndarray) -> None:
     """A logarithmic axis of scores, with a linear part where some are 0, as misses of ranges are."""
-    there = scores[np.isfinite(scores)]
-    if there.size and there.min() > 0.0:
+    finite = scores[np.isfinite(scores)]
+    if finite.size and finite.min() > 0.0:
         axes.set_yscale("log")
     else:
         axes.set_yscale("symlog", linthresh=_LEAST_SCORE)
@@ -112,12 +112,12 @@ def _constants(free: Mapping[str, FreeParameter], table: pd.DataFrame, near: Ide
     rows = math.ceil(len(free) / columns)
     with canvas(PAGE, 0.6 + 1.5 * rows) as figure:
         panels = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
-        for axes, each in zip(panels, near.constants, strict=False):
-            _profile(axes, free[each.name], each, near.best)
-            unit = unit_of(table, each.name)
+        for axes, constant in zip(panels, near.constants, strict=False):
+            _profile(axes, free[constant.name], constant, near.best)
+            unit = unit_of(table, constant.name)
             # a long name stands over its unit
-            gap = "\n" if len(each.name) > _LONG_NAME else " "
-            axes.set_xlabel(symbol(table, each.name) + (f"{gap}({unit})" if unit else ""))
+            gap = "\n" if len(constant.name) > _LONG_NAME else " "
+            axes.set_xlabel(symbol(table, constant.name) + (f"{gap}({unit})" if unit else ""))
         for axes in panels[len(free) :]:
             axes.set_visible(False)
         for axes in panels[::columns]:
@@ -128,12 +128,12 @@ def _constants(free: Mapping[str, FreeParameter], table: pd.DataFrame, near: Ide
     return figure
 
 
-def _profile(axes: Axes, free: FreeParameter, each: Constant, best: pd.DataFrame) -> None:
+def _profile(axes: Axes, free: FreeParameter, constant: Constant, best: pd.DataFrame) -> None:
     edges = np.linspace(0.0, 1.0, PARTS + 1)
-    axes.stairs(each.profile, edges, color=_BLUE, lw=1.2, baseline=None)
-    shares = free.share(free.written(best[each.name].tolist())) if len(best) else np.zeros(0)
+    axes.stairs(constant.profile, edges, color=_BLUE, lw=1.2, baseline=None)
+    shares = free.share(free.written(best[constant.name].tolist())) if len(best) else np.zeros(0)
     axes.plot(shares, best["score"], "o", color=_ORANGE, ms=2.5, rasterized=True)
-    _score_axis(axes, each.profile)
+    _score_axis(axes, constant.profile)
     axes.set_xlim(0.0, 1.0)
     ticks = [0.0, 0.5, 1.0]
     if free.choices is not None:
@@ -145,7 +145,7 @@ def _profile(axes: Axes, free: FreeParameter, each: Constant, best: pd.DataFrame
         axes.set_xticks(ticks, [f"{value:.3g}" for value in free.at(np.array(ticks))])
         for label, side in zip(axes.get_xticklabels(), ("left", "center", "right"), strict=True):
             label.set_horizontalalignment(side)  # those of the next panel begin here
-    axes.set_title(each.verdict, fontsize=7.5)
+    axes.set_title(constant.verdict, fontsize=7.5)
 
 
 def _misses(search: Search, table: pd.DataFrame, near: Identifiability) -> Figure:
@@ -156,8 +156,8 @@ def _misses(search: Search, table: pd.DataFrame, near: Identifiability) -> Figur
     others = near.best[columns].iloc[1:_MOST_LINES].to_numpy()
     best = near.best[columns].iloc[:1].to_numpy()
     drawn = np.concatenate([least, others, best])
-    there = np.abs(drawn) < FAILED_MISS
-    limit = 1.5 * max(2.0, float(np.max(np.abs(drawn), where=there, initial=0.0)))
+    has_value = np.abs(drawn) < FAILED_MISS
+    limit = 1.5 * max(2.0, float(np.max(np.abs(drawn), where=has_value, initial=0.0)))
     place = np.arange(len(names))
     long = sum(map(len, names)) > _LONG_LABELS
     with canvas(PAGE, 3.4 if long else 2.8) as figure:
@@ -170,7 +170,7 @@ def _misses(search: Search, table: pd.DataFrame, near: Identifiability) -> Figur
         ):
             for number, values in enumerate(np.clip(lines, -limit, limit)):
                 axes.plot(place, values, label=label if not number else None, **style)
-        lost = (~there).any(axis=0)
+        lost = (~has_value).any(axis=0)
         if lost.any():
             axes.plot(
                 place[lost],

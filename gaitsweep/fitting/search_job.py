@@ -138,7 +138,7 @@ class SearchJob(Search):
     def known_points(self) -> np.ndarray:
         """The points (m, constants) of the unit cube of the sets that are measured first."""
         shares = [
-            [float(each.share([values[name]])[0]) for name, each in self.free.items()]
+            [float(parameter.share([values[name]])[0]) for name, parameter in self.free.items()]
             for values in self.known
         ]
         return np.array(shares).reshape(len(self.known), len(self.free))
@@ -174,7 +174,10 @@ class SearchJob(Search):
         Optimisers draw otherwise in other versions, so these are part of it.
         """
         decides = {
-            "job": [self.fit.job_of(each).hash(device=device, engine=engine) for each in self.fit.structures],
+            "job": [
+                self.fit.job_of(structure).hash(device=device, engine=engine)
+                for structure in self.fit.structures
+            ],
             "search": {**self.written["search"], "population": population, "side_by_side": side_by_side},
             "versions": dict(versions),
         }
@@ -270,11 +273,11 @@ def _known(search: Search, fit: FitJob) -> tuple[dict[str, Any], ...]:
         JobError: all that is wrong with them.
     """
     sets, wrong = [], []
-    for place, given in enumerate(search.options.known):
+    for place, entry in enumerate(search.options.known):
         path = ("search", "known", place)
         try:
-            for name, each in _sets_of(given, search, fit.folder):
-                values = fit.own_values(each)
+            for name, known_set in _sets_of(entry, search, fit.folder):
+                values = fit.own_values(known_set)
                 outside = [
                     f"{name}has {constant} at {found(values[constant])}, {why}"
                     for constant, free in search.free.items()
@@ -285,7 +288,7 @@ def _known(search: Search, fit: FitJob) -> tuple[dict[str, Any], ...]:
                 if outside and name:  # one set of an earlier search shows which range is too narrow
                     break
         except JobError as error:
-            wrong.extend(Diagnostic(path, f"is refused: {each}") for each in error.diagnostics)
+            wrong.extend(Diagnostic(path, f"is refused: {diagnostic}") for diagnostic in error.diagnostics)
         except TableError as error:
             wrong.append(Diagnostic(path, f"is refused: {error}"))
     if not wrong and len(sets) > search.options.budget:
@@ -296,26 +299,26 @@ def _known(search: Search, fit: FitJob) -> tuple[dict[str, Any], ...]:
 
 
 def _sets_of(
-    given: Mapping[str, Any] | str, search: Search, folder: Path
+    entry: Mapping[str, Any] | str, search: Search, folder: Path
 ) -> Iterator[tuple[str, Mapping[str, Any] | str]]:
     """The sets that an entry of `known` stands for, each with its name in an earlier search, or ''.
 
     Raises:
         TableError: a directory that is no result of a search.
     """
-    if not isinstance(given, str) or not (directory := folder / given).is_dir():
-        yield "", given
+    if not isinstance(entry, str) or not (directory := folder / entry).is_dir():
+        yield "", entry
         return
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a search that was stopped has sets too
         table = load(directory)
     if not {"score", "generation"} <= set(table):
-        raise TableError(f"{given} is not the result of a search: its table has no score.")
+        raise TableError(f"{entry} is not the result of a search: its table has no score.")
     constants = [name for name in search.free if name in table]
     best = table.sort_values("score", kind="stable").drop_duplicates(constants)
     for _, row in best.head(search.options.known_best).iterrows():
         values = {name: search.free[name].written([row[name]])[0] for name in constants}
-        yield f"row {row['row']} of {given} ", values
+        yield f"row {row['row']} of {entry} ", values
 
 
 def _read_targets(
@@ -327,19 +330,23 @@ def _read_targets(
         wrong.append(Diagnostic(path, f"{said} takes targets by name, each with kind, at, wanted and error."))
         return {}
     targets = {}
-    for name, each in value.items():
-        here = (*path, str(name))
-        if not isinstance(each, Mapping):
-            wrong.append(Diagnostic(here, f"is {found(each)}, but takes fields (key: value)."))
+    for name, fields in value.items():
+        target_path = (*path, str(name))
+        if not isinstance(fields, Mapping):
+            wrong.append(Diagnostic(target_path, f"is {found(fields)}, but takes fields (key: value)."))
             continue
-        aims = {key: field for key, field in each.items() if key in TargetValue.model_fields}
-        target_value = read_model(TargetValue, aims, here, wrong)
-        measured = {key: field for key, field in each.items() if key not in aims}
-        measure = read_measure(measured, here, wrong, beside=TargetValue)
+        aims = {key: field for key, field in fields.items() if key in TargetValue.model_fields}
+        target_value = read_model(TargetValue, aims, target_path, wrong)
+        measured = {key: field for key, field in fields.items() if key not in aims}
+        measure = read_measure(measured, target_path, wrong, beside=TargetValue)
         if not str(name).isidentifier():
-            wrong.append(Diagnostic(here, "has a name that is not of letters, digits and _: take another."))
+            wrong.append(
+                Diagnostic(target_path, "has a name that is not of letters, digits and _: take another.")
+            )
         elif str(name) in (*_COLUMNS, *free) or str(name).startswith(MISS) or str(name).endswith("_half"):
-            wrong.append(Diagnostic(here, "has the name of another column of the table: take another."))
+            wrong.append(
+                Diagnostic(target_path, "has the name of another column of the table: take another.")
+            )
         if target_value is not None and measure is not None:
             targets[str(name)] = Target(str(name), measure, target_value)
     return targets

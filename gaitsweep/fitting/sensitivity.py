@@ -146,9 +146,9 @@ def run_sensitivity(
         if half_step is not None and half_step.many:
             on_message(f"Warning: {half_step.sentence}")
         on_progress(n, n, 0.0, 1.0, "indices")
-        found = dataclasses.replace(_analysed(job, table, context.model), path=path, half_step=half_step)
-        _write(found, path)
-    return found
+        result = dataclasses.replace(_analysed(job, table, context.model), path=path, half_step=half_step)
+        _write(result, path)
+    return result
 
 
 def _measure(
@@ -188,15 +188,17 @@ def _records(
 ) -> pd.DataFrame:
     """The records of the sets `rows` (n,): their status, and why outputs have no value."""
     why = [
-        "; ".join(f"{name}: {each.why[i]}" for name, each in measured.items() if math.isnan(each.values[i]))
+        "; ".join(
+            f"{name}: {output.why[i]}" for name, output in measured.items() if math.isnan(output.values[i])
+        )
         for i in range(rows.size)
     ]
     return pd.DataFrame(
         {
             "row": rows.astype(np.int64),
-            "status": pd.Categorical(["failed" if each else "complete" for each in why], _STATUSES),
+            "status": pd.Categorical(["failed" if reason else "complete" for reason in why], _STATUSES),
             **sets,
-            **{name: each.values for name, each in measured.items()},
+            **{name: output.values for name, output in measured.items()},
             "why": why,
         }
     )
@@ -232,7 +234,7 @@ def _quantities(job: SensitivityJob, model: Model) -> dict[str, dict[str, Any]]:
 def _meaning(measure: Measure) -> str:
     """A measure in words: value of psi_1, at psi_1 1."""
     at = ", ".join(
-        f"{name} {' '.join(f'{each:g}' for each in values)}" for name, values in measure.at.items()
+        f"{name} {' '.join(f'{value:g}' for value in values)}" for name, values in measure.at.items()
     )
     fields = {
         field.alias or name: getattr(measure, name) for name, field in type(measure).model_fields.items()
@@ -276,9 +278,9 @@ def _at_half_the_step(
         limit = SMALL * np.nanstd(values) if np.isfinite(values).any() else 0.0
         differ[name] = int(lost.sum() + (np.abs(apart[both]) > limit).sum())
         largest[name] = float(np.abs(apart[both]).max(initial=0.0))
-    found = HalfStep(asked, differ, largest)
-    directory.update_manifest(half_step=dataclasses.asdict(found))
-    return found
+    half_step = HalfStep(asked, differ, largest)
+    directory.update_manifest(half_step=dataclasses.asdict(half_step))
+    return half_step
 
 
 def _analysed(job: SensitivityJob, table: pd.DataFrame, model: Model) -> Sensitivity:
@@ -290,19 +292,19 @@ def _analysed(job: SensitivityJob, table: pd.DataFrame, model: Model) -> Sensiti
     failed = (table["status"].astype(str) == "failed").to_numpy()
     if failed.any():
         outputs[FAILURES] = Output(failed.astype(float))
-    found = indices(job.design, outputs, job.analysis.seed)
-    found.attrs["quantities"] = _quantities(job, model)
-    return Sensitivity(table, found)
+    index_table = indices(job.design, outputs, job.analysis.seed)
+    index_table.attrs["quantities"] = _quantities(job, model)
+    return Sensitivity(table, index_table)
 
 
-def _write(found: Sensitivity, path: Path) -> None:
+def _write(result: Sensitivity, path: Path) -> None:
     with writing(f"{path / INDICES_FILE} could not be written"):
         replace_file(
             path / INDICES_FILE,
-            lambda file: found.indices.to_parquet(file, index=False, write_page_checksum=True),
+            lambda file: result.indices.to_parquet(file, index=False, write_page_checksum=True),
         )
     with writing(f"{path / FIGURES / FIGURE} could not be written"):
         (path / FIGURES).mkdir(exist_ok=True)
         replace_file(
-            path / FIGURES / FIGURE, lambda file: found.figure().savefig(file, format="png", dpi=150)
+            path / FIGURES / FIGURE, lambda file: result.figure().savefig(file, format="png", dpi=150)
         )

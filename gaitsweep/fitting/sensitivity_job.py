@@ -100,12 +100,12 @@ class SensitivityJob:
 
     def resolved(self, job: Job, engine: str) -> dict[str, Any]:
         """The job as plain values, as the result directory keeps it, and as it can be run again."""
-        kept = {
+        job_fields = {
             name: value
             for name, value in job.resolved(engine=engine).items()
             if name not in ("vary", "figures")
         }
-        return {**kept, "sensitivity": self.written}
+        return {**job_fields, "sensitivity": self.written}
 
     def hash(self, job_hash: str, block: int) -> str:
         """The sha256, in hex, of what decides the sets and what is measured of them.
@@ -188,21 +188,23 @@ def _read_parameters(
         wrong.append(Diagnostic(path, text))
         return {}, {}
     ranges, shares = {}, {}
-    for key, each in value.items():
-        name, here = str(key), (*path, str(key))
-        if isinstance(each, list | Mapping):
-            read = read_free({name: each}, path, wrong)
+    for key, written in value.items():
+        name, parameter_path = str(key), (*path, str(key))
+        if isinstance(written, list | Mapping):
+            read = read_free({name: written}, path, wrong)
             if name in read and read[name].choices is not None:
-                wrong.append(Diagnostic(here, "has choices, but takes a range of numbers."))
+                wrong.append(Diagnostic(parameter_path, "has choices, but takes a range of numbers."))
             else:
                 ranges |= read
             continue
-        match = _PER_CENT.fullmatch(each) if isinstance(each, str) else None
+        match = _PER_CENT.fullmatch(written) if isinstance(written, str) else None
         if match is None:
-            text = f"is {found(each)}, but takes [low, high], or a share of the job's value such as 10%."
-            wrong.append(Diagnostic(here, text))
+            text = f"is {found(written)}, but takes [low, high], or a share of the job's value such as 10%."
+            wrong.append(Diagnostic(parameter_path, text))
         elif not 0.0 < (share := float(match[1]) / 100.0) <= 1.0:
-            wrong.append(Diagnostic(here, f"is {found(each)}, but must be above 0% and at most 100%."))
+            wrong.append(
+                Diagnostic(parameter_path, f"is {found(written)}, but must be above 0% and at most 100%.")
+            )
         else:
             shares[name] = share
     return ranges, shares
@@ -215,12 +217,12 @@ def _read_outputs(value: Any, parameters: Iterable[str], wrong: list[Diagnostic]
         return {}
     taken = {*COLUMNS, FAILURES, *parameters}
     outputs = {}
-    for key, each in value.items():
-        name, here = str(key), (*path, str(key))
+    for key, fields in value.items():
+        name, output_path = str(key), (*path, str(key))
         if name in taken or not name.isidentifier():
             text = "names a column of the table: take another name of letters, digits and _."
-            wrong.append(Diagnostic(here, text))
-        if (measure := read_measure(each, here, wrong)) is not None:
+            wrong.append(Diagnostic(output_path, text))
+        if (measure := read_measure(fields, output_path, wrong)) is not None:
             outputs[name] = measure
     return outputs
 
@@ -254,8 +256,8 @@ def _read_analysis(
         wrong.append(Diagnostic(path, text))
     elif (sets := n * (k + (1 if method == "morris" else 2))) > MOST_SETS:
         wrong.append(Diagnostic(path, f"is {n}, which makes {sets} sets; there are at most {MOST_SETS}."))
-    for name, each in ranges.items():
-        if method == "morris" and each.whole:
+    for name, parameter in ranges.items():
+        if method == "morris" and parameter.whole:
             text = "is whole, but the steps of morris are shares of a range: take sobol or one_at_a_time."
             wrong.append(Diagnostic(("sensitivity", "parameters", name), text))
     return analysis
@@ -263,14 +265,14 @@ def _read_analysis(
 
 def _written(measure: Measure) -> dict[str, Any]:
     """The fields of a measure as plain values: the run of one may be a part of its own."""
-    return {name: each.model_dump() if isinstance(each, StrictModel) else each for name, each in measure}
+    return {name: value.model_dump() if isinstance(value, StrictModel) else value for name, value in measure}
 
 
 def _own_values(fit: FitJob) -> FitJob:
     """The job with its own values of all parameters; a start without one is in the middle of its range."""
     needed = {
-        name: each
-        for name, each in fit.free.items()
+        name: parameter
+        for name, parameter in fit.free.items()
         if name in fit.spec.starts
         and fit.spec.starts[name].default is None
         and name not in (fit.given.get("start") or {})

@@ -26,7 +26,7 @@ def _read_value_or_range(value: Any) -> tuple[float, float]:
     if isinstance(value, list | tuple):
         if len(value) != 2:
             raise InvalidValue(f"is {found(value)}, but takes a number, or [low, high].")
-        low, high = (read_real(each) for each in value)
+        low, high = (read_real(end) for end in value)
         if low > high:
             raise InvalidValue(f"is {found(value)}, but low is not above high.")
         return low, high

@@ -121,7 +121,7 @@ def _along(values: np.ndarray, axis: int) -> np.ndarray | None:
     """Values (n,) along one axis, where they are the same along all others; NaN stands for no record."""
     moved = np.moveaxis(values, axis, 0).reshape(values.shape[axis], -1)
     low, high = (
-        each(moved, axis=1, initial=end, where=~np.isnan(moved))
-        for each, end in ((np.min, np.inf), (np.max, -np.inf))
+        reduce(moved, axis=1, initial=end, where=~np.isnan(moved))
+        for reduce, end in ((np.min, np.inf), (np.max, -np.inf))
     )
     return low if np.array_equal(low, high) else None

@@ -78,7 +78,7 @@ def estimate(job: Job) -> Estimate:
     columns = table_columns(context.design, job.run)
     a_record = _bytes_of_record(context.design, job)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-    kept = min(spec.block, spec.n_rows) * cost.records * len(columns) * BYTES_A_NUMBER
+    block_bytes = min(spec.block, spec.n_rows) * cost.records * len(columns) * BYTES_A_NUMBER
     blocks = math.ceil(spec.n_rows / spec.block)
     written = simulated * cost.records * a_record + (spec.n_rows - simulated) * BYTES_A_REPEAT * len(columns)
     return Estimate(
@@ -86,7 +86,7 @@ def estimate(job: Job) -> Estimate:
         simulated=simulated,
         records=round(spec.n_rows * cost.records),
         blocks=blocks,
-        memory_bytes=int(peak + 2 * kept),
+        memory_bytes=int(peak + 2 * block_bytes),
         disk_bytes=int(written + blocks * (BYTES_A_PART + BYTES_A_COLUMN * len(columns))),
         seconds=pace.compile_s + pace.seconds(rounds * slots, cost.likely, spec),
         seconds_most=pace.compile_s + pace.seconds(rounds_most * slots, cost.most, spec),
@@ -143,16 +143,16 @@ def _measured(context: RunContext) -> Measured:
     pool.begin()
     compile_s = time.perf_counter() - began
     began = time.perf_counter()
-    given = pool.together(polls_per_chunk(spec))
+    outputs = pool.together(polls_per_chunk(spec))
     spent = time.perf_counter() - began
     at_a_time = sum(group.at_a_time for group in pool.groups)
     rate = at_a_time * POLL_INTERVAL * polls_per_chunk(spec) / spent
     host_s = _host_s(context, pool)
     pool.end()
-    ran = sum(int(np.count_nonzero(group.block_of >= 0)) for group, _ in given)
+    ran = sum(int(np.count_nonzero(group.block_of >= 0)) for group, _ in outputs)
 
     def total(of: Callable[[ChunkOutput], Any]) -> float:
-        return float(sum(np.sum(of(output)[group.block_of >= 0]) for group, output in given))
+        return float(sum(np.sum(of(output)[group.block_of >= 0]) for group, output in outputs))
 
     simulated, crossings = (
         total(lambda output: output.numbers["t_end"]),

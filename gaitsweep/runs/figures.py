@@ -133,9 +133,9 @@ def draw_figures(
             continue
         if on_progress is not None:
             on_progress(len(files) + 1)
-        given = {key: value for key, value in spec.items() if key not in ("kind", "name")}
+        fields = {key: value for key, value in spec.items() if key not in ("kind", "name")}
         try:
-            figure = draw(spec["kind"], table, **given)
+            figure = draw(spec["kind"], table, **fields)
         except UserError as error:
             refused.append(f"figures[{number}] ({spec['kind']}): {error}")
             continue

@@ -34,10 +34,10 @@ def continue_directory(
     before = {name: manifest[name] for name in _MAKER if manifest.get(name) is not None}
     if missing and before:
         present = sorted(set(range(directory.n_blocks)) - set(missing))
-        earlier = [dict(each) for each in manifest.get(EARLIER, ())]
-        for each in earlier:
-            each["parts"] = _ranges(set(_numbers(each["parts"])) & set(present))
-        others = {number for each in earlier for number in _numbers(each["parts"])}
+        earlier = [dict(maker) for maker in manifest.get(EARLIER, ())]
+        for maker in earlier:
+            maker["parts"] = _ranges(set(_numbers(maker["parts"])) & set(present))
+        others = {number for maker in earlier for number in _numbers(maker["parts"])}
         parts = _ranges(set(present) - others)
         if difference := "; ".join(differing(before)):
             earlier.append({**before, "parts": parts})
@@ -49,7 +49,7 @@ def continue_directory(
                     f"The other rows may differ from theirs in the last digits; {EARLIER} in manifest.json "
                     "names the parts of each."
                 )
-        fields[EARLIER] = [each for each in earlier if each["parts"]] or None
+        fields[EARLIER] = [maker for maker in earlier if maker["parts"]] or None
     if missing:
         fields |= {"versions": provenance.versions(), "machine": provenance.machine()}
         fields["git_commit"] = provenance.git_commit()
@@ -87,22 +87,22 @@ def check_program(context: RunContext, path: Path, manifest: Mapping[str, Any]) 
 def differing(before: Mapping[str, Any]) -> list[str]:
     """Describe how an earlier maker differs from this process."""
     old, new = before.get("versions", {}), provenance.versions()
-    found = [
+    differences = [
         f"{name} {old[name]} (here {value})" for name, value in new.items() if old.get(name, value) != value
     ]
-    found += _commits(before)
-    machine, here = before.get("machine"), provenance.machine()
-    if isinstance(machine, str) and _processor(machine) != _processor(here):
-        found.append(f"the processor {_processor(machine)} (here {_processor(here)})")
-    return found
+    differences += _commits(before)
+    machine, this_machine = before.get("machine"), provenance.machine()
+    if isinstance(machine, str) and _processor(machine) != _processor(this_machine):
+        differences.append(f"the processor {_processor(machine)} (here {_processor(this_machine)})")
+    return differences
 
 
 def _commits(before: Mapping[str, Any]) -> list[str]:
     """The commits of gaitsweep, in words, where they differ and both are known."""
-    commit, here = before.get("git_commit"), provenance.git_commit()
-    if not isinstance(commit, str) or here is None or commit == here:
+    commit, this_commit = before.get("git_commit"), provenance.git_commit()
+    if not isinstance(commit, str) or this_commit is None or commit == this_commit:
         return []
-    return [f"commit {commit[:12]} of gaitsweep (here {here[:12]})"]
+    return [f"commit {commit[:12]} of gaitsweep (here {this_commit[:12]})"]
 
 
 def _processor(machine: str) -> str:
@@ -112,13 +112,13 @@ def _processor(machine: str) -> str:
 
 def _ranges(numbers: Iterable[int]) -> list[list[int]]:
     """Numbers as pairs of the first and the last of those that follow each other."""
-    found: list[list[int]] = []
+    ranges: list[list[int]] = []
     for number in sorted(numbers):
-        if found and found[-1][1] == number - 1:
-            found[-1][1] = number
+        if ranges and ranges[-1][1] == number - 1:
+            ranges[-1][1] = number
         else:
-            found.append([number, number])
-    return found
+            ranges.append([number, number])
+    return ranges
 
 
 def _numbers(ranges: Iterable[Iterable[int]]) -> Iterable[int]:

@@ -127,9 +127,9 @@ def nominal_period(design: Design) -> float:
     """The nominal period (s) of the first of some rows that has one; NaN where none has."""
     values, _ = design.values_in(np.unique(np.linspace(0, design.n_rows - 1, _LOOKED_AT).astype(np.int64)))
     model = design.model
-    periods = jax.vmap(lambda given: model.period(model.params(given)))
-    found = np.asarray(jax.jit(periods)(model.on_host(values)))
-    sound = found[(found > 0.0) & (found < np.inf)]
+    periods = jax.vmap(lambda row_values: model.period(model.params(row_values)))
+    seconds = np.asarray(jax.jit(periods)(model.on_host(values)))
+    sound = seconds[(seconds > 0.0) & (seconds < np.inf)]
     return float(sound[0]) if sound.size else math.nan
 
 
@@ -171,8 +171,8 @@ def _with_source(job_hash: str, own: type) -> str:
         return job_hash
     beside = modules_beside(module)
     beside.pop(module.__name__, None)
-    found = hashlib.sha256((job_hash + source).encode(errors="replace"))
+    digest = hashlib.sha256((job_hash + source).encode(errors="replace"))
     with naming_the_file():
         for name in sorted(beside):
-            found.update(f"\n# {name}\n".encode() + beside[name].read_bytes())
-    return found.hexdigest()
+            digest.update(f"\n# {name}\n".encode() + beside[name].read_bytes())
+    return digest.hexdigest()

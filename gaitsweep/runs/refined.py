@@ -142,10 +142,10 @@ def _write_parts(
     at = simulated["row"].to_numpy()
     for number in directory.missing_blocks():
         start, stop = directory.rows_of(number)
-        there = simulated.iloc[np.searchsorted(at, start) : np.searchsorted(at, stop)]
-        others = np.setdiff1d(np.arange(start, stop, dtype=np.int64), there["row"])
+        own_rows = simulated.iloc[np.searchsorted(at, start) : np.searchsorted(at, stop)]
+        others = np.setdiff1d(np.arange(start, stop, dtype=np.int64), own_rows["row"])
         filled = _inferred_frame(context, others, labels[others], simulated)
-        parts: Sequence[pd.DataFrame] = [part for part in (there, filled) if len(part)]
+        parts: Sequence[pd.DataFrame] = [part for part in (own_rows, filled) if len(part)]
         frame = parts[0] if len(parts) == 1 else pd.concat(parts)
         directory.write_part(number, frame.sort_values("row", ignore_index=True))
 

@@ -92,12 +92,12 @@ def blocks_of(rows: str, n_rows: int, block: int) -> Sequence[int]:
         RunError: they are no whole blocks of a job with so many rows.
     """
     what = f"--rows {rows}"
-    found = re.fullmatch(r"\s*(\d{1,18})\s*:\s*(\d{1,18})\s*", rows)
-    if found is None:
+    match = re.fullmatch(r"\s*(\d{1,18})\s*:\s*(\d{1,18})\s*", rows)
+    if match is None:
         raise RunError(
             f"{what} is not read: write the first row and the row after the last, --rows 0:{block}."
         )
-    first, stop = int(found[1]), int(found[2])
+    first, stop = int(match[1]), int(match[2])
     if not first < min(stop, n_rows):
         raise RunError(f"{what} names no row: this job has the rows 0 to {n_rows - 1}.")
     if first % block or (stop % block and stop < n_rows):

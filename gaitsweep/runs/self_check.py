@@ -144,21 +144,21 @@ def sizes(quantities: tuple[Quantity, ...], values: np.ndarray) -> np.ndarray:
     magnitude.
     """
     seen = np.where(np.isfinite(values), values, np.nan).reshape(-1, len(quantities))
-    found = np.full(len(quantities), LEAST_SCALE)
+    size = np.full(len(quantities), LEAST_SCALE)
     for i, quantity in enumerate(quantities):
         column = seen[:, i][~np.isnan(seen[:, i])]
         if quantity.circular or quantity.scale is not None:
-            found[i] = 1.0 if quantity.scale is None or quantity.circular else quantity.scale
+            size[i] = 1.0 if quantity.scale is None or quantity.circular else quantity.scale
         elif column.size:
-            found[i] = max(np.ptp(column), LEAST_SIZE * np.abs(column).max(), LEAST_SCALE)
-    return found
+            size[i] = max(np.ptp(column), LEAST_SIZE * np.abs(column).max(), LEAST_SCALE)
+    return size
 
 
 def counted(model: Model, *values: np.ndarray) -> np.ndarray:
     """Mask of the observables (k,) that are counts: whole numbers in all known values (..., k)."""
     whole = ~circular(model)
-    for each in values:
-        known = np.where(np.isfinite(each), each, 0.0).reshape(-1, whole.size)
+    for observed in values:
+        known = np.where(np.isfinite(observed), observed, 0.0).reshape(-1, whole.size)
         whole &= np.all(known == np.round(known), axis=0)
     return whole
 
@@ -310,19 +310,19 @@ def _other_records(model: Model, again: Again, stored: pd.DataFrame) -> np.ndarr
     quantities = {f"{q.name}_n": q for q in model.observables} | {q.name: q for q in model.signals}
     names = [name for name in recorder.names if name in stored.columns and name not in ("settled", "slowest")]
     samples = result.samples.reshape(-1, recorder.width)
-    given = pd.DataFrame(samples, columns=list(recorder.names)).assign(place=result.place)
+    records = pd.DataFrame(samples, columns=list(recorder.names)).assign(place=result.place)
     if isinstance(recorder, StepRecorder):
         # two stairs, of which the last one ends before the end of the path
-        given = given[given["settled"] == 1.0]
-    given["nth"] = given.groupby("place").cumcount()
+        records = records[records["settled"] == 1.0]
+    records["nth"] = records.groupby("place").cumcount()
     number = {int(row): place for place, row in enumerate(again.rows)}
     known = stored.dropna(subset=names)
     known = known.assign(
         place=[number[int(row)] for row in known["row"]], nth=known.groupby("row").cumcount()
     )
     if isinstance(recorder, StepRecorder):
-        given["nth"], known = given["stair"].astype(int), known.assign(nth=known["stair"].astype(int))
-    both = given.merge(known[["place", "nth", *names]], on=["place", "nth"], suffixes=("", " stored"))
+        records["nth"], known = records["stair"].astype(int), known.assign(nth=known["stair"].astype(int))
+    both = records.merge(known[["place", "nth", *names]], on=["place", "nth"], suffixes=("", " stored"))
     described = tuple(quantities.get(name, Quantity(name, "1", "")) for name in names)
     now = both[names].to_numpy(float)
     before = both[[f"{name} stored" for name in names]].to_numpy(float)
@@ -372,9 +372,9 @@ def _repeated(
     on_progress: Callable[[SweepProgress], None] | None,
 ) -> list[RowOutcome]:
     """The results of rows that run once more, for each (rows, share, move) of the list."""
-    rows = np.concatenate([each[0] for each in lanes])
-    shares = np.concatenate([np.full(each[0].size, each[1]) for each in lanes])
-    moves = np.concatenate([np.full(each[0].size, each[2]) for each in lanes])
+    rows = np.concatenate([lane[0] for lane in lanes])
+    shares = np.concatenate([np.full(lane[0].size, lane[1]) for lane in lanes])
+    moves = np.concatenate([np.full(lane[0].size, lane[2]) for lane in lanes])
 
     def values(first: int, last: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         part = slice(first, last)
@@ -388,10 +388,10 @@ def _repeated(
     # programs of XLA are compiled for the width of the run that is checked
     width = spec.lanes if spec.engine == "xla" else min(spec.lanes, max(8, rows.size))
     again = dataclasses.replace(spec, n_rows=rows.size, block=rows.size, lanes=width, values=values)
-    found: list[RowOutcome] = []
-    sweep(again, [0], lambda _, result: found.append(result), on_progress)
-    cuts = np.cumsum([each[0].size for each in lanes])[:-1]
-    return [found[0].take(part) for part in np.split(np.arange(rows.size), cuts)]
+    outcomes: list[RowOutcome] = []
+    sweep(again, [0], lambda _, result: outcomes.append(result), on_progress)
+    cuts = np.cumsum([lane[0].size for lane in lanes])[:-1]
+    return [outcomes[0].take(part) for part in np.split(np.arange(rows.size), cuts)]
 
 
 def _compare_ends(
@@ -404,7 +404,7 @@ def _compare_ends(
     spec, design, model = context.spec, context.design, context.model
     once, finer = _repeated(spec, design, [(rows, 1.0, 0.0), (rows, FINER, 0.0)], on_progress)
     at_times = context.job.run.compared == "ends"
-    ends, finer_ends = (end_values_of(spec.recorder, each) for each in (once, finer))
+    ends, finer_ends = (end_values_of(spec.recorder, outcome) for outcome in (once, finer))
     sound = Status.SOUND.among(once.status)
     other_status = once.status != finer.status
     other_gait = ~other_status & (once.labels["gait"] != finer.labels["gait"])
@@ -450,8 +450,8 @@ def _with_starts(context: RunContext, rows: np.ndarray, ends: np.ndarray) -> np.
     model, drive = context.model, context.spec.drive
     values, starts = context.design.values_in(rows)
 
-    def observed(held: Any, start: Any) -> Any:
-        params = model.params(held) if drive is None else drive(held, 0.0)
+    def observed(row_values: Any, start: Any) -> Any:
+        params = model.params(row_values) if drive is None else drive(row_values, 0.0)
         seen = model.observe(params, model.init(params, start))
         return jax.numpy.stack([seen[q.name] for q in model.observables])
 
@@ -485,20 +485,20 @@ def _compare_crossings(
     lanes = [(rows, 1.0, 0.0), (rows, FINER, 0.0), (rows, 1.0, MOVED)]
     spec = dataclasses.replace(context.spec, recorder=recorder)
     once, finer, moved = repeated = _repeated(spec, design, lanes, on_progress)
-    seen = [_crossings(each, rows.size, recorder.after_cycles) for each in repeated]
+    seen = [_crossings(outcome, rows.size, recorder.after_cycles) for outcome in repeated]
     if not np.any(np.isfinite(seen[0][:, 1:])) and math.isfinite(end := _comparable_time(context)):
         # no section was crossed: the state is compared after as many nominal periods
         recorder = FixedTimeRecorder(model, end)
         spec = dataclasses.replace(context.spec, recorder=recorder)
         once, finer, moved = repeated = _repeated(spec, design, lanes, on_progress)
         begun = _with_starts(context, rows, np.zeros((0, len(model.observables))))
-        seen = [np.stack([begun, end_values(each)], axis=1) for each in repeated]
-        seen = [np.concatenate([np.zeros((*each.shape[:2], 1)), each], axis=2) for each in seen]
+        seen = [np.stack([begun, end_values(outcome)], axis=1) for outcome in repeated]
+        seen = [np.concatenate([np.zeros((*samples.shape[:2], 1)), samples], axis=2) for samples in seen]
     differs = once.status != finer.status
     boundary = differs & (once.status != moved.status)
     check.sensitive += int(boundary.sum())
     check.status_differs += int((differs & ~boundary).sum())
-    observed, times = [each[..., 1:] for each in seen], [each[..., 0] for each in seen]
+    observed, times = [samples[..., 1:] for samples in seen], [samples[..., 0] for samples in seen]
     change = changes(model, observed[0], observed[1])
     most = np.nanmax(change, axis=1, initial=0.0)
     size = sizes(model.observables, observed[0])
@@ -547,6 +547,6 @@ def _crossings(result: RowOutcome, n: int, after: int) -> np.ndarray:
     seen = np.full((n, CROSSINGS + 1, width), np.nan)
     samples = result.samples.reshape(-1, 1 + width)
     at = samples[:, 0].astype(int) - after
-    kept = at <= CROSSINGS
-    seen[result.place[kept], at[kept]] = samples[kept, 1:]
+    early = at <= CROSSINGS
+    seen[result.place[early], at[early]] = samples[early, 1:]
     return seen

@@ -87,7 +87,7 @@ def _of_starts(context: RunContext) -> dict[str, Any]:
     rows = np.arange(n) if n <= most else np.linspace(0, n - 1, most).astype(np.int64)
     width = min(_STARTS_AT_A_TIME, 1 << (rows.size - 1).bit_length())
     begun = _begun(model)
-    found: dict[str, dict[str, dict[str, int]]] = {}
+    counts: dict[str, dict[str, dict[str, int]]] = {}
     for first in range(0, rows.size, width):
         some = rows[first : first + width]
         parameters, starts = context.design.values_in(np.append(some, np.full(width - some.size, some[0])))
@@ -96,13 +96,13 @@ def _of_starts(context: RunContext) -> dict[str, Any]:
         times = {"NaN": np.isnan(period), "0": period == 0.0, "a number below 0": period < 0.0}
         flags = {STARTS_BEYOND: beyond, WITHOUT_PERIOD: {**times, "infinity": period == np.inf}}
         for field, named in flags.items():
-            for name, each in named.items():
-                if (there := some[np.asarray(each)[: some.size]]).size:
-                    known = found.setdefault(field, {}).setdefault(name, {"rows": 0, "row": int(there[0])})
-                    known["rows"] += int(there.size)
+            for name, mask in named.items():
+                if (hits := some[np.asarray(mask)[: some.size]]).size:
+                    known = counts.setdefault(field, {}).setdefault(name, {"rows": 0, "row": int(hits[0])})
+                    known["rows"] += int(hits.size)
                     if rows.size < n:
                         known["of"] = int(rows.size)
-    return found
+    return counts
 
 
 @functools.lru_cache(maxsize=16)
@@ -120,31 +120,31 @@ def _begun(model: Model) -> Callable[..., tuple[jax.Array, dict[str, jax.Array]]
 
 def remarks(manifest: Mapping[str, Any]) -> list[str]:
     """Sentences about what a run has done otherwise than its author may expect."""
-    said = []
-    for name, found in (manifest.get(WITHOUT_PERIOD) or {}).items():
-        said.append(
-            f"Warning: the model's function period gave {name} in {_rows(found)}, where it gives seconds "
+    sentences = []
+    for name, about in (manifest.get(WITHOUT_PERIOD) or {}).items():
+        sentences.append(
+            f"Warning: the model's function period gave {name} in {_rows(about)}, where it gives seconds "
             "above 0: limits of time and of steps follow from it."
         )
-    for name, found in (manifest.get(STARTS_BEYOND) or {}).items():
-        said.append(
-            f"{_rows(found)} began on or beyond the surface of the event {name!r}, which happens only "
+    for name, about in (manifest.get(STARTS_BEYOND) or {}).items():
+        sentences.append(
+            f"{_rows(about)} began on or beyond the surface of the event {name!r}, which happens only "
             "after its function has been below zero."
         )
-    for name, found in (manifest.get(MISLABELLED) or {}).items():
+    for name, about in (manifest.get(MISLABELLED) or {}).items():
         label = name.removeprefix(UNKNOWN_GAIT).strip(" ()")
-        said.append(
-            f"Warning: the model's function label gave gait {label} in {_rows(found)}, which is no index of "
+        sentences.append(
+            f"Warning: the model's function label gave gait {label} in {_rows(about)}, which is no index of "
             f"its gaits; their gait is {name!r} in the table."
         )
-    return said
+    return sentences
 
 
-def _rows(found: Mapping[str, Any]) -> str:
-    of = f" of {found['of']} that were looked at" if "of" in found else ""
-    more = found["rows"] > 1
-    first = f"the first is row {found['row']}" if more else f"row {found['row']}"
-    return f"{found['rows']} row{'s' * more} ({first}){of}"
+def _rows(about: Mapping[str, Any]) -> str:
+    of = f" of {about['of']} that were looked at" if "of" in about else ""
+    more = about["rows"] > 1
+    first = f"the first is row {about['row']}" if more else f"row {about['row']}"
+    return f"{about['rows']} row{'s' * more} ({first}){of}"
 
 
 def _of_records(context: RunContext, directory: ResultDirectory) -> dict[str, Any]:
@@ -173,8 +173,8 @@ def _of_records(context: RunContext, directory: ResultDirectory) -> dict[str, An
         if counts_gaits:
             gaits.update({str(gait): int(n) for gait, n in part["gait"].value_counts().items() if n})
         if unsettled:
-            mine = part.loc[part["status"].astype(str) == Status.cycle_limit.name, "slowest"]
-            slowest.update({str(name): int(n) for name, n in mine.value_counts().items() if n})
+            slowest_names = part.loc[part["status"].astype(str) == Status.cycle_limit.name, "slowest"]
+            slowest.update({str(name): int(n) for name, n in slowest_names.value_counts().items() if n})
         far = context.model.analytic_distance(part)
         if far is not None and (not farthest or far[0] > farthest[0][0]):
             farthest = [far]
@@ -223,16 +223,18 @@ def _has_distance(context: RunContext) -> bool:
     return context.job.run.one_a_row and {"distance", "gait"} <= set(known)
 
 
-def _add_mislabelled(found: dict[str, dict[str, int]], part: pd.DataFrame, gaits: Sequence[str]) -> None:
+def _add_mislabelled(
+    mislabelled: dict[str, dict[str, int]], part: pd.DataFrame, gaits: Sequence[str]
+) -> None:
     """Add the rows of a part whose label is no index of a gait, by the name that the table has for it."""
     for name in part["gait"].cat.categories.difference(list(gaits)):
-        there = part.loc[part["gait"] == name, "row"]
-        if there.size:
-            known = found.setdefault(str(name), {"rows": 0, "row": int(there.iloc[0])})
-            known["rows"] += int(there.nunique())
+        rows = part.loc[part["gait"] == name, "row"]
+        if rows.size:
+            known = mislabelled.setdefault(str(name), {"rows": 0, "row": int(rows.iloc[0])})
+            known["rows"] += int(rows.nunique())
 
 
-def _add_stalls(found: dict[str, dict[str, Any]], part: pd.DataFrame) -> None:
+def _add_stalls(stalls: dict[str, dict[str, Any]], part: pd.DataFrame) -> None:
     """Add what stalled the rows of a part that ended as `event_stall`, by the guards that did.
 
     `rows` is their number, and `t` the earliest and the latest time (s) at which one of them stalled; of
@@ -245,7 +247,7 @@ def _add_stalls(found: dict[str, dict[str, Any]], part: pd.DataFrame) -> None:
     last = stalled.groupby("row").agg(by=("stalled_by", "last"), t=(time, "max"))
     by, at = np.asarray(last["by"].astype(str)), np.asarray(last["t"], np.float64)
     for names in np.unique(by):
-        known = found.setdefault(str(names), {"rows": 0, key: []})
+        known = stalls.setdefault(str(names), {"rows": 0, key: []})
         when = np.array([*known[key], *at[(by == names) & np.isfinite(at)]])
         known["rows"] += int(np.count_nonzero(by == names))
         known[key] = [float(when.min()), float(when.max())] if when.size else []

@@ -40,16 +40,16 @@ def thinned(manifest: Mapping[str, Any], most: int = MOST_SHOWN) -> Thinned | No
         # odd steps, so that the points of a grid of cells are the middles of larger cells
         steps[longest] += 2
     rows = np.zeros(1, np.int64)
-    kept: dict[str, list[str]] = {}
+    thinned_names: dict[str, list[str]] = {}
     for axis, step in zip(axes, steps, strict=True):
         shown = np.arange(_shown(axis, step))
         points = shown if axis["drawn"] else shown * step + step // 2
         rows = (rows[:, None] * axis["length"] + points[None, :]).ravel()
         if step > 1:
             which = f"the first {shown.size} of" if axis["drawn"] else f"every {_ordinal(step)}"
-            kept.setdefault(which, []).extend(axis["names"])
-    told = "; ".join(f"{which} {', '.join(names)}" for which, names in kept.items())
-    return Thinned(rows, f"{rows.size} of {manifest['rows']} rows: {told}")
+            thinned_names.setdefault(which, []).extend(axis["names"])
+    text = "; ".join(f"{which} {', '.join(names)}" for which, names in thinned_names.items())
+    return Thinned(rows, f"{rows.size} of {manifest['rows']} rows: {text}")
 
 
 def _shown(axis: Mapping[str, Any], step: int) -> int:

@@ -78,7 +78,8 @@ def test_planted_constants_are_found_again(tmp_path: Path) -> None:
     assert re.fullmatch(
         r"SearchResult\(400 sets: least score \S+, \d+ fit all targets; in .*/out\)", repr(found)
     )
-    said = rf"Identifiability: {found.identifiability.fitting} sets fit\n  kick: best \S+, \S+ to \S+ \(pinned\)\n  stiffness: .*"
+    fitting = found.identifiability.fitting
+    said = rf"Identifiability: {fitting} sets fit\n  kick: best \S+, \S+ to \S+ \(pinned\)\n  stiffness: .*"
     assert re.fullmatch(said, repr(found.identifiability))
     assert list(found.table["row"]) == list(range(400))
     assert found.finalists is not None

@@ -376,7 +376,7 @@ def test_workers_of_a_client_send_the_rows_here() -> None:
 @pytest.mark.parametrize(("far", "differ"), [(0.0, 0), (1.0e8, 8)])
 def test_sets_are_measured_again_at_half_the_step(far: float, differ: int) -> None:
     """Steps of 50 ms leave 5e-12 of the start after a second, so 5e-4 of 1e8, and half the steps 1e-5."""
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         found = gs.sensitivity(
             response_model.Response,
@@ -392,7 +392,7 @@ def test_sets_are_measured_again_at_half_the_step(far: float, differ: int) -> No
     assert found.half_step is not None
     assert (found.half_step.sets, found.half_step.differ) == (8, {"straight": differ})
     assert 1e-12 * far <= found.half_step.largest["straight"] <= 1e-11 * far + 1e-9
-    assert ["At half the step, of 8 sets" in str(each.message) for each in told] == [True] * (differ > 0)
+    assert ["At half the step, of 8 sets" in str(each.message) for each in caught] == [True] * (differ > 0)
 
 
 @pytest.mark.slow

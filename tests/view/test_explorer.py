@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from gaitsweep.view.explorer.replays import Motion, Pictures, Stretch
 from typer.testing import CliRunner
 
 import gaitsweep as gs
@@ -26,6 +25,7 @@ from gaitsweep.view.explorer.choice import boundary, spread, subgrid
 from gaitsweep.view.explorer.encoding import RESOLUTION, motion_fields, packed
 from gaitsweep.view.explorer.explorer import explorer_of
 from gaitsweep.view.explorer.plotly_source import quicker
+from gaitsweep.view.explorer.replays import Motion, Pictures, Stretch
 from gaitsweep.view.explorer.start_map import CELLS, StartMap, columns_of, html_symbol
 from gaitsweep.view.movie.animation import Clip
 from gaitsweep.view.movie.side_view import projected

@@ -203,12 +203,12 @@ def _check_address(address: str, what: str) -> None:
 
 def _innermost(error: BaseException) -> str:
     """The reason of an error, in words: that of the operating system where it has caused the error."""
-    found, cause = str(error) or type(error).__name__, error.__cause__
+    text, cause = str(error) or type(error).__name__, error.__cause__
     while cause is not None:
         if isinstance(cause, OSError) and cause.strerror:
-            found = reason(cause)
+            text = reason(cause)
         cause = cause.__cause__
-    return reason(error) if isinstance(error, OSError) and error.strerror else found
+    return reason(error) if isinstance(error, OSError) and error.strerror else text
 
 
 class GivenClient(Connection):

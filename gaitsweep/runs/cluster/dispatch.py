@@ -322,15 +322,15 @@ class Dispatch:
         """Take what has ended, well or not; returns how many tasks that were."""
         # asked once: when the scheduler is lost, it changes meanwhile
         status = {number: task.future.status for number, task in self.flight.items() if task.future.done()}
-        sound = [number for number, each in status.items() if each == "finished"]
+        sound = [number for number, state in status.items() if state == "finished"]
         if self.cluster.collect:
             for number in sound[_MOST_GATHERED:]:  # the others are taken at the next look
                 del status[number]
             sound = sound[:_MOST_GATHERED]
         errors = {
             number: self.flight[number].future.exception(timeout=30)
-            for number, each in status.items()
-            if each == "error"
+            for number, state in status.items()
+            if state == "error"
         }
         if self.cluster.collect and sound:
             try:
@@ -385,8 +385,10 @@ class Dispatch:
 
     def _free_stranded(self) -> None:
         """Give out again what only workers that are gone may run."""
-        here = set(self.workers.names)
-        gone = [n for n, task in self.flight.items() if task.only is not None and not here & set(task.only)]
+        present = set(self.workers.names)
+        gone = [
+            n for n, task in self.flight.items() if task.only is not None and not present & set(task.only)
+        ]
         if gone:
             self.workers.client.cancel([self.flight[number].future for number in gone], force=True)
             self._give_back(gone)
@@ -406,15 +408,15 @@ class Dispatch:
         ours = {task.future.key: number for number, task in self.flight.items()}
         before, self._held = self._held, {}
         for address, keys in self.workers.client.processing().items():
-            held = {key for key in keys if key in ours}
-            if not held:
+            own_keys = {key for key in keys if key in ours}
+            if not own_keys:
                 continue
             known = before.get(address)
-            since = now if known is None or known.keys - held else known.since
+            since = now if known is None or known.keys - own_keys else known.since
             if now - since <= limit:
-                self._held[address] = _Held(held, since)
+                self._held[address] = _Held(own_keys, since)
                 continue
-            number = min(ours[key] for key in held)
+            number = min(ours[key] for key in own_keys)
             first, stop = self.directory.rows_of(number)
             name = self.workers.names.get(address, address)
             self.workers.on_message(
@@ -422,7 +424,7 @@ class Dispatch:
                 f"{stop - 1}) took longer than {limit:.0f} s there."
             )
             self.workers.restart(address)
-            for key in held:
+            for key in own_keys:
                 self.flight[ours[key]].since = time.monotonic()
 
     def _settle(self) -> None:
@@ -460,10 +462,13 @@ class Dispatch:
         self._on_progress(SweepProgress(self.done, self.rows, self.done / self.rows, 0, now - self._began))
 
     def _sentence(self) -> str:
-        told = []
+        sentences = []
         for number, why in sorted(self.failed.items()):
             first, stop = self.directory.rows_of(number)
-            told.append(f"Block {number} (rows {first} to {stop - 1}) was not computed: {why}.")
+            sentences.append(f"Block {number} (rows {first} to {stop - 1}) was not computed: {why}.")
         return "\n".join(
-            [*told, f"All other rows are safe in {self.directory.path}; the same command tries these again."]
+            [
+                *sentences,
+                f"All other rows are safe in {self.directory.path}; the same command tries these again.",
+            ]
         )

@@ -46,31 +46,31 @@ def identity_of(context: RunContext) -> Identity:
     }
 
 
-def difference(there: Identity, here: Identity) -> str | None:
+def difference(worker: Identity, client: Identity) -> str | None:
     """Describe how a worker differs from the client; None if it does not."""
-    found = [
-        f"{name} is {there.get(name, 'unknown')} there and {value} here"
-        for name, value in here.items()
-        if there.get(name) != value
+    differences = [
+        f"{name} is {worker.get(name, 'unknown')} there and {value} here"
+        for name, value in client.items()
+        if worker.get(name) != value
     ]
-    if len(found) > 1:  # the hash follows from the others
-        found = [each for each in found if not each.startswith("the job's hash")]
-    elif found and found[0].startswith("the job's hash"):
-        found = [f"{found[0]} (the files of its model differ)"]
-    return "; ".join(found) or None
+    if len(differences) > 1:  # the hash follows from the others
+        differences = [text for text in differences if not text.startswith("the job's hash")]
+    elif differences and differences[0].startswith("the job's hash"):
+        differences = [f"{differences[0]} (the files of its model differ)"]
+    return "; ".join(differences) or None
 
 
 def own_modules(context: RunContext) -> tuple[tuple[str, str], ...]:
     """The user's modules that a job needs, with the folders from which they are imported."""
-    found: dict[str, str] = {}
+    folders: dict[str, str] = {}
     for own in (type(context.model), type(context.job.run)):
         module = inspect.getmodule(own)
         file = getattr(module, "__file__", None)
         if module is None or file is None or module.__name__.startswith("gaitsweep.") or installed(module):
             continue
         levels = len(module.__name__.split(".")) - (0 if Path(file).name == "__init__.py" else 1)
-        found[module.__name__] = str(Path(file).resolve().parents[levels])
-    return tuple(found.items())
+        folders[module.__name__] = str(Path(file).resolve().parents[levels])
+    return tuple(folders.items())
 
 
 @functools.cache

@@ -185,11 +185,11 @@ def _computed(assignment: Assignment, writer: PartWriter, number: int, rows: np.
         context = some_rows(
             context, assignment.n_rows, lambda first, stop: rows[first - before : stop - before]
         )
-    found: list[bytes] = []
+    parts: list[bytes] = []
     last = time.monotonic()
 
     def keep(_: int, frame: pd.DataFrame) -> None:
-        found.append(writer.encoded(number, frame, quantities))
+        parts.append(writer.encoded(number, frame, quantities))
 
     def on_progress(_: object) -> None:
         nonlocal last
@@ -198,7 +198,7 @@ def _computed(assignment: Assignment, writer: PartWriter, number: int, rows: np.
             last = time.monotonic()
 
     run_blocks(context, [number], keep, on_progress)
-    return found[0]
+    return parts[0]
 
 
 def _stop_if_unwanted() -> None:
@@ -258,9 +258,9 @@ def _prepared(ticket: JobTicket) -> RunContext:
     if spec.devices[0].platform == "cpu" and (cores := _cores()) is not None:
         # the results do not depend on the number of devices
         context = dataclasses.replace(context, spec=dataclasses.replace(spec, devices=spec.devices[:cores]))
-    found = difference(identity_of(context), dict(ticket.identity))
-    if found is not None:
-        raise WorkerUnfit(found)
+    mismatch = difference(identity_of(context), dict(ticket.identity))
+    if mismatch is not None:
+        raise WorkerUnfit(mismatch)
     return context
 
 

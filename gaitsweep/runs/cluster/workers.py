@@ -87,11 +87,11 @@ class Workers:
         if now - self._looked < _LOOK:
             return
         self._looked = now
-        found = self.client.scheduler_info(n_workers=-1)["workers"]
-        self.names = {address: str(about["name"]) for address, about in found.items()}
-        self._refused = {address: why for address, why in self._refused.items() if address in found}
+        workers = self.client.scheduler_info(n_workers=-1)["workers"]
+        self.names = {address: str(about["name"]) for address, about in workers.items()}
+        self._refused = {address: why for address, why in self._refused.items() if address in workers}
         if self.on_card:
-            cards = {a: about.get("resources", {}).get("GPU", 0) for a, about in found.items()}
+            cards = {a: about.get("resources", {}).get("GPU", 0) for a, about in workers.items()}
             for address, count in cards.items():
                 if not count:
                     self.refuse(address, "it offers no card: start it with --resources GPU=1")
@@ -99,7 +99,7 @@ class Workers:
         else:
             self.slots = len(self.usable)
         self.most = max(self.most, len(self.usable))
-        if found:
+        if workers:
             self._empty = None
         elif self._empty is None:
             self._empty = now
@@ -158,13 +158,13 @@ class Workers:
                     if future.done():
                         del asked[address]
                         answers += future.status == "finished"
-                        found = None
+                        reason = None
                         if future.status == "finished":
-                            found = future.result()
+                            reason = future.result()
                         elif future.status == "error":
-                            found = future.exception()
-                        if found is not None:
-                            reasons[address] = str(found)
+                            reason = future.exception()
+                        if reason is not None:
+                            reasons[address] = str(reason)
                 on_wait()
                 self.look()  # those that die meanwhile are asked no more
                 asked = {address: future for address, future in asked.items() if address in self.names}
