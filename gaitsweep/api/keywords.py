@@ -1,4 +1,4 @@
-"""A job from a model and keywords: arrays are axes, which multiply; numbers are constants."""
+"""Conversion of a model and keywords to a job: arrays are axes, which multiply; numbers are constants."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ def job_of(
     any_start: bool = False,
     **fields: Any,
 ) -> Job:
-    """The job that runs a model with these keywords; see `fields_of`.
+    """Return the job that runs a model with these keywords; see `fields_of`.
 
     Raises:
         ArgumentError: a name that the model does not have, or an array of several dimensions.
-        JobError: other things that are wrong with the job.
+        JobError: all other errors of the job.
     """
     return Job.model_validate(
         fields_of(model, values, run=run, params=params, start=start, any_start=any_start, **fields)
@@ -58,7 +58,7 @@ def fields_of(
     any_start: bool = False,
     **fields: Any,
 ) -> dict[str, Any]:
-    """The fields of the job that runs a model with these keywords.
+    """Return the fields of the job that runs a model with these keywords.
 
     Args:
         model: an instance, a class, a registered name, or "package.module:attribute".
@@ -119,37 +119,37 @@ def fields_of(
 
 
 def is_job(model: object) -> TypeGuard[str | Path | Mapping[str, Any]]:
-    """Whether this is a job, by its file, the name of a shipped one or its fields, and no model."""
+    """Return whether this is a job (its file, the name of a shipped one or its fields), not a model."""
     if isinstance(model, Path | Mapping):
         return True
     return isinstance(model, str) and (model.endswith((".yaml", ".yml")) or model.startswith(BUILTIN))
 
 
 def refuse_beside_a_job(job: str | Path | Mapping[str, Any], keywords: Mapping[str, Any]) -> None:
-    """Refuse keywords that were given, and are not None, beside a job in which they stand.
+    """Refuse keywords that are not None beside a job, which has them as fields.
 
     Args:
         job: the job's file, or its fields.
         keywords: the keywords.
 
     Raises:
-        ArgumentError: the first of them, and where it stands.
+        ArgumentError: a keyword is not None.
     """
     stray = next((name for name, value in keywords.items() if value is not None), None)
     if stray is None:
         return
     if isinstance(job, Mapping):
-        raise ArgumentError(f"{stray} stands in the job's fields: change it there.")
-    raise ArgumentError(f"{stray} stands in the job file {job}: change it there, or by overrides.")
+        raise ArgumentError(f"{stray} is one of the job's fields: change it there.")
+    raise ArgumentError(f"{stray} is a field of the job file {job}: change it there, or by overrides.")
 
 
 def fields_without_axes(
     model: AnyModel, values: Mapping[str, Any], ranges: str, **fields: Any
 ) -> dict[str, Any]:
-    """As `fields_of`, where nothing varies but what the keyword `ranges` has.
+    """Return the fields of a job as `fields_of` does, where only the keyword `ranges` may vary.
 
     Raises:
-        ArgumentError: as there, or an axis.
+        ArgumentError: as `fields_of`, or an axis.
     """
     job_fields = fields_of(model, values, **fields)
     if isinstance(job_fields["run"], BaseModel):  # read with the rest, as from a file
@@ -161,7 +161,7 @@ def fields_without_axes(
 
 
 def _named(model: AnyModel) -> tuple[str, dict[str, Any] | None]:
-    """The name of a model, and its structure where it is an instance."""
+    """Return the name of a model, and the structure of an instance."""
     if isinstance(model, str):
         return model, None
     if isinstance(model, type) and issubclass(model, Model):
@@ -194,7 +194,7 @@ def _check_name(name: str, spec: ModelSpec) -> None:
 
 
 def _allowed(quantity: Quantity) -> float:
-    """A value within the bounds of a quantity."""
+    """Return a value within the bounds of a quantity."""
     low, high = quantity.low, quantity.high
     if math.isfinite(low):
         return 0.5 * (low + high) if math.isfinite(high) else low + 1.0

@@ -1,4 +1,4 @@
-"""`gs.sensitivity`: how much results depend on each constant."""
+"""`gs.sensitivity`: dependence of results on each constant."""
 
 from __future__ import annotations
 
@@ -48,27 +48,27 @@ def sensitivity(
     Args:
         model: an instance, a class, a registered name, or "package.module:attribute". Or a job with
             `sensitivity`, as the path of its file, which ends in .yaml, as "builtin:NAME" or as a mapping of
-            its fields: then all else but `out`, `overrides`, `on_progress` and `client` stands in the job.
+            its fields: then only `out`, `overrides`, `on_progress` and `client` are allowed beside it.
         parameters: by name, a range [low, high] or {low, high, log, whole}, or a share of its value: "10%".
         outputs: measures by name, such as {"lag": {"kind": "value", "of": "psi_1", "at": {"psi_1": 1.0}}}.
         method: one_at_a_time, morris or sobol, the default.
         n: trajectories of morris, or base points of sobol, a power of two.
-        seed: of all that is drawn, 0 by default.
-        run: what is done with each row, `Settle()` by default; `FixedTime` too, or their fields.
-        out: the result directory; a stopped analysis goes on there. Without it the result is in memory, but
-            that of a job goes to `results/NAME`.
+        seed: seed of all random numbers, 0 by default.
+        run: the run kind, `Settle()` by default, or `FixedTime`, or their fields.
+        out: the result directory, in which a stopped analysis continues. Without it the result is in memory,
+            but that of a job is in `results/NAME`.
         params, start, numerics, engine: as for `gaitsweep.sweep`.
         verify: sets that are measured again at half the step; 32 by default, 0: none.
         overrides: settings for a job file, such as "sensitivity.n=64".
-        on_progress: called now and then with sets done, sets in all, sets a second, the share done, a remark; by
-            default a line on standard error every half minute.
+        on_progress: progress callback: sets done, sets in all, sets a second, the share done, a remark; by
+            default it prints a line on standard error every half minute.
         client: a `distributed.Client`, whose workers compute the rows; with a directory they share it.
         values: parameters and start values by name, numbers or formulas.
 
     Raises:
         ArgumentError: a name that the model does not have, an array, a package that is not installed, or
             `out` for a model whose class belongs to this session.
-        JobError: other things that are wrong, a sentence each.
+        JobError: all other errors.
         TableError, RunError: as for `gaitsweep.run`.
     """
     on_progress = progress_lines("sets") if on_progress is None else on_progress

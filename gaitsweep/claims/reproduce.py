@@ -96,8 +96,8 @@ def reproduce(
         out: the folder of `claims.parquet`, `index.html` and the jobs' directories;
             `results/reproduce_PAPER` by default.
         quick: take fewer rows and wider tolerances, as the table of claims says.
-        on_progress: told how far the job under way is.
-        on_message: told, in a sentence each, which job runs and what goes wrong.
+        on_progress: progress callback of the running job.
+        on_message: called with a sentence for each job and each failure.
 
     Returns:
         A row a claim. A job that fails leaves its claims `not run`, and the others go on.

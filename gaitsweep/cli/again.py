@@ -17,7 +17,7 @@ from pathlib import Path
 
 from gaitsweep.cache_folder import cache_folder, keep, kept
 
-_MOST = 200  # commands that are remembered
+_MOST = 200  # commands whose output is stored
 # Variables that choose the device, and so may make another job of the same file.
 _DECIDING = ("JAX_PLATFORMS", "CUDA_VISIBLE_DEVICES", "XLA_FLAGS", "JAX_ENABLE_X64")
 _LOCK = ".lock"
@@ -45,7 +45,7 @@ def load_output(command: Sequence[str]) -> tuple[str, str] | None:
 
 
 def store_output(
-    command: Sequence[str], sources: Sequence[Path], folder: Path, printed: str, told: str
+    command: Sequence[str], sources: Sequence[Path], folder: Path, printed: str, errors: str
 ) -> None:
     """Keep what a command printed when its job was complete.
 
@@ -53,7 +53,7 @@ def store_output(
         command: all that the command was given.
         sources: the job and its config.
         folder: the result directory.
-        printed, told: the text on standard output and on standard error.
+        printed, errors: the text on standard output and on standard error.
     """
     file = _output_file(command)
     if file is None:
@@ -63,13 +63,13 @@ def store_output(
         names = [*(str(source.absolute()) for source in sources), *_files_in(folder)]
         files = {name: _digest(Path(name)) for name in names}
         seen = {"folder": str(folder), "files": files, "program": _program()}
-        keep(file, json.dumps({**seen, "printed": printed, "told": told}).encode())
+        keep(file, json.dumps({**seen, "printed": printed, "told": errors}).encode())
         for old in sorted(file.parent.glob("*.json"), key=lambda each: each.stat().st_mtime)[:-_MOST]:
             old.unlink()
 
 
 def _output_file(command: Sequence[str]) -> Path | None:
-    """The file in which a command is remembered; None without a writable cache."""
+    """The file with the stored output of a command; None without a writable cache."""
     folder = cache_folder("complete")
     if folder is None:
         return None

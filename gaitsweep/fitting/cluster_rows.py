@@ -1,4 +1,4 @@
-"""The rows of sets of constants computed by the workers of a cluster."""
+"""Computation of the rows of sets of constants by the workers of a cluster."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ _FEWEST_ROWS, _WORKERS = 16, 4
 
 
 class ClusterRows:
-    """Rows that a cluster computes, as `Population.run_elsewhere` takes them.
+    """Function that computes rows on a cluster, for `Population.run_elsewhere`.
 
-    The table of a batch is removed when its rows are there. Where a run was stopped before, the same batch
-    goes on from the blocks that it has.
+    The table of a batch is removed once it is read. After a run that was stopped, the same batch continues
+    from its blocks.
 
     Args:
         path: the result directory of the search or the analysis.
@@ -50,7 +50,7 @@ class ClusterRows:
                 on_progress(SweepProgress(done, total, fraction, 0, time.perf_counter() - began))
 
         name = hashlib.sha256(json.dumps(one.resolved(), sort_keys=True).encode()).hexdigest()[:16]
-        # what a client that was killed has left may be of another batch
+        # a client that was killed may have left another batch
         for left in self._path.iterdir() if self._path.is_dir() else ():
             if left.name != name:
                 shutil.rmtree(left, ignore_errors=True)

@@ -17,10 +17,10 @@ from gaitsweep.near_miss import suggestion
 class Conflicts:
     """Targets that are met together.
 
-    `sets` is the number of sets; `together` (targets, targets) how many sets meet both of two targets, on the
-    diagonal one; `nearest` (targets, targets) the least miss of the column's target, in reading errors, among
-    the sets that meet the row's, NaN where no set has a value of both; `most` the targets that the sets meet
-    which meet most of them, and `most_sets` how many sets these are.
+    `sets` is the number of sets; `together` (targets, targets) the number of sets that meet both of two
+    targets, or one on the diagonal; `nearest` (targets, targets) the least miss of the column's target, in
+    reading errors, among the sets that meet the row's, NaN where no set has a value of both; `most` the
+    targets met by the sets that meet most of them, and `most_sets` the number of these sets.
     """
 
     sets: int
@@ -38,10 +38,10 @@ def conflicts(
     Args:
         tables: the tables of one search or several.
         within: the miss up to which a target counts as met, in reading errors.
-        targets: those that are looked at; all of the tables by default, also those that were held back.
+        targets: names of the targets to compare; all of the tables by default, also those held back.
 
     Raises:
-        ArgumentError: the tables are not of searches, or have not the same targets.
+        ArgumentError: the tables are not those of searches, or have different targets.
     """
     names = _targets(tables, targets)
     misses = np.concatenate([np.abs(table[[f"{MISS}{name}" for name in names]]) for table in tables])

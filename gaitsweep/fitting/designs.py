@@ -1,4 +1,4 @@
-"""The sets of parameters of a sensitivity analysis, by its method."""
+"""Designs of sensitivity analyses: the sets of parameters, by method."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ class SensitivityDesign:
 def design_of(
     method: str, n: int | None, seed: int, ranges: Mapping[str, FreeParameter], base: Mapping[str, float]
 ) -> SensitivityDesign:
-    """The sets of a method.
+    """Return the sets of a method.
 
     Args:
         method: one of METHODS.
         n: trajectories (morris), or base points (sobol).
-        seed: of what is drawn.
-        ranges: by parameter.
+        seed: seed of all random numbers.
+        ranges: range of each parameter.
         base: the job's own values.
     """
     if method == "one_at_a_time":
@@ -58,20 +58,20 @@ def design_of(
 
 
 def unit_cube(dimension: int) -> dict[str, object]:
-    """SALib's description of ranges from 0 to 1."""
+    """Return SALib's description of ranges from 0 to 1."""
     names = [f"x{i}" for i in range(dimension)]
     return {"num_vars": dimension, "names": names, "bounds": [[0.0, 1.0]] * dimension}
 
 
 def _trajectories(dimension: int, n: int, seed: int) -> np.ndarray:
-    """Morris's trajectories: n (dimension + 1) points, each a step of one parameter from the one before."""
+    """Draw Morris's trajectories: n (dimension + 1) points, each a step of one parameter from the last."""
     from SALib.sample import morris
 
     return morris.sample(unit_cube(dimension), n, num_levels=LEVELS, seed=seed)
 
 
 def _saltelli(dimension: int, n: int, seed: int) -> np.ndarray:
-    """Saltelli's points, n (dimension + 2): for each base point A, A with each coordinate of B in turn, B."""
+    """Draw Saltelli's points, n (dimension + 2): for each base point A, A with each coordinate of B, B."""
     from SALib.sample import sobol
 
     return sobol.sample(unit_cube(dimension), n, calc_second_order=False, seed=seed)

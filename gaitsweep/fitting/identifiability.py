@@ -16,7 +16,7 @@ from gaitsweep.fitting.targets import MISS
 NEAR = 1.1
 # A constant whose near-best values span less than this share of its range is pinned.
 PINNED = 0.25
-# Fewer near-best sets than these do not say where a constant's values end.
+# Fewer near-best sets do not determine the range of a constant's values.
 FEWEST = 20
 # Parts of a constant's range in each of which the profile has the least score.
 PARTS = 20
@@ -26,9 +26,9 @@ PARTS = 20
 class Constant:
     """Identifiability of one constant from the near-best sets.
 
-    `best` its value in the best set; `low` and `high` among the near-best sets, `spread` their distance as a
-    share of its range; `profile` (PARTS,) the least score in each part of its range, NaN where no set is;
-    `sets` the number of near-best sets.
+    `best` is its value in the best set; `low` and `high` those among the near-best sets, `spread` their
+    distance as a share of its range; `profile` (PARTS,) the least score in each part of its range, NaN
+    without a set; `sets` the number of near-best sets.
     """
 
     name: str
@@ -41,14 +41,14 @@ class Constant:
 
     @property
     def verdict(self) -> str:
-        """pinned; free; or why that cannot be said."""
+        """Verdict: pinned, free, or too few sets to say."""
         if self.spread >= PINNED:
             return "free"
         return "pinned" if self.sets >= FEWEST else "too few sets to say"
 
     @property
     def words(self) -> tuple[str, str]:
-        """The best value, and the near-best ones from the least to the largest."""
+        """Best value, and range of the near-best values, as text."""
         best, low, high = (
             f"{value:.5g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
             for value in (self.best, self.low, self.high)
@@ -58,10 +58,10 @@ class Constant:
 
 @dataclasses.dataclass(frozen=True)
 class Identifiability:
-    """The near-best sets of a search, from the best on, and what they say of each constant.
+    """Identifiability of each constant from the near-best sets of a search, which are sorted by score.
 
-    `fitting` is the number of sets that miss no target by more than its reading error; where there are some,
-    they are the near-best ones, otherwise those with a score within NEAR times the least.
+    `fitting` is the number of sets that miss no target by more than its reading error. The near-best sets are
+    these, or, if there is none, those with a score within NEAR times the least.
     """
 
     best: pd.DataFrame
@@ -69,7 +69,7 @@ class Identifiability:
     constants: tuple[Constant, ...]
 
     def __repr__(self) -> str:
-        """In words, a line for each constant."""
+        """Format it, a line for each constant."""
         which = (
             f"{self.fitting} sets fit" if self.fitting else f"no set fits; {len(self.best)} near-best ones"
         )
@@ -81,7 +81,7 @@ class Identifiability:
         return "\n".join([f"Identifiability: {which}", *lines])
 
     def summary(self) -> dict[str, Any]:
-        """As the manifest has it."""
+        """Return the fields of the manifest."""
         first = self.best.iloc[0] if len(self.best) else None
         return {
             "best_row": None if first is None else int(first["row"]),
@@ -93,11 +93,11 @@ class Identifiability:
 
 
 def identifiability(table: pd.DataFrame, search: Search) -> Identifiability:
-    """The near-best sets of a search's table.
+    """Find the near-best sets of a search's table, and the identifiability of each constant.
 
     Args:
-        table: the sets that were measured.
-        search: what was asked.
+        table: the measured sets.
+        search: the search.
     """
     measured = np.flatnonzero((table["status"].astype(str) == "complete").to_numpy())
     sound = table.iloc[measured].sort_values(["score", "row"], kind="stable")

@@ -51,17 +51,17 @@ class _Index:
 
 
 def indices(design: SensitivityDesign, outputs: Mapping[str, Output], seed: int) -> pd.DataFrame:
-    """The indices of each output with respect to each parameter.
+    """Compute the indices of each output with respect to each parameter.
 
     Args:
         design: the sets.
-        outputs: by name; those without a value in some rows are analysed from the others.
-        seed: of the bootstrap, by which intervals are found.
+        outputs: outputs by name; rows without a value are left out.
+        seed: seed of the bootstrap of the intervals.
 
     Returns:
         One record an index, with COLUMNS: `confidence` is half the interval of 95 %, NaN where the method
-        gives none; `note` says why a value is NaN, and how many rows are left where some have no value.
-        Outputs stand in their order, parameters in that of their importance.
+        gives none; `note` says why a value is NaN, and how many rows are left if some have no value. Outputs
+        are in their order, parameters in the order of their importance.
 
     Source:
         Morris 1991, Technometrics 33:161, and Campolongo et al. 2007, Environ. Model. Softw. 22:1509
@@ -93,7 +93,7 @@ def indices(design: SensitivityDesign, outputs: Mapping[str, Output], seed: int)
 
 
 def _importance(by_index: Mapping[str, _Index]) -> float:
-    """By what a parameter is sorted: the largest change, mu_star, ST, or S1 where there is no ST."""
+    """Return the sort key of a parameter: the largest change, mu_star, ST, or S1 without ST."""
     changes = [abs(index.value) for name, index in by_index.items() if name.startswith("change")]
     main = [by_index[name].value for name in ("mu_star", "ST", "S1") if name in by_index]
     known = [value for value in (*changes, *main) if np.isfinite(value)]
@@ -103,7 +103,7 @@ def _importance(by_index: Mapping[str, _Index]) -> float:
 
 
 def unwrapped(output: Output) -> np.ndarray:
-    """The values of an output, angles in the turn around their circular mean."""
+    """Return the values of an output, angles in the turn around their circular mean."""
     if not output.circular or not np.isfinite(output.values).any():
         return output.values
     mean = np.angle(_resultant(output))
@@ -111,12 +111,12 @@ def unwrapped(output: Output) -> np.ndarray:
 
 
 def _resultant(output: Output) -> complex:
-    """The mean of angles as points of the unit circle."""
+    """Return the mean of angles as points of the unit circle."""
     return complex(np.nanmean(np.exp(1j * output.values)))
 
 
 def _remark(output: Output) -> str:
-    """A remark on angles that a cut parts anywhere."""
+    """Return a remark if angles lie all around the circle."""
     if not output.circular or not np.isfinite(output.values).any() or abs(_resultant(output)) >= _SPREAD:
         return ""
     return "angles all around the circle, cut opposite to their mean"
@@ -127,7 +127,7 @@ def _missing(names: tuple[str, ...], why: str, rows: int) -> dict[str, _Index]:
 
 
 def _changes(design: SensitivityDesign, output: Output) -> dict[str, dict[str, _Index]]:
-    """The changes from the job's own value to the ends and the middle of each range, and the elasticity."""
+    """Compute the changes from the job's value to the ends and the middle of each range, and elasticities."""
     assert design.places is not None
     y = output.values
 
@@ -152,7 +152,7 @@ def _changes(design: SensitivityDesign, output: Output) -> dict[str, dict[str, _
 
 
 def _elasticity(x: float, y: float, dx: float, dy: float, circular: bool) -> _Index:
-    """(dy / y) / (dx / x), over the whole range."""
+    """Compute (dy / y) / (dx / x), over the whole range."""
     if circular:
         why = "an angle has no zero, to which a change could be relative"
     elif not np.isfinite(dy) or not np.isfinite(y):
@@ -165,7 +165,7 @@ def _elasticity(x: float, y: float, dx: float, dy: float, circular: bool) -> _In
 
 
 def _elementary_effects(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str, dict[str, _Index]]:
-    """Morris's measures of the trajectories that are whole; effects are changes over the whole range."""
+    """Compute Morris's measures from whole trajectories; effects are changes over the whole range."""
     assert design.shares is not None
     names, k = design.names, len(design.names)
     whole = np.isfinite(y.reshape(-1, k + 1)).all(axis=1)
@@ -198,7 +198,7 @@ def _elementary_effects(design: SensitivityDesign, y: np.ndarray, seed: int) -> 
 
 
 def _variance_shares(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str, dict[str, _Index]]:
-    """Sobol's indices of the first order and the total ones, of a design without a gap."""
+    """Compute Sobol's first-order and total indices of a design in which all rows have a value."""
     names = design.names
     if _constant(y):
         why = "the output is the same in all rows"
@@ -224,7 +224,7 @@ def _variance_shares(design: SensitivityDesign, y: np.ndarray, seed: int) -> dic
 
 
 def _given_data(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str, dict[str, _Index]]:
-    """Indices of the first order from the sound rows.
+    """Compute first-order indices from the rows with a value.
 
     Only the base points A and B are used, since they are drawn independently of each other; the points
     between them share coordinates with them, and would make the intervals too narrow.
@@ -264,13 +264,13 @@ def _given_data(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str
 
 
 def _constant(y: np.ndarray) -> bool:
-    """Whether values differ by no more than rounding."""
+    """Return whether values differ by no more than rounding."""
     return bool(np.ptp(y) <= 1e-12 * np.max(np.abs(y)))
 
 
 @contextlib.contextmanager
 def _seeded(seed: int) -> Iterator[None]:
-    """A context for SALib, which takes seed 0 for none and then draws from NumPy's global generator."""
+    """Context for SALib, which ignores seed 0 and then draws from NumPy's global generator."""
     state = np.random.get_state()
     np.random.seed(seed % 2**32)
     try:

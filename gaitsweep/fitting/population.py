@@ -31,21 +31,21 @@ _BLOCK = 1024
 
 Condition = tuple[tuple[str, float], ...]
 Values = dict[str, np.ndarray]
-# Told how far the rows of a batch are; None where nobody is.
+# Progress callback of the rows of a batch, or None.
 OnProgress = Callable[[SweepProgress], None] | None
 
 
 class Population:
-    """Sets of constants of one model, and what is measured of each.
+    """Sets of constants of one model, and the measures of each.
 
     Args:
-        job_of: the job of a choice of structure; constants and conditions replace its own values.
-        structure: the names of which `job_of` takes the choices.
-        measures: what is measured, by name.
-        run: the run that all of the measures have; by default that of the job, and measures may have others.
+        job_of: returns the job of a choice of structure; constants and conditions replace its own values.
+        structure: names of the choices that `job_of` takes.
+        measures: the measures by name.
+        run: the run of all measures; by default that of the job, and measures may have others.
 
-    `run_elsewhere` may be set to what computes the rows of an ordinary job, a cluster say; it is told how far
-    they are by what `measure` is given.
+    `run_elsewhere` may be set to a function that computes the rows of a job elsewhere, such as on a cluster;
+    it receives the job and the progress callback of `measure`.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class Population:
         self._of_runs = [] if run is not None else self._populations_of_runs()
 
     def _populations_of_runs(self) -> list[Population]:
-        """A population for each run that measures have of their own, with these measures."""
+        """Create a population for each run kind of the measures, with these measures."""
         runs: list[RunKind] = []
         for measure in self.measures.values():
             if measure.own_run is not None and measure.own_run not in runs:
@@ -93,16 +93,16 @@ class Population:
 
     @property
     def rows_of_a_set(self) -> int:
-        """The rows that each set takes."""
+        """Number of rows of each set."""
         return sum(part.own_rows_of_a_set for part in self.parts)
 
     @property
     def own_rows_of_a_set(self) -> int:
-        """The rows of each set that have the job's own run."""
+        """Number of rows of each set with this population's own run."""
         return len(self._conditions)
 
     def prepared(self, structure: Mapping[str, Any]) -> RunContext:
-        """The context of the job of a choice of structure; its program is compiled once."""
+        """Return the context of the job of a choice of structure; its program is compiled once."""
         key = tuple(structure[name] for name in self._structure)
         with self._preparing:  # batches side by side would prepare it more than once
             if key not in self._context:
@@ -115,14 +115,14 @@ class Population:
         on_progress: OnProgress = None,
         share: float = 1.0,
     ) -> dict[str, Measured]:
-        """Measure each set; values by the name of the measure.
+        """Measure each set; return the values by the name of the measure.
 
         A set with a value or a structure that the model does not allow, or with steps too long for it, has no
         values.
 
         Args:
             sets: constants and choices of structure, (n,) by name.
-            on_progress: told how far the rows are.
+            on_progress: progress callback of the rows.
             share: the length of steps as a share of the job's own.
         """
         n = next(iter(sets.values())).size
@@ -140,7 +140,7 @@ class Population:
     def _measure_own(
         self, sets: Mapping[str, np.ndarray], n: int, on_progress: OnProgress, share: float
     ) -> dict[str, Measured]:
-        """As `measure`, what is measured on the map and of rows with this population's own run."""
+        """Measure sets on the return map, and from rows with this population's own run."""
         measured = {
             name: Measured(np.full(n, np.nan), np.full(n, "", object))
             for name, measure in self.measures.items()
@@ -168,7 +168,7 @@ class Population:
         return measured
 
     def of(self, names: Collection[str]) -> Population:
-        """The same sets, of which only these measures are taken."""
+        """Return a population with only these measures."""
         some = {name: measure for name, measure in self.measures.items() if name in names}
         other = Population(self._job_of, self._structure, some)
         other.run_elsewhere = self.run_elsewhere
@@ -184,13 +184,13 @@ class Population:
         goes_on: Callable[[Mapping[str, Measured]], np.ndarray],
         on_progress: OnProgress = None,
     ) -> dict[str, Measured]:
-        """As `measure`, but the measures `first` before the others, which not all sets need.
+        """Measure each set in two stages: `first` of all sets, the other measures of some of them.
 
         Args:
-            sets: as those of `measure`.
-            first: names of measures.
-            goes_on: says of which sets (n,) the others are taken, by what was measured first.
-            on_progress: told how far the rows are.
+            sets: constants and choices of structure, (n,) by name.
+            first: names of the measures of the first stage.
+            goes_on: returns a mask (n,) of the sets of the second stage, from the results of the first.
+            on_progress: progress callback of the rows.
         """
         begun = self.of(first).measure(sets, on_progress)
         whole = goes_on(begun)
@@ -211,7 +211,7 @@ class Population:
     def _by_structure(
         self, sets: Mapping[str, np.ndarray], n: int
     ) -> list[tuple[dict[str, Any], np.ndarray]]:
-        """The choices of structure that occur, and the sets (m,) that have each."""
+        """Return the choices of structure that occur, and the places (m,) of the sets with each."""
         if not self._structure:
             return [({}, np.arange(n))]
         keys = list(zip(*(sets[name].tolist() for name in self._structure), strict=True))
@@ -231,9 +231,9 @@ class Population:
         on_progress: OnProgress,
         share: float,
     ) -> tuple[Values, np.ndarray]:
-        """The columns (m, conditions) of the sets that are not refused, and why others are (n,), or "".
+        """Run rows: columns (m, conditions) of the sets that are not refused, and the reasons (n,) or "".
 
-        Of a run with many records a row they are the columns of all records, whose `row` counts the rows of
+        For a run with many records a row the columns are those of all records, whose `row` counts the rows of
         these sets.
         """
         per_set = self.own_rows_of_a_set
@@ -258,11 +258,11 @@ class Population:
         spec = dataclasses.replace(
             context.spec,
             n_rows=rows.size,
-            # of one size, since labels are compiled for a size and batches differ in theirs
+            # one size, since labels are compiled for a size and batches differ in size
             block=_BLOCK,
             lanes=_lanes(context, rows.size),
             values=values,
-            # batches differ in what happens to be equal in all of their rows
+            # batches differ in which values are equal in all of their rows
             varied=frozenset(constants).union(*(dict(condition) for condition in self._conditions)),
         )
         blocks: dict[int, RowOutcome] = {}
@@ -275,7 +275,7 @@ class Population:
         return {name: column.reshape(good.size, per_set) for name, column in columns.items()}, refused
 
     def _rows_elsewhere(self, context: RunContext, constants: Values, on_progress: OnProgress) -> Values:
-        """As the columns of `_rows`, of sets whose rows another process computes, as jobs of their own."""
+        """Run rows by `run_elsewhere`, as jobs of their own; return columns as `_rows` does."""
         assert self.run_elsewhere is not None
         n, per_set = next(iter(constants.values())).size, self.own_rows_of_a_set
         columns_of_rows: Values = {}
@@ -301,7 +301,7 @@ class Population:
         return columns_of_rows
 
     def _job_of_rows(self, context: RunContext, constants: Values, places: Sequence[int]) -> Job:
-        """The job whose rows are sets of constants (n,) at conditions that set the same names."""
+        """Return the job whose rows are sets of constants (n,) at conditions that set the same names."""
         conditions = [dict(self._conditions[place]) for place in places]
         written = context.job.resolved()
         set_here = {name: [condition[name] for condition in conditions] for name in conditions[0]}
@@ -315,7 +315,7 @@ class Population:
         return Job.model_validate({**written, "vary": {"zip": groups}, "verify": 0})
 
     def _select(self, measure: Measure, places: Sequence[int], rows: Values, model: Model) -> Measured:
-        """Measure the rows of the sets at `places`."""
+        """Select the conditions at `places` from rows, and measure each set."""
         if not isinstance(measure, RampMeasure):
             return measure.of_sets({name: column[:, places] for name, column in rows.items()}, model)
         per_set = self.own_rows_of_a_set
@@ -324,9 +324,9 @@ class Population:
         return measure.of_rows(sets, model)
 
     def middle_job(self, structure: Mapping[str, Any], constants: Mapping[str, Any], n: int) -> Job | None:
-        """The rows of n sets with the same constants, for an estimate; None where no measure has rows.
+        """Return the job of n sets with the same constants, for an estimate; None if no measure has rows.
 
-        Of conditions that set different names it has those that most set alike.
+        Of conditions that set different names it has the largest group that sets the same names.
         """
         if not self._conditions:
             return None
@@ -356,10 +356,10 @@ class Population:
 def job_with_run(
     job_of: Callable[[Mapping[str, Any]], Job], run: RunKind, structure: Mapping[str, Any]
 ) -> Job:
-    """The job of a choice of structure with another run, which moves a parameter whatever value the job has.
+    """Return the job of a choice of structure with another run, without values of what that run moves.
 
     Raises:
-        JobError: what is wrong with it.
+        JobError: the job is not valid.
     """
     written = job_of(structure).resolved()
     written["run"] = run.model_dump(by_alias=True, exclude_none=True)
@@ -369,7 +369,7 @@ def job_with_run(
 
 
 def _progress_of_part(before: int, total: int, on_progress: OnProgress) -> OnProgress:
-    """Tells of rows of which `before` others stand before them in a batch of `total`; they may be fewer."""
+    """Progress callback of a part of a batch of `total` rows, of which `before` come before this part."""
     if on_progress is None:
         return None
 
@@ -381,7 +381,7 @@ def _progress_of_part(before: int, total: int, on_progress: OnProgress) -> OnPro
 
 
 def _group_by_names(conditions: Sequence[Condition]) -> dict[tuple[str, ...], list[int]]:
-    """The conditions that set the same names; names that they do not set have the job's own value."""
+    """Group the places of conditions by the names that they set; other names have the job's own value."""
     places_by_names: dict[tuple[str, ...], list[int]] = {}
     for place, condition in enumerate(conditions):
         places_by_names.setdefault(tuple(name for name, _ in condition), []).append(place)
@@ -391,7 +391,7 @@ def _group_by_names(conditions: Sequence[Condition]) -> dict[tuple[str, ...], li
 def _values(
     context: RunContext, constants: Values, conditions: Sequence[Condition], n: int
 ) -> tuple[Values, Values, np.ndarray]:
-    """Parameters and starts of the rows of n sets, set by set, and why a set is refused, or ""."""
+    """Return parameters and starts of the rows of n sets, set by set, and the reason of a refusal, or ""."""
     per_set, model = len(conditions), context.model
     params = {q.name: np.empty(n * per_set) for q in model.parameters}
     starts = {q.name: np.empty(n * per_set) for q in model.initial_conditions}
@@ -421,7 +421,7 @@ def _values(
 
 
 def _lanes(context: RunContext, n_rows: int) -> int:
-    """The lanes for so many rows, as those of a job of its own."""
+    """Return the number of lanes for rows, as of a separate job."""
     asked = context.job.engine.lanes
     return min(
         asked or default_lanes(context.engine, n_rows, context.spec.devices[0].platform), max(8, n_rows)
@@ -429,7 +429,7 @@ def _lanes(context: RunContext, n_rows: int) -> int:
 
 
 def _array(column: Any) -> np.ndarray:
-    """A column of a table as an array, names as text."""
+    """Convert a column of a table to an array, names as text."""
     if isinstance(column.dtype, pd.CategoricalDtype):
         names = np.array([*map(str, column.cat.categories), ""])
         return names[column.cat.codes.to_numpy()]
@@ -437,6 +437,6 @@ def _array(column: Any) -> np.ndarray:
 
 
 def _note(refused: np.ndarray, wrong: np.ndarray, per_set: int, why: str) -> None:
-    """Note why sets are refused whose rows (n * each,) are wrong."""
+    """Set the reason of sets that are refused since a row (n * per_set,) is wrong."""
     for number in np.flatnonzero(wrong.reshape(-1, per_set).any(axis=1)):
         refused[number] = refused[number] or why

@@ -1,4 +1,4 @@
-"""The robustness of a set of constants: how many of its random neighbours keep what it gives."""
+"""Robustness of a set of constants: the share of its random neighbours that keep targets."""
 
 from __future__ import annotations
 
@@ -47,20 +47,20 @@ class ShareKept(Measure):
 
 
 def robust_target(robust: Robust) -> Target:
-    """The target of a search that asks for robustness."""
+    """Return the target of the field `robust` of a search."""
     return Target(ROBUST, ShareKept(kind="robust"), robust)
 
 
 def wrong_robust(
     robust: Robust, free: Mapping[str, FreeParameter], targets: Mapping[str, Target]
 ) -> list[Diagnostic]:
-    """Faults of the field in view of the search's constants and targets."""
+    """Check the field against the search's constants and targets."""
     path, wrong = ("search", ROBUST), []
     if robust.within >= 1.0:
         wrong.append(Diagnostic((*path, "within"), f"is {robust.within:g}, but is a share below 1."))
     for place, name in enumerate(robust.targets):
         if name not in targets:
-            text = f"is {name}, which is no target{near_miss.suggestion(name, targets)}"
+            text = f"is {name}, which is not a target{near_miss.suggestion(name, targets)}"
             wrong.append(Diagnostic((*path, "targets", place), text))
     for place, name in enumerate(robust.constants):
         if name in free:
@@ -72,10 +72,10 @@ def wrong_robust(
 
 
 def own_constants(robust: Robust, fit: FitJob) -> dict[str, float]:
-    """The values of the job's own constants that change.
+    """Return the values of the job's own constants that change.
 
     Raises:
-        JobError: a name that the model does not have, or one whose value is a formula.
+        JobError: the model does not have a name, or its value is a formula.
     """
     job = fit.job_of(fit.structures[0])
     known = {q.name: q for q in job.design.model.parameters}
@@ -84,7 +84,7 @@ def own_constants(robust: Robust, fit: FitJob) -> dict[str, float]:
     for place, name in enumerate(robust.constants):
         setting = job.design.settings.get(name, known[name].default if name in known else None)
         if name not in known:
-            text = f"is {name}, which is no parameter{near_miss.suggestion(name, known)}"
+            text = f"is {name}, which is not a parameter{near_miss.suggestion(name, known)}"
         elif not isinstance(setting, int | float):
             text = f"is {name}, whose value is {setting}: only a number can change by a share of itself."
         else:
@@ -104,15 +104,15 @@ def share_kept(
     quantities: Mapping[str, Quantity],
     keeps: Callable[[Mapping[str, np.ndarray]], np.ndarray],
 ) -> np.ndarray:
-    """The share (n,) of each set's neighbours that keep the targets.
+    """Compute the share (n,) of each set's neighbours that keep the targets.
 
     Args:
-        robust: how they are drawn.
+        robust: number and range of the neighbours.
         sets: constants and choices of structure, (n,) by name.
         own: values of the job's constants that change as well.
         free: the free constants; those with choices, and whole numbers, do not change.
         quantities: the model's parameters and starts by name, within whose limits neighbours stay.
-        keeps: whether each of m sets keeps the targets, (m,).
+        keeps: returns whether each of m sets keeps the targets, (m,).
     """
     n = next(iter(sets.values())).size
     rng = np.random.default_rng(robust.seed)

@@ -1,4 +1,4 @@
-"""The JSON schema of job files with the fields `search` and `sensitivity`, for editors."""
+"""JSON schema of job files with the fields `search` and `sensitivity`, for editors."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gaitsweep.job import schema as job_schema
 
 
 def schema() -> dict[str, Any]:
-    """The JSON schema of a job file, that of a search or a sensitivity analysis too."""
+    """Return the JSON schema of job files, including searches and sensitivity analyses."""
     described = job_schema()
     described["properties"]["search"] = _search()
     described["properties"]["sensitivity"] = _sensitivity()
@@ -21,7 +21,7 @@ def schema() -> dict[str, Any]:
 
 
 def _ranges() -> list[dict[str, Any]]:
-    """The schemas of a range."""
+    """Return the schemas of a range."""
     limits = {"type": "array", "minItems": 2, "maxItems": 2, "items": {"type": ["number", "string"]}}
     return [limits, FreeParameter.model_json_schema()]
 
@@ -55,7 +55,7 @@ def _search() -> dict[str, Any]:
 
 
 def _target(kind: str) -> dict[str, Any]:
-    """A measure's schema with the fields of what it should come to."""
+    """Return the schema of a measure with the fields of its target value."""
     measure, target_value = MEASURES[kind].model_json_schema(), TargetValue.model_json_schema()
     properties = {**measure["properties"], **target_value["properties"]}
     return {

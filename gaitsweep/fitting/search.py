@@ -1,7 +1,7 @@
-"""A search carried out: sets of constants chosen, measured and told to the optimiser, batch after batch.
+"""Execution of a search: an optimiser chooses sets of constants, which are measured batch by batch.
 
-Each batch is a part of the table, so a search that is stopped loses the batches under way and goes on from
-the rest: the optimiser is told what it was told before, and has to ask for the same sets.
+Each batch is a part of the table, so a search that is stopped loses the running batches and continues from
+the rest: the optimiser receives the same scores again, and has to ask for the same sets.
 """
 
 from __future__ import annotations
@@ -56,9 +56,9 @@ _DECIDING = ("numpy", "scipy", "cma", "pymoo")
 class SearchResult:
     """Result of a search.
 
-    `path` is its directory; `table` has a row for each set; `identifiability` says which constants the targets pin;
-    `finalists` has the best sets at half the step; `figures` are the files drawn. In memory there is no path
-    and no file.
+    `path` is its directory; `table` has a row for each set; `identifiability` says which constants the
+    targets pin; `finalists` has the best sets at half the step; `figures` are the files drawn. In memory
+    there is no path and no file.
     """
 
     job: SearchJob
@@ -72,16 +72,17 @@ class SearchResult:
         best = self.identifiability.summary()["best_score"]
         score = "none complete" if best is None else f"least score {best:.4g}"
         where = "in memory" if self.path is None else f"in {self.path}"
-        return f"SearchResult({len(self.table)} sets: {score}, {self.identifiability.fitting} fit all targets; {where})"
+        fitting = self.identifiability.fitting
+        return f"SearchResult({len(self.table)} sets: {score}, {fitting} fit all targets; {where})"
 
     def figure(self, name: str) -> Figure:
-        """A figure of the search: convergence, constants or misses.
+        """Draw a figure of the search: convergence, constants or misses.
 
         Raises:
             ArgumentError: there is no figure of this name.
         """
         if name not in FIGURES:
-            raise ArgumentError(f"{name} is no figure of a search{near_miss.suggestion(name, FIGURES)}")
+            raise ArgumentError(f"{name} is not a figure of a search{near_miss.suggestion(name, FIGURES)}")
         return search_figure(name, self.job, self.table, self.identifiability)
 
 
@@ -93,17 +94,17 @@ def run_search(
     on_message: Callable[[str], None] = lambda _: None,
     cluster: Cluster | None = None,
 ) -> SearchResult:
-    """Measure the sets that a search's directory still lacks, and say what they tell of the constants.
+    """Measure the sets that a search's directory still lacks, and find which constants they pin.
 
     Args:
         job: the search.
         out: its result directory, `results/NAME` by default.
-        on_progress: told how far it is.
-        on_message: told, in a sentence each, what was found and mended in the directory.
+        on_progress: progress callback.
+        on_message: called with each note and warning, a sentence.
         cluster: computes the rows, if this process does not; it is left open.
 
     Raises:
-        RunError, TableError: a sentence each; what was measured before stays, and the next run goes on.
+        RunError, TableError: the search cannot continue; measured sets are safe, and the next run continues.
         KeyboardInterrupt: likewise.
     """
     path = RESULTS / job.name if out is None else Path(out)
@@ -145,9 +146,9 @@ def run_search(
         _Search(job, population, directory, on_progress, side_by_side).go_on()
         table = load(path)
         near = identifiability(table, job)
-        told = len(directory.notes)
+        reported = len(directory.notes)
         finalists = _finalists(job, population, directory, near, on_progress)
-        for note in directory.notes[told:]:
+        for note in directory.notes[reported:]:
             on_message(note)
         if (doubt := _depends_on_the_step(job, finalists)) is not None:
             on_message(f"Warning: {doubt}")
@@ -172,7 +173,7 @@ def draw_again(path: Path) -> list[Path]:
 
 
 class _Search:
-    """The batches of a search, those on disk and those to come."""
+    """Batches of a search, on disk and to come."""
 
     def __init__(
         self,
@@ -200,10 +201,10 @@ class _Search:
         self.side_by_side = side_by_side
 
     def go_on(self) -> None:
-        """Tell the optimiser of the sets that are there, and measure the others.
+        """Give the scores of the stored sets to the optimiser, and measure the others.
 
-        A batch is chosen when all but the `side_by_side - 1` before it are known, on disk or not, so that the
-        sets do not depend on where a search was stopped.
+        A batch is chosen when all but the `side_by_side - 1` before it are known, on disk or not, so the sets
+        do not depend on where a search was stopped.
         """
         missing = set(self.directory.missing_blocks())
         if len(missing) < self.directory.n_blocks:
@@ -239,7 +240,7 @@ class _Search:
         return measured | _robustness(self.job, self.population, sets, measured, on_progress)
 
     def _goes_on(self, first: Mapping[str, Measured]) -> np.ndarray:
-        """Whether sets (n,) are measured further: the first targets have values, and near enough ones."""
+        """Return which sets (n,) are measured further: those whose first targets have near enough values."""
         within = self.job.options.first_within
         most = np.inf if within is None else within
         model = self.population.prepared(self.job.fit.structures[0]).design.model
@@ -250,7 +251,7 @@ class _Search:
         return np.all(near, axis=0)
 
     def _end(self, number: int, sets: Mapping[str, np.ndarray]) -> None:
-        """Write a batch where it is not on disk, and tell the optimiser how it fared."""
+        """Write a batch that is not on disk, and give its scores to the optimiser."""
         measured = self.batches.oldest()
         first, stop = self.directory.rows_of(number)
         if measured is None:
@@ -263,12 +264,12 @@ class _Search:
                 timings={"run_s": seconds}, counts=self.directory.counts(), complete=False
             )
         misses = frame[[f"{MISS}{name}" for name in self.job.counted]].to_numpy()
-        told = frame["score"].to_numpy()
-        self.optimiser.tell(told, misses)
-        self.best = min(self.best, float(told.min()))
+        batch_scores = frame["score"].to_numpy()
+        self.optimiser.tell(batch_scores, misses)
+        self.best = min(self.best, float(batch_scores.min()))
 
     def _report(self, under_way: list[SweepProgress]) -> None:
-        """Show how far the sets are; at most, since rows that are not needed are left out."""
+        """Report an upper estimate of the progress, since rows that are not needed are left out."""
         total, rows_per_set = self.directory.n_rows, self.population.rows_of_a_set
         new = self.directory.rows_done - self.before
         new += sum(int(now.share * now.rows / rows_per_set) for now in under_way)
@@ -285,7 +286,7 @@ class _Search:
         sets: Mapping[str, np.ndarray],
         measured: Mapping[str, Measured],
     ) -> pd.DataFrame:
-        """The records of a batch."""
+        """Return the records of a batch."""
         model = self.population.prepared(self.job.fit.structures[0]).design.model
         targets = self.job.targets
         misses = {name: target.misses(measured[name], model) for name, target in targets.items()}
@@ -308,13 +309,13 @@ class _Search:
         return pd.DataFrame(frame)
 
     def _known(self, number: int, first: int, stop: int, sets: Mapping[str, np.ndarray]) -> pd.DataFrame:
-        """The records of a batch that is on disk, whose sets have to be those that are asked for again."""
+        """Return the records of a batch on disk, whose sets have to be those of the optimiser."""
         frame = self.known.iloc[np.searchsorted(self.known["row"], np.arange(first, stop))]
         for name, column in sets.items():
             if not np.array_equal(np.asarray(frame[name]), np.asarray(_plain(column))):
                 raise TableError(
-                    f"{self.directory.path} has other sets than this search chooses from row {first} on: it "
-                    "was begun on another machine. Let it end there, or begin again elsewhere (--out)."
+                    f"The sets in {self.directory.path} differ from this search's from row {first} on: "
+                    "it was begun on another machine. Continue it there, or start again with --out."
                 )
         return frame
 
@@ -327,7 +328,7 @@ def _robustness(
     on_progress: Callable[[SweepProgress], None] | None = None,
     share: float = 1.0,
 ) -> dict[str, Measured]:
-    """The share of neighbours that keep targets, of the sets that keep them; empty if it is not asked for."""
+    """Measure the share of neighbours that keep targets, of sets that keep them; empty without `robust`."""
     robust = job.options.robust
     if robust is None:
         return {}
@@ -338,7 +339,7 @@ def _robustness(
         return np.all(near, axis=0)
 
     def rows(now: SweepProgress) -> None:
-        if on_progress is not None:  # rows of neighbours are none of the batch's own sets
+        if on_progress is not None:  # rows of neighbours are not those of the batch's own sets
             on_progress(dataclasses.replace(now, rows=0))
 
     keeps = keep(measured)
@@ -364,7 +365,7 @@ def _finalists(
     near: Identifiability,
     on_progress: Progress,
 ) -> pd.DataFrame | None:
-    """The best sets, measured again at half the step; written beside the table."""
+    """Measure the best sets again at half the step; the result is written beside the table."""
     count = min(job.options.finalists, len(near.best))
     if not count:
         return None
@@ -390,7 +391,7 @@ def _finalists(
 
 
 def _depends_on_the_step(job: SearchJob, finalists: pd.DataFrame | None) -> str | None:
-    """A sentence where half the step moves a finalist by more than a reading error, else None."""
+    """Return a warning if half the step moves a finalist by more than a reading error, else None."""
     if finalists is None:
         return None
     moved = {
@@ -398,17 +399,17 @@ def _depends_on_the_step(job: SearchJob, finalists: pd.DataFrame | None) -> str 
         for name, target in job.targets.items()
         if not target.value.held_back
     }
-    told = ", ".join(f"{name} of {n}" for name, n in moved.items() if n)
-    if not told:
+    counts = ", ".join(f"{name} of {n}" for name, n in moved.items() if n)
+    if not counts:
         return None
     return (
-        f"half the step moves targets by more than their reading errors ({told}, of {len(finalists)} "
+        f"half the step moves targets by more than their reading errors ({counts}, of {len(finalists)} "
         f"finalists, {FINALISTS}): search again with a smaller numerics.dt, or with located events."
     )
 
 
 def _quantities(job: SearchJob, population: Population) -> dict[str, dict[str, Any]]:
-    """Unit and meaning of the columns."""
+    """Return unit and meaning of the columns."""
     model = population.prepared(job.fit.structures[0]).design.model
     known = {q.name: q for q in (*model.parameters, *model.initial_conditions)}
     quantities: dict[str, dict[str, Any]] = {
@@ -429,5 +430,5 @@ def _quantities(job: SearchJob, population: Population) -> dict[str, dict[str, A
 
 
 def _plain(column: np.ndarray) -> Any:
-    """A column as a table has it: choices of structure that are words are text."""
+    """Convert a column for a table: choices of structure that are words become text."""
     return column if column.dtype.kind in "fi" else np.array([str(value) for value in column], object)

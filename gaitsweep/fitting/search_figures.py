@@ -1,4 +1,4 @@
-"""Figures of a search: how the score fell, the profile of each constant, and which targets are missed."""
+"""Figures of a search: convergence of the score, profiles of the constants, and misses of the targets."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ _LONG_NAME, _LONG_LABELS = 14, 60
 
 
 def draw_search(path: Path, search: Search, table: pd.DataFrame, near: Identifiability) -> list[Path]:
-    """Draw the figures of a search into its directory; returns their files.
+    """Draw the figures of a search into its directory; return their files.
 
     Args:
         path: the result directory.
-        search: what was asked.
+        search: the search.
         table: its sets.
-        near: what they say of the constants.
+        near: identifiability of the constants.
     """
     folder = path / "figures"
     own_folder(folder)
@@ -52,7 +52,7 @@ def draw_search(path: Path, search: Search, table: pd.DataFrame, near: Identifia
 
 
 def search_figure(name: str, search: Search, table: pd.DataFrame, near: Identifiability) -> Figure:
-    """One of the figures of a search.
+    """Draw one of the figures of a search.
 
     Args:
         name: one of FIGURES.
@@ -64,7 +64,7 @@ def search_figure(name: str, search: Search, table: pd.DataFrame, near: Identifi
 
 
 def _convergence(table: pd.DataFrame) -> Figure:
-    """The score of each set, and the least so far; failed sets, whose score says nothing, stand on top."""
+    """Draw the score of each set, and the least so far; failed sets are marked on top."""
     numbers = table["row"].to_numpy() + 1
     failed = table["status"].astype(str).to_numpy() == "failed"
     scores = np.where(failed, np.nan, table["score"].to_numpy())
@@ -98,7 +98,7 @@ def _convergence(table: pd.DataFrame) -> Figure:
 
 
 def _score_axis(axes: Axes, scores: np.ndarray) -> None:
-    """A logarithmic axis of scores, with a linear part where some are 0, as misses of ranges are."""
+    """Set a logarithmic axis of scores, with a linear part if some are 0, as misses of ranges are."""
     finite = scores[np.isfinite(scores)]
     if finite.size and finite.min() > 0.0:
         axes.set_yscale("log")
@@ -107,7 +107,7 @@ def _score_axis(axes: Axes, scores: np.ndarray) -> None:
 
 
 def _constants(free: Mapping[str, FreeParameter], table: pd.DataFrame, near: Identifiability) -> Figure:
-    """The least score over each constant's range, and where the near-best sets have it."""
+    """Draw the least score over each constant's range, and the values of the near-best sets."""
     columns = min(len(free), 4)
     rows = math.ceil(len(free) / columns)
     with canvas(PAGE, 0.6 + 1.5 * rows) as figure:
@@ -115,7 +115,7 @@ def _constants(free: Mapping[str, FreeParameter], table: pd.DataFrame, near: Ide
         for axes, constant in zip(panels, near.constants, strict=False):
             _profile(axes, free[constant.name], constant, near.best)
             unit = unit_of(table, constant.name)
-            # a long name stands over its unit
+            # the unit of a long name is below it
             gap = "\n" if len(constant.name) > _LONG_NAME else " "
             axes.set_xlabel(symbol(table, constant.name) + (f"{gap}({unit})" if unit else ""))
         for axes in panels[len(free) :]:
@@ -149,7 +149,7 @@ def _profile(axes: Axes, free: FreeParameter, constant: Constant, best: pd.DataF
 
 
 def _misses(search: Search, table: pd.DataFrame, near: Identifiability) -> Figure:
-    """The misses of the near-best sets, a line each, and of the sets that miss each target least."""
+    """Draw the misses of the near-best sets, a line each, and of the sets that miss each target least."""
     names = list(search.targets)
     columns = [f"{MISS}{name}" for name in names]
     least = _least_of_each(search, table)[columns].to_numpy()
@@ -185,7 +185,7 @@ def _misses(search: Search, table: pd.DataFrame, near: Identifiability) -> Figur
         labels = [f"{name}{gap}held back" if search.targets[name].value.held_back else name for name in names]
         axes.set_xticks(place, labels, **({"rotation": 30, "ha": "right"} if long else {}))
         axes.set_yscale("symlog", linthresh=1.0)
-        axes.yaxis.set_major_formatter("{x:g}")  # 1 and -1, the reading errors, are no powers to a reader
+        axes.yaxis.set_major_formatter("{x:g}")  # 1 and -1, the reading errors, are not written as powers
         axes.set_ylim(-limit, limit)
         axes.set_xlim(-0.3, len(names) - 0.7)
         axes.set_ylabel("miss, in reading errors")
@@ -194,7 +194,7 @@ def _misses(search: Search, table: pd.DataFrame, near: Identifiability) -> Figur
 
 
 def _least_of_each(search: Search, table: pd.DataFrame) -> pd.DataFrame:
-    """For each target that counts, the set that misses it least, of those that miss the others least."""
+    """Return the set that misses each counting target least, of equal ones that with the best score."""
     rows = []
     for name in search.counted:
         order = table.assign(_miss=table[f"{MISS}{name}"].abs()).sort_values(["_miss", "score"])

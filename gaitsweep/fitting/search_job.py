@@ -1,4 +1,4 @@
-"""The job of a search: free constants, targets, and how sets are chosen."""
+"""Job of a search: free constants, targets, and options of the optimiser."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from gaitsweep.table import TableError, load
 
 # Columns of a search's table beside constants and targets.
 _COLUMNS = ("row", "generation", "score", "status", "why")
-# Sets that are measured together where the job does not say.
+# Sets that are measured together by default.
 _SETS_TOGETHER = 64
 # Sets that NSGA-III takes at a time, at most: its own time grows with their square, about a second for these.
 _MOST_OF_A_FRONT = 2048
-# Batches that a card runs at a time where the job does not say.
+# Batches that a GPU runs at a time by default.
 _SIDE_BY_SIDE = 4
 
 
@@ -98,9 +98,9 @@ class SearchOptions(StrictModel):
 
 @dataclasses.dataclass(frozen=True)
 class Search:
-    """The field `search` of a job: the free constants, `targets` what is wanted, `options` how it goes.
+    """The field `search` of a job: free constants, targets and options.
 
-    The share of a set's neighbours that keep its targets is the last of the targets, if it is asked for.
+    With `options.robust` the last target is the share of a set's neighbours that keep its targets.
     """
 
     free: dict[str, FreeParameter]
@@ -109,15 +109,15 @@ class Search:
 
     @property
     def counted(self) -> list[str]:
-        """The targets that count."""
+        """Names of the targets that count."""
         return [name for name, target in self.targets.items() if not target.value.held_back]
 
 
 @dataclasses.dataclass(frozen=True)
 class SearchJob(Search):
-    """A search as its file says it: `fit` has the job, `written` its fields.
+    """Search of a job file: `fit` has the job, `written` its fields.
 
-    `known` are the values of the sets that are measured first, those of each constant by name;
+    `known` are the sets that are measured first, values of each constant by name;
     `changing` those of the job's constants that differ between a set and its neighbours.
     """
 
@@ -136,7 +136,7 @@ class SearchJob(Search):
         return self.options.budget // 10 if self.options.start is None else self.options.start
 
     def known_points(self) -> np.ndarray:
-        """The points (m, constants) of the unit cube of the sets that are measured first."""
+        """Return the points (m, constants) of the unit cube of the sets that are measured first."""
         shares = [
             [float(parameter.share([values[name]])[0]) for name, parameter in self.free.items()]
             for values in self.known
@@ -144,7 +144,7 @@ class SearchJob(Search):
         return np.array(shares).reshape(len(self.known), len(self.free))
 
     def sets_together(self, context: RunContext, rows_of_a_set: int) -> int:
-        """Sets that are measured together."""
+        """Return the number of sets that are measured together."""
         sets = self.options.population
         if sets is None:
             sets = _SETS_TOGETHER
@@ -157,21 +157,21 @@ class SearchJob(Search):
         return min(sets, self.options.budget)
 
     def batches_side_by_side(self, context: RunContext) -> int:
-        """Batches that run at a time."""
+        """Return the number of batches that run at a time."""
         if self.options.side_by_side is not None:
             return self.options.side_by_side
         return 1 if context.spec.devices[0].platform == "cpu" else _SIDE_BY_SIDE
 
     def resolved(self) -> dict[str, Any]:
-        """The job as plain values, as the result directory keeps it."""
+        """Return the job as plain values, as the result directory keeps it."""
         return self.written
 
     def hash(
         self, *, device: str, engine: str, population: int, side_by_side: int, versions: Mapping[str, str]
     ) -> str:
-        """The sha256, in hex, of what decides the sets and what is measured of them.
+        """Return the sha256, in hex, of all that determines the sets and their measures.
 
-        Optimisers draw otherwise in other versions, so these are part of it.
+        It includes versions, since optimisers of other versions draw other numbers.
         """
         decides = {
             "job": [
@@ -185,20 +185,20 @@ class SearchJob(Search):
 
 
 def load_search(path: str | Path, overrides: Sequence[str] = ()) -> SearchJob:
-    """The search in a YAML file.
+    """Load a search from a YAML file.
 
     Args:
         path: the file.
         overrides: "key=value" each, laid over it as `gaitsweep.load_job` does.
 
     Raises:
-        JobError: all that is wrong, with file and line of each.
+        JobError: all errors, with file and line of each.
     """
     return read_file(path, overrides, read_search)
 
 
 def read_search(data: Mapping[str, Any], folder: Path) -> SearchJob:
-    """A search from its mapping; raises JobError with all that is wrong."""
+    """Read a search from its mapping; raise JobError with all errors."""
     data = plain(data)
     wrong: list[Diagnostic] = []
     search = read_search_field(data, wrong)
@@ -219,10 +219,10 @@ def read_search(data: Mapping[str, Any], folder: Path) -> SearchJob:
 
 
 def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Search:
-    """The field `search` of a job, without its model; what is wrong with it is added to `wrong`.
+    """Read the field `search` of a job, without its model; errors are added to `wrong`.
 
     Raises:
-        JobError: it cannot be read on.
+        JobError: the field is missing or not a mapping.
     """
     search = data.get("search")
     if not isinstance(search, Mapping):
@@ -245,7 +245,7 @@ def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Searc
         wrong.append(Diagnostic(("search", "targets"), "are all held back: one of them has to count."))
     for place, name in enumerate(read.options.first):
         if name not in targets:
-            text = f"is {name}, which is no target{near_miss.suggestion(name, targets)}"
+            text = f"is {name}, which is not a target{near_miss.suggestion(name, targets)}"
             wrong.append(Diagnostic(("search", "first", place), text))
     if read.options.first_within is not None and not read.options.first:
         text = "has no meaning without search.first, the targets that are measured first."
@@ -267,10 +267,10 @@ def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Searc
 
 
 def _known(search: Search, fit: FitJob) -> tuple[dict[str, Any], ...]:
-    """The values of the sets that are measured first, of every free constant.
+    """Read the sets that are measured first: values of every free constant.
 
     Raises:
-        JobError: all that is wrong with them.
+        JobError: all errors of these sets.
     """
     sets, wrong = [], []
     for place, entry in enumerate(search.options.known):
@@ -301,10 +301,10 @@ def _known(search: Search, fit: FitJob) -> tuple[dict[str, Any], ...]:
 def _sets_of(
     entry: Mapping[str, Any] | str, search: Search, folder: Path
 ) -> Iterator[tuple[str, Mapping[str, Any] | str]]:
-    """The sets that an entry of `known` stands for, each with its name in an earlier search, or ''.
+    """Yield the sets of an entry of `known`, each with its name in an earlier search, or ''.
 
     Raises:
-        TableError: a directory that is no result of a search.
+        TableError: a directory is not the result of a search.
     """
     if not isinstance(entry, str) or not (directory := folder / entry).is_dir():
         yield "", entry
@@ -326,8 +326,10 @@ def _read_targets(
 ) -> dict[str, Target]:
     path = ("search", "targets")
     if not isinstance(value, Mapping) or not value:
-        said = "is missing: it" if value is None else f"is {found(value)}, but"
-        wrong.append(Diagnostic(path, f"{said} takes targets by name, each with kind, at, wanted and error."))
+        begin = "is missing: it" if value is None else f"is {found(value)}, but"
+        wrong.append(
+            Diagnostic(path, f"{begin} takes targets by name, each with kind, at, wanted and error.")
+        )
         return {}
     targets = {}
     for name, fields in value.items():

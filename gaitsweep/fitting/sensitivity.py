@@ -1,4 +1,4 @@
-"""A sensitivity analysis carried out: its sets measured into a result directory, their indices, a figure."""
+"""Execution of a sensitivity analysis: its sets in a result directory, their indices, and a figure."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 INDICES_FILE = "indices.parquet"
 FIGURE = "sensitivity.png"
 _STATUSES = ["complete", "failed"]
-# Rows of a batch that a cluster computes, at most: its job, which names each set, goes to every worker.
+# Rows of a batch on a cluster, at most: its job, which contains each set, is sent to every worker.
 _ROWS_OF_A_BATCH = 2**15
 
 # Share of an output's standard deviation by which a set may differ at half the step.
@@ -79,7 +79,7 @@ class Sensitivity:
 
     `table`: one record a set: `row`, `status` (complete, or failed where an output has no value), `why`, the
     parameters and the outputs. `indices`: one record an index, see `gaitsweep.fitting.indices.indices`.
-    `half_step` says what some sets give at half the step; `path` is the result directory, None in memory.
+    `half_step` compares some sets with half the step; `path` is the result directory, None in memory.
     """
 
     table: pd.DataFrame
@@ -88,7 +88,7 @@ class Sensitivity:
     path: Path | None = None
 
     def figure(self) -> Figure:
-        """The indices as bars with their intervals, a panel an output."""
+        """Draw the indices as bars with their intervals, a panel for each output."""
         return sensitivity_figure(self.indices)
 
 
@@ -100,24 +100,24 @@ def run_sensitivity(
     on_message: Callable[[str], None] = lambda _: None,
     cluster: Cluster | None = None,
 ) -> Sensitivity:
-    """Measure the sets that a directory still lacks, then find the indices and draw them.
+    """Measure the sets that a directory still lacks, then compute and draw the indices.
 
     Args:
         job: the analysis.
         out: the result directory, `results/NAME` by default.
-        on_progress: told how far the sets are.
-        on_message: told, in a sentence each, what was found and mended in the directory.
+        on_progress: progress callback of the sets.
+        on_message: called with each note and warning, a sentence.
         cluster: computes the rows, if this process does not; it is left open.
 
     Raises:
-        RunError, TableError: a sentence each; what was written before stays, and the next run continues.
+        RunError, TableError: the run cannot continue; rows on disk are safe, and the next run continues.
         KeyboardInterrupt: likewise.
     """
     path = RESULTS / job.name if out is None else Path(out)
     on_progress = on_progress or (lambda *_, **__: None)
     population = job.population()
     context = population.prepared({})
-    n, rows = job.design.n_rows, max(1, population.rows_of_a_set)  # a fixed point takes no row
+    n, rows = job.design.n_rows, max(1, population.rows_of_a_set)  # a fixed point has no row
     block = min(n, max(1, rows_of_a_part(context.job.engine.block, n * rows) // rows))
     resolved = job.resolved(context.job, context.engine)
     if context.note is not None:
@@ -159,7 +159,7 @@ def _measure(
     together: int,
     on_progress: Progress,
 ) -> None:
-    """Write the missing parts; the sets of so many parts `together` are one batched run."""
+    """Write the missing parts; the sets of `together` parts are one batched run."""
     n, sets, began = job.design.n_rows, job.design.sets, time.perf_counter()
     before = directory.rows_done
     spent = directory.manifest.get("timings", {}).get("run_s", 0.0)
@@ -186,7 +186,7 @@ def _measure(
 def _records(
     rows: np.ndarray, sets: Mapping[str, np.ndarray], measured: Mapping[str, Measured]
 ) -> pd.DataFrame:
-    """The records of the sets `rows` (n,): their status, and why outputs have no value."""
+    """Return the records of the sets `rows` (n,): their status, and why outputs have no value."""
     why = [
         "; ".join(
             f"{name}: {output.why[i]}" for name, output in measured.items() if math.isnan(output.values[i])
@@ -205,7 +205,7 @@ def _records(
 
 
 def _describe(job: SensitivityJob, context: RunContext, directory: ResultDirectory) -> None:
-    """Say in the manifest what the columns hold, and with what the sets are run."""
+    """Write the units of the columns and the settings of the run into the manifest."""
     model = context.model
     directory.update_manifest(
         engine=context.engine,
@@ -218,7 +218,7 @@ def _describe(job: SensitivityJob, context: RunContext, directory: ResultDirecto
 
 
 def _quantities(job: SensitivityJob, model: Model) -> dict[str, dict[str, Any]]:
-    """Unit, meaning and symbol of the columns."""
+    """Return unit, meaning and symbol of the columns."""
     known = quantities_of(model)
     outputs = {
         name: {
@@ -232,7 +232,7 @@ def _quantities(job: SensitivityJob, model: Model) -> dict[str, dict[str, Any]]:
 
 
 def _meaning(measure: Measure) -> str:
-    """A measure in words: value of psi_1, at psi_1 1."""
+    """Describe a measure: value of psi_1, at psi_1 1."""
     at = ", ".join(
         f"{name} {' '.join(f'{value:g}' for value in values)}" for name, values in measure.at.items()
     )
@@ -250,7 +250,7 @@ def _at_half_the_step(
     table: pd.DataFrame,
     on_progress: Progress,
 ) -> HalfStep | None:
-    """Return the values of some sets at half the step, from now or from before; None where none are asked."""
+    """Compare some sets with half the step, or return the stored comparison; None if not asked for."""
     n, context = len(table), population.prepared({})
     model, asked = context.model, min(context.job.verify, n)
     known = directory.manifest.get("half_step")
@@ -284,7 +284,7 @@ def _at_half_the_step(
 
 
 def _analysed(job: SensitivityJob, table: pd.DataFrame, model: Model) -> Sensitivity:
-    """The indices of a complete table; the failures are an output of their own where there are some."""
+    """Compute the indices of a complete table; failures, if any, are another output."""
     outputs = {
         name: Output(table[name].to_numpy(float), measure.unit(model), measure.circular(model))
         for name, measure in job.outputs.items()

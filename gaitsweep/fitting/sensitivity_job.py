@@ -1,4 +1,4 @@
-"""The job of a sensitivity analysis: constants with ranges, outputs, and the method."""
+"""Job of a sensitivity analysis: constants with ranges, outputs, and the method."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, read_model
 from gaitsweep.schema.numbers import Count, Seed, word
 from gaitsweep.schema.strict_model import StrictModel
 
-# The output that tells which sets fail.
+# The output that is 1 for sets that fail.
 FAILURES = "failures"
 # Columns of the table of sets, beside parameters and outputs.
 COLUMNS = ("row", "status", "why")
@@ -59,10 +59,10 @@ class Analysis(StrictModel):
 
 @dataclasses.dataclass(frozen=True)
 class SensitivityJob:
-    """A sensitivity analysis as its file says it.
+    """Sensitivity analysis of a job file.
 
-    `fit` has the job with the ranges of its parameters, `base` the job's own values of them; `written` is
-    what stands under `sensitivity`.
+    `fit` has the job with the ranges of its parameters, `base` the job's own values of them; `written` is the
+    field `sensitivity`.
     """
 
     fit: FitJob
@@ -76,7 +76,7 @@ class SensitivityJob:
 
     @property
     def parameters(self) -> dict[str, FreeParameter]:
-        """The ranges by parameter."""
+        """Ranges by parameter."""
         return self.fit.free
 
     @property
@@ -90,16 +90,16 @@ class SensitivityJob:
 
     @functools.cached_property
     def design(self) -> SensitivityDesign:
-        """The sets of parameters, a row of the table each."""
+        """Sets of parameters, a row of the table each."""
         chosen = self.analysis
         return design_of(chosen.method, chosen.n, chosen.seed, self.parameters, self.base)
 
     def population(self) -> Population:
-        """Population that measures the sets; parameters that are not among them keep the job's values."""
+        """Create the population that measures the sets; other parameters keep the job's values."""
         return _own_values(self.fit).population()
 
     def resolved(self, job: Job, engine: str) -> dict[str, Any]:
-        """The job as plain values, as the result directory keeps it, and as it can be run again."""
+        """Return the job as plain values, as the result directory keeps it, and as it can be run again."""
         job_fields = {
             name: value
             for name, value in job.resolved(engine=engine).items()
@@ -108,11 +108,11 @@ class SensitivityJob:
         return {**job_fields, "sensitivity": self.written}
 
     def hash(self, job_hash: str, block: int) -> str:
-        """The sha256, in hex, of what decides the sets and what is measured of them.
+        """Return the sha256, in hex, of all that determines the sets and their measures.
 
         Args:
-            job_hash: that of the job with its own values.
-            block: the sets of a part.
+            job_hash: hash of the job with its own values.
+            block: number of sets of a part.
         """
         decides = {
             "job": job_hash,
@@ -124,23 +124,23 @@ class SensitivityJob:
 
 
 def load_sensitivity(path: str | Path, overrides: Sequence[str] = ()) -> SensitivityJob:
-    """The sensitivity analysis in a YAML file.
+    """Load a sensitivity analysis from a YAML file.
 
     Args:
         path: the file.
         overrides: "key=value" each, laid over it as `gaitsweep.load_job` does.
 
     Raises:
-        JobError: all that is wrong, with file and line of each.
+        JobError: all errors, with file and line of each.
     """
     return read_file(path, overrides, read_sensitivity)
 
 
 def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
-    """A sensitivity analysis from its mapping.
+    """Read a sensitivity analysis from its mapping.
 
     Raises:
-        JobError: all that is wrong.
+        JobError: all errors.
         ArgumentError: the package of the method is not installed.
     """
     wrong: list[Diagnostic] = []
@@ -181,7 +181,7 @@ def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
 def _read_parameters(
     value: Any, wrong: list[Diagnostic]
 ) -> tuple[dict[str, FreeParameter], dict[str, float]]:
-    """The parameters with a range, and those with a share of the job's value around it."""
+    """Read the parameters with a range, and those with a share of the job's value."""
     path = ("sensitivity", "parameters")
     if not isinstance(value, Mapping) or not value:
         text = f"is {found(value)}, but takes ranges by name, such as kappa: 10% or kappa: [1, 2]."
@@ -230,7 +230,7 @@ def _read_outputs(value: Any, parameters: Iterable[str], wrong: list[Diagnostic]
 def _read_analysis(
     written: Mapping[str, Any], ranges: Mapping[str, FreeParameter], k: int, wrong: list[Diagnostic]
 ) -> Analysis | None:
-    """The analysis of k parameters, of which some have ranges; what is wrong is added to `wrong`."""
+    """Read the settings of an analysis of k parameters, some with ranges; errors are added to `wrong`."""
     rest = {key: value for key, value in written.items() if key not in ("parameters", "outputs")}
     for key in [key for key in rest if key not in Analysis.model_fields]:
         allowed = ["parameters", "outputs", *Analysis.model_fields]
@@ -264,12 +264,12 @@ def _read_analysis(
 
 
 def _written(measure: Measure) -> dict[str, Any]:
-    """The fields of a measure as plain values: the run of one may be a part of its own."""
+    """Return the fields of a measure as plain values, its run included."""
     return {name: value.model_dump() if isinstance(value, StrictModel) else value for name, value in measure}
 
 
 def _own_values(fit: FitJob) -> FitJob:
-    """The job with its own values of all parameters; a start without one is in the middle of its range."""
+    """Return the job with its own values; a start without a value is in the middle of its range."""
     needed = {
         name: parameter
         for name, parameter in fit.free.items()
@@ -281,7 +281,7 @@ def _own_values(fit: FitJob) -> FitJob:
 
 
 def _follow_conditions(job: Job, names: Iterable[str], outputs: Mapping[str, Measure]) -> list[Diagnostic]:
-    """Parameters whose own value is a formula of what outputs set, so that there is no one value."""
+    """Return errors of parameters whose value is a formula of what outputs set, so it is not unique."""
     set_by_outputs = {name for measure in outputs.values() for name in measure.at}
     wrong = []
     for name in names:
@@ -292,7 +292,7 @@ def _follow_conditions(job: Job, names: Iterable[str], outputs: Mapping[str, Mea
 
 
 def _around(name: str, value: float, share: float, wrong: list[Diagnostic]) -> FreeParameter | None:
-    """The range from `share` below a value to `share` above it."""
+    """Return the range from `share` below a value to `share` above it."""
     if not np.isfinite(value) or value == 0.0:
         has = "is 0 in this job" if value == 0.0 else "has no value in this job"
         text = f"{has}, of which a share is no range: give [low, high]."

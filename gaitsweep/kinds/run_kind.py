@@ -36,7 +36,7 @@ class Movement:
 
 
 class BlockProgress(Protocol):
-    """Called between the steps of a run kind that makes its own table, with a note on how far it is."""
+    """Progress callback of a run kind that makes its own table, called between its steps with a note."""
 
     def __call__(self, note: str = "") -> None: ...
 

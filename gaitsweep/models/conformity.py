@@ -335,8 +335,8 @@ def _named(name: str, found: Any, kind: str, wanted: Iterable[str]) -> None:
     given = list(found) if isinstance(found, Mapping) else []
     for each in wanted:
         if each not in given:
-            told = ", ".join(map(str, given)) or "nothing by name"
-            raise _Fault(f"{name} does not give {each}, one of its {kind}; it gives {told}.")
+            outputs = ", ".join(map(str, given)) or "nothing by name"
+            raise _Fault(f"{name} does not give {each}, one of its {kind}; it gives {outputs}.")
         _scalar(f"{name}, {each},", found[each])
 
 

@@ -63,7 +63,7 @@ def estimate(job: Job) -> Estimate:
     """Estimate a job's needs from its first rows, which are run for a few chunks; nothing is written.
 
     Raises:
-        RunError: the job asks for what is not here.
+        RunError: a device or an engine that the job asks for is not available.
     """
     context = prepare(job)
     spec = context.spec
@@ -99,7 +99,7 @@ def estimate(job: Job) -> Estimate:
 
 
 def _bytes_of_record(design: Design, job: Job) -> float:
-    """Bytes of a record in a table: eight for each number that no other record has."""
+    """Return the bytes of a record in a table: eight for each number that differs between records."""
     columns = job.run.all_columns(design.model)
     own = sum(not column.repeats for column in columns)
     if job.run.one_a_row:  # so that each has its own point of a sample
@@ -128,7 +128,7 @@ class Measured:
     crossings: float
 
     def seconds(self, rows: float, attempts: float, spec: SweepSpec) -> float:
-        """The time (s) of so many rows, with so many attempts each."""
+        """Return the time (s) that rows take, with a number of attempts each."""
         steps, host = rows * attempts / self.rate, min(rows, spec.n_rows) * self.host_s
         # on a CPU the host's work takes cores from the rows
         cores = spec.devices[0].platform == "cpu"
@@ -136,7 +136,7 @@ class Measured:
 
 
 def _measured(context: RunContext) -> Measured:
-    """Run a chunk of the first rows, for how fast it goes and how far it comes."""
+    """Run a chunk of the first rows, and measure its speed and the simulated time."""
     spec = context.spec
     began = time.perf_counter()
     pool = LaneScheduler(spec, range(math.ceil(spec.n_rows / spec.block)))
@@ -159,7 +159,7 @@ def _measured(context: RunContext) -> Measured:
         total(lambda output: output.numbers["cycles"]),
     )
     nominal = 1.0 / nominal_period(context.design)
-    if crossings < 2.0 * ran:  # too few to tell
+    if crossings < 2.0 * ran:  # too few for a mean
         crossings = nominal * simulated
     if not simulated > 0.0:
         return Measured(
@@ -170,7 +170,7 @@ def _measured(context: RunContext) -> Measured:
 
 
 def _host_s(context: RunContext, pool: LaneScheduler) -> float:
-    """The host's work for a row (s): to open it, to label it and to write its record.
+    """Measure the host's work for a row (s): opening it, labelling it and writing its record.
 
     It is 0 for a kind that makes its own table, where this work is part of the steps.
     """

@@ -1,4 +1,4 @@
-"""A job carried out: its rows through the engine into a result directory, and its figures.
+"""Execution of a job: its rows through the engine into a result directory, and its figures.
 
 `run_job` is what `gaitsweep run` and `gaitsweep.run(...)` do. Run again, it continues where it stopped.
 """
@@ -59,8 +59,8 @@ def run_job(
     Args:
         job: the job.
         out: its result directory, `results/NAME` by default.
-        on_progress: told how far the run is.
-        on_message: told, in a sentence each, what was found and mended in the directory.
+        on_progress: progress callback.
+        on_message: called with each note and warning, a sentence.
         figures: draw the job's figures at the end.
         strict: raise SelfCheckError where the run's self-check warns.
         cluster: computes the blocks, if this process does not; it is left open.
@@ -69,7 +69,7 @@ def run_job(
         The result directory.
 
     Raises:
-        RunError, TableError: a sentence each; what was written before stays, and the next run continues.
+        RunError, TableError: the run cannot continue; rows on disk are safe, and the next run continues.
         KeyboardInterrupt: likewise.
         FigureError: the table is complete, but a figure of it could not be drawn.
     """
@@ -138,14 +138,14 @@ def table_in_memory(
 
 
 def _rows_leave_the_host_idle(context: RunContext) -> bool:
-    """Whether the rows run on a card; a few rows more of the self-check then take no time of theirs."""
+    """Return whether the rows run on a GPU, where the rows of a self-check take no time from them."""
     return context.spec.devices[0].platform != "cpu"
 
 
 class _SelfCheck:
-    """The self-check of a run: after the rows, or beside them in a thread if it has been begun before.
+    """The self-check of a run: after the rows, or beside them in a thread once `begin` was called.
 
-    What it raises is raised by `found`. Its rows have lanes of their own; the table is read at the end.
+    Its exceptions are raised by `result`. Its rows have their own lanes; the table is read at the end.
     """
 
     def __init__(self, context: RunContext, directory: ResultDirectory) -> None:
@@ -163,17 +163,17 @@ class _SelfCheck:
         self._thread.shutdown()
 
     def begin(self) -> None:
-        """Begin it now, beside what follows."""
+        """Begin the self-check now, in a thread."""
 
         def go_on(_: SweepProgress) -> None:
-            if self._abandoned.is_set():  # the rows have been stopped: nobody asks what it finds
+            if self._abandoned.is_set():  # the rows have been stopped, and nobody reads its result
                 raise InterruptedError
 
         if self._known is None:
             self._begun = self._thread.submit(self_check, self._context, self._asked, go_on)
 
     def result(self, on_progress: Progress) -> dict[str, Any]:
-        """Result for a complete table, from now or from when it was made."""
+        """Return the result for a complete table: the stored one, or that of a new self-check."""
         if self._known is not None:
             return self._known
         total = self._context.spec.n_rows
@@ -197,7 +197,7 @@ class _SelfCheck:
 
     @property
     def _known(self) -> dict[str, Any] | None:
-        """Return the result of an earlier one with as many rows, or None."""
+        """Result of an earlier self-check with the same number of rows, or None."""
         before = self._directory.manifest.get("self_check")
         return before if isinstance(before, dict) and before.get("rows") == self._asked else None
 
@@ -246,7 +246,7 @@ def _run_missing(
             stored = _Open(directory, spent_so_far)
             sweep(context.spec, missing, directory.write_encoded, on_sweep_progress, timings, stored, encode)
     except BaseException:
-        # what stopped the run is the news, not that the manifest cannot be written either
+        # the exception that stopped the run is raised, not a failure to write the manifest
         with contextlib.suppress(TableError):
             sum_up(context, directory, spent_so_far())
         raise
@@ -277,7 +277,7 @@ def _run_own_blocks(
 ) -> None:
     """Write the missing parts of a table that the run kind makes itself, block by block.
 
-    The rows of a block are worked out together, so that a kill can lose one block.
+    The rows of a block are computed together, so a kill loses at most one block.
     """
     spec, before, done = context.spec, directory.rows_done, 0
 
@@ -288,7 +288,7 @@ def _run_own_blocks(
     for number in missing:
         began = time.perf_counter()
         first, last = directory.rows_of(number)
-        # told of each step too, so that Ctrl-C need not wait for the block's end
+        # reports each step too, so that Ctrl-C need not wait for the block's end
         frame = context.job.run.block_table(
             context.design, spec, first, last, lambda note="": report(0.0, note)
         )

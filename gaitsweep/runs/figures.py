@@ -47,7 +47,7 @@ def draw_of_complete(
     on_progress: Progress,
     on_message: Callable[[str], None],
 ) -> None:
-    """Draw the figures that a complete table lacks, none of which may hide by failing that it is complete."""
+    """Draw the figures that a complete table lacks; errors say that the table is complete."""
     rows = directory.n_rows
     safe = f"The run is complete ({rows} row{'s' * (rows != 1)} in {directory.path})"
     try:
@@ -64,7 +64,7 @@ def draw_of_complete(
 def _draw_missing_figures(
     directory: ResultDirectory, specs: list[dict[str, Any]], on_progress: Progress
 ) -> None:
-    """Draw the figures that a complete directory lacks; those that stand were drawn of the same rows."""
+    """Draw the figures that a complete directory lacks; existing ones were drawn from the same rows."""
     drawn = directory.manifest.get("figures_drawn", {})
     by_name = {f"{spec.get('name') or spec['kind']}.png": spec for spec in specs}
     wanted = {
@@ -87,7 +87,7 @@ def _draw_missing_figures(
 
 
 def _figure_digest(file: Path, spec: dict[str, Any]) -> str | None:
-    """Key of a figure as it was asked for, None where there is none."""
+    """Return the digest of a figure's file and specification; None if the file does not exist."""
     try:
         drawn = read_file(file)
     except OSError:
@@ -100,21 +100,21 @@ def draw_figures(
 ) -> list[Path]:
     """Draw the figures of a result directory from its table, without simulating.
 
-    They are those of its `job.yaml`, where their titles and columns may be edited. Of a table of more than
-    `thinning.MOST_SHOWN` rows they show an even selection, and say so.
+    The figures are those of its `job.yaml`, in which titles and columns may be edited. For a table of more
+    than `thinning.MOST_SHOWN` rows they show an even selection, and say so.
 
     Args:
         path: the directory.
-        names: file names of those that are drawn; all by default.
-        on_progress: called before each with its number.
+        names: file names of the figures to draw; all by default.
+        on_progress: called before each figure with its number.
 
     Returns:
         The files, in the job's order.
 
     Raises:
-        TableError: there is no table yet, or what `job.yaml` asks for is no figure.
-        WriteError: a figure cannot be written; the old one stands.
-        FigureError: the table does not give what some of them show; the others are drawn.
+        TableError: there is no table yet, or `job.yaml` asks for an unknown figure.
+        WriteError: a figure cannot be written; the old file is kept.
+        FigureError: the table lacks data for some figures; the others are drawn.
     """
     shown = thinned(read_manifest(Path(path)))
     snapshot, table = load_with_snapshot(path, rows=None if shown is None else shown.rows)

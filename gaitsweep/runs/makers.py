@@ -21,10 +21,10 @@ _TRACING = ("python", "gaitsweep", "jax", "jaxlib", "mujoco", "mujoco-mjx")
 def continue_directory(
     context: RunContext, directory: ResultDirectory, on_message: Callable[[str], None]
 ) -> None:
-    """Note in the manifest who makes the parts from now on, and warn where others made those that are there.
+    """Record in the manifest which program makes the next parts, and warn if another made the present ones.
 
     Raises:
-        RunError: a function of the user's model computes something else than when the directory was begun.
+        RunError: a function of the user's model differs from the one with which the directory was begun.
     """
     manifest = directory.manifest
     for warning in check_program(context, directory.path, manifest):
@@ -58,10 +58,10 @@ def continue_directory(
 
 
 def check_program(context: RunContext, path: Path, manifest: Mapping[str, Any]) -> list[str]:
-    """Warnings where a model's functions are traced differently, which other versions may do.
+    """Return warnings if a model's functions are traced differently by other versions.
 
     Raises:
-        RunError: they are, and the versions are the same.
+        RunError: they are traced differently by the same versions.
     """
     before, now = manifest.get(PROGRAM), context.program
     if not isinstance(before, dict):
@@ -98,7 +98,7 @@ def differing(before: Mapping[str, Any]) -> list[str]:
 
 
 def _commits(before: Mapping[str, Any]) -> list[str]:
-    """The commits of gaitsweep, in words, where they differ and both are known."""
+    """Describe the commits of gaitsweep if they differ and both are known."""
     commit, this_commit = before.get("git_commit"), provenance.git_commit()
     if not isinstance(commit, str) or this_commit is None or commit == this_commit:
         return []
@@ -106,12 +106,12 @@ def _commits(before: Mapping[str, Any]) -> list[str]:
 
 
 def _processor(machine: str) -> str:
-    """The processor in a text of `provenance.machine`, whose system and number of cores decide no digit."""
+    """Return the processor from a text of `provenance.machine`; system and core count affect no digit."""
     return machine.partition(", ")[2].rpartition(", ")[0]
 
 
 def _ranges(numbers: Iterable[int]) -> list[list[int]]:
-    """Numbers as pairs of the first and the last of those that follow each other."""
+    """Group numbers into pairs of the first and the last of each consecutive run."""
     ranges: list[list[int]] = []
     for number in sorted(numbers):
         if ranges and ranges[-1][1] == number - 1:

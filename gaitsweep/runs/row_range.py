@@ -1,7 +1,7 @@
-"""Some rows of a job, computed beside other processes that compute others: an array of jobs.
+"""A range of a job's rows, computed beside other processes that compute other ranges: an array of jobs.
 
-Each process writes the parts of its rows into the same result directory; the one that finds all parts there
-completes the table.
+Each process writes the parts of its rows into the same result directory; the process that finds all parts
+present completes the table.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def run_rows(
     on_message: Callable[[str], None] = lambda _: None,
     strict: bool = False,
 ) -> Path:
-    """Run some rows of a job; if all parts of its table are there then, complete the table.
+    """Run a range of a job's rows; if all parts of its table exist then, complete the table.
 
     Args:
         job: the job; every process has the same.
@@ -54,7 +54,7 @@ def run_rows(
         The result directory.
 
     Raises:
-        RunError: the rows are none of this job's, or are no whole blocks.
+        RunError: the rows are not in this job, or are not whole blocks.
         TableError: the directory is another job's, or another process runs some of these rows.
     """
     path = RESULTS / job.name if out is None else Path(out)
@@ -86,10 +86,10 @@ def run_rows(
 
 
 def blocks_of(rows: str, n_rows: int, block: int) -> Sequence[int]:
-    """The blocks of rows "A:B".
+    """Return the blocks of rows "A:B".
 
     Raises:
-        RunError: they are no whole blocks of a job with so many rows.
+        RunError: the rows are not whole blocks of a job with `n_rows` rows.
     """
     what = f"--rows {rows}"
     match = re.fullmatch(r"\s*(\d{1,18})\s*:\s*(\d{1,18})\s*", rows)
@@ -114,7 +114,7 @@ def _count(context: RunContext) -> int:
 
 
 def _make(path: Path, context: RunContext, on_message: Callable[[str], None]) -> None:
-    """Make the directory, unless another process has made it for the same job."""
+    """Create the directory, unless another process has created it for the same job."""
 
     def made() -> None:
         if (path / MANIFEST).exists():

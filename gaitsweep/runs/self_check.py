@@ -1,9 +1,9 @@
-"""Whether a run's rows are what the same rows give again, and with other steps: a sample of them, repeated.
+"""Self-check of a run: a sample of its rows is rerun, with the same steps and with finer ones.
 
-The sample runs once more as it ran, which has to give the stored rows, and beside that with steps (or
-tolerances) that are finer and no simple share of the run's own, so that what all of its steps leap over is
-found as well. A row that differs is tried again from starts moved by 1e-9: where these differ as much, the
-row lies on a boundary between basins, or is sensitive, and says nothing of the numerics.
+The rerun with the same steps has to reproduce the stored rows. The finer steps (or tolerances) are no simple
+share of the run's own, so that events which all of its steps miss are detected as well. A row that differs
+is rerun from starts moved by 1e-9: if these differ as much, the row lies on a boundary between basins, or is
+sensitive, and does not test the numerics.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ ROUNDING = 1e-6
 
 
 class SelfCheckError(UserError):
-    """A sample of a run's rows came out otherwise when it was repeated, and the run is strict about it."""
+    """A self-check found a difference, and the run is strict."""
 
     exit_code = 3
 
@@ -90,7 +90,7 @@ class SelfCheck:
     _share: float = -1.0
 
     def take_largest(self, quantities: tuple[Quantity, ...], change: np.ndarray, size: np.ndarray) -> None:
-        """Take the largest changes (n, quantities), where they are known; `size` has the same shape."""
+        """Update the largest changes from changes (n, quantities), where known; `size` has the same shape."""
         size = np.broadcast_to(size, change.shape)
         # what did not change is no change of any size, also of none: an interval of crossings at one instant
         share = np.divide(change, size, out=np.where(change > 0.0, np.inf, 0.0), where=size > 0.0)
@@ -106,7 +106,7 @@ class SelfCheck:
                     self.worst = {"name": quantity.name, "unit": quantity.unit}
 
     def judged(self) -> dict[str, Any]:
-        """Its fields, with its verdict."""
+        """Return its fields, with its verdict."""
         differs = (
             self.stored_differs,
             self.status_differs,
@@ -120,7 +120,7 @@ class SelfCheck:
 
 @dataclasses.dataclass(frozen=True)
 class Again:
-    """Rows (n,) that ran once more as they were: how they were recorded, and their results."""
+    """Rows (n,) rerun with the same steps: their recorder and their results."""
 
     rows: np.ndarray
     recorder: Recorder
@@ -133,12 +133,12 @@ def circular(model: Model) -> np.ndarray:
 
 
 def changes(model: Model, once: np.ndarray, again: np.ndarray) -> np.ndarray:
-    """Distance of observables (..., observables) from each other, of angles by the shorter way."""
+    """Return the distance of observables (..., observables), that of angles by the shorter way."""
     return np.abs(wrap_difference(once - again, circular(model)))
 
 
 def sizes(quantities: tuple[Quantity, ...], values: np.ndarray) -> np.ndarray:
-    """The sizes (k,) by which quantities are compared, from their values (..., k).
+    """Return the sizes (k,) by which quantities are compared, from their values (..., k).
 
     They are 1 rad for angles, `Quantity.scale`, or the range of the values, at least `LEAST_SIZE` of their
     magnitude.
@@ -164,7 +164,7 @@ def counted(model: Model, *values: np.ndarray) -> np.ndarray:
 
 
 def rows_to_repeat(context: RunContext) -> int:
-    """Rows of the sample: those that the job names, else at most 32 and `MOST_WORK` of the run's own work."""
+    """Return the rows of the sample: as the job says, else at most 32 and `MOST_WORK` of the run's work."""
     job, design = context.job, context.design
     if "verify" in job.model_fields_set or design.n_rows <= LEAST_ROWS:
         return min(job.verify, design.n_rows)
@@ -180,7 +180,7 @@ def rows_to_repeat(context: RunContext) -> int:
 
 
 def sample_rows(design: Design, count: int) -> np.ndarray:
-    """Rows (n,) that stand for all: both ends of each axis, and points that fill the others evenly.
+    """Select representative rows (n,): both ends of each axis, and points that fill the grid evenly.
 
     Args:
         design: the job's rows.
@@ -211,16 +211,16 @@ def sample_rows(design: Design, count: int) -> np.ndarray:
 def self_check(
     context: RunContext, count: int, on_progress: Callable[[SweepProgress], None] | None = None
 ) -> tuple[SelfCheck | None, Again | None]:
-    """Repeat a sample of a job's rows, and compare what they give with finer steps.
+    """Rerun a sample of a job's rows, and compare its results with those of finer steps.
 
     Args:
         context: the job's context.
         count: rows of the sample; 0 turns it off.
-        on_progress: told how far it is.
+        on_progress: progress callback.
 
     Returns:
-        What it found, None where it is off; and the rows that ran as they were, to be compared with the
-        stored ones by `compare_stored`.
+        The result, None if the self-check is off; and the rows rerun with the same steps, for
+        `compare_stored`.
     """
     if count == 0:
         return None, None
@@ -248,14 +248,14 @@ def compare_stored(
     stored: Callable[[np.ndarray], pd.DataFrame],
     on_progress: Callable[[SweepProgress], None] | None = None,
 ) -> None:
-    """Count in `check` the rows whose stored records are not what they gave `again`.
+    """Count in `check` the rows whose stored records differ from those of the rerun.
 
     Args:
         context: the job's context.
-        check: what a self-check found.
-        again: the rows that it repeated as they were.
-        stored: gives the stored records of rows (n,).
-        on_progress: told how far it is.
+        check: the result of a self-check.
+        again: the rows that it reran with the same steps.
+        stored: returns the stored records of rows (n,).
+        on_progress: progress callback.
     """
     if isinstance(again.result, StartingPoints):
         differs = _other_beginnings(context, again.result, again.rows, stored(again.rows))
@@ -273,7 +273,7 @@ def compare_stored(
 def _other_beginnings(
     context: RunContext, once: StartingPoints, rows: np.ndarray, stored: pd.DataFrame
 ) -> np.ndarray:
-    """Mask of the rows (n,) whose branches begin at another fixed point, or at none."""
+    """Return a mask of the rows (n,) whose branches begin at another fixed point, or at none."""
     model = context.model
     first = stored.drop_duplicates("row").set_index("row").reindex(rows)
     sound = (first["status"] == Status.complete.name).to_numpy(bool)
@@ -287,7 +287,7 @@ def _other_beginnings(
 
 
 def _beginning(context: RunContext) -> Recorder:
-    """The recorder of the first records of a row, of the same numbers as the run's own."""
+    """Recorder of the first records of a row, of the same numbers as the run's recorder."""
     recorder = context.spec.recorder
     if isinstance(recorder, CrossingRecorder) and (recorder.crossings or math.inf) > MOST_CROSSINGS:
         crossings = max(1, CROSSINGS - recorder.after_cycles)
@@ -304,7 +304,7 @@ def _beginning(context: RunContext) -> Recorder:
 
 
 def _other_records(model: Model, again: Again, stored: pd.DataFrame) -> np.ndarray:
-    """Mask of the rows (n,) whose first records differ when they run again."""
+    """Return a mask of the rows (n,) whose first records differ in the rerun."""
     recorder, result = again.recorder, again.result
     assert isinstance(result, RowOutcome)
     quantities = {f"{q.name}_n": q for q in model.observables} | {q.name: q for q in model.signals}
@@ -339,7 +339,7 @@ def _other_ends(
     stored: pd.DataFrame,
     on_progress: Callable[[SweepProgress], None] | None,
 ) -> np.ndarray:
-    """Mask of the rows (n,) that end otherwise when they run again."""
+    """Return a mask of the rows (n,) that end differently in the rerun."""
     model, result = context.model, again.result
     assert isinstance(result, RowOutcome)
     status = stored["status"].astype(str).to_numpy()
@@ -361,7 +361,7 @@ def _other_ends(
 
 
 def end_values_of(recorder: Recorder, result: RowOutcome) -> np.ndarray:
-    """The observables (n, k) with which rows ended."""
+    """Return the observables (n, k) at the end of rows."""
     return end_values(result) if isinstance(recorder, FixedTimeRecorder) else result.last
 
 
@@ -371,7 +371,7 @@ def _repeated(
     lanes: list[tuple[np.ndarray, float, float]],
     on_progress: Callable[[SweepProgress], None] | None,
 ) -> list[RowOutcome]:
-    """The results of rows that run once more, for each (rows, share, move) of the list."""
+    """Return the results of rerun rows, for each (rows, share, move) of the list."""
     rows = np.concatenate([lane[0] for lane in lanes])
     shares = np.concatenate([np.full(lane[0].size, lane[1]) for lane in lanes])
     moves = np.concatenate([np.full(lane[0].size, lane[2]) for lane in lanes])
@@ -400,7 +400,7 @@ def _compare_ends(
     check: SelfCheck,
     on_progress: Callable[[SweepProgress], None] | None,
 ) -> tuple[Again, np.ndarray]:
-    """Compare how rows (n,) end; gives them as they ran again, and which of them came to rest, both times."""
+    """Compare the ends of rows (n,); return the rerun, and a mask of the rows that settled in both runs."""
     spec, design, model = context.spec, context.design, context.model
     once, finer = _repeated(spec, design, [(rows, 1.0, 0.0), (rows, FINER, 0.0)], on_progress)
     at_times = context.job.run.compared == "ends"
@@ -446,7 +446,7 @@ def _compare_ends(
 
 
 def _with_starts(context: RunContext, rows: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """The observables (2 n, k) of rows where they start and where they end."""
+    """Return the observables (2 n, k) of rows at their starts and at their ends."""
     model, drive = context.model, context.spec.drive
     values, starts = context.design.values_in(rows)
 
@@ -477,7 +477,7 @@ def _compare_crossings(
     check: SelfCheck,
     on_progress: Callable[[SweepProgress], None] | None,
 ) -> Again:
-    """Compare the first crossings of rows (n,), with their times; gives them as they ran again."""
+    """Compare the first crossings of rows (n,) and their times; return the rerun."""
     design, model = context.design, context.model
     recorder = _beginning(context)
     if not isinstance(recorder, CrossingRecorder):
@@ -504,7 +504,7 @@ def _compare_crossings(
     size = sizes(model.observables, observed[0])
     check.take_largest(model.observables, most, size)
     if fixed_step_scheme(context.spec.numerics.method, model) is not None:
-        # its step is part of such a model: what changes with it is told, and is no fault of the run
+        # the step is part of such a model: changes with it are reported, but are no fault of the run
         return Again(rows, recorder, once)
     counts = counted(model, observed[0], observed[1])
     off = most > np.where(counts, 0.0, TOLERANCES * TOLERANCE * size)
@@ -525,9 +525,9 @@ def _compare_crossings(
 
 
 def _comparable_time(context: RunContext) -> float:
-    """Seconds after which rows without a section are compared: `CROSSINGS` periods, or the run's own end.
+    """Time (s) after which rows without a section are compared: `CROSSINGS` periods, or the run's own end.
 
-    Infinite where no row has a period, and the run no end.
+    Infinite if no row has a period and the run has no end.
     """
     period = nominal_period(context.design)
     longest = getattr(context.spec.recorder, "duration", None) or math.inf
@@ -542,7 +542,7 @@ def _mean_interval(times: np.ndarray) -> np.ndarray:
 
 
 def _crossings(result: RowOutcome, n: int, after: int) -> np.ndarray:
-    """The times (s) and observables (n, crossings, 1 + k), NaN where a row did not get so far."""
+    """Return times (s) and observables (n, crossings, 1 + k), NaN after the end of a row."""
     width = 1 + result.last.shape[1]
     seen = np.full((n, CROSSINGS + 1, width), np.nan)
     samples = result.samples.reshape(-1, 1 + width)

@@ -1,4 +1,4 @@
-"""The sentences that state what a self-check found."""
+"""Messages about the result of a self-check."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ def sentence(check: dict[str, Any]) -> str:
     wrong = [
         f"{check[name]} {text}"
         for name, text in (
-            ("stored_differs", "gave other records than the stored ones when they ran again as they were"),
-            ("status_differs", "came to another status"),
-            ("gait_differs", "came to another gait"),
-            ("count_differs", "came to another count"),
+            ("stored_differs", "did not reproduce their stored records with the same steps"),
+            ("status_differs", "ended with another status"),
+            ("gait_differs", "ended with another gait"),
+            ("count_differs", "ended with another count"),
             ("moved", f"moved by more than {TOLERANCES:g} tolerances"),
         )
         if check.get(name)
@@ -41,7 +41,7 @@ def sentence(check: dict[str, Any]) -> str:
 
 
 def _largest(check: dict[str, Any]) -> str:
-    """The largest change of an observable; manifests of older versions do not say which is the worst."""
+    """Format the largest change of an observable; manifests of older versions do not name the worst."""
     largest = {name: value for name, value in check.get("largest", {}).items() if value == value}
     if not largest:
         return "there was nothing to compare"
@@ -55,7 +55,7 @@ def advice(check: dict[str, Any], dt: float | None) -> str:
     """Advise what to change where a self-check warned."""
     differs = ("status_differs", "gait_differs", "count_differs", "moved")
     if check.get("stored_differs") and not any(check.get(name) for name in differs):
-        text = "The table was made by another model, file of data, cache or version than is here now"
+        text = "Another model, data file, cache or version made this table"
         return f"{text}: run the job into a new directory."
     if dt is not None:
         return f"The table depends on the step: make numerics.dt shorter than {dt:g} s, or leave it out."

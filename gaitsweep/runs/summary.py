@@ -1,4 +1,4 @@
-"""Summary of a run for its manifest: how the rows were run, how they ended, and what the columns hold."""
+"""Summary of a run for its manifest: settings, counts of rows by their end, and units of the columns."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from gaitsweep.table import ResultDirectory, load_parts
 # Fields of the manifest: rows whose label is no index of a gait, rows that begin beyond an event's surface,
 # rows whose nominal period is no time.
 MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD = "mislabelled", "starts_beyond", "without_period"
-# Rows whose starts are looked at, at most and at a time.
+# Rows whose starts are examined, at most and at a time.
 _MOST_STARTS, _STARTS_AT_A_TIME = 100_000, 4096
 _MOST_OF_A_SIMULATOR = 64  # whose parameters the host works out row by row
 
 
 def describe(context: RunContext, directory: ResultDirectory) -> None:
-    """Say in the manifest what the rows are, and with what they are run.
+    """Write the axes of the rows and the settings of the run into the manifest.
 
-    `axes` are those of the rows, the last varying fastest: what moves together, the number of points, and
-    whether these are drawn as a sample.
+    `axes` are in the order of the rows, the last varying fastest: the names that vary together, the number
+    of points, and whether these are drawn as a sample.
     """
     steps = context.steps.dt[(context.steps.dt > 0.0) & (context.steps.dt < np.inf)]
     directory.update_manifest(
@@ -56,8 +56,8 @@ def describe(context: RunContext, directory: ResultDirectory) -> None:
 def _model_folder(context: RunContext, path: Path) -> dict[str, str]:
     """The folder of a user's model, for `--trust` from elsewhere; none for the papers' models.
 
-    It is relative to the result directory, and left out where the two share no project's folder, so that
-    a directory which is passed on does not tell where its owner's files are.
+    It is relative to the result directory, and omitted if the two share no project folder, so that a
+    directory which is passed on does not reveal where its owner's files are.
     """
     folder = None if context.job.model in models.names() else folder_of_class(type(context.model))
     if folder is None or len(Path(os.path.commonpath([folder, path.resolve()])).parts) < 3:
@@ -66,7 +66,7 @@ def _model_folder(context: RunContext, path: Path) -> dict[str, str]:
 
 
 def sum_up(context: RunContext, directory: ResultDirectory, timings: dict[str, float]) -> None:
-    """Write what is known of the rows so far into the manifest, all of it at once."""
+    """Write timings, counts and, once complete, the summary of the records into the manifest, at once."""
     complete, counts = not directory.missing_blocks(), directory.counts()
     fields: dict[str, Any] = {"timings": timings, "counts": counts, "complete": complete}
     if complete:
@@ -77,10 +77,10 @@ def sum_up(context: RunContext, directory: ResultDirectory, timings: dict[str, f
 
 
 def _of_starts(context: RunContext) -> dict[str, Any]:
-    """Counts of rows that begin on or beyond the surface of an event, by the event's name.
+    """Count rows that begin on or beyond the surface of an event, by the event's name.
 
-    And of rows whose nominal period is no time, by what it is. `rows` is their number and `row` the first of
-    them; of more than `_MOST_STARTS` rows, evenly spaced ones are looked at, whose number is `of`.
+    Count also rows whose nominal period is not a positive time, by its value. `rows` is their number and
+    `row` the first of them; of more than `_MOST_STARTS` rows, `of` evenly spaced ones are examined.
     """
     n, model = context.spec.n_rows, context.model
     most = _MOST_OF_A_SIMULATOR if model.host_parameters else _MOST_STARTS
@@ -107,7 +107,7 @@ def _of_starts(context: RunContext) -> dict[str, Any]:
 
 @functools.lru_cache(maxsize=16)
 def _begun(model: Model) -> Callable[..., tuple[jax.Array, dict[str, jax.Array]]]:
-    """`(values, starts) -> (period, beyond)` of rows."""
+    """Compiled function `(values, starts) -> (period, beyond)` of rows."""
     has_surfaces = type(model).beyond_at_start is not Model.beyond_at_start
 
     def one(values: Any, start: Any) -> tuple[jax.Array, dict[str, jax.Array]]:
@@ -119,7 +119,7 @@ def _begun(model: Model) -> Callable[..., tuple[jax.Array, dict[str, jax.Array]]
 
 
 def remarks(manifest: Mapping[str, Any]) -> list[str]:
-    """Sentences about what a run has done otherwise than its author may expect."""
+    """Return sentences about results that the author of a job may not expect."""
     sentences = []
     for name, about in (manifest.get(WITHOUT_PERIOD) or {}).items():
         sentences.append(
@@ -141,7 +141,7 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
 
 
 def _rows(about: Mapping[str, Any]) -> str:
-    of = f" of {about['of']} that were looked at" if "of" in about else ""
+    of = f" of {about['of']} that were examined" if "of" in about else ""
     more = about["rows"] > 1
     first = f"the first is row {about['row']}" if more else f"row {about['row']}"
     return f"{about['rows']} row{'s' * more} ({first}){of}"
@@ -192,7 +192,7 @@ def _of_records(context: RunContext, directory: ResultDirectory) -> dict[str, An
 
 
 def summed_up(context: RunContext, directory: ResultDirectory) -> bool:
-    """Whether the manifest of a table that has all its parts says so, and all else that a run adds."""
+    """Return whether the manifest of a table with all its parts is complete."""
     known = directory.manifest
     return (
         known.get("complete") is True
@@ -206,19 +206,19 @@ def summed_up(context: RunContext, directory: ResultDirectory) -> bool:
 
 
 def _counts_gaits(context: RunContext) -> bool:
-    if tuple(context.model.gaits) == ("none",):  # no gait is told from another
+    if tuple(context.model.gaits) == ("none",):  # the model distinguishes no gaits
         return False
     return context.job.run.one_a_row and "gait" in table_columns(context.design, context.job.run)
 
 
 def _counts_slowest(context: RunContext, directory: ResultDirectory) -> bool:
-    """Whether rows did not settle, and say which observable kept them from it."""
+    """Return whether rows did not settle and record the slowest observable."""
     known = table_columns(context.design, context.job.run)
     return "slowest" in known and bool(directory.counts().get(Status.cycle_limit.name))
 
 
 def _has_distance(context: RunContext) -> bool:
-    """Whether rows say how far they settle from analytic solutions, if they do."""
+    """Return whether rows record their distance from analytic solutions."""
     known = table_columns(context.design, context.job.run)
     return context.job.run.one_a_row and {"distance", "gait"} <= set(known)
 
@@ -226,7 +226,7 @@ def _has_distance(context: RunContext) -> bool:
 def _add_mislabelled(
     mislabelled: dict[str, dict[str, int]], part: pd.DataFrame, gaits: Sequence[str]
 ) -> None:
-    """Add the rows of a part whose label is no index of a gait, by the name that the table has for it."""
+    """Add the rows of a part whose label is not the index of a gait, by its name in the table."""
     for name in part["gait"].cat.categories.difference(list(gaits)):
         rows = part.loc[part["gait"] == name, "row"]
         if rows.size:
@@ -235,10 +235,10 @@ def _add_mislabelled(
 
 
 def _add_stalls(stalls: dict[str, dict[str, Any]], part: pd.DataFrame) -> None:
-    """Add what stalled the rows of a part that ended as `event_stall`, by the guards that did.
+    """Add the rows of a part that ended as `event_stall`, by the guards that stalled them.
 
-    `rows` is their number, and `t` the earliest and the latest time (s) at which one of them stalled; of
-    tables that have no `t_end`, those of the rows' last records, `after` which they did.
+    `rows` is their number, and `t` the earliest and the latest time (s) of a stall; tables without `t_end`
+    have `after` instead, the times of the rows' last records.
     """
     if "stalled_by" not in part.columns:
         return
@@ -254,7 +254,7 @@ def _add_stalls(stalls: dict[str, dict[str, Any]], part: pd.DataFrame) -> None:
 
 
 def quantities_of(model: Model, columns: Sequence[Column] = ()) -> dict[str, dict[str, Any]]:
-    """Unit, meaning and symbol of what the table's columns hold, for whoever reads it and for its figures."""
+    """Return unit, meaning and symbol of the table's columns, for readers and for figures."""
     named = {
         **{column.name: column.quantity for column in columns if column.quantity is not None},
         # a start stands in the table by its own name, an observable with _end or _n

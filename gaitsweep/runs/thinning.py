@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-# Rows of a table of which all are shown; a page has fewer points that can be told apart.
+# Rows of a table of which all are shown; a page has fewer distinguishable points.
 MOST_SHOWN = 2_000_000
 
 
@@ -22,13 +22,13 @@ class Thinned:
 
 
 def thinned(manifest: Mapping[str, Any], most: int = MOST_SHOWN) -> Thinned | None:
-    """The rows that figures of a table show, at most `most`, or None where they show all.
+    """Select the rows that figures of a table show, at most `most`; None if they show all.
 
     The longest axes are thinned: of a grid, every n-th point; of a sample, its first points, since
     every n-th of a Sobol sequence may lie in one half of an axis.
 
     Args:
-        manifest: that of the table; one that does not tell the axes is not thinned.
+        manifest: that of the table; a table without axes is not thinned.
         most: the largest number of rows.
     """
     axes: Sequence[Mapping[str, Any]] = manifest.get("axes", ())

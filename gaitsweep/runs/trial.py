@@ -22,7 +22,7 @@ from gaitsweep.models.conformity import sample, written
 from gaitsweep.runs.execute import table_in_memory
 from gaitsweep.runs.summary import MISLABELLED, remarks
 
-# Rows and cycles of the trial, and samples of a cycle in which an energy's rate is looked at.
+# Rows and cycles of the trial, and samples a cycle of the rate of an energy.
 ROWS, CYCLES, SAMPLES = 32, 12, 40
 # An energy whose rate is below this share of the power that its terms exchange is kept.
 KEPT = 1e-9
@@ -71,7 +71,7 @@ def trial(kind: type[Model]) -> Trial:
 
 
 def _clashing_columns(model: Model) -> list[str]:
-    """A fault for each quantity by whose name a table of some kind has another column."""
+    """Return a fault for each quantity whose name is another column in a table of some run kind."""
     runs = (Settle(), FixedTime(duration=1.0), ReturnMap(crossings=1), Trace(duration=1.0, every=1.0))
     settable = [q.name for q in (*model.parameters, *model.initial_conditions)]
     clashes: dict[str, str] = {}
@@ -87,20 +87,20 @@ def _clashing_columns(model: Model) -> list[str]:
 
 
 def _run(kind: type[Model], values: Mapping[str, np.ndarray], run: Settle | Trace) -> pd.DataFrame:
-    """The rows of these values in memory, without a self-check."""
+    """Run rows with these values in memory, without a self-check."""
     varied = {name: column.tolist() for name, column in values.items() if np.ptp(column) > 0.0}
     job = Job(name="trial", model=models.name_of(kind), vary={"zip": varied}, run=run, verify=0)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what a run has to remark is said in the trial's own words
+        warnings.simplefilter("ignore")  # the trial reports the remarks of its run itself
         return table_in_memory(job)
 
 
 def _energies(model: HybridModel, kind: type[Model], values: Mapping[str, np.ndarray]) -> list[str]:
-    """A sentence for each energy of a model: how fast it changes along the flow, between events.
+    """Return a sentence for each energy of a model: its rate of change along the flow, between events.
 
-    Its rate is that of the flow at states of a trajectory, not a difference of two states, so neither events
-    nor errors of integration are in it. It is relative to the power that the energy's terms exchange, the sum
-    of their rates' magnitudes, at its largest along the row.
+    The rate is that of the flow at states of a trajectory, not a difference of two states, so it includes
+    neither events nor integration errors. It is relative to the power that the energy's terms exchange: the
+    sum of the magnitudes of their rates, at its largest along the row.
     """
     watched = _with_rates(kind)
     names = [q.name.removesuffix(_RATE) for q in watched().signals if q.name.endswith(_RATE)]

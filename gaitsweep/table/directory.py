@@ -179,13 +179,13 @@ class ResultDirectory:
     def _digest(self, examined: Examination) -> None:
         """Note the digests of files that have none and are sound by their own checks."""
         n = len(examined.undigested)
-        told = f"{n} file{'s' * (n != 1)} of {self.path / TABLE} carr{'y' if n != 1 else 'ies'} no digests"
+        text = f"{n} file{'s' * (n != 1)} of {self.path / TABLE} carr{'y' if n != 1 else 'ies'} no digests"
         if self.manifest["format"] == 1:
-            self.notes.append(f"{told}, as in older versions: not every damage of them is found.")
+            self.notes.append(f"{text}, as in older versions: not every damage of them is found.")
             return
         write_digests(self.path, read_digests(self.path) | examined.undigested)
         self.notes.append(
-            f"{told} in {DIGESTS}. Their job, block, rows and page checksums are right: they are kept, and "
+            f"{text} in {DIGESTS}. Their job, block, rows and page checksums are right: they are kept, and "
             "the digests are made anew."
         )
 

@@ -88,9 +88,9 @@ class Snapshot:
     @property
     def without_digests(self) -> str:
         """Sentence on files without digests, in which damage can go unseen."""
-        n, told = len(self.files.undigested), "so not every damage would be found"
+        n, consequence = len(self.files.undigested), "so not every damage would be found"
         again = "" if self.manifest["format"] == 1 else ". Its job, run again, makes the digests anew"
-        return f"{n} file{'s' * (n != 1)} of the table carry no digests, {told}{again}"
+        return f"{n} file{'s' * (n != 1)} of the table carry no digests, {consequence}{again}"
 
     def require_sound(self) -> None:
         """Refuse a table with damaged files or files of another table.

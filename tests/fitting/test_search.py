@@ -104,7 +104,7 @@ def test_keywords_are_the_fields_of_a_job(tmp_path: Path) -> None:
     assert memory.path is None
     assert memory.figures == ()
     assert len(memory.figure("constants").axes) == len(stored.figure("constants").axes) == 2
-    with pytest.raises(gs.ArgumentError, match="mises is no figure of a search; did you mean misses"):
+    with pytest.raises(gs.ArgumentError, match="mises is not a figure of a search; did you mean misses"):
         memory.figure("mises")
     kept = by_keywords(fields, out=tmp_path / "kept")
     assert_frame_equal(kept.table, stored.table, check_exact=True)
@@ -175,9 +175,11 @@ def test_keywords_are_refused_as_fields_are(change: dict[str, Any]) -> None:
 def test_keywords_that_have_no_place_are_refused(tmp_path: Path) -> None:
     file = tmp_path / "job.yaml"
     file.write_text(yaml.safe_dump(plain(TOY)))
-    with pytest.raises(gs.ArgumentError, match=r"^budget stands in the job file .*change it there, or by o"):
+    with pytest.raises(
+        gs.ArgumentError, match=r"^budget is a field of the job file .*change it there, or by o"
+    ):
         gs.search(file, budget=8)
-    with pytest.raises(gs.ArgumentError, match=r"^mass stands in the job's fields: change it there"):
+    with pytest.raises(gs.ArgumentError, match=r"^mass is one of the job's fields: change it there"):
         gs.search(TOY, mass=2.0)
     with pytest.raises(gs.ArgumentError, match=r"^overrides are for a job file: change the mapping"):
         gs.search(TOY, overrides=["search.budget=8"])
@@ -332,7 +334,7 @@ def test_robustness_is_the_share_of_neighbours_that_keep_a_target(tmp_path: Path
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"first": ["speeed"]}, "search.first[0] is speeed, which is no target; did you mean speed?"),
+        ({"first": ["speeed"]}, "search.first[0] is speeed, which is not a target; did you mean speed?"),
         ({"free": {}}, "search.free is an empty mapping"),
         ({"free": {"kicks": [0, 1]}}, "search.free.kicks is not a parameter or start value of toy; did you"),
         ({"free": {"kick": [2, 1]}}, "goes from 2 to 1: low is below high"),
@@ -352,14 +354,14 @@ def test_robustness_is_the_share_of_neighbours_that_keep_a_target(tmp_path: Path
         ({"robust": ROBUST | {"within": 2}}, "search.robust.within is 2, but is a share below 1"),
         (
             {"robust": ROBUST | {"targets": ["speeed"]}},
-            "search.robust.targets[0] is speeed, which is no target",
+            "search.robust.targets[0] is speeed, which is not a target",
         ),
         ({"robust": ROBUST | {"constants": ["kick"]}}, "search.robust.constants[0] is kick, which is free"),
         (
             {"robust": ROBUST | {"constants": ["masss"]}},
-            "is masss, which is no parameter",
+            "is masss, which is not a parameter",
         ),
-        ({"robust": ROBUST, "first": ["robust"]}, "search.first[0] is robust, which is no target"),
+        ({"robust": ROBUST, "first": ["robust"]}, "search.first[0] is robust, which is not a target"),
         ({"method": "annealing"}, "search.method"),
         ({"budgett": 5}, "search.budgett is not a field of search; did you mean budget?"),
     ],
@@ -375,14 +377,14 @@ def test_wrong_searches_are_refused(change: dict[str, Any], sentence: str, tmp_p
     ("change", "sentence"),
     [
         ({"kind": "valu"}, 'search.targets.speed.kind is "valu", which is none; did you mean value?'),
-        ({"of": "launch_2"}, "search.targets.speed.of is launch_2, which is none; did you mean launch_1"),
+        ({"of": "launch_2"}, "search.targets.speed.of is launch_2, which is unknown; did you mean launch_1"),
         ({"error": 0}, "search.targets.speed.error is 0, but must be above 0"),
         ({"at": {"mas": 1}}, "search.targets.speed.at.mas is not"),
         ({"at": {"kick": 1}}, "at.kick is free, but every measure sets it"),
         ({"at": {"mass": -1}}, "search.targets.speed.at.mass is -1, but must be above 0"),
         ({"held_back": True}, "are all held back"),
         ({"kind": ["value"]}, "search.targets.speed.kind is a list"),
-        ({"of": "status"}, "search.targets.speed.of is status, which is none. Allowed: cycles"),
+        ({"of": "status"}, "search.targets.speed.of is status, which is unknown. Allowed: cycles"),
         ({"weight": 2}, "search.targets.speed.weight is not a field of a measure (value)"),
         ({"at": {"mass": {"linspace": [1, 2, 20000]}}}, "a linspace of 20000 points, but takes 2 to 10000"),
         (
@@ -406,8 +408,8 @@ def test_wrong_searches_are_refused(change: dict[str, Any], sentence: str, tmp_p
         (EDGE | {"at": {"mass": 1}}, "search.targets.speed.at has mass, which an edge takes as a list"),
         (EDGE | {"at": {"mass": [1, 3, 2]}}, "has mass, which an edge takes as a list that rises or falls"),
         (EDGE | {"at": {"mass": [1, 2], "preload": [1, 2]}}, "at has a list of preload too"),
-        (EDGE | {"along": "mas"}, "search.targets.speed.along is mas, which is none; did you mean mass?"),
-        (EDGE | {"gait": "trot"}, "search.targets.speed.gait is trot, which is none. Allowed: rest, hop"),
+        (EDGE | {"along": "mas"}, "search.targets.speed.along is mas, which is unknown; did you mean mass?"),
+        (EDGE | {"gait": "trot"}, "search.targets.speed.gait is trot, which is unknown. Allowed: rest, hop"),
     ],
 )
 def test_wrong_targets_are_refused(change: dict[str, Any], sentence: str, tmp_path: Path) -> None:

@@ -246,7 +246,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "an output's column": (
         {"outputs": {"a": {"kind": "value", "of": "lineal", "at": {"y_0": 1}}}},
-        "a.of is lineal, which is none; did you mean linear",
+        "a.of is lineal, which is unknown; did you mean linear",
     ),
     "an output's name": (
         {"outputs": {"failures": {"kind": "value", "of": "linear", "at": {"y_0": 1}}}},
@@ -313,11 +313,11 @@ def test_a_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_keywords_are_checked(tmp_path: Path) -> None:
     file = written(tmp_path, JOB)
-    with pytest.raises(ArgumentError, match="n stands in the job file"):
+    with pytest.raises(ArgumentError, match="n is a field of the job file"):
         gs.sensitivity(file, n=8)
-    with pytest.raises(ArgumentError, match="method stands in the job file"):
+    with pytest.raises(ArgumentError, match="method is a field of the job file"):
         gs.sensitivity(file, method="sobol")
-    with pytest.raises(ArgumentError, match="n stands in the job's fields"):
+    with pytest.raises(ArgumentError, match="n is one of the job's fields"):
         gs.sensitivity(yaml.safe_load(JOB), n=8)
     with pytest.raises(ArgumentError, match="overrides are for a job file: change the mapping"):
         gs.sensitivity(yaml.safe_load(JOB), overrides=["sensitivity.n=8"])

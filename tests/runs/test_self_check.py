@@ -57,7 +57,7 @@ def test_another_gait_with_finer_steps_is_told(tmp_path: Path) -> None:
     starts = [-1e-4, -4e-5, -3e-5, -1e-5, 1e-4]
     found = checked(tmp_path, vary={"x_0": starts}, params={"lean": 1e-3}, verify=5, warns=True)
     assert (found["verdict"], found["gait_differs"], found["sensitive"]) == ("warned", 2, 0)
-    assert "2 came to another gait" in sentence(found)
+    assert "2 ended with another gait" in sentence(found)
 
 
 def test_a_row_on_a_boundary_says_nothing_of_the_step(tmp_path: Path) -> None:
@@ -83,7 +83,7 @@ def test_a_settled_row_that_moves_is_told(tmp_path: Path) -> None:
 
 def test_strict_runs_fail_where_others_warn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     wrong = job(vary={"x_0": [-4e-5]}, params={"lean": 1e-3})
-    with pytest.raises(gs.SelfCheckError, match="1 came to another gait"):
+    with pytest.raises(gs.SelfCheckError, match="1 ended with another gait"):
         gs.run(wrong, tmp_path / "out", strict=True)
     assert len(gs.load(tmp_path / "out")) == 1, "the table is complete"
     file = tmp_path / "job.yaml"

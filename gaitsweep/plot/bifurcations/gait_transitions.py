@@ -106,6 +106,6 @@ def _words(table: pd.DataFrame, x: str, edge: dict[Any, Any]) -> str:
     ways = {"rising": "rises", "falling": "falls"}
     unit = unit_of(table, x)
     unit = f" {unit}" if unit and unit != "1" else ""
-    told = symbol(table, x) or x
+    label = symbol(table, x) or x
     way = ways[edge["direction"]]
-    return f"{edge['gait']} lost as {told} {way}: {edge['low']:.6g} to {edge['high']:.6g}{unit}"
+    return f"{edge['gait']} lost as {label} {way}: {edge['low']:.6g} to {edge['high']:.6g}{unit}"

@@ -184,8 +184,8 @@ def _second(table: pd.DataFrame, other: str | pd.DataFrame | None, panels: str |
 
 def _remarked(shown: list[_Panel], table: pd.DataFrame) -> list[_Panel]:
     """The panels of a second table, with the remarks on it in their headings."""
-    told = "\n".join(remarks(table))
-    return [panel._replace(heading=f"{panel.heading}\n{told}") for panel in shown] if told else shown
+    notes = "\n".join(remarks(table))
+    return [panel._replace(heading=f"{panel.heading}\n{notes}") for panel in shown] if notes else shown
 
 
 def _pace(table: pd.DataFrame) -> str:

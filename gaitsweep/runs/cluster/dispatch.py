@@ -1,8 +1,8 @@
-"""Giving the blocks of a table to the workers of a cluster, some of which die.
+"""Dispatch of a table's blocks to the workers of a cluster, some of which die.
 
-The parts on disk are the truth. A block whose task is lost, with a worker or with the scheduler, is given out
+The parts on disk are the truth. A block whose task is lost, with a worker or with the scheduler, is submitted
 again, and a worker that finds its part writes nothing. Few tasks are in flight: a scheduler does not queue
-tasks that ask for resources, and holds in memory what it is given.
+tasks that ask for resources, and keeps all tasks in memory.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from gaitsweep.table.block_locks import BLOCK_LOCKS
 _AHEAD = 1.0
 _MOST_IN_FLIGHT = 4096
 _MOST_GATHERED = 16  # parts that come back through the scheduler at the same time
-# Between two looks at the tasks (s): where many end in a second, and where few do, since each look costs time
+# Between two polls of the tasks (s): where many end in a second, and where few do, since each poll takes time
 # of a core on which a worker may run.
 _POLL_OFTEN, _POLL, _MANY = 0.01, 0.05, 10.0
 _REPORT = 0.1  # s between two reports of progress
@@ -51,7 +51,7 @@ _MOST_FAILURES = 3  # of a block by an error
 _TIMES_LONGEST, _LEAST_LIMIT = 10.0, 120.0
 # A worker waits so long (s) for another process that holds its block, and at most half the limit.
 _LOCK_PATIENCE = 60.0
-_LOOK_AT_HELD = 10.0  # s between two looks at what each worker holds
+_LOOK_AT_HELD = 10.0  # s between two polls of the tasks that each worker holds
 _PROBE = ".probe-"  # a file of the client that workers look for
 _LAG = 60.0  # s after which a file that another machine has written is seen
 
@@ -64,7 +64,7 @@ class BlocksFailed(UserError):
 
 @dataclasses.dataclass
 class _InFlight:
-    """A task that was given to the scheduler, and when (s); `only` the workers that may run it."""
+    """A submitted task, and the time (s) of its submission; `only` the workers that may run it."""
 
     future: Any
     since: float
@@ -82,11 +82,11 @@ class Cluster:
     """The workers of a cluster, as the computer of a job's blocks; use it as a context manager.
 
     Args:
-        connection: how the cluster is reached.
+        connection: connection to the cluster.
         collect: let the parts come back through the scheduler, where no directory is shared.
         limit: time (s) after which a block is taken from a worker that hangs; by default ten times that of
             the longest block so far, and at least 120 s.
-        tell: told, in a sentence each, which workers are refused.
+        on_message: called with a sentence for each worker that is refused.
     """
 
     task: ClassVar[Callable[..., int | bytes]] = staticmethod(run_block)
@@ -119,7 +119,7 @@ class Cluster:
         Args:
             context: the job's context.
             directory: its result directory.
-            on_wait: called while the client waits for the cluster; what it raises ends the waiting.
+            on_wait: called while the client waits for the cluster; an exception that it raises ends the wait.
 
         Raises:
             RunError: the workers cannot compute the job, each named with the reason.
@@ -169,7 +169,7 @@ class Cluster:
         Args:
             directory: the result directory of the job, or of a round of a refined run.
             missing: the numbers of the blocks.
-            on_progress: called now and then; an exception that it raises cancels the tasks.
+            on_progress: progress callback; an exception that it raises cancels the tasks.
             rows_in: the rows of the job (stop - first,) that are rows first..stop-1 of this table, where they
                 are not the same.
 
@@ -192,7 +192,7 @@ class Cluster:
         Dispatch(self, directory, assignment, missing, on_progress, rows_in).run()
 
     def submit(self, tasks: Sequence[tuple[int, np.ndarray | None]], assignment: Assignment) -> list[Any]:
-        """Give blocks to the scheduler; returns a task in flight for each."""
+        """Submit blocks to the scheduler; return a task in flight for each."""
         only, now = self.workers.chosen, time.monotonic()
         futures = self.workers.client.map(
             self.task,
@@ -208,21 +208,21 @@ class Cluster:
         return [_InFlight(future, now, only) for future in futures]
 
     def _key(self) -> Any:
-        """A name for a task.
+        """Name of a task.
 
-        A scheduler keeps what it knows of each group of tasks, so that there is one group; and the names of
-        the last 100 000 tasks, so that names are used again, long after their tasks have ended.
+        A scheduler keeps a record of each group of tasks, so there is one group; and the names of the last
+        100 000 tasks, so names are reused long after their tasks have ended.
         """
         if len(self._free_keys) > 2 * _MOST_IN_FLIGHT:
             return self._free_keys.popleft()
         return self._group, next(self._submitted)
 
     def free_key(self, key: Any) -> None:
-        """Give the name of a task back that has ended well; another's task may still be under way."""
+        """Make the name of a task that ended well available again."""
         self._free_keys.append(key)
 
     def limit(self, longest: float | None) -> float:
-        """The time (s) that a task may take, the longest so far having taken `longest`."""
+        """Return the time (s) that a task may take, where the longest so far took `longest`."""
         if self._limit is not None:
             return self._limit
         return float("inf") if longest is None else max(_TIMES_LONGEST * longest, _LEAST_LIMIT)
@@ -288,7 +288,7 @@ class Dispatch:
             time.sleep(_POLL_OFTEN if self._rate > _MANY else _POLL)
 
     def _reconnect(self) -> None:
-        """Go on with another scheduler; what was in flight is given out again."""
+        """Continue with another scheduler; tasks in flight are submitted again."""
         self._give_back(list(self.flight))
         self.workers.connect(self._report)
 
@@ -319,8 +319,8 @@ class Dispatch:
         return None if self.rows_in is None else self.rows_in(*self.directory.rows_of(number))
 
     def _take_ended(self) -> int:
-        """Take what has ended, well or not; returns how many tasks that were."""
-        # asked once: when the scheduler is lost, it changes meanwhile
+        """Process the tasks that have ended, well or not; return their number."""
+        # read once: it changes while the scheduler is lost
         status = {number: task.future.status for number, task in self.flight.items() if task.future.done()}
         sound = [number for number, state in status.items() if state == "finished"]
         if self.cluster.collect:
@@ -360,7 +360,7 @@ class Dispatch:
         self.ended.append(number)
 
     def _fail(self, number: int, error: BaseException) -> None:
-        """Give a block out again, or give it up."""
+        """Submit a block again, or give it up."""
         from distributed import KilledWorker
         from distributed.scheduler import NoValidWorkerError
 
@@ -384,7 +384,7 @@ class Dispatch:
             self.waiting.append(number)
 
     def _free_stranded(self) -> None:
-        """Give out again what only workers that are gone may run."""
+        """Submit tasks again that only lost workers may run."""
         present = set(self.workers.names)
         gone = [
             n for n, task in self.flight.items() if task.only is not None and not present & set(task.only)
@@ -394,7 +394,7 @@ class Dispatch:
             self._give_back(gone)
 
     def _expire(self) -> None:
-        """End workers none of whose tasks has ended for too long; a task may wait behind another."""
+        """End workers of which no task has ended for too long; a task may wait behind another."""
         now = time.monotonic()
         if not self.workers.slots:  # nobody runs
             self._held = {}
@@ -428,7 +428,7 @@ class Dispatch:
                 self.flight[ours[key]].since = time.monotonic()
 
     def _settle(self) -> None:
-        """See that all parts are there; what is not is given out again."""
+        """Check that all parts exist; missing ones are submitted again."""
         deadline = time.monotonic() + _LAG
         while (lost := self._take_parts()) and time.monotonic() < deadline:
             self._report()
@@ -440,14 +440,14 @@ class Dispatch:
         self.ended = []
 
     def _take_parts(self) -> list[int]:
-        """Read the parts that workers have written; returns the blocks whose part is not there."""
+        """Read the parts that workers have written; return the blocks whose part is missing."""
         if self.cluster.collect:
             return []
         self.ended = self.directory.take_parts(self.ended)
         return self.ended
 
     def _cancel(self) -> None:
-        """Leave the cluster without tasks of this job."""
+        """Cancel the tasks of this job."""
         with contextlib.suppress(Exception):
             futures = [task.future for task in self.flight.values()]
             if futures and self.workers.connection.alive:

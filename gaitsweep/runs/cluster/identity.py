@@ -1,4 +1,4 @@
-"""Identity of processes that compute the same bits: program, packages, processor and engine."""
+"""Identity of a process that computes the same bits: program, packages, processor and engine."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Identity = Mapping[str, str]
 class WorkerUnfit(UserError):
     """A worker cannot compute this job's blocks; the message is the reason, without the worker's name.
 
-    `address` is the worker's, once it is known.
+    `address` is the worker's address, once known.
     """
 
     def __init__(self, why: str, address: str = "") -> None:
@@ -33,7 +33,7 @@ class WorkerUnfit(UserError):
 
 
 def identity_of(context: RunContext) -> Identity:
-    """Identity of this process for a job."""
+    """Return the identity of this process for a job."""
     return {
         **versions(),
         "gaitsweep's source": _source_digest()[:12],
@@ -47,7 +47,7 @@ def identity_of(context: RunContext) -> Identity:
 
 
 def difference(worker: Identity, client: Identity) -> str | None:
-    """Describe how a worker differs from the client; None if it does not."""
+    """Describe how a worker differs from the client; return None if it does not."""
     differences = [
         f"{name} is {worker.get(name, 'unknown')} there and {value} here"
         for name, value in client.items()
@@ -61,7 +61,7 @@ def difference(worker: Identity, client: Identity) -> str | None:
 
 
 def own_modules(context: RunContext) -> tuple[tuple[str, str], ...]:
-    """The user's modules that a job needs, with the folders from which they are imported."""
+    """Return the user's modules that a job needs, with the folders from which they are imported."""
     folders: dict[str, str] = {}
     for own in (type(context.model), type(context.job.run)):
         module = inspect.getmodule(own)

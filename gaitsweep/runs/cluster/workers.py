@@ -1,4 +1,4 @@
-"""The workers of a cluster as one client sees them: who is there, who is refused, and what each may do."""
+"""The workers of a cluster as one client sees them: present and refused ones, and their resources."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from gaitsweep.runs.cluster.connection import Connection
 from gaitsweep.runs.cluster.task import JobTicket, examine
 from gaitsweep.runs.prepare import RunError
 
-_LOOK = 1.0  # s between two looks
-_POLL = 0.01  # s between two looks at a task
+_LOOK = 1.0  # s between two polls of the workers
+_POLL = 0.01  # s between two polls of a task
 _AWAY = 0.1  # s between two tries to connect
-_EMPTY = 5.0  # s without workers after which that is told
+_EMPTY = 5.0  # s without workers after which a message says so
 # Workers that are busy with other work are not waited for longer (s), once one has answered.
 _EXAMINATION = 30.0
 
@@ -23,8 +23,8 @@ class Workers:
     """The workers of a cluster.
 
     Args:
-        connection: how the cluster is reached.
-        on_message: told, in a sentence each, which workers are refused.
+        connection: connection to the cluster.
+        on_message: called with a sentence for each worker that is refused.
     """
 
     def __init__(self, connection: Connection, on_message: Callable[[str], None]) -> None:
@@ -45,12 +45,12 @@ class Workers:
 
     @property
     def usable(self) -> list[str]:
-        """The addresses of those that are not refused."""
+        """Addresses of the workers that are not refused."""
         return [address for address in self.names if address not in self._refused]
 
     @property
     def chosen(self) -> list[str] | None:
-        """The addresses that may compute blocks; None where all may."""
+        """Addresses of the workers that may compute blocks; None if all may."""
         return self.usable if self._refused else None
 
     @property
@@ -73,8 +73,8 @@ class Workers:
             if self._away:
                 self.names, self.slots = {}, 0
                 self._message_once(
-                    f"The scheduler {self.connection.where} does not answer ({self.connection.why}): it is "
-                    "waited for."
+                    f"The scheduler {self.connection.where} does not answer ({self.connection.why}): waiting "
+                    "for it."
                 )
                 on_wait()
                 time.sleep(_AWAY)
@@ -82,7 +82,7 @@ class Workers:
         self._looked = -_LOOK
 
     def look(self) -> None:
-        """See which workers there are, now and then."""
+        """Update the list of workers, at most once a second."""
         now = time.monotonic()
         if now - self._looked < _LOOK:
             return
@@ -104,7 +104,7 @@ class Workers:
         elif self._empty is None:
             self._empty = now
         elif now - self._empty > _EMPTY:
-            self._message_once(f"The scheduler {self.connection.where} has no workers: they are waited for.")
+            self._message_once(f"The scheduler {self.connection.where} has no workers: waiting for them.")
         if self.names and not self.usable:
             raise RunError(
                 f"No worker of {self.connection.where} can compute this job. "
@@ -112,7 +112,7 @@ class Workers:
             )
 
     def refuse(self, address: str, why: str) -> None:
-        """Give no block to a worker any more, and tell its name and the reason."""
+        """Exclude a worker, and report its name and the reason."""
         if address in self._refused:
             return
         self._refused[address] = why
@@ -125,7 +125,7 @@ class Workers:
             self.on_message(sentence)
 
     def examine(self, ticket: JobTicket, on_wait: Callable[[], None]) -> bool:
-        """Ask the workers that are there whether they can compute a job; False if the scheduler is lost.
+        """Ask the present workers whether they can compute a job; return False if the scheduler is lost.
 
         Raises:
             RunError: some cannot, each named with the reason.
@@ -166,10 +166,10 @@ class Workers:
                         if reason is not None:
                             reasons[address] = str(reason)
                 on_wait()
-                self.look()  # those that die meanwhile are asked no more
+                self.look()  # lost workers are not asked again
                 asked = {address: future for address, future in asked.items() if address in self.names}
                 time.sleep(_POLL)
-        finally:  # not when the last exception is forgotten, which may be long after
+        finally:  # at once, not when the last exception is collected
             for future in futures:
                 future.release()
         if reasons:

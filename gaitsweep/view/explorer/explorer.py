@@ -75,7 +75,7 @@ def write_explorer(
             continuation.
         out: the file; `explore.html` in the directory by default.
         x, y: columns along the axes; by default those of the job's figures, or the longest axes.
-        replays: how many starts (records of a ramp or a staircase) are simulated again at most; 400 by default.
+        replays: most starts (records of a ramp or a staircase) that are simulated again; 400 by default.
         max_size: the largest size of the page, MB; 10 by default.
         trust: import a user's model from the directory, or from the folder that its manifest names.
         on_progress: called with the rows done, the rows in all, rows a second, the share done, a remark.
@@ -271,7 +271,7 @@ class _Replays:
         context: their job.
         most: how many walk at most.
         spent: seconds that the job took.
-        on_progress: told how far it is.
+        on_progress: progress callback.
     """
 
     def __init__(

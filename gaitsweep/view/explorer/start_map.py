@@ -210,11 +210,11 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], np.ndarray]:
     Of rows with several records each record has its own: its gait, hollow where a stair had not settled or a
     steady gait is unstable, and `failed` for the last crossings before a fall.
     """
-    hollow, told = np.zeros(len(table), bool), ""
+    hollow, suffix = np.zeros(len(table), bool), ""
     if "stable" in table.columns:
-        hollow, told = np.asarray(table["stable"].astype(object) == False), "unstable"  # noqa: E712
+        hollow, suffix = np.asarray(table["stable"].astype(object) == False), "unstable"  # noqa: E712
     elif "settled" in table.columns:
-        hollow, told = ~table["settled"].to_numpy(bool), Outcome.NOT_SETTLED
+        hollow, suffix = ~table["settled"].to_numpy(bool), Outcome.NOT_SETTLED
     if "cycles" in table.columns:  # one record a row
         shown = outcome_labels(table, "gait")
     else:
@@ -229,7 +229,7 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], np.ndarray]:
     numbers = np.zeros(len(table), np.int64)
     for name in names:
         mine = np.asarray(shown == name)
-        for text, where, open_ in ((name, mine & ~hollow, False), (f"{name}, {told}", mine & hollow, True)):
+        for text, where, open_ in ((name, mine & ~hollow, False), (f"{name}, {suffix}", mine & hollow, True)):
             if where.any():
                 numbers[where] = len(found)
                 look = {"colour": colours[name], "marker": markers[name], "hollow": open_}

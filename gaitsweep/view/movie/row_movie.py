@@ -149,8 +149,8 @@ def write_movie(
         fps: pictures a second.
         size: width and height, pixels.
         renderer: mujoco, matplotlib, or auto: MuJoCo where the model and this machine can.
-        on_progress: told how many pictures of how many are drawn.
-        on_message: told, in a sentence, what was done otherwise than asked.
+        on_progress: called with the number of pictures drawn, and in all.
+        on_message: called with a sentence for each deviation from what was asked.
 
     Returns:
         The file.

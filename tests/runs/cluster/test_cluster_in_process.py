@@ -301,8 +301,7 @@ def test_a_scheduler_that_does_not_answer_is_told_and_costs_no_threads(
     workers.connection.close()
     assert messages  # refused at once, or after a time
     assert all(
-        re.fullmatch(rf"The scheduler {where} does not answer \(.*\): it is waited for\.", t)
-        for t in messages
+        re.fullmatch(rf"The scheduler {where} does not answer \(.*\): waiting for it\.", t) for t in messages
     )
 
 
