@@ -1,4 +1,4 @@
-"""Estimate of what a job needs, before it runs: rows, memory, disk and time."""
+"""Estimate of the rows, memory, disk space and time of a job, before it runs."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ BYTES_A_PART, BYTES_A_COLUMN, BYTES_A_REPEAT = 900, 280, 0.3
 
 @dataclasses.dataclass(frozen=True)
 class Estimate:
-    """Needs of a job. `seconds` is the likely time, `seconds_most` that of rows at their limits.
+    """Estimate of a job: `seconds` is the likely time, `seconds_most` that of rows at their limits.
 
     `simulated`: the rows that are likely run; fewer than `rows` where a run refines. `records`: those of the
     table, several for a row where a run records its way; `disk_bytes` are the table's. `steps` are those that

@@ -95,7 +95,7 @@ def blocks_of(rows: str, n_rows: int, block: int) -> Sequence[int]:
     match = re.fullmatch(r"\s*(\d{1,18})\s*:\s*(\d{1,18})\s*", rows)
     if match is None:
         raise RunError(
-            f"{what} is not read: write the first row and the row after the last, --rows 0:{block}."
+            f"{what} is not valid: write the first row and the row after the last, --rows 0:{block}."
         )
     first, stop = int(match[1]), int(match[2])
     if not first < min(stop, n_rows):
@@ -103,7 +103,7 @@ def blocks_of(rows: str, n_rows: int, block: int) -> Sequence[int]:
     if first % block or (stop % block and stop < n_rows):
         near = first // block * block, -(-stop // block) * block
         raise RunError(
-            f"{what} are no whole blocks: both numbers are multiples of engine.block, which is {block}; "
+            f"{what} are not whole blocks: both numbers have to be multiples of engine.block, which is {block}; "
             f"did you mean --rows {near[0]}:{near[1]}?"
         )
     return range(first // block, -(-min(stop, n_rows) // block))

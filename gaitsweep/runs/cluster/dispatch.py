@@ -114,7 +114,7 @@ class Cluster:
     def serve(
         self, context: RunContext, directory: ResultDirectory, on_wait: Callable[[], None]
     ) -> Iterator[None]:
-        """A context in which `run_blocks` may be called, for tables of one job.
+        """Context in which `run_blocks` may be called, for tables of one job.
 
         Args:
             context: the job's context.
@@ -148,7 +148,7 @@ class Cluster:
                 left.unlink(missing_ok=True)
 
     def close(self) -> None:
-        """Leave the cluster; workers of this command end."""
+        """Disconnect from the cluster; workers of this command end."""
         self.workers.connection.close()
 
     def __enter__(self) -> Cluster:
@@ -164,7 +164,7 @@ class Cluster:
         on_progress: Callable[[SweepProgress], None],
         rows_in: Callable[[int, int], np.ndarray] | None = None,
     ) -> None:
-        """Let the workers compute blocks, and wait until their parts are there.
+        """Let the workers compute blocks, and wait until their parts exist.
 
         Args:
             directory: the result directory of the job, or of a round of a refined run.

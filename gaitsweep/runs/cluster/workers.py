@@ -176,7 +176,7 @@ class Workers:
             named = {f"{self.names.get(a, a)}: {why}." for a, why in reasons.items()}
             raise RunError(
                 f"{len(reasons)} of the {max(len(self.names), len(reasons))} workers of "
-                f"{self.connection.where} cannot compute this job, which is not begun. "
+                f"{self.connection.where} cannot compute this job, which is not started. "
                 + " ".join(sorted(named))
             )
 

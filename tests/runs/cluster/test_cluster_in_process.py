@@ -100,7 +100,7 @@ def test_workers_that_do_not_share_the_directory_are_named(
         gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
     said = str(refusal.value)
     assert "2 of the 2 workers" in said
-    assert "which is not begun" in said
+    assert "which is not started" in said
     assert f"does not see the result directory {tmp_path / 'out'}" in said
     assert "--collect" in said
     assert not list((tmp_path / "out" / "table").iterdir())
