@@ -103,7 +103,7 @@ def blocks_of(rows: str, n_rows: int, block: int) -> Sequence[int]:
     if first % block or (stop % block and stop < n_rows):
         near = first // block * block, -(-stop // block) * block
         raise RunError(
-            f"{what} are not whole blocks: both numbers have to be multiples of engine.block, which is {block}; "
+            f"{what} are not whole blocks: both numbers must be multiples of engine.block, which is {block}; "
             f"did you mean --rows {near[0]}:{near[1]}?"
         )
     return range(first // block, -(-min(stop, n_rows) // block))
