@@ -69,14 +69,14 @@ class StubDirectory:
         return []
 
 
-def give_out(cluster: StubCluster, count: int, tell: Callable[[Any], None] = lambda _: None) -> float:
+def give_out(cluster: StubCluster, count: int, on_progress: Callable[[Any], None] = lambda _: None) -> float:
     """Give out stub blocks with an assignment as large as a real one; the seconds that it takes."""
     text = yaml.safe_dump(JOB) * 8  # a resolved job has 2 to 4 kB
     ticket = JobTicket(text, (), (), ("/results/overhead/.probe-0123456789abcdef", "0123456789abcdef"))
     assignment = Assignment(ticket, "/results/overhead", "0" * 64, count * BLOCK, BLOCK, 60.0)
     began = time.perf_counter()
     directory: Any = StubDirectory()
-    Dispatch(cluster, directory, assignment, range(count), tell, None).run()
+    Dispatch(cluster, directory, assignment, range(count), on_progress, None).run()
     return time.perf_counter() - began
 
 
@@ -109,14 +109,14 @@ def memory(count: int, workers: int) -> None:
         give_out(cluster, 1000)
         process, last = psutil.Process(), 0
 
-        def tell(now: Any) -> None:
+        def on_progress(now: Any) -> None:
             nonlocal last
             done = now.done // BLOCK
             if done >= last + count // 10:
                 last = done
                 print(f"{done:8d} blocks  {process.memory_info().rss / 2**20:7.1f} MiB", flush=True)
 
-        spent = give_out(cluster, count, tell)
+        spent = give_out(cluster, count, on_progress)
         print(f"{count:8d} blocks  {process.memory_info().rss / 2**20:7.1f} MiB, {spent:.0f} s in all")
 
 

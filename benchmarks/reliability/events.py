@@ -235,7 +235,7 @@ def compared(
     names: Iterable[str] = (),
     engine: str = "auto",
     workers: int = 1,
-    progress: Callable[[list[Verdict], float], None] | None = None,
+    on_progress: Callable[[list[Verdict], float], None] | None = None,
 ) -> list[Verdict]:
     """The verdicts on random models of the families with these names, or of all."""
     chosen = [family for family in FAMILIES if not names or family.name in names]
@@ -249,8 +249,8 @@ def compared(
             pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
             results = stack.enter_context(pool).map(judged, work)
         for verdicts, seconds in results:
-            if progress is not None:
-                progress(verdicts, seconds)
+            if on_progress is not None:
+                on_progress(verdicts, seconds)
             found += verdicts
     return found
 
@@ -319,11 +319,11 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"{chosen.models} models, seed {chosen.seed}, engine {chosen.engine}\n{HEADER}", flush=True)
     begun = time.monotonic()
 
-    def tell(verdicts: list[Verdict], seconds: float) -> None:
+    def on_progress(verdicts: list[Verdict], seconds: float) -> None:
         if verdicts:
             print(line(verdicts[0].family, verdicts, seconds), flush=True)
 
-    verdicts = compared(chosen.models, chosen.seed, chosen.family, chosen.engine, chosen.workers, tell)
+    verdicts = compared(chosen.models, chosen.seed, chosen.family, chosen.engine, chosen.workers, on_progress)
     print(line("all", verdicts, time.monotonic() - begun))
     if text := listed(verdicts, chosen.most):
         print(text)

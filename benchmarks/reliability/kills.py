@@ -108,12 +108,12 @@ import sys, time
 import gaitsweep.runs.execute
 run_job = gaitsweep.runs.execute.run_job
 
-def logged(job, out, *, progress, **options):
+def logged(job, out, *, on_progress, **options):
     def both(done, total, rate, fraction, note):
         if note != "compiling":
             print(time.monotonic(), done, flush=True)
-        progress(done, total, rate, fraction, note)
-    return run_job(job, out, progress=both, **options)
+        on_progress(done, total, rate, fraction, note)
+    return run_job(job, out, on_progress=both, **options)
 
 gaitsweep.runs.execute.run_job = logged
 from gaitsweep.cli.main import main
@@ -136,7 +136,7 @@ class Run:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
         )
-        self.told: list[tuple[float, int]] = []  # s, rows
+        self.reports: list[tuple[float, int]] = []  # s, rows
         self.errors = ""
         self.working = threading.Event()  # or ended
         self._readers = [threading.Thread(target=read, daemon=True) for read in (self._read, self._complain)]
@@ -148,7 +148,7 @@ class Run:
         for line in self.process.stdout:
             words = line.split()
             if len(words) == 2 and words[1].isdigit():
-                self.told.append((float(words[0]), int(words[1])))
+                self.reports.append((float(words[0]), int(words[1])))
                 self.working.set()
         self.working.set()
 
@@ -185,7 +185,7 @@ def strike(kind: str, kills: int, folder: Path, seed: int) -> Tally:
     if whole.ended(600) != 0:
         tally.faults.append(f"the run that nobody stopped failed: {whole.errors[-400:]}")
         return tally
-    (first, _), (last_told, total) = whole.told[0], whole.told[-1]
+    (first, _), (last_report, total) = whole.reports[0], whole.reports[-1]
     expected = gs.load(folder / f"{kind}-whole")
     attempt = 0
     while tally.kills < kills and tally.late < 2 * kills + 5:
@@ -197,8 +197,8 @@ def strike(kind: str, kills: int, folder: Path, seed: int) -> Tally:
             sent = SIGNALS[int(random.integers(len(SIGNALS)))]
             run = Run(job_file, out)
             run.working.wait(300)
-            left = 1.0 - run.told[0][1] / total if run.told else 0.0
-            time.sleep(float(random.uniform(0.0, 0.9 * left * (last_told - first))))
+            left = 1.0 - run.reports[0][1] / total if run.reports else 0.0
+            time.sleep(float(random.uniform(0.0, 0.9 * left * (last_report - first))))
             struck = time.monotonic()
             run.process.send_signal(sent)
             code = run.ended(300)
@@ -230,21 +230,21 @@ def _is_done(out: Path) -> bool:
 
 
 def _check_loss(kind: str, run: Run, out: Path, sent: signal.Signals, struck: float, tally: Tally) -> None:
-    if kind in UNCOUNTED or not run.told:
+    if kind in UNCOUNTED or not run.reports:
         return
     try:
         safe = Snapshot.of(out).rows_safe
     except TableError as error:
         tally.faults.append(f"after {sent.name}: {error}")
         return
-    lost = [told for told, rows in run.told if rows > safe]
+    lost = [at for at, rows in run.reports if rows > safe]
     if sent == signal.SIGKILL:
         age = struck - min(lost) if lost else 0.0
         tally.oldest = max(tally.oldest, age)
         if age > SAFE_WITHIN:
             tally.faults.append(f"SIGKILL lost rows that had ended {age:.2f} s before")
     elif lost:
-        tally.faults.append(f"{sent.name} lost rows: {safe} are safe, {run.told[-1][1]} had ended")
+        tally.faults.append(f"{sent.name} lost rows: {safe} are safe, {run.reports[-1][1]} had ended")
     elif f"{safe} of" not in run.errors:
         tally.faults.append(f"{sent.name} does not say that {safe} rows are safe: {run.errors[-200:]}")
 

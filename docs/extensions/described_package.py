@@ -138,14 +138,14 @@ def engine() -> Iterator[str]:
 
 def search() -> Iterator[str]:
     """The fields of `search`, of a free constant and of a target."""
-    from gaitsweep.fitting.free import Free
-    from gaitsweep.fitting.targets import Aim
+    from gaitsweep.fitting.free_parameters import FreeParameter
+    from gaitsweep.fitting.targets import TargetValue
 
     yield from _fields(_schema()["properties"]["search"])
     yield "### A free constant\n\n`[low, high]`, or these fields:\n"
-    yield from _fields(Free.model_json_schema())
+    yield from _fields(FreeParameter.model_json_schema())
     yield "### A target\n\nThe fields of a [measure](#measures), and:\n"
-    yield from _fields(Aim.model_json_schema())
+    yield from _fields(TargetValue.model_json_schema())
 
 
 def sensitivity() -> Iterator[str]:

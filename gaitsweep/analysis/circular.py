@@ -28,7 +28,7 @@ def mean_direction(angles: np.ndarray) -> float:
     return float(np.mod(np.angle(np.exp(1j * np.asarray(angles, float)).sum()), TURN))
 
 
-def cut(angles: np.ndarray) -> float:
+def branch_cut(angles: np.ndarray) -> float:
     """The angle at which to cut the circle so that clusters of angles (rad) stay whole, in (-2 pi, 0].
 
     It is 0 if the widest gap between the angles contains 0, so that they keep their usual range; else the
@@ -44,6 +44,6 @@ def cut(angles: np.ndarray) -> float:
     return float(places[widest] + 0.5 * gaps[widest] - TURN)
 
 
-def on_line(angles: np.ndarray, origin: float) -> np.ndarray:
+def unwrap_from(angles: np.ndarray, origin: float) -> np.ndarray:
     """Angles (rad) in the turn that begins at `origin`."""
     return origin + np.mod(np.asarray(angles, float) - origin, TURN)

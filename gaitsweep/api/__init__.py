@@ -1,1 +1,1 @@
-"""The functions of `import gaitsweep as gs`; `gaitsweep/__init__.py` lists them."""
+"""Functions of `import gaitsweep as gs`, as listed in `gaitsweep/__init__.pyi`."""

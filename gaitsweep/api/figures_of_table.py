@@ -1,4 +1,4 @@
-"""The figures of a result's table: `result.plot.basin(x="psi_1", y="psi_2")`."""
+"""Figures of a result's table: `result.plot.basin(x="psi_1", y="psi_2")`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Spec = ParamSpec("Spec")
 def _method(
     figure_of: Callable[Concatenate[pd.DataFrame, Spec], Figure],
 ) -> Callable[Concatenate[FiguresOfTable, Spec], Figure]:
-    """A figure's function of a table as a method of `FiguresOfTable`."""
+    """Convert a figure's function of a table to a method of `FiguresOfTable`."""
 
     @functools.wraps(figure_of)
     def draw(self: FiguresOfTable, *args: Spec.args, **spec: Spec.kwargs) -> Figure:
@@ -27,13 +27,13 @@ def _method(
 
 
 class FiguresOfTable:
-    """The figures of one table: each function of `gaitsweep.plot` without its first argument."""
+    """Figures of one table: each function of `gaitsweep.plot` without its first argument."""
 
     def __init__(self, table: pd.DataFrame) -> None:
         self.table = table
 
     def __getattr__(self, name: str) -> Callable[..., Figure]:
-        """A kind of figure that an extension brings."""
+        """Return the function of a kind of figure of an extension."""
         if name not in plot.FIGURES:
             raise AttributeError(f"there is no kind of figure {name!r}")
         return functools.partial(plot.FIGURES[name].draw, self.table)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from gaitsweep.api.result import cluster_of, warn
 from gaitsweep.errors import ArgumentError
-from gaitsweep.fitting.search import Found
+from gaitsweep.fitting.search import SearchResult
 from gaitsweep.fitting.sensitivity import Sensitivity
 from gaitsweep.runs.progress import Progress
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 JobT = TypeVar("JobT")
-FitT = TypeVar("FitT", Found, Sensitivity)
+FitT = TypeVar("FitT", SearchResult, Sensitivity)
 
 
 def given_job(
@@ -26,11 +26,11 @@ def given_job(
     load: Callable[[str | Path, Sequence[str]], JobT],
     read: Callable[[Mapping[str, Any], Path], JobT],
 ) -> JobT:
-    """The job in a file, by `load`, or in a mapping of its fields, by `read`.
+    """Load a job from a file by `load`, or read it from a mapping of its fields by `read`.
 
     Raises:
         ArgumentError: overrides of a mapping.
-        JobError: what is wrong with the job.
+        JobError: the job is not valid.
     """
     if not isinstance(job, Mapping):
         return load(job, overrides)
@@ -40,17 +40,17 @@ def given_job(
 
 
 def in_directory(
-    run: Callable[..., FitT], job: Any, out: str | Path | None, progress: Progress, client: Client | None
+    run: Callable[..., FitT], job: Any, out: str | Path | None, on_progress: Progress, client: Client | None
 ) -> FitT:
-    """Return the result of `run` for a job, with its table in a directory, `results/NAME` by default."""
+    """Run a job by `run`, with its table in a directory, `results/NAME` by default."""
     cluster = None if client is None else cluster_of(client)
-    return run(job, out, progress=progress, tell=warn, cluster=cluster)
+    return run(job, out, on_progress=on_progress, on_message=warn, cluster=cluster)
 
 
-def in_memory(run: Callable[..., FitT], job: Any, progress: Progress, client: Client | None) -> FitT:
-    """Return the result of `run` for a job, with its table in memory; the folder of its `path` is gone."""
+def in_memory(run: Callable[..., FitT], job: Any, on_progress: Progress, client: Client | None) -> FitT:
+    """Run a job by `run`, with its table in memory; the folder of its `path` no longer exists."""
     cluster = None if client is None else cluster_of(client, collect=True)
     with tempfile.TemporaryDirectory(prefix="gaitsweep_") as folder:
-        found = run(job, folder, progress=progress, tell=warn, cluster=cluster)
-    del found.table.attrs["path"]
-    return found
+        result = run(job, folder, on_progress=on_progress, on_message=warn, cluster=cluster)
+    del result.table.attrs["path"]
+    return result

@@ -1,4 +1,4 @@
-"""A job from a model and keywords: arrays are axes, which multiply; numbers are constants."""
+"""Conversion of a model and keywords to a job: arrays are axes, which multiply; numbers are constants."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ def job_of(
     any_start: bool = False,
     **fields: Any,
 ) -> Job:
-    """The job that runs a model with these keywords; see `fields_of`.
+    """Return the job that runs a model with these keywords; see `fields_of`.
 
     Raises:
         ArgumentError: a name that the model does not have, or an array of several dimensions.
-        JobError: other things that are wrong with the job.
+        JobError: all other errors of the job.
     """
     return Job.model_validate(
         fields_of(model, values, run=run, params=params, start=start, any_start=any_start, **fields)
@@ -58,7 +58,7 @@ def fields_of(
     any_start: bool = False,
     **fields: Any,
 ) -> dict[str, Any]:
-    """The fields of the job that runs a model with these keywords.
+    """Return the fields of the job that runs a model with these keywords.
 
     Args:
         model: an instance, a class, a registered name, or "package.module:attribute".
@@ -74,14 +74,14 @@ def fields_of(
         ArgumentError: a name that the model does not have, or an array of several dimensions.
     """
     name, structure = _named(model)
-    given = dict(values)
+    settings = dict(values)
     for field, more in (("params", params), ("start", start)):
-        repeated = next((key for key in more or {} if key in given), None)
+        repeated = next((key for key in more or {} if key in settings), None)
         if repeated is not None:
             raise ArgumentError(f"{repeated} is given twice, once in {field}.")
-        given |= more or {}
+        settings |= more or {}
     fields_of_model = _structure_of(name)
-    sizes = {key: value for key, value in given.items() if key in fields_of_model}
+    sizes = {key: value for key, value in settings.items() if key in fields_of_model}
     if structure is None:
         structure = sizes
     elif sizes:
@@ -92,7 +92,7 @@ def fields_of(
         raise ArgumentError("\n".join(map(str, diagnostics)))
     vary: dict[str, Any] = {}
     constants: dict[str, dict[str, Any]] = {"params": {}, "start": {}}
-    for key, value in given.items():
+    for key, value in settings.items():
         if key in sizes:
             continue
         if key in _GROUPS:
@@ -105,7 +105,7 @@ def fields_of(
             constants["params" if key in spec.parameters else "start"][key] = plain(value)
     if any_start:
         for key, quantity in spec.starts.items():
-            if key not in given and quantity.default is None:
+            if key not in settings and quantity.default is None:
                 constants["start"][key] = _allowed(quantity)
     return {
         "name": re.sub(r"\W", "_", spec.model.name) or "model",
@@ -119,49 +119,49 @@ def fields_of(
 
 
 def is_job(model: object) -> TypeGuard[str | Path | Mapping[str, Any]]:
-    """Whether this is a job, by its file, the name of a shipped one or its fields, and no model."""
+    """Return whether this is a job (its file, the name of a shipped one or its fields), not a model."""
     if isinstance(model, Path | Mapping):
         return True
     return isinstance(model, str) and (model.endswith((".yaml", ".yml")) or model.startswith(BUILTIN))
 
 
-def refuse_beside_a_job(job: str | Path | Mapping[str, Any], given: Mapping[str, Any]) -> None:
-    """Refuse keywords that were given, and are not None, beside a job in which they stand.
+def refuse_beside_a_job(job: str | Path | Mapping[str, Any], keywords: Mapping[str, Any]) -> None:
+    """Refuse keywords that are not None beside a job, which has them as fields.
 
     Args:
         job: the job's file, or its fields.
-        given: the keywords.
+        keywords: the keywords.
 
     Raises:
-        ArgumentError: the first of them, and where it stands.
+        ArgumentError: a keyword is not None.
     """
-    stray = next((name for name, value in given.items() if value is not None), None)
+    stray = next((name for name, value in keywords.items() if value is not None), None)
     if stray is None:
         return
     if isinstance(job, Mapping):
-        raise ArgumentError(f"{stray} stands in the job's fields: change it there.")
-    raise ArgumentError(f"{stray} stands in the job file {job}: change it there, or by overrides.")
+        raise ArgumentError(f"{stray} is one of the job's fields: change it there.")
+    raise ArgumentError(f"{stray} is a field of the job file {job}: change it there, or by overrides.")
 
 
 def fields_without_axes(
     model: AnyModel, values: Mapping[str, Any], ranges: str, **fields: Any
 ) -> dict[str, Any]:
-    """As `fields_of`, where nothing varies but what the keyword `ranges` has.
+    """Return the fields of a job as `fields_of` does, where only the keyword `ranges` may vary.
 
     Raises:
-        ArgumentError: as there, or an axis.
+        ArgumentError: as `fields_of`, or an axis.
     """
-    found = fields_of(model, values, **fields)
-    if isinstance(found["run"], BaseModel):  # read with the rest, as from a file
-        found["run"] = found["run"].model_dump(by_alias=True, exclude_none=True)
-    axes = found.pop("vary")
+    job_fields = fields_of(model, values, **fields)
+    if isinstance(job_fields["run"], BaseModel):  # read with the rest, as from a file
+        job_fields["run"] = job_fields["run"].model_dump(by_alias=True, exclude_none=True)
+    axes = job_fields.pop("vary")
     if axes:
         raise ArgumentError(f"{next(iter(axes))} is an axis, but takes a number: give ranges as {ranges}=.")
-    return found
+    return job_fields
 
 
 def _named(model: AnyModel) -> tuple[str, dict[str, Any] | None]:
-    """The name of a model, and its structure where it is an instance."""
+    """Return the name of a model, and the structure of an instance."""
     if isinstance(model, str):
         return model, None
     if isinstance(model, type) and issubclass(model, Model):
@@ -174,12 +174,14 @@ def _named(model: AnyModel) -> tuple[str, dict[str, Any] | None]:
 
 def _structure_of(name: str) -> list[str]:
     try:
-        found = models.find(name)
+        model_class = models.find(name)
     except models.ModelError as error:
         raise ArgumentError(error.sentence) from None
-    if not dataclasses.is_dataclass(found):
-        raise ArgumentError(f"The model {found.__name__} is not a dataclass: write @dataclass(frozen=True).")
-    return [field.name for field in dataclasses.fields(found) if field.init]
+    if not dataclasses.is_dataclass(model_class):
+        raise ArgumentError(
+            f"The model {model_class.__name__} is not a dataclass: write @dataclass(frozen=True)."
+        )
+    return [field.name for field in dataclasses.fields(model_class) if field.init]
 
 
 def _check_name(name: str, spec: ModelSpec) -> None:
@@ -192,7 +194,7 @@ def _check_name(name: str, spec: ModelSpec) -> None:
 
 
 def _allowed(quantity: Quantity) -> float:
-    """A value within the bounds of a quantity."""
+    """Return a value within the bounds of a quantity."""
     low, high = quantity.low, quantity.high
     if math.isfinite(low):
         return 0.5 * (low + high) if math.isfinite(high) else low + 1.0

@@ -1,4 +1,4 @@
-"""The return map of a model at given parameters: images, derivative, fixed points and branches."""
+"""Return map of a model at given parameters: images, derivative, fixed points and branches."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SectionPoints = Points | FixedPoints | Mapping[str, Any]
 
 
 class PoincareMap:
-    """The map from a state just after one section crossing to the state just after the next.
+    """Map from a state just after one section crossing to the state just after the next.
 
     Coordinates are those of the model's chart (`coordinates`), or all numbers of a state. Where parameters
     were given as arrays, there is one map for each of their combinations, and points belong to them in order.
@@ -73,12 +73,12 @@ class PoincareMap:
 
     @property
     def coordinates(self) -> list[str]:
-        """The names of the coordinates, in their order."""
+        """Names of the coordinates, in their order."""
         return [quantity.name for quantity in self.mapping.coordinates]
 
     @property
     def conserved(self) -> list[str]:
-        """The names of what the map conserves."""
+        """Names of the conserved quantities."""
         return [quantity.name for quantity in self.mapping.conserved]
 
     @overload
@@ -86,9 +86,9 @@ class PoincareMap:
     @overload
     def __call__(self, x: ArrayLike) -> np.ndarray: ...
     def __call__(self, x: Any) -> Any:
-        """The images of points: coordinates for coordinates, else points with their modes.
+        """Return the images of points: coordinates for coordinates, else points with their modes.
 
-        Coordinates are NaN where a trajectory falls or does not come back to the section.
+        Coordinates are NaN if a trajectory falls or does not return to the section.
         """
         points, single = self._points(x)
         images = self.mapping.images(points, self._values)
@@ -98,18 +98,18 @@ class PoincareMap:
         return at[0] if single else at
 
     def jacobian(self, x: SectionPoints | ArrayLike) -> np.ndarray:
-        """The derivative of the map over the coordinates, (n, size, size); (size, size) of one array (size,).
+        """Return the Jacobian over the coordinates, (n, size, size); (size, size) for one array (size,).
 
         Raises:
             ArgumentError: the map has no derivative.
         """
         self._require_derivative()
         points, single = self._points(x)
-        found = self.mapping.linearised(points, self._values).jacobian
-        return found[0] if single else found
+        jacobians = self.mapping.linearised(points, self._values).jacobian
+        return jacobians[0] if single else jacobians
 
     def multipliers(self, x: SectionPoints | ArrayLike) -> np.ndarray:
-        """The Floquet multipliers of fixed points, complex (n, size), largest in size first.
+        """Return the Floquet multipliers of fixed points, complex (n, size), largest modulus first.
 
         Raises:
             ArgumentError: the map has no derivative.
@@ -117,7 +117,7 @@ class PoincareMap:
         return floquet.multipliers(self.jacobian(x))
 
     def settled(self, starts: Mapping[str, Any] | None = None, cycles: int = 1) -> Points:
-        """The section points that start values come to after so many crossings.
+        """Return the section points of start values after a number of crossings.
 
         Args:
             starts: numbers or (n,) by name; the others as given to `return_map`, else the model's defaults.
@@ -128,11 +128,11 @@ class PoincareMap:
             if name not in known:
                 near = near_miss.suggestion(name, known)
                 raise ArgumentError(f"{name} is not a start value of {self.model.name}{near}")
-        given = {**self._starts, **(starts or {})}
-        missing = [name for name in self._without_start if name not in given]
+        start_values = {**self._starts, **(starts or {})}
+        missing = [name for name in self._without_start if name not in start_values]
         if missing:
             raise ArgumentError(f"{missing[0]} of {self.model.name} has no default: give this start value.")
-        points, way = self.mapping.settled(given, self._values, cycles)
+        points, way = self.mapping.settled(start_values, self._values, cycles)
         failed = int(np.count_nonzero(way))
         if failed:
             warnings.warn(
@@ -148,10 +148,10 @@ class PoincareMap:
         tolerance: float = 1e-9,
         most: int = 20,
     ) -> FixedPoints:
-        """Fixed points near points, stable or not, by Newton's method.
+        """Find fixed points near points, stable or not, by Newton's method.
 
         Args:
-            x: the points at which the searches begin.
+            x: start points of the searches.
             fix: conserved quantities that are held; all of `conserved` by default.
             tolerance: residual of a fixed point, relative to the size of each coordinate.
             most: Newton steps.
@@ -161,11 +161,11 @@ class PoincareMap:
             `iterations`, `images` with their derivatives.
 
         Raises:
-            ArgumentError: the map has no derivative; `fix` names what it does not conserve.
+            ArgumentError: the map has no derivative, or `fix` names a quantity that it does not conserve.
         """
         self._require_derivative()
-        points, held = self._points(x)[0], self.conserved if fix is None else fix
-        return newton(self.mapping, points, self._values, fix=held, tolerance=tolerance, most=most)
+        points, conserved = self._points(x)[0], self.conserved if fix is None else fix
+        return newton(self.mapping, points, self._values, fix=conserved, tolerance=tolerance, most=most)
 
     def continue_(
         self,
@@ -180,14 +180,14 @@ class PoincareMap:
 
         Args:
             x: points near fixed points at the map's own value of the parameter.
-            parameter: its name.
-            within: the range of it, two numbers.
+            parameter: name of the parameter.
+            within: its range, two numbers.
             towards: 1 or -1, the direction in which a branch begins; both by default.
             fix: conserved quantities that are held; all of `conserved` by default.
 
         Returns:
-            One record a point of a branch, as `analysis.continuation.continuation` says; `row` is the place
-            of its start, and `direction` the one in which the branch began.
+            One record a point of a branch, as of `analysis.continuation.continuation`; `row` is the place of
+            its start, and `direction` that of the branch at its start.
 
         Raises:
             ArgumentError: the map has no derivative, the parameter is not the model's, or its value is
@@ -205,8 +205,8 @@ class PoincareMap:
             )
         points = self._points(x)[0]
         values = {name: value for name, value in self._values.items() if name != parameter}
-        held = self.conserved if fix is None else fix
-        found = []
+        conserved = self.conserved if fix is None else fix
+        tables = []
         for direction in (1, -1) if towards is None else (towards,):
             if np.all(begin == (high if direction > 0 else low)) and towards is None:
                 continue
@@ -218,13 +218,13 @@ class PoincareMap:
                 within=within,
                 begin=np.broadcast_to(begin, (len(points),)),
                 towards=direction,
-                fix=held,
+                fix=conserved,
             )
-            found.append(branches.assign(direction=direction))
-        return pd.concat(found, ignore_index=True)
+            tables.append(branches.assign(direction=direction))
+        return pd.concat(tables, ignore_index=True)
 
     def _points(self, x: Any) -> tuple[Points, bool]:
-        """Points, and whether they were one array of coordinates (size,)."""
+        """Return points, and whether they were one array of coordinates (size,)."""
         if isinstance(x, FixedPoints):
             return x.points, False
         if isinstance(x, Points):
@@ -263,18 +263,18 @@ def return_map(
     cycles: int = 1,
     **values: Any,
 ) -> PoincareMap:
-    """The return map of a model's Poincare section.
+    """Create the return map of a model's Poincare section.
 
     Args:
         model: an instance, a class, a registered name, or "package.module:attribute".
         params, start, numerics: as for `sweep`.
         engine: auto, kernel or xla.
         cycles: crossings from a point to its image.
-        values: parameters, and start values at which points begin unless they are given.
+        values: parameters, and default start values of points.
 
     Raises:
         ArgumentError: a name that the model does not have.
-        JobError: other things that are wrong, a sentence each.
+        JobError: all other errors.
     """
     fields = {"numerics": numerics, "engine": {"name": engine}}
     run = ReturnMap(crossings=1)

@@ -1,4 +1,4 @@
-"""The result of a run: its table, its figures, and the job that makes it again."""
+"""Result of a run: its table, its figures, and the job that reproduces it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Result:
     """A run's table, in a result directory or in memory."""
 
     def __init__(self, path: Path | None = None, table: pd.DataFrame | None = None) -> None:
-        """Take the directory, or the table where there is none."""
+        """Keep the directory, or the table of a result in memory."""
         self._path, self._table = path, table
 
     @property
@@ -51,7 +51,7 @@ class Result:
 
     @property
     def table(self) -> pd.DataFrame:
-        """The table, with units and provenance in `.attrs`; read anew each time from a directory."""
+        """Table with units and provenance in `.attrs`; read anew each time from a directory."""
         return load(self.path) if self._table is None else self._table
 
     @property
@@ -63,24 +63,24 @@ class Result:
 
     @property
     def figures(self) -> list[Path]:
-        """The files of the figures that the job asked for."""
+        """Files of the job's figures."""
         return [] if self._path is None else sorted((self._path / FIGURES).glob("*.png"))
 
     @property
     def plot(self) -> FiguresOfTable:
-        """The figures of `gaitsweep.plot` for this table: `result.plot.basin(x="psi_1", y="psi_2")`."""
+        """Figures of `gaitsweep.plot` for this table: `result.plot.basin(x="psi_1", y="psi_2")`."""
         from gaitsweep.api.figures_of_table import FiguresOfTable  # which imports Matplotlib
 
         return FiguresOfTable(self.table)
 
     def to_xarray(self) -> xarray.Dataset:
-        """The table as a dataset whose dimensions are the axes; see `gaitsweep.runs.dataset.dataset_of`."""
+        """Convert the table to a dataset whose dimensions are the axes; see `runs.dataset.dataset_of`."""
         from gaitsweep.runs.dataset import dataset_of
 
         return dataset_of(self.table)
 
     def job(self) -> str:
-        """The job file, as YAML text, whose run gives the same table.
+        """Return the job file, as YAML text, whose run gives the same table.
 
         Raises:
             ArgumentError: the model's class belongs to this session, and no file can name it.
@@ -99,7 +99,7 @@ class Result:
         *,
         x: str | None = None,
         y: str | None = None,
-        walks: int | None = None,
+        replays: int | None = None,
         max_size: float | None = None,
         trust: bool = False,
     ) -> Path:
@@ -108,7 +108,7 @@ class Result:
         Args:
             out: the file; `explore.html` in the result directory by default.
             x, y: columns along the axes; by default those of the job's figures, or the longest axes.
-            walks: how many starts are simulated again at most; 400 by default.
+            replays: largest number of starts that are simulated again; 400 by default.
             max_size: the largest size of the page, MB; 10 by default.
             trust: import a user's model from the directory, or from the folder that its manifest names.
 
@@ -124,14 +124,14 @@ class Result:
         from gaitsweep.view.explorer.explorer import EXPLORE, explorer_of
 
         target = self.path / EXPLORE if out is None else Path(out)
-        return explorer_of(self.table, target, x=x, y=y, walks=walks, max_size=max_size, trust=trust)
+        return explorer_of(self.table, target, x=x, y=y, replays=replays, max_size=max_size, trust=trust)
 
     def __repr__(self) -> str:
         where = "in memory" if self._path is None else f"in {self._path}"
         return f"Result({'; '.join(self._summary())}; {where})"
 
     def _repr_html_(self) -> str:
-        """Counts, self-check and the first records, for a notebook."""
+        """Format counts, self-check and the first records for a notebook."""
         lines = "<br>".join(html.escape(line) for line in self._summary())
         return f"<p>{lines}</p>{self.table.head(_SHOWN_ROWS).to_html()}"
 
@@ -139,9 +139,9 @@ class Result:
         known = self.manifest
         counts = {"rows": {"": known["rows"]}, "status": known.get("counts"), "gait": known.get("gaits")}
         lines = [
-            f"{name}: {', '.join(f'{key} {count}'.strip() for key, count in each.items())}"
-            for name, each in counts.items()
-            if each
+            f"{name}: {', '.join(f'{key} {count}'.strip() for key, count in numbers.items())}"
+            for name, numbers in counts.items()
+            if numbers
         ]
         check = known.get("self_check")
         return [*lines, sentence(check)] if isinstance(check, dict) else lines
@@ -152,27 +152,26 @@ def run(
     out: str | Path | None = None,
     *,
     overrides: Sequence[str] = (),
-    progress: Progress | None = None,
+    on_progress: Progress | None = None,
     strict: bool = False,
     client: Client | None = None,
 ) -> Result:
-    """Run a job in its result directory, or what is left of it, and draw its figures.
+    """Run a job in its result directory, or the rest of it, and draw its figures.
 
     Args:
         job: a job, or the path of its YAML file.
         out: the result directory, `results/NAME` by default.
         overrides: settings for a job from a file, such as "run.max_cycles=50".
-        progress: called now and then with rows done, rows in all, rows a second, the share done, a remark; by
-            default a line on standard error every half minute.
-        strict: raise SelfCheckError where a sample of the rows comes out otherwise at half the step.
+        on_progress: progress callback: rows done, rows in all, rows a second, the share done, a remark; by
+            default it prints a line on standard error every half minute.
+        strict: raise SelfCheckError if the self-check warns.
         client: a `distributed.Client`, whose workers compute the rows; they share the result directory.
 
     Raises:
-        SelfCheckError: as above; the table is complete.
-        JobError: the job is bad, with a sentence for each thing that is wrong.
+        SelfCheckError: the self-check warns, with `strict`; the table is complete.
+        JobError: the job is not valid, with a sentence for each error.
         ArgumentError: neither a job nor a path; overrides of a job that is not read from a file; a
-            directory for a model whose class belongs to this session, of which no later run could tell
-            whether it is the same.
+            directory for a model whose class belongs to this session, which no later run could compare.
         TableError, RunError: the directory is another job's, the disk is full, a device is missing.
     """
     if isinstance(job, Job) and overrides:
@@ -187,16 +186,16 @@ def run(
     loaded = job if isinstance(job, Job) else load_job(job, overrides)
     refuse_of_session(loaded.model)
     cluster = None if client is None else cluster_of(client)
-    progress = progress_lines() if progress is None else progress
-    path = run_job(loaded, out, progress=progress, tell=warn, strict=strict, cluster=cluster)
+    on_progress = progress_lines() if on_progress is None else on_progress
+    path = run_job(loaded, out, on_progress=on_progress, on_message=warn, strict=strict, cluster=cluster)
     return _remarked(Result(path))
 
 
 def refuse_of_session(model: str) -> None:
-    """Refuse a model, by its name, whose class belongs to this session where a directory keeps its table.
+    """Refuse a result directory for a model, by its name, whose class belongs to this session.
 
     Raises:
-        ArgumentError: no later run could tell whether the class is the same.
+        ArgumentError: the class belongs to this session, so no later run could compare it.
     """
     if not importable(model):
         raise ArgumentError(
@@ -206,11 +205,11 @@ def refuse_of_session(model: str) -> None:
 
 
 def cluster_of(client: Client, collect: bool = False) -> Cluster:
-    """The workers of a `distributed.Client`; `collect`: no directory is shared with them."""
+    """Return the workers of a `distributed.Client`; with `collect` no directory is shared with them."""
     from gaitsweep.runs.cluster.connection import GivenClient
     from gaitsweep.runs.cluster.dispatch import Cluster
 
-    return Cluster(GivenClient(client), collect=collect, tell=warn)
+    return Cluster(GivenClient(client), collect=collect, on_message=warn)
 
 
 def run_in_memory(job: Job, client: Client | None = None) -> Result:
@@ -224,12 +223,12 @@ def run_in_memory(job: Job, client: Client | None = None) -> Result:
         TableError, RunError: the temporary disk is full, a device is missing.
     """
     cluster = None if client is None else cluster_of(client, collect=True)
-    table = table_in_memory(job, progress=progress_lines(), tell=warn, cluster=cluster)
+    table = table_in_memory(job, on_progress=progress_lines(), on_message=warn, cluster=cluster)
     return _remarked(Result(table=table))
 
 
 def warn(sentence: str, level: int = 1) -> None:
-    """Warn in Python's way, which itself says that the sentence is a warning."""
+    """Issue a sentence as a Python warning."""
     warnings.warn(sentence.removeprefix("Warning: "), stacklevel=level + 1)
 
 

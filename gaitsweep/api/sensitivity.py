@@ -1,4 +1,4 @@
-"""`gs.sensitivity`: how much results depend on each constant."""
+"""`gs.sensitivity`: dependence of results on each constant."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def sensitivity(
     engine: str | Mapping[str, Any] | None = None,
     verify: int | None = None,
     overrides: Sequence[str] = (),
-    progress: Progress | None = None,
+    on_progress: Progress | None = None,
     client: Client | None = None,
     **values: Any,
 ) -> Sensitivity:
@@ -48,36 +48,36 @@ def sensitivity(
     Args:
         model: an instance, a class, a registered name, or "package.module:attribute". Or a job with
             `sensitivity`, as the path of its file, which ends in .yaml, as "builtin:NAME" or as a mapping of
-            its fields: then all else but `out`, `overrides`, `progress` and `client` stands in the job.
+            its fields: then only `out`, `overrides`, `on_progress` and `client` are allowed beside it.
         parameters: by name, a range [low, high] or {low, high, log, whole}, or a share of its value: "10%".
         outputs: measures by name, such as {"lag": {"kind": "value", "of": "psi_1", "at": {"psi_1": 1.0}}}.
         method: one_at_a_time, morris or sobol, the default.
         n: trajectories of morris, or base points of sobol, a power of two.
-        seed: of all that is drawn, 0 by default.
-        run: what is done with each row, `Settle()` by default; `FixedTime` too, or their fields.
-        out: the result directory; a stopped analysis goes on there. Without it the result is in memory, but
-            that of a job goes to `results/NAME`.
+        seed: seed of all random numbers, 0 by default.
+        run: the run kind, `Settle()` by default, or `FixedTime`, or their fields.
+        out: the result directory, in which a stopped analysis continues. Without it the result is in memory,
+            but that of a job is in `results/NAME`.
         params, start, numerics, engine: as for `gaitsweep.sweep`.
         verify: sets that are measured again at half the step; 32 by default, 0: none.
         overrides: settings for a job file, such as "sensitivity.n=64".
-        progress: called now and then with sets done, sets in all, sets a second, the share done, a remark; by
-            default a line on standard error every half minute.
+        on_progress: progress callback: sets done, sets in all, sets a second, the share done, a remark; by
+            default it prints a line on standard error every half minute.
         client: a `distributed.Client`, whose workers compute the rows; with a directory they share it.
         values: parameters and start values by name, numbers or formulas.
 
     Raises:
         ArgumentError: a name that the model does not have, an array, a package that is not installed, or
             `out` for a model whose class belongs to this session.
-        JobError: other things that are wrong, a sentence each.
+        JobError: all other errors.
         TableError, RunError: as for `gaitsweep.run`.
     """
-    progress = progress_lines("sets") if progress is None else progress
+    on_progress = progress_lines("sets") if on_progress is None else on_progress
     if is_job(model):
-        given = {"parameters": parameters, "outputs": outputs, "method": method, "n": n, "seed": seed}
-        given |= {"run": run, "params": params, "start": start, "numerics": numerics, "engine": engine}
-        refuse_beside_a_job(model, {**given, "verify": verify, **values})
+        keywords = {"parameters": parameters, "outputs": outputs, "method": method, "n": n, "seed": seed}
+        keywords |= {"run": run, "params": params, "start": start, "numerics": numerics, "engine": engine}
+        refuse_beside_a_job(model, {**keywords, "verify": verify, **values})
         job = given_job(model, overrides, load_sensitivity, read_sensitivity)
-        return in_directory(run_sensitivity, job, out, progress, client)
+        return in_directory(run_sensitivity, job, out, on_progress, client)
     if overrides:
         raise ArgumentError("overrides are for a job file: give the values as keywords.")
     assert not isinstance(model, Path | Mapping)  # it was read
@@ -99,5 +99,5 @@ def sensitivity(
     )
     if out is not None:
         refuse_of_session(fields["model"])
-        return in_directory(run_sensitivity, job, out, progress, client)
-    return dataclasses.replace(in_memory(run_sensitivity, job, progress, client), path=None)
+        return in_directory(run_sensitivity, job, out, on_progress, client)
+    return dataclasses.replace(in_memory(run_sensitivity, job, on_progress, client), path=None)

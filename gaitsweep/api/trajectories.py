@@ -42,11 +42,11 @@ def sweep(
 
     Args:
         model: an instance, a class, a registered name, or "package.module:attribute".
-        run: what is done with each row, `Settle()` by default; a run kind, or its fields as in a job file.
+        run: the run kind, `Settle()` by default, or its fields as in a job file.
         out: the result directory. Without it the table is in memory, and Ctrl-C loses all its rows; with it
             the same call continues where it was stopped.
         params, start: parameters and start values by name, for names that are keywords here.
-        numerics: method, dt and the other fields of a job's `numerics`; what the model recommends by default.
+        numerics: method, dt and the other fields of a job's `numerics`; by default as the model recommends.
         engine: auto, kernel or xla, or the fields of a job's `engine`.
         verify: rows that are repeated when the run is complete; at most 32 by default, 0: none.
         client: a `distributed.Client`, whose workers compute the rows; with `out` they share that directory.
@@ -56,7 +56,7 @@ def sweep(
 
     Raises:
         ArgumentError: a name that the model does not have; `out` for a class of this session.
-        JobError: other things that are wrong, a sentence each.
+        JobError: all other errors.
         TableError, RunError: as for `gaitsweep.run`.
     """
     fields = {"numerics": numerics, "engine": _engine(engine), "verify": verify}
@@ -92,7 +92,7 @@ def simulate(
 
     Raises:
         ArgumentError: a name that the model does not have, or an array.
-        JobError: other things that are wrong, a sentence each.
+        JobError: all other errors.
     """
     fields = {"numerics": numerics, "engine": _engine(engine), "verify": 0}
 

@@ -47,8 +47,8 @@ class JobRun:
         snapshot = Snapshot.of(self.path)
         counts = ", ".join(f"{number} {status}" for status, number in snapshot.counts.items())
         check = snapshot.manifest.get("self_check")
-        told = f"{counts}. {sentence(check)}" if isinstance(check, dict) else f"{counts}."
-        return f"{told} {self.failure}".strip()
+        text = f"{counts}. {sentence(check)}" if isinstance(check, dict) else f"{counts}."
+        return f"{text} {self.failure}".strip()
 
     def figure(self, stem: str) -> Path | None:
         """The file of one of its figures, or None if it was not drawn."""
@@ -86,8 +86,8 @@ def reproduce(
     out: str | Path | None = None,
     *,
     quick: bool = False,
-    progress: Progress | None = None,
-    tell: Callable[[str], None] | None = None,
+    on_progress: Progress | None = None,
+    on_message: Callable[[str], None] | None = None,
 ) -> Reproduction:
     """Run a paper's jobs whose tables are missing, and compare its claims with the results.
 
@@ -96,8 +96,8 @@ def reproduce(
         out: the folder of `claims.parquet`, `index.html` and the jobs' directories;
             `results/reproduce_PAPER` by default.
         quick: use the table's settings for `--quick`: fewer rows and wider tolerances.
-        progress: callback with the progress of the current job.
-        tell: callback with sentences about the jobs that run and about errors.
+        on_progress: callback with the progress of the current job.
+        on_message: callback with sentences about the jobs that run and about errors.
 
     Returns:
         The verdicts. If a job fails, its claims are `not run`, and the other jobs still run.
@@ -106,16 +106,16 @@ def reproduce(
         TableError: the folder cannot be written.
     """
     folder = RESULTS / f"reproduce_{paper.name}" if out is None else Path(out)
-    say = tell or (lambda sentence: None)
+    on_message = on_message or (lambda sentence: None)
     asked = [(claim, claim.as_quick() if quick else claim) for claim in paper.claims]
     needed = [name for name in paper.jobs if any(judged and name in judged.of for _, judged in asked)]
     left_out = [name for name in needed if quick and paper.jobs[name].quick is False]
     runs: dict[str, JobRun] = {}
     for number, name in enumerate(needed, 1):
         if name not in left_out:
-            say(f"{paper.name}: job {number} of {len(needed)}, {name}")
+            on_message(f"{paper.name}: job {number} of {len(needed)}, {name}")
             runs[name] = _run(
-                paper, name, folder / ("quick" if quick else "jobs") / name, quick, progress, say
+                paper, name, folder / ("quick" if quick else "jobs") / name, quick, on_progress, on_message
             )
     tables: dict[str, pd.DataFrame] = {}
 
@@ -132,7 +132,7 @@ def reproduce(
         began = time.perf_counter()
         ours, found, why = _judge(judged, runs, table_of)
         if judged is not None and why and found is ClaimVerdict.not_run:
-            say(f"{judged.id} has no verdict: {why}")
+            on_message(f"{judged.id} has no verdict: {why}")
         seconds = time.perf_counter() - began
         rows.append(_row(paper, judged or written, runs, sources, ours, found, why, seconds))
     table = pd.DataFrame(rows)
@@ -149,8 +149,8 @@ def _run(
     name: str,
     path: Path,
     quick: bool,
-    progress: Progress | None,
-    say: Callable[[str], None],
+    on_progress: Progress | None,
+    on_message: Callable[[str], None],
 ) -> JobRun:
     """Run one job, or continue it; errors are stored as sentences."""
     job = paper.jobs[name]
@@ -161,12 +161,12 @@ def _run(
     command = " ".join([f"gaitsweep run {_short(file)}", *(f"--set '{each}'" for each in overrides)])
     began = time.perf_counter()
     try:
-        run_job(load_job(file, overrides), path, progress=progress, tell=say)
+        run_job(load_job(file, overrides), path, on_progress=on_progress, on_message=on_message)
     except FigureError as error:  # the table is complete
-        say(error.sentence)
+        on_message(error.sentence)
         return JobRun(name, command, path, error.sentence, time.perf_counter() - began)
     except UserError as error:
-        say(f"{name} failed: {error.sentence}")
+        on_message(f"{name} failed: {error.sentence}")
         return JobRun(name, command, None, error.sentence)
     return JobRun(name, command, path, seconds=time.perf_counter() - began)
 
@@ -198,8 +198,8 @@ def _judge(
     except (UserError, ArithmeticError, LookupError, ValueError) as error:
         # the tables are there, and do not show it: rows that fell have no cycles to take a mean of
         missed = ClaimVerdict.open_constants if claim.open else ClaimVerdict.not_reproduced
-        told = error.sentence if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
-        return None, missed, told
+        reason = error.sentence if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
+        return None, missed, reason
     return ours, verdict(claim, ours), claim.step and f"finer steps change the verdict: {claim.step}"
 
 

@@ -17,19 +17,19 @@ from pathlib import Path
 
 from gaitsweep.cache_folder import cache_folder, keep, kept
 
-_MOST = 200  # commands that are remembered
+_MOST = 200  # commands whose output is stored
 # Variables that choose the device, and so may make another job of the same file.
 _DECIDING = ("JAX_PLATFORMS", "CUDA_VISIBLE_DEVICES", "XLA_FLAGS", "JAX_ENABLE_X64")
 _LOCK = ".lock"
 
 
-def recall(command: Sequence[str]) -> tuple[str, str] | None:
+def load_output(command: Sequence[str]) -> tuple[str, str] | None:
     """The stored output and errors of the same command, or None if anything has changed since.
 
     Args:
         command: the arguments of the command.
     """
-    file = _memory(command)
+    file = _output_file(command)
     if file is None:
         return None
     try:
@@ -44,16 +44,18 @@ def recall(command: Sequence[str]) -> tuple[str, str] | None:
         return None
 
 
-def remember(command: Sequence[str], sources: Sequence[Path], folder: Path, printed: str, told: str) -> None:
+def store_output(
+    command: Sequence[str], sources: Sequence[Path], folder: Path, printed: str, errors: str
+) -> None:
     """Store the output of a command whose job is complete.
 
     Args:
         command: the arguments of the command.
         sources: the job and its config.
         folder: the result directory.
-        printed, told: the text on standard output and on standard error.
+        printed, errors: the text on standard output and on standard error.
     """
-    file = _memory(command)
+    file = _output_file(command)
     if file is None:
         return
     with contextlib.suppress(OSError):
@@ -61,12 +63,12 @@ def remember(command: Sequence[str], sources: Sequence[Path], folder: Path, prin
         names = [*(str(source.absolute()) for source in sources), *_files_in(folder)]
         files = {name: _digest(Path(name)) for name in names}
         seen = {"folder": str(folder), "files": files, "program": _program()}
-        keep(file, json.dumps({**seen, "printed": printed, "told": told}).encode())
+        keep(file, json.dumps({**seen, "printed": printed, "told": errors}).encode())
         for old in sorted(file.parent.glob("*.json"), key=lambda each: each.stat().st_mtime)[:-_MOST]:
             old.unlink()
 
 
-def _memory(command: Sequence[str]) -> Path | None:
+def _output_file(command: Sequence[str]) -> Path | None:
     """The cache file of a command, or None without a writable cache."""
     folder = cache_folder("complete")
     if folder is None:

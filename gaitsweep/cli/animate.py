@@ -80,14 +80,21 @@ def animate(
         pixels = movie.STILL_SIZE if size is None else _size(size)
         print(
             movie.write_still(
-                directory, out, row=row, at=still, size=pixels, renderer=renderer, trust=trust, tell=_tell
+                directory,
+                out,
+                row=row,
+                at=still,
+                size=pixels,
+                renderer=renderer,
+                trust=trust,
+                on_message=_print_message,
             )
         )
         return
     began = time.monotonic()
     with shown_progress("frames") as shown:
 
-        def progress(done: int, total: int) -> None:
+        def on_progress(done: int, total: int) -> None:
             shown(done, total, done / max(time.monotonic() - began, 1e-9), done / total, "")
 
         path = movie.write_movie(
@@ -101,13 +108,13 @@ def animate(
             size=movie.SIZE if size is None else _size(size),
             renderer=renderer,
             trust=trust,
-            progress=progress,
-            tell=_tell,
+            on_progress=on_progress,
+            on_message=_print_message,
         )
     print(path)
 
 
-def _tell(sentence: str) -> None:
+def _print_message(sentence: str) -> None:
     print(sentence, file=sys.stderr)
 
 

@@ -124,10 +124,10 @@ def run(
 ) -> None:
     """Run a job, or continue it, and write its table and figures."""
     command = [str(each) for each in (job_file, out, settings, engine, strict)]
-    said = None if dry_run else again.recall(command)
-    if said is not None:
-        print(said[1], end="", file=sys.stderr)
-        print(said[0])
+    stored = None if dry_run else again.load_output(command)
+    if stored is not None:
+        print(stored[1], end="", file=sys.stderr)
+        print(stored[0])
         return
     from gaitsweep.cli import show
     from gaitsweep.job import load_job
@@ -148,21 +148,28 @@ def run(
         return
     from gaitsweep.runs.execute import run_job
 
-    told: list[str] = []
+    messages: list[str] = []
 
-    def tell(sentence: str) -> None:
-        told.append(sentence)
-        _tell(sentence)
+    def on_message(sentence: str) -> None:
+        messages.append(sentence)
+        _print_message(sentence)
 
     try:
-        with _shown_progress() as progress:
+        with _shown_progress() as on_progress:
             if rows is not None:
                 from gaitsweep.runs.row_range import run_rows
 
-                path = run_rows(job, rows, out, progress=progress, tell=tell, strict=strict)
+                path = run_rows(job, rows, out, on_progress=on_progress, on_message=on_message, strict=strict)
             else:
-                with _workers(cluster, collect=collect, limit=block_limit, tell=tell) as workers:
-                    path = run_job(job, out, progress=progress, tell=tell, strict=strict, cluster=workers)
+                with _workers(cluster, collect=collect, limit=block_limit, on_message=on_message) as workers:
+                    path = run_job(
+                        job,
+                        out,
+                        on_progress=on_progress,
+                        on_message=on_message,
+                        strict=strict,
+                        cluster=workers,
+                    )
     except KeyboardInterrupt as error:
         print(_stopped(job.name, out), file=sys.stderr)
         raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None  # SIGTERM brings its own
@@ -172,15 +179,15 @@ def run(
     if not snapshot.complete:  # a share of the rows, whose table other processes complete
         return
     # repairs are not reported again, and other tables or the user's modules may change
-    lasting = all(sentence.startswith(("Warning: ", "engine: ")) for sentence in told)
+    lasting = all(sentence.startswith(("Warning: ", "engine: ")) for sentence in messages)
     if lasting and not _leans_on_others(job):
         sources = [job_file, *([] if job.config is None else [config_file(job.config, job_file.parent)])]
-        again.remember(command, sources, path, outcome, "".join(f"{each}\n" for each in told))
+        again.store_output(command, sources, path, outcome, "".join(f"{each}\n" for each in messages))
 
 
 @contextlib.contextmanager
 def _workers(
-    where: str | None, *, collect: bool = False, limit: float | None = None, tell: Callable[[str], None]
+    where: str | None, *, collect: bool = False, limit: float | None = None, on_message: Callable[[str], None]
 ) -> Iterator[Cluster | None]:
     """The workers of a cluster, or None without `--cluster`."""
     if where is None:
@@ -189,7 +196,7 @@ def _workers(
     from gaitsweep.runs.cluster.connection import connection_to
     from gaitsweep.runs.cluster.dispatch import Cluster
 
-    with Cluster(connection_to(where), collect=collect, limit=limit, tell=tell) as workers:
+    with Cluster(connection_to(where), collect=collect, limit=limit, on_message=on_message) as workers:
         yield workers
 
 
@@ -201,11 +208,11 @@ def _shown_progress(unit: str = "rows") -> Iterator[Progress]:
 
     with stop_requests() as obey, shown_progress(unit) as shown:
 
-        def progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
+        def on_progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
             obey()
             shown(done, total, rate, fraction, note)
 
-        yield progress
+        yield on_progress
 
 
 def _leans_on_others(job: Job) -> bool:
@@ -214,7 +221,7 @@ def _leans_on_others(job: Job) -> bool:
     return not shipped or any(getattr(figure, "with_table", None) is not None for figure in job.figures)
 
 
-def _tell(sentence: str) -> None:
+def _print_message(sentence: str) -> None:
     print(sentence, file=sys.stderr)
 
 
@@ -315,7 +322,7 @@ def _size_of(job_file: Path) -> str:
         from gaitsweep.fitting.search_job import load_search
 
         search = load_search(job_file)
-        rows, sets = search.fit.population().rows_of_a_set, search.choice.budget
+        rows, sets = search.fit.population().rows_of_a_set, search.options.budget
         return f"{sets} set{'s' * (sets != 1)} of {rows} row{'s' * (rows != 1)}"
     if "sensitivity" in fields:
         from gaitsweep.fitting.sensitivity_job import load_sensitivity
@@ -323,7 +330,7 @@ def _size_of(job_file: Path) -> str:
         return f"{load_sensitivity(job_file).design.n_rows} sets"
     job = load_job(job_file)
     for remark in remarks_on_rows(job.design, job.model):
-        _tell(f"Warning: {job_file}: {remark}")
+        _print_message(f"Warning: {job_file}: {remark}")
     return f"{job.design.n_rows} row{'s' * (job.design.n_rows != 1)}"
 
 
@@ -372,8 +379,10 @@ def reproduce(
     from gaitsweep.errors import EXIT_FAILURE
     from gaitsweep.runs.self_check import SelfCheckError
 
-    with _shown_progress() as progress:
-        found = run_and_judge(table_of_claims, out, quick=quick, progress=progress, tell=_tell)
+    with _shown_progress() as on_progress:
+        found = run_and_judge(
+            table_of_claims, out, quick=quick, on_progress=on_progress, on_message=_print_message
+        )
     counts = found.counts
     reproduced = counts[ClaimVerdict.reproduced.value]
     of = f"{reproduced} of {len(found.table)} claim{'s' * (len(found.table) != 1)} reproduced"
@@ -428,8 +437,8 @@ def search(
     from gaitsweep.fitting.search import run_search
 
     try:
-        with _shown_progress("sets") as progress, _workers(cluster, tell=_tell) as workers:
-            found = run_search(job, out, progress=progress, tell=_tell, cluster=workers)
+        with _shown_progress("sets") as on_progress, _workers(cluster, on_message=_print_message) as workers:
+            found = run_search(job, out, on_progress=on_progress, on_message=_print_message, cluster=workers)
     except KeyboardInterrupt as error:
         print(_stopped(job.name, out), file=sys.stderr)
         raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None
@@ -461,8 +470,10 @@ def sensitivity(
     from gaitsweep.fitting.sensitivity import run_sensitivity
 
     try:
-        with _shown_progress("sets") as progress, _workers(cluster, tell=_tell) as workers:
-            found = run_sensitivity(job, out, progress=progress, tell=_tell, cluster=workers)
+        with _shown_progress("sets") as on_progress, _workers(cluster, on_message=_print_message) as workers:
+            found = run_sensitivity(
+                job, out, on_progress=on_progress, on_message=_print_message, cluster=workers
+            )
     except KeyboardInterrupt as error:
         print(_stopped(job.name, out), file=sys.stderr)
         raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None

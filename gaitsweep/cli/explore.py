@@ -22,7 +22,7 @@ def explore(
         str | None,
         typer.Option("--y", metavar="COLUMN", help="Column on the vertical axis; by default the figure's."),
     ] = None,
-    walks: Annotated[
+    replays: Annotated[
         int | None,
         typer.Option(
             "--walks", metavar="N", help="Largest number of starts that are simulated again; 400 by default."
@@ -46,7 +46,7 @@ def explore(
 
     with shown_progress("starts") as shown:
 
-        def progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
+        def on_progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
             shown(done, total, rate, fraction, note)
 
         path = write_explorer(
@@ -54,10 +54,10 @@ def explore(
             out,
             x=x,
             y=y,
-            walks=walks,
+            replays=replays,
             max_size=max_size,
             trust=trust,
-            progress=progress,
-            tell=lambda sentence: print(sentence, file=sys.stderr),
+            on_progress=on_progress,
+            on_message=lambda sentence: print(sentence, file=sys.stderr),
         )
     print(path)

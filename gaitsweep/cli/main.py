@@ -107,10 +107,10 @@ def _of_the_machine(error: Exception) -> str | None:
 def _shown_as_sentence(otherwise: Callable[..., None]) -> Callable[..., None]:
     """Show gaitsweep's warnings, such as an incomplete table, without the line of code that raised them."""
 
-    def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+    def show_warning(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
         if category is UserWarning:
             print(f"Warning: {message}", file=sys.stderr)
         else:
             otherwise(message, category, *where, **more)
 
-    return show
+    return show_warning

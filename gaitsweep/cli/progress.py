@@ -9,14 +9,14 @@ from collections.abc import Iterator
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-from gaitsweep.runs.progress import Progress as Told
+from gaitsweep.runs.progress import Progress as RunProgress
 from gaitsweep.runs.progress import progress_lines
 
 _WHOLE = 1_000_000  # steps of the bar
 
 
 @contextlib.contextmanager
-def shown_progress(unit: str = "rows", console: Console | None = None) -> Iterator[Told]:
+def shown_progress(unit: str = "rows", console: Console | None = None) -> Iterator[RunProgress]:
     """A context that shows progress on standard error, as a bar on a terminal and as lines elsewhere.
 
     The bar of a continued run starts where the last run stopped, and estimates the time left from there.

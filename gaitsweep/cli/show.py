@@ -54,15 +54,15 @@ def shares(by_status: Mapping[str, int]) -> str:
 
 def stalled(stalls: Mapping[str, Mapping[str, Any]]) -> str:
     """Format the guards that stalled rows, and times: "3 event_stall: leg 2 touches or lifts, t = 1.25 s"."""
-    told = []
+    texts = []
     for names, found in stalls.items():
         when = ""
         for key, words in (("t", "t ="), ("after", "after t =")):
             span = [f"{each:.6g}" for each in found.get(key, [])]
             if span:
                 when = f", {words} {' to '.join(dict.fromkeys(span))} s"
-        told.append(f"{found.get('rows', 0)} {Status.event_stall.name}: {names}{when}")
-    return "; ".join(told)
+        texts.append(f"{found.get('rows', 0)} {Status.event_stall.name}: {names}{when}")
+    return "; ".join(texts)
 
 
 def unsettled(slowest: Mapping[str, int]) -> str:

@@ -10,8 +10,8 @@ from rich.table import Table
 
 from gaitsweep.cli.show import aligned, duration
 from gaitsweep.fitting.estimate import SearchEstimate
-from gaitsweep.fitting.near_best import NEAR
-from gaitsweep.fitting.search import Found
+from gaitsweep.fitting.identifiability import NEAR
+from gaitsweep.fitting.search import SearchResult
 from gaitsweep.fitting.targets import MISS
 
 # Reasons that are shown where all sets failed.
@@ -37,14 +37,14 @@ def estimate(needs: SearchEstimate) -> str:
     return aligned(lines)
 
 
-def outcome(found: Found) -> str:
+def outcome(found: SearchResult) -> str:
     """Format the result of a search: sets by status, the best one, its targets, and each constant's range."""
     status = [str(each) for each in found.table["status"]]
     counts = ", ".join(f"{status.count(name)} {name}" for name in ("complete", "failed"))
     lines = [f"{len(found.table)} sets: {counts}."]
     if found.path is not None:
         lines.append(f"Table: {found.path / 'table'}")
-    near = found.near
+    near = found.identifiability
     if not len(near.best):
         most = found.table["why"].value_counts().head(_REASONS)
         why = [f"  {count} sets: {reason}" for reason, count in most.items()]
@@ -72,13 +72,15 @@ def outcome(found: Found) -> str:
     lines.append(_table(("constant", "best", "near-best", "share of range", ""), constants))
     targets = []
     for name, target in found.job.targets.items():
-        low, high = target.aim.wanted
+        low, high = target.value.wanted
         wanted = f"{low:g}" if low == high else f"{low:g} to {high:g}"
-        kept = "held back" if target.aim.held_back else ""
+        kept = "held back" if target.value.held_back else ""
         half = found.finalists
         at_half = "" if half is None else f"{half.iloc[0][f'{name}_half']:.5g}"
         miss = f"{best[f'{MISS}{name}']:+.2f}"
-        targets.append((name, f"{wanted} +- {target.aim.error:g}", f"{best[name]:.5g}", at_half, miss, kept))
+        targets.append(
+            (name, f"{wanted} +- {target.value.error:g}", f"{best[name]:.5g}", at_half, miss, kept)
+        )
     lines.append(
         _table(("target", "wanted", "best set", "at half the step", "miss in reading errors", ""), targets)
     )

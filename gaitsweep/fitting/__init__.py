@@ -1,1 +1,1 @@
-"""Fitting a model's constants: a search over them, and how much results depend on each of them."""
+"""Fitting of a model's constants: searches, and the sensitivity of results to each constant."""

@@ -1,7 +1,7 @@
 """Batches of sets that are measured side by side, and end in the order in which they began.
 
-A batch lasts as long as its slowest row. At its end most lanes of a card would be idle, so that other batches
-run meanwhile.
+A batch lasts as long as its slowest row. Near its end most lanes of a GPU would be idle, so other batches run
+meanwhile.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from typing import Generic, TypeVar
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 
 T = TypeVar("T")
-# Seconds between two looks at the batches under way.
-_LOOK = 0.1
+# Seconds between two polls of the running batches.
+_POLL = 0.1
 
 
 class Batches(Generic[T]):
-    """Batches under way, each in a thread.
+    """Running batches, each in a thread.
 
     Args:
         threads: batches that run at a time; others wait.
-        look: called about ten times a second while a batch is waited for, with what each of the batches
-            under way has done; an exception that it raises is raised by `oldest`.
+        on_progress: progress callback, called about ten times a second during `oldest` with the progress of
+            each running batch; an exception that it raises is raised by `oldest`.
     """
 
-    def __init__(self, threads: int, look: Callable[[list[SweepProgress]], None]) -> None:
-        self._threads, self._look = ThreadPoolExecutor(threads), look
+    def __init__(self, threads: int, on_progress: Callable[[list[SweepProgress]], None]) -> None:
+        self._threads, self._on_progress = ThreadPoolExecutor(threads), on_progress
         self._under_way: deque[tuple[Future[T], list[SweepProgress]]] = deque()
         self._stopped = threading.Event()
 
@@ -44,21 +44,21 @@ class Batches(Generic[T]):
         self._threads.shutdown(cancel_futures=True)
 
     def begin(self, measure: Callable[[Callable[[SweepProgress], None]], T]) -> None:
-        """Measure a batch; `measure` is given what it tells how far it is."""
+        """Measure a batch in a thread; `measure` receives a progress callback."""
         done: list[SweepProgress] = []
 
-        def tell(now: SweepProgress) -> None:
-            if self._stopped.is_set():  # nobody asks what is found
+        def on_progress(now: SweepProgress) -> None:
+            if self._stopped.is_set():  # nobody reads its result
                 raise InterruptedError
             done[:] = [now]
 
-        self._under_way.append((self._threads.submit(measure, tell), done))
+        self._under_way.append((self._threads.submit(measure, on_progress), done))
 
     def oldest(self) -> T:
         """Wait for the batch that began first, and return its result."""
         future, _ = self._under_way[0]
         while not future.done():
-            wait([future], timeout=_LOOK)
-            self._look([done[0] for _, done in self._under_way if done])
+            wait([future], timeout=_POLL)
+            self._on_progress([done[0] for _, done in self._under_way if done])
         self._under_way.popleft()
         return future.result()

@@ -1,4 +1,4 @@
-"""The rows of sets of constants computed by the workers of a cluster."""
+"""Computation of the rows of sets of constants by the workers of a cluster."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
-from gaitsweep.fitting.population import Tell
+from gaitsweep.fitting.population import OnProgress
 from gaitsweep.job import Job
 from gaitsweep.runs.execute import run_job
 from gaitsweep.table import load
@@ -27,10 +27,10 @@ _FEWEST_ROWS, _WORKERS = 16, 4
 
 
 class ClusterRows:
-    """Rows that a cluster computes, as `Population.run_elsewhere` takes them.
+    """Function that computes rows on a cluster, for `Population.run_elsewhere`.
 
-    The table of a batch is removed when its rows are there. Where a run was stopped before, the same batch
-    goes on from the blocks that it has.
+    The table of a batch is removed once it is read. After a run that was stopped, the same batch continues
+    from its blocks.
 
     Args:
         path: the result directory of the search or the analysis.
@@ -40,20 +40,22 @@ class ClusterRows:
     def __init__(self, path: Path, cluster: Cluster) -> None:
         self._path, self._cluster = path / BATCH, cluster
 
-    def __call__(self, job: Job, progress: Tell) -> pd.DataFrame:
+    def __call__(self, job: Job, on_progress: OnProgress) -> pd.DataFrame:
         began = time.perf_counter()
         block = max(_FEWEST_ROWS, job.design.n_rows // (4 * max(self._cluster.workers.most, _WORKERS)))
         one = job.model_copy(update={"engine": job.engine.model_copy(update={"block": block})})
 
-        def tell(done: int, total: int, rate: float, fraction: float, note: str) -> None:
-            if progress is not None:
-                progress(SweepProgress(done, total, fraction, 0, time.perf_counter() - began))
+        def on_job_progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
+            if on_progress is not None:
+                on_progress(SweepProgress(done, total, fraction, 0, time.perf_counter() - began))
 
         name = hashlib.sha256(json.dumps(one.resolved(), sort_keys=True).encode()).hexdigest()[:16]
-        # what a client that was killed has left may be of another batch
+        # a client that was killed may have left another batch
         for left in self._path.iterdir() if self._path.is_dir() else ():
             if left.name != name:
                 shutil.rmtree(left, ignore_errors=True)
-        table = load(run_job(one, self._path / name, progress=tell, figures=False, cluster=self._cluster))
+        table = load(
+            run_job(one, self._path / name, on_progress=on_job_progress, figures=False, cluster=self._cluster)
+        )
         shutil.rmtree(self._path)
         return table

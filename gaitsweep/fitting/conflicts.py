@@ -17,10 +17,10 @@ from gaitsweep.near_miss import suggestion
 class Conflicts:
     """Targets that are met together.
 
-    `sets` is the number of sets; `together` (targets, targets) how many sets meet both of two targets, on the
-    diagonal one; `nearest` (targets, targets) the least miss of the column's target, in reading errors, among
-    the sets that meet the row's, NaN where no set has a value of both; `most` the targets that the sets meet
-    which meet most of them, and `most_sets` how many sets these are.
+    `sets` is the number of sets; `together` (targets, targets) the number of sets that meet both of two
+    targets, or one on the diagonal; `nearest` (targets, targets) the least miss of the column's target, in
+    reading errors, among the sets that meet the row's, NaN where no set has a value of both; `most` the
+    targets met by the sets that meet most of them, and `most_sets` the number of these sets.
     """
 
     sets: int
@@ -38,17 +38,17 @@ def conflicts(
     Args:
         tables: the tables of one search or several.
         within: the miss up to which a target counts as met, in reading errors.
-        targets: those that are looked at; all of the tables by default, also those that were held back.
+        targets: names of the targets to compare; all of the tables by default, also those held back.
 
     Raises:
-        ArgumentError: the tables are not of searches, or have not the same targets.
+        ArgumentError: the tables are not those of searches, or have different targets.
     """
     names = _targets(tables, targets)
     misses = np.concatenate([np.abs(table[[f"{MISS}{name}" for name in names]]) for table in tables])
     met = misses <= within
     counts = met.T.astype(np.int64) @ met
     known = np.where(misses < FAILED_MISS, misses, np.inf)
-    nearest = np.array([known[mine].min(axis=0, initial=np.inf) for mine in met.T])
+    nearest = np.array([known[meets].min(axis=0, initial=np.inf) for meets in met.T])
     # the largest number of targets, and of the combinations of so many the most frequent one
     many = met.sum(axis=1)
     best, frequent = np.unique(met[many == many.max(initial=0)], axis=0, return_counts=True)
@@ -57,24 +57,24 @@ def conflicts(
         sets=len(met),
         together=pd.DataFrame(counts, index=names, columns=names),
         nearest=pd.DataFrame(np.where(np.isfinite(nearest), nearest, np.nan), index=names, columns=names),
-        most=tuple(name for name, there in zip(names, most, strict=True) if there),
+        most=tuple(name for name, is_met in zip(names, most, strict=True) if is_met),
         most_sets=int(frequent.max(initial=0)),
     )
 
 
 def _targets(tables: Sequence[pd.DataFrame], wanted: Sequence[str] | None) -> list[str]:
-    found = [
+    target_names = [
         [str(column).removeprefix(MISS) for column in table.columns if str(column).startswith(MISS)]
         for table in tables
     ]
-    if not found or not all(found):
+    if not target_names or not all(target_names):
         raise ArgumentError("This is not the table of a search: it has no columns miss_NAME of targets.")
-    for names in found[1:]:
-        if names != found[0]:
+    for names in target_names[1:]:
+        if names != target_names[0]:
             raise ArgumentError(
-                f"The searches have different targets: {', '.join(found[0])} and {', '.join(names)}."
+                f"The searches have different targets: {', '.join(target_names[0])} and {', '.join(names)}."
             )
     for name in wanted or ():
-        if name not in found[0]:
-            raise ArgumentError(f"{name} is not a target of the search{suggestion(name, found[0])}")
-    return list(wanted or found[0])
+        if name not in target_names[0]:
+            raise ArgumentError(f"{name} is not a target of the search{suggestion(name, target_names[0])}")
+    return list(wanted or target_names[0])

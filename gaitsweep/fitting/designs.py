@@ -1,4 +1,4 @@
-"""The sets of parameters of a sensitivity analysis, by its method."""
+"""Designs of sensitivity analyses: the sets of parameters, by method."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gaitsweep.fitting.free import Free, sets_at
+from gaitsweep.fitting.free_parameters import FreeParameter, sets_at
 
 METHODS = ("one_at_a_time", "morris", "sobol")
 LEVELS = 4  # of each range, on which Morris's trajectories run
@@ -39,15 +39,15 @@ class SensitivityDesign:
 
 
 def design_of(
-    method: str, n: int | None, seed: int, ranges: Mapping[str, Free], base: Mapping[str, float]
+    method: str, n: int | None, seed: int, ranges: Mapping[str, FreeParameter], base: Mapping[str, float]
 ) -> SensitivityDesign:
-    """The sets of a method.
+    """Return the sets of a method.
 
     Args:
         method: one of METHODS.
         n: trajectories (morris), or base points (sobol).
-        seed: of what is drawn.
-        ranges: by parameter.
+        seed: seed of all random numbers.
+        ranges: range of each parameter.
         base: the job's own values.
     """
     if method == "one_at_a_time":
@@ -58,37 +58,37 @@ def design_of(
 
 
 def unit_cube(dimension: int) -> dict[str, object]:
-    """SALib's description of ranges from 0 to 1."""
+    """Return SALib's description of ranges from 0 to 1."""
     names = [f"x{i}" for i in range(dimension)]
     return {"num_vars": dimension, "names": names, "bounds": [[0.0, 1.0]] * dimension}
 
 
 def _trajectories(dimension: int, n: int, seed: int) -> np.ndarray:
-    """Morris's trajectories: n (dimension + 1) points, each a step of one parameter from the one before."""
+    """Draw Morris's trajectories: n (dimension + 1) points, each a step of one parameter from the last."""
     from SALib.sample import morris
 
     return morris.sample(unit_cube(dimension), n, num_levels=LEVELS, seed=seed)
 
 
 def _saltelli(dimension: int, n: int, seed: int) -> np.ndarray:
-    """Saltelli's points, n (dimension + 2): for each base point A, A with each coordinate of B in turn, B."""
+    """Draw Saltelli's points, n (dimension + 2): for each base point A, A with each coordinate of B, B."""
     from SALib.sample import sobol
 
     return sobol.sample(unit_cube(dimension), n, calc_second_order=False, seed=seed)
 
 
-def _one_at_a_time(ranges: Mapping[str, Free], base: Mapping[str, float]) -> SensitivityDesign:
+def _one_at_a_time(ranges: Mapping[str, FreeParameter], base: Mapping[str, float]) -> SensitivityDesign:
     rows = [dict(base)]
     places = {}
-    for name, each in ranges.items():
-        low, middle, high = each.at(np.array([0.0, 0.5, 1.0])).tolist()
-        here = []
+    for name, parameter in ranges.items():
+        low, middle, high = parameter.at(np.array([0.0, 0.5, 1.0])).tolist()
+        numbers = []
         for value in (low, middle, high):
             if np.isclose(value, base[name], rtol=1e-12, atol=0.0):
-                here.append(0)  # the job itself
+                numbers.append(0)  # the job itself
             else:
-                here.append(len(rows))
+                numbers.append(len(rows))
                 rows.append({**base, name: value})
-        places[name] = (here[0], here[1], here[2])
+        places[name] = (numbers[0], numbers[1], numbers[2])
     sets = {name: np.array([row[name] for row in rows]) for name in ranges}
     return SensitivityDesign("one_at_a_time", sets, places=places)

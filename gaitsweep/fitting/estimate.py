@@ -1,4 +1,4 @@
-"""Estimate of what a search needs, before it runs: sets, rows, steps and time."""
+"""Estimate of the sets, rows, steps and time of a search, before it runs."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _FINALIST = 2.0
 
 @dataclasses.dataclass(frozen=True)
 class SearchEstimate:
-    """Needs of a search.
+    """Estimate of a search.
 
-    `rows_of_a_set` are those of each set, fixed points not among them, and `rows_of_neighbours` those of its
-    neighbours, which only sets that keep their targets have; `steps` those of all sets, without neighbours;
+    `rows_of_a_set` is the number for each set, without fixed points, and `rows_of_neighbours` that of its
+    neighbours, which only sets that keep their targets have; `steps` that of all sets, without neighbours;
     `seconds` the likely time and `seconds_most` that of rows at their limits, with all neighbours. `batch` is
     the estimate of sets in the middle of all ranges, from which these follow, with the run of the job where
     there are targets of it; None where no target has rows.
@@ -42,33 +42,33 @@ def estimate_search(job: SearchJob) -> SearchEstimate:
     """Estimate a search's needs from sets in the middle of the ranges; nothing is written.
 
     Raises:
-        RunError: the job asks for what is not here.
+        RunError: a device or an engine that the job asks for is not available.
     """
     population = job.fit.population()
     structure = job.fit.structures[0]
     rows = population.rows_of_a_set
-    robust = job.choice.robust
+    robust = job.options.robust
     near = 0 if robust is None else robust.sets * population.of(robust.targets).rows_of_a_set
     together = job.sets_together(population.prepared(structure), rows)
     middle = {
         name: free.at(np.array([0.5]))[0] for name, free in job.free.items() if name not in job.fit.structure
     }
     batches = [_Batch.of(part, structure, middle, together) for part in population.parts]
-    known = [each for each in batches if each is not None]
+    known = [batch for batch in batches if batch is not None]
     if not known:
-        return SearchEstimate(job.choice.budget, together, 0, 0, 0.0, 0.0, 0.0, None)
-    # the search in batches of as many rows as the samples have
-    sets = math.ceil(job.choice.budget / together) * together
-    sets += _FINALIST * min(job.choice.finalists, job.choice.budget)
+        return SearchEstimate(job.options.budget, together, 0, 0, 0.0, 0.0, 0.0, None)
+    # whole batches, each with the rows of the sample
+    sets = math.ceil(job.options.budget / together) * together
+    sets += _FINALIST * min(job.options.finalists, job.options.budget)
     return SearchEstimate(
-        sets=job.choice.budget,
+        sets=job.options.budget,
         together=together,
         rows_of_a_set=rows,
         rows_of_neighbours=near,
-        steps=sum(each.steps for each in known) * job.choice.budget,
-        seconds=sum(each.estimate.compile_s + sets * each.seconds for each in known),
+        steps=sum(batch.steps for batch in known) * job.options.budget,
+        seconds=sum(batch.estimate.compile_s + sets * batch.seconds for batch in known),
         seconds_most=sum(
-            each.estimate.compile_s + sets * each.seconds_most * (1.0 + near / rows) for each in known
+            batch.estimate.compile_s + sets * batch.seconds_most * (1.0 + near / rows) for batch in known
         ),
         batch=known[0].estimate,
     )
@@ -76,7 +76,7 @@ def estimate_search(job: SearchJob) -> SearchEstimate:
 
 @dataclasses.dataclass(frozen=True)
 class _Batch:
-    """The estimate of a batch of rows of one run, and what a set takes of it: steps, and seconds."""
+    """Estimate of a batch of rows of one run, and the steps and seconds of each set in it."""
 
     estimate: Estimate
     steps: float
@@ -87,11 +87,11 @@ class _Batch:
     def of(
         cls, part: Population, structure: Mapping[str, Any], middle: Mapping[str, Any], sets: int
     ) -> _Batch | None:
-        """The batch of so many sets in the middle of all ranges; None where they take no rows."""
+        """Estimate a batch of sets in the middle of all ranges; return None if they have no rows."""
         sample = part.middle_job(structure, middle, sets)
         if sample is None:
             return None
-        found = estimate(sample)
-        each = part.own_rows_of_a_set / found.rows
-        seconds, most = found.seconds - found.compile_s, found.seconds_most - found.compile_s
-        return cls(found, found.steps * each, seconds * each, most * each)
+        needs = estimate(sample)
+        share = part.own_rows_of_a_set / needs.rows
+        seconds, most = needs.seconds - needs.compile_s, needs.seconds_most - needs.compile_s
+        return cls(needs, needs.steps * share, seconds * share, most * share)

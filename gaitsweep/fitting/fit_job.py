@@ -1,4 +1,4 @@
-"""A job whose rows follow from sets of constants: what search and sensitivity have in common."""
+"""A job whose rows follow from sets of constants: the common part of search and sensitivity."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from gaitsweep import effort, near_miss
 from gaitsweep.design.design import inside, must
 from gaitsweep.engine.solver import derivative_refusal
-from gaitsweep.fitting.free import Free
+from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measure_kinds import MEASURES
 from gaitsweep.fitting.measures import Measure
 from gaitsweep.fitting.population import Population, job_with_run
@@ -43,7 +43,7 @@ _WITHOUT = ("vary", "figures")
 
 @dataclasses.dataclass(frozen=True)
 class FitJob:
-    """A job without `vary`, the constants that are free in it, and what is measured of each set of them.
+    """A job without `vary`, its free constants, and the measures of each set of them.
 
     `given` is the job as written, without the field `field` (search or sensitivity) that holds the rest;
     `config` is the same with the fields of its config.
@@ -52,7 +52,7 @@ class FitJob:
     field: str
     given: dict[str, Any]
     folder: Path
-    free: dict[str, Free]
+    free: dict[str, FreeParameter]
     measures: dict[str, Measure]
     spec: ModelSpec
     config: Mapping[str, Any]
@@ -63,14 +63,14 @@ class FitJob:
 
     @property
     def structure(self) -> tuple[str, ...]:
-        """The free names that shape the model."""
+        """Names of the free constants that shape the model."""
         return tuple(name for name in self.free if name not in self.spec.quantities)
 
     @property
     def without_default(self) -> set[str]:
-        """The parameters and starts that have no default, and that the job neither fixes nor frees."""
+        """Parameters and starts without a default that the job neither fixes nor frees."""
         fixed = {*(self.config.get("params") or {}), *(self.config.get("start") or {}), *self.free}
-        return {name for name, each in self.spec.quantities.items() if each.default is None} - fixed
+        return {name for name, quantity in self.spec.quantities.items() if quantity.default is None} - fixed
 
     @property
     def structures(self) -> list[dict[str, Any]]:
@@ -80,47 +80,47 @@ class FitJob:
         return [{name: ends[min(i, len(ends) - 1)] for name, ends in choices.items()} for i in range(longest)]
 
     def job_of(self, structure: Mapping[str, Any]) -> Job:
-        """The job with a choice of structure, and with free constants in the middle of their ranges.
+        """Return the job with a choice of structure, and with free constants in the middle of their ranges.
 
         Raises:
-            JobError: what is wrong with it.
+            JobError: the job is not valid.
         """
         middle = {
-            name: each.at(np.array([0.5])).tolist()[0]
-            for name, each in self.free.items()
+            name: parameter.at(np.array([0.5])).tolist()[0]
+            for name, parameter in self.free.items()
             if name in self.spec.quantities
         }
         return self._job_with({**middle, **structure})
 
-    def own_values(self, given: Mapping[str, Any] | str) -> dict[str, Any]:
-        """The value of each free constant in a set of which some are given.
+    def own_values(self, known: Mapping[str, Any] | str) -> dict[str, Any]:
+        """Return the value of each free constant in a set of which some are known.
 
         Args:
-            given: constants by name, or a config that has them; others have the job's own value, or the
+            known: constants by name, or a config that has them; others have the job's own value, or the
                 model's default. What shapes the model is the job's, whatever the config says, unless it is
                 free.
 
         Raises:
-            JobError: a name or a value that the model does not allow, or none where there is no default.
+            JobError: the model does not allow a name or a value, or a value without default is missing.
         """
-        if isinstance(given, str):
-            job = self._job_with({}, config=given)
+        if isinstance(known, str):
+            job = self._job_with({}, config=known)
         else:
             refuse(
                 [
                     Diagnostic((name,), f"is not free here{near_miss.suggestion(name, self.free)}")
-                    for name in given
+                    for name in known
                     if name not in self.free
                 ]
             )
-            job = self._job_with(given)
+            job = self._job_with(known)
         values = job.design.row(0)
         return {
             name: values[name] if name in values else getattr(job.design.model, name) for name in self.free
         }
 
     def _job_with(self, values: Mapping[str, Any], config: str | None = None) -> Job:
-        """The job with values of constants, starts and structure, and with another config if one is given."""
+        """Return the job with values of constants, starts and structure, and with `config` if given."""
         data = copy.deepcopy(self.given)
         if config is not None:
             data["config"] = config
@@ -128,7 +128,7 @@ class FitJob:
             data["structure"] = {
                 name: value for name, value in self.spec.structure.items() if name not in self.free
             }
-        # a job needs a value of these, which every measure replaces by its own
+        # a job needs values of these, which every measure replaces by its own
         needed = {
             name: points[0]
             for measure in self.measures.values()
@@ -140,8 +140,8 @@ class FitJob:
             ("start", self.spec.starts),
             ("structure", self.structure),
         ):
-            if mine := {name: value for name, value in {**needed, **values}.items() if name in names}:
-                data[field] = {**(data.get(field) or {}), **mine}
+            if settings := {name: value for name, value in {**needed, **values}.items() if name in names}:
+                data[field] = {**(data.get(field) or {}), **settings}
         return Job.model_validate(data, context={"folder": self.folder})
 
     def population(self) -> Population:
@@ -149,23 +149,24 @@ class FitJob:
         return Population(self.job_of, self.structure, self.measures)
 
 
-def read_free(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> dict[str, Free]:
-    """The free constants by name; what is wrong with them is added to `wrong`."""
+def read_free(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> dict[str, FreeParameter]:
+    """Read the free constants by name; errors are added to `wrong`."""
     if not isinstance(value, Mapping) or not value:
-        said = "is missing: it" if value is None else f"is {found(value)}, but"
-        wrong.append(Diagnostic(path, f"{said} takes constants by name, such as kappa: {{low: 1, high: 2}}."))
+        begin = "is missing: it" if value is None else f"is {found(value)}, but"
+        wrong.append(
+            Diagnostic(path, f"{begin} takes constants by name, such as kappa: {{low: 1, high: 2}}.")
+        )
         return {}
     read = {}
-    for name, each in value.items():
-        if isinstance(each, list) and len(each) == 2:  # [low, high] is short for it
-            each = {"low": each[0], "high": each[1]}
-        if not isinstance(each, Mapping):
-            text = (
-                f"is {found(each)}, but takes [low, high], or fields. {near_miss.allowing(Free.model_fields)}"
-            )
+    for name, written in value.items():
+        if isinstance(written, list) and len(written) == 2:  # [low, high] is short for it
+            written = {"low": written[0], "high": written[1]}
+        if not isinstance(written, Mapping):
+            allowed = near_miss.allowing(FreeParameter.model_fields)
+            text = f"is {found(written)}, but takes [low, high], or fields. {allowed}"
             wrong.append(Diagnostic((*path, str(name)), text))
             continue
-        if (part := read_model(Free, each, (*path, str(name)), wrong)) is not None:
+        if (part := read_model(FreeParameter, written, (*path, str(name)), wrong)) is not None:
             read[str(name)] = part
     return read
 
@@ -173,7 +174,7 @@ def read_free(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> dict[str,
 def read_measure(
     value: Any, path: FieldPath, wrong: list[Diagnostic], beside: type[StrictModel] | None = None
 ) -> Measure | None:
-    """A measure; what is wrong with it is added to `wrong`; `beside` has other fields that stand there."""
+    """Read a measure; errors are added to `wrong`; `beside` has further fields that are allowed."""
     if (bad := wrong_kind(path, value, MEASURES)) is not None:
         wrong.append(bad)
         return None
@@ -183,7 +184,7 @@ def read_measure(
     more = () if beside is None else SchemaSection("", beside).fields
     unknown = [key for key in value if key not in own]
     wrong.extend(unknown_field((*path, str(key)), f"a measure ({kind})", [*own, *more]) for key in unknown)
-    fields = {key: each for key, each in value.items() if key in own}
+    fields = {key: entry for key, entry in value.items() if key in own}
     if "run" in fields and "run" in own:
         if (run := _read_run(part, fields["run"], (*path, "run"), wrong)) is None:
             return None
@@ -192,7 +193,7 @@ def read_measure(
 
 
 def _read_run(measure: type[Measure], value: Any, path: FieldPath, wrong: list[Diagnostic]) -> RunKind | None:
-    """The run that a measure of this kind has of its own; what is wrong with it is added to `wrong`."""
+    """Read the run of a measure of this kind; errors are added to `wrong`."""
     if isinstance(value, measure.runs):
         return value
     kinds = {kind_of(run): run for run in measure.runs}
@@ -202,8 +203,8 @@ def _read_run(measure: type[Measure], value: Any, path: FieldPath, wrong: list[D
         return None
     kind = value.get("kind", next(iter(kinds)) if len(kinds) == 1 else None)
     if not isinstance(kind, str) or kind not in kinds:
-        said = "is missing" if kind is None else f"is {found(kind)}"
-        text = f"{said}, but the run of a measure ({kind_of(measure)}) is {' or '.join(kinds)}."
+        begin = "is missing" if kind is None else f"is {found(kind)}"
+        text = f"{begin}, but the run of a measure ({kind_of(measure)}) is {' or '.join(kinds)}."
         wrong.append(Diagnostic((*path, "kind"), text))
         return None
     if value.get("refine") is not None:
@@ -216,41 +217,41 @@ def read_fit_job(
     field: str,
     data: Mapping[str, Any],
     folder: Path,
-    free: dict[str, Free],
+    free: dict[str, FreeParameter],
     measures: dict[str, Measure],
     listed: str,
     wrong: list[Diagnostic],
 ) -> FitJob:
-    """A job whose free constants and measures have been read.
+    """Read a job whose free constants and measures have been read.
 
     Args:
-        field: search or sensitivity, the field that they stand in.
+        field: search or sensitivity, the field that contains them.
         data: the job as written.
-        folder: the folder to which its paths are relative.
+        folder: folder to which its paths are relative.
         free: the free constants by name.
-        measures: what is measured, by name.
+        measures: the measures by name.
         listed: the field of `field` that has the measures.
-        wrong: what is wrong so far.
+        wrong: the errors so far.
 
     Raises:
-        JobError: all that is wrong.
+        JobError: all errors.
     """
-    given = {str(key): value for key, value in data.items() if key != field and value is not None}
+    written = {str(key): value for key, value in data.items() if key != field and value is not None}
     for key in _WITHOUT:
-        if key in given:
+        if key in written:
             text = f"has no place beside {field}, whose sets of constants vary: take it out."
             wrong.append(Diagnostic((key,), text))
-            del given[key]
-    config = Config(given, folder)
+            del written[key]
+    config = Config(written, folder)
     spec = None
     if "model" in config.raw:
         params = config.raw.get("params")
         spec, _ = read_model_spec(config.raw["model"], config.raw.get("structure"), params, [folder])
     if spec is None:
         refuse(wrong)
-        Job.model_validate(given, context={"folder": folder})  # says what is wrong with the model
+        Job.model_validate(written, context={"folder": folder})  # raises the errors of the model
         raise JobError([Diagnostic(("model",), "is missing.")])
-    fit = FitJob(field, given, folder, free, measures, spec, config.raw)
+    fit = FitJob(field, written, folder, free, measures, spec, config.raw)
     wrong.extend(_wrong_run(fit))
     wrong.extend(wrong_constants(fit))
     wrong.extend(wrong_measures(fit, listed))
@@ -279,7 +280,7 @@ def read_fit_job(
 def _columns_of_run(
     fit: FitJob, structure: Mapping[str, Any], run: RunKind, path: FieldPath, wrong: list[Diagnostic]
 ) -> list[str]:
-    """The columns of a run that a measure has at `path`; what is wrong with it is added to `wrong`."""
+    """Return the columns of the run of a measure at `path`; errors are added to `wrong`."""
     if run.moved in fit.free:
         text = f"is {run.moved}, which is free: a ramp moves what is no constant of a set."
         wrong.append(Diagnostic((*path, "parameter"), text))
@@ -288,9 +289,9 @@ def _columns_of_run(
         job = job_with_run(fit.job_of, run, structure)
     except JobError as error:
         wrong.extend(
-            dataclasses.replace(each, path=(*path, *each.path[1:]))
-            for each in error.diagnostics
-            if each.path[:1] == ("run",)
+            dataclasses.replace(diagnostic, path=(*path, *diagnostic.path[1:]))
+            for diagnostic in error.diagnostics
+            if diagnostic.path[:1] == ("run",)
         )
         refuse(wrong)
         raise
@@ -298,10 +299,10 @@ def _columns_of_run(
 
 
 def read_file(path: str | Path, overrides: Sequence[str], read: Any) -> Any:
-    """Apply `read(data, folder)` to a YAML file with overrides; its errors get the file and the line.
+    """Apply `read(data, folder)` to a YAML file with overrides; errors get file and line.
 
     Raises:
-        JobError: what is wrong, with file and line.
+        JobError: all errors, with file and line.
     """
     path = job_file(path)
     with effort.limited():
@@ -315,22 +316,22 @@ def read_file(path: str | Path, overrides: Sequence[str], read: Any) -> Any:
 def wrong_constants(fit: FitJob) -> list[Diagnostic]:
     """Diagnostics of the free constants of a job."""
     wrong = []
-    for name, each in fit.free.items():
+    for name, parameter in fit.free.items():
         path = (fit.field, _free_field(fit), name)
         if name in fit.spec.structure:
-            if each.choices is None:
+            if parameter.choices is None:
                 wrong.append(Diagnostic(path, "shapes the model: give its choices, not a range."))
             continue
         if (unknown := fit.spec.unknown(name, "vary")) is not None:
             wrong.append(Diagnostic(path, unknown))
             continue
         for field in ("params", "start"):
-            # the job's own value is that of a search's constant or its range; a sensitivity needs both
+            # a search takes the job's value or a range of a constant; a sensitivity needs both
             if fit.field == "search" and name in (fit.given.get(field) or {}):
                 text = f"is free, but {field}.{name} fixes it: take one of the two out."
                 wrong.append(Diagnostic(path, text))
         quantity = fit.spec.quantities[name]
-        for end in each.ends:
+        for end in parameter.ends:
             if not isinstance(end, int | float) or isinstance(end, bool):
                 wrong.append(Diagnostic(path, f"has the choice {found(end)}, but takes numbers."))
             elif not inside(np.array([float(end)]), quantity)[0]:
@@ -343,7 +344,7 @@ def _wrong_run(fit: FitJob) -> list[Diagnostic]:
     run = fit.config.get("run")
     kind = run.get("kind") if isinstance(run, Mapping) else None
     if not isinstance(run, Mapping) or not isinstance(kind, str) or kind not in RUN_KINDS:
-        return []  # the job itself says it
+        return []  # the job reports it
     allowed = [name for name, part in RUN_KINDS.items() if part.one_a_row]
     if kind not in allowed:
         text = f"is {kind}, but {fit.field} takes {' or '.join(allowed)}: a record for each row."
@@ -354,14 +355,14 @@ def _wrong_run(fit: FitJob) -> list[Diagnostic]:
 
 
 def _at_the_choices(error: JobError, fit: FitJob) -> JobError:
-    """An error of a job, told where a choice or a range brought it in."""
-    told = [
-        dataclasses.replace(each, path=(fit.field, _free_field(fit), str(each.path[1])))
-        if len(each.path) > 1 and each.path[1] in fit.free
-        else each
-        for each in error.diagnostics
+    """Return the error of a job with the paths of the choices and ranges that caused it."""
+    diagnostics = [
+        dataclasses.replace(diagnostic, path=(fit.field, _free_field(fit), str(diagnostic.path[1])))
+        if len(diagnostic.path) > 1 and diagnostic.path[1] in fit.free
+        else diagnostic
+        for diagnostic in error.diagnostics
     ]
-    return JobError(told)
+    return JobError(diagnostics)
 
 
 def _free_field(fit: FitJob) -> str:
@@ -369,7 +370,7 @@ def _free_field(fit: FitJob) -> str:
 
 
 def wrong_measures(fit: FitJob, listed: str) -> list[Diagnostic]:
-    """Diagnostics of the conditions of measures, which stand in the field `listed`."""
+    """Diagnostics of the conditions of measures, in the field `listed`."""
     wrong = []
     for name, measure in fit.measures.items():
         lacking = sorted(fit.without_default - set(measure.at))
@@ -384,7 +385,7 @@ def wrong_measures(fit: FitJob, listed: str) -> list[Diagnostic]:
                 wrong.append(Diagnostic(path, unknown))
             elif condition in fit.structure:
                 wrong.append(Diagnostic(path, "is free and shapes the model: a measure cannot set it."))
-            elif condition in fit.free and all(condition in each.at for each in fit.measures.values()):
+            elif condition in fit.free and all(condition in other.at for other in fit.measures.values()):
                 wrong.append(Diagnostic(path, "is free, but every measure sets it: leave it to one of them."))
             else:
                 quantity = fit.spec.quantities[condition]

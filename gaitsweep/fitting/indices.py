@@ -51,17 +51,17 @@ class _Index:
 
 
 def indices(design: SensitivityDesign, outputs: Mapping[str, Output], seed: int) -> pd.DataFrame:
-    """The indices of each output with respect to each parameter.
+    """Compute the indices of each output with respect to each parameter.
 
     Args:
         design: the sets.
-        outputs: by name; those without a value in some rows are analysed from the others.
-        seed: of the bootstrap, by which intervals are found.
+        outputs: outputs by name; rows without a value are left out.
+        seed: seed of the bootstrap of the intervals.
 
     Returns:
         One record an index, with COLUMNS: `confidence` is half the interval of 95 %, NaN where the method
-        gives none; `note` says why a value is NaN, and how many rows are left where some have no value.
-        Outputs stand in their order, parameters in that of their importance.
+        gives none; `note` says why a value is NaN, and how many rows are left if some have no value. Outputs
+        are in their order, parameters in the order of their importance.
 
     Source:
         Morris 1991, Technometrics 33:161, and Campolongo et al. 2007, Environ. Model. Softw. 22:1509
@@ -80,30 +80,30 @@ def indices(design: SensitivityDesign, outputs: Mapping[str, Output], seed: int)
             method, of = "sobol", _variance_shares(design, values, seed)
         else:
             method, of = "rbd_fast", _given_data(design, values, seed)
-        for parameter in sorted(of, key=lambda each, of=of: -_importance(of[each])):
+        for parameter in sorted(of, key=lambda candidate, of=of: -_importance(of[candidate])):
             for index in INDICES[method]:
                 if index not in of[parameter]:
                     continue
-                found = of[parameter][index]
+                index_value = of[parameter][index]
                 unit = "1" if index in ("S1", "ST", "elasticity") else output.unit
-                remark = "; ".join(each for each in (found.note, note) if each)
-                record = (found.value, found.confidence, found.rows, unit, remark)
+                remark = "; ".join(text for text in (index_value.note, note) if text)
+                record = (index_value.value, index_value.confidence, index_value.rows, unit, remark)
                 parts.append((method, name, parameter, index, *record))
     return pd.DataFrame(parts, columns=list(COLUMNS))
 
 
-def _importance(found: Mapping[str, _Index]) -> float:
-    """By what a parameter is sorted: the largest change, mu_star, ST, or S1 where there is no ST."""
-    changes = [abs(each.value) for name, each in found.items() if name.startswith("change")]
-    main = [found[name].value for name in ("mu_star", "ST", "S1") if name in found]
-    known = [each for each in (*changes, *main) if np.isfinite(each)]
+def _importance(by_index: Mapping[str, _Index]) -> float:
+    """Return the sort key of a parameter: the largest change, mu_star, ST, or S1 without ST."""
+    changes = [abs(index.value) for name, index in by_index.items() if name.startswith("change")]
+    main = [by_index[name].value for name in ("mu_star", "ST", "S1") if name in by_index]
+    known = [value for value in (*changes, *main) if np.isfinite(value)]
     if not known:
         return -np.inf
     return max(known) if changes else known[0]
 
 
 def unwrapped(output: Output) -> np.ndarray:
-    """The values of an output, angles in the turn around their circular mean."""
+    """Return the values of an output, angles in the turn around their circular mean."""
     if not output.circular or not np.isfinite(output.values).any():
         return output.values
     mean = np.angle(_resultant(output))
@@ -111,12 +111,12 @@ def unwrapped(output: Output) -> np.ndarray:
 
 
 def _resultant(output: Output) -> complex:
-    """The mean of angles as points of the unit circle."""
+    """Return the mean of angles as points of the unit circle."""
     return complex(np.nanmean(np.exp(1j * output.values)))
 
 
 def _remark(output: Output) -> str:
-    """A remark on angles that a cut parts anywhere."""
+    """Return a remark if angles lie all around the circle."""
     if not output.circular or not np.isfinite(output.values).any() or abs(_resultant(output)) >= _SPREAD:
         return ""
     return "angles all around the circle, cut opposite to their mean"
@@ -127,32 +127,32 @@ def _missing(names: tuple[str, ...], why: str, rows: int) -> dict[str, _Index]:
 
 
 def _changes(design: SensitivityDesign, output: Output) -> dict[str, dict[str, _Index]]:
-    """The changes from the job's own value to the ends and the middle of each range, and the elasticity."""
+    """Compute the changes from the job's value to the ends and the middle of each range, and elasticities."""
     assert design.places is not None
     y = output.values
 
     def change(end: int, begin: int) -> float:
-        found = y[end] - y[begin]
-        return float(wrapped_difference(found)) if output.circular else float(found)
+        difference = y[end] - y[begin]
+        return float(wrapped_difference(difference)) if output.circular else float(difference)
 
     of = {}
     for name, (low, middle, high) in design.places.items():
-        found = {}
+        by_index = {}
         for word, place in (("low", low), ("middle", middle), ("high", high)):
             if word == "middle" and place == 0:
                 continue
             where = {"middle": "the middle"}.get(word, f"the {word} end") if np.isfinite(y[0]) else _OWN_SET
             value = change(place, 0)
             why = "" if np.isfinite(value) else f"no value at {where}"
-            found[f"change_{word}"] = _Index(value, np.nan, 2, why)
+            by_index[f"change_{word}"] = _Index(value, np.nan, 2, why)
         x = design.sets[name]
-        found["elasticity"] = _elasticity(x[0], y[0], x[high] - x[low], change(high, low), output.circular)
-        of[name] = found
+        by_index["elasticity"] = _elasticity(x[0], y[0], x[high] - x[low], change(high, low), output.circular)
+        of[name] = by_index
     return of
 
 
 def _elasticity(x: float, y: float, dx: float, dy: float, circular: bool) -> _Index:
-    """(dy / y) / (dx / x), over the whole range."""
+    """Compute (dy / y) / (dx / x), over the whole range."""
     if circular:
         why = "an angle has no zero, to which a change could be relative"
     elif not np.isfinite(dy) or not np.isfinite(y):
@@ -165,7 +165,7 @@ def _elasticity(x: float, y: float, dx: float, dy: float, circular: bool) -> _In
 
 
 def _elementary_effects(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str, dict[str, _Index]]:
-    """Morris's measures of the trajectories that are whole; effects are changes over the whole range."""
+    """Compute Morris's measures from whole trajectories; effects are changes over the whole range."""
     assert design.shares is not None
     names, k = design.names, len(design.names)
     whole = np.isfinite(y.reshape(-1, k + 1)).all(axis=1)
@@ -178,7 +178,7 @@ def _elementary_effects(design: SensitivityDesign, y: np.ndarray, seed: int) -> 
 
     used = np.repeat(whole, k + 1)
     with _seeded(seed):
-        found = morris.analyze(
+        analysis = morris.analyze(
             unit_cube(k),
             design.shares[used],
             y[used],
@@ -189,16 +189,16 @@ def _elementary_effects(design: SensitivityDesign, y: np.ndarray, seed: int) -> 
         )
     return {
         name: {
-            "mu_star": _Index(float(found["mu_star"][i]), float(found["mu_star_conf"][i]), rows, note),
-            "mu": _Index(float(found["mu"][i]), np.nan, rows, note),
-            "sigma": _Index(float(found["sigma"][i]), np.nan, rows, note),
+            "mu_star": _Index(float(analysis["mu_star"][i]), float(analysis["mu_star_conf"][i]), rows, note),
+            "mu": _Index(float(analysis["mu"][i]), np.nan, rows, note),
+            "sigma": _Index(float(analysis["sigma"][i]), np.nan, rows, note),
         }
         for i, name in enumerate(names)
     }
 
 
 def _variance_shares(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str, dict[str, _Index]]:
-    """Sobol's indices of the first order and the total ones, of a design without a gap."""
+    """Compute Sobol's first-order and total indices of a design in which all rows have a value."""
     names = design.names
     if _constant(y):
         why = "the output is the same in all rows"
@@ -206,7 +206,7 @@ def _variance_shares(design: SensitivityDesign, y: np.ndarray, seed: int) -> dic
     from SALib.analyze import sobol
 
     with _seeded(seed):
-        found = sobol.analyze(
+        analysis = sobol.analyze(
             unit_cube(len(names)),
             y,
             calc_second_order=False,
@@ -216,7 +216,7 @@ def _variance_shares(design: SensitivityDesign, y: np.ndarray, seed: int) -> dic
         )
     return {
         name: {
-            index: _Index(float(found[index][i]), float(found[f"{index}_conf"][i]), y.size)
+            index: _Index(float(analysis[index][i]), float(analysis[f"{index}_conf"][i]), y.size)
             for index in INDICES["sobol"]
         }
         for i, name in enumerate(names)
@@ -224,7 +224,7 @@ def _variance_shares(design: SensitivityDesign, y: np.ndarray, seed: int) -> dic
 
 
 def _given_data(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str, dict[str, _Index]]:
-    """Indices of the first order from the sound rows.
+    """Compute first-order indices from the rows with a value.
 
     Only the base points A and B are used, since they are drawn independently of each other; the points
     between them share coordinates with them, and would make the intervals too narrow.
@@ -246,7 +246,7 @@ def _given_data(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str
     from SALib.analyze import rbd_fast
 
     with _seeded(seed):
-        found = rbd_fast.analyze(
+        analysis = rbd_fast.analyze(
             unit_cube(k),
             design.shares[used],
             y[used],
@@ -256,7 +256,7 @@ def _given_data(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str
         )
     return {
         name: {
-            "S1": _Index(float(found["S1"][i]), float(found["S1_conf"][i]), rows, note),
+            "S1": _Index(float(analysis["S1"][i]), float(analysis["S1_conf"][i]), rows, note),
             "ST": total,
         }
         for i, name in enumerate(names)
@@ -264,13 +264,13 @@ def _given_data(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str
 
 
 def _constant(y: np.ndarray) -> bool:
-    """Whether values differ by no more than rounding."""
+    """Return whether values differ by no more than rounding."""
     return bool(np.ptp(y) <= 1e-12 * np.max(np.abs(y)))
 
 
 @contextlib.contextmanager
 def _seeded(seed: int) -> Iterator[None]:
-    """A context for SALib, which takes seed 0 for none and then draws from NumPy's global generator."""
+    """Context for SALib, which ignores seed 0 and then draws from NumPy's global generator."""
     state = np.random.get_state()
     np.random.seed(seed % 2**32)
     try:

@@ -1,4 +1,4 @@
-"""The kinds of measures that a job may name."""
+"""Registry of the kinds of measures."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ _WORDS = ("row", "status", "stalled_by", "slowest")
 def _read_at(value: Any) -> dict[str, tuple[float, ...]]:
     if not isinstance(value, Mapping) or not value:
         raise InvalidValue("takes a number, a list, or {linspace: [first, last, number]} by name.")
-    points = {str(name): _points(str(name), each) for name, each in value.items()}
+    points = {str(name): _points(str(name), written) for name, written in value.items()}
     if (rows := math.prod(map(len, points.values()))) > MOST_CONDITIONS:
         raise InvalidValue(f"makes {rows} rows of a set, but a measure takes {MOST_CONDITIONS} at most.")
     return points
@@ -45,14 +45,14 @@ def _points(name: str, value: Any) -> tuple[float, ...]:
                 raise InvalidValue("takes a number, a list, or {linspace: [first, last, number]}.")
             if len(value["linspace"]) != 3:
                 raise InvalidValue("has a linspace that is not [first, last, number].")
-            first, last, number = (read_real(each) for each in value["linspace"])
+            first, last, number = (read_real(item) for item in value["linspace"])
             if number != int(number) or not 2 <= number <= MOST_CONDITIONS:
                 raise InvalidValue(f"has a linspace of {number:g} points, but takes 2 to {MOST_CONDITIONS}.")
             return tuple(np.linspace(first, last, int(number)).tolist())
         if isinstance(value, list | tuple):
             if not value:
                 raise InvalidValue("is an empty list.")
-            return tuple(read_real(each) for each in value)
+            return tuple(read_real(item) for item in value)
         return (read_real(value),)
     except InvalidValue as error:
         raise InvalidValue(f"has {name}, which {error}") from None
@@ -66,7 +66,7 @@ At = Annotated[
 
 
 class Measured(NamedTuple):
-    """Values (n,) of a measure, NaN where a set has none, and then why (n,), in a few words."""
+    """Values (n,) of a measure, NaN for sets without one, and the reasons `why` (n,), in a few words."""
 
     values: np.ndarray
     why: np.ndarray
@@ -86,19 +86,19 @@ class Measure(StrictModel):
 
     @property
     def conditions(self) -> list[dict[str, float]]:
-        """The parameters and starts of each of its rows."""
+        """Parameters and starts of each of its rows."""
         return [dict(zip(self.at, values, strict=True)) for values in itertools.product(*self.at.values())]
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
-        """Its values from the last records of the rows of n sets, (n, conditions) each."""
+        """Measure n sets from the last records of their rows, (n, conditions) each."""
         raise NotImplementedError
 
     def unit(self, model: Model) -> str:
-        """The unit of its value."""
+        """Return the unit of its value."""
         raise NotImplementedError
 
     def circular(self, model: Model) -> bool:
-        """Whether its value is an angle."""
+        """Return whether its value is an angle."""
         return False
 
     @property
@@ -107,10 +107,7 @@ class Measure(StrictModel):
         return None
 
     def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
-        """A field and what is wrong with it, in view of the table's columns and the model.
-
-        None where all is well.
-        """
+        """Return a field and its error, for the table's columns and the model; None if it is valid."""
         return None
 
 
@@ -130,21 +127,21 @@ class RowMeasure(Measure):
 
 
 def _read_gaits(value: Any) -> tuple[str, ...]:
-    given = value if isinstance(value, list | tuple) else [value]
-    if not given:
+    items = value if isinstance(value, list | tuple) else [value]
+    if not items:
         raise InvalidValue("is an empty list, but takes a gait or several.")
-    return tuple(read_text(each) for each in given)
+    return tuple(read_text(item) for item in items)
 
 
 def _read_among(value: Any) -> dict[str, tuple[float, float]]:
     if not isinstance(value, Mapping) or not value:
         raise InvalidValue("takes a range [low, high] of columns by name, such as speed: [0, 1].")
     ranges = {}
-    for name, each in value.items():
-        if not isinstance(each, list | tuple) or len(each) != 2:
+    for name, limits in value.items():
+        if not isinstance(limits, list | tuple) or len(limits) != 2:
             raise InvalidValue(f"has {name}, which takes [low, high].")
         try:
-            low, high = (read_real(end) for end in each)
+            low, high = (read_real(end) for end in limits)
         except InvalidValue as error:
             raise InvalidValue(f"has {name}, which {error}") from None
         if not low < high:
@@ -312,10 +309,10 @@ class Order(RowMeasure):
         medians = np.full((len(sound), len(self.gaits)), np.nan)
         why = np.full(len(sound), "", object)
         for place, group in enumerate(self.gaits):
-            here = np.isin(rows["gait"], group) & sound & np.isfinite(seen)
-            there = here.any(axis=1)
-            medians[there, place] = np.nanmedian(np.where(here, seen, np.nan)[there], axis=1)
-            why = np.where((why == "") & ~there, f"no {' or '.join(group)}", why)
+            in_group = np.isin(rows["gait"], group) & sound & np.isfinite(seen)
+            has_group = in_group.any(axis=1)
+            medians[has_group, place] = np.nanmedian(np.where(in_group, seen, np.nan)[has_group], axis=1)
+            why = np.where((why == "") & ~has_group, f"no {' or '.join(group)}", why)
         return Measured(np.diff(medians, axis=1).min(axis=1), why)
 
     def unit(self, model: Model) -> str:
@@ -400,22 +397,22 @@ class FixedPoint(Measure):
     fix: list[Text] = Field(default=[], description="conserved quantities that stay as they are")
 
     def of_starts(self, mapping: BatchedReturnMap, values: SetRows, starts: SetRows, n: int) -> Measured:
-        """Its values for n sets, whose one condition has these parameters and starts (n,)."""
+        """Measure n sets, whose one condition has these parameters and starts (n,)."""
         points, reached = mapping.settled(starts, values, self.settle)
         fixed = newton(mapping, points, values, fix=self.fix)
-        found = np.full(n, np.nan)
-        there = np.flatnonzero(fixed.converged & (reached == ReturnStatus.crossed))
-        if there.size:
+        measured = np.full(n, np.nan)
+        known = np.flatnonzero(fixed.converged & (reached == ReturnStatus.crossed))
+        if known.size:
             images = fixed.images
             if self.of_ in images.observed:
-                found[there] = np.asarray(images.observed[self.of_], float)[there]
+                measured[known] = np.asarray(images.observed[self.of_], float)[known]
             else:
                 names = [quantity.name for quantity in mapping.conserved]
-                held = images.conserved_jacobian[there][:, [names.index(name) for name in self.fix]]
-                size = np.abs(floquet.multipliers(images.jacobian[there], held))
-                found[there] = size[:, 0] if self.of_ == _MULTIPLIER else (size > 1.0).sum(axis=1)
-        why = np.where(np.isnan(found), "no fixed point found", "")
-        return Measured(found, why)
+                conserved = images.conserved_jacobian[known][:, [names.index(name) for name in self.fix]]
+                size = np.abs(floquet.multipliers(images.jacobian[known], conserved))
+                measured[known] = size[:, 0] if self.of_ == _MULTIPLIER else (size > 1.0).sum(axis=1)
+        why = np.where(np.isnan(measured), "no fixed point found", "")
+        return Measured(measured, why)
 
     def unit(self, model: Model) -> str:
         return {q.name: q.unit for q in model.observables}.get(self.of_, "1")
@@ -437,9 +434,9 @@ class FixedPoint(Measure):
 
 
 def column(formula: str, rows: SetRows) -> np.ndarray:
-    """A column of the rows of n sets, or a formula of columns: (n, conditions), not finite where it has none.
+    """Evaluate a column or a formula of columns for the rows of n sets: (n, conditions), NaN without a value.
 
-    A column is that of the rows' end where there are two: an observable's own name may be a start's.
+    The column at the rows' end is preferred, since the name of an observable may be that of a start.
     """
     if (name := _end(formula, rows)) in rows:
         return rows[name].astype(float)
@@ -450,7 +447,7 @@ def column(formula: str, rows: SetRows) -> np.ndarray:
 
 
 def within(among: Mapping[str, tuple[float, float]], rows: SetRows) -> np.ndarray:
-    """Whether each row (n, conditions) is within all ranges, its ends among it."""
+    """Return whether each row (n, conditions) is within all ranges, ends included."""
     inside = np.ones(rows["status"].shape, bool)
     for name, (low, high) in among.items():
         seen = column(name, rows)
@@ -459,19 +456,19 @@ def within(among: Mapping[str, tuple[float, float]], rows: SetRows) -> np.ndarra
 
 
 def _end(name: str, columns: Iterable[str]) -> str:
-    """The column with the last value of a name."""
+    """Return the column with the last value of a name."""
     last = f"{name}_end"
     return last if last in columns else name
 
 
 def _numbers(columns: Sequence[str]) -> list[str]:
-    """The names of columns of numbers, those at the end without their suffix too."""
+    """Return the names of numeric columns, those at the rows' end also without suffix."""
     numbers = [name for name in columns if name not in _WORDS and not names_gait(name)]
     return [*numbers, *(name.removesuffix("_end") for name in numbers if name.endswith("_end"))]
 
 
 def _mean(seen: np.ndarray, counts: np.ndarray, circular: bool = False) -> np.ndarray:
-    """The means (n,) of the values (n, conditions) that count, on the circle or not; NaN without any."""
+    """Average the values (n, conditions) that count, on the circle or not; NaN without any."""
     number = counts.sum(axis=1)
     per_row = np.where(number > 0, 1.0 / np.maximum(number, 1), np.nan)
     if circular:
@@ -480,7 +477,7 @@ def _mean(seen: np.ndarray, counts: np.ndarray, circular: bool = False) -> np.nd
 
 
 def unit_of(formula: str, model: Model) -> str:
-    """The unit of a column, "" for a formula."""
+    """Return the unit of a column, "" for a formula."""
     units = {q.name: q.unit for q in model.label_fields} | {"t_end": "s"}
     for quantity in model.observables:
         units[quantity.name] = units[f"{quantity.name}_end"] = quantity.unit
@@ -493,14 +490,14 @@ def _no_row(among: Mapping[str, tuple[float, float]] | None) -> str:
 
 
 def wrong_column(formula: str, columns: Sequence[str]) -> tuple[str, str] | None:
-    """As `Measure.wrong`, of a column of numbers or a formula of such columns."""
+    """Check a numeric column or a formula of such columns; return as `Measure.wrong` does."""
     numbers = _numbers(columns)
     if formula in numbers:
         return None
     try:
         names = names_in(formula)
     except ExpressionError as error:
-        return "of", f"is no column, and no formula: {error}"
+        return "of", f"is neither a column nor a formula: {error}"
     if not names:
         return "of", "has no column: it takes one, or a formula of columns."
     unknown = sorted(names - set(numbers))
@@ -522,7 +519,7 @@ def _wrong_ranges(
 def _wrong_list(
     along: str, at: Mapping[str, Sequence[float]], measure: str, begins: str = ""
 ) -> tuple[str, str] | None:
-    """As `Measure.wrong`, of the one list along which a measure goes."""
+    """Check the list along which a measure goes; return as `Measure.wrong` does."""
     if along not in at:
         return "along", _unknown(along, at)
     if others := [name for name, values in at.items() if len(values) > 1 and name != along]:
@@ -534,14 +531,14 @@ def _wrong_list(
 
 
 def _unknown(name: str, allowed: Iterable[str]) -> str:
-    return f"is {name}, which is none{near_miss.suggestion(name, list(allowed))}"
+    return f"is {name}, which is unknown{near_miss.suggestion(name, list(allowed))}"
 
 
 def wrong_gait(gait: str, gaits: Sequence[str]) -> tuple[str, str] | None:
-    """As `Measure.wrong`, of the name of a gait."""
+    """Check the name of a gait; return as `Measure.wrong` does."""
     return None if gait in gaits else ("gait", _unknown(gait, gaits))
 
 
 def _always(values: np.ndarray) -> Measured:
-    """Values that every set has."""
+    """Return values of sets that all have one."""
     return Measured(values, np.full(values.size, ""))

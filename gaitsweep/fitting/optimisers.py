@@ -1,8 +1,8 @@
 """Optimisers of a search: Sobol points, evolution strategies, or a front of several targets.
 
-Each optimiser gives points of the unit cube (`ask`) and is told how they fared (`tell`). What it gives
-depends on its seed and on what it has been told, and on nothing else. So a search that was stopped goes on: a
-new optimiser is told what the first was told.
+Each optimiser has an ask-and-tell interface: `ask` returns points of the unit cube, `tell` receives their
+scores. The points depend on the seed and on the scores so far, and on nothing else. So a search that was
+stopped continues with a new optimiser, which receives the scores of the first.
 """
 
 from __future__ import annotations
@@ -30,24 +30,24 @@ _DRAWN = 256
 
 
 class Optimiser(Protocol):
-    """Gives points to try and is told how they fared."""
+    """Ask-and-tell interface of an optimiser."""
 
     def ask(self, n: int) -> np.ndarray:
-        """The next points (n, constants) of the unit cube."""
+        """Return the next points (n, constants) of the unit cube."""
         ...
 
     def tell(self, scores: np.ndarray, misses: np.ndarray) -> None:
-        """Report the values at the points of the first `ask` that has none yet.
+        """Report the scores of the points of the first `ask` that has none yet.
 
         Args:
-            scores: (n,).
-            misses: (n, targets).
+            scores: scores (n,).
+            misses: misses (n, targets).
         """
         ...
 
 
 def missing_package(method: str) -> str | None:
-    """The package that a method needs and that is not installed, or None."""
+    """Return the package that a method needs if it is not installed, else None."""
     package = _NEEDS.get(method)
     return package if package is not None and importlib.util.find_spec(package) is None else None
 
@@ -62,16 +62,16 @@ def optimiser(
     known: np.ndarray | None = None,
     width: float | None = None,
 ) -> Optimiser:
-    """The optimiser of a search.
+    """Create the optimiser of a search.
 
     Args:
         method: one of METHODS.
         dimension: the number of free constants.
         targets: the number of targets that count.
         start: points of a Sobol sequence with which `cma` begins.
-        together: points that are usually asked for at a time.
-        seed: of all that is drawn.
-        known: points (m, constants) that are given first.
+        together: usual number of points of an `ask`.
+        seed: seed of all random numbers.
+        known: points (m, constants) that are returned first.
         width: standard deviation with which strategies of `cma` begin, a share of the ranges.
     """
     sobol = Sobol(dimension, seed, known)
@@ -85,7 +85,7 @@ def optimiser(
 
 
 class Sobol:
-    """Points that fill the cube evenly, whatever they are told, after known points (m, dimension)."""
+    """Points that fill the cube evenly, whatever their scores, after known points (m, dimension)."""
 
     def __init__(self, dimension: int, seed: int, known: np.ndarray | None = None) -> None:
         self.dimension = dimension
@@ -95,16 +95,16 @@ class Sobol:
     def ask(self, n: int) -> np.ndarray:
         while sum(map(len, self._drawn)) < n:
             self._drawn.append(self._points.random(_DRAWN))
-        there = np.concatenate(self._drawn)
-        self._drawn = [there[n:]]
-        return there[:n]
+        points = np.concatenate(self._drawn)
+        self._drawn = [points[n:]]
+        return points[:n]
 
     def tell(self, scores: np.ndarray, misses: np.ndarray) -> None:
         pass
 
 
 class _Strategy:
-    """One evolution strategy (CMA-ES), the points that it waits for, and the random numbers that it draws."""
+    """One evolution strategy (CMA-ES), with its pending points and its random numbers."""
 
     def __init__(self, middle: np.ndarray, width: float, size: int, seed: int) -> None:
         import cma
@@ -121,7 +121,7 @@ class _Strategy:
             "tolx": 1e-6,
         }
         self.size, self._dimension = size, middle.size
-        # the package has none in one dimension: a second is added, and nothing depends on it
+        # the package does not support one dimension: a second is added, on which nothing depends
         begun = [*middle, 0.5] if middle.size == 1 else list(middle)
         self._strategy = cma.CMAEvolutionStrategy(begun, width, options)
         self._asked: list[Any] = []
@@ -132,7 +132,7 @@ class _Strategy:
         return np.clip(np.array(self._asked)[:, : self._dimension], 0.0, 1.0)
 
     def tell(self, place: int, score: float) -> bool:
-        """Note a point's score; True when all of this generation have theirs."""
+        """Store a point's score; return True when the generation is complete."""
         self._scores[place] = score
         if len(self._scores) < len(self._asked):
             return False
@@ -147,8 +147,8 @@ class _Strategy:
 class Restarts:
     """Evolution strategies (CMA-ES) that begin anew where they end, small and large ones in turn (BIPOP).
 
-    As many run side by side as fill what is asked for, the first with as many points as are asked for at a
-    time, within reason. They begin at the best points of a Sobol sequence, from the best one down.
+    Several run side by side to fill each `ask`. The first has as many points as an `ask`, within limits. They
+    begin at the best points of a Sobol sequence, in order of their scores.
 
     Source: Hansen 2009, Benchmarking a BI-population CMA-ES on the BBOB-2009 function testbed.
     """
@@ -162,7 +162,7 @@ class Restarts:
         self._sobol, self._start = sobol, -(-start // together) * together
         # scores, numbers and points of the Sobol start, the best first (a heap)
         self._begun: list[tuple[float, int, np.ndarray]] = []
-        self._told = 0
+        self._scored = 0
         self._waiting: deque[tuple[int, int, np.ndarray]] = deque()  # strategy, place, point
         self._strategies: dict[int, _Strategy] = {}
         self._asked: deque[list[tuple[int, int, np.ndarray]]] = deque()
@@ -188,8 +188,8 @@ class Restarts:
     def tell(self, scores: np.ndarray, misses: np.ndarray) -> None:
         for (number, place, point), score in zip(self._asked.popleft(), scores, strict=True):
             if number < 0:
-                heapq.heappush(self._begun, (float(score), self._told, point))
-                self._told += 1
+                heapq.heappush(self._begun, (float(score), self._scored, point))
+                self._scored += 1
                 continue
             strategy = self._strategies[number]
             if not strategy.tell(place, float(score)):
@@ -200,7 +200,7 @@ class Restarts:
                 self._queue(number)
 
     def _begin(self) -> None:
-        """Begin a strategy: a large one where the small ones have had more points, else a small one."""
+        """Begin a strategy: a large one if the small ones have had more points, else a small one."""
         if self._spent["large"] <= self._spent["small"]:
             size, width, regime = self._first * 2**self._doublings, self._width, "large"
             self._doublings = min(self._doublings + 1, 3)
@@ -221,7 +221,7 @@ class Restarts:
 
 
 class Front:
-    """Sets of which none is nearer on every target than another (NSGA-III), from a Sobol sequence on."""
+    """Pareto front of sets (NSGA-III), which begins with a Sobol sequence."""
 
     def __init__(self, sobol: Sobol, targets: int, seed: int) -> None:
         self._dimension, self._targets, self._seed = sobol.dimension, targets, seed
@@ -235,10 +235,10 @@ class Front:
         begins = self._algorithm is None
         if begins:
             self._algorithm = self._first(n)
-        # until the first are known there is nothing to breed from
+        # before the first scores there is no parent
         breeds = begins or self._algorithm.is_initialized
         offspring = self._algorithm.infill() if breeds else Population()
-        if len(offspring) < n:  # what would be double is left out
+        if len(offspring) < n:  # duplicates are left out
             more = Population.new("X", self._sobol.ask(n - len(offspring)))
             offspring = Population.merge(offspring, more)
         self._asked.append(offspring[:n])
@@ -264,7 +264,7 @@ class Front:
 
 
 def _directions(targets: int, most: int) -> np.ndarray:
-    """Directions (n, targets) in which a front is looked for, at most so many if there is a choice."""
+    """Return reference directions (n, targets) of a front, at most `most` if possible."""
     from pymoo.util.ref_dirs import get_reference_directions
 
     parts = 1

@@ -31,21 +31,21 @@ _BLOCK = 1024
 
 Condition = tuple[tuple[str, float], ...]
 Values = dict[str, np.ndarray]
-# Told how far the rows of a batch are; None where nobody is.
-Tell = Callable[[SweepProgress], None] | None
+# Progress callback of the rows of a batch, or None.
+OnProgress = Callable[[SweepProgress], None] | None
 
 
 class Population:
-    """Sets of constants of one model, and what is measured of each.
+    """Sets of constants of one model, and the measures of each.
 
     Args:
-        job_of: the job of a choice of structure; constants and conditions replace its own values.
-        structure: the names of which `job_of` takes the choices.
-        measures: what is measured, by name.
-        run: the run that all of the measures have; by default that of the job, and measures may have others.
+        job_of: returns the job of a choice of structure; constants and conditions replace its own values.
+        structure: names of the choices that `job_of` takes.
+        measures: the measures by name.
+        run: the run of all measures; by default that of the job, and measures may have others.
 
-    `run_elsewhere` may be set to what computes the rows of an ordinary job, a cluster say; it is told how far
-    they are by what `measure` is given.
+    `run_elsewhere` may be set to a function that computes the rows of a job elsewhere, such as on a cluster;
+    it receives the job and the progress callback of `measure`.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class Population:
     ) -> None:
         self._job_of, self._structure, self.measures = job_of, tuple(structure), measures
         self._run = run
-        self.run_elsewhere: Callable[[Job, Tell], pd.DataFrame] | None = None
+        self.run_elsewhere: Callable[[Job, OnProgress], pd.DataFrame] | None = None
         self._context: dict[tuple[Any, ...], RunContext] = {}
         self._preparing = threading.Lock()
         # conditions that several measures share are run once
@@ -71,7 +71,7 @@ class Population:
         self._of_runs = [] if run is not None else self._populations_of_runs()
 
     def _populations_of_runs(self) -> list[Population]:
-        """A population for each run that measures have of their own, with these measures."""
+        """Create a population for each run kind of the measures, with these measures."""
         runs: list[RunKind] = []
         for measure in self.measures.values():
             if measure.own_run is not None and measure.own_run not in runs:
@@ -80,7 +80,7 @@ class Population:
             Population(
                 partial(job_with_run, self._job_of, run),
                 self._structure,
-                {name: each for name, each in self.measures.items() if each.own_run == run},
+                {name: measure for name, measure in self.measures.items() if measure.own_run == run},
                 run,
             )
             for run in runs
@@ -93,16 +93,16 @@ class Population:
 
     @property
     def rows_of_a_set(self) -> int:
-        """The rows that each set takes."""
+        """Number of rows of each set."""
         return sum(part.own_rows_of_a_set for part in self.parts)
 
     @property
     def own_rows_of_a_set(self) -> int:
-        """The rows of each set that have the job's own run."""
+        """Number of rows of each set with this population's own run."""
         return len(self._conditions)
 
     def prepared(self, structure: Mapping[str, Any]) -> RunContext:
-        """The context of the job of a choice of structure; its program is compiled once."""
+        """Return the context of the job of a choice of structure; its program is compiled once."""
         key = tuple(structure[name] for name in self._structure)
         with self._preparing:  # batches side by side would prepare it more than once
             if key not in self._context:
@@ -112,109 +112,113 @@ class Population:
     def measure(
         self,
         sets: Mapping[str, np.ndarray],
-        progress: Tell = None,
+        on_progress: OnProgress = None,
         share: float = 1.0,
     ) -> dict[str, Measured]:
-        """Measure each set; values by the name of the measure.
+        """Measure each set; return the values by the name of the measure.
 
         A set with a value or a structure that the model does not allow, or with steps too long for it, has no
         values.
 
         Args:
             sets: constants and choices of structure, (n,) by name.
-            progress: told how far the rows are.
+            on_progress: progress callback of the rows.
             share: the length of steps as a share of the job's own.
         """
         n = next(iter(sets.values())).size
-        found: dict[str, Measured] = {}
+        measured: dict[str, Measured] = {}
         before, total = 0, n * self.rows_of_a_set
         for part in self.parts:
             part.run_elsewhere = self.run_elsewhere
-            tell = progress if len(self.parts) == 1 else _after(before, total, progress)
-            found |= part._measure_own(sets, n, tell, share)
+            on_part_progress = (
+                on_progress if len(self.parts) == 1 else _progress_of_part(before, total, on_progress)
+            )
+            measured |= part._measure_own(sets, n, on_part_progress, share)
             before += n * part.own_rows_of_a_set
-        return {name: found[name] for name in self.measures}
+        return {name: measured[name] for name in self.measures}
 
     def _measure_own(
-        self, sets: Mapping[str, np.ndarray], n: int, progress: Tell, share: float
+        self, sets: Mapping[str, np.ndarray], n: int, on_progress: OnProgress, share: float
     ) -> dict[str, Measured]:
-        """As `measure`, what is measured on the map and of rows with this population's own run."""
-        found = {
+        """Measure sets on the return map, and from rows with this population's own run."""
+        measured = {
             name: Measured(np.full(n, np.nan), np.full(n, "", object))
             for name, measure in self.measures.items()
             if measure.on_map or name in self._rows_of
         }
-        for structure, mine in self._by_structure(sets, n):
+        for structure, places in self._by_structure(sets, n):
             try:
                 context = self.prepared(structure)
             except JobError as error:  # choices that the model refuses together
-                for each in found.values():
-                    each.why[mine] = f"refused: {error.diagnostics[0]}"
+                for result in measured.values():
+                    result.why[places] = f"refused: {error.diagnostics[0]}"
                 continue
-            constants = {name: sets[name][mine] for name in sets if name not in self._structure}
-            rows, refused = self._rows(context, constants, mine.size, progress, share)
-            good = mine[refused == ""]
-            for name in found:
+            constants = {name: sets[name][places] for name in sets if name not in self._structure}
+            rows, refused = self._rows(context, constants, places.size, on_progress, share)
+            good = places[refused == ""]
+            for name in measured:
                 measure = self.measures[name]
-                found[name].why[mine] = refused
+                measured[name].why[places] = refused
                 if measure.on_map:
-                    at_points = self._on_map(context, constants, measure, mine.size, share)
-                    found[name].values[mine], found[name].why[mine] = at_points
+                    at_points = self._on_map(context, constants, measure, places.size, share)
+                    measured[name].values[places], measured[name].why[places] = at_points
                 elif good.size:
-                    seen = self._seen(measure, self._rows_of[name], rows, context.model)
-                    found[name].values[good], found[name].why[good] = seen
-        return found
+                    seen = self._select(measure, self._rows_of[name], rows, context.model)
+                    measured[name].values[good], measured[name].why[good] = seen
+        return measured
 
     def of(self, names: Collection[str]) -> Population:
-        """The same sets, of which only these measures are taken."""
+        """Return a population with only these measures."""
         some = {name: measure for name, measure in self.measures.items() if name in names}
         other = Population(self._job_of, self._structure, some)
         other.run_elsewhere = self.run_elsewhere
         for part in other.parts:
-            same = next(each for each in self.parts if each._run == part._run)
+            same = next(own for own in self.parts if own._run == part._run)
             part._context, part._preparing = same._context, same._preparing
         return other
 
-    def measure_in_turn(
+    def staged_evaluate(
         self,
         sets: Mapping[str, np.ndarray],
         first: Collection[str],
         goes_on: Callable[[Mapping[str, Measured]], np.ndarray],
-        progress: Tell = None,
+        on_progress: OnProgress = None,
     ) -> dict[str, Measured]:
-        """As `measure`, but the measures `first` before the others, which not all sets need.
+        """Measure each set in two stages: `first` of all sets, the other measures of some of them.
 
         Args:
-            sets: as those of `measure`.
-            first: names of measures.
-            goes_on: says of which sets (n,) the others are taken, by what was measured first.
-            progress: told how far the rows are.
+            sets: constants and choices of structure, (n,) by name.
+            first: names of the measures of the first stage.
+            goes_on: returns a mask (n,) of the sets of the second stage, from the results of the first.
+            on_progress: progress callback of the rows.
         """
-        begun = self.of(first).measure(sets, progress)
+        begun = self.of(first).measure(sets, on_progress)
         whole = goes_on(begun)
         others = [name for name in self.measures if name not in begun]
-        found = {
+        later = {
             name: Measured(np.full(whole.size, np.nan), np.full(whole.size, "", object)) for name in others
         }
         if others and whole.any():
-            rest = self.of(others).measure({name: each[whole] for name, each in sets.items()}, progress)
+            rest = self.of(others).measure(
+                {name: column[whole] for name, column in sets.items()}, on_progress
+            )
             for name in others:
-                found[name].values[whole], found[name].why[whole] = rest[name]
-        for each in found.values():
-            each.why[~whole] = "not measured"
-        return {name: begun[name] if name in begun else found[name] for name in self.measures}
+                later[name].values[whole], later[name].why[whole] = rest[name]
+        for result in later.values():
+            result.why[~whole] = "not measured"
+        return {name: begun[name] if name in begun else later[name] for name in self.measures}
 
     def _by_structure(
         self, sets: Mapping[str, np.ndarray], n: int
     ) -> list[tuple[dict[str, Any], np.ndarray]]:
-        """The choices of structure that occur, and the sets (m,) that have each."""
+        """Return the choices of structure that occur, and the places (m,) of the sets with each."""
         if not self._structure:
             return [({}, np.arange(n))]
         keys = list(zip(*(sets[name].tolist() for name in self._structure), strict=True))
         return [
             (
                 dict(zip(self._structure, key, strict=True)),
-                np.flatnonzero([each == key for each in keys]),
+                np.flatnonzero([other == key for other in keys]),
             )
             for key in dict.fromkeys(keys)
         ]
@@ -224,81 +228,83 @@ class Population:
         context: RunContext,
         constants: Values,
         n: int,
-        progress: Tell,
+        on_progress: OnProgress,
         share: float,
     ) -> tuple[Values, np.ndarray]:
-        """The columns (m, conditions) of the sets that are not refused, and why others are (n,), or "".
+        """Run rows: columns (m, conditions) of the sets that are not refused, and the reasons (n,) or "".
 
-        Of a run with many records a row they are the columns of all records, whose `row` counts the rows of
+        For a run with many records a row the columns are those of all records, whose `row` counts the rows of
         these sets.
         """
-        each = self.own_rows_of_a_set
+        per_set = self.own_rows_of_a_set
         params, starts, refused = _values(context, constants, self._conditions, n)
-        if not each:
+        if not per_set:
             return {}, refused
-        starts[STEP_FACTOR] = np.full(n * each, share)
+        starts[STEP_FACTOR] = np.full(n * per_set, share)
         good = np.flatnonzero(refused == "")
         if not good.size:
             return {}, refused
         if self.run_elsewhere is not None and share == 1.0:
             return self._rows_elsewhere(
-                context, {k: v[good] for k, v in constants.items()}, progress
+                context, {k: v[good] for k, v in constants.items()}, on_progress
             ), refused
-        rows = (good[:, None] * each + np.arange(each)).ravel()
+        rows = (good[:, None] * per_set + np.arange(per_set)).ravel()
         chosen = [{name: column[rows] for name, column in values.items()} for values in (params, starts)]
 
         def values(first: int, last: int) -> tuple[Values, Values]:
-            given = [{name: column[first:last] for name, column in held.items()} for held in chosen]
-            return given[0], given[1]
+            parts = [{name: column[first:last] for name, column in by_name.items()} for by_name in chosen]
+            return parts[0], parts[1]
 
         spec = dataclasses.replace(
             context.spec,
             n_rows=rows.size,
-            # of one size, since labels are compiled for a size and batches differ in theirs
+            # one size, since labels are compiled for a size and batches differ in size
             block=_BLOCK,
             lanes=_lanes(context, rows.size),
             values=values,
-            # batches differ in what happens to be equal in all of their rows
-            varied=frozenset(constants).union(*(dict(each) for each in self._conditions)),
+            # batches differ in which values are equal in all of their rows
+            varied=frozenset(constants).union(*(dict(condition) for condition in self._conditions)),
         )
         blocks: dict[int, RowOutcome] = {}
-        sweep(spec, range(-(-rows.size // _BLOCK)), blocks.__setitem__, progress)
+        sweep(spec, range(-(-rows.size // _BLOCK)), blocks.__setitem__, on_progress)
         outcome = RowOutcome.concat([blocks[number] for number in sorted(blocks)])
         table = context.job.run.table(context.model, {}, outcome)
         columns = {str(name): _array(table[name]) for name in table.columns}
         if not context.job.run.one_a_row:
             return columns, refused
-        return {name: column.reshape(good.size, each) for name, column in columns.items()}, refused
+        return {name: column.reshape(good.size, per_set) for name, column in columns.items()}, refused
 
-    def _rows_elsewhere(self, context: RunContext, constants: Values, progress: Tell) -> Values:
-        """As the columns of `_rows`, of sets whose rows another process computes, as jobs of their own."""
+    def _rows_elsewhere(self, context: RunContext, constants: Values, on_progress: OnProgress) -> Values:
+        """Run rows by `run_elsewhere`, as jobs of their own; return columns as `_rows` does."""
         assert self.run_elsewhere is not None
-        n, each = next(iter(constants.values())).size, self.own_rows_of_a_set
-        found: Values = {}
+        n, per_set = next(iter(constants.values())).size, self.own_rows_of_a_set
+        columns_of_rows: Values = {}
         records: list[Values] = []
-        for places in _alike(self._conditions).values():
-            table = self.run_elsewhere(self._job_of_rows(context, constants, places), progress)
+        for places in _group_by_names(self._conditions).values():
+            table = self.run_elsewhere(self._job_of_rows(context, constants, places), on_progress)
             if not context.job.run.one_a_row:
                 columns = context.job.run.all_columns(context.model)
                 part = {name: _array(table[name]) for name in ("row", *(column.name for column in columns))}
-                part["row"] = part["row"] // len(places) * each + np.array(places)[part["row"] % len(places)]
+                part["row"] = (
+                    part["row"] // len(places) * per_set + np.array(places)[part["row"] % len(places)]
+                )
                 records.append(part)
                 continue
             for name in table.columns:
                 seen = _array(table[name])
-                whole = found.setdefault(str(name), np.empty((n, each), seen.dtype))
+                whole = columns_of_rows.setdefault(str(name), np.empty((n, per_set), seen.dtype))
                 whole[:, places] = seen.reshape(n, len(places))
         if records:
-            found = {name: np.concatenate([part[name] for part in records]) for name in records[0]}
-            order = np.argsort(found["row"], kind="stable")
-            found = {name: column[order] for name, column in found.items()}
-        return found
+            columns_of_rows = {name: np.concatenate([part[name] for part in records]) for name in records[0]}
+            order = np.argsort(columns_of_rows["row"], kind="stable")
+            columns_of_rows = {name: column[order] for name, column in columns_of_rows.items()}
+        return columns_of_rows
 
     def _job_of_rows(self, context: RunContext, constants: Values, places: Sequence[int]) -> Job:
-        """The job whose rows are sets of constants (n,) at conditions that set the same names."""
-        given = [dict(self._conditions[place]) for place in places]
+        """Return the job whose rows are sets of constants (n,) at conditions that set the same names."""
+        conditions = [dict(self._conditions[place]) for place in places]
         written = context.job.resolved()
-        set_here = {name: [each[name] for each in given] for name in given[0]}
+        set_here = {name: [condition[name] for condition in conditions] for name in conditions[0]}
         # a condition that sets a free constant goes before it
         free = {name: column.tolist() for name, column in constants.items() if name not in set_here}
         n = next((column.size for column in constants.values()), 1)
@@ -308,23 +314,23 @@ class Population:
             written[field] = {k: v for k, v in written[field].items() if k not in varied}
         return Job.model_validate({**written, "vary": {"zip": groups}, "verify": 0})
 
-    def _seen(self, measure: Measure, places: Sequence[int], rows: Values, model: Model) -> Measured:
-        """Measure the rows of the sets at `places`."""
+    def _select(self, measure: Measure, places: Sequence[int], rows: Values, model: Model) -> Measured:
+        """Select the conditions at `places` from rows, and measure each set."""
         if not isinstance(measure, RampMeasure):
             return measure.of_sets({name: column[:, places] for name, column in rows.items()}, model)
-        each = self.own_rows_of_a_set
-        seen = crossings_of(rows, each * (1 + int(rows["row"][-1]) // each))
-        sets = [[seen[first + place] for place in places] for first in range(0, len(seen), each)]
+        per_set = self.own_rows_of_a_set
+        seen = crossings_of(rows, per_set * (1 + int(rows["row"][-1]) // per_set))
+        sets = [[seen[first + place] for place in places] for first in range(0, len(seen), per_set)]
         return measure.of_rows(sets, model)
 
     def middle_job(self, structure: Mapping[str, Any], constants: Mapping[str, Any], n: int) -> Job | None:
-        """The rows of n sets with the same constants, for an estimate; None where no measure has rows.
+        """Return the job of n sets with the same constants, for an estimate; None if no measure has rows.
 
-        Of conditions that set different names it has those that most set alike.
+        Of conditions that set different names it has the largest group that sets the same names.
         """
         if not self._conditions:
             return None
-        places = max(_alike(self._conditions).values(), key=len)
+        places = max(_group_by_names(self._conditions).values(), key=len)
         columns = {name: np.full(n, value) for name, value in constants.items()}
         return self._job_of_rows(self.prepared(structure), columns, places)
 
@@ -335,23 +341,25 @@ class Population:
         assert isinstance(measure, FixedPoint)
         (condition,) = measure.conditions
         params, starts, refused = _values(context, constants, [tuple(sorted(condition.items()))], n)
-        found = Measured(np.full(n, np.nan), refused)
+        measured = Measured(np.full(n, np.nan), refused)
         good = np.flatnonzero(refused == "")
         if good.size:
             spec = context.spec
             mapping = BatchedReturnMap(spec.model, (), spec.numerics.refined(share), spec.engine)
-            values, begun = ({k: column[good] for k, column in each.items()} for each in (params, starts))
-            found.values[good], found.why[good] = measure.of_starts(mapping, values, begun, good.size)
-        return found
+            values, begun = (
+                {k: column[good] for k, column in by_name.items()} for by_name in (params, starts)
+            )
+            measured.values[good], measured.why[good] = measure.of_starts(mapping, values, begun, good.size)
+        return measured
 
 
 def job_with_run(
     job_of: Callable[[Mapping[str, Any]], Job], run: RunKind, structure: Mapping[str, Any]
 ) -> Job:
-    """The job of a choice of structure with another run, which moves a parameter whatever value the job has.
+    """Return the job of a choice of structure with another run, without values of what that run moves.
 
     Raises:
-        JobError: what is wrong with it.
+        JobError: the job is not valid.
     """
     written = job_of(structure).resolved()
     written["run"] = run.model_dump(by_alias=True, exclude_none=True)
@@ -360,50 +368,50 @@ def job_with_run(
     return Job.model_validate(written)
 
 
-def _after(before: int, total: int, progress: Tell) -> Tell:
-    """Tells of rows of which `before` others stand before them in a batch of `total`; they may be fewer."""
-    if progress is None:
+def _progress_of_part(before: int, total: int, on_progress: OnProgress) -> OnProgress:
+    """Progress callback of a part of a batch of `total` rows, of which `before` come before this part."""
+    if on_progress is None:
         return None
 
-    def tell(now: SweepProgress) -> None:
+    def on_part_progress(now: SweepProgress) -> None:
         share = (before + now.share * now.rows) / max(total, 1)
-        progress(dataclasses.replace(now, done=before + now.done, rows=total, share=share))
+        on_progress(dataclasses.replace(now, done=before + now.done, rows=total, share=share))
 
-    return tell
+    return on_part_progress
 
 
-def _alike(conditions: Sequence[Condition]) -> dict[tuple[str, ...], list[int]]:
-    """The conditions that set the same names; names that they do not set have the job's own value."""
-    alike: dict[tuple[str, ...], list[int]] = {}
+def _group_by_names(conditions: Sequence[Condition]) -> dict[tuple[str, ...], list[int]]:
+    """Group the places of conditions by the names that they set; other names have the job's own value."""
+    places_by_names: dict[tuple[str, ...], list[int]] = {}
     for place, condition in enumerate(conditions):
-        alike.setdefault(tuple(name for name, _ in condition), []).append(place)
-    return alike
+        places_by_names.setdefault(tuple(name for name, _ in condition), []).append(place)
+    return places_by_names
 
 
 def _values(
     context: RunContext, constants: Values, conditions: Sequence[Condition], n: int
 ) -> tuple[Values, Values, np.ndarray]:
-    """Parameters and starts of the rows of n sets, set by set, and why a set is refused, or ""."""
-    each, model = len(conditions), context.model
-    params = {q.name: np.empty(n * each) for q in model.parameters}
-    starts = {q.name: np.empty(n * each) for q in model.initial_conditions}
+    """Return parameters and starts of the rows of n sets, set by set, and the reason of a refusal, or ""."""
+    per_set, model = len(conditions), context.model
+    params = {q.name: np.empty(n * per_set) for q in model.parameters}
+    starts = {q.name: np.empty(n * per_set) for q in model.initial_conditions}
     refused = np.full(n, "", object)
-    for names, places in _alike(conditions).items():
-        given = np.array([[value for _, value in conditions[place]] for place in places])
+    for names, places in _group_by_names(conditions).items():
+        numbers = np.array([[value for _, value in conditions[place]] for place in places])
         columns = {name: np.repeat(column.astype(float), len(places)) for name, column in constants.items()}
         # a condition that sets a free constant goes before it
-        columns |= {name: np.tile(given[:, i].astype(float), n) for i, name in enumerate(names)}
+        columns |= {name: np.tile(numbers[:, i].astype(float), n) for i, name in enumerate(names)}
         design = context.design.with_columns(columns)
         rows = np.arange(design.n_rows)
-        there = design.at(rows, [*params, *starts])
-        at = (np.arange(n)[:, None] * each + np.array(places)).ravel()
-        for held in (params, starts):
-            for name, column in held.items():
-                column[at] = there[name]
+        row_values = design.at(rows, [*params, *starts])
+        at = (np.arange(n)[:, None] * per_set + np.array(places)).ravel()
+        for by_name in (params, starts):
+            for name, column in by_name.items():
+                column[at] = row_values[name]
         for quantity in (*model.parameters, *model.initial_conditions):
             _note(
                 refused,
-                ~inside(there[quantity.name], quantity),
+                ~inside(row_values[quantity.name], quantity),
                 len(places),
                 f"{quantity.name} out of range",
             )
@@ -413,22 +421,22 @@ def _values(
 
 
 def _lanes(context: RunContext, n_rows: int) -> int:
-    """The lanes for so many rows, as those of a job of its own."""
-    given = context.job.engine.lanes
+    """Return the number of lanes for rows, as of a separate job."""
+    asked = context.job.engine.lanes
     return min(
-        given or default_lanes(context.engine, n_rows, context.spec.devices[0].platform), max(8, n_rows)
+        asked or default_lanes(context.engine, n_rows, context.spec.devices[0].platform), max(8, n_rows)
     )
 
 
 def _array(column: Any) -> np.ndarray:
-    """A column of a table as an array, names as text."""
+    """Convert a column of a table to an array, names as text."""
     if isinstance(column.dtype, pd.CategoricalDtype):
         names = np.array([*map(str, column.cat.categories), ""])
         return names[column.cat.codes.to_numpy()]
     return column.to_numpy() if column.dtype.kind in "fiub" else column.astype(str).to_numpy()
 
 
-def _note(refused: np.ndarray, wrong: np.ndarray, each: int, why: str) -> None:
-    """Note why sets are refused whose rows (n * each,) are wrong."""
-    for number in np.flatnonzero(wrong.reshape(-1, each).any(axis=1)):
+def _note(refused: np.ndarray, wrong: np.ndarray, per_set: int, why: str) -> None:
+    """Set the reason of sets that are refused since a row (n * per_set,) is wrong."""
+    for number in np.flatnonzero(wrong.reshape(-1, per_set).any(axis=1)):
         refused[number] = refused[number] or why

@@ -1,4 +1,4 @@
-"""Measures of ramps: where one gait gives way to another, and in which order gaits follow."""
+"""Measures of ramps: transitions between gaits, and the sequence of gaits."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ class RampMeasure(Measure):
         return self.run.model_copy(update={"gaits": True})
 
     def of_rows(self, rows: Sequence[Sequence[Crossings]], model: Model) -> Measured:
-        """Its values for n sets, each with a row for every condition."""
+        """Measure n sets, each with a row for every condition."""
         raise NotImplementedError
 
     def _in_pass(self, row: Crossings, number: int | None) -> Mapping[str, np.ndarray]:
-        """The crossings at which the parameter moves: those of a pass, or of all of them."""
+        """Return the crossings at which the parameter moves, of one pass or of all."""
         seen = row.columns
         with np.errstate(invalid="ignore"):  # a row without crossings has a record without numbers
             counts = (seen["t"] >= self.run.initial_dwell) & (seen["crossing"] > 0)
@@ -91,21 +91,21 @@ class Transition(RampMeasure):
 
     def of_rows(self, rows: Sequence[Sequence[Crossings]], model: Model) -> Measured:
         values, why = np.full(len(rows), np.nan), np.full(len(rows), "", object)
-        for number, mine in enumerate(rows):
-            places = [self._place(row) for row in mine]
+        for number, rows_of_set in enumerate(rows):
+            places = [self._place(row) for row in rows_of_set]
             why[number] = next((reason for _, reason in places if reason), "")
             if not why[number]:
                 values[number] = np.mean([value for value, _ in places])
         return Measured(values, why)
 
     def _place(self, row: Crossings) -> tuple[float, str]:
-        """Value of the row's transition; NaN if it has none, and then why, in a few words."""
+        """Return the value of the row's transition; NaN and the reason, in a few words, if it has none."""
         if row.status in Status.FAILED:
             return np.nan, row.status
         seen = self._in_pass(row, self.pass_)
         gaits = seen["gait"]
         which = np.where(np.isin(gaits, self.gait), 0, np.where(np.isin(gaits, self.to), 1, 2))
-        bouts = [each for each in _bouts(which, self.least) if each[0] != 2]
+        bouts = [bout for bout in _bouts(which, self.least) if bout[0] != 2]
         for (before, _, last), (after, first, _) in itertools.pairwise(bouts):
             if (before, after) == (0, 1):
                 read = column(self.of_ or self.run.parameter, _by_their_names(seen))
@@ -127,7 +127,7 @@ class Transition(RampMeasure):
                 if (bad := wrong_gait(gait, model.gaits)) is not None:
                     return key, bad[1]
         if both := [gait for gait in self.to if gait in self.gait]:
-            return "to", f"has {both[0]}, which stands in gait too."
+            return "to", f"has {both[0]}, which is in gait too."
         if self.of_ is None:
             return None
         circular = [q.name for q in model.observables if q.circular]
@@ -154,7 +154,7 @@ class GaitSequence(RampMeasure):
     only: bool = Field(default=False, description="gaits between those of the list count against it")
 
     def of_rows(self, rows: Sequence[Sequence[Crossings]], model: Model) -> Measured:
-        values = np.array([np.mean([self._share(row) for row in mine]) for mine in rows])
+        values = np.array([np.mean([self._share(row) for row in rows_of_set]) for rows_of_set in rows])
         return Measured(values, np.full(values.size, "", object))
 
     def _share(self, row: Crossings) -> float:
@@ -162,9 +162,9 @@ class GaitSequence(RampMeasure):
             return 0.0
         gaits = self._in_pass(row, self.pass_)["gait"]
         names = list(dict.fromkeys(gaits.tolist()))
-        codes = np.array([names.index(each) for each in gaits.tolist()], int)
+        codes = np.array([names.index(gait) for gait in gaits.tolist()], int)
         bouts = [code for code, _, _ in _bouts(codes, self.least)]
-        # what lasts shorter than `least` between two bouts of a gait does not part them
+        # bouts shorter than `least` do not separate two bouts of a gait
         seen = [names[code] for code, _ in itertools.groupby(bouts)]
         return _in_order(seen, self.gaits) / max(len(self.gaits), len(seen) if self.only else 0)
 
@@ -181,7 +181,7 @@ class GaitSequence(RampMeasure):
 
 
 def crossings_of(table: Mapping[str, np.ndarray], n_rows: int) -> list[Crossings]:
-    """The crossings of each row of a ramp's table, whose records are in the order of its rows 0..n_rows-1."""
+    """Split a ramp's table, whose records are in the order of its rows 0..n_rows-1, by rows."""
     ends = np.searchsorted(table["row"], np.arange(n_rows + 1))
     return [
         Crossings({name: values[a:b] for name, values in table.items()}, str(table["status"][a]))
@@ -190,8 +190,8 @@ def crossings_of(table: Mapping[str, np.ndarray], n_rows: int) -> list[Crossings
 
 
 def _by_their_names(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Columns, and observables by their own names too."""
-    return {**columns, **{name.removesuffix(_SUFFIX): each for name, each in columns.items()}}
+    """Return columns, with observables also by their own names."""
+    return {**columns, **{name.removesuffix(_SUFFIX): values for name, values in columns.items()}}
 
 
 def _names(columns: Iterable[str]) -> list[str]:
@@ -199,7 +199,7 @@ def _names(columns: Iterable[str]) -> list[str]:
 
 
 def _bouts(codes: np.ndarray, least: int) -> list[tuple[int, int, int]]:
-    """The runs of `least` equal codes (k,) or more: each code, and the places of its first and its last."""
+    """Find runs of `least` equal codes (k,) or more: each code, and the places of its first and last."""
     if not codes.size:
         return []
     begins = np.concatenate([[0], 1 + np.flatnonzero(np.diff(codes))])

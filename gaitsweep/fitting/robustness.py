@@ -1,4 +1,4 @@
-"""The robustness of a set of constants: how many of its random neighbours keep what it gives."""
+"""Robustness of a set of constants: the share of its random neighbours that keep targets."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pydantic import Field
 from gaitsweep import near_miss
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.fitting.fit_job import FitJob
-from gaitsweep.fitting.free import Free
+from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measures import At, Measure
-from gaitsweep.fitting.targets import Aim, Target
+from gaitsweep.fitting.targets import Target, TargetValue
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.numbers import Count, Positive, Seed, Text
 
@@ -21,7 +21,7 @@ from gaitsweep.schema.numbers import Count, Positive, Seed, Text
 ROBUST = "robust"
 
 
-class Robust(Aim):
+class Robust(TargetValue):
     """The share of a set's random neighbours that should keep some targets."""
 
     within: Positive = Field(description="largest change of each constant, as a share of its value, below 1")
@@ -47,18 +47,20 @@ class ShareKept(Measure):
 
 
 def robust_target(robust: Robust) -> Target:
-    """The target of a search that asks for robustness."""
+    """Return the target of the field `robust` of a search."""
     return Target(ROBUST, ShareKept(kind="robust"), robust)
 
 
-def wrong_robust(robust: Robust, free: Mapping[str, Free], targets: Mapping[str, Target]) -> list[Diagnostic]:
-    """Faults of the field in view of the search's constants and targets."""
+def wrong_robust(
+    robust: Robust, free: Mapping[str, FreeParameter], targets: Mapping[str, Target]
+) -> list[Diagnostic]:
+    """Check the field against the search's constants and targets."""
     path, wrong = ("search", ROBUST), []
     if robust.within >= 1.0:
         wrong.append(Diagnostic((*path, "within"), f"is {robust.within:g}, but is a share below 1."))
     for place, name in enumerate(robust.targets):
         if name not in targets:
-            text = f"is {name}, which is no target{near_miss.suggestion(name, targets)}"
+            text = f"is {name}, which is not a target{near_miss.suggestion(name, targets)}"
             wrong.append(Diagnostic((*path, "targets", place), text))
     for place, name in enumerate(robust.constants):
         if name in free:
@@ -70,23 +72,23 @@ def wrong_robust(robust: Robust, free: Mapping[str, Free], targets: Mapping[str,
 
 
 def own_constants(robust: Robust, fit: FitJob) -> dict[str, float]:
-    """The values of the job's own constants that change.
+    """Return the values of the job's own constants that change.
 
     Raises:
-        JobError: a name that the model does not have, or one whose value is a formula.
+        JobError: the model does not have a name, or its value is a formula.
     """
     job = fit.job_of(fit.structures[0])
     known = {q.name: q for q in job.design.model.parameters}
     values: dict[str, float] = {}
     wrong = []
     for place, name in enumerate(robust.constants):
-        given = job.design.settings.get(name, known[name].default if name in known else None)
+        setting = job.design.settings.get(name, known[name].default if name in known else None)
         if name not in known:
-            text = f"is {name}, which is no parameter{near_miss.suggestion(name, known)}"
-        elif not isinstance(given, int | float):
-            text = f"is {name}, whose value is {given}: only a number can change by a share of itself."
+            text = f"is {name}, which is not a parameter{near_miss.suggestion(name, known)}"
+        elif not isinstance(setting, int | float):
+            text = f"is {name}, whose value is {setting}: only a number can change by a share of itself."
         else:
-            values[name] = float(given)
+            values[name] = float(setting)
             continue
         wrong.append(Diagnostic(("search", ROBUST, "constants", place), text))
     if wrong:
@@ -98,25 +100,25 @@ def share_kept(
     robust: Robust,
     sets: Mapping[str, np.ndarray],
     own: Mapping[str, float],
-    free: Mapping[str, Free],
+    free: Mapping[str, FreeParameter],
     quantities: Mapping[str, Quantity],
     keeps: Callable[[Mapping[str, np.ndarray]], np.ndarray],
 ) -> np.ndarray:
-    """The share (n,) of each set's neighbours that keep the targets.
+    """Compute the share (n,) of each set's neighbours that keep the targets.
 
     Args:
-        robust: how they are drawn.
+        robust: number and range of the neighbours.
         sets: constants and choices of structure, (n,) by name.
         own: values of the job's constants that change as well.
         free: the free constants; those with choices, and whole numbers, do not change.
         quantities: the model's parameters and starts by name, within whose limits neighbours stay.
-        keeps: whether each of m sets keeps the targets, (m,).
+        keeps: returns whether each of m sets keeps the targets, (m,).
     """
     n = next(iter(sets.values())).size
     rng = np.random.default_rng(robust.seed)
     near = {name: np.repeat(column, robust.sets) for name, column in sets.items()}
     near |= {name: np.full(n * robust.sets, value) for name, value in own.items()}
-    changing = [name for name, each in free.items() if each.choices is None and not each.whole]
+    changing = [name for name, parameter in free.items() if parameter.choices is None and not parameter.whole]
     for name in [*changing, *own]:
         quantity = quantities[name]
         factor = 1.0 + robust.within * rng.uniform(-1.0, 1.0, robust.sets)

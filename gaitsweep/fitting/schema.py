@@ -1,19 +1,19 @@
-"""The JSON schema of job files with the fields `search` and `sensitivity`, for editors."""
+"""JSON schema of job files with the fields `search` and `sensitivity`, for editors."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from gaitsweep.fitting.free import Free
+from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measure_kinds import MEASURES
-from gaitsweep.fitting.search_job import Choice
+from gaitsweep.fitting.search_job import SearchOptions
 from gaitsweep.fitting.sensitivity_job import Analysis
-from gaitsweep.fitting.targets import Aim
+from gaitsweep.fitting.targets import TargetValue
 from gaitsweep.job import schema as job_schema
 
 
 def schema() -> dict[str, Any]:
-    """The JSON schema of a job file, that of a search or a sensitivity analysis too."""
+    """Return the JSON schema of job files, including searches and sensitivity analyses."""
     described = job_schema()
     described["properties"]["search"] = _search()
     described["properties"]["sensitivity"] = _sensitivity()
@@ -21,9 +21,9 @@ def schema() -> dict[str, Any]:
 
 
 def _ranges() -> list[dict[str, Any]]:
-    """The schemas of a range."""
+    """Return the schemas of a range."""
     limits = {"type": "array", "minItems": 2, "maxItems": 2, "items": {"type": ["number", "string"]}}
-    return [limits, Free.model_json_schema()]
+    return [limits, FreeParameter.model_json_schema()]
 
 
 def _sensitivity() -> dict[str, Any]:
@@ -42,7 +42,7 @@ def _sensitivity() -> dict[str, Any]:
 
 
 def _search() -> dict[str, Any]:
-    search = Choice.model_json_schema()
+    search = SearchOptions.model_json_schema()
     free = {"type": "object", "additionalProperties": {"anyOf": _ranges()}}
     targets = {"type": "object", "additionalProperties": {"anyOf": [_target(kind) for kind in MEASURES]}}
     search["properties"] = {
@@ -55,7 +55,11 @@ def _search() -> dict[str, Any]:
 
 
 def _target(kind: str) -> dict[str, Any]:
-    """A measure's schema with the fields of what it should come to."""
-    measure, aim = MEASURES[kind].model_json_schema(), Aim.model_json_schema()
-    properties = {**measure["properties"], **aim["properties"]}
-    return {**measure, "properties": properties, "required": [*measure["required"], *aim["required"]]}
+    """Return the schema of a measure with the fields of its target value."""
+    measure, target_value = MEASURES[kind].model_json_schema(), TargetValue.model_json_schema()
+    properties = {**measure["properties"], **target_value["properties"]}
+    return {
+        **measure,
+        "properties": properties,
+        "required": [*measure["required"], *target_value["required"]],
+    }

@@ -1,7 +1,7 @@
-"""A search carried out: sets of constants chosen, measured and told to the optimiser, batch after batch.
+"""Execution of a search: an optimiser chooses sets of constants, which are measured batch by batch.
 
-Each batch is a part of the table, so a search that is stopped loses the batches under way and goes on from
-the rest: the optimiser is told what it was told before, and has to ask for the same sets.
+Each batch is a part of the table, so a search that is stopped loses the running batches and continues from
+the rest: the optimiser receives the same scores again, and has to ask for the same sets.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.batches import Batches
 from gaitsweep.fitting.cluster_rows import ClusterRows
-from gaitsweep.fitting.free import sets_at
+from gaitsweep.fitting.free_parameters import sets_at
+from gaitsweep.fitting.identifiability import Identifiability, identifiability
 from gaitsweep.fitting.measures import Measured
-from gaitsweep.fitting.near_best import NearBest, near_best
 from gaitsweep.fitting.optimisers import Optimiser, optimiser
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.robustness import ROBUST, share_kept
@@ -53,67 +53,68 @@ _DECIDING = ("numpy", "scipy", "cma", "pymoo")
 
 
 @dataclasses.dataclass(frozen=True)
-class Found:
+class SearchResult:
     """Result of a search.
 
-    `path` is its directory; `table` has a row for each set; `near` says which constants the targets pin;
-    `finalists` has the best sets at half the step; `figures` are the files drawn. In memory there is no path
-    and no file.
+    `path` is its directory; `table` has a row for each set; `identifiability` says which constants the
+    targets pin; `finalists` has the best sets at half the step; `figures` are the files drawn. In memory
+    there is no path and no file.
     """
 
     job: SearchJob
     path: Path | None
     table: pd.DataFrame
-    near: NearBest
+    identifiability: Identifiability
     finalists: pd.DataFrame | None
     figures: tuple[Path, ...]
 
     def __repr__(self) -> str:
-        best = self.near.summary()["best_score"]
+        best = self.identifiability.summary()["best_score"]
         score = "none complete" if best is None else f"least score {best:.4g}"
         where = "in memory" if self.path is None else f"in {self.path}"
-        return f"Found({len(self.table)} sets: {score}, {self.near.fitting} fit all targets; {where})"
+        fitting = self.identifiability.fitting
+        return f"SearchResult({len(self.table)} sets: {score}, {fitting} fit all targets; {where})"
 
     def figure(self, name: str) -> Figure:
-        """A figure of the search: convergence, constants or misses.
+        """Draw a figure of the search: convergence, constants or misses.
 
         Raises:
             ArgumentError: there is no figure of this name.
         """
         if name not in FIGURES:
-            raise ArgumentError(f"{name} is no figure of a search{near_miss.suggestion(name, FIGURES)}")
-        return search_figure(name, self.job, self.table, self.near)
+            raise ArgumentError(f"{name} is not a figure of a search{near_miss.suggestion(name, FIGURES)}")
+        return search_figure(name, self.job, self.table, self.identifiability)
 
 
 def run_search(
     job: SearchJob,
     out: str | Path | None = None,
     *,
-    progress: Progress | None = None,
-    tell: Callable[[str], None] = lambda _: None,
+    on_progress: Progress | None = None,
+    on_message: Callable[[str], None] = lambda _: None,
     cluster: Cluster | None = None,
-) -> Found:
-    """Measure the sets that a search's directory still lacks, and say what they tell of the constants.
+) -> SearchResult:
+    """Measure the sets that a search's directory still lacks, and find which constants they pin.
 
     Args:
         job: the search.
         out: its result directory, `results/NAME` by default.
-        progress: told how far it is.
-        tell: told, in a sentence each, what was found and mended in the directory.
+        on_progress: progress callback.
+        on_message: called with each note and warning, a sentence.
         cluster: computes the rows, if this process does not; it is left open.
 
     Raises:
-        RunError, TableError: a sentence each; what was measured before stays, and the next run goes on.
+        RunError, TableError: the search cannot continue; measured sets are safe, and the next run continues.
         KeyboardInterrupt: likewise.
     """
     path = RESULTS / job.name if out is None else Path(out)
-    show = progress or (lambda *_, **__: None)
+    on_progress = on_progress or (lambda *_, **__: None)
     population = job.fit.population()
     context = population.prepared(job.fit.structures[0])
     if context.note is not None:
-        tell(context.note)
+        on_message(context.note)
     for caveat in context.model.caveats():
-        tell(f"Warning: {caveat}")
+        on_message(f"Warning: {caveat}")
     platform = context.spec.devices[0].platform
     together = job.sets_together(context, population.rows_of_a_set)
     versions = {name: provenance.version_of(name) for name in _DECIDING}
@@ -127,11 +128,11 @@ def run_search(
     )
     with (
         naming_the_file(),
-        ResultDirectory.open(path, job.resolved(), job_hash, job.choice.budget, together) as directory,
+        ResultDirectory.open(path, job.resolved(), job_hash, job.options.budget, together) as directory,
     ):
         for note in directory.notes:
-            tell(note)
-        continue_directory(context, directory, tell)
+            on_message(note)
+        continue_directory(context, directory, on_message)
         directory.update_manifest(
             engine=context.engine,
             device=context.device,
@@ -142,18 +143,18 @@ def run_search(
         )
         if cluster is not None:
             population.run_elsewhere = ClusterRows(path, cluster)
-        _Search(job, population, directory, show, side_by_side).go_on()
+        _Search(job, population, directory, on_progress, side_by_side).go_on()
         table = load(path)
-        near = near_best(table, job)
-        told = len(directory.notes)
-        finalists = _finalists(job, population, directory, near, show)
-        for note in directory.notes[told:]:
-            tell(note)
+        near = identifiability(table, job)
+        reported = len(directory.notes)
+        finalists = _finalists(job, population, directory, near, on_progress)
+        for note in directory.notes[reported:]:
+            on_message(note)
         if (doubt := _depends_on_the_step(job, finalists)) is not None:
-            tell(f"Warning: {doubt}")
+            on_message(f"Warning: {doubt}")
         directory.update_manifest(complete=True, counts=directory.counts(), search=near.summary())
         figures = draw_search(path, job, table, near)
-    return Found(job, path, table, near, finalists, tuple(figures))
+    return SearchResult(job, path, table, near, finalists, tuple(figures))
 
 
 def draw_again(path: Path) -> list[Path]:
@@ -168,31 +169,31 @@ def draw_again(path: Path) -> list[Path]:
     if wrong:
         raise JobError(wrong)
     table = load(path)
-    return draw_search(path, search, table, near_best(table, search))
+    return draw_search(path, search, table, identifiability(table, search))
 
 
 class _Search:
-    """The batches of a search, those on disk and those to come."""
+    """Batches of a search, on disk and to come."""
 
     def __init__(
         self,
         job: SearchJob,
         population: Population,
         directory: ResultDirectory,
-        show: Progress,
+        on_progress: Progress,
         side_by_side: int,
     ) -> None:
         together = directory.manifest["block"]
-        self.job, self.population, self.directory, self.show = job, population, directory, show
+        self.job, self.population, self.directory, self.on_progress = job, population, directory, on_progress
         self.optimiser: Optimiser = optimiser(
-            job.choice.method,
+            job.options.method,
             len(job.free),
             len(job.counted),
             job.start,
             together,
-            job.choice.seed,
+            job.options.seed,
             job.known_points(),
-            job.choice.width,
+            job.options.width,
         )
         self.known = pd.DataFrame()  # the sets that are on disk
         self.best = np.inf
@@ -200,10 +201,10 @@ class _Search:
         self.side_by_side = side_by_side
 
     def go_on(self) -> None:
-        """Tell the optimiser of the sets that are there, and measure the others.
+        """Give the scores of the stored sets to the optimiser, and measure the others.
 
-        A batch is chosen when all but the `side_by_side - 1` before it are known, on disk or not, so that the
-        sets do not depend on where a search was stopped.
+        A batch is chosen when all but the `side_by_side - 1` before it are known, on disk or not, so the sets
+        do not depend on where a search was stopped.
         """
         missing = set(self.directory.missing_blocks())
         if len(missing) < self.directory.n_blocks:
@@ -215,7 +216,7 @@ class _Search:
         chosen: deque[tuple[int, dict[str, np.ndarray]]] = deque()
         # a cluster takes one batch at a time
         threads = 1 if self.population.run_elsewhere is not None else self.side_by_side
-        with Batches[dict[str, Measured] | None](threads, self._tell) as self.batches:
+        with Batches[dict[str, Measured] | None](threads, self._report) as self.batches:
             for number in range(self.directory.n_blocks):
                 if len(chosen) == self.side_by_side:
                     self._end(*chosen.popleft())
@@ -227,18 +228,20 @@ class _Search:
                 self._end(*chosen.popleft())
 
     def _measured(
-        self, sets: Mapping[str, np.ndarray], tell: Callable[[SweepProgress], None]
+        self, sets: Mapping[str, np.ndarray], on_progress: Callable[[SweepProgress], None]
     ) -> dict[str, Measured]:
         """Measure the sets of a batch."""
-        if self.job.choice.first:
-            measured = self.population.measure_in_turn(sets, self.job.choice.first, self._goes_on, tell)
+        if self.job.options.first:
+            measured = self.population.staged_evaluate(
+                sets, self.job.options.first, self._goes_on, on_progress
+            )
         else:
-            measured = self.population.measure(sets, tell)
-        return measured | _robustness(self.job, self.population, sets, measured, tell)
+            measured = self.population.measure(sets, on_progress)
+        return measured | _robustness(self.job, self.population, sets, measured, on_progress)
 
     def _goes_on(self, first: Mapping[str, Measured]) -> np.ndarray:
-        """Whether sets (n,) are measured further: the first targets have values, and near enough ones."""
-        within = self.job.choice.first_within
+        """Return which sets (n,) are measured further: those whose first targets have near enough values."""
+        within = self.job.options.first_within
         most = np.inf if within is None else within
         model = self.population.prepared(self.job.fit.structures[0]).design.model
         near = [
@@ -248,7 +251,7 @@ class _Search:
         return np.all(near, axis=0)
 
     def _end(self, number: int, sets: Mapping[str, np.ndarray]) -> None:
-        """Write a batch where it is not on disk, and tell the optimiser how it fared."""
+        """Write a batch that is not on disk, and give its scores to the optimiser."""
         measured = self.batches.oldest()
         first, stop = self.directory.rows_of(number)
         if measured is None:
@@ -261,20 +264,20 @@ class _Search:
                 timings={"run_s": seconds}, counts=self.directory.counts(), complete=False
             )
         misses = frame[[f"{MISS}{name}" for name in self.job.counted]].to_numpy()
-        told = frame["score"].to_numpy()
-        self.optimiser.tell(told, misses)
-        self.best = min(self.best, float(told.min()))
+        batch_scores = frame["score"].to_numpy()
+        self.optimiser.tell(batch_scores, misses)
+        self.best = min(self.best, float(batch_scores.min()))
 
-    def _tell(self, under_way: list[SweepProgress]) -> None:
-        """Show how far the sets are; at most, since rows that are not needed are left out."""
-        total, each = self.directory.n_rows, self.population.rows_of_a_set
+    def _report(self, under_way: list[SweepProgress]) -> None:
+        """Report an upper estimate of the progress, since rows that are not needed are left out."""
+        total, rows_per_set = self.directory.n_rows, self.population.rows_of_a_set
         new = self.directory.rows_done - self.before
-        new += sum(int(now.share * now.rows / each) for now in under_way)
+        new += sum(int(now.share * now.rows / rows_per_set) for now in under_way)
         rate = new / max(time.perf_counter() - self.began, 1e-9)
         best = f"best score {self.best:.3g}, " if np.isfinite(self.best) else ""
         attempts = sum(now.attempts / max(now.seconds, 1e-9) for now in under_way)
         done = min(self.before + new, total)
-        self.show(done, total, rate, done / total, f"{best}{attempts / 1e6:.1f} M attempts/s")
+        self.on_progress(done, total, rate, done / total, f"{best}{attempts / 1e6:.1f} M attempts/s")
 
     def _frame(
         self,
@@ -283,22 +286,22 @@ class _Search:
         sets: Mapping[str, np.ndarray],
         measured: Mapping[str, Measured],
     ) -> pd.DataFrame:
-        """The records of a batch."""
+        """Return the records of a batch."""
         model = self.population.prepared(self.job.fit.structures[0]).design.model
         targets = self.job.targets
         misses = {name: target.misses(measured[name], model) for name, target in targets.items()}
         n = next(iter(misses.values())).size
         failed = np.any([measured[name].why != "" for name in self.job.counted], axis=0)
         why = [
-            "; ".join(f"{name}: {each}" for name, each in zip(measured, reasons, strict=True) if each)
-            for reasons in zip(*(each.why for each in measured.values()), strict=True)
+            "; ".join(f"{name}: {reason}" for name, reason in zip(measured, reasons, strict=True) if reason)
+            for reasons in zip(*(values.why for values in measured.values()), strict=True)
         ]
         frame: dict[str, Any] = {
             "row": np.arange(first, first + n, dtype=np.int64),
             "generation": np.full(n, generation),
             **{name: _plain(column) for name, column in sets.items()},
             **{name: target.shown(measured[name].values, model) for name, target in targets.items()},
-            **{f"{MISS}{name}": each for name, each in misses.items()},
+            **{f"{MISS}{name}": miss for name, miss in misses.items()},
             "score": scores(misses, targets),
             "status": pd.Categorical.from_codes(failed.astype(int), [Status.complete.name, "failed"]),
             "why": pd.Series(why, dtype="str"),
@@ -306,13 +309,13 @@ class _Search:
         return pd.DataFrame(frame)
 
     def _known(self, number: int, first: int, stop: int, sets: Mapping[str, np.ndarray]) -> pd.DataFrame:
-        """The records of a batch that is on disk, whose sets have to be those that are asked for again."""
+        """Return the records of a batch on disk, whose sets have to be those of the optimiser."""
         frame = self.known.iloc[np.searchsorted(self.known["row"], np.arange(first, stop))]
         for name, column in sets.items():
             if not np.array_equal(np.asarray(frame[name]), np.asarray(_plain(column))):
                 raise TableError(
-                    f"{self.directory.path} has other sets than this search chooses from row {first} on: it "
-                    "was begun on another machine. Let it end there, or begin again elsewhere (--out)."
+                    f"The sets in {self.directory.path} differ from this search's from row {first} on: "
+                    "it was begun on another machine. Continue it there, or start again with --out."
                 )
         return frame
 
@@ -322,11 +325,11 @@ def _robustness(
     population: Population,
     sets: Mapping[str, np.ndarray],
     measured: Mapping[str, Measured],
-    tell: Callable[[SweepProgress], None] | None = None,
+    on_progress: Callable[[SweepProgress], None] | None = None,
     share: float = 1.0,
 ) -> dict[str, Measured]:
-    """The share of neighbours that keep targets, of the sets that keep them; empty if it is not asked for."""
-    robust = job.choice.robust
+    """Measure the share of neighbours that keep targets, of sets that keep them; empty without `robust`."""
+    robust = job.options.robust
     if robust is None:
         return {}
     model = population.prepared(job.fit.structures[0]).design.model
@@ -336,30 +339,34 @@ def _robustness(
         return np.all(near, axis=0)
 
     def rows(now: SweepProgress) -> None:
-        if tell is not None:  # rows of neighbours are none of the batch's own sets
-            tell(dataclasses.replace(now, rows=0))
+        if on_progress is not None:  # rows of neighbours are not those of the batch's own sets
+            on_progress(dataclasses.replace(now, rows=0))
 
-    kept = keep(measured)
-    values = np.full(kept.size, np.nan)
-    if kept.any():
-        mine = {name: column[kept] for name, column in sets.items()}
+    keeps = keep(measured)
+    values = np.full(keeps.size, np.nan)
+    if keeps.any():
+        kept_sets = {name: column[keeps] for name, column in sets.items()}
         some = population.of(robust.targets)
-        values[kept] = share_kept(
+        values[keeps] = share_kept(
             robust,
-            mine,
+            kept_sets,
             job.changing,
             job.free,
             job.fit.spec.quantities,
             lambda near: keep(some.measure(near, rows, share)),
         )
-    return {ROBUST: Measured(values, np.where(kept, "", "the set itself does not keep the targets"))}
+    return {ROBUST: Measured(values, np.where(keeps, "", "the set itself does not keep the targets"))}
 
 
 def _finalists(
-    job: SearchJob, population: Population, directory: ResultDirectory, near: NearBest, show: Progress
+    job: SearchJob,
+    population: Population,
+    directory: ResultDirectory,
+    near: Identifiability,
+    on_progress: Progress,
 ) -> pd.DataFrame | None:
-    """The best sets, measured again at half the step; written beside the table."""
-    count = min(job.choice.finalists, len(near.best))
+    """Measure the best sets again at half the step; the result is written beside the table."""
+    count = min(job.options.finalists, len(near.best))
     if not count:
         return None
     frame = near.best.iloc[:count][["row", *job.free, "score", *job.targets]].reset_index(drop=True)
@@ -367,8 +374,8 @@ def _finalists(
         known = pd.read_parquet(io.BytesIO(stored))
         if np.array_equal(known["row"], frame["row"]):
             return known
-    total = job.choice.budget
-    show(total, total, 0.0, 1.0, f"{count} finalists at half the step")
+    total = job.options.budget
+    on_progress(total, total, 0.0, 1.0, f"{count} finalists at half the step")
     sets = {name: free.column(frame[name].tolist()) for name, free in job.free.items()}
     measured = population.measure(sets, share=0.5)
     measured |= _robustness(job, population, sets, measured, share=0.5)
@@ -384,44 +391,44 @@ def _finalists(
 
 
 def _depends_on_the_step(job: SearchJob, finalists: pd.DataFrame | None) -> str | None:
-    """A sentence where half the step moves a finalist by more than a reading error, else None."""
+    """Return a warning if half the step moves a finalist by more than a reading error, else None."""
     if finalists is None:
         return None
     moved = {
-        name: int(np.sum(~(np.abs(finalists[f"{name}_half"] - finalists[name]) <= target.aim.error)))
+        name: int(np.sum(~(np.abs(finalists[f"{name}_half"] - finalists[name]) <= target.value.error)))
         for name, target in job.targets.items()
-        if not target.aim.held_back
+        if not target.value.held_back
     }
-    told = ", ".join(f"{name} of {n}" for name, n in moved.items() if n)
-    if not told:
+    counts = ", ".join(f"{name} of {n}" for name, n in moved.items() if n)
+    if not counts:
         return None
     return (
-        f"half the step moves targets by more than their reading errors ({told}, of {len(finalists)} "
+        f"half the step moves targets by more than their reading errors ({counts}, of {len(finalists)} "
         f"finalists, {FINALISTS}): search again with a smaller numerics.dt, or with located events."
     )
 
 
 def _quantities(job: SearchJob, population: Population) -> dict[str, dict[str, Any]]:
-    """Unit and meaning of the columns."""
+    """Return unit and meaning of the columns."""
     model = population.prepared(job.fit.structures[0]).design.model
     known = {q.name: q for q in (*model.parameters, *model.initial_conditions)}
-    found: dict[str, dict[str, Any]] = {
+    quantities: dict[str, dict[str, Any]] = {
         name: {"unit": known[name].unit, "meaning": known[name].meaning, "symbol": known[name].symbol}
         for name in job.free
         if name in known
     }
     for name, target in job.targets.items():
         measure = target.measure
-        found[name] = {
+        quantities[name] = {
             "unit": measure.unit(model),
             "meaning": f"{type(measure).model_fields['kind'].description}",
             "circular": measure.circular(model),
         }
-        found[f"{MISS}{name}"] = {"unit": "1", "meaning": f"miss of {name}, in reading errors"}
-    found["score"] = {"unit": "1", "meaning": "root mean square of the misses, in reading errors"}
-    return found
+        quantities[f"{MISS}{name}"] = {"unit": "1", "meaning": f"miss of {name}, in reading errors"}
+    quantities["score"] = {"unit": "1", "meaning": "root mean square of the misses, in reading errors"}
+    return quantities
 
 
 def _plain(column: np.ndarray) -> Any:
-    """A column as a table has it: choices of structure that are words are text."""
+    """Convert a column for a table: choices of structure that are words become text."""
     return column if column.dtype.kind in "fi" else np.array([str(value) for value in column], object)

@@ -1,4 +1,4 @@
-"""Figures of a search: how the score fell, the profile of each constant, and which targets are missed."""
+"""Figures of a search: convergence of the score, profiles of the constants, and misses of the targets."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gaitsweep.fitting.free import Free
-from gaitsweep.fitting.near_best import PARTS, Constant, NearBest
+from gaitsweep.fitting.free_parameters import FreeParameter
+from gaitsweep.fitting.identifiability import PARTS, Constant, Identifiability
 from gaitsweep.fitting.search_job import Search
 from gaitsweep.fitting.targets import FAILED_MISS, MISS
 from gaitsweep.plot.columns import symbol, unit_of
@@ -31,14 +31,14 @@ _LEAST_SCORE = 1e-2
 _LONG_NAME, _LONG_LABELS = 14, 60
 
 
-def draw_search(path: Path, search: Search, table: pd.DataFrame, near: NearBest) -> list[Path]:
-    """Draw the figures of a search into its directory; returns their files.
+def draw_search(path: Path, search: Search, table: pd.DataFrame, near: Identifiability) -> list[Path]:
+    """Draw the figures of a search into its directory; return their files.
 
     Args:
         path: the result directory.
-        search: what was asked.
+        search: the search.
         table: its sets.
-        near: what they say of the constants.
+        near: identifiability of the constants.
     """
     folder = path / "figures"
     own_folder(folder)
@@ -51,8 +51,8 @@ def draw_search(path: Path, search: Search, table: pd.DataFrame, near: NearBest)
     return drawn
 
 
-def search_figure(name: str, search: Search, table: pd.DataFrame, near: NearBest) -> Figure:
-    """One of the figures of a search.
+def search_figure(name: str, search: Search, table: pd.DataFrame, near: Identifiability) -> Figure:
+    """Draw one of the figures of a search.
 
     Args:
         name: one of FIGURES.
@@ -64,7 +64,7 @@ def search_figure(name: str, search: Search, table: pd.DataFrame, near: NearBest
 
 
 def _convergence(table: pd.DataFrame) -> Figure:
-    """The score of each set, and the least so far; failed sets, whose score says nothing, stand on top."""
+    """Draw the score of each set, and the least so far; failed sets are marked on top."""
     numbers = table["row"].to_numpy() + 1
     failed = table["status"].astype(str).to_numpy() == "failed"
     scores = np.where(failed, np.nan, table["score"].to_numpy())
@@ -98,26 +98,26 @@ def _convergence(table: pd.DataFrame) -> Figure:
 
 
 def _score_axis(axes: Axes, scores: np.ndarray) -> None:
-    """A logarithmic axis of scores, with a linear part where some are 0, as misses of ranges are."""
-    there = scores[np.isfinite(scores)]
-    if there.size and there.min() > 0.0:
+    """Set a logarithmic axis of scores, with a linear part if some are 0, as misses of ranges are."""
+    finite = scores[np.isfinite(scores)]
+    if finite.size and finite.min() > 0.0:
         axes.set_yscale("log")
     else:
         axes.set_yscale("symlog", linthresh=_LEAST_SCORE)
 
 
-def _constants(free: Mapping[str, Free], table: pd.DataFrame, near: NearBest) -> Figure:
-    """The least score over each constant's range, and where the near-best sets have it."""
+def _constants(free: Mapping[str, FreeParameter], table: pd.DataFrame, near: Identifiability) -> Figure:
+    """Draw the least score over each constant's range, and the values of the near-best sets."""
     columns = min(len(free), 4)
     rows = math.ceil(len(free) / columns)
     with canvas(PAGE, 0.6 + 1.5 * rows) as figure:
         panels = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
-        for axes, each in zip(panels, near.constants, strict=False):
-            _profile(axes, free[each.name], each, near.best)
-            unit = unit_of(table, each.name)
-            # a long name stands over its unit
-            gap = "\n" if len(each.name) > _LONG_NAME else " "
-            axes.set_xlabel(symbol(table, each.name) + (f"{gap}({unit})" if unit else ""))
+        for axes, constant in zip(panels, near.constants, strict=False):
+            _profile(axes, free[constant.name], constant, near.best)
+            unit = unit_of(table, constant.name)
+            # the unit of a long name is below it
+            gap = "\n" if len(constant.name) > _LONG_NAME else " "
+            axes.set_xlabel(symbol(table, constant.name) + (f"{gap}({unit})" if unit else ""))
         for axes in panels[len(free) :]:
             axes.set_visible(False)
         for axes in panels[::columns]:
@@ -128,12 +128,12 @@ def _constants(free: Mapping[str, Free], table: pd.DataFrame, near: NearBest) ->
     return figure
 
 
-def _profile(axes: Axes, free: Free, each: Constant, best: pd.DataFrame) -> None:
+def _profile(axes: Axes, free: FreeParameter, constant: Constant, best: pd.DataFrame) -> None:
     edges = np.linspace(0.0, 1.0, PARTS + 1)
-    axes.stairs(each.profile, edges, color=_BLUE, lw=1.2, baseline=None)
-    shares = free.share(free.written(best[each.name].tolist())) if len(best) else np.zeros(0)
+    axes.stairs(constant.profile, edges, color=_BLUE, lw=1.2, baseline=None)
+    shares = free.share(free.written(best[constant.name].tolist())) if len(best) else np.zeros(0)
     axes.plot(shares, best["score"], "o", color=_ORANGE, ms=2.5, rasterized=True)
-    _score_axis(axes, each.profile)
+    _score_axis(axes, constant.profile)
     axes.set_xlim(0.0, 1.0)
     ticks = [0.0, 0.5, 1.0]
     if free.choices is not None:
@@ -145,19 +145,19 @@ def _profile(axes: Axes, free: Free, each: Constant, best: pd.DataFrame) -> None
         axes.set_xticks(ticks, [f"{value:.3g}" for value in free.at(np.array(ticks))])
         for label, side in zip(axes.get_xticklabels(), ("left", "center", "right"), strict=True):
             label.set_horizontalalignment(side)  # those of the next panel begin here
-    axes.set_title(each.verdict, fontsize=7.5)
+    axes.set_title(constant.verdict, fontsize=7.5)
 
 
-def _misses(search: Search, table: pd.DataFrame, near: NearBest) -> Figure:
-    """The misses of the near-best sets, a line each, and of the sets that miss each target least."""
+def _misses(search: Search, table: pd.DataFrame, near: Identifiability) -> Figure:
+    """Draw the misses of the near-best sets, a line each, and of the sets that miss each target least."""
     names = list(search.targets)
     columns = [f"{MISS}{name}" for name in names]
     least = _least_of_each(search, table)[columns].to_numpy()
     others = near.best[columns].iloc[1:_MOST_LINES].to_numpy()
     best = near.best[columns].iloc[:1].to_numpy()
     drawn = np.concatenate([least, others, best])
-    there = np.abs(drawn) < FAILED_MISS
-    limit = 1.5 * max(2.0, float(np.max(np.abs(drawn), where=there, initial=0.0)))
+    has_value = np.abs(drawn) < FAILED_MISS
+    limit = 1.5 * max(2.0, float(np.max(np.abs(drawn), where=has_value, initial=0.0)))
     place = np.arange(len(names))
     long = sum(map(len, names)) > _LONG_LABELS
     with canvas(PAGE, 3.4 if long else 2.8) as figure:
@@ -170,7 +170,7 @@ def _misses(search: Search, table: pd.DataFrame, near: NearBest) -> Figure:
         ):
             for number, values in enumerate(np.clip(lines, -limit, limit)):
                 axes.plot(place, values, label=label if not number else None, **style)
-        lost = (~there).any(axis=0)
+        lost = (~has_value).any(axis=0)
         if lost.any():
             axes.plot(
                 place[lost],
@@ -182,10 +182,10 @@ def _misses(search: Search, table: pd.DataFrame, near: NearBest) -> Figure:
                 label="no value",
             )
         gap = ", " if long else "\n"
-        labels = [f"{name}{gap}held back" if search.targets[name].aim.held_back else name for name in names]
+        labels = [f"{name}{gap}held back" if search.targets[name].value.held_back else name for name in names]
         axes.set_xticks(place, labels, **({"rotation": 30, "ha": "right"} if long else {}))
         axes.set_yscale("symlog", linthresh=1.0)
-        axes.yaxis.set_major_formatter("{x:g}")  # 1 and -1, the reading errors, are no powers to a reader
+        axes.yaxis.set_major_formatter("{x:g}")  # 1 and -1, the reading errors, are not written as powers
         axes.set_ylim(-limit, limit)
         axes.set_xlim(-0.3, len(names) - 0.7)
         axes.set_ylabel("miss, in reading errors")
@@ -194,7 +194,7 @@ def _misses(search: Search, table: pd.DataFrame, near: NearBest) -> Figure:
 
 
 def _least_of_each(search: Search, table: pd.DataFrame) -> pd.DataFrame:
-    """For each target that counts, the set that misses it least, of those that miss the others least."""
+    """Return the set that misses each counting target least, of equal ones that with the best score."""
     rows = []
     for name in search.counted:
         order = table.assign(_miss=table[f"{MISS}{name}"].abs()).sort_values(["_miss", "score"])

@@ -1,4 +1,4 @@
-"""The job of a search: free constants, targets, and how sets are chosen."""
+"""Job of a search: free constants, targets, and options of the optimiser."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from gaitsweep import near_miss
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.fit_job import FitJob, read_file, read_fit_job, read_free, read_measure
-from gaitsweep.fitting.free import Free
+from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.optimisers import METHODS, missing_package
 from gaitsweep.fitting.robustness import ROBUST, Robust, own_constants, robust_target, wrong_robust
-from gaitsweep.fitting.targets import MISS, Aim, Target
+from gaitsweep.fitting.targets import MISS, Target, TargetValue
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, read_model, refuse, unknown_field
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Seed, Text, word
@@ -30,15 +30,15 @@ from gaitsweep.table import TableError, load
 
 # Columns of a search's table beside constants and targets.
 _COLUMNS = ("row", "generation", "score", "status", "why")
-# Sets that are measured together where the job does not say.
+# Sets that are measured together by default.
 _SETS_TOGETHER = 64
 # Sets that NSGA-III takes at a time, at most: its own time grows with their square, about a second for these.
 _MOST_OF_A_FRONT = 2048
-# Batches that a card runs at a time where the job does not say.
+# Batches that a GPU runs at a time by default.
 _SIDE_BY_SIDE = 4
 
 
-class Choice(StrictModel):
+class SearchOptions(StrictModel):
     """Settings by which a search chooses its sets."""
 
     method: Annotated[Literal["sobol", "cma", "nsga3"], word(*METHODS)] = Field(
@@ -98,26 +98,26 @@ class Choice(StrictModel):
 
 @dataclasses.dataclass(frozen=True)
 class Search:
-    """The field `search` of a job: the free constants, `targets` what is wanted, `choice` how it goes.
+    """The field `search` of a job: free constants, targets and options.
 
-    The share of a set's neighbours that keep its targets is the last of the targets, if it is asked for.
+    With `options.robust` the last target is the share of a set's neighbours that keep its targets.
     """
 
-    free: dict[str, Free]
+    free: dict[str, FreeParameter]
     targets: dict[str, Target]
-    choice: Choice
+    options: SearchOptions
 
     @property
     def counted(self) -> list[str]:
-        """The targets that count."""
-        return [name for name, target in self.targets.items() if not target.aim.held_back]
+        """Names of the targets that count."""
+        return [name for name, target in self.targets.items() if not target.value.held_back]
 
 
 @dataclasses.dataclass(frozen=True)
 class SearchJob(Search):
-    """A search as its file says it: `fit` has the job, `written` its fields.
+    """Search of a job file: `fit` has the job, `written` its fields.
 
-    `known` are the values of the sets that are measured first, those of each constant by name;
+    `known` are the sets that are measured first, values of each constant by name;
     `changing` those of the job's constants that differ between a set and its neighbours.
     """
 
@@ -133,48 +133,51 @@ class SearchJob(Search):
     @property
     def start(self) -> int:
         """Sets of the Sobol sequence with which `cma` begins."""
-        return self.choice.budget // 10 if self.choice.start is None else self.choice.start
+        return self.options.budget // 10 if self.options.start is None else self.options.start
 
     def known_points(self) -> np.ndarray:
-        """The points (m, constants) of the unit cube of the sets that are measured first."""
+        """Return the points (m, constants) of the unit cube of the sets that are measured first."""
         shares = [
-            [float(each.share([values[name]])[0]) for name, each in self.free.items()]
+            [float(parameter.share([values[name]])[0]) for name, parameter in self.free.items()]
             for values in self.known
         ]
         return np.array(shares).reshape(len(self.known), len(self.free))
 
     def sets_together(self, context: RunContext, rows_of_a_set: int) -> int:
-        """Sets that are measured together."""
-        sets = self.choice.population
+        """Return the number of sets that are measured together."""
+        sets = self.options.population
         if sets is None:
             sets = _SETS_TOGETHER
             platform = context.spec.devices[0].platform
             if platform != "cpu" and rows_of_a_set:
                 at_a_time = default_lanes(context.engine, 2**20, platform) * len(context.spec.devices)
                 sets = max(sets, math.ceil(at_a_time / rows_of_a_set))
-            if self.choice.method == "nsga3":
+            if self.options.method == "nsga3":
                 sets = min(sets, _MOST_OF_A_FRONT)
-        return min(sets, self.choice.budget)
+        return min(sets, self.options.budget)
 
     def batches_side_by_side(self, context: RunContext) -> int:
-        """Batches that run at a time."""
-        if self.choice.side_by_side is not None:
-            return self.choice.side_by_side
+        """Return the number of batches that run at a time."""
+        if self.options.side_by_side is not None:
+            return self.options.side_by_side
         return 1 if context.spec.devices[0].platform == "cpu" else _SIDE_BY_SIDE
 
     def resolved(self) -> dict[str, Any]:
-        """The job as plain values, as the result directory keeps it."""
+        """Return the job as plain values, as the result directory keeps it."""
         return self.written
 
     def hash(
         self, *, device: str, engine: str, population: int, side_by_side: int, versions: Mapping[str, str]
     ) -> str:
-        """The sha256, in hex, of what decides the sets and what is measured of them.
+        """Return the sha256, in hex, of all that determines the sets and their measures.
 
-        Optimisers draw otherwise in other versions, so these are part of it.
+        It includes versions, since optimisers of other versions draw other numbers.
         """
         decides = {
-            "job": [self.fit.job_of(each).hash(device=device, engine=engine) for each in self.fit.structures],
+            "job": [
+                self.fit.job_of(structure).hash(device=device, engine=engine)
+                for structure in self.fit.structures
+            ],
             "search": {**self.written["search"], "population": population, "side_by_side": side_by_side},
             "versions": dict(versions),
         }
@@ -182,29 +185,29 @@ class SearchJob(Search):
 
 
 def load_search(path: str | Path, overrides: Sequence[str] = ()) -> SearchJob:
-    """The search in a YAML file.
+    """Load a search from a YAML file.
 
     Args:
         path: the file.
         overrides: "key=value" each, laid over it as `gaitsweep.load_job` does.
 
     Raises:
-        JobError: all that is wrong, with file and line of each.
+        JobError: all errors, with file and line of each.
     """
     return read_file(path, overrides, read_search)
 
 
 def read_search(data: Mapping[str, Any], folder: Path) -> SearchJob:
-    """A search from its mapping; raises JobError with all that is wrong."""
+    """Read a search from its mapping; raise JobError with all errors."""
     data = plain(data)
     wrong: list[Diagnostic] = []
     search = read_search_field(data, wrong)
-    robust = search.choice.robust
-    measures = {name: target.measure for name, target in search.targets.items() if target.aim is not robust}
+    robust = search.options.robust
+    measures = {name: target.measure for name, target in search.targets.items() if target.value is not robust}
     fit = read_fit_job("search", data, folder, search.free, measures, "targets", wrong)
-    if (package := missing_package(search.choice.method)) is not None:
+    if (package := missing_package(search.options.method)) is not None:
         raise ArgumentError(
-            f"search.method {search.choice.method} needs the package {package}: "
+            f"search.method {search.options.method} needs the package {package}: "
             "pip install 'gaitsweep[search]'."
         )
     changing = {} if robust is None else own_constants(robust, fit)
@@ -212,14 +215,14 @@ def read_search(data: Mapping[str, Any], folder: Path) -> SearchJob:
     written = {key: value for key, value in data.items() if value is not None}
     if known:  # a config may change, and has to be another search then
         written["search"] = {**written["search"], "known": [dict(values) for values in known]}
-    return SearchJob(search.free, search.targets, search.choice, fit, written, known, changing)
+    return SearchJob(search.free, search.targets, search.options, fit, written, known, changing)
 
 
 def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Search:
-    """The field `search` of a job, without its model; what is wrong with it is added to `wrong`.
+    """Read the field `search` of a job, without its model; errors are added to `wrong`.
 
     Raises:
-        JobError: it cannot be read on.
+        JobError: the field is missing or not a mapping.
     """
     search = data.get("search")
     if not isinstance(search, Mapping):
@@ -228,53 +231,53 @@ def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Searc
     free = read_free(search.get("free"), ("search", "free"), wrong)
     targets = _read_targets(search.get("targets"), free, wrong)
     rest = {key: value for key, value in search.items() if key not in ("free", "targets")}
-    for key in [key for key in rest if key not in Choice.model_fields]:
-        allowed = ["free", "targets", *Choice.model_fields]
+    for key in [key for key in rest if key not in SearchOptions.model_fields]:
+        allowed = ["free", "targets", *SearchOptions.model_fields]
         wrong.append(unknown_field(("search", str(key)), "search", allowed))
         del rest[key]
-    choice = read_model(Choice, rest, ("search",), wrong)
+    options = read_model(SearchOptions, rest, ("search",), wrong)
     every = targets
-    if choice is not None and choice.robust is not None:
-        wrong.extend(wrong_robust(choice.robust, free, targets))
-        every = {**targets, ROBUST: robust_target(choice.robust)}
-    read = Search(free, every, Choice(budget=1) if choice is None else choice)
+    if options is not None and options.robust is not None:
+        wrong.extend(wrong_robust(options.robust, free, targets))
+        every = {**targets, ROBUST: robust_target(options.robust)}
+    read = Search(free, every, SearchOptions(budget=1) if options is None else options)
     if targets and not read.counted:
         wrong.append(Diagnostic(("search", "targets"), "are all held back: one of them has to count."))
-    for place, name in enumerate(read.choice.first):
+    for place, name in enumerate(read.options.first):
         if name not in targets:
-            text = f"is {name}, which is no target{near_miss.suggestion(name, targets)}"
+            text = f"is {name}, which is not a target{near_miss.suggestion(name, targets)}"
             wrong.append(Diagnostic(("search", "first", place), text))
-    if read.choice.first_within is not None and not read.choice.first:
+    if read.options.first_within is not None and not read.options.first:
         text = "has no meaning without search.first, the targets that are measured first."
         wrong.append(Diagnostic(("search", "first_within"), text))
-    if read.choice.width is not None and (read.choice.method != "cma" or read.choice.width > 1.0):
-        text = f"is {read.choice.width:g}, but is a share of the ranges, at most 1."
-        if read.choice.method != "cma":
-            text = f"has no meaning for the method {read.choice.method}: it is cma's."
+    if read.options.width is not None and (read.options.method != "cma" or read.options.width > 1.0):
+        text = f"is {read.options.width:g}, but is a share of the ranges, at most 1."
+        if read.options.method != "cma":
+            text = f"has no meaning for the method {read.options.method}: it is cma's."
         wrong.append(Diagnostic(("search", "width"), text))
-    if read.choice.method == "nsga3" and len(read.counted) == 1:
+    if read.options.method == "nsga3" and len(read.counted) == 1:
         text = "is nsga3, which needs two targets or more that count: take cma."
         wrong.append(Diagnostic(("search", "method"), text))
-    together = min(read.choice.population or _SETS_TOGETHER, read.choice.budget)
-    if choice is not None and choice.method == "nsga3" and together < len(read.counted):
-        which = "budget" if together == choice.budget else "population"
+    together = min(read.options.population or _SETS_TOGETHER, read.options.budget)
+    if options is not None and options.method == "nsga3" and together < len(read.counted):
+        which = "budget" if together == options.budget else "population"
         text = f"is {together}, but nsga3 takes as many sets at a time as targets count, {len(read.counted)}."
         wrong.append(Diagnostic(("search", which), text))
     return read
 
 
 def _known(search: Search, fit: FitJob) -> tuple[dict[str, Any], ...]:
-    """The values of the sets that are measured first, of every free constant.
+    """Read the sets that are measured first: values of every free constant.
 
     Raises:
-        JobError: all that is wrong with them.
+        JobError: all errors of these sets.
     """
     sets, wrong = [], []
-    for place, given in enumerate(search.choice.known):
+    for place, entry in enumerate(search.options.known):
         path = ("search", "known", place)
         try:
-            for name, each in _sets_of(given, search, fit.folder):
-                values = fit.own_values(each)
+            for name, known_set in _sets_of(entry, search, fit.folder):
+                values = fit.own_values(known_set)
                 outside = [
                     f"{name}has {constant} at {found(values[constant])}, {why}"
                     for constant, free in search.free.items()
@@ -285,59 +288,67 @@ def _known(search: Search, fit: FitJob) -> tuple[dict[str, Any], ...]:
                 if outside and name:  # one set of an earlier search shows which range is too narrow
                     break
         except JobError as error:
-            wrong.extend(Diagnostic(path, f"is refused: {each}") for each in error.diagnostics)
+            wrong.extend(Diagnostic(path, f"is refused: {diagnostic}") for diagnostic in error.diagnostics)
         except TableError as error:
             wrong.append(Diagnostic(path, f"is refused: {error}"))
-    if not wrong and len(sets) > search.choice.budget:
-        text = f"has {len(sets)} sets, but the budget is {search.choice.budget}."
+    if not wrong and len(sets) > search.options.budget:
+        text = f"has {len(sets)} sets, but the budget is {search.options.budget}."
         wrong.append(Diagnostic(("search", "known"), text))
     refuse(wrong)
     return tuple(sets)
 
 
 def _sets_of(
-    given: Mapping[str, Any] | str, search: Search, folder: Path
+    entry: Mapping[str, Any] | str, search: Search, folder: Path
 ) -> Iterator[tuple[str, Mapping[str, Any] | str]]:
-    """The sets that an entry of `known` stands for, each with its name in an earlier search, or ''.
+    """Yield the sets of an entry of `known`, each with its name in an earlier search, or ''.
 
     Raises:
-        TableError: a directory that is no result of a search.
+        TableError: a directory is not the result of a search.
     """
-    if not isinstance(given, str) or not (directory := folder / given).is_dir():
-        yield "", given
+    if not isinstance(entry, str) or not (directory := folder / entry).is_dir():
+        yield "", entry
         return
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a search that was stopped has sets too
         table = load(directory)
     if not {"score", "generation"} <= set(table):
-        raise TableError(f"{given} is not the result of a search: its table has no score.")
+        raise TableError(f"{entry} is not the result of a search: its table has no score.")
     constants = [name for name in search.free if name in table]
     best = table.sort_values("score", kind="stable").drop_duplicates(constants)
-    for _, row in best.head(search.choice.known_best).iterrows():
+    for _, row in best.head(search.options.known_best).iterrows():
         values = {name: search.free[name].written([row[name]])[0] for name in constants}
-        yield f"row {row['row']} of {given} ", values
+        yield f"row {row['row']} of {entry} ", values
 
 
-def _read_targets(value: Any, free: Mapping[str, Free], wrong: list[Diagnostic]) -> dict[str, Target]:
+def _read_targets(
+    value: Any, free: Mapping[str, FreeParameter], wrong: list[Diagnostic]
+) -> dict[str, Target]:
     path = ("search", "targets")
     if not isinstance(value, Mapping) or not value:
-        said = "is missing: it" if value is None else f"is {found(value)}, but"
-        wrong.append(Diagnostic(path, f"{said} takes targets by name, each with kind, at, wanted and error."))
+        begin = "is missing: it" if value is None else f"is {found(value)}, but"
+        wrong.append(
+            Diagnostic(path, f"{begin} takes targets by name, each with kind, at, wanted and error.")
+        )
         return {}
     targets = {}
-    for name, each in value.items():
-        here = (*path, str(name))
-        if not isinstance(each, Mapping):
-            wrong.append(Diagnostic(here, f"is {found(each)}, but takes fields (key: value)."))
+    for name, fields in value.items():
+        target_path = (*path, str(name))
+        if not isinstance(fields, Mapping):
+            wrong.append(Diagnostic(target_path, f"is {found(fields)}, but takes fields (key: value)."))
             continue
-        aims = {key: field for key, field in each.items() if key in Aim.model_fields}
-        aim = read_model(Aim, aims, here, wrong)
-        measured = {key: field for key, field in each.items() if key not in aims}
-        measure = read_measure(measured, here, wrong, beside=Aim)
+        aims = {key: field for key, field in fields.items() if key in TargetValue.model_fields}
+        target_value = read_model(TargetValue, aims, target_path, wrong)
+        measured = {key: field for key, field in fields.items() if key not in aims}
+        measure = read_measure(measured, target_path, wrong, beside=TargetValue)
         if not str(name).isidentifier():
-            wrong.append(Diagnostic(here, "has a name that is not of letters, digits and _: take another."))
+            wrong.append(
+                Diagnostic(target_path, "has a name that is not of letters, digits and _: take another.")
+            )
         elif str(name) in (*_COLUMNS, *free) or str(name).startswith(MISS) or str(name).endswith("_half"):
-            wrong.append(Diagnostic(here, "has the name of another column of the table: take another."))
-        if aim is not None and measure is not None:
-            targets[str(name)] = Target(str(name), measure, aim)
+            wrong.append(
+                Diagnostic(target_path, "has the name of another column of the table: take another.")
+            )
+        if target_value is not None and measure is not None:
+            targets[str(name)] = Target(str(name), measure, target_value)
     return targets

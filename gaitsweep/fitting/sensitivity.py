@@ -1,4 +1,4 @@
-"""A sensitivity analysis carried out: its sets measured into a result directory, their indices, a figure."""
+"""Execution of a sensitivity analysis: its sets in a result directory, their indices, and a figure."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 INDICES_FILE = "indices.parquet"
 FIGURE = "sensitivity.png"
 _STATUSES = ["complete", "failed"]
-# Rows of a batch that a cluster computes, at most: its job, which names each set, goes to every worker.
+# Rows of a batch on a cluster, at most: its job, which contains each set, is sent to every worker.
 _ROWS_OF_A_BATCH = 2**15
 
 # Share of an output's standard deviation by which a set may differ at half the step.
@@ -79,7 +79,7 @@ class Sensitivity:
 
     `table`: one record a set: `row`, `status` (complete, or failed where an output has no value), `why`, the
     parameters and the outputs. `indices`: one record an index, see `gaitsweep.fitting.indices.indices`.
-    `half_step` says what some sets give at half the step; `path` is the result directory, None in memory.
+    `half_step` compares some sets with half the step; `path` is the result directory, None in memory.
     """
 
     table: pd.DataFrame
@@ -88,7 +88,7 @@ class Sensitivity:
     path: Path | None = None
 
     def figure(self) -> Figure:
-        """The indices as bars with their intervals, a panel an output."""
+        """Draw the indices as bars with their intervals, a panel for each output."""
         return sensitivity_figure(self.indices)
 
 
@@ -96,59 +96,59 @@ def run_sensitivity(
     job: SensitivityJob,
     out: str | Path | None = None,
     *,
-    progress: Progress | None = None,
-    tell: Callable[[str], None] = lambda _: None,
+    on_progress: Progress | None = None,
+    on_message: Callable[[str], None] = lambda _: None,
     cluster: Cluster | None = None,
 ) -> Sensitivity:
-    """Measure the sets that a directory still lacks, then find the indices and draw them.
+    """Measure the sets that a directory still lacks, then compute and draw the indices.
 
     Args:
         job: the analysis.
         out: the result directory, `results/NAME` by default.
-        progress: told how far the sets are.
-        tell: told, in a sentence each, what was found and mended in the directory.
+        on_progress: progress callback of the sets.
+        on_message: called with each note and warning, a sentence.
         cluster: computes the rows, if this process does not; it is left open.
 
     Raises:
-        RunError, TableError: a sentence each; what was written before stays, and the next run continues.
+        RunError, TableError: the run cannot continue; rows on disk are safe, and the next run continues.
         KeyboardInterrupt: likewise.
     """
     path = RESULTS / job.name if out is None else Path(out)
-    progress = progress or (lambda *_, **__: None)
+    on_progress = on_progress or (lambda *_, **__: None)
     population = job.population()
     context = population.prepared({})
-    n, rows = job.design.n_rows, max(1, population.rows_of_a_set)  # a fixed point takes no row
+    n, rows = job.design.n_rows, max(1, population.rows_of_a_set)  # a fixed point has no row
     block = min(n, max(1, rows_of_a_part(context.job.engine.block, n * rows) // rows))
     resolved = job.resolved(context.job, context.engine)
     if context.note is not None:
-        tell(context.note)
+        on_message(context.note)
     for caveat in context.model.caveats():
-        tell(f"Warning: {caveat}")
+        on_message(f"Warning: {caveat}")
     with (
         naming_the_file(),
         ResultDirectory.open(path, resolved, job.hash(context.job_hash, block), n, block) as directory,
     ):
         for note in directory.notes:
-            tell(note)
-        continue_directory(context, directory, tell)
+            on_message(note)
+        continue_directory(context, directory, on_message)
         if missing := directory.missing_blocks():
             _describe(job, context, directory)
             together = 1
             if cluster is not None:
                 population.run_elsewhere = ClusterRows(path, cluster)
                 together = max(1, _ROWS_OF_A_BATCH // (block * rows))
-            _measure(job, population, directory, missing, together, progress)
+            _measure(job, population, directory, missing, together, on_progress)
         if not directory.manifest.get("complete"):
             directory.tidy_digests()
             directory.update_manifest(counts=directory.counts(), complete=True)
         table = load(path)
-        half_step = _at_half_the_step(job, population, directory, table, progress)
+        half_step = _at_half_the_step(job, population, directory, table, on_progress)
         if half_step is not None and half_step.many:
-            tell(f"Warning: {half_step.sentence}")
-        progress(n, n, 0.0, 1.0, "indices")
-        found = dataclasses.replace(_analysed(job, table, context.model), path=path, half_step=half_step)
-        _write(found, path)
-    return found
+            on_message(f"Warning: {half_step.sentence}")
+        on_progress(n, n, 0.0, 1.0, "indices")
+        result = dataclasses.replace(_analysed(job, table, context.model), path=path, half_step=half_step)
+        _write(result, path)
+    return result
 
 
 def _measure(
@@ -157,25 +157,25 @@ def _measure(
     directory: ResultDirectory,
     missing: list[int],
     together: int,
-    progress: Progress,
+    on_progress: Progress,
 ) -> None:
-    """Write the missing parts; the sets of so many parts `together` are one batched run."""
+    """Write the missing parts; the sets of `together` parts are one batched run."""
     n, sets, began = job.design.n_rows, job.design.sets, time.perf_counter()
     before = directory.rows_done
     spent = directory.manifest.get("timings", {}).get("run_s", 0.0)
-    progress(before, n, 0.0, before / n, "compiling")
+    on_progress(before, n, 0.0, before / n, "compiling")
     for place in range(0, len(missing), together):
         parts = [directory.rows_of(number) for number in missing[place : place + together]]
         rows = np.concatenate([np.arange(first, last) for first, last in parts])
         done = directory.rows_done
 
-        def tell(now: SweepProgress, done: int = done, size: int = rows.size) -> None:
+        def on_sweep_progress(now: SweepProgress, done: int = done, size: int = rows.size) -> None:
             so_far = done + now.share * size
             rate = (so_far - before) / max(time.perf_counter() - began, 1e-9)
-            progress(math.floor(so_far), n, rate, so_far / n, f"{now.done} of {now.rows} rows")
+            on_progress(math.floor(so_far), n, rate, so_far / n, f"{now.done} of {now.rows} rows")
 
         chosen = {name: column[rows] for name, column in sets.items()}
-        records = _records(rows, chosen, population.measure(chosen, tell))
+        records = _records(rows, chosen, population.measure(chosen, on_sweep_progress))
         for number, (first, last) in zip(missing[place : place + together], parts, strict=True):
             begin = int(np.searchsorted(rows, first))
             part = records.iloc[begin : begin + last - first].reset_index(drop=True)
@@ -186,24 +186,26 @@ def _measure(
 def _records(
     rows: np.ndarray, sets: Mapping[str, np.ndarray], measured: Mapping[str, Measured]
 ) -> pd.DataFrame:
-    """The records of the sets `rows` (n,): their status, and why outputs have no value."""
+    """Return the records of the sets `rows` (n,): their status, and why outputs have no value."""
     why = [
-        "; ".join(f"{name}: {each.why[i]}" for name, each in measured.items() if math.isnan(each.values[i]))
+        "; ".join(
+            f"{name}: {output.why[i]}" for name, output in measured.items() if math.isnan(output.values[i])
+        )
         for i in range(rows.size)
     ]
     return pd.DataFrame(
         {
             "row": rows.astype(np.int64),
-            "status": pd.Categorical(["failed" if each else "complete" for each in why], _STATUSES),
+            "status": pd.Categorical(["failed" if reason else "complete" for reason in why], _STATUSES),
             **sets,
-            **{name: each.values for name, each in measured.items()},
+            **{name: output.values for name, output in measured.items()},
             "why": why,
         }
     )
 
 
 def _describe(job: SensitivityJob, context: RunContext, directory: ResultDirectory) -> None:
-    """Say in the manifest what the columns hold, and with what the sets are run."""
+    """Write the units of the columns and the settings of the run into the manifest."""
     model = context.model
     directory.update_manifest(
         engine=context.engine,
@@ -216,7 +218,7 @@ def _describe(job: SensitivityJob, context: RunContext, directory: ResultDirecto
 
 
 def _quantities(job: SensitivityJob, model: Model) -> dict[str, dict[str, Any]]:
-    """Unit, meaning and symbol of the columns."""
+    """Return unit, meaning and symbol of the columns."""
     known = quantities_of(model)
     outputs = {
         name: {
@@ -230,9 +232,9 @@ def _quantities(job: SensitivityJob, model: Model) -> dict[str, dict[str, Any]]:
 
 
 def _meaning(measure: Measure) -> str:
-    """A measure in words: value of psi_1, at psi_1 1."""
+    """Describe a measure: value of psi_1, at psi_1 1."""
     at = ", ".join(
-        f"{name} {' '.join(f'{each:g}' for each in values)}" for name, values in measure.at.items()
+        f"{name} {' '.join(f'{value:g}' for value in values)}" for name, values in measure.at.items()
     )
     fields = {
         field.alias or name: getattr(measure, name) for name, field in type(measure).model_fields.items()
@@ -246,9 +248,9 @@ def _at_half_the_step(
     population: Population,
     directory: ResultDirectory,
     table: pd.DataFrame,
-    progress: Progress,
+    on_progress: Progress,
 ) -> HalfStep | None:
-    """Return the values of some sets at half the step, from now or from before; None where none are asked."""
+    """Compare some sets with half the step, or return the stored comparison; None if not asked for."""
     n, context = len(table), population.prepared({})
     model, asked = context.model, min(context.job.verify, n)
     known = directory.manifest.get("half_step")
@@ -258,12 +260,12 @@ def _at_half_the_step(
     if asked == 0:
         return None
 
-    def tell(now: SweepProgress) -> None:
-        progress(n, n, 0.0, 1.0, f"at half the step: {now.done} of {now.rows} rows")
+    def on_sweep_progress(now: SweepProgress) -> None:
+        on_progress(n, n, 0.0, 1.0, f"at half the step: {now.done} of {now.rows} rows")
 
     rows = np.unique(np.linspace(0, n - 1, asked).round().astype(int))
     sets = {name: column[rows] for name, column in job.design.sets.items()}
-    again = population.measure(sets, tell, 0.5)
+    again = population.measure(sets, on_sweep_progress, 0.5)
     differ, largest = {}, {}
     for name, measure in job.outputs.items():
         before, after = table[name].to_numpy(float)[rows], again[name].values
@@ -276,13 +278,13 @@ def _at_half_the_step(
         limit = SMALL * np.nanstd(values) if np.isfinite(values).any() else 0.0
         differ[name] = int(lost.sum() + (np.abs(apart[both]) > limit).sum())
         largest[name] = float(np.abs(apart[both]).max(initial=0.0))
-    found = HalfStep(asked, differ, largest)
-    directory.update_manifest(half_step=dataclasses.asdict(found))
-    return found
+    half_step = HalfStep(asked, differ, largest)
+    directory.update_manifest(half_step=dataclasses.asdict(half_step))
+    return half_step
 
 
 def _analysed(job: SensitivityJob, table: pd.DataFrame, model: Model) -> Sensitivity:
-    """The indices of a complete table; the failures are an output of their own where there are some."""
+    """Compute the indices of a complete table; failures, if any, are another output."""
     outputs = {
         name: Output(table[name].to_numpy(float), measure.unit(model), measure.circular(model))
         for name, measure in job.outputs.items()
@@ -290,19 +292,19 @@ def _analysed(job: SensitivityJob, table: pd.DataFrame, model: Model) -> Sensiti
     failed = (table["status"].astype(str) == "failed").to_numpy()
     if failed.any():
         outputs[FAILURES] = Output(failed.astype(float))
-    found = indices(job.design, outputs, job.analysis.seed)
-    found.attrs["quantities"] = _quantities(job, model)
-    return Sensitivity(table, found)
+    index_table = indices(job.design, outputs, job.analysis.seed)
+    index_table.attrs["quantities"] = _quantities(job, model)
+    return Sensitivity(table, index_table)
 
 
-def _write(found: Sensitivity, path: Path) -> None:
+def _write(result: Sensitivity, path: Path) -> None:
     with writing(f"{path / INDICES_FILE} could not be written"):
         replace_file(
             path / INDICES_FILE,
-            lambda file: found.indices.to_parquet(file, index=False, write_page_checksum=True),
+            lambda file: result.indices.to_parquet(file, index=False, write_page_checksum=True),
         )
     with writing(f"{path / FIGURES / FIGURE} could not be written"):
         (path / FIGURES).mkdir(exist_ok=True)
         replace_file(
-            path / FIGURES / FIGURE, lambda file: found.figure().savefig(file, format="png", dpi=150)
+            path / FIGURES / FIGURE, lambda file: result.figure().savefig(file, format="png", dpi=150)
         )

@@ -1,4 +1,4 @@
-"""The job of a sensitivity analysis: constants with ranges, outputs, and the method."""
+"""Job of a sensitivity analysis: constants with ranges, outputs, and the method."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from gaitsweep.fitting.fit_job import (
     wrong_constants,
     wrong_measures,
 )
-from gaitsweep.fitting.free import Free
+from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measures import Measure
 from gaitsweep.fitting.population import Population
 from gaitsweep.job import Job
@@ -35,7 +35,7 @@ from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, read_model
 from gaitsweep.schema.numbers import Count, Seed, word
 from gaitsweep.schema.strict_model import StrictModel
 
-# The output that tells which sets fail.
+# The output that is 1 for sets that fail.
 FAILURES = "failures"
 # Columns of the table of sets, beside parameters and outputs.
 COLUMNS = ("row", "status", "why")
@@ -59,10 +59,10 @@ class Analysis(StrictModel):
 
 @dataclasses.dataclass(frozen=True)
 class SensitivityJob:
-    """A sensitivity analysis as its file says it.
+    """Sensitivity analysis of a job file.
 
-    `fit` has the job with the ranges of its parameters, `base` the job's own values of them; `written` is
-    what stands under `sensitivity`.
+    `fit` has the job with the ranges of its parameters, `base` the job's own values of them; `written` is the
+    field `sensitivity`.
     """
 
     fit: FitJob
@@ -75,8 +75,8 @@ class SensitivityJob:
         return self.fit.name
 
     @property
-    def parameters(self) -> dict[str, Free]:
-        """The ranges by parameter."""
+    def parameters(self) -> dict[str, FreeParameter]:
+        """Ranges by parameter."""
         return self.fit.free
 
     @property
@@ -90,29 +90,29 @@ class SensitivityJob:
 
     @functools.cached_property
     def design(self) -> SensitivityDesign:
-        """The sets of parameters, a row of the table each."""
+        """Sets of parameters, a row of the table each."""
         chosen = self.analysis
         return design_of(chosen.method, chosen.n, chosen.seed, self.parameters, self.base)
 
     def population(self) -> Population:
-        """Population that measures the sets; parameters that are not among them keep the job's values."""
+        """Create the population that measures the sets; other parameters keep the job's values."""
         return _own_values(self.fit).population()
 
     def resolved(self, job: Job, engine: str) -> dict[str, Any]:
-        """The job as plain values, as the result directory keeps it, and as it can be run again."""
-        kept = {
+        """Return the job as plain values, as the result directory keeps it, and as it can be run again."""
+        job_fields = {
             name: value
             for name, value in job.resolved(engine=engine).items()
             if name not in ("vary", "figures")
         }
-        return {**kept, "sensitivity": self.written}
+        return {**job_fields, "sensitivity": self.written}
 
     def hash(self, job_hash: str, block: int) -> str:
-        """The sha256, in hex, of what decides the sets and what is measured of them.
+        """Return the sha256, in hex, of all that determines the sets and their measures.
 
         Args:
-            job_hash: that of the job with its own values.
-            block: the sets of a part.
+            job_hash: hash of the job with its own values.
+            block: number of sets of a part.
         """
         decides = {
             "job": job_hash,
@@ -124,23 +124,23 @@ class SensitivityJob:
 
 
 def load_sensitivity(path: str | Path, overrides: Sequence[str] = ()) -> SensitivityJob:
-    """The sensitivity analysis in a YAML file.
+    """Load a sensitivity analysis from a YAML file.
 
     Args:
         path: the file.
         overrides: "key=value" each, laid over it as `gaitsweep.load_job` does.
 
     Raises:
-        JobError: all that is wrong, with file and line of each.
+        JobError: all errors, with file and line of each.
     """
     return read_file(path, overrides, read_sensitivity)
 
 
 def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
-    """A sensitivity analysis from its mapping.
+    """Read a sensitivity analysis from its mapping.
 
     Raises:
-        JobError: all that is wrong.
+        JobError: all errors.
         ArgumentError: the package of the method is not installed.
     """
     wrong: list[Diagnostic] = []
@@ -178,29 +178,33 @@ def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
     return SensitivityJob(fit, {name: own[name] for name in free}, analysis, dict(written))
 
 
-def _read_parameters(value: Any, wrong: list[Diagnostic]) -> tuple[dict[str, Free], dict[str, float]]:
-    """The parameters with a range, and those with a share of the job's value around it."""
+def _read_parameters(
+    value: Any, wrong: list[Diagnostic]
+) -> tuple[dict[str, FreeParameter], dict[str, float]]:
+    """Read the parameters with a range, and those with a share of the job's value."""
     path = ("sensitivity", "parameters")
     if not isinstance(value, Mapping) or not value:
         text = f"is {found(value)}, but takes ranges by name, such as kappa: 10% or kappa: [1, 2]."
         wrong.append(Diagnostic(path, text))
         return {}, {}
     ranges, shares = {}, {}
-    for key, each in value.items():
-        name, here = str(key), (*path, str(key))
-        if isinstance(each, list | Mapping):
-            read = read_free({name: each}, path, wrong)
+    for key, written in value.items():
+        name, parameter_path = str(key), (*path, str(key))
+        if isinstance(written, list | Mapping):
+            read = read_free({name: written}, path, wrong)
             if name in read and read[name].choices is not None:
-                wrong.append(Diagnostic(here, "has choices, but takes a range of numbers."))
+                wrong.append(Diagnostic(parameter_path, "has choices, but takes a range of numbers."))
             else:
                 ranges |= read
             continue
-        match = _PER_CENT.fullmatch(each) if isinstance(each, str) else None
+        match = _PER_CENT.fullmatch(written) if isinstance(written, str) else None
         if match is None:
-            text = f"is {found(each)}, but takes [low, high], or a share of the job's value such as 10%."
-            wrong.append(Diagnostic(here, text))
+            text = f"is {found(written)}, but takes [low, high], or a share of the job's value such as 10%."
+            wrong.append(Diagnostic(parameter_path, text))
         elif not 0.0 < (share := float(match[1]) / 100.0) <= 1.0:
-            wrong.append(Diagnostic(here, f"is {found(each)}, but must be above 0% and at most 100%."))
+            wrong.append(
+                Diagnostic(parameter_path, f"is {found(written)}, but must be above 0% and at most 100%.")
+            )
         else:
             shares[name] = share
     return ranges, shares
@@ -213,20 +217,20 @@ def _read_outputs(value: Any, parameters: Iterable[str], wrong: list[Diagnostic]
         return {}
     taken = {*COLUMNS, FAILURES, *parameters}
     outputs = {}
-    for key, each in value.items():
-        name, here = str(key), (*path, str(key))
+    for key, fields in value.items():
+        name, output_path = str(key), (*path, str(key))
         if name in taken or not name.isidentifier():
             text = "names a column of the table: take another name of letters, digits and _."
-            wrong.append(Diagnostic(here, text))
-        if (measure := read_measure(each, here, wrong)) is not None:
+            wrong.append(Diagnostic(output_path, text))
+        if (measure := read_measure(fields, output_path, wrong)) is not None:
             outputs[name] = measure
     return outputs
 
 
 def _read_analysis(
-    written: Mapping[str, Any], ranges: Mapping[str, Free], k: int, wrong: list[Diagnostic]
+    written: Mapping[str, Any], ranges: Mapping[str, FreeParameter], k: int, wrong: list[Diagnostic]
 ) -> Analysis | None:
-    """The analysis of k parameters, of which some have ranges; what is wrong is added to `wrong`."""
+    """Read the settings of an analysis of k parameters, some with ranges; errors are added to `wrong`."""
     rest = {key: value for key, value in written.items() if key not in ("parameters", "outputs")}
     for key in [key for key in rest if key not in Analysis.model_fields]:
         allowed = ["parameters", "outputs", *Analysis.model_fields]
@@ -252,23 +256,23 @@ def _read_analysis(
         wrong.append(Diagnostic(path, text))
     elif (sets := n * (k + (1 if method == "morris" else 2))) > MOST_SETS:
         wrong.append(Diagnostic(path, f"is {n}, which makes {sets} sets; there are at most {MOST_SETS}."))
-    for name, each in ranges.items():
-        if method == "morris" and each.whole:
+    for name, parameter in ranges.items():
+        if method == "morris" and parameter.whole:
             text = "is whole, but the steps of morris are shares of a range: take sobol or one_at_a_time."
             wrong.append(Diagnostic(("sensitivity", "parameters", name), text))
     return analysis
 
 
 def _written(measure: Measure) -> dict[str, Any]:
-    """The fields of a measure as plain values: the run of one may be a part of its own."""
-    return {name: each.model_dump() if isinstance(each, StrictModel) else each for name, each in measure}
+    """Return the fields of a measure as plain values, its run included."""
+    return {name: value.model_dump() if isinstance(value, StrictModel) else value for name, value in measure}
 
 
 def _own_values(fit: FitJob) -> FitJob:
-    """The job with its own values of all parameters; a start without one is in the middle of its range."""
+    """Return the job with its own values; a start without a value is in the middle of its range."""
     needed = {
-        name: each
-        for name, each in fit.free.items()
+        name: parameter
+        for name, parameter in fit.free.items()
         if name in fit.spec.starts
         and fit.spec.starts[name].default is None
         and name not in (fit.given.get("start") or {})
@@ -277,7 +281,7 @@ def _own_values(fit: FitJob) -> FitJob:
 
 
 def _follow_conditions(job: Job, names: Iterable[str], outputs: Mapping[str, Measure]) -> list[Diagnostic]:
-    """Parameters whose own value is a formula of what outputs set, so that there is no one value."""
+    """Return errors of parameters whose value is a formula of what outputs set, so it is not unique."""
     set_by_outputs = {name for measure in outputs.values() for name in measure.at}
     wrong = []
     for name in names:
@@ -287,12 +291,12 @@ def _follow_conditions(job: Job, names: Iterable[str], outputs: Mapping[str, Mea
     return wrong
 
 
-def _around(name: str, value: float, share: float, wrong: list[Diagnostic]) -> Free | None:
-    """The range from `share` below a value to `share` above it."""
+def _around(name: str, value: float, share: float, wrong: list[Diagnostic]) -> FreeParameter | None:
+    """Return the range from `share` below a value to `share` above it."""
     if not np.isfinite(value) or value == 0.0:
         has = "is 0 in this job" if value == 0.0 else "has no value in this job"
         text = f"{has}, of which a share is no range: give [low, high]."
         wrong.append(Diagnostic(("sensitivity", "parameters", name), text))
         return None
     low, high = sorted((value * (1.0 - share), value * (1.0 + share)))
-    return Free(low=low, high=high)
+    return FreeParameter(low=low, high=high)

@@ -1,4 +1,4 @@
-"""Targets of a search: measures with the values that they should have, and the misses of a set."""
+"""Targets of a search: measures with target values, and the misses of a set."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from gaitsweep.schema.diagnostics import found
 from gaitsweep.schema.numbers import Flag, InvalidValue, Positive, checked, read_real
 from gaitsweep.schema.strict_model import StrictModel
 
-# The miss of a target without a value, in reading errors: more than that of values that mean something.
+# The miss of a target without a value, in reading errors: more than that of any meaningful value.
 FAILED_MISS = 1.0e4
 
 # Names of the columns of misses.
 MISS = "miss_"
 
 
-def _read_wanted(value: Any) -> tuple[float, float]:
+def _read_value_or_range(value: Any) -> tuple[float, float]:
     if isinstance(value, list | tuple):
         if len(value) != 2:
             raise InvalidValue(f"is {found(value)}, but takes a number, or [low, high].")
-        low, high = (read_real(each) for each in value)
+        low, high = (read_real(end) for end in value)
         if low > high:
             raise InvalidValue(f"is {found(value)}, but low is not above high.")
         return low, high
@@ -34,17 +34,17 @@ def _read_wanted(value: Any) -> tuple[float, float]:
     return number, number
 
 
-Wanted = Annotated[
+ValueOrRange = Annotated[
     tuple[float, float],
-    PlainValidator(checked(_read_wanted)),
+    PlainValidator(checked(_read_value_or_range)),
     WithJsonSchema({"type": ["number", "array"]}),
 ]
 
 
-class Aim(StrictModel):
+class TargetValue(StrictModel):
     """Target value of a measure."""
 
-    wanted: Wanted = Field(description="the value, or [low, high] between which all are right")
+    wanted: ValueOrRange = Field(description="the value, or [low, high] between which all are right")
     error: Positive = Field(description="the reading error, by which misses are divided")
     held_back: Flag = Field(
         default=False, description="measured, but not part of the score: kept to judge what was found"
@@ -52,34 +52,34 @@ class Aim(StrictModel):
 
 
 class Target:
-    """A measure, and what it should come to.
+    """A measure with its target value.
 
     Args:
-        name: of the target.
-        measure: what is measured.
-        aim: what it should come to.
+        name: name of the target.
+        measure: the measure.
+        value: its target value.
     """
 
-    def __init__(self, name: str, measure: Measure, aim: Aim) -> None:
-        self.name, self.measure, self.aim = name, measure, aim
+    def __init__(self, name: str, measure: Measure, value: TargetValue) -> None:
+        self.name, self.measure, self.value = name, measure, value
 
     def shown(self, values: np.ndarray, model: Model) -> np.ndarray:
-        """Values (n,) as the table has them: angles within half a turn of what is wanted."""
+        """Return values (n,) for the table: angles within half a turn of the target value."""
         if not self.measure.circular(model):
             return values
-        middle = 0.5 * sum(self.aim.wanted)
+        middle = 0.5 * sum(self.value.wanted)
         return middle + wrapped_difference(values - middle)
 
     def misses(self, measured: Measured, model: Model) -> np.ndarray:
-        """Distance of values (n,) from the target, in reading errors; at most FAILED_MISS."""
+        """Return the distance of values (n,) from the target, in reading errors; at most FAILED_MISS."""
         values = self.shown(measured.values, model)
-        low, high = self.aim.wanted
+        low, high = self.value.wanted
         beyond = np.where(values < low, values - low, np.where(values > high, values - high, 0.0))
-        misses = np.clip(beyond / self.aim.error, -FAILED_MISS, FAILED_MISS)
+        misses = np.clip(beyond / self.value.error, -FAILED_MISS, FAILED_MISS)
         return np.where(np.isnan(values), FAILED_MISS, misses)
 
 
 def scores(misses: Mapping[str, np.ndarray], targets: Mapping[str, Target]) -> np.ndarray:
-    """The root mean squares (n,) of the misses that count, in reading errors."""
-    counted = [misses[name] for name, target in targets.items() if not target.aim.held_back]
+    """Compute the root mean squares (n,) of the misses that count, in reading errors."""
+    counted = [misses[name] for name, target in targets.items() if not target.value.held_back]
     return np.sqrt(np.mean(np.square(counted), axis=0))

@@ -144,16 +144,16 @@ def _stalled_by(records: Records) -> pd.Categorical:
     names = model.guard_names if isinstance(model, HybridModel) else ()
     words = records.of_row(records.block.fired)
     stalled = np.flatnonzero(words.any(axis=1))  # few, if any
-    told = [
+    guards = [
         # an event may have several guards
         " and ".join(
             dict.fromkeys(names[i] if i < len(names) else f"guard {i + 1}" for i in np.flatnonzero(row))
         )
         for row in unpacked(words[stalled])
     ]
-    categories = sorted(set(told))
+    categories = sorted(set(guards))
     codes = np.full(len(words), -1)
-    codes[stalled] = [categories.index(each) for each in told]
+    codes[stalled] = [categories.index(each) for each in guards]
     return pd.Categorical.from_codes(codes, categories=categories)
 
 

@@ -18,7 +18,7 @@ from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import STATUSES, Column, gaits, observed
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints, gait_numbers, unknowns
-from gaitsweep.kinds.run_kind import Between, Cost, path_values, table_columns
+from gaitsweep.kinds.run_kind import BlockProgress, Cost, path_values, table_columns
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Real, Text
 
@@ -101,10 +101,10 @@ class Continuation(FollowsFixedPoints):
         return Cost(likely, most, max(points, 1.0))
 
     def block_table(
-        self, rows: Design, spec: SweepSpec, first: int, last: int, between: Between
+        self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
     ) -> pd.DataFrame:
-        """The branches of rows first..last-1; `between` is called before each of their steps."""
-        mapping, values, table = self.followed(rows, spec, np.arange(first, last), between)
+        """The branches of rows first..last-1; `on_progress` is called before each of their steps."""
+        mapping, values, table = self.followed(rows, spec, np.arange(first, last), on_progress)
         row = table["row"].to_numpy(np.int64)
         axes = {name: each[row] for name, each in rows.columns(first, last).items()}
         renamed = {q.name: f"{q.name}_n" for q in rows.model.observables}
@@ -127,7 +127,12 @@ class Continuation(FollowsFixedPoints):
         return table if found.any() else table.assign(stable=pd.Series([None] * len(table), dtype=object))
 
     def followed(
-        self, rows: Design, spec: SweepSpec, numbers: np.ndarray, between: Between, with_points: bool = False
+        self,
+        rows: Design,
+        spec: SweepSpec,
+        numbers: np.ndarray,
+        on_progress: BlockProgress,
+        with_points: bool = False,
     ) -> tuple[BatchedReturnMap, dict[str, Any], pd.DataFrame]:
         """The branches of the rows `numbers` (n,), as `analysis.continuation` gives them.
 
@@ -147,7 +152,7 @@ class Continuation(FollowsFixedPoints):
             begin=begin,
             towards=1 if end > begin else -1,
             fix=self.fix,
-            steps=ArclengthSteps(self.step, self.longest, self.shortest, self.most, between),
+            steps=ArclengthSteps(self.step, self.longest, self.shortest, self.most, on_progress),
             shown=(),
             with_points=with_points,
             crossing=self.crossing,

@@ -24,7 +24,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.expression import ExpressionError
 from gaitsweep.kinds.columns import STATUSES, Column, gaits, observed
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints, gait_numbers, unknowns
-from gaitsweep.kinds.run_kind import Between, Cost, Movement, path_values, table_columns
+from gaitsweep.kinds.run_kind import BlockProgress, Cost, Movement, path_values, table_columns
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.numbers import Count, Positive, Real, Text
 
@@ -139,9 +139,9 @@ class Folds(FollowsFixedPoints):
         return Cost(likely, most, max(points, 1.0))
 
     def block_table(
-        self, rows: Design, spec: SweepSpec, first: int, last: int, between: Between
+        self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
     ) -> pd.DataFrame:
-        """The curves of rows first..last-1; `between` is called before each of their steps."""
+        """The curves of rows first..last-1; `on_progress` is called before each of their steps."""
         mapping, values, starts = self.return_map(rows, spec, np.arange(first, last))
         points, _ = mapping.settled(starts, values, self.settle)
         curves = []
@@ -149,8 +149,8 @@ class Folds(FollowsFixedPoints):
             mine = {name: np.broadcast_to(each, (last - first,))[[row]] for name, each in values.items()}
             counted = itertools.count(1)
 
-            def told(row: int = row, counted: Iterator[int] = counted) -> None:
-                between(f"folds: step {next(counted)} of row {first + row}")
+            def on_step(row: int = row, counted: Iterator[int] = counted) -> None:
+                on_progress(f"folds: step {next(counted)} of row {first + row}")
 
             curve = fold_curves(
                 mapping,
@@ -160,7 +160,7 @@ class Folds(FollowsFixedPoints):
                 within=self.within,
                 begin={name: mine[name] for name in self.parameters},
                 fix=self.fix,
-                steps=ArclengthSteps(self.step, self.longest, self.shortest, self.most, told),
+                steps=ArclengthSteps(self.step, self.longest, self.shortest, self.most, on_step),
             )
             curves.append(curve.assign(row=row))
         table = pd.concat(curves, ignore_index=True)

@@ -35,8 +35,8 @@ class Movement:
     valued: Path
 
 
-class Between(Protocol):
-    """Callback between the steps of a run kind that makes its own table, with a note on its progress."""
+class BlockProgress(Protocol):
+    """Callback on_progress the steps of a run kind that makes its own table, with a note on its progress."""
 
     def __call__(self, note: str = "") -> None: ...
 
@@ -176,9 +176,9 @@ class RunKind(StrictModel):
         return pd.DataFrame(found)
 
     def block_table(
-        self, rows: Design, spec: SweepSpec, first: int, last: int, between: Between
+        self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
     ) -> pd.DataFrame:
-        """The records of rows first..last-1 if `own_blocks`; `between` is called repeatedly meanwhile."""
+        """The records of rows first..last-1 if `own_blocks`; `on_progress` is called repeatedly meanwhile."""
         raise NotImplementedError
 
     def starting_points(

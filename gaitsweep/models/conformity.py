@@ -346,8 +346,8 @@ def _named(name: str, found: Any, kind: str, wanted: Iterable[str]) -> None:
     given = list(found) if isinstance(found, Mapping) else []
     for each in wanted:
         if each not in given:
-            told = ", ".join(map(str, given)) or "no names"
-            raise _Fault(f"{name} does not return {each}, one of its {kind}; it returns {told}.")
+            outputs = ", ".join(map(str, given)) or "no names"
+            raise _Fault(f"{name} does not return {each}, one of its {kind}; it returns {outputs}.")
         _scalar(f"{name}, {each},", found[each])
 
 

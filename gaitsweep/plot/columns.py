@@ -139,8 +139,8 @@ def row_names(table: pd.DataFrame, without: Sequence[str] = ()) -> dict[Any, str
     values = [firsts[name].tolist() for name in differ]
     names = {}
     for at, row in enumerate(firsts["row"].tolist()):
-        told = [written(table, name, value[at]) for name, value in zip(differ, values, strict=True)]
-        names[row] = ", ".join(told) or f"row {row}"
+        texts = [written(table, name, value[at]) for name, value in zip(differ, values, strict=True)]
+        names[row] = ", ".join(texts) or f"row {row}"
     return names
 
 

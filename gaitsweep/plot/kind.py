@@ -176,8 +176,8 @@ class FigureKind(StrictModel):
                           for at, each in enumerate(written)]  # fmt: skip
         for path, text in texts:
             if not can_be_set(text):
-                told = f"is {found(text)}, whose formula Matplotlib cannot typeset"
-                yield path, f"{told}: write TeX between two dollar signs, and \\$ for a dollar sign."
+                begin = f"is {found(text)}, whose formula Matplotlib cannot typeset"
+                yield path, f"{begin}: write TeX between two dollar signs, and \\$ for a dollar sign."
 
     def __reduce__(self) -> tuple[Callable[..., FigureKind], tuple[str, dict[str, Any]]]:
         return _unpickled, (self.kind_name, dict(self))  # the class of a function has no name in its module

@@ -49,10 +49,10 @@ def _rows_there(table: pd.DataFrame, manifest: Mapping[str, Any]) -> int | None:
     return there if there < rows else None
 
 
-def mark(figure: Figure, told: list[str]) -> None:
+def mark(figure: Figure, notes: list[str]) -> None:
     """Write remarks into the upper right corner of a figure, in an added band."""
-    text = "; ".join(told)
-    if not told or text in (each.get_text() for each in figure.texts):  # one figure may draw another
+    text = "; ".join(notes)
+    if not notes or text in (each.get_text() for each in figure.texts):  # one figure may draw another
         return
     width, height = figure.get_size_inches()
     share = _BAND / (height + _BAND)

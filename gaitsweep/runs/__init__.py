@@ -1,1 +1,1 @@
-"""Jobs carried out: prepared, run, checked, and their results."""
+"""Execution of jobs: preparation, runs, self-checks and results."""

@@ -25,16 +25,16 @@ class MissingPackageError(UserError, ImportError):
 
 
 def dataset_of(table: pd.DataFrame) -> xarray.Dataset:
-    """The table as a dataset on the grid of its job.
+    """Convert a table into a dataset on the grid of its job.
 
     Args:
-        table: a whole table, as `load` gives it, with its `.attrs`.
+        table: a whole table as returned by `load`, with its `.attrs`.
 
     Returns:
         Dimensions: each axis by its name, `point` (`point_2`, ...) for each `zip` or `sample`, and `record`
         where rows have several records. Coordinates: what varies. Variables have `units` and `long_name`.
         Names (`status`, `gait`) are integers with `flag_values` and `flag_meanings`, -1 where there is none.
-        Where rows or records are missing, numbers are NaN.
+        Numbers of missing rows or records are NaN.
 
     Raises:
         MissingPackageError: xarray is not installed.
@@ -88,7 +88,7 @@ def dataset_of(table: pd.DataFrame) -> xarray.Dataset:
 
 
 def _axes(vary: Mapping[str, Any]) -> list[tuple[str, tuple[str, ...], int]]:
-    """The dimension, the names that move along it, and its length, of each axis of a resolved job."""
+    """Return dimension, names that vary along it, and length of each axis of a resolved job."""
     lengths = (written_length(form, group) for form, group in written_groups(vary))
     groups = zip(written_names(vary), lengths, strict=True)
     points = itertools.chain([POINT], (f"{POINT}_{number}" for number in itertools.count(2)))
@@ -96,7 +96,7 @@ def _axes(vary: Mapping[str, Any]) -> list[tuple[str, tuple[str, ...], int]]:
 
 
 def _numbers(column: Any) -> tuple[np.ndarray, dict[str, Any]]:
-    """A column as numbers, with the attributes that say what integers stand for."""
+    """Convert a column to numbers, with the attributes that name the meaning of integers."""
     if not isinstance(column.dtype, pd.CategoricalDtype):
         if not pd.api.types.is_numeric_dtype(column.dtype):
             return _numbers(column.astype("category"))
@@ -108,7 +108,7 @@ def _numbers(column: Any) -> tuple[np.ndarray, dict[str, Any]]:
 
 
 def _spread(values: np.ndarray, place: np.ndarray, shape: tuple[int, ...], flags: bool) -> np.ndarray:
-    """Values (n,) at their places of the grid; NaN, or -1 for flags, where there is none."""
+    """Place values (n,) on the grid; NaN, or -1 for flags, elsewhere."""
     size = int(np.prod(shape))
     if not flags and values.size < size:
         values = values.astype(np.float64)
@@ -118,10 +118,10 @@ def _spread(values: np.ndarray, place: np.ndarray, shape: tuple[int, ...], flags
 
 
 def _along(values: np.ndarray, axis: int) -> np.ndarray | None:
-    """Values (n,) along one axis, where they are the same along all others; NaN stands for no record."""
+    """Return values (n,) along one axis if they are equal along all others; NaN stands for no record."""
     moved = np.moveaxis(values, axis, 0).reshape(values.shape[axis], -1)
     low, high = (
-        each(moved, axis=1, initial=end, where=~np.isnan(moved))
-        for each, end in ((np.min, np.inf), (np.max, -np.inf))
+        reduce(moved, axis=1, initial=end, where=~np.isnan(moved))
+        for reduce, end in ((np.min, np.inf), (np.max, -np.inf))
     )
     return low if np.array_equal(low, high) else None

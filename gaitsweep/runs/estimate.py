@@ -1,4 +1,4 @@
-"""Estimate of what a job needs, before it runs: rows, memory, disk and time."""
+"""Estimate of the rows, memory, disk space and time of a job, before it runs."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ BYTES_A_PART, BYTES_A_COLUMN, BYTES_A_REPEAT = 900, 280, 0.3
 
 @dataclasses.dataclass(frozen=True)
 class Estimate:
-    """Needs of a job. `seconds` is the likely time, `seconds_most` that of rows at their limits.
+    """Estimate of a job: `seconds` is the likely time, `seconds_most` that of rows at their limits.
 
     `simulated`: the rows that are likely run; fewer than `rows` where a run refines. `records`: those of the
     table, several for a row where a run records its way; `disk_bytes` are the table's. `steps` are those that
@@ -63,7 +63,7 @@ def estimate(job: Job) -> Estimate:
     """Estimate a job's needs from its first rows, which are run for a few chunks; nothing is written.
 
     Raises:
-        RunError: the job asks for what is not here.
+        RunError: a device or an engine that the job asks for is not available.
     """
     context = prepare(job)
     spec = context.spec
@@ -78,7 +78,7 @@ def estimate(job: Job) -> Estimate:
     columns = table_columns(context.design, job.run)
     a_record = _bytes_of_record(context.design, job)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-    kept = min(spec.block, spec.n_rows) * cost.records * len(columns) * BYTES_A_NUMBER
+    block_bytes = min(spec.block, spec.n_rows) * cost.records * len(columns) * BYTES_A_NUMBER
     blocks = math.ceil(spec.n_rows / spec.block)
     written = simulated * cost.records * a_record + (spec.n_rows - simulated) * BYTES_A_REPEAT * len(columns)
     return Estimate(
@@ -86,7 +86,7 @@ def estimate(job: Job) -> Estimate:
         simulated=simulated,
         records=round(spec.n_rows * cost.records),
         blocks=blocks,
-        memory_bytes=int(peak + 2 * kept),
+        memory_bytes=int(peak + 2 * block_bytes),
         disk_bytes=int(written + blocks * (BYTES_A_PART + BYTES_A_COLUMN * len(columns))),
         seconds=pace.compile_s + pace.seconds(rounds * slots, cost.likely, spec),
         seconds_most=pace.compile_s + pace.seconds(rounds_most * slots, cost.most, spec),
@@ -99,7 +99,7 @@ def estimate(job: Job) -> Estimate:
 
 
 def _bytes_of_record(design: Design, job: Job) -> float:
-    """Bytes of a record in a table: eight for each number that no other record has."""
+    """Return the bytes of a record in a table: eight for each number that differs between records."""
     columns = job.run.all_columns(design.model)
     own = sum(not column.repeats for column in columns)
     if job.run.one_a_row:  # so that each has its own point of a sample
@@ -128,7 +128,7 @@ class Measured:
     crossings: float
 
     def seconds(self, rows: float, attempts: float, spec: SweepSpec) -> float:
-        """The time (s) of so many rows, with so many attempts each."""
+        """Return the time (s) that rows take, with a number of attempts each."""
         steps, host = rows * attempts / self.rate, min(rows, spec.n_rows) * self.host_s
         # on a CPU the host's work takes cores from the rows
         cores = spec.devices[0].platform == "cpu"
@@ -136,30 +136,30 @@ class Measured:
 
 
 def _measured(context: RunContext) -> Measured:
-    """Run a chunk of the first rows, for how fast it goes and how far it comes."""
+    """Run a chunk of the first rows, and measure its speed and the simulated time."""
     spec = context.spec
     began = time.perf_counter()
     pool = LaneScheduler(spec, range(math.ceil(spec.n_rows / spec.block)))
     pool.begin()
     compile_s = time.perf_counter() - began
     began = time.perf_counter()
-    given = pool.together(polls_per_chunk(spec))
+    outputs = pool.together(polls_per_chunk(spec))
     spent = time.perf_counter() - began
     at_a_time = sum(group.at_a_time for group in pool.groups)
     rate = at_a_time * POLL_INTERVAL * polls_per_chunk(spec) / spent
     host_s = _host_s(context, pool)
     pool.end()
-    ran = sum(int(np.count_nonzero(group.block_of >= 0)) for group, _ in given)
+    ran = sum(int(np.count_nonzero(group.block_of >= 0)) for group, _ in outputs)
 
     def total(of: Callable[[ChunkOutput], Any]) -> float:
-        return float(sum(np.sum(of(output)[group.block_of >= 0]) for group, output in given))
+        return float(sum(np.sum(of(output)[group.block_of >= 0]) for group, output in outputs))
 
     simulated, crossings = (
         total(lambda output: output.numbers["t_end"]),
         total(lambda output: output.numbers["cycles"]),
     )
     nominal = 1.0 / nominal_period(context.design)
-    if crossings < 2.0 * ran:  # too few to tell
+    if crossings < 2.0 * ran:  # too few for a mean
         crossings = nominal * simulated
     if not simulated > 0.0:
         return Measured(
@@ -170,7 +170,7 @@ def _measured(context: RunContext) -> Measured:
 
 
 def _host_s(context: RunContext, pool: LaneScheduler) -> float:
-    """The host's work for a row (s): to open it, to label it and to write its record.
+    """Measure the host's work for a row (s): opening it, labelling it and writing its record.
 
     It is 0 for a kind that makes its own table, where this work is part of the steps.
     """

@@ -1,4 +1,4 @@
-"""A job carried out: its rows through the engine into a result directory, and its figures.
+"""Execution of a job: its rows through the engine into a result directory, and its figures.
 
 `run_job` is what `gaitsweep run` and `gaitsweep.run(...)` do. Run again, it continues where it stopped.
 """
@@ -48,8 +48,8 @@ def run_job(
     job: Job,
     out: str | Path | None = None,
     *,
-    progress: Progress | None = None,
-    tell: Callable[[str], None] = lambda _: None,
+    on_progress: Progress | None = None,
+    on_message: Callable[[str], None] = lambda _: None,
     figures: bool = True,
     strict: bool = False,
     cluster: Cluster | None = None,
@@ -59,8 +59,8 @@ def run_job(
     Args:
         job: the job.
         out: its result directory, `results/NAME` by default.
-        progress: told how far the run is.
-        tell: told, in a sentence each, what was found and mended in the directory.
+        on_progress: progress callback.
+        on_message: called with each note and warning, a sentence.
         figures: draw the job's figures at the end.
         strict: raise SelfCheckError where the run's self-check warns.
         cluster: computes the blocks, if this process does not; it is left open.
@@ -69,16 +69,16 @@ def run_job(
         The result directory.
 
     Raises:
-        RunError, TableError: a sentence each; what was written before stays, and the next run continues.
+        RunError, TableError: the run cannot continue; rows on disk are safe, and the next run continues.
         KeyboardInterrupt: likewise.
         FigureError: the table is complete, but a figure of it could not be drawn.
     """
     path = RESULTS / job.name if out is None else Path(out)
-    progress = progress or (lambda *_, **__: None)
+    on_progress = on_progress or (lambda *_, **__: None)
     context = prepare(job)
     spec = context.spec
     if context.note is not None:
-        tell(context.note)
+        on_message(context.note)
     resolved = job.resolved(engine=context.engine)
     with (
         naming_the_file(),
@@ -86,38 +86,38 @@ def run_job(
         _SelfCheck(context, directory) as check,
     ):
         for note in directory.notes:
-            tell(note)
-        continue_directory(context, directory, tell)
+            on_message(note)
+        continue_directory(context, directory, on_message)
         missing = directory.missing_blocks()
         if missing:
             for caveat in spec.model.caveats():
-                tell(f"Warning: {caveat}")
+                on_message(f"Warning: {caveat}")
             for remark in remarks_on_rows(context.design, job.model):
-                tell(f"Warning: {remark}")
+                on_message(f"Warning: {remark}")
             if _rows_leave_the_host_idle(context):
                 check.begin()
-            _run_missing(context, directory, missing, progress, cluster)
+            _run_missing(context, directory, missing, on_progress, cluster)
         elif not summed_up(context, directory):  # killed after its last part
             describe(context, directory)
             sum_up(context, directory, directory.manifest.get("timings", {}))
-        checked = check.found(progress)
+        checked = check.result(on_progress)
         if figures and resolved["figures"]:
             from gaitsweep.runs.figures import draw_of_complete  # which imports Matplotlib
 
-            draw_of_complete(directory, resolved["figures"], progress, tell)
+            draw_of_complete(directory, resolved["figures"], on_progress, on_message)
     if checked.get("verdict") == "warned":
         text = f"{sentence(checked)} {advice(checked, spec.numerics.dt)}"
         if strict:
             raise SelfCheckError(text)
-        tell(f"Warning: {text}")
+        on_message(f"Warning: {text}")
     return path
 
 
 def table_in_memory(
     job: Job,
     *,
-    progress: Progress | None = None,
-    tell: Callable[[str], None] = lambda _: None,
+    on_progress: Progress | None = None,
+    on_message: Callable[[str], None] = lambda _: None,
     cluster: Cluster | None = None,
 ) -> pd.DataFrame:
     """Run a job in a temporary directory and return its table, with units and manifest in `.attrs`.
@@ -128,20 +128,24 @@ def table_in_memory(
         RunError, TableError: as `run_job`.
     """
     with tempfile.TemporaryDirectory(prefix="gaitsweep_") as folder:
-        table = load(run_job(job, folder, progress=progress, tell=tell, figures=False, cluster=cluster))
+        table = load(
+            run_job(
+                job, folder, on_progress=on_progress, on_message=on_message, figures=False, cluster=cluster
+            )
+        )
     del table.attrs["path"]
     return table
 
 
 def _rows_leave_the_host_idle(context: RunContext) -> bool:
-    """Whether the rows run on a card; a few rows more of the self-check then take no time of theirs."""
+    """Return whether the rows run on a GPU, where the rows of a self-check take no time from them."""
     return context.spec.devices[0].platform != "cpu"
 
 
 class _SelfCheck:
-    """The self-check of a run: after the rows, or beside them in a thread if it has been begun before.
+    """The self-check of a run: after the rows, or beside them in a thread once `begin` was called.
 
-    What it raises is raised by `found`. Its rows have lanes of their own; the table is read at the end.
+    Its exceptions are raised by `result`. Its rows have their own lanes; the table is read at the end.
     """
 
     def __init__(self, context: RunContext, directory: ResultDirectory) -> None:
@@ -159,41 +163,41 @@ class _SelfCheck:
         self._thread.shutdown()
 
     def begin(self) -> None:
-        """Begin it now, beside what follows."""
+        """Begin the self-check now, in a thread."""
 
         def go_on(_: SweepProgress) -> None:
-            if self._abandoned.is_set():  # the rows have been stopped: nobody asks what it finds
+            if self._abandoned.is_set():  # the rows have been stopped, and nobody reads its result
                 raise InterruptedError
 
         if self._known is None:
             self._begun = self._thread.submit(self_check, self._context, self._asked, go_on)
 
-    def found(self, progress: Progress) -> dict[str, Any]:
-        """Result for a complete table, from now or from when it was made."""
+    def result(self, on_progress: Progress) -> dict[str, Any]:
+        """Return the result for a complete table: the stored one, or that of a new self-check."""
         if self._known is not None:
             return self._known
         total = self._context.spec.n_rows
 
-        def tell(now: SweepProgress) -> None:
-            progress(total, total, 0.0, 1.0, f"self-check: {now.done} of {now.rows} rows")
+        def on_sweep_progress(now: SweepProgress) -> None:
+            on_progress(total, total, 0.0, 1.0, f"self-check: {now.done} of {now.rows} rows")
 
         if self._begun is None:
-            check, again = self_check(self._context, self._asked, tell)
+            check, again = self_check(self._context, self._asked, on_sweep_progress)
         else:
             while not self._begun.done():
-                progress(total, total, 0.0, 1.0, "self-check")  # where Ctrl-C is obeyed
+                on_progress(total, total, 0.0, 1.0, "self-check")  # where Ctrl-C is obeyed
                 wait([self._begun], timeout=0.1)
             check, again = self._begun.result()
         if check is not None and again is not None:
             path = self._directory.path
-            compare_stored(self._context, check, again, lambda rows: load(path, rows=rows), tell)
-        found = {"rows": 0, "verdict": "off"} if check is None else check.judged()
-        self._directory.update_manifest(self_check=found)
-        return found
+            compare_stored(self._context, check, again, lambda rows: load(path, rows=rows), on_sweep_progress)
+        judged = {"rows": 0, "verdict": "off"} if check is None else check.judged()
+        self._directory.update_manifest(self_check=judged)
+        return judged
 
     @property
     def _known(self) -> dict[str, Any] | None:
-        """Return the result of an earlier one with as many rows, or None."""
+        """Result of an earlier self-check with the same number of rows, or None."""
         before = self._directory.manifest.get("self_check")
         return before if isinstance(before, dict) and before.get("rows") == self._asked else None
 
@@ -202,7 +206,7 @@ def _run_missing(
     context: RunContext,
     directory: ResultDirectory,
     missing: list[int],
-    progress: Progress,
+    on_progress: Progress,
     cluster: Cluster | None,
 ) -> None:
     before, total = directory.rows_done + directory.rows_open, context.spec.n_rows
@@ -216,33 +220,33 @@ def _run_missing(
     def encode(number: int, block: RowOutcome) -> EncodedPart:
         return directory.encoded(number, context.table(block))
 
-    def tell(now: SweepProgress) -> None:
+    def on_sweep_progress(now: SweepProgress) -> None:
         rate = now.share * now.rows / now.seconds if now.seconds > 0 else 0.0
         note = f"{now.attempts / max(now.seconds, 1e-9) / 1e6:.1f} M attempts/s"
         if cluster is not None:
             note, timings.run_s = cluster.note, now.seconds
-        progress(before + now.done, total, rate, (before + now.share * now.rows) / total, note)
+        on_progress(before + now.done, total, rate, (before + now.share * now.rows) / total, note)
 
-    progress(before, total, 0.0, before / total, "compiling")
+    on_progress(before, total, 0.0, before / total, "compiling")
     try:
         if cluster is not None:
             with cluster.serve(
-                context, directory, lambda: progress(before, total, 0.0, before / total, cluster.note)
+                context, directory, lambda: on_progress(before, total, 0.0, before / total, cluster.note)
             ):
                 if (grid := context.job.run.refined(context.design)) is not None:
-                    refine(context, grid, directory, progress, timings, cluster)
+                    refine(context, grid, directory, on_progress, timings, cluster)
                 else:
-                    cluster.run_blocks(directory, missing, tell)
+                    cluster.run_blocks(directory, missing, on_sweep_progress)
             directory.update_manifest(cluster={"workers": cluster.workers.most})
         elif (grid := context.job.run.refined(context.design)) is not None:
-            refine(context, grid, directory, progress, timings)
+            refine(context, grid, directory, on_progress, timings)
         elif context.job.run.own_blocks:
-            _run_own_blocks(context, directory, missing, progress, timings)
+            _run_own_blocks(context, directory, missing, on_progress, timings)
         else:
             stored = _Open(directory, spent_so_far)
-            sweep(context.spec, missing, directory.write_encoded, tell, timings, stored, encode)
+            sweep(context.spec, missing, directory.write_encoded, on_sweep_progress, timings, stored, encode)
     except BaseException:
-        # what stopped the run is the news, not that the manifest cannot be written either
+        # the exception that stopped the run is raised, not a failure to write the manifest
         with contextlib.suppress(TableError):
             sum_up(context, directory, spent_so_far())
         raise
@@ -265,26 +269,30 @@ class _Open:
 
 
 def _run_own_blocks(
-    context: RunContext, directory: ResultDirectory, missing: list[int], progress: Progress, timings: Timings
+    context: RunContext,
+    directory: ResultDirectory,
+    missing: list[int],
+    on_progress: Progress,
+    timings: Timings,
 ) -> None:
     """Write the missing parts of a table that the run kind makes itself, block by block.
 
-    The rows of a block are worked out together, so that a kill can lose one block.
+    The rows of a block are computed together, so a kill loses at most one block.
     """
     spec, before, done = context.spec, directory.rows_done, 0
 
-    def told(rate: float, note: str = "") -> None:
+    def report(rate: float, note: str = "") -> None:
         note = note or context.job.run.kind_name
-        progress(before + done, spec.n_rows, rate, (before + done) / spec.n_rows, note)
+        on_progress(before + done, spec.n_rows, rate, (before + done) / spec.n_rows, note)
 
     for number in missing:
         began = time.perf_counter()
         first, last = directory.rows_of(number)
-        # told of each step too, so that Ctrl-C need not wait for the block's end
+        # reports each step too, so that Ctrl-C need not wait for the block's end
         frame = context.job.run.block_table(
-            context.design, spec, first, last, lambda note="": told(0.0, note)
+            context.design, spec, first, last, lambda note="": report(0.0, note)
         )
         directory.write_part(number, frame)
         timings.run_s += time.perf_counter() - began
         done += last - first
-        told(done / max(timings.run_s, 1e-9))
+        report(done / max(timings.run_s, 1e-9))

@@ -44,27 +44,27 @@ class FigureError(UserError):
 def draw_of_complete(
     directory: ResultDirectory,
     specs: list[dict[str, Any]],
-    progress: Progress,
-    tell: Callable[[str], None],
+    on_progress: Progress,
+    on_message: Callable[[str], None],
 ) -> None:
-    """Draw the figures that a complete table lacks, none of which may hide by failing that it is complete."""
+    """Draw the figures that a complete table lacks; errors say that the table is complete."""
     rows = directory.n_rows
     safe = f"The run is complete ({rows} row{'s' * (rows != 1)} in {directory.path})"
     try:
-        _draw_missing_figures(directory, specs, progress)
+        _draw_missing_figures(directory, specs, on_progress)
     except FigureError as error:
         raise FigureError(f"{safe}, but a figure is not drawn. {error}", error.drawn) from error
     except UserError as error:
         raise FigureError(f"{safe}, but its figures are not drawn. {error}", ()) from error
     except Exception:
-        tell(f"{safe}. What follows is a fault in drawing its figures.")
+        on_message(f"{safe}. What follows is a fault in drawing its figures.")
         raise
 
 
 def _draw_missing_figures(
-    directory: ResultDirectory, specs: list[dict[str, Any]], progress: Progress
+    directory: ResultDirectory, specs: list[dict[str, Any]], on_progress: Progress
 ) -> None:
-    """Draw the figures that a complete directory lacks; those that stand were drawn of the same rows."""
+    """Draw the figures that a complete directory lacks; existing ones were drawn from the same rows."""
     drawn = directory.manifest.get("figures_drawn", {})
     by_name = {f"{spec.get('name') or spec['kind']}.png": spec for spec in specs}
     wanted = {
@@ -78,16 +78,16 @@ def _draw_missing_figures(
     if not wanted:
         return
 
-    def between(number: int) -> None:
-        progress(directory.n_rows, directory.n_rows, 0.0, 1.0, f"figure {number} of {len(wanted)}")
+    def on_figure(number: int) -> None:
+        on_progress(directory.n_rows, directory.n_rows, 0.0, 1.0, f"figure {number} of {len(wanted)}")
 
-    draw_figures(directory.path, wanted, between)
+    draw_figures(directory.path, wanted, on_figure)
     now = {name: _figure_digest(directory.path / FIGURES / name, spec) for name, spec in by_name.items()}
     directory.update_manifest(figures_drawn={name: digest for name, digest in now.items() if digest})
 
 
 def _figure_digest(file: Path, spec: dict[str, Any]) -> str | None:
-    """Key of a figure as it was asked for, None where there is none."""
+    """Return the digest of a figure's file and specification; None if the file does not exist."""
     try:
         drawn = read_file(file)
     except OSError:
@@ -96,25 +96,25 @@ def _figure_digest(file: Path, spec: dict[str, Any]) -> str | None:
 
 
 def draw_figures(
-    path: str | Path, names: set[str] | None = None, between: Callable[[int], None] | None = None
+    path: str | Path, names: set[str] | None = None, on_progress: Callable[[int], None] | None = None
 ) -> list[Path]:
     """Draw the figures of a result directory from its table, without simulating.
 
-    They are those of its `job.yaml`, where their titles and columns may be edited. Of a table of more than
-    `thinning.MOST_SHOWN` rows they show an even selection, and say so.
+    The figures are those of its `job.yaml`, in which titles and columns may be edited. For a table of more
+    than `thinning.MOST_SHOWN` rows they show an even selection, and say so.
 
     Args:
         path: the directory.
-        names: file names of those that are drawn; all by default.
-        between: called before each with its number.
+        names: file names of the figures to draw; all by default.
+        on_progress: called before each figure with its number.
 
     Returns:
         The files, in the job's order.
 
     Raises:
-        TableError: there is no table yet, or what `job.yaml` asks for is no figure.
-        WriteError: a figure cannot be written; the old one stands.
-        FigureError: the table does not give what some of them show; the others are drawn.
+        TableError: there is no table yet, or `job.yaml` asks for an unknown figure.
+        WriteError: a figure cannot be written; the old file is kept.
+        FigureError: the table lacks data for some figures; the others are drawn.
     """
     shown = thinned(read_manifest(Path(path)))
     snapshot, table = load_with_snapshot(path, rows=None if shown is None else shown.rows)
@@ -131,11 +131,11 @@ def draw_figures(
         file = folder / f"{spec.get('name') or spec['kind']}.png"
         if names is not None and file.name not in names:
             continue
-        if between is not None:
-            between(len(files) + 1)
-        given = {key: value for key, value in spec.items() if key not in ("kind", "name")}
+        if on_progress is not None:
+            on_progress(len(files) + 1)
+        fields = {key: value for key, value in spec.items() if key not in ("kind", "name")}
         try:
-            figure = draw(spec["kind"], table, **given)
+            figure = draw(spec["kind"], table, **fields)
         except UserError as error:
             refused.append(f"figures[{number}] ({spec['kind']}): {error}")
             continue

@@ -18,36 +18,38 @@ _MAKER = ("versions", "machine", "git_commit")
 _TRACING = ("python", "gaitsweep", "jax", "jaxlib", "mujoco", "mujoco-mjx")
 
 
-def continue_directory(context: RunContext, directory: ResultDirectory, tell: Callable[[str], None]) -> None:
-    """Note in the manifest who makes the parts from now on, and warn where others made those that are there.
+def continue_directory(
+    context: RunContext, directory: ResultDirectory, on_message: Callable[[str], None]
+) -> None:
+    """Record in the manifest which program makes the next parts, and warn if another made the present ones.
 
     Raises:
-        RunError: a function of the user's model computes something else than when the directory was begun.
+        RunError: a function of the user's model differs from the one with which the directory was begun.
     """
     manifest = directory.manifest
     for warning in check_program(context, directory.path, manifest):
-        tell(warning)
+        on_message(warning)
     fields: dict[str, Any] = {PROGRAM: dict(context.program) or None}
     missing = directory.missing_blocks()
     before = {name: manifest[name] for name in _MAKER if manifest.get(name) is not None}
     if missing and before:
         present = sorted(set(range(directory.n_blocks)) - set(missing))
-        earlier = [dict(each) for each in manifest.get(EARLIER, ())]
-        for each in earlier:
-            each["parts"] = _ranges(set(_numbers(each["parts"])) & set(present))
-        others = {number for each in earlier for number in _numbers(each["parts"])}
+        earlier = [dict(maker) for maker in manifest.get(EARLIER, ())]
+        for maker in earlier:
+            maker["parts"] = _ranges(set(_numbers(maker["parts"])) & set(present))
+        others = {number for maker in earlier for number in _numbers(maker["parts"])}
         parts = _ranges(set(present) - others)
         if difference := "; ".join(differing(before)):
             earlier.append({**before, "parts": parts})
             simulated = manifest.get("refinement", {}).get("simulated", 0)
             done, total = directory.rows_done + directory.rows_open or simulated, directory.n_rows
             if done:
-                tell(
+                on_message(
                     f"Warning: {done} of the {total} rows in {directory.path} were made with {difference}. "
                     f"The other rows may differ from theirs in the last digits; {EARLIER} in manifest.json "
                     "names the parts of each."
                 )
-        fields[EARLIER] = [each for each in earlier if each["parts"]] or None
+        fields[EARLIER] = [maker for maker in earlier if maker["parts"]] or None
     if missing:
         fields |= {"versions": provenance.versions(), "machine": provenance.machine()}
         fields["git_commit"] = provenance.git_commit()
@@ -56,10 +58,10 @@ def continue_directory(context: RunContext, directory: ResultDirectory, tell: Ca
 
 
 def check_program(context: RunContext, path: Path, manifest: Mapping[str, Any]) -> list[str]:
-    """Warnings where a model's functions are traced differently, which other versions may do.
+    """Return warnings if a model's functions are traced differently by other versions.
 
     Raises:
-        RunError: they are, and the versions are the same.
+        RunError: they are traced differently by the same versions.
     """
     before, now = manifest.get(PROGRAM), context.program
     if not isinstance(before, dict):
@@ -85,38 +87,38 @@ def check_program(context: RunContext, path: Path, manifest: Mapping[str, Any]) 
 def differing(before: Mapping[str, Any]) -> list[str]:
     """Describe how an earlier maker differs from this process."""
     old, new = before.get("versions", {}), provenance.versions()
-    found = [
+    differences = [
         f"{name} {old[name]} (here {value})" for name, value in new.items() if old.get(name, value) != value
     ]
-    found += _commits(before)
-    machine, here = before.get("machine"), provenance.machine()
-    if isinstance(machine, str) and _processor(machine) != _processor(here):
-        found.append(f"the processor {_processor(machine)} (here {_processor(here)})")
-    return found
+    differences += _commits(before)
+    machine, this_machine = before.get("machine"), provenance.machine()
+    if isinstance(machine, str) and _processor(machine) != _processor(this_machine):
+        differences.append(f"the processor {_processor(machine)} (here {_processor(this_machine)})")
+    return differences
 
 
 def _commits(before: Mapping[str, Any]) -> list[str]:
-    """The commits of gaitsweep, in words, where they differ and both are known."""
-    commit, here = before.get("git_commit"), provenance.git_commit()
-    if not isinstance(commit, str) or here is None or commit == here:
+    """Describe the commits of gaitsweep if they differ and both are known."""
+    commit, this_commit = before.get("git_commit"), provenance.git_commit()
+    if not isinstance(commit, str) or this_commit is None or commit == this_commit:
         return []
-    return [f"commit {commit[:12]} of gaitsweep (here {here[:12]})"]
+    return [f"commit {commit[:12]} of gaitsweep (here {this_commit[:12]})"]
 
 
 def _processor(machine: str) -> str:
-    """The processor in a text of `provenance.machine`, whose system and number of cores decide no digit."""
+    """Return the processor from a text of `provenance.machine`; system and core count affect no digit."""
     return machine.partition(", ")[2].rpartition(", ")[0]
 
 
 def _ranges(numbers: Iterable[int]) -> list[list[int]]:
-    """Numbers as pairs of the first and the last of those that follow each other."""
-    found: list[list[int]] = []
+    """Group numbers into pairs of the first and the last of each consecutive run."""
+    ranges: list[list[int]] = []
     for number in sorted(numbers):
-        if found and found[-1][1] == number - 1:
-            found[-1][1] = number
+        if ranges and ranges[-1][1] == number - 1:
+            ranges[-1][1] = number
         else:
-            found.append([number, number])
-    return found
+            ranges.append([number, number])
+    return ranges
 
 
 def _numbers(ranges: Iterable[Iterable[int]]) -> Iterable[int]:

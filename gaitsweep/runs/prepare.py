@@ -30,12 +30,12 @@ from gaitsweep.models.traced_program import traced_program
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.table import WriteError, reason
 
-# Rows of which one may have the nominal period that stands for all.
+# Rows in which a nominal period is looked for.
 _LOOKED_AT = 4
 
 
 class RunError(UserError):
-    """A job cannot run here; the message is a sentence that says why and what to do."""
+    """A job cannot run here; the message says why and what to do."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,7 +60,7 @@ class RunContext:
         return self.design.model
 
     def table(self, block: RowOutcome) -> pd.DataFrame:
-        """The records of a block of rows."""
+        """Return the records of a block of rows."""
         rows = block.row
         if self.rows_in is not None:
             rows = self.rows_in(int(rows[0]), int(rows[-1]) + 1)
@@ -85,7 +85,7 @@ def prepare(job: Job) -> RunContext:
     """Choose engine, devices and lanes for a job.
 
     Raises:
-        RunError: the job asks for what is not here.
+        RunError: a device or an engine that the job asks for is not available.
     """
     try:
         devices = local_devices(job.engine.devices)
@@ -124,12 +124,12 @@ def prepare(job: Job) -> RunContext:
 
 
 def nominal_period(design: Design) -> float:
-    """The nominal period (s) of the first of some rows that has one; NaN where none has."""
+    """Return the nominal period (s) of the first sampled row that has one; NaN if none has."""
     values, _ = design.values_in(np.unique(np.linspace(0, design.n_rows - 1, _LOOKED_AT).astype(np.int64)))
     model = design.model
-    periods = jax.vmap(lambda given: model.period(model.params(given)))
-    found = np.asarray(jax.jit(periods)(model.on_host(values)))
-    sound = found[(found > 0.0) & (found < np.inf)]
+    periods = jax.vmap(lambda row_values: model.period(model.params(row_values)))
+    seconds = np.asarray(jax.jit(periods)(model.on_host(values)))
+    sound = seconds[(seconds > 0.0) & (seconds < np.inf)]
     return float(sound[0]) if sound.size else math.nan
 
 
@@ -161,7 +161,7 @@ def naming_the_file() -> Iterator[None]:
 
 
 def _with_source(job_hash: str, own: type) -> str:
-    """A hash with the source of the user's module that defines a class, and of the modules beside it."""
+    """Extend a hash by the source of the user's module that defines a class, and of the modules beside it."""
     module = inspect.getmodule(own)
     if module is None or module.__name__.startswith("gaitsweep."):
         return job_hash
@@ -171,8 +171,8 @@ def _with_source(job_hash: str, own: type) -> str:
         return job_hash
     beside = modules_beside(module)
     beside.pop(module.__name__, None)
-    found = hashlib.sha256((job_hash + source).encode(errors="replace"))
+    digest = hashlib.sha256((job_hash + source).encode(errors="replace"))
     with naming_the_file():
         for name in sorted(beside):
-            found.update(f"\n# {name}\n".encode() + beside[name].read_bytes())
-    return found.hexdigest()
+            digest.update(f"\n# {name}\n".encode() + beside[name].read_bytes())
+    return digest.hexdigest()

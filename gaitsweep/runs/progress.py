@@ -7,23 +7,27 @@ import time
 from typing import Protocol, TextIO
 
 INTERVAL = 30.0  # s between two lines
-_ENOUGH = 0.01  # share done before a time left is told: of the first few steps it would be a guess
+_ENOUGH = 0.01  # share done before a time left is printed: from the first few steps it would be a guess
 
 
 class Progress(Protocol):
     """Callback that reports the progress of a run."""
 
     def __call__(self, done: int, total: int, rate: float, fraction: float, note: str) -> None:
-        """Rows done and in all, rows a second, the share done (running rows count in part), a remark.
+        """Report progress.
 
-        The rate is 0 while it is not known.
+        Args:
+            done, total: rows done, and in all.
+            rate: rows a second; 0 while it is not known.
+            fraction: the share done; running rows count in part.
+            note: a remark.
         """
 
 
 def progress_lines(unit: str = "rows", file: TextIO | None = None, interval: float | None = None) -> Progress:
-    """The function that prints a line of progress now and then, for logs and notebooks.
+    """Progress callback that prints a line now and then, for logs and notebooks.
 
-    The rate and the time left are those since its first call: what an earlier run did is not counted.
+    The rate and the time left count from its first call, without the rows of an earlier run.
 
     Args:
         unit: what is counted.

@@ -18,12 +18,12 @@ PACKAGES = (
 @functools.cache
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that decide the numbers."""
-    found = {"python": platform.python_version()}
-    return found | {package: version_of(package) for package in PACKAGES}
+    python = {"python": platform.python_version()}
+    return python | {package: version_of(package) for package in PACKAGES}
 
 
 def version_of(package: str) -> str:
-    """The version of an installed package."""
+    """Return the version of an installed package."""
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:

@@ -1,9 +1,9 @@
 """A settle run that simulates the edges of basins only, in rounds, and its table of all rows.
 
-What a round simulates follows from the labels that the rounds before it found. Each round is a result
-directory of its own, `refinement/round-00` and so on, so that an interrupted run goes on inside the round
-where it was stopped. The parts of the job's own table are written once every cell is decided: rows that were
-simulated as they ended, the others with status `inferred` and the gait of their box.
+The rows of a round follow from the labels of the rounds before it. Each round has its own result directory,
+`refinement/round-00` and so on, so that an interrupted run continues inside the round in which it was
+stopped. The parts of the job's table are written once every cell is decided: simulated rows with their
+results, the others with status `inferred` and the gait of their box.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job.step_lengths import values_with_right_steps
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.prepare import RunContext
-from gaitsweep.runs.progress import Progress as RunProgress
+from gaitsweep.runs.progress import Progress as Progress
 from gaitsweep.table import EncodedPart, ResultDirectory, load
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ FOLDER = "refinement"
 
 
 def some_rows(context: RunContext, n_rows: int, rows_in: Callable[[int, int], np.ndarray]) -> RunContext:
-    """The context of a run of which only `n_rows` rows are simulated, those of `rows_in`."""
+    """Return the context of a run in which only `n_rows` rows are simulated, those of `rows_in`."""
     numerics, steps = context.spec.numerics, context.steps
     values = values_with_right_steps(context.design, context.job.run, numerics, steps, rows_in)
     spec = dataclasses.replace(context.spec, n_rows=n_rows, values=values)
@@ -44,7 +44,7 @@ def refine(
     context: RunContext,
     grid: Grid,
     directory: ResultDirectory,
-    progress: RunProgress,
+    on_progress: Progress,
     timings: Timings,
     cluster: Cluster | None = None,
 ) -> None:
@@ -52,9 +52,9 @@ def refine(
 
     Args:
         context: the job's context.
-        grid: how its rows lie, and the axes that are refined.
+        grid: the grid of its rows, and the axes that are refined.
         directory: its result directory.
-        progress: told how many rows are decided; those of the round under way count once they are simulated.
+        on_progress: progress callback, in decided rows; rows of the current round count once simulated.
         timings: added to as rounds go.
         cluster: computes the blocks, if this process does not.
 
@@ -65,8 +65,8 @@ def refine(
     frames: list[pd.DataFrame] = []
     decided = 0.0
     while (rows := np.flatnonzero(wanted(known, grid))).size:
-        tell = _telling(progress, len(frames), known.size, decided)
-        frame = _round(context, directory, len(frames), rows, tell, timings, cluster)
+        on_sweep_progress = _round_progress(on_progress, len(frames), known.size, decided)
+        frame = _round(context, directory, len(frames), rows, on_sweep_progress, timings, cluster)
         known.reshape(-1)[rows] = _labels(frame, context.model.gaits)
         frames.append(frame)
         decided = max(decided, float(np.mean(inferred(known, grid) != UNKNOWN)))
@@ -80,11 +80,11 @@ def _round(
     directory: ResultDirectory,
     number: int,
     rows: np.ndarray,
-    tell: Callable[[SweepProgress], None],
+    on_sweep_progress: Callable[[SweepProgress], None],
     timings: Timings,
     cluster: Cluster | None,
 ) -> pd.DataFrame:
-    """The records of `rows` (n,), simulated as far as they are not there yet."""
+    """Return the records of `rows` (n,), simulating those that are missing."""
     this = some_rows(context, rows.size, lambda first, stop: rows[first:stop])
     spec = this.spec
     path = directory.path / FOLDER / f"round-{number:02d}"
@@ -99,10 +99,10 @@ def _round(
             spent = Timings()
             try:
                 if cluster is not None:
-                    cluster.run_blocks(part, missing, tell, this.rows_in)
+                    cluster.run_blocks(part, missing, on_sweep_progress, this.rows_in)
                     part.tidy_digests()
                 else:
-                    sweep(spec, missing, part.write_encoded, tell, spent, part, encode)
+                    sweep(spec, missing, part.write_encoded, on_sweep_progress, spent, part, encode)
             finally:
                 for field in dataclasses.fields(Timings):
                     setattr(timings, field.name, getattr(timings, field.name) + getattr(spent, field.name))
@@ -112,21 +112,21 @@ def _round(
     return frame
 
 
-def _telling(
-    progress: RunProgress, number: int, total: int, decided: float
+def _round_progress(
+    on_progress: Progress, number: int, total: int, decided: float
 ) -> Callable[[SweepProgress], None]:
-    """Progress callback of a round, before which this share of all rows was decided."""
+    """Progress callback of a round; `decided` is the share of all rows decided before it."""
 
-    def tell(now: SweepProgress) -> None:
+    def on_sweep_progress(now: SweepProgress) -> None:
         rate = now.share * now.rows / now.seconds if now.seconds > 0 else 0.0
         share = min(decided + now.share * now.rows / total, 1.0)
-        progress(int(share * total), total, rate, share, f"round {number + 1}: {now.rows} rows")
+        on_progress(int(share * total), total, rate, share, f"round {number + 1}: {now.rows} rows")
 
-    return tell
+    return on_sweep_progress
 
 
 def _labels(frame: pd.DataFrame, gaits: Sequence[str]) -> np.ndarray:
-    """The label of each row (n,): its gait's number, or ALONE of a row that came to no fixed point."""
+    """Return the label of each row (n,): its gait's number, or ALONE for a row without a fixed point."""
     gait = frame["gait"].cat.set_categories(list(gaits)).cat.codes.to_numpy()
     # the gait of an orbit of several cycles is that of one of its points: nothing to infer others from
     fixed = Status.SOUND.among(frame["status"])
@@ -138,14 +138,14 @@ def _labels(frame: pd.DataFrame, gaits: Sequence[str]) -> np.ndarray:
 def _write_parts(
     context: RunContext, directory: ResultDirectory, simulated: pd.DataFrame, labels: np.ndarray
 ) -> None:
-    """Write the parts that a directory lacks, of the rows that were simulated and the labels of all (n,)."""
+    """Write the missing parts from the simulated rows and the labels (n,) of all rows."""
     at = simulated["row"].to_numpy()
     for number in directory.missing_blocks():
         start, stop = directory.rows_of(number)
-        there = simulated.iloc[np.searchsorted(at, start) : np.searchsorted(at, stop)]
-        others = np.setdiff1d(np.arange(start, stop, dtype=np.int64), there["row"])
+        own_rows = simulated.iloc[np.searchsorted(at, start) : np.searchsorted(at, stop)]
+        others = np.setdiff1d(np.arange(start, stop, dtype=np.int64), own_rows["row"])
         filled = _inferred_frame(context, others, labels[others], simulated)
-        parts: Sequence[pd.DataFrame] = [part for part in (there, filled) if len(part)]
+        parts: Sequence[pd.DataFrame] = [part for part in (own_rows, filled) if len(part)]
         frame = parts[0] if len(parts) == 1 else pd.concat(parts)
         directory.write_part(number, frame.sort_values("row", ignore_index=True))
 
@@ -153,7 +153,7 @@ def _write_parts(
 def _inferred_frame(
     context: RunContext, rows: np.ndarray, gaits: np.ndarray, like: pd.DataFrame
 ) -> pd.DataFrame:
-    """Records of rows (n,) that were not simulated: the gait of their neighbours, and no numbers."""
+    """Return records of rows (n,) that were not simulated: the gait of their neighbours, and no numbers."""
     model, n = context.model, rows.size
 
     def unread(name: str) -> np.ndarray:

@@ -1,7 +1,7 @@
-"""Some rows of a job, computed beside other processes that compute others: an array of jobs.
+"""A range of a job's rows, computed beside other processes that compute other ranges: an array of jobs.
 
-Each process writes the parts of its rows into the same result directory; the one that finds all parts there
-completes the table.
+Each process writes the parts of its rows into the same result directory; the process that finds all parts
+present completes the table.
 """
 
 from __future__ import annotations
@@ -38,23 +38,23 @@ def run_rows(
     rows: str,
     out: str | Path | None = None,
     *,
-    progress: Progress | None = None,
-    tell: Callable[[str], None] = lambda _: None,
+    on_progress: Progress | None = None,
+    on_message: Callable[[str], None] = lambda _: None,
     strict: bool = False,
 ) -> Path:
-    """Run some rows of a job; if all parts of its table are there then, complete the table.
+    """Run a range of a job's rows; if all parts of its table exist then, complete the table.
 
     Args:
         job: the job; every process has the same.
         rows: the first row and the row after the last, "A:B", multiples of the block.
         out: the result directory, the same for every process; `results/NAME` by default.
-        progress, tell, strict: as for `run_job`.
+        on_progress, on_message, strict: as for `run_job`.
 
     Returns:
         The result directory.
 
     Raises:
-        RunError: the rows are none of this job's, or are no whole blocks.
+        RunError: the rows are not in this job, or are not whole blocks.
         TableError: the directory is another job's, or another process runs some of these rows.
     """
     path = RESULTS / job.name if out is None else Path(out)
@@ -65,43 +65,45 @@ def run_rows(
         )
     blocks = blocks_of(rows, context.spec.n_rows, context.spec.block)
     with naming_the_file():
-        _make(path, context, tell)
+        _make(path, context, on_message)
         writer = PartWriter(path, context.job_hash, context.spec.n_rows, context.spec.block)
         missing = writer.missing(blocks)
         if missing:
             lock = _patiently(lambda: Lock(path, shared=True))
             try:
-                _run_missing(context, writer, missing, progress or (lambda *_, **__: None))
+                _run_missing(context, writer, missing, on_progress or (lambda *_, **__: None))
             finally:
                 lock.release()
         if not all((path / TABLE / PARTS.name(n)).exists() for n in range(_count(context))):
             return path
         # several processes may find the last part there: one of them completes the table, the others wait
         try:
-            return _patiently(lambda: run_job(job, path, progress=progress, tell=tell, strict=strict))
+            return _patiently(
+                lambda: run_job(job, path, on_progress=on_progress, on_message=on_message, strict=strict)
+            )
         except BusyDirectory:  # one that takes longer to complete it, and does not need this process
             return path
 
 
 def blocks_of(rows: str, n_rows: int, block: int) -> Sequence[int]:
-    """The blocks of rows "A:B".
+    """Return the blocks of rows "A:B".
 
     Raises:
-        RunError: they are no whole blocks of a job with so many rows.
+        RunError: the rows are not whole blocks of a job with `n_rows` rows.
     """
     what = f"--rows {rows}"
-    found = re.fullmatch(r"\s*(\d{1,18})\s*:\s*(\d{1,18})\s*", rows)
-    if found is None:
+    match = re.fullmatch(r"\s*(\d{1,18})\s*:\s*(\d{1,18})\s*", rows)
+    if match is None:
         raise RunError(
-            f"{what} is not read: write the first row and the row after the last, --rows 0:{block}."
+            f"{what} is not valid: write the first row and the row after the last, --rows 0:{block}."
         )
-    first, stop = int(found[1]), int(found[2])
+    first, stop = int(match[1]), int(match[2])
     if not first < min(stop, n_rows):
         raise RunError(f"{what} names no row: this job has the rows 0 to {n_rows - 1}.")
     if first % block or (stop % block and stop < n_rows):
         near = first // block * block, -(-stop // block) * block
         raise RunError(
-            f"{what} are no whole blocks: both numbers are multiples of engine.block, which is {block}; "
+            f"{what} are not whole blocks: both numbers must be multiples of engine.block, which is {block}; "
             f"did you mean --rows {near[0]}:{near[1]}?"
         )
     return range(first // block, -(-min(stop, n_rows) // block))
@@ -111,16 +113,16 @@ def _count(context: RunContext) -> int:
     return -(-context.spec.n_rows // context.spec.block)
 
 
-def _make(path: Path, context: RunContext, tell: Callable[[str], None]) -> None:
-    """Make the directory, unless another process has made it for the same job."""
+def _make(path: Path, context: RunContext, on_message: Callable[[str], None]) -> None:
+    """Create the directory, unless another process has created it for the same job."""
 
     def made() -> None:
         if (path / MANIFEST).exists():
             if manifest := claim(path, context.job_hash, context.spec.n_rows, context.spec.block):
                 for warning in check_program(context, path, manifest):
-                    tell(warning)
+                    on_message(warning)
                 if differences := differing(manifest):
-                    tell(
+                    on_message(
                         f"Warning: {path} was begun with {'; '.join(differences)}: rows that are made "
                         "here may differ from its others in the last digits."
                     )
@@ -129,7 +131,7 @@ def _make(path: Path, context: RunContext, tell: Callable[[str], None]) -> None:
         with ResultDirectory.open(
             path, resolved, context.job_hash, context.spec.n_rows, context.spec.block
         ) as directory:
-            continue_directory(context, directory, tell)
+            continue_directory(context, directory, on_message)
             describe(context, directory)
 
     _patiently(made)
@@ -147,7 +149,7 @@ def _patiently(take: Callable[[], T]) -> T:
             time.sleep(0.2)
 
 
-def _run_missing(context: RunContext, writer: PartWriter, missing: list[int], progress: Progress) -> None:
+def _run_missing(context: RunContext, writer: PartWriter, missing: list[int], on_progress: Progress) -> None:
     total, done = context.spec.n_rows, 0
     with BlockLocks(writer.path) as locks:
         for number in missing:
@@ -171,10 +173,10 @@ def _run_missing(context: RunContext, writer: PartWriter, missing: list[int], pr
         rows = sum(stop - first for first, stop in map(writer.rows_of, missing))
         began = time.perf_counter()
 
-        def tell(now: SweepProgress | None) -> None:
+        def on_sweep_progress(now: SweepProgress | None) -> None:
             spent = time.perf_counter() - began
             share, finished = (done / rows, done) if now is None else (now.share, now.done)
-            progress(finished, rows, share * rows / max(spent, 1e-9), share, f"of {total} rows")
+            on_progress(finished, rows, share * rows / max(spent, 1e-9), share, f"of {total} rows")
 
-        progress(0, rows, 0.0, 0.0, "compiling")
-        run_blocks(context, missing, write, tell)
+        on_progress(0, rows, 0.0, 0.0, "compiling")
+        run_blocks(context, missing, write, on_sweep_progress)

@@ -1,9 +1,9 @@
-"""Whether a run's rows are what the same rows give again, and with other steps: a sample of them, repeated.
+"""Self-check of a run: a sample of its rows is rerun, with the same steps and with finer ones.
 
-The sample runs once more as it ran, which has to give the stored rows, and beside that with steps (or
-tolerances) that are finer and no simple share of the run's own, so that what all of its steps leap over is
-found as well. A row that differs is tried again from starts moved by 1e-9: where these differ as much, the
-row lies on a boundary between basins, or is sensitive, and says nothing of the numerics.
+The rerun with the same steps has to reproduce the stored rows. The finer steps (or tolerances) are no simple
+share of the run's own, so that events which all of its steps miss are detected as well. A row that differs
+is rerun from starts moved by 1e-9: if these differ as much, the row lies on a boundary between basins, or is
+sensitive, and does not test the numerics.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ ROUNDING = 1e-6
 
 
 class SelfCheckError(UserError):
-    """A sample of a run's rows came out otherwise when it was repeated, and the run is strict about it."""
+    """A self-check found a difference, and the run is strict."""
 
     exit_code = 3
 
@@ -90,7 +90,7 @@ class SelfCheck:
     _share: float = -1.0
 
     def take_largest(self, quantities: tuple[Quantity, ...], change: np.ndarray, size: np.ndarray) -> None:
-        """Take the largest changes (n, quantities), where they are known; `size` has the same shape."""
+        """Update the largest changes from changes (n, quantities), where known; `size` has the same shape."""
         size = np.broadcast_to(size, change.shape)
         # what did not change is no change of any size, also of none: an interval of crossings at one instant
         share = np.divide(change, size, out=np.where(change > 0.0, np.inf, 0.0), where=size > 0.0)
@@ -106,7 +106,7 @@ class SelfCheck:
                     self.worst = {"name": quantity.name, "unit": quantity.unit}
 
     def judged(self) -> dict[str, Any]:
-        """Its fields, with its verdict."""
+        """Return its fields, with its verdict."""
         differs = (
             self.stored_differs,
             self.status_differs,
@@ -120,7 +120,7 @@ class SelfCheck:
 
 @dataclasses.dataclass(frozen=True)
 class Again:
-    """Rows (n,) that ran once more as they were: how they were recorded, and their results."""
+    """Rows (n,) rerun with the same steps: their recorder and their results."""
 
     rows: np.ndarray
     recorder: Recorder
@@ -133,38 +133,38 @@ def circular(model: Model) -> np.ndarray:
 
 
 def changes(model: Model, once: np.ndarray, again: np.ndarray) -> np.ndarray:
-    """Distance of observables (..., observables) from each other, of angles by the shorter way."""
+    """Return the distance of observables (..., observables), that of angles by the shorter way."""
     return np.abs(wrap_difference(once - again, circular(model)))
 
 
 def sizes(quantities: tuple[Quantity, ...], values: np.ndarray) -> np.ndarray:
-    """The sizes (k,) by which quantities are compared, from their values (..., k).
+    """Return the sizes (k,) by which quantities are compared, from their values (..., k).
 
     They are 1 rad for angles, `Quantity.scale`, or the range of the values, at least `LEAST_SIZE` of their
     magnitude.
     """
     seen = np.where(np.isfinite(values), values, np.nan).reshape(-1, len(quantities))
-    found = np.full(len(quantities), LEAST_SCALE)
+    size = np.full(len(quantities), LEAST_SCALE)
     for i, quantity in enumerate(quantities):
         column = seen[:, i][~np.isnan(seen[:, i])]
         if quantity.circular or quantity.scale is not None:
-            found[i] = 1.0 if quantity.scale is None or quantity.circular else quantity.scale
+            size[i] = 1.0 if quantity.scale is None or quantity.circular else quantity.scale
         elif column.size:
-            found[i] = max(np.ptp(column), LEAST_SIZE * np.abs(column).max(), LEAST_SCALE)
-    return found
+            size[i] = max(np.ptp(column), LEAST_SIZE * np.abs(column).max(), LEAST_SCALE)
+    return size
 
 
 def counted(model: Model, *values: np.ndarray) -> np.ndarray:
     """Mask of the observables (k,) that are counts: whole numbers in all known values (..., k)."""
     whole = ~circular(model)
-    for each in values:
-        known = np.where(np.isfinite(each), each, 0.0).reshape(-1, whole.size)
+    for observed in values:
+        known = np.where(np.isfinite(observed), observed, 0.0).reshape(-1, whole.size)
         whole &= np.all(known == np.round(known), axis=0)
     return whole
 
 
 def rows_to_repeat(context: RunContext) -> int:
-    """Rows of the sample: those that the job names, else at most 32 and `MOST_WORK` of the run's own work."""
+    """Return the rows of the sample: as the job says, else at most 32 and `MOST_WORK` of the run's work."""
     job, design = context.job, context.design
     if "verify" in job.model_fields_set or design.n_rows <= LEAST_ROWS:
         return min(job.verify, design.n_rows)
@@ -180,7 +180,7 @@ def rows_to_repeat(context: RunContext) -> int:
 
 
 def sample_rows(design: Design, count: int) -> np.ndarray:
-    """Rows (n,) that stand for all: both ends of each axis, and points that fill the others evenly.
+    """Select representative rows (n,): both ends of each axis, and points that fill the grid evenly.
 
     Args:
         design: the job's rows.
@@ -209,18 +209,18 @@ def sample_rows(design: Design, count: int) -> np.ndarray:
 
 
 def self_check(
-    context: RunContext, count: int, progress: Callable[[SweepProgress], None] | None = None
+    context: RunContext, count: int, on_progress: Callable[[SweepProgress], None] | None = None
 ) -> tuple[SelfCheck | None, Again | None]:
-    """Repeat a sample of a job's rows, and compare what they give with finer steps.
+    """Rerun a sample of a job's rows, and compare its results with those of finer steps.
 
     Args:
         context: the job's context.
         count: rows of the sample; 0 turns it off.
-        progress: told how far it is.
+        on_progress: progress callback.
 
     Returns:
-        What it found, None where it is off; and the rows that ran as they were, to be compared with the
-        stored ones by `compare_stored`.
+        The result, None if the self-check is off; and the rows rerun with the same steps, for
+        `compare_stored`.
     """
     if count == 0:
         return None, None
@@ -233,10 +233,10 @@ def self_check(
         return check, _compare_starting_points(context, rows, check)
     again = None
     if compared in ("settled", "ends"):
-        again, resting = _compare_ends(context, rows, check, progress)
+        again, resting = _compare_ends(context, rows, check, on_progress)
         rows = rows[~resting]
     if rows.size:
-        crossings = _compare_crossings(context, rows, check, progress)
+        crossings = _compare_crossings(context, rows, check, on_progress)
         again = again or crossings
     return check, again
 
@@ -246,26 +246,26 @@ def compare_stored(
     check: SelfCheck,
     again: Again,
     stored: Callable[[np.ndarray], pd.DataFrame],
-    progress: Callable[[SweepProgress], None] | None = None,
+    on_progress: Callable[[SweepProgress], None] | None = None,
 ) -> None:
-    """Count in `check` the rows whose stored records are not what they gave `again`.
+    """Count in `check` the rows whose stored records differ from those of the rerun.
 
     Args:
         context: the job's context.
-        check: what a self-check found.
-        again: the rows that it repeated as they were.
-        stored: gives the stored records of rows (n,).
-        progress: told how far it is.
+        check: the result of a self-check.
+        again: the rows that it reran with the same steps.
+        stored: returns the stored records of rows (n,).
+        on_progress: progress callback.
     """
     if isinstance(again.result, StartingPoints):
         differs = _other_beginnings(context, again.result, again.rows, stored(again.rows))
     elif context.job.run.one_a_row:
-        differs = _other_ends(context, again, stored(again.rows), progress)
+        differs = _other_ends(context, again, stored(again.rows), on_progress)
     else:
         recorder = _beginning(context)
         if recorder != again.recorder:
             spec, few = dataclasses.replace(context.spec, recorder=recorder), again.rows[:LEAST_ROWS]
-            again = Again(few, recorder, _repeated(spec, context.design, [(few, 1.0, 0.0)], progress)[0])
+            again = Again(few, recorder, _repeated(spec, context.design, [(few, 1.0, 0.0)], on_progress)[0])
         differs = _other_records(context.model, again, stored(again.rows))
     check.stored_differs = int(differs.sum())
 
@@ -273,7 +273,7 @@ def compare_stored(
 def _other_beginnings(
     context: RunContext, once: StartingPoints, rows: np.ndarray, stored: pd.DataFrame
 ) -> np.ndarray:
-    """Mask of the rows (n,) whose branches begin at another fixed point, or at none."""
+    """Return a mask of the rows (n,) whose branches begin at another fixed point, or at none."""
     model = context.model
     first = stored.drop_duplicates("row").set_index("row").reindex(rows)
     sound = (first["status"] == Status.complete.name).to_numpy(bool)
@@ -287,7 +287,7 @@ def _other_beginnings(
 
 
 def _beginning(context: RunContext) -> Recorder:
-    """The recorder of the first records of a row, of the same numbers as the run's own."""
+    """Recorder of the first records of a row, of the same numbers as the run's recorder."""
     recorder = context.spec.recorder
     if isinstance(recorder, CrossingRecorder) and (recorder.crossings or math.inf) > MOST_CROSSINGS:
         crossings = max(1, CROSSINGS - recorder.after_cycles)
@@ -304,25 +304,25 @@ def _beginning(context: RunContext) -> Recorder:
 
 
 def _other_records(model: Model, again: Again, stored: pd.DataFrame) -> np.ndarray:
-    """Mask of the rows (n,) whose first records differ when they run again."""
+    """Return a mask of the rows (n,) whose first records differ in the rerun."""
     recorder, result = again.recorder, again.result
     assert isinstance(result, RowOutcome)
     quantities = {f"{q.name}_n": q for q in model.observables} | {q.name: q for q in model.signals}
     names = [name for name in recorder.names if name in stored.columns and name not in ("settled", "slowest")]
     samples = result.samples.reshape(-1, recorder.width)
-    given = pd.DataFrame(samples, columns=list(recorder.names)).assign(place=result.place)
+    records = pd.DataFrame(samples, columns=list(recorder.names)).assign(place=result.place)
     if isinstance(recorder, StepRecorder):
         # two stairs, of which the last one ends before the end of the path
-        given = given[given["settled"] == 1.0]
-    given["nth"] = given.groupby("place").cumcount()
+        records = records[records["settled"] == 1.0]
+    records["nth"] = records.groupby("place").cumcount()
     number = {int(row): place for place, row in enumerate(again.rows)}
     known = stored.dropna(subset=names)
     known = known.assign(
         place=[number[int(row)] for row in known["row"]], nth=known.groupby("row").cumcount()
     )
     if isinstance(recorder, StepRecorder):
-        given["nth"], known = given["stair"].astype(int), known.assign(nth=known["stair"].astype(int))
-    both = given.merge(known[["place", "nth", *names]], on=["place", "nth"], suffixes=("", " stored"))
+        records["nth"], known = records["stair"].astype(int), known.assign(nth=known["stair"].astype(int))
+    both = records.merge(known[["place", "nth", *names]], on=["place", "nth"], suffixes=("", " stored"))
     described = tuple(quantities.get(name, Quantity(name, "1", "")) for name in names)
     now = both[names].to_numpy(float)
     before = both[[f"{name} stored" for name in names]].to_numpy(float)
@@ -337,9 +337,9 @@ def _other_ends(
     context: RunContext,
     again: Again,
     stored: pd.DataFrame,
-    progress: Callable[[SweepProgress], None] | None,
+    on_progress: Callable[[SweepProgress], None] | None,
 ) -> np.ndarray:
-    """Mask of the rows (n,) that end otherwise when they run again."""
+    """Return a mask of the rows (n,) that end differently in the rerun."""
     model, result = context.model, again.result
     assert isinstance(result, RowOutcome)
     status = stored["status"].astype(str).to_numpy()
@@ -354,14 +354,14 @@ def _other_ends(
     if off.any():
         some = np.flatnonzero(off.any(axis=1))
         lanes = [(again.rows[some], 1.0, MOVED)]
-        moved = end_values_of(again.recorder, _repeated(context.spec, context.design, lanes, progress)[0])
+        moved = end_values_of(again.recorder, _repeated(context.spec, context.design, lanes, on_progress)[0])
         own = changes(model, moved, now[some]) / MOVED * ROUNDING_ERROR
         off[some] &= changes(model, now, before)[some] > own
     return differs | off.any(axis=1)
 
 
 def end_values_of(recorder: Recorder, result: RowOutcome) -> np.ndarray:
-    """The observables (n, k) with which rows ended."""
+    """Return the observables (n, k) at the end of rows."""
     return end_values(result) if isinstance(recorder, FixedTimeRecorder) else result.last
 
 
@@ -369,12 +369,12 @@ def _repeated(
     spec: SweepSpec,
     design: Design,
     lanes: list[tuple[np.ndarray, float, float]],
-    progress: Callable[[SweepProgress], None] | None,
+    on_progress: Callable[[SweepProgress], None] | None,
 ) -> list[RowOutcome]:
-    """The results of rows that run once more, for each (rows, share, move) of the list."""
-    rows = np.concatenate([each[0] for each in lanes])
-    shares = np.concatenate([np.full(each[0].size, each[1]) for each in lanes])
-    moves = np.concatenate([np.full(each[0].size, each[2]) for each in lanes])
+    """Return the results of rerun rows, for each (rows, share, move) of the list."""
+    rows = np.concatenate([lane[0] for lane in lanes])
+    shares = np.concatenate([np.full(lane[0].size, lane[1]) for lane in lanes])
+    moves = np.concatenate([np.full(lane[0].size, lane[2]) for lane in lanes])
 
     def values(first: int, last: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         part = slice(first, last)
@@ -388,20 +388,23 @@ def _repeated(
     # programs of XLA are compiled for the width of the run that is checked
     width = spec.lanes if spec.engine == "xla" else min(spec.lanes, max(8, rows.size))
     again = dataclasses.replace(spec, n_rows=rows.size, block=rows.size, lanes=width, values=values)
-    found: list[RowOutcome] = []
-    sweep(again, [0], lambda _, result: found.append(result), progress)
-    cuts = np.cumsum([each[0].size for each in lanes])[:-1]
-    return [found[0].take(part) for part in np.split(np.arange(rows.size), cuts)]
+    outcomes: list[RowOutcome] = []
+    sweep(again, [0], lambda _, result: outcomes.append(result), on_progress)
+    cuts = np.cumsum([lane[0].size for lane in lanes])[:-1]
+    return [outcomes[0].take(part) for part in np.split(np.arange(rows.size), cuts)]
 
 
 def _compare_ends(
-    context: RunContext, rows: np.ndarray, check: SelfCheck, progress: Callable[[SweepProgress], None] | None
+    context: RunContext,
+    rows: np.ndarray,
+    check: SelfCheck,
+    on_progress: Callable[[SweepProgress], None] | None,
 ) -> tuple[Again, np.ndarray]:
-    """Compare how rows (n,) end; gives them as they ran again, and which of them came to rest, both times."""
+    """Compare the ends of rows (n,); return the rerun, and a mask of the rows that settled in both runs."""
     spec, design, model = context.spec, context.design, context.model
-    once, finer = _repeated(spec, design, [(rows, 1.0, 0.0), (rows, FINER, 0.0)], progress)
+    once, finer = _repeated(spec, design, [(rows, 1.0, 0.0), (rows, FINER, 0.0)], on_progress)
     at_times = context.job.run.compared == "ends"
-    ends, finer_ends = (end_values_of(spec.recorder, each) for each in (once, finer))
+    ends, finer_ends = (end_values_of(spec.recorder, outcome) for outcome in (once, finer))
     sound = Status.SOUND.among(once.status)
     other_status = once.status != finer.status
     other_gait = ~other_status & (once.labels["gait"] != finer.labels["gait"])
@@ -425,7 +428,7 @@ def _compare_ends(
     if differs.size:
         some = rows[differs]
         flips, spread = np.zeros(some.size, bool), np.zeros((some.size, change.shape[1]))
-        for moved in _repeated(spec, design, [(some, 1.0, MOVED), (some, 1.0, -MOVED)], progress):
+        for moved in _repeated(spec, design, [(some, 1.0, MOVED), (some, 1.0, -MOVED)], on_progress):
             flips |= moved.status != once.status[differs]
             flips |= moved.labels["gait"] != once.labels["gait"][differs]
             flips |= at_times & (moved.cycles != once.cycles[differs])
@@ -443,12 +446,12 @@ def _compare_ends(
 
 
 def _with_starts(context: RunContext, rows: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """The observables (2 n, k) of rows where they start and where they end."""
+    """Return the observables (2 n, k) of rows at their starts and at their ends."""
     model, drive = context.model, context.spec.drive
     values, starts = context.design.values_in(rows)
 
-    def observed(held: Any, start: Any) -> Any:
-        params = model.params(held) if drive is None else drive(held, 0.0)
+    def observed(row_values: Any, start: Any) -> Any:
+        params = model.params(row_values) if drive is None else drive(row_values, 0.0)
         seen = model.observe(params, model.init(params, start))
         return jax.numpy.stack([seen[q.name] for q in model.observables])
 
@@ -469,36 +472,39 @@ def _compare_starting_points(context: RunContext, rows: np.ndarray, check: SelfC
 
 
 def _compare_crossings(
-    context: RunContext, rows: np.ndarray, check: SelfCheck, progress: Callable[[SweepProgress], None] | None
+    context: RunContext,
+    rows: np.ndarray,
+    check: SelfCheck,
+    on_progress: Callable[[SweepProgress], None] | None,
 ) -> Again:
-    """Compare the first crossings of rows (n,), with their times; gives them as they ran again."""
+    """Compare the first crossings of rows (n,) and their times; return the rerun."""
     design, model = context.design, context.model
     recorder = _beginning(context)
     if not isinstance(recorder, CrossingRecorder):
         recorder = CrossingRecorder(model, crossings=CROSSINGS)
     lanes = [(rows, 1.0, 0.0), (rows, FINER, 0.0), (rows, 1.0, MOVED)]
     spec = dataclasses.replace(context.spec, recorder=recorder)
-    once, finer, moved = repeated = _repeated(spec, design, lanes, progress)
-    seen = [_crossings(each, rows.size, recorder.after_cycles) for each in repeated]
+    once, finer, moved = repeated = _repeated(spec, design, lanes, on_progress)
+    seen = [_crossings(outcome, rows.size, recorder.after_cycles) for outcome in repeated]
     if not np.any(np.isfinite(seen[0][:, 1:])) and math.isfinite(end := _comparable_time(context)):
         # no section was crossed: the state is compared after as many nominal periods
         recorder = FixedTimeRecorder(model, end)
         spec = dataclasses.replace(context.spec, recorder=recorder)
-        once, finer, moved = repeated = _repeated(spec, design, lanes, progress)
+        once, finer, moved = repeated = _repeated(spec, design, lanes, on_progress)
         begun = _with_starts(context, rows, np.zeros((0, len(model.observables))))
-        seen = [np.stack([begun, end_values(each)], axis=1) for each in repeated]
-        seen = [np.concatenate([np.zeros((*each.shape[:2], 1)), each], axis=2) for each in seen]
+        seen = [np.stack([begun, end_values(outcome)], axis=1) for outcome in repeated]
+        seen = [np.concatenate([np.zeros((*samples.shape[:2], 1)), samples], axis=2) for samples in seen]
     differs = once.status != finer.status
     boundary = differs & (once.status != moved.status)
     check.sensitive += int(boundary.sum())
     check.status_differs += int((differs & ~boundary).sum())
-    observed, times = [each[..., 1:] for each in seen], [each[..., 0] for each in seen]
+    observed, times = [samples[..., 1:] for samples in seen], [samples[..., 0] for samples in seen]
     change = changes(model, observed[0], observed[1])
     most = np.nanmax(change, axis=1, initial=0.0)
     size = sizes(model.observables, observed[0])
     check.take_largest(model.observables, most, size)
     if fixed_step_scheme(context.spec.numerics.method, model) is not None:
-        # its step is part of such a model: what changes with it is told, and is no fault of the run
+        # the step is part of such a model: changes with it are reported, but are no fault of the run
         return Again(rows, recorder, once)
     counts = counted(model, observed[0], observed[1])
     off = most > np.where(counts, 0.0, TOLERANCES * TOLERANCE * size)
@@ -519,9 +525,9 @@ def _compare_crossings(
 
 
 def _comparable_time(context: RunContext) -> float:
-    """Seconds after which rows without a section are compared: `CROSSINGS` periods, or the run's own end.
+    """Time (s) after which rows without a section are compared: `CROSSINGS` periods, or the run's own end.
 
-    Infinite where no row has a period, and the run no end.
+    Infinite if no row has a period and the run has no end.
     """
     period = nominal_period(context.design)
     longest = getattr(context.spec.recorder, "duration", None) or math.inf
@@ -536,11 +542,11 @@ def _mean_interval(times: np.ndarray) -> np.ndarray:
 
 
 def _crossings(result: RowOutcome, n: int, after: int) -> np.ndarray:
-    """The times (s) and observables (n, crossings, 1 + k), NaN where a row did not get so far."""
+    """Return times (s) and observables (n, crossings, 1 + k), NaN after the end of a row."""
     width = 1 + result.last.shape[1]
     seen = np.full((n, CROSSINGS + 1, width), np.nan)
     samples = result.samples.reshape(-1, 1 + width)
     at = samples[:, 0].astype(int) - after
-    kept = at <= CROSSINGS
-    seen[result.place[kept], at[kept]] = samples[kept, 1:]
+    early = at <= CROSSINGS
+    seen[result.place[early], at[early]] = samples[early, 1:]
     return seen

@@ -1,4 +1,4 @@
-"""Some blocks of a table, computed in this process, for directories that other processes write too."""
+"""Computation of some blocks of a table in this process, for directories that other processes write too."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ def run_blocks(
     context: RunContext,
     blocks: Sequence[int],
     write: Callable[[int, pd.DataFrame], None],
-    between: Callable[[SweepProgress | None], None],
+    on_progress: Callable[[SweepProgress | None], None],
 ) -> None:
-    """Compute blocks, and pass the records of each to `write(number, records)` when all its rows have ended.
+    """Compute blocks, and pass the records of each to `write(number, records)` when its rows have ended.
 
     Args:
         context: the job's context.
         blocks: the numbers of the blocks.
         write: called with each block.
-        between: called now and then, with how far it is where the sweep engine knows; an exception that it
-            raises stops the run.
+        on_progress: progress callback, called with None where the progress is not known; an exception that
+            it raises stops the run.
     """
     spec, kind = context.spec, context.job.run
     if not kind.own_blocks:
-        sweep(spec, blocks, write, between, encode=lambda _, block: context.table(block))
+        sweep(spec, blocks, write, on_progress, encode=lambda _, block: context.table(block))
         return
     for number in blocks:
         first, last = number * spec.block, min((number + 1) * spec.block, spec.n_rows)
-        write(number, kind.block_table(context.design, spec, first, last, lambda note="": between(None)))
+        write(number, kind.block_table(context.design, spec, first, last, lambda note="": on_progress(None)))

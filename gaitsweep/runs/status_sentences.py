@@ -7,12 +7,12 @@ from typing import Any
 
 from gaitsweep.contract import Status
 
-# Of jobs whose rows are sets: what one of their results is called.
+# Name of a result, for jobs whose rows are sets of constants.
 _RESULTS = {"search": "target", "sensitivity": "output"}
 
 
 def status_sentence(status: str, job: Mapping[str, Any]) -> str:
-    """The sentence of a status of a job's rows; empty for a status of another version of gaitsweep."""
+    """Return the sentence of a status; empty for a status of another version of gaitsweep."""
     result = next((word for field, word in _RESULTS.items() if field in job), None)
     if result is None:
         return Status[status].sentence if status in Status.__members__ else ""

@@ -1,4 +1,4 @@
-"""Summary of a run for its manifest: how the rows were run, how they ended, and what the columns hold."""
+"""Summary of a run for its manifest: settings, counts of rows by their end, and units of the columns."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from gaitsweep.table import ResultDirectory, load_parts
 # Fields of the manifest: rows whose label is no index of a gait, rows that begin beyond an event's surface,
 # rows whose nominal period is no time.
 MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD = "mislabelled", "starts_beyond", "without_period"
-# Rows whose starts are looked at, at most and at a time.
+# Rows whose starts are examined, at most and at a time.
 _MOST_STARTS, _STARTS_AT_A_TIME = 100_000, 4096
 _MOST_OF_A_SIMULATOR = 64  # whose parameters the host works out row by row
 
 
 def describe(context: RunContext, directory: ResultDirectory) -> None:
-    """Say in the manifest what the rows are, and with what they are run.
+    """Write the axes of the rows and the settings of the run into the manifest.
 
-    `axes` are those of the rows, the last varying fastest: what moves together, the number of points, and
-    whether these are drawn as a sample.
+    `axes` are in the order of the rows, the last varying fastest: the names that vary together, the number
+    of points, and whether these are drawn as a sample.
     """
     steps = context.steps.dt[(context.steps.dt > 0.0) & (context.steps.dt < np.inf)]
     directory.update_manifest(
@@ -56,8 +56,8 @@ def describe(context: RunContext, directory: ResultDirectory) -> None:
 def _model_folder(context: RunContext, path: Path) -> dict[str, str]:
     """The folder of a user's model, for `--trust` from elsewhere; none for the papers' models.
 
-    It is relative to the result directory, and left out where the two share no project's folder, so that
-    a directory which is passed on does not tell where its owner's files are.
+    It is relative to the result directory, and omitted if the two share no project folder, so that a
+    directory which is passed on does not reveal where its owner's files are.
     """
     folder = None if context.job.model in models.names() else folder_of_class(type(context.model))
     if folder is None or len(Path(os.path.commonpath([folder, path.resolve()])).parts) < 3:
@@ -66,7 +66,7 @@ def _model_folder(context: RunContext, path: Path) -> dict[str, str]:
 
 
 def sum_up(context: RunContext, directory: ResultDirectory, timings: dict[str, float]) -> None:
-    """Write what is known of the rows so far into the manifest, all of it at once."""
+    """Write timings, counts and, once complete, the summary of the records into the manifest, at once."""
     complete, counts = not directory.missing_blocks(), directory.counts()
     fields: dict[str, Any] = {"timings": timings, "counts": counts, "complete": complete}
     if complete:
@@ -77,17 +77,17 @@ def sum_up(context: RunContext, directory: ResultDirectory, timings: dict[str, f
 
 
 def _of_starts(context: RunContext) -> dict[str, Any]:
-    """Counts of rows that begin on or beyond the surface of an event, by the event's name.
+    """Count rows that begin on or beyond the surface of an event, by the event's name.
 
-    And of rows whose nominal period is no time, by what it is. `rows` is their number and `row` the first of
-    them; of more than `_MOST_STARTS` rows, evenly spaced ones are looked at, whose number is `of`.
+    Count also rows whose nominal period is not a positive time, by its value. `rows` is their number and
+    `row` the first of them; of more than `_MOST_STARTS` rows, `of` evenly spaced ones are examined.
     """
     n, model = context.spec.n_rows, context.model
     most = _MOST_OF_A_SIMULATOR if model.host_parameters else _MOST_STARTS
     rows = np.arange(n) if n <= most else np.linspace(0, n - 1, most).astype(np.int64)
     width = min(_STARTS_AT_A_TIME, 1 << (rows.size - 1).bit_length())
     begun = _begun(model)
-    found: dict[str, dict[str, dict[str, int]]] = {}
+    counts: dict[str, dict[str, dict[str, int]]] = {}
     for first in range(0, rows.size, width):
         some = rows[first : first + width]
         parameters, starts = context.design.values_in(np.append(some, np.full(width - some.size, some[0])))
@@ -96,18 +96,18 @@ def _of_starts(context: RunContext) -> dict[str, Any]:
         times = {"NaN": np.isnan(period), "0": period == 0.0, "a number below 0": period < 0.0}
         flags = {STARTS_BEYOND: beyond, WITHOUT_PERIOD: {**times, "infinity": period == np.inf}}
         for field, named in flags.items():
-            for name, each in named.items():
-                if (there := some[np.asarray(each)[: some.size]]).size:
-                    known = found.setdefault(field, {}).setdefault(name, {"rows": 0, "row": int(there[0])})
-                    known["rows"] += int(there.size)
+            for name, mask in named.items():
+                if (hits := some[np.asarray(mask)[: some.size]]).size:
+                    known = counts.setdefault(field, {}).setdefault(name, {"rows": 0, "row": int(hits[0])})
+                    known["rows"] += int(hits.size)
                     if rows.size < n:
                         known["of"] = int(rows.size)
-    return found
+    return counts
 
 
 @functools.lru_cache(maxsize=16)
 def _begun(model: Model) -> Callable[..., tuple[jax.Array, dict[str, jax.Array]]]:
-    """`(values, starts) -> (period, beyond)` of rows."""
+    """Compiled function `(values, starts) -> (period, beyond)` of rows."""
     has_surfaces = type(model).beyond_at_start is not Model.beyond_at_start
 
     def one(values: Any, start: Any) -> tuple[jax.Array, dict[str, jax.Array]]:
@@ -119,32 +119,32 @@ def _begun(model: Model) -> Callable[..., tuple[jax.Array, dict[str, jax.Array]]
 
 
 def remarks(manifest: Mapping[str, Any]) -> list[str]:
-    """Sentences about what a run has done otherwise than its author may expect."""
-    said = []
-    for name, found in (manifest.get(WITHOUT_PERIOD) or {}).items():
-        said.append(
-            f"Warning: the model's function period gave {name} in {_rows(found)}, where it gives seconds "
+    """Return sentences about results that the author of a job may not expect."""
+    sentences = []
+    for name, about in (manifest.get(WITHOUT_PERIOD) or {}).items():
+        sentences.append(
+            f"Warning: the model's function period gave {name} in {_rows(about)}, where it gives seconds "
             "above 0: limits of time and of steps follow from it."
         )
-    for name, found in (manifest.get(STARTS_BEYOND) or {}).items():
-        said.append(
-            f"{_rows(found)} began on or beyond the surface of the event {name!r}, which happens only "
+    for name, about in (manifest.get(STARTS_BEYOND) or {}).items():
+        sentences.append(
+            f"{_rows(about)} began on or beyond the surface of the event {name!r}, which happens only "
             "after its function has been below zero."
         )
-    for name, found in (manifest.get(MISLABELLED) or {}).items():
+    for name, about in (manifest.get(MISLABELLED) or {}).items():
         label = name.removeprefix(UNKNOWN_GAIT).strip(" ()")
-        said.append(
-            f"Warning: the model's function label gave gait {label} in {_rows(found)}, which is no index of "
+        sentences.append(
+            f"Warning: the model's function label gave gait {label} in {_rows(about)}, which is no index of "
             f"its gaits; their gait is {name!r} in the table."
         )
-    return said
+    return sentences
 
 
-def _rows(found: Mapping[str, Any]) -> str:
-    of = f" of {found['of']} that were looked at" if "of" in found else ""
-    more = found["rows"] > 1
-    first = f"the first is row {found['row']}" if more else f"row {found['row']}"
-    return f"{found['rows']} row{'s' * more} ({first}){of}"
+def _rows(about: Mapping[str, Any]) -> str:
+    of = f" of {about['of']} that were examined" if "of" in about else ""
+    more = about["rows"] > 1
+    first = f"the first is row {about['row']}" if more else f"row {about['row']}"
+    return f"{about['rows']} row{'s' * more} ({first}){of}"
 
 
 def _of_records(context: RunContext, directory: ResultDirectory) -> dict[str, Any]:
@@ -173,8 +173,8 @@ def _of_records(context: RunContext, directory: ResultDirectory) -> dict[str, An
         if counts_gaits:
             gaits.update({str(gait): int(n) for gait, n in part["gait"].value_counts().items() if n})
         if unsettled:
-            mine = part.loc[part["status"].astype(str) == Status.cycle_limit.name, "slowest"]
-            slowest.update({str(name): int(n) for name, n in mine.value_counts().items() if n})
+            slowest_names = part.loc[part["status"].astype(str) == Status.cycle_limit.name, "slowest"]
+            slowest.update({str(name): int(n) for name, n in slowest_names.value_counts().items() if n})
         far = context.model.analytic_distance(part)
         if far is not None and (not farthest or far[0] > farthest[0][0]):
             farthest = [far]
@@ -192,7 +192,7 @@ def _of_records(context: RunContext, directory: ResultDirectory) -> dict[str, An
 
 
 def summed_up(context: RunContext, directory: ResultDirectory) -> bool:
-    """Whether the manifest of a table that has all its parts says so, and all else that a run adds."""
+    """Return whether the manifest of a table with all its parts is complete."""
     known = directory.manifest
     return (
         known.get("complete") is True
@@ -206,37 +206,39 @@ def summed_up(context: RunContext, directory: ResultDirectory) -> bool:
 
 
 def _counts_gaits(context: RunContext) -> bool:
-    if tuple(context.model.gaits) == ("none",):  # no gait is told from another
+    if tuple(context.model.gaits) == ("none",):  # the model distinguishes no gaits
         return False
     return context.job.run.one_a_row and "gait" in table_columns(context.design, context.job.run)
 
 
 def _counts_slowest(context: RunContext, directory: ResultDirectory) -> bool:
-    """Whether rows did not settle, and say which observable kept them from it."""
+    """Return whether rows did not settle and record the slowest observable."""
     known = table_columns(context.design, context.job.run)
     return "slowest" in known and bool(directory.counts().get(Status.cycle_limit.name))
 
 
 def _has_distance(context: RunContext) -> bool:
-    """Whether rows say how far they settle from analytic solutions, if they do."""
+    """Return whether rows record their distance from analytic solutions."""
     known = table_columns(context.design, context.job.run)
     return context.job.run.one_a_row and {"distance", "gait"} <= set(known)
 
 
-def _add_mislabelled(found: dict[str, dict[str, int]], part: pd.DataFrame, gaits: Sequence[str]) -> None:
-    """Add the rows of a part whose label is no index of a gait, by the name that the table has for it."""
+def _add_mislabelled(
+    mislabelled: dict[str, dict[str, int]], part: pd.DataFrame, gaits: Sequence[str]
+) -> None:
+    """Add the rows of a part whose label is not the index of a gait, by its name in the table."""
     for name in part["gait"].cat.categories.difference(list(gaits)):
-        there = part.loc[part["gait"] == name, "row"]
-        if there.size:
-            known = found.setdefault(str(name), {"rows": 0, "row": int(there.iloc[0])})
-            known["rows"] += int(there.nunique())
+        rows = part.loc[part["gait"] == name, "row"]
+        if rows.size:
+            known = mislabelled.setdefault(str(name), {"rows": 0, "row": int(rows.iloc[0])})
+            known["rows"] += int(rows.nunique())
 
 
-def _add_stalls(found: dict[str, dict[str, Any]], part: pd.DataFrame) -> None:
-    """Add what stalled the rows of a part that ended as `event_stall`, by the guards that did.
+def _add_stalls(stalls: dict[str, dict[str, Any]], part: pd.DataFrame) -> None:
+    """Add the rows of a part that ended as `event_stall`, by the guards that stalled them.
 
-    `rows` is their number, and `t` the earliest and the latest time (s) at which one of them stalled; of
-    tables that have no `t_end`, those of the rows' last records, `after` which they did.
+    `rows` is their number, and `t` the earliest and the latest time (s) of a stall; tables without `t_end`
+    have `after` instead, the times of the rows' last records.
     """
     if "stalled_by" not in part.columns:
         return
@@ -245,14 +247,14 @@ def _add_stalls(found: dict[str, dict[str, Any]], part: pd.DataFrame) -> None:
     last = stalled.groupby("row").agg(by=("stalled_by", "last"), t=(time, "max"))
     by, at = np.asarray(last["by"].astype(str)), np.asarray(last["t"], np.float64)
     for names in np.unique(by):
-        known = found.setdefault(str(names), {"rows": 0, key: []})
+        known = stalls.setdefault(str(names), {"rows": 0, key: []})
         when = np.array([*known[key], *at[(by == names) & np.isfinite(at)]])
         known["rows"] += int(np.count_nonzero(by == names))
         known[key] = [float(when.min()), float(when.max())] if when.size else []
 
 
 def quantities_of(model: Model, columns: Sequence[Column] = ()) -> dict[str, dict[str, Any]]:
-    """Unit, meaning and symbol of what the table's columns hold, for whoever reads it and for its figures."""
+    """Return unit, meaning and symbol of the table's columns, for readers and for figures."""
     named = {
         **{column.name: column.quantity for column in columns if column.quantity is not None},
         # a start stands in the table by its own name, an observable with _end or _n

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-# Rows of a table of which all are shown; a page has fewer points that can be told apart.
+# Rows of a table of which all are shown; a page has fewer distinguishable points.
 MOST_SHOWN = 2_000_000
 
 
@@ -22,13 +22,13 @@ class Thinned:
 
 
 def thinned(manifest: Mapping[str, Any], most: int = MOST_SHOWN) -> Thinned | None:
-    """The rows that figures of a table show, at most `most`, or None where they show all.
+    """Select the rows that figures of a table show, at most `most`; None if they show all.
 
     The longest axes are thinned: of a grid, every n-th point; of a sample, its first points, since
     every n-th of a Sobol sequence may lie in one half of an axis.
 
     Args:
-        manifest: that of the table; one that does not tell the axes is not thinned.
+        manifest: that of the table; a table without axes is not thinned.
         most: the largest number of rows.
     """
     axes: Sequence[Mapping[str, Any]] = manifest.get("axes", ())
@@ -40,16 +40,16 @@ def thinned(manifest: Mapping[str, Any], most: int = MOST_SHOWN) -> Thinned | No
         # odd steps, so that the points of a grid of cells are the middles of larger cells
         steps[longest] += 2
     rows = np.zeros(1, np.int64)
-    kept: dict[str, list[str]] = {}
+    thinned_names: dict[str, list[str]] = {}
     for axis, step in zip(axes, steps, strict=True):
         shown = np.arange(_shown(axis, step))
         points = shown if axis["drawn"] else shown * step + step // 2
         rows = (rows[:, None] * axis["length"] + points[None, :]).ravel()
         if step > 1:
             which = f"the first {shown.size} of" if axis["drawn"] else f"every {_ordinal(step)}"
-            kept.setdefault(which, []).extend(axis["names"])
-    told = "; ".join(f"{which} {', '.join(names)}" for which, names in kept.items())
-    return Thinned(rows, f"{rows.size} of {manifest['rows']} rows: {told}")
+            thinned_names.setdefault(which, []).extend(axis["names"])
+    text = "; ".join(f"{which} {', '.join(names)}" for which, names in thinned_names.items())
+    return Thinned(rows, f"{rows.size} of {manifest['rows']} rows: {text}")
 
 
 def _shown(axis: Mapping[str, Any], step: int) -> int:

@@ -22,7 +22,7 @@ from gaitsweep.models.conformity import sample, written
 from gaitsweep.runs.execute import table_in_memory
 from gaitsweep.runs.summary import MISLABELLED, remarks
 
-# Rows and cycles of the trial, and samples of a cycle in which an energy's rate is looked at.
+# Rows and cycles of the trial, and samples a cycle of the rate of an energy.
 ROWS, CYCLES, SAMPLES = 32, 12, 40
 # An energy whose rate is below this share of the power that its terms exchange is kept.
 KEPT = 1e-9
@@ -57,9 +57,9 @@ def trial(kind: type[Model]) -> Trial:
     manifest = table.attrs["manifest"]
     faults = [
         f"but its function label gives gait {name.removeprefix(UNKNOWN_GAIT).strip(' ()')}"
-        f"{written(values, found['row'])}, where it gives an index into its gaits: "
+        f"{written(values, about['row'])}, where it gives an index into its gaits: "
         f"0 to {len(model.gaits) - 1}."
-        for name, found in manifest.get(MISLABELLED, {}).items()
+        for name, about in manifest.get(MISLABELLED, {}).items()
     ]
     if set(manifest["counts"]) == {Status.not_a_number.name}:
         faults.append(f"of which all {manifest['rows']} rows that were tried ended as not_a_number.")
@@ -71,34 +71,36 @@ def trial(kind: type[Model]) -> Trial:
 
 
 def _clashing_columns(model: Model) -> list[str]:
-    """A fault for each quantity by whose name a table of some kind has another column."""
+    """Return a fault for each quantity whose name is another column in a table of some run kind."""
     runs = (Settle(), FixedTime(duration=1.0), ReturnMap(crossings=1), Trace(duration=1.0, every=1.0))
     settable = [q.name for q in (*model.parameters, *model.initial_conditions)]
-    found: dict[str, str] = {}
+    clashes: dict[str, str] = {}
     for run in runs:
         columns = ["row", *settable, *(column.name for column in run.all_columns(model))]
-        found |= {name: run.kind_name for name in columns if columns.count(name) > 1 and name not in found}
+        clashes |= {
+            name: run.kind_name for name in columns if columns.count(name) > 1 and name not in clashes
+        }
     return [
         f"which has a quantity {name}, but a table of {run} has a column of that name: rename the quantity."
-        for name, run in found.items()
+        for name, run in clashes.items()
     ]
 
 
 def _run(kind: type[Model], values: Mapping[str, np.ndarray], run: Settle | Trace) -> pd.DataFrame:
-    """The rows of these values in memory, without a self-check."""
-    varied = {name: each.tolist() for name, each in values.items() if np.ptp(each) > 0.0}
+    """Run rows with these values in memory, without a self-check."""
+    varied = {name: column.tolist() for name, column in values.items() if np.ptp(column) > 0.0}
     job = Job(name="trial", model=models.name_of(kind), vary={"zip": varied}, run=run, verify=0)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what a run has to remark is said in the trial's own words
+        warnings.simplefilter("ignore")  # the trial reports the remarks of its run itself
         return table_in_memory(job)
 
 
 def _energies(model: HybridModel, kind: type[Model], values: Mapping[str, np.ndarray]) -> list[str]:
-    """A sentence for each energy of a model: how fast it changes along the flow, between events.
+    """Return a sentence for each energy of a model: its rate of change along the flow, between events.
 
-    Its rate is that of the flow at states of a trajectory, not a difference of two states, so neither events
-    nor errors of integration are in it. It is relative to the power that the energy's terms exchange, the sum
-    of their rates' magnitudes, at its largest along the row.
+    The rate is that of the flow at states of a trajectory, not a difference of two states, so it includes
+    neither events nor integration errors. It is relative to the power that the energy's terms exchange: the
+    sum of the magnitudes of their rates, at its largest along the row.
     """
     watched = _with_rates(kind)
     names = [q.name.removesuffix(_RATE) for q in watched().signals if q.name.endswith(_RATE)]
@@ -107,7 +109,7 @@ def _energies(model: HybridModel, kind: type[Model], values: Mapping[str, np.nda
     known = {q.name: float(values[q.name][0]) for q in model.parameters}
     cycle = float(model.period(model.params({k: jnp.asarray(v) for k, v in known.items()})))
     table = _run(watched, values, Trace(duration=3 * cycle, every=cycle / SAMPLES))
-    said = []
+    sentences = []
     for name in names:
         rates = table[name + _RATE].to_numpy(float)
         most = table.groupby("row")[name + _POWER].transform("max").to_numpy(float)
@@ -119,8 +121,8 @@ def _energies(model: HybridModel, kind: type[Model], values: Mapping[str, np.nda
         else:
             falls = "only falls" if high < KEPT else "only rises" if -low < KEPT else "rises and falls"
             how = f"is not kept between events: it {falls}, by up to {largest:.2g} of"
-        said.append(f"The energy {name} {how} the power that its terms exchange ({share.size} states).")
-    return said
+        sentences.append(f"The energy {name} {how} the power that its terms exchange ({share.size} states).")
+    return sentences
 
 
 def _with_rates(kind: type[Model]) -> type[Model]:
@@ -134,14 +136,14 @@ def _with_rates(kind: type[Model]) -> type[Model]:
         return (*base.signals, *more)
 
     def signal(self: HybridModel, params: Any, state: State) -> dict[str, jax.Array]:
-        found = kind.signal(self, params, state)
+        with_rates = kind.signal(self, params, state)
         rates = self.flow(params, state)
         at = {name: getattr(state, name) for name in rates}
         gradients = jax.jacrev(lambda x: self.energies(params, dataclasses.replace(state, **x)))(at)
         for name, gradient in gradients.items():
             terms = jnp.concatenate([jnp.ravel(gradient[key] * rate) for key, rate in rates.items()])
-            found |= {name + _RATE: jnp.sum(terms), name + _POWER: jnp.sum(jnp.abs(terms))}
-        return found
+            with_rates |= {name + _RATE: jnp.sum(terms), name + _POWER: jnp.sum(jnp.abs(terms))}
+        return with_rates
 
     members = {"signals": property(signals), "signal": signal, "name": kind.name}
     watched: type[Any] = type(kind.__name__, (kind,), members)

@@ -181,13 +181,13 @@ class ResultDirectory:
     def _digest(self, examined: Examination) -> None:
         """Record the digests of valid files that have none."""
         n = len(examined.undigested)
-        told = f"{n} file{'s' * (n != 1)} of {self.path / TABLE} {'have' if n != 1 else 'has'} no digests"
+        text = f"{n} file{'s' * (n != 1)} of {self.path / TABLE} {'have' if n != 1 else 'has'} no digests"
         if self.manifest["format"] == 1:
-            self.notes.append(f"{told}, as in older versions: some damage to them cannot be detected.")
+            self.notes.append(f"{text}, as in older versions: some damage to them cannot be detected.")
             return
         write_digests(self.path, read_digests(self.path) | examined.undigested)
         self.notes.append(
-            f"{told} in {DIGESTS}. Their job, block, rows and page checksums are correct: the files "
+            f"{text} in {DIGESTS}. Their job, block, rows and page checksums are correct: the files "
             "are used, and "
             "their digests are written again."
         )

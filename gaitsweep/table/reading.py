@@ -88,11 +88,9 @@ class Snapshot:
     @property
     def without_digests(self) -> str:
         """Sentence on files without digests, in which damage may go undetected."""
-        n, told = len(self.files.undigested), "so some damage cannot be detected"
+        n, consequence = len(self.files.undigested), "so some damage cannot be detected"
         again = "" if self.manifest["format"] == 1 else ". Run its job again to write the digests"
-        return (
-            f"{n} file{'s' * (n != 1)} of the table {'has' if n == 1 else 'have'} no digests, {told}{again}"
-        )
+        return f"{n} file{'s' * (n != 1)} of the table {'has' if n == 1 else 'have'} no digests, {consequence}{again}"
 
     def require_sound(self) -> None:
         """Refuse a table with damaged files or files of another table.

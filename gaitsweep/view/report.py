@@ -148,15 +148,15 @@ def figure_of(path: Path, caption: str) -> str:
 
 def _warnings(snapshot: Snapshot) -> str:
     """Summary at the top of the report."""
-    told = []
+    sentences = []
     if not snapshot.complete:
-        told.append("The table is not complete. Run the same command to continue it.")
+        sentences.append("The table is not complete. Run the same command to continue it.")
     if snapshot.job_edited:
-        told.append("job.yaml was changed after the run; the job below is the one that was run.")
+        sentences.append("job.yaml was changed after the run; the job below is the one that was run.")
     check = snapshot.manifest.get("self_check")
     if isinstance(check, dict) and check.get("verdict") == "warned":
-        told.append("The self-check warned: see below.")
-    return "".join(f'<p class="warning">{html.escape(each)}</p>' for each in told)
+        sentences.append("The self-check warned: see below.")
+    return "".join(f'<p class="warning">{html.escape(each)}</p>' for each in sentences)
 
 
 def _counts(snapshot: Snapshot) -> str:
@@ -171,7 +171,7 @@ def _counts(snapshot: Snapshot) -> str:
     ]
     lines.append(f'<tr class="sum"><td>all</td>{_number(total, total)}<td></td></tr>')
     stalls = snapshot.manifest.get("stalls")
-    told = "".join(
+    notes = "".join(
         f"<p>{int(found.get('rows', 0))} stalled: {html.escape(names)}.</p>"
         for names, found in (stalls or {}).items()
     )
@@ -179,8 +179,8 @@ def _counts(snapshot: Snapshot) -> str:
         each = ", ".join(
             f"{html.escape(name)} in {int(rows)} row{'s' * (rows != 1)}" for name, rows in slowest.items()
         )
-        told += f"<p>Rows did not settle because of {each}.</p>"
-    return f'<div class="wide"><table>{"".join(lines)}</table></div>{told}{_reasons(snapshot)}'
+        notes += f"<p>Rows did not settle because of {each}.</p>"
+    return f'<div class="wide"><table>{"".join(lines)}</table></div>{notes}{_reasons(snapshot)}'
 
 
 def _columns(snapshot: Snapshot, *names: str) -> pd.DataFrame:

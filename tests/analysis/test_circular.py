@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitsweep.analysis.circular import cut, is_circular, mean_direction, on_line
+from gaitsweep.analysis.circular import branch_cut, is_circular, mean_direction, unwrap_from
 from gaitsweep.circular import TURN, wrapped_difference
 
 
@@ -24,10 +24,10 @@ def test_the_mean_of_angles_is_no_plain_mean() -> None:
 
 
 def test_the_circle_is_cut_where_no_angles_are() -> None:
-    assert cut(np.array([2.2, 2.5, 3.0])) == 0.0
-    assert cut(np.array([np.nan])) == 0.0
+    assert branch_cut(np.array([2.2, 2.5, 3.0])) == 0.0
+    assert branch_cut(np.array([np.nan])) == 0.0
     across = np.array([6.0, 6.2, 0.1, 0.4])
-    line = on_line(across, cut(across))
+    line = unwrap_from(across, branch_cut(across))
     assert (np.diff(line) > 0).all()
     assert np.ptp(line) == pytest.approx(0.4 + TURN - 6.0)
     assert np.abs(line).max() < 1.0  # around zero, not around 2 pi

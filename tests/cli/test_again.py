@@ -31,26 +31,26 @@ def few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return Path("results/few")
 
 
-def _recalled(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+def _loaded(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     """Whether each command from now on was answered from memory."""
     found: list[bool] = []
 
-    def recall(command: list[str]) -> tuple[str, str] | None:
-        said = again.recall(command)
+    def load_output(command: list[str]) -> tuple[str, str] | None:
+        said = again.load_output(command)
         found.append(said is not None)
         return said
 
-    class Watched:
-        remember = staticmethod(again.remember)
+    class Recorded:
+        store_output = staticmethod(again.store_output)
 
-    Watched.recall = staticmethod(recall)  # type: ignore[attr-defined]
-    monkeypatch.setattr(cli_commands, "again", Watched)
+    Recorded.load_output = staticmethod(load_output)  # type: ignore[attr-defined]
+    monkeypatch.setattr(cli_commands, "again", Recorded)
     return found
 
 
 def test_the_same_command_says_the_same(few: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     capsys.readouterr()
-    found = _recalled(monkeypatch)
+    found = _loaded(monkeypatch)
     assert main(["run", "few.yaml"]) == 0
     assert found == [True]
     printed = capsys.readouterr().out
@@ -88,7 +88,7 @@ def test_after_any_change_the_command_runs_as_a_whole(
     few: Path, change: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     change(few)
-    found = _recalled(monkeypatch)
+    found = _loaded(monkeypatch)
     main(["run", "few.yaml"])
     assert found == [False]
     main(["run", "few.yaml"])
@@ -97,7 +97,7 @@ def test_after_any_change_the_command_runs_as_a_whole(
 
 
 def test_another_device_is_another_command(few: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    found = _recalled(monkeypatch)
+    found = _loaded(monkeypatch)
     monkeypatch.setenv("XLA_FLAGS", "--xla_cpu_enable_fast_math=false")
     assert main(["run", "few.yaml"]) == 0
     assert found == [False]

@@ -65,8 +65,8 @@ class FakeRunner(types.ModuleType):
         job: Job,
         out: Path | None = None,
         *,
-        progress: Callable[..., None] | None = None,
-        tell: Callable[[str], None] | None = None,
+        on_progress: Callable[..., None] | None = None,
+        on_message: Callable[[str], None] | None = None,
         strict: bool = False,
         cluster: None = None,
     ) -> Path:
@@ -81,8 +81,8 @@ class FakeRunner(types.ModuleType):
                 rows = np.arange(*directory.rows_of(number), dtype=np.int64)
                 status = np.where(rows == 3, "fell", "settled")
                 directory.write_part(number, pd.DataFrame({"row": rows, "status": status}))
-                if progress is not None:
-                    progress(directory.rows_done, 10, 2.5, directory.rows_done / 10, "")
+                if on_progress is not None:
+                    on_progress(directory.rows_done, 10, 2.5, directory.rows_done / 10, "")
             directory.update_manifest(device="1 x cpu (cpu)", timings={"run_s": 1.25})
         self.draw_figures(path)
         return path

@@ -7,16 +7,16 @@ import pandas as pd
 import pytest
 
 from gaitsweep.fitting.designs import SensitivityDesign, design_of
-from gaitsweep.fitting.free import Free
+from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.indices import Output, indices
 from response_model import COEFFICIENTS, A, B, ishigami, ishigami_indices
 
 NAMES = ["x_1", "x_2", "x_3"]
-RANGES = {name: Free(low=-np.pi, high=np.pi) for name in NAMES}
+RANGES = {name: FreeParameter(low=-np.pi, high=np.pi) for name in NAMES}
 
 
 def designed(
-    method: str, n: int | None, ranges: dict[str, Free] = RANGES, seed: int = 0
+    method: str, n: int | None, ranges: dict[str, FreeParameter] = RANGES, seed: int = 0
 ) -> SensitivityDesign:
     return design_of(method, n, seed, ranges, {"x_1": 1.0, "x_2": 0.5, "x_3": -2.0})
 
@@ -87,9 +87,9 @@ def test_morris_takes_whole_trajectories() -> None:
 def test_one_at_a_time_gives_changes_and_elasticities() -> None:
     """Y = x_1^2 x_2: at (1, 0.5), ranges to both sides of it, and one whose middle is elsewhere."""
     ranges = {
-        "x_1": Free(low=0.9, high=1.1),
-        "x_2": Free(low=0.5, high=1.0),
-        "x_3": Free(low=-3.0, high=-1.0),
+        "x_1": FreeParameter(low=0.9, high=1.1),
+        "x_2": FreeParameter(low=0.5, high=1.0),
+        "x_3": FreeParameter(low=-3.0, high=-1.0),
     }
     design = designed("one_at_a_time", None, ranges)
     x = points(design)
@@ -173,7 +173,7 @@ def test_too_few_sound_rows_and_constant_outputs_have_no_index() -> None:
 @pytest.mark.parametrize("method", ["one_at_a_time", "morris", "sobol"])
 def test_angles_are_unwrapped(method: str) -> None:
     """A third of a linear function, less whole turns: the indices are those of the third itself."""
-    ranges = {name: Free(low=-1.0, high=1.0) for name in NAMES}
+    ranges = {name: FreeParameter(low=-1.0, high=1.0) for name in NAMES}
     n = {"one_at_a_time": None, "morris": 6, "sobol": 64}[method]
     design = design_of(method, n, 0, ranges, {"x_1": 0.1, "x_2": -0.2, "x_3": 0.0})
     third = points(design) @ COEFFICIENTS / 3.0

@@ -127,14 +127,18 @@ def test_wrong_fields_are_refused(kind: str, fields: dict[str, Any], sentence: s
 @pytest.mark.parametrize(
     ("kind", "fields", "sentence"),
     [
-        ("value", {"of": "apxe + 1"}, "has apxe, which is none; did you mean apex?"),
-        ("value", {"of": "2 +"}, "is no column, and no formula: "),
+        ("value", {"of": "apxe + 1"}, "has apxe, which is unknown; did you mean apex?"),
+        ("value", {"of": "2 +"}, "is neither a column nor a formula: "),
         ("value", {"of": "2 + 1"}, "has no column"),
-        ("value", {"of": "apex", "among": {"apxe": [1, 2]}}, "has apxe, which is none; did you mean apex?"),
-        ("share", {"gait": ["hop", "rset"]}, "is rset, which is none; did you mean rest?"),
-        ("order", {"of": "apex", "gaits": ["hop", "rset"]}, "is rset, which is none; did you mean rest?"),
+        (
+            "value",
+            {"of": "apex", "among": {"apxe": [1, 2]}},
+            "has apxe, which is unknown; did you mean apex?",
+        ),
+        ("share", {"gait": ["hop", "rset"]}, "is rset, which is unknown; did you mean rest?"),
+        ("order", {"of": "apex", "gaits": ["hop", "rset"]}, "is rset, which is unknown; did you mean rest?"),
         ("order", {"of": "apex", "gaits": ["hop", ["rest", "hop"]]}, "has hop twice"),
-        ("prominence", {"of": "apex", "along": "mas"}, "is mas, which is none; did you mean mass?"),
+        ("prominence", {"of": "apex", "along": "mas"}, "is mas, which is unknown; did you mean mass?"),
         ("prominence", {"of": "apex", "along": "mass", "at": {"mass": [1, 2]}}, "has fewer than three"),
         (
             "prominence",

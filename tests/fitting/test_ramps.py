@@ -116,7 +116,7 @@ def test_a_ramp_leaves_a_gait_past_its_fold() -> None:
     # the start at -1 is left of the fold at r = 2 (a/3)^(3/2), above .3 there: no right at first
     assert table.loc[table["a"] > 0.9, "order"].to_numpy() == pytest.approx(0.5 * (1.0 + 2.0 / 3.0))
     assert table["only"].to_numpy() == pytest.approx(2.0 / 3.0)
-    assert found.near.best["a"].iloc[0] == pytest.approx(1.0, abs=0.02)
+    assert found.identifiability.best["a"].iloc[0] == pytest.approx(1.0, abs=0.02)
     assert found.finalists is not None
     np.testing.assert_allclose(found.finalists["down_half"], found.finalists["down"], atol=1e-3)
 
@@ -278,9 +278,9 @@ def test_the_share_of_a_sequence(gaits: str, share: float) -> None:
         ),
         ({"at": {"x_0": 1.0, "r": 0.0}}, "at sets r, which the ramp moves: take it out"),
         ({"pass": 2}, "pass is 2, but the path has 2 passes, of which the first is 0"),
-        ({"gait": "rigth"}, "gait is rigth, which is none; did you mean right?"),
-        ({"to": ["left", "right"]}, "to has right, which stands in gait too"),
-        ({"of": "y"}, "of is y, which is none"),
+        ({"gait": "rigth"}, "gait is rigth, which is unknown; did you mean right?"),
+        ({"to": ["left", "right"]}, "to has right, which is in gait too"),
+        ({"of": "y"}, "of is y, which is unknown"),
         ({"least": 0}, "least is 0, but must be a whole number from 1"),
         ({"too": "left"}, "too is not a field of a measure (transition); did you mean to?"),
     ],

@@ -20,11 +20,11 @@ from pandas.testing import assert_frame_equal
 import gaitsweep as gs
 import toy_model
 from gaitsweep.fitting.estimate import estimate_search
-from gaitsweep.fitting.free import sets_at
+from gaitsweep.fitting.free_parameters import sets_at
 from gaitsweep.fitting.optimisers import METHODS, optimiser
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.search import FINALISTS, run_search
-from gaitsweep.fitting.search_job import Choice, load_search, read_search
+from gaitsweep.fitting.search_job import SearchOptions, load_search, read_search
 from gaitsweep.fitting.targets import FAILED_MISS, MISS
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.strict_model import plain
@@ -70,16 +70,17 @@ def job(**search: Any) -> dict[str, Any]:
 
 def test_planted_constants_are_found_again(tmp_path: Path) -> None:
     found = gs.search(TOY, tmp_path / "out")
-    best = found.near.best.iloc[0]
+    best = found.identifiability.best.iloc[0]
     assert best["kick"] == pytest.approx(KICK, rel=0.01)
     assert best["stiffness"] == pytest.approx(STIFFNESS, rel=0.01)
-    assert found.near.fitting > 20
-    assert {each.verdict for each in found.near.constants} == {"pinned"}
-    assert re.fullmatch(r"Found\(400 sets: least score \S+, \d+ fit all targets; in .*/out\)", repr(found))
-    said = (
-        rf"NearBest: {found.near.fitting} sets fit\n  kick: best \S+, \S+ to \S+ \(pinned\)\n  stiffness: .*"
+    assert found.identifiability.fitting > 20
+    assert {each.verdict for each in found.identifiability.constants} == {"pinned"}
+    assert re.fullmatch(
+        r"SearchResult\(400 sets: least score \S+, \d+ fit all targets; in .*/out\)", repr(found)
     )
-    assert re.fullmatch(said, repr(found.near))
+    fitting = found.identifiability.fitting
+    said = rf"Identifiability: {fitting} sets fit\n  kick: best \S+, \S+ to \S+ \(pinned\)\n  stiffness: .*"
+    assert re.fullmatch(said, repr(found.identifiability))
     assert list(found.table["row"]) == list(range(400))
     assert found.finalists is not None
     # events are located, so that half the step changes nothing
@@ -103,7 +104,7 @@ def test_keywords_are_the_fields_of_a_job(tmp_path: Path) -> None:
     assert memory.path is None
     assert memory.figures == ()
     assert len(memory.figure("constants").axes) == len(stored.figure("constants").axes) == 2
-    with pytest.raises(gs.ArgumentError, match="mises is no figure of a search; did you mean misses"):
+    with pytest.raises(gs.ArgumentError, match="mises is not a figure of a search; did you mean misses"):
         memory.figure("mises")
     kept = by_keywords(fields, out=tmp_path / "kept")
     assert_frame_equal(kept.table, stored.table, check_exact=True)
@@ -174,9 +175,11 @@ def test_keywords_are_refused_as_fields_are(change: dict[str, Any]) -> None:
 def test_keywords_that_have_no_place_are_refused(tmp_path: Path) -> None:
     file = tmp_path / "job.yaml"
     file.write_text(yaml.safe_dump(plain(TOY)))
-    with pytest.raises(gs.ArgumentError, match=r"^budget stands in the job file .*change it there, or by o"):
+    with pytest.raises(
+        gs.ArgumentError, match=r"^budget is a field of the job file .*change it there, or by o"
+    ):
         gs.search(file, budget=8)
-    with pytest.raises(gs.ArgumentError, match=r"^mass stands in the job's fields: change it there"):
+    with pytest.raises(gs.ArgumentError, match=r"^mass is one of the job's fields: change it there"):
         gs.search(TOY, mass=2.0)
     with pytest.raises(gs.ArgumentError, match=r"^overrides are for a job file: change the mapping"):
         gs.search(TOY, overrides=["search.budget=8"])
@@ -199,7 +202,7 @@ def test_keywords_that_have_no_place_are_refused(tmp_path: Path) -> None:
 def test_a_constant_that_the_targets_do_not_see_is_free(tmp_path: Path) -> None:
     speed = {"speed": TOY["search"]["targets"]["speed"]}
     found = gs.search(job(targets=speed, method="sobol", budget=1024, population=256), tmp_path / "out")
-    verdicts = {each.name: each.verdict for each in found.near.constants}
+    verdicts = {each.name: each.verdict for each in found.identifiability.constants}
     assert verdicts == {"kick": "too few sets to say", "stiffness": "free"}
 
 
@@ -331,7 +334,7 @@ def test_robustness_is_the_share_of_neighbours_that_keep_a_target(tmp_path: Path
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"first": ["speeed"]}, "search.first[0] is speeed, which is no target; did you mean speed?"),
+        ({"first": ["speeed"]}, "search.first[0] is speeed, which is not a target; did you mean speed?"),
         ({"free": {}}, "search.free is an empty mapping"),
         ({"free": {"kicks": [0, 1]}}, "search.free.kicks is not a parameter or start value of toy; did you"),
         ({"free": {"kick": [2, 1]}}, "goes from 2 to 1: low is below high"),
@@ -351,14 +354,14 @@ def test_robustness_is_the_share_of_neighbours_that_keep_a_target(tmp_path: Path
         ({"robust": ROBUST | {"within": 2}}, "search.robust.within is 2, but is a share below 1"),
         (
             {"robust": ROBUST | {"targets": ["speeed"]}},
-            "search.robust.targets[0] is speeed, which is no target",
+            "search.robust.targets[0] is speeed, which is not a target",
         ),
         ({"robust": ROBUST | {"constants": ["kick"]}}, "search.robust.constants[0] is kick, which is free"),
         (
             {"robust": ROBUST | {"constants": ["masss"]}},
-            "is masss, which is no parameter",
+            "is masss, which is not a parameter",
         ),
-        ({"robust": ROBUST, "first": ["robust"]}, "search.first[0] is robust, which is no target"),
+        ({"robust": ROBUST, "first": ["robust"]}, "search.first[0] is robust, which is not a target"),
         ({"method": "annealing"}, "search.method"),
         ({"budgett": 5}, "search.budgett is not a field of search; did you mean budget?"),
     ],
@@ -374,14 +377,14 @@ def test_wrong_searches_are_refused(change: dict[str, Any], sentence: str, tmp_p
     ("change", "sentence"),
     [
         ({"kind": "valu"}, 'search.targets.speed.kind: "valu" is not an allowed kind; did you mean value?'),
-        ({"of": "launch_2"}, "search.targets.speed.of is launch_2, which is none; did you mean launch_1"),
+        ({"of": "launch_2"}, "search.targets.speed.of is launch_2, which is unknown; did you mean launch_1"),
         ({"error": 0}, "search.targets.speed.error is 0, but must be above 0"),
         ({"at": {"mas": 1}}, "search.targets.speed.at.mas is not"),
         ({"at": {"kick": 1}}, "at.kick is free, but every measure sets it"),
         ({"at": {"mass": -1}}, "search.targets.speed.at.mass is -1, but must be above 0"),
         ({"held_back": True}, "are all held back"),
         ({"kind": ["value"]}, "search.targets.speed.kind: a list"),
-        ({"of": "status"}, "search.targets.speed.of is status, which is none. Allowed: cycles"),
+        ({"of": "status"}, "search.targets.speed.of is status, which is unknown. Allowed: cycles"),
         ({"weight": 2}, "search.targets.speed.weight is not a field of a measure (value)"),
         ({"at": {"mass": {"linspace": [1, 2, 20000]}}}, "a linspace of 20000 points, but takes 2 to 10000"),
         (
@@ -405,8 +408,8 @@ def test_wrong_searches_are_refused(change: dict[str, Any], sentence: str, tmp_p
         (EDGE | {"at": {"mass": 1}}, "search.targets.speed.at has mass, which an edge takes as a list"),
         (EDGE | {"at": {"mass": [1, 3, 2]}}, "has mass, which an edge takes as a list that rises or falls"),
         (EDGE | {"at": {"mass": [1, 2], "preload": [1, 2]}}, "at has a list of preload too"),
-        (EDGE | {"along": "mas"}, "search.targets.speed.along is mas, which is none; did you mean mass?"),
-        (EDGE | {"gait": "trot"}, "search.targets.speed.gait is trot, which is none. Allowed: rest, hop"),
+        (EDGE | {"along": "mas"}, "search.targets.speed.along is mas, which is unknown; did you mean mass?"),
+        (EDGE | {"gait": "trot"}, "search.targets.speed.gait is trot, which is unknown. Allowed: rest, hop"),
     ],
 )
 def test_wrong_targets_are_refused(change: dict[str, Any], sentence: str, tmp_path: Path) -> None:
@@ -475,7 +478,7 @@ def test_one_constant_is_enough(method: str, tmp_path: Path) -> None:
     free = {"kick": [0.1, 3.0]}
     asked = job(free=free, method=method, budget=300)
     asked["params"]["stiffness"] = STIFFNESS
-    best = gs.search(asked, tmp_path / "out").near.best.iloc[0]
+    best = gs.search(asked, tmp_path / "out").identifiability.best.iloc[0]
     assert best["kick"] == pytest.approx(KICK, rel=0.02)
 
 
@@ -485,7 +488,7 @@ def test_a_search_of_which_all_sets_fail_ends_well(method: str, tmp_path: Path) 
     asked["params"]["ceiling"] = 1e-3
     found = gs.search(asked, tmp_path / "out")
     assert set(found.table["status"].astype(str)) == {"failed"}
-    assert len(found.near.best) == 0
+    assert len(found.identifiability.best) == 0
     assert all(file.is_file() for file in found.figures)
 
 
@@ -539,7 +542,7 @@ def test_the_shipped_search_asks_for_its_planted_constants() -> None:
     shipped = load_search(SWEEPS / "multilegged_search.yaml")
     values = {"kappa": np.array([100.0]), "beta": np.array([0.8])}
     for name, measured in shipped.fit.population().measure(values).items():
-        assert measured.values % (2 * np.pi) == pytest.approx(shipped.targets[name].aim.wanted[0], abs=1e-4)
+        assert measured.values % (2 * np.pi) == pytest.approx(shipped.targets[name].value.wanted[0], abs=1e-4)
 
 
 @pytest.mark.slow
@@ -597,21 +600,21 @@ def test_finalists_that_depend_on_the_step_are_told(tmp_path: Path, monkeypatch:
             found["speed"].values[0] += 0.02
         return found
 
-    told: list[str] = []
+    messages: list[str] = []
     asked = read_search(job(budget=64), Path.cwd())
-    run_search(asked, tmp_path / "sound", tell=told.append)
-    assert told == []
+    run_search(asked, tmp_path / "sound", on_message=messages.append)
+    assert messages == []
     monkeypatch.setattr(Population, "measure", shifted)
-    run_search(asked, tmp_path / "shifted", tell=told.append)
-    assert len(told) == 1
-    assert "half the step moves targets by more than their reading errors (speed of 1, of" in told[0]
+    run_search(asked, tmp_path / "shifted", on_message=messages.append)
+    assert len(messages) == 1
+    assert "half the step moves targets by more than their reading errors (speed of 1, of" in messages[0]
 
 
 def test_finalists_are_kept(tmp_path: Path) -> None:
     asked = job(budget=50, finalists=3)
     found = gs.search(asked, tmp_path / "out")
     known = pd.read_parquet(tmp_path / "out" / FINALISTS)
-    assert len(known) == min(3, len(found.near.best))
+    assert len(known) == min(3, len(found.identifiability.best))
     known.assign(score=-1.0).to_parquet(tmp_path / "out" / FINALISTS, index=False)
     assert found.finalists is not None
     assert_frame_equal(gs.search(asked, tmp_path / "out").finalists, found.finalists, check_exact=True)
@@ -621,11 +624,11 @@ def test_finalists_are_kept(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_shipped_search_finds_its_planted_constants(tmp_path: Path) -> None:
     found = gs.search(SWEEPS / "multilegged_search.yaml", tmp_path / "out")
-    best = found.near.best.iloc[0]
+    best = found.identifiability.best.iloc[0]
     assert best["kappa"] == pytest.approx(100.0, rel=0.01)
     assert best["beta"] == pytest.approx(0.8, rel=0.01)
     assert abs(best["miss_retrograde_psi_3"]) < 1.0  # held back
-    assert {each.verdict for each in found.near.constants} == {"pinned"}
+    assert {each.verdict for each in found.identifiability.constants} == {"pinned"}
 
 
 @pytest.mark.slow
@@ -663,7 +666,7 @@ def test_constants_of_the_chain_are_found_again(tmp_path: Path) -> None:
             "seed": 1,
         },
     }
-    best = gs.search(asked, tmp_path / "out").near.best.iloc[0]
+    best = gs.search(asked, tmp_path / "out").identifiability.best.iloc[0]
     assert best["beta"] == pytest.approx(beta, rel=0.01)
     assert best["kappa"] == pytest.approx(kappa, rel=0.01)
 
@@ -687,7 +690,7 @@ def test_workers_of_a_cluster_measure_the_same(tmp_path: Path) -> None:
 
 def test_the_shipped_phases_are_a_set_of_the_shipped_search() -> None:
     found = load_search(SWEEPS / "waist_quadruped_phases_search.yaml")
-    points = optimiser("sobol", len(found.free), 1, 0, 64, found.choice.seed).ask(8501)
+    points = optimiser("sobol", len(found.free), 1, 0, 64, found.options.seed).ask(8501)
     shipped = yaml.safe_load((SWEEPS.parent / "configs" / "aoi2011_phases.yaml").read_text())["params"]
     for name, column in sets_at(found.free, points[-1:]).items():
         assert float(column[0]) == pytest.approx(shipped.get(name, 0), rel=1e-4), name
@@ -709,7 +712,7 @@ def test_known_sets_are_measured_first(tmp_path: Path) -> None:
 
 
 def test_every_field_of_a_search_is_a_keyword() -> None:
-    assert {"free", "targets", *Choice.model_fields} <= set(inspect.signature(gs.search).parameters)
+    assert {"free", "targets", *SearchOptions.model_fields} <= set(inspect.signature(gs.search).parameters)
 
 
 def test_a_known_set_needs_no_start_that_the_measures_set(tmp_path: Path) -> None:
@@ -723,7 +726,7 @@ def test_a_known_set_needs_no_start_that_the_measures_set(tmp_path: Path) -> Non
 @pytest.mark.parametrize("file", sorted(SWEEPS.glob("*_front.yaml")), ids=lambda file: file.stem)
 def test_known_sets_of_the_shipped_fronts_lie_in_their_ranges(file: Path) -> None:
     search = load_search(file)
-    assert len(search.known) == len(search.choice.known)
+    assert len(search.known) == len(search.options.known)
 
 
 def test_a_known_set_may_be_a_config(tmp_path: Path) -> None:

@@ -96,12 +96,12 @@ def test_a_stopped_run_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_sensitivity(job, stopped, progress=stop)
+        run_sensitivity(job, stopped, on_progress=stop)
     assert [file.name for file in sorted((stopped / "table").iterdir())] == ["part-00000.parquet"]
     assert not (stopped / "indices.parquet").exists()
-    told: list[int] = []
-    run_sensitivity(job, stopped, progress=lambda done, *_: told.append(done))
-    assert told[0] == 32
+    reports: list[int] = []
+    run_sensitivity(job, stopped, on_progress=lambda done, *_: reports.append(done))
+    assert reports[0] == 32
     for name in ("table/part-00000.parquet", "table/part-00001.parquet", "indices.parquet"):
         assert (stopped / name).read_bytes() == (whole / name).read_bytes(), name
 
@@ -144,7 +144,7 @@ def test_a_cluster_goes_on_with_a_stopped_batch(tmp_path: Path, monkeypatch: pyt
         distributed.Client(workers, set_as_default=False) as client,
     ):
         with pytest.raises(KeyboardInterrupt):
-            run_sensitivity(job, shared, progress=stop, cluster=Cluster(GivenClient(client)))
+            run_sensitivity(job, shared, on_progress=stop, cluster=Cluster(GivenClient(client)))
         before = len(kept)
         assert before > 0
         run_sensitivity(job, shared, cluster=Cluster(GivenClient(client)))
@@ -246,7 +246,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "an output's column": (
         {"outputs": {"a": {"kind": "value", "of": "lineal", "at": {"y_0": 1}}}},
-        "a.of is lineal, which is none; did you mean linear",
+        "a.of is lineal, which is unknown; did you mean linear",
     ),
     "an output's name": (
         {"outputs": {"failures": {"kind": "value", "of": "linear", "at": {"y_0": 1}}}},
@@ -313,11 +313,11 @@ def test_a_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_keywords_are_checked(tmp_path: Path) -> None:
     file = written(tmp_path, JOB)
-    with pytest.raises(ArgumentError, match="n stands in the job file"):
+    with pytest.raises(ArgumentError, match="n is a field of the job file"):
         gs.sensitivity(file, n=8)
-    with pytest.raises(ArgumentError, match="method stands in the job file"):
+    with pytest.raises(ArgumentError, match="method is a field of the job file"):
         gs.sensitivity(file, method="sobol")
-    with pytest.raises(ArgumentError, match="n stands in the job's fields"):
+    with pytest.raises(ArgumentError, match="n is one of the job's fields"):
         gs.sensitivity(yaml.safe_load(JOB), n=8)
     with pytest.raises(ArgumentError, match="overrides are for a job file: change the mapping"):
         gs.sensitivity(yaml.safe_load(JOB), overrides=["sensitivity.n=8"])
@@ -376,7 +376,7 @@ def test_workers_of_a_client_send_the_rows_here() -> None:
 @pytest.mark.parametrize(("far", "differ"), [(0.0, 0), (1.0e8, 8)])
 def test_sets_are_measured_again_at_half_the_step(far: float, differ: int) -> None:
     """Steps of 50 ms leave 5e-12 of the start after a second, so 5e-4 of 1e8, and half the steps 1e-5."""
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         found = gs.sensitivity(
             response_model.Response,
@@ -392,7 +392,7 @@ def test_sets_are_measured_again_at_half_the_step(far: float, differ: int) -> No
     assert found.half_step is not None
     assert (found.half_step.sets, found.half_step.differ) == (8, {"straight": differ})
     assert 1e-12 * far <= found.half_step.largest["straight"] <= 1e-11 * far + 1e-9
-    assert ["At half the step, of 8 sets" in str(each.message) for each in told] == [True] * (differ > 0)
+    assert ["At half the step, of 8 sets" in str(each.message) for each in caught] == [True] * (differ > 0)
 
 
 @pytest.mark.slow

@@ -99,7 +99,7 @@ def test_a_declared_number_is_in_the_table_through_an_interrupt(
 
     out = tmp_path / "stopped"
     with pytest.raises(KeyboardInterrupt):
-        gs.run(job, out, progress=stop)
+        gs.run(job, out, on_progress=stop)
     assert 0 < Snapshot.of(out).rows_open < 24  # rows that the table gets from a file of open rows
     if older:
         monkeypatch.setattr(ResultDirectory, "restored", without_the_number)

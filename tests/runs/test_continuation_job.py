@@ -60,7 +60,7 @@ def test_where_branches_begin_is_compared_with_the_stored_points(
         return table.assign(launch_1_n=table["launch_1_n"] + np.where(table["row"] == 1, 1e-4, 0.0))
 
     monkeypatch.setattr(execute, "load", altered)
-    with pytest.warns(UserWarning, match="gave other records"):
+    with pytest.warns(UserWarning, match="did not reproduce their stored records"):
         found = gs.run(job(figures=[]), out=tmp_path / "other").manifest["self_check"]
     assert (found["stored_differs"], found["status_differs"], found["verdict"]) == (1, 0, "warned")
 

@@ -19,13 +19,13 @@ FUNCTIONS = {"flow": "a1", "period": "b2"}
 
 def _continued(path: Path, program: Mapping[str, str] = FUNCTIONS, parts: int = 9) -> list[str]:
     """Open a directory, make so many of its parts, and return what was said."""
-    told: list[str] = []
+    messages: list[str] = []
     context: Any = SimpleNamespace(program=program, job=SimpleNamespace(model="own:Model"))
     with open_toy(path, rows=20) as directory:
-        continue_directory(context, directory, told.append)
+        continue_directory(context, directory, messages.append)
         for number in directory.missing_blocks()[:parts]:
             directory.write_part(number, block_frame(*directory.rows_of(number)))
-    return told
+    return messages
 
 
 def _manifest(path: Path) -> dict[str, Any]:

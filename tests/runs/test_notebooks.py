@@ -114,12 +114,12 @@ assert (stuck["status"] == "event_stall").all()
     # The planted constants; the limits are the text's. Branches lie within .03 rad of what a figure shows.
     "which_constants.ipynb": """
 assert abs(best.kappa / 100 - 1) < 0.02 and abs(best.beta / 0.8 - 1) < 0.001
-assert found.near.fitting > 20 and even.near.fitting > 10
+assert found.identifiability.fitting > 20 and even.identifiability.fitting > 10
 size = effects[effects["index"] == "mu_star"].pivot(index="parameter", columns="output", values="value")
 assert size["direct"].notna().all() and size["retrograde"].notna().all()
 assert (size.loc["beta", ["direct", "retrograde"]] > size.loc["kappa", ["direct", "retrograde"]]).all()
 assert (size.loc["K", ["direct", "retrograde"]] < 0.05 * size.loc["kappa", ["direct", "retrograde"]]).all()
-verdicts = {each.name: each for each in found.near.constants}
+verdicts = {each.name: each for each in found.identifiability.constants}
 assert verdicts["kappa"].verdict == "free" and verdicts["beta"].verdict == "pinned"
 assert 0.785 < verdicts["beta"].low < verdicts["beta"].high < 0.815
 assert 70 < verdicts["kappa"].low < 85 and 150 < verdicts["kappa"].high < 190

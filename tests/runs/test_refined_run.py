@@ -173,15 +173,15 @@ def test_the_estimate_counts_a_share_of_the_rows() -> None:
 
 
 def test_progress_rises_to_the_end(tmp_path: Path) -> None:
-    told: list[tuple[int, float]] = []
+    reports: list[tuple[int, float]] = []
 
-    def progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
+    def on_progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
         assert total == 1600
         assert 0 <= done <= total
-        told.append((done, fraction))
+        reports.append((done, fraction))
 
-    gs.run(job(figures=[]), tmp_path / "out", progress=progress)
-    shares = [fraction for _, fraction in told]
+    gs.run(job(figures=[]), tmp_path / "out", on_progress=on_progress)
+    shares = [fraction for _, fraction in reports]
     assert shares == sorted(shares)
     assert shares[-1] > 0.9
 

@@ -126,7 +126,7 @@ def test_finished_rows_of_a_block_of_all_rows_are_kept(
 
     while True:
         try:
-            gs.run(job, out, progress=stop)
+            gs.run(job, out, on_progress=stop)
             break
         except KeyboardInterrupt:
             stops += 1

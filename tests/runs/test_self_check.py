@@ -57,7 +57,7 @@ def test_another_gait_with_finer_steps_is_told(tmp_path: Path) -> None:
     starts = [-1e-4, -4e-5, -3e-5, -1e-5, 1e-4]
     found = checked(tmp_path, vary={"x_0": starts}, params={"lean": 1e-3}, verify=5, warns=True)
     assert (found["verdict"], found["gait_differs"], found["sensitive"]) == ("warned", 2, 0)
-    assert "2 came to another gait" in sentence(found)
+    assert "2 ended with another gait" in sentence(found)
 
 
 def test_a_row_on_a_boundary_says_nothing_of_the_step(tmp_path: Path) -> None:
@@ -83,7 +83,7 @@ def test_a_settled_row_that_moves_is_told(tmp_path: Path) -> None:
 
 def test_strict_runs_fail_where_others_warn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     wrong = job(vary={"x_0": [-4e-5]}, params={"lean": 1e-3})
-    with pytest.raises(gs.SelfCheckError, match="1 came to another gait"):
+    with pytest.raises(gs.SelfCheckError, match="1 ended with another gait"):
         gs.run(wrong, tmp_path / "out", strict=True)
     assert len(gs.load(tmp_path / "out")) == 1, "the table is complete"
     file = tmp_path / "job.yaml"
@@ -130,21 +130,21 @@ def test_its_failure_beside_the_rows_is_raised_and_the_table_stands(
 
 
 def test_stopped_rows_stop_it(tmp_path: Path, beside: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    told = threading.Event()
+    called = threading.Event()
 
-    def endless(_ready: Any, _count: int, progress: Callable[[Any], None]) -> dict[str, Any]:
+    def endless(_ready: Any, _count: int, on_progress: Callable[[Any], None]) -> dict[str, Any]:
         while True:
-            told.set()
-            progress(None)
+            called.set()
+            on_progress(None)
             time.sleep(0.001)
 
     def stop(*_: Any, **__: Any) -> None:
-        assert told.wait(10.0)
+        assert called.wait(10.0)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(execute, "self_check", endless)
     with pytest.raises(KeyboardInterrupt):
-        run_job(job(vary={"x_0": [0.5, 0.8]}), tmp_path / "out", progress=stop)
+        run_job(job(vary={"x_0": [0.5, 0.8]}), tmp_path / "out", on_progress=stop)
 
 
 def test_it_can_be_turned_off_and_is_no_part_of_the_hash(tmp_path: Path) -> None:

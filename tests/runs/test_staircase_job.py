@@ -83,7 +83,7 @@ def test_an_interrupted_staircase_goes_on_to_the_same_table(tmp_path: Path) -> N
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_job(asked, tmp_path / "stopped", progress=stop)
+        run_job(asked, tmp_path / "stopped", on_progress=stop)
     # the four rows may lie in four blocks, none of them complete: they are safe, but no part of the table yet
     assert 4 <= Snapshot.of(tmp_path / "stopped").rows_safe < 9
     assert shares == sorted(shares)

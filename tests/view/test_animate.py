@@ -176,7 +176,7 @@ def test_a_movie_that_is_stopped_leaves_the_old_one(chain: Path, tmp_path: Path)
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        movie.write_movie(chain, out, seconds=20.0, size=(320, 180), progress=stop)
+        movie.write_movie(chain, out, seconds=20.0, size=(320, 180), on_progress=stop)
     assert out.read_bytes() == b"the old one"
     assert [path.name for path in tmp_path.iterdir()] == ["wave.gif"]
 

@@ -25,8 +25,8 @@ from gaitsweep.view.explorer.choice import boundary, spread, subgrid
 from gaitsweep.view.explorer.encoding import RESOLUTION, motion_fields, packed
 from gaitsweep.view.explorer.explorer import explorer_of
 from gaitsweep.view.explorer.plotly_source import quicker
+from gaitsweep.view.explorer.replays import Motion, Pictures, Stretch
 from gaitsweep.view.explorer.start_map import CELLS, StartMap, columns_of, html_symbol
-from gaitsweep.view.explorer.walks import Motion, Pictures, Stretch
 from gaitsweep.view.movie.animation import Clip
 from gaitsweep.view.movie.side_view import projected
 from hostile_texts import ATTACK, HostileTexts
@@ -178,7 +178,7 @@ def test_records_of_rows_walk(tmp_path: Path, run: dict[str, Any], x: str, y: st
         vary={"x_0": [-1.0, 0.5]},
     )  # fmt: skip
     result = gs.run(job, tmp_path / "records")
-    fields, table = fields_of(result.explore(walks=20)), result.table
+    fields, table = fields_of(result.explore(replays=20)), result.table
     assert (fields["x"]["name"], fields["y"]["name"]) == (x, y)
     columns = {column["name"]: column["values"] for column in fields["columns"]}
     if y == "x_n_next":
@@ -405,7 +405,7 @@ def test_a_click_on_a_logarithmic_map(logarithmic: Path, tmp_path: Path) -> None
         np.testing.assert_allclose(np.array(drawn) - box[0], edges, atol=3.0)  # half the line's width
         assert page.errors == []
         # of points the mark is a circle around the chosen one
-        points = explorer_of(table, tmp_path / "points.html", x="stiffness", y="launch_1_end", walks=0)
+        points = explorer_of(table, tmp_path / "points.html", x="stiffness", y="launch_1_end", replays=0)
         page.open(points, f"#row={row}")
         assert page.evaluate("[data.kind, data.x.log, data.y.log]") == ["points", True, False]
         middle = page.evaluate(

@@ -35,14 +35,14 @@ class ArclengthSteps:
     """Lengths of the first, the longest and the shortest arclength step, and the most points of a branch.
 
     In a length, the parameter is a share of its range, and coordinates are relative to their magnitudes.
-    `between` is called before each step; an exception that it raises stops the continuation.
+    `on_progress` is called before each step; an exception that it raises stops the continuation.
     """
 
     first: float = 0.02
     longest: float = 0.08
     shortest: float = 1e-4
     most: int = 300
-    between: Callable[[], None] | None = None
+    on_progress: Callable[[], None] | None = None
 
 
 class BranchTable:
@@ -174,8 +174,8 @@ class BranchFollower:
     def follow(self) -> None:
         """Follow each branch to its end."""
         while self.going.any():
-            if self.steps.between is not None:
-                self.steps.between()
+            if self.steps.on_progress is not None:
+                self.steps.on_progress()
             rows = np.flatnonzero(self.going)
             problem, here = self.problem[rows], self.branch_points[rows]
             there, found = problem.step(here, self.length[rows])

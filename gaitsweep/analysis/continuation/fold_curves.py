@@ -192,8 +192,8 @@ def _first_fold(
     lengths, ends = [np.array([steps.longest]) for _ in ahead], [""] * len(ahead)
     for _ in range(MOST_TO_A_FOLD):
         for k in (k for k, end in enumerate(ends) if not end):
-            if steps.between is not None:
-                steps.between()
+            if steps.on_progress is not None:
+                steps.on_progress()
             here = ahead[k]
             there, ok = problem.step(here, lengths[k])
             if not ok[0]:
@@ -343,8 +343,8 @@ def _followed(
     records = [_record(equations, here, row, 0, "")]
     length, end = steps.first, "most"
     while len(records) < steps.most:
-        if steps.between is not None:
-            steps.between()
+        if steps.on_progress is not None:
+            steps.on_progress()
         there = _stepped(equations, here, length)
         if there is None or there.tangent @ here.tangent < 0.9:
             length *= 0.5

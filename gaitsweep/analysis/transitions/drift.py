@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from gaitsweep.analysis.circular import on_line
+from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.transitions.map_pieces import breaks
 from gaitsweep.analysis.transitions.smoothing import Smooth, local_polynomial
 from gaitsweep.circular import TURN
@@ -55,7 +55,7 @@ class Drift(NamedTuple):
     def at(self, place: float) -> Smooth:
         """The curve at one position: by a parabola if the points show curvature, else by a line."""
         where = np.array([place])
-        where = where if self.begin is None else on_line(where, self.begin)
+        where = where if self.begin is None else unwrap_from(where, self.begin)
         found = None
         for width in self.bandwidth * np.array(_NARROWER):
             for degree in (2, 1):
@@ -304,7 +304,7 @@ def _confirmed(drift: Drift, place: float, falls: bool) -> bool:
     from one that bridges a jump: there both leave the zero on the side where their points are.
     """
     value, change, _, share = drift.points
-    away = value - (place if drift.begin is None else float(on_line(np.array([place]), drift.begin)[0]))
+    away = value - (place if drift.begin is None else float(unwrap_from(np.array([place]), drift.begin)[0]))
     sign = 1.0 if falls else -1.0
     reach = 2.0 * drift.bandwidth
     left, right = (away < 0.0) & (away >= -reach), (away > 0.0) & (away <= reach)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.circular import cut, is_circular, on_line
+from gaitsweep.analysis.circular import branch_cut, is_circular, unwrap_from
 from gaitsweep.analysis.records import axes_of, require, section_column, sound
 from gaitsweep.analysis.transitions.drift import NEAR, Drift, drifts_of, ghosts_of, zeros_of
 from gaitsweep.circular import TURN, wrapped_difference
@@ -194,7 +194,7 @@ def _drifts(
     parts = found.groupby(names, sort=True, observed=True) if names else [((), found)]
     for key, part in parts:
         value = part["value"].to_numpy()
-        value = on_line(value, cut(value)) if circular else value
+        value = unwrap_from(value, branch_cut(value)) if circular else value
         place = dict(zip(names, key if isinstance(key, tuple) else (key,), strict=True))
         change, row = part["change"].to_numpy(), part["row"].to_numpy()
         for piece, curve in enumerate(drifts_of(value, change, row, width, circular)):

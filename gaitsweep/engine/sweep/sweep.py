@@ -47,7 +47,7 @@ def sweep(
     spec: SweepSpec,
     blocks: Sequence[int],
     write: Callable[[int, Any], None],
-    progress: Callable[[SweepProgress], None] | None = None,
+    on_progress: Callable[[SweepProgress], None] | None = None,
     timings: Timings | None = None,
     open_rows: OpenRows | None = None,
     encode: Callable[[int, RowOutcome], Any] | None = None,
@@ -58,7 +58,7 @@ def sweep(
         spec: the sweep.
         blocks: the numbers of the blocks to run.
         write: called with each complete block.
-        progress: called after each chunk; an exception that it raises stops the sweep.
+        on_progress: called after each chunk; an exception that it raises stops the sweep.
         timings: updated during the sweep, so that it is also correct for an interrupted sweep.
         open_rows: stores the ended rows of incomplete blocks within `SAFE_WITHIN` s, and also when an
             exception stops the sweep; rows that it already has are not run again.
@@ -94,8 +94,8 @@ def sweep(
             keeper.store_if_due(keeper.chunk_s)
             timings.attempts = scheduler.attempts
             timings.run_s = time.perf_counter() - began - timings.compile_s
-            if progress is not None:
-                progress(scheduler.progress(timings.run_s))
+            if on_progress is not None:
+                on_progress(scheduler.progress(timings.run_s))
         disk.end()
         timings.run_s = time.perf_counter() - began - timings.compile_s
     except BaseException:

@@ -28,11 +28,11 @@ from gaitsweep.analyses import (
     AnalysisError,
     fixed_points,
     mean_direction,
-    on_line,
     require,
     stable_ranges,
     transition_points,
     transition_points_by_gait,
+    unwrap_from,
     wrapped_difference,
 )
 from gaitsweep.claims import (
@@ -587,7 +587,7 @@ def touchdown_lags(
                 raise AnalysisError(f"Foot {foot} of row {row} does not touch down once a cycle.")
         after = second[:, None] - first[None, :]
         lag = np.asarray(mean_direction(TURN * (after / cycle).ravel()))
-        found.append(float(on_line(lag, middle - math.pi)))
+        found.append(float(unwrap_from(lag, middle - math.pi)))
     return found
 
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.circular import cut, on_line
+from gaitsweep.analysis.circular import branch_cut, unwrap_from
 from gaitsweep.analysis.transitions.return_map import branches as find_branches
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, described, is_angle, log_axes, rows_where
@@ -68,7 +68,7 @@ def branches(
             style.message(axes, "no fixed point was found")
             return figure
         value = found["value"].to_numpy(float)
-        place = on_line(value, cut(value)) if is_angle(table, name) else value
+        place = unwrap_from(value, branch_cut(value)) if is_angle(table, name) else value
         _draw(axes, found.assign(place=place), x)
         tried = np.unique(table[x].dropna().to_numpy(float))
         without = tried[~np.isin(tried, found[x].to_numpy(float))]

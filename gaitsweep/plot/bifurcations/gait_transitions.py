@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from gaitsweep.analysis.circular import cut, is_circular, on_line
+from gaitsweep.analysis.circular import branch_cut, is_circular, unwrap_from
 from gaitsweep.analysis.records import in_order
 from gaitsweep.analysis.transitions.transition_points import transition_points_by_gait
 from gaitsweep.contract import Outcome
@@ -57,7 +57,7 @@ def gait_transitions(
             style.message(axes, "no rows yet")
             return figure
         place = table[name].to_numpy(float)
-        place = on_line(place, cut(place)) if is_circular(table, name) else place
+        place = unwrap_from(place, branch_cut(place)) if is_circular(table, name) else place
         shown = outcome(table, hue)
         names = in_order(table, hue, shown)
         colour = style.colours([each for each in names if each not in (Outcome.NOT_SETTLED, Outcome.FAILED)])
@@ -106,6 +106,6 @@ def _words(table: pd.DataFrame, x: str, edge: dict[Any, Any]) -> str:
     ways = {"rising": "rises", "falling": "falls"}
     unit = unit_of(table, x)
     unit = f" {unit}" if unit and unit != "1" else ""
-    told = symbol(table, x) or x
+    label = symbol(table, x) or x
     way = ways[edge["direction"]]
-    return f"{edge['gait']} lost as {told} {way}: {edge['low']:.6g} to {edge['high']:.6g}{unit}"
+    return f"{edge['gait']} lost as {label} {way}: {edge['low']:.6g} to {edge['high']:.6g}{unit}"

@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.transforms import ScaledTranslation
 
-from gaitsweep.analysis.circular import cut, on_line
+from gaitsweep.analysis.circular import branch_cut, unwrap_from
 from gaitsweep.analysis.records import sound
 from gaitsweep.analysis.transitions.jumps import where_it_moves
 from gaitsweep.analysis.transitions.transition_points import (
@@ -188,8 +188,8 @@ def _second(table: pd.DataFrame, other: str | pd.DataFrame | None, panels: str |
 
 def _remarked(shown: list[_Panel], table: pd.DataFrame) -> list[_Panel]:
     """The panels of a second table, with the remarks on it in their headings."""
-    told = "\n".join(remarks(table))
-    return [panel._replace(heading=f"{panel.heading}\n{told}") for panel in shown] if told else shown
+    notes = "\n".join(remarks(table))
+    return [panel._replace(heading=f"{panel.heading}\n{notes}") for panel in shown] if notes else shown
 
 
 def _pace(table: pd.DataFrame) -> str:
@@ -207,7 +207,7 @@ def _origin(tables: list[pd.DataFrame], name: str) -> float | None:
     tables = [table for table in tables if name in table.columns]
     if not tables or not is_angle(tables[0], name):
         return None
-    return cut(np.concatenate([table[name].to_numpy(float) for table in tables]))
+    return branch_cut(np.concatenate([table[name].to_numpy(float) for table in tables]))
 
 
 def _moving(table: pd.DataFrame | None, parameter: str) -> pd.DataFrame | None:
@@ -241,7 +241,7 @@ def _strip(
     for number, part in kept.groupby("pass", sort=True):
         value = part[name].to_numpy(float)
         colour = _colour_of(part, x, int(str(number)))
-        value = value if origin is None else on_line(value, origin)
+        value = value if origin is None else unwrap_from(value, origin)
         size = float(np.clip(60.0 / np.sqrt(len(kept)), 0.8, 3.0))
         axes.plot(part[x].to_numpy(float), value, ".", ms=size, color=colour, rasterized=True)
     axes.margins(y=0.1)
@@ -261,7 +261,7 @@ def _mark(
 ) -> None:
     """Thin lines at values of y, named at the right side; in the strip if they are nearer to its data."""
     values = np.array(list(ticks.values()), float)
-    values = values if origin is None else on_line(values, origin)
+    values = values if origin is None else unwrap_from(values, origin)
     below = np.zeros(len(values), bool)
     if strip is not None:
         below = _distance(strip, values) < 0.5 * _distance(axes, values)

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import FancyArrowPatch
 from matplotlib.transforms import ScaledTranslation
 
-from gaitsweep.analysis.circular import on_line
+from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.transitions.jumps import STEEPER, where_it_moves
 
 UP, DOWN = "#D55E00", "#0072B2"  # distinct for colour-blind readers, and in lightness
@@ -44,7 +44,7 @@ def draw_row(
     at, value = part[parameter].to_numpy(float), part[name].to_numpy(float)
     numbers = part["pass"].to_numpy(int)
     count = part["stair" if stairs else "crossing"].to_numpy(int)
-    value = value if origin is None else on_line(value, origin)
+    value = value if origin is None else unwrap_from(value, origin)
     settled = part["settled"].to_numpy(bool) if "settled" in part.columns else np.ones(len(part), bool)
     passes = []
     for number in np.unique(numbers):

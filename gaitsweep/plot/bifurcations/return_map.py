@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from gaitsweep.analysis.circular import cut, on_line
+from gaitsweep.analysis.circular import branch_cut, unwrap_from
 from gaitsweep.analysis.transitions.return_map import drift, fixed_points, ghosts, pairs
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import (
@@ -74,7 +74,7 @@ def return_map(
     width = style.PAGE if across > 1 else style.COLUMN + 1.2
     with style.canvas(width, (2.3 if across > 1 else 2.8) * down + 0.9, title) as figure:
         grid = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
-        origin = cut(table[name].to_numpy(float)) if is_angle(table, name) else None
+        origin = branch_cut(table[name].to_numpy(float)) if is_angle(table, name) else None
         seen: set[str] = set()
         for number, (axes, value) in enumerate(zip(grid, values, strict=False)):
             part = table if value is None else rows_where(table, table[panels] == value)
@@ -162,7 +162,7 @@ def _curve(axes: Axes, curve: pd.DataFrame, form: str, origin: float | None) -> 
 
 def _on_axis(values: Any, origin: float | None) -> np.ndarray:
     numbers = np.asarray(values, float)
-    return numbers if origin is None else on_line(numbers, origin)
+    return numbers if origin is None else unwrap_from(numbers, origin)
 
 
 def _scale(grid: Sequence[Axes], form: str, origin: float | None) -> None:

@@ -1,6 +1,6 @@
-"""A job's blocks computed by the workers of a Dask cluster.
+"""Computation of a job's blocks by the workers of a Dask cluster.
 
-Dask's `distributed` schedules; what is here is the task of a worker (`task`), what a worker has to be
-(`identity`), how a cluster is reached (`connection`), and how the blocks of a table are given out, workers
-and schedulers being lost meanwhile (`dispatch`).
+Dask's `distributed` schedules the tasks. This package has the task of a worker (`task`), the requirements
+on a worker (`identity`), connections to a cluster (`connection`), and the dispatch of blocks, which survives
+the loss of workers and schedulers (`dispatch`).
 """

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 MOST_LOCAL = 1024  # workers
 _CONNECT = 5.0  # s for one try
-_BEING_WRITTEN = 10.0  # s after which a scheduler's file that cannot be read is none
+_BEING_WRITTEN = 10.0  # s during which a scheduler's file may be incomplete
 _SCHEMES = ("tcp", "tls")
 _LAST_PORT = 65535
 _HOW = "write local:N, tcp://HOST:PORT (or tls://HOST:PORT), or the file of a scheduler, FILE.json"
@@ -40,7 +40,7 @@ _NEVER = 10**9
 _SETTINGS = {
     # a worker that was killed is started again, however long that takes
     "distributed.deploy.lost-worker-timeout": "1 day",
-    # no page of the scheduler and the workers tells other users of this machine what they do
+    # no web page of the scheduler or the workers shows other users of this machine what they do
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
     # what Dask measures of itself takes time of the cores that compute
@@ -55,13 +55,13 @@ class Connection:
     """A connection to a scheduler, which may be lost and come back."""
 
     def __init__(self, where: str) -> None:
-        """Describe it: `where` is what the user wrote; `why`: why the last try to connect failed."""
+        """Keep the user's text `where`; `why` is the reason why the last try to connect failed."""
         self.where, self.why = where, ""
         self._client: Client | None = None
 
     @property
     def client(self) -> Client:
-        """The client, once there is one."""
+        """The client, once connected."""
         if self._client is None:
             raise RuntimeError("There is no connection yet.")
         return self._client
@@ -71,15 +71,15 @@ class Connection:
         return self._client is not None and self._client.status == "running"
 
     def try_to_connect(self) -> bool:
-        """Connect, or connect again; False if the scheduler does not answer.
+        """Connect, or connect again; return False if the scheduler does not answer.
 
         Raises:
-            RunError: it cannot be reached, whatever is tried again.
+            RunError: the scheduler cannot be reached by another try either.
         """
         raise NotImplementedError
 
     def close(self) -> None:
-        """Leave the scheduler."""
+        """Close the connection."""
         client, self._client = self._client, None
         if client is not None:
             with contextlib.suppress(Exception):  # it may be gone
@@ -90,10 +90,10 @@ class RemoteScheduler(Connection):
     """A scheduler at an address, or one that has written its address into a file."""
 
     def __init__(self, where: str) -> None:
-        """Describe it: an address, or the path of a file.
+        """Keep an address, or the path of a file.
 
         Raises:
-            RunError: it is no address of a scheduler.
+            RunError: it is not the address of a scheduler.
         """
         super().__init__(where)
         self._loop: LoopRunner | None = None
@@ -151,7 +151,7 @@ class RemoteScheduler(Connection):
             if age < _BEING_WRITTEN:
                 raise OSError("its file is being written") from error
             raise RunError(
-                f"--cluster {file} is no file of a scheduler: dask scheduler --scheduler-file {file} writes "
+                f"--cluster {file} is not a scheduler's file: dask scheduler --scheduler-file {file} writes "
                 'JSON with the field "address".'
             ) from error
         _check_address(address, f"The address {address} of {file}")
@@ -159,10 +159,10 @@ class RemoteScheduler(Connection):
 
 
 def _certificates() -> dict[str, Any]:
-    """Dask's settings for a connection.
+    """Return Dask's settings for a connection.
 
     Raises:
-        RunError: a file that they name cannot be read.
+        RunError: a file that the settings name cannot be read.
     """
     from distributed import Security
 
@@ -173,10 +173,10 @@ def _certificates() -> dict[str, Any]:
 
 
 async def _greet(address: str, certificates: dict[str, Any]) -> None:
-    """Connect to a scheduler and leave it, since a client would wait for ever for what is none.
+    """Connect to a scheduler and disconnect: a client never returns if the address is no scheduler.
 
     Raises:
-        OSError: it does not answer as one.
+        OSError: the address does not answer as a scheduler.
     """
     from distributed.comm.core import connect
 
@@ -188,37 +188,39 @@ async def _greet(address: str, certificates: dict[str, Any]) -> None:
 
 
 def _check_address(address: str, what: str) -> None:
-    """Raise RunError where a text is no address of a scheduler; `what` begins the sentence."""
+    """Raise RunError if a text is not the address of a scheduler; `what` begins the message."""
     scheme, _, place = address.partition("://")
     if scheme not in _SCHEMES:
         near = f"; did you mean tcp://{place}?" if place else "."
-        raise RunError(f"{what} begins with {scheme}, but a scheduler's with tcp:// or tls://{near}")
+        raise RunError(
+            f"{what} begins with {scheme}, but a scheduler's address begins with tcp:// or tls://{near}"
+        )
     port = re.fullmatch(r"(?:\[[^\]\s]+\]|[^:/\s]+):(\d{1,5})", place)
     if port is None or not 1 <= int(port[1]) <= _LAST_PORT:
         raise RunError(
-            f"{what} is not read: write {scheme}://HOST:PORT with a port from 1 to {_LAST_PORT}, such as "
+            f"{what} is not valid: write {scheme}://HOST:PORT with a port from 1 to {_LAST_PORT}, such as "
             f"{scheme}://{place.partition(':')[0] or 'node01'}:8786."
         )
 
 
 def _innermost(error: BaseException) -> str:
-    """The reason of an error, in words: that of the operating system where it has caused the error."""
-    found, cause = str(error) or type(error).__name__, error.__cause__
+    """Return the reason of an error: that of the operating system if it caused the error."""
+    text, cause = str(error) or type(error).__name__, error.__cause__
     while cause is not None:
         if isinstance(cause, OSError) and cause.strerror:
-            found = reason(cause)
+            text = reason(cause)
         cause = cause.__cause__
-    return reason(error) if isinstance(error, OSError) and error.strerror else found
+    return reason(error) if isinstance(error, OSError) and error.strerror else text
 
 
 class GivenClient(Connection):
     """A client of the user's, which stays open."""
 
     def __init__(self, client: Client) -> None:
-        """Take a client.
+        """Keep a client.
 
         Raises:
-            ArgumentError: it is something else, or is closed.
+            ArgumentError: it is not a client, or is closed.
         """
         _require_distributed()
         from distributed import Client
@@ -242,9 +244,9 @@ class GivenClient(Connection):
 class LocalWorkers(Connection):
     """Workers on this machine, children of this process, with a scheduler that no other machine reaches.
 
-    They talk by TLS with a certificate that is made for this run and never written to a file that others can
-    read: whoever reaches a scheduler without it, such as another user of this machine, is refused. Else he
-    could run code as this user.
+    They communicate by TLS with a certificate that is made for this run and never written to a file that
+    others can read. A client without it, such as another user of this machine, is refused; otherwise it could
+    run code as this user.
     """
 
     def __init__(self, count: int) -> None:
@@ -319,10 +321,10 @@ class LocalWorkers(Connection):
 
 
 def connection_to(where: str) -> Connection:
-    """The connection that `--cluster` asks for; what is lost is told in sentences, not by Dask's log.
+    """Return the connection that `--cluster` names; losses are reported in messages, not by Dask's log.
 
     Raises:
-        RunError: it cannot be read, or Dask is not installed.
+        RunError: the text is not valid, or Dask is not installed.
     """
     _require_distributed()
     for name in ("distributed", "distributed.client"):  # whose levels Dask sets itself
@@ -340,7 +342,7 @@ def connection_to(where: str) -> Connection:
     near = near_miss.suggestion(scheme, ("local", *_SCHEMES)) if colon and rest else "."
     if re.fullmatch(r"\d{1,5}", rest) and near_miss.nearest(scheme, ("local", *_SCHEMES)) is None:
         near = f"; did you mean tcp://{where}?"
-    raise RunError(f"--cluster {where or 'WHERE'} is not read: {_HOW}{near}")
+    raise RunError(f"--cluster {where or 'WHERE'} is not valid: {_HOW}{near}")
 
 
 def _require_distributed() -> None:
@@ -354,7 +356,7 @@ def _require_distributed() -> None:
 
 
 def _environment() -> dict[str, str]:
-    """The environment in which a worker computes as this process does."""
+    """Environment in which a worker computes as this process does."""
     import jax
 
     environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", "")}
@@ -373,7 +375,7 @@ def _resources() -> dict[str, float]:
 
 
 def _cards() -> list[str]:
-    """The cards of this machine, for one worker each; none where the job runs on cores."""
+    """Return the GPUs of this machine, one for each worker; empty if the job runs on CPU cores."""
     import jax
 
     if jax.default_backend() != "gpu":

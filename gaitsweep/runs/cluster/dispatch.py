@@ -1,8 +1,8 @@
-"""Giving the blocks of a table to the workers of a cluster, some of which die.
+"""Dispatch of a table's blocks to the workers of a cluster, some of which die.
 
-The parts on disk are the truth. A block whose task is lost, with a worker or with the scheduler, is given out
+The parts on disk are the truth. A block whose task is lost, with a worker or with the scheduler, is submitted
 again, and a worker that finds its part writes nothing. Few tasks are in flight: a scheduler does not queue
-tasks that ask for resources, and holds in memory what it is given.
+tasks that ask for resources, and keeps all tasks in memory.
 """
 
 from __future__ import annotations
@@ -41,17 +41,17 @@ from gaitsweep.table.block_locks import BLOCK_LOCKS
 _AHEAD = 1.0
 _MOST_IN_FLIGHT = 4096
 _MOST_GATHERED = 16  # parts that come back through the scheduler at the same time
-# Between two looks at the tasks (s): where many end in a second, and where few do, since each look costs time
+# Between two polls of the tasks (s): where many end in a second, and where few do, since each poll takes time
 # of a core on which a worker may run.
 _POLL_OFTEN, _POLL, _MANY = 0.01, 0.05, 10.0
-_TELL = 0.1  # s between two tellings of progress
+_REPORT = 0.1  # s between two reports of progress
 _MOST_FAILURES = 3  # of a block by an error
 # A block may take this many times as long as the longest so far, and at least so long (s), before its worker
 # counts as hanging.
 _TIMES_LONGEST, _LEAST_LIMIT = 10.0, 120.0
 # A worker waits so long (s) for another process that holds its block, and at most half the limit.
 _LOCK_PATIENCE = 60.0
-_LOOK_AT_HELD = 10.0  # s between two looks at what each worker holds
+_LOOK_AT_HELD = 10.0  # s between two polls of the tasks that each worker holds
 _PROBE = ".probe-"  # a file of the client that workers look for
 _LAG = 60.0  # s after which a file that another machine has written is seen
 
@@ -64,7 +64,7 @@ class BlocksFailed(UserError):
 
 @dataclasses.dataclass
 class _InFlight:
-    """A task that was given to the scheduler, and when (s); `only` the workers that may run it."""
+    """A submitted task, and the time (s) of its submission; `only` the workers that may run it."""
 
     future: Any
     since: float
@@ -82,11 +82,11 @@ class Cluster:
     """The workers of a cluster, as the computer of a job's blocks; use it as a context manager.
 
     Args:
-        connection: how the cluster is reached.
+        connection: connection to the cluster.
         collect: let the parts come back through the scheduler, where no directory is shared.
         limit: time (s) after which a block is taken from a worker that hangs; by default ten times that of
             the longest block so far, and at least 120 s.
-        tell: told, in a sentence each, which workers are refused.
+        on_message: called with a sentence for each worker that is refused.
     """
 
     task: ClassVar[Callable[..., int | bytes]] = staticmethod(run_block)
@@ -97,9 +97,9 @@ class Cluster:
         *,
         collect: bool = False,
         limit: float | None = None,
-        tell: Callable[[str], None] = lambda _: None,
+        on_message: Callable[[str], None] = lambda _: None,
     ) -> None:
-        self.workers = Workers(connection, tell)
+        self.workers = Workers(connection, on_message)
         self.collect, self._limit = collect, limit
         self._ticket: JobTicket | None = None
         self._group, self._submitted = f"gaitsweep-{secrets.token_hex(4)}", itertools.count()
@@ -112,14 +112,14 @@ class Cluster:
 
     @contextlib.contextmanager
     def serve(
-        self, context: RunContext, directory: ResultDirectory, wait: Callable[[], None]
+        self, context: RunContext, directory: ResultDirectory, on_wait: Callable[[], None]
     ) -> Iterator[None]:
-        """A context in which `run_blocks` may be called, for tables of one job.
+        """Context in which `run_blocks` may be called, for tables of one job.
 
         Args:
             context: the job's context.
             directory: its result directory.
-            wait: called while the client waits for the cluster; what it raises ends the waiting.
+            on_wait: called while the client waits for the cluster; an exception that it raises ends the wait.
 
         Raises:
             RunError: the workers cannot compute the job, each named with the reason.
@@ -139,16 +139,16 @@ class Cluster:
             None if self.collect else (str(probe.absolute()), token),
         )
         try:
-            self.workers.connect(wait)
-            while not self.workers.examine(self._ticket, wait):
-                self.workers.connect(wait)
+            self.workers.connect(on_wait)
+            while not self.workers.examine(self._ticket, on_wait):
+                self.workers.connect(on_wait)
             yield
         finally:
             for left in directory.path.glob(f"{probe.name}*"):  # also by workers that were killed
                 left.unlink(missing_ok=True)
 
     def close(self) -> None:
-        """Leave the cluster; workers of this command end."""
+        """Disconnect from the cluster; workers of this command end."""
         self.workers.connection.close()
 
     def __enter__(self) -> Cluster:
@@ -161,15 +161,15 @@ class Cluster:
         self,
         directory: ResultDirectory,
         missing: Sequence[int],
-        tell: Callable[[SweepProgress], None],
+        on_progress: Callable[[SweepProgress], None],
         rows_in: Callable[[int, int], np.ndarray] | None = None,
     ) -> None:
-        """Let the workers compute blocks, and wait until their parts are there.
+        """Let the workers compute blocks, and wait until their parts exist.
 
         Args:
             directory: the result directory of the job, or of a round of a refined run.
             missing: the numbers of the blocks.
-            tell: called now and then; an exception that it raises cancels the tasks.
+            on_progress: progress callback; an exception that it raises cancels the tasks.
             rows_in: the rows of the job (stop - first,) that are rows first..stop-1 of this table, where they
                 are not the same.
 
@@ -189,10 +189,10 @@ class Cluster:
         )
         # deaths that an earlier run has counted are forgotten
         (directory.path / BLOCK_LOCKS).unlink(missing_ok=True)
-        Dispatch(self, directory, assignment, missing, tell, rows_in).run()
+        Dispatch(self, directory, assignment, missing, on_progress, rows_in).run()
 
     def submit(self, tasks: Sequence[tuple[int, np.ndarray | None]], assignment: Assignment) -> list[Any]:
-        """Give blocks to the scheduler; returns a task in flight for each."""
+        """Submit blocks to the scheduler; return a task in flight for each."""
         only, now = self.workers.chosen, time.monotonic()
         futures = self.workers.client.map(
             self.task,
@@ -208,21 +208,21 @@ class Cluster:
         return [_InFlight(future, now, only) for future in futures]
 
     def _key(self) -> Any:
-        """A name for a task.
+        """Name of a task.
 
-        A scheduler keeps what it knows of each group of tasks, so that there is one group; and the names of
-        the last 100 000 tasks, so that names are used again, long after their tasks have ended.
+        A scheduler keeps a record of each group of tasks, so there is one group; and the names of the last
+        100 000 tasks, so names are reused long after their tasks have ended.
         """
         if len(self._free_keys) > 2 * _MOST_IN_FLIGHT:
             return self._free_keys.popleft()
         return self._group, next(self._submitted)
 
     def free_key(self, key: Any) -> None:
-        """Give the name of a task back that has ended well; another's task may still be under way."""
+        """Make the name of a task that ended well available again."""
         self._free_keys.append(key)
 
     def limit(self, longest: float | None) -> float:
-        """The time (s) that a task may take, the longest so far having taken `longest`."""
+        """Return the time (s) that a task may take, where the longest so far took `longest`."""
         if self._limit is not None:
             return self._limit
         return float("inf") if longest is None else max(_TIMES_LONGEST * longest, _LEAST_LIMIT)
@@ -237,7 +237,7 @@ class Dispatch:
         directory: ResultDirectory,
         assignment: Assignment,
         missing: Sequence[int],
-        tell: Callable[[SweepProgress], None],
+        on_progress: Callable[[SweepProgress], None],
         rows_in: Callable[[int, int], np.ndarray] | None,
     ) -> None:
         self.cluster, self.workers = cluster, cluster.workers
@@ -249,7 +249,7 @@ class Dispatch:
         self.failed: dict[int, str] = {}
         self.rows = sum(stop - first for first, stop in map(directory.rows_of, missing))
         self.done = 0  # rows
-        self._tell_of, self._told = tell, -_TELL
+        self._on_progress, self._reported = on_progress, -_REPORT
         self._began = time.monotonic()
         self._longest: float | None = None  # s, of the tasks that have ended
         self._rate, self._ends, self._counted = 0.0, 0, self._began  # blocks a second, of the last while
@@ -283,14 +283,14 @@ class Dispatch:
             if self.workers.connection.alive:
                 raise
             ends = 0
-        self._tell()
+        self._report()
         if not ends:
             time.sleep(_POLL_OFTEN if self._rate > _MANY else _POLL)
 
     def _reconnect(self) -> None:
-        """Go on with another scheduler; what was in flight is given out again."""
+        """Continue with another scheduler; tasks in flight are submitted again."""
         self._give_back(list(self.flight))
-        self.workers.connect(self._tell)
+        self.workers.connect(self._report)
 
     def _give_back(self, numbers: Sequence[int]) -> None:
         for number in numbers:
@@ -319,18 +319,18 @@ class Dispatch:
         return None if self.rows_in is None else self.rows_in(*self.directory.rows_of(number))
 
     def _take_ended(self) -> int:
-        """Take what has ended, well or not; returns how many tasks that were."""
-        # asked once: when the scheduler is lost, it changes meanwhile
+        """Process the tasks that have ended, well or not; return their number."""
+        # read once: it changes while the scheduler is lost
         status = {number: task.future.status for number, task in self.flight.items() if task.future.done()}
-        sound = [number for number, each in status.items() if each == "finished"]
+        sound = [number for number, state in status.items() if state == "finished"]
         if self.cluster.collect:
             for number in sound[_MOST_GATHERED:]:  # the others are taken at the next look
                 del status[number]
             sound = sound[:_MOST_GATHERED]
         errors = {
             number: self.flight[number].future.exception(timeout=30)
-            for number, each in status.items()
-            if each == "error"
+            for number, state in status.items()
+            if state == "error"
         }
         if self.cluster.collect and sound:
             try:
@@ -360,7 +360,7 @@ class Dispatch:
         self.ended.append(number)
 
     def _fail(self, number: int, error: BaseException) -> None:
-        """Give a block out again, or give it up."""
+        """Submit a block again, or give it up."""
         from distributed import KilledWorker
         from distributed.scheduler import NoValidWorkerError
 
@@ -384,15 +384,17 @@ class Dispatch:
             self.waiting.append(number)
 
     def _free_stranded(self) -> None:
-        """Give out again what only workers that are gone may run."""
-        here = set(self.workers.names)
-        gone = [n for n, task in self.flight.items() if task.only is not None and not here & set(task.only)]
+        """Submit tasks again that only lost workers may run."""
+        present = set(self.workers.names)
+        gone = [
+            n for n, task in self.flight.items() if task.only is not None and not present & set(task.only)
+        ]
         if gone:
             self.workers.client.cancel([self.flight[number].future for number in gone], force=True)
             self._give_back(gone)
 
     def _expire(self) -> None:
-        """End workers none of whose tasks has ended for too long; a task may wait behind another."""
+        """End workers of which no task has ended for too long; a task may wait behind another."""
         now = time.monotonic()
         if not self.workers.slots:  # nobody runs
             self._held = {}
@@ -406,30 +408,30 @@ class Dispatch:
         ours = {task.future.key: number for number, task in self.flight.items()}
         before, self._held = self._held, {}
         for address, keys in self.workers.client.processing().items():
-            held = {key for key in keys if key in ours}
-            if not held:
+            own_keys = {key for key in keys if key in ours}
+            if not own_keys:
                 continue
             known = before.get(address)
-            since = now if known is None or known.keys - held else known.since
+            since = now if known is None or known.keys - own_keys else known.since
             if now - since <= limit:
-                self._held[address] = _Held(held, since)
+                self._held[address] = _Held(own_keys, since)
                 continue
-            number = min(ours[key] for key in held)
+            number = min(ours[key] for key in own_keys)
             first, stop = self.directory.rows_of(number)
             name = self.workers.names.get(address, address)
-            self.workers.tell(
+            self.workers.on_message(
                 f"The worker {name} is ended, and its blocks go elsewhere: block {number} (rows {first} to "
                 f"{stop - 1}) took longer than {limit:.0f} s there."
             )
             self.workers.restart(address)
-            for key in held:
+            for key in own_keys:
                 self.flight[ours[key]].since = time.monotonic()
 
     def _settle(self) -> None:
-        """See that all parts are there; what is not is given out again."""
+        """Check that all parts exist; missing ones are submitted again."""
         deadline = time.monotonic() + _LAG
         while (lost := self._take_parts()) and time.monotonic() < deadline:
-            self._tell()
+            self._report()
             time.sleep(0.1)  # a network file system shows a file of another machine some time later
         for number in lost:
             first, stop = self.directory.rows_of(number)
@@ -438,32 +440,35 @@ class Dispatch:
         self.ended = []
 
     def _take_parts(self) -> list[int]:
-        """Read the parts that workers have written; returns the blocks whose part is not there."""
+        """Read the parts that workers have written; return the blocks whose part is missing."""
         if self.cluster.collect:
             return []
         self.ended = self.directory.take_parts(self.ended)
         return self.ended
 
     def _cancel(self) -> None:
-        """Leave the cluster without tasks of this job."""
+        """Cancel the tasks of this job."""
         with contextlib.suppress(Exception):
             futures = [task.future for task in self.flight.values()]
             if futures and self.workers.connection.alive:
                 self.workers.client.cancel(futures, force=True)
         self.flight = {}
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         now = time.monotonic()
-        if now - self._told < _TELL:
+        if now - self._reported < _REPORT:
             return
-        self._told = now
-        self._tell_of(SweepProgress(self.done, self.rows, self.done / self.rows, 0, now - self._began))
+        self._reported = now
+        self._on_progress(SweepProgress(self.done, self.rows, self.done / self.rows, 0, now - self._began))
 
     def _sentence(self) -> str:
-        told = []
+        sentences = []
         for number, why in sorted(self.failed.items()):
             first, stop = self.directory.rows_of(number)
-            told.append(f"Block {number} (rows {first} to {stop - 1}) was not computed: {why}.")
+            sentences.append(f"Block {number} (rows {first} to {stop - 1}) was not computed: {why}.")
         return "\n".join(
-            [*told, f"All other rows are safe in {self.directory.path}; the same command tries these again."]
+            [
+                *sentences,
+                f"All other rows are safe in {self.directory.path}; the same command tries these again.",
+            ]
         )

@@ -1,4 +1,4 @@
-"""Identity of processes that compute the same bits: program, packages, processor and engine."""
+"""Identity of a process that computes the same bits: program, packages, processor and engine."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Identity = Mapping[str, str]
 class WorkerUnfit(UserError):
     """A worker cannot compute this job's blocks; the message is the reason, without the worker's name.
 
-    `address` is the worker's, once it is known.
+    `address` is the worker's address, once known.
     """
 
     def __init__(self, why: str, address: str = "") -> None:
@@ -33,7 +33,7 @@ class WorkerUnfit(UserError):
 
 
 def identity_of(context: RunContext) -> Identity:
-    """Identity of this process for a job."""
+    """Return the identity of this process for a job."""
     return {
         **versions(),
         "gaitsweep's source": _source_digest()[:12],
@@ -46,31 +46,31 @@ def identity_of(context: RunContext) -> Identity:
     }
 
 
-def difference(there: Identity, here: Identity) -> str | None:
-    """Describe how a worker differs from the client; None if it does not."""
-    found = [
-        f"{name} is {there.get(name, 'unknown')} there and {value} here"
-        for name, value in here.items()
-        if there.get(name) != value
+def difference(worker: Identity, client: Identity) -> str | None:
+    """Describe how a worker differs from the client; return None if it does not."""
+    differences = [
+        f"{name} is {worker.get(name, 'unknown')} there and {value} here"
+        for name, value in client.items()
+        if worker.get(name) != value
     ]
-    if len(found) > 1:  # the hash follows from the others
-        found = [each for each in found if not each.startswith("the job's hash")]
-    elif found and found[0].startswith("the job's hash"):
-        found = [f"{found[0]} (the files of its model differ)"]
-    return "; ".join(found) or None
+    if len(differences) > 1:  # the hash follows from the others
+        differences = [text for text in differences if not text.startswith("the job's hash")]
+    elif differences and differences[0].startswith("the job's hash"):
+        differences = [f"{differences[0]} (the files of its model differ)"]
+    return "; ".join(differences) or None
 
 
 def own_modules(context: RunContext) -> tuple[tuple[str, str], ...]:
-    """The user's modules that a job needs, with the folders from which they are imported."""
-    found: dict[str, str] = {}
+    """Return the user's modules that a job needs, with the folders from which they are imported."""
+    folders: dict[str, str] = {}
     for own in (type(context.model), type(context.job.run)):
         module = inspect.getmodule(own)
         file = getattr(module, "__file__", None)
         if module is None or file is None or module.__name__.startswith("gaitsweep.") or installed(module):
             continue
         levels = len(module.__name__.split(".")) - (0 if Path(file).name == "__init__.py" else 1)
-        found[module.__name__] = str(Path(file).resolve().parents[levels])
-    return tuple(found.items())
+        folders[module.__name__] = str(Path(file).resolve().parents[levels])
+    return tuple(folders.items())
 
 
 @functools.cache

@@ -30,7 +30,7 @@ from gaitsweep.table.files import reason, this_process
 from gaitsweep.table.part_writer import PartWriter
 
 MOST_DEATHS = 3  # of workers that began a block, after which it is given up
-_POLL = 0.2  # s between two looks whether the task is still wanted
+_POLL = 0.2  # s between two checks whether the task is still wanted
 # A worker computes one block at a time, with all the cores that it offers, whatever Dask starts in it.
 _ONE_BLOCK = threading.Lock()
 _log = logging.getLogger("distributed.worker.gaitsweep")
@@ -48,12 +48,12 @@ class Unwanted(Exception):
 
 @dataclasses.dataclass(frozen=True)
 class JobTicket:
-    """A job as workers get it.
+    """A job as sent to workers.
 
     Args:
         job: the resolved job, as JSON.
         modules: the user's modules that it needs, each with its folder.
-        identity: what the client would compute it with.
+        identity: identity of the client.
         probe: a file of the client in the result directory, and the text in it; None where the parts come
             back through the scheduler.
     """
@@ -85,7 +85,7 @@ class Assignment:
 
 
 def examine(ticket: JobTicket) -> str | None:
-    """Return why this worker cannot compute a job's blocks, or None; the job is prepared here meanwhile."""
+    """Prepare a job here; return the reason if this worker cannot compute its blocks, else None."""
     try:
         _prepared(ticket)
     except WorkerUnfit as error:
@@ -99,7 +99,7 @@ def run_block(number: int, rows: np.ndarray | None, assignment: Assignment) -> i
     Args:
         number: the block.
         rows: the rows of the job (n,) that are its own, where a refined run chooses them.
-        assignment: what it belongs to.
+        assignment: description of the table.
 
     Returns:
         The block's number; where the parts come back through the scheduler, the part.
@@ -130,7 +130,7 @@ def _run_block(number: int, rows: np.ndarray | None, assignment: Assignment) -> 
         _log.info("has computed %s in %.1f s", name, time.perf_counter() - began)
         return data
     _look_for(*ticket.probe)
-    # held while the job is made ready too, so that a worker which dies of that counts
+    # held during the preparation too, so that a worker which dies in it counts
     with _held(writer, number, assignment.patience) as missing:
         if missing:
             data = _computed(assignment, writer, number, rows)
@@ -175,7 +175,7 @@ def _held(writer: PartWriter, number: int, patience: float) -> Iterator[bool]:
 
 
 def _computed(assignment: Assignment, writer: PartWriter, number: int, rows: np.ndarray | None) -> bytes:
-    """The part of a block, computed here."""
+    """Compute the part of a block."""
     context = _prepared(assignment.ticket)
     model, quantities = context.model, None
     if rows is None:
@@ -185,24 +185,24 @@ def _computed(assignment: Assignment, writer: PartWriter, number: int, rows: np.
         context = some_rows(
             context, assignment.n_rows, lambda first, stop: rows[first - before : stop - before]
         )
-    found: list[bytes] = []
+    parts: list[bytes] = []
     last = time.monotonic()
 
     def keep(_: int, frame: pd.DataFrame) -> None:
-        found.append(writer.encoded(number, frame, quantities))
+        parts.append(writer.encoded(number, frame, quantities))
 
-    def between(_: object) -> None:
+    def on_progress(_: object) -> None:
         nonlocal last
         if time.monotonic() - last > _POLL:
             _stop_if_unwanted()
             last = time.monotonic()
 
-    run_blocks(context, [number], keep, between)
-    return found[0]
+    run_blocks(context, [number], keep, on_progress)
+    return parts[0]
 
 
 def _stop_if_unwanted() -> None:
-    """Raise Unwanted where the scheduler does not want the task of this thread any more."""
+    """Raise Unwanted if the scheduler has cancelled the task of this thread."""
     from distributed import get_worker
 
     try:
@@ -224,7 +224,7 @@ def _name() -> str:
 
 
 def _cores() -> int | None:
-    """The cores that this worker offers to its tasks; None outside a worker."""
+    """Return the number of cores that this worker offers to its tasks; None outside a worker."""
     from distributed import get_worker
 
     try:
@@ -235,7 +235,7 @@ def _cores() -> int | None:
 
 @functools.lru_cache(maxsize=4)
 def _prepared(ticket: JobTicket) -> RunContext:
-    """The context of the job in this process, which has been compared with the client's."""
+    """Return the context of the job in this process, after a comparison with the client's."""
     if ticket.probe is not None:
         _look_for(*ticket.probe)
     for module, folder in ticket.modules:
@@ -258,15 +258,15 @@ def _prepared(ticket: JobTicket) -> RunContext:
     if spec.devices[0].platform == "cpu" and (cores := _cores()) is not None:
         # the results do not depend on the number of devices
         context = dataclasses.replace(context, spec=dataclasses.replace(spec, devices=spec.devices[:cores]))
-    found = difference(identity_of(context), dict(ticket.identity))
-    if found is not None:
-        raise WorkerUnfit(found)
+    mismatch = difference(identity_of(context), dict(ticket.identity))
+    if mismatch is not None:
+        raise WorkerUnfit(mismatch)
     return context
 
 
 @functools.lru_cache(maxsize=16)
 def _look_for(file: str, token: str) -> None:
-    """Raise WorkerUnfit where this worker does not share the client's result directory."""
+    """Raise WorkerUnfit if this worker does not share the client's result directory."""
     probe = Path(file)
     folder = probe.parent
     own = probe.with_name(f"{probe.name}-{threading.get_native_id()}-{this_process().replace(' ', '-')}")

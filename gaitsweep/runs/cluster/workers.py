@@ -1,4 +1,4 @@
-"""The workers of a cluster as one client sees them: who is there, who is refused, and what each may do."""
+"""The workers of a cluster as one client sees them: present and refused ones, and their resources."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from gaitsweep.runs.cluster.connection import Connection
 from gaitsweep.runs.cluster.task import JobTicket, examine
 from gaitsweep.runs.prepare import RunError
 
-_LOOK = 1.0  # s between two looks
-_POLL = 0.01  # s between two looks at a task
+_LOOK = 1.0  # s between two polls of the workers
+_POLL = 0.01  # s between two polls of a task
 _AWAY = 0.1  # s between two tries to connect
-_EMPTY = 5.0  # s without workers after which that is told
+_EMPTY = 5.0  # s without workers after which a message says so
 # Workers that are busy with other work are not waited for longer (s), once one has answered.
 _EXAMINATION = 30.0
 
@@ -23,18 +23,18 @@ class Workers:
     """The workers of a cluster.
 
     Args:
-        connection: how the cluster is reached.
-        tell: told, in a sentence each, which workers are refused.
+        connection: connection to the cluster.
+        on_message: called with a sentence for each worker that is refused.
     """
 
-    def __init__(self, connection: Connection, tell: Callable[[str], None]) -> None:
-        self.connection, self.tell = connection, tell
+    def __init__(self, connection: Connection, on_message: Callable[[str], None]) -> None:
+        self.connection, self.on_message = connection, on_message
         self.names: dict[str, str] = {}  # by address
         self.most = 0  # usable ones at one time
         self.slots = 0  # blocks that they compute at the same time
         self.on_card = False
         self._refused: dict[str, str] = {}  # reasons by address
-        self._told: set[str] = set()
+        self._messages: set[str] = set()
         self._looked = -_LOOK
         self._away = False
         self._empty: float | None = None  # since when there are none
@@ -45,12 +45,12 @@ class Workers:
 
     @property
     def usable(self) -> list[str]:
-        """The addresses of those that are not refused."""
+        """Addresses of the workers that are not refused."""
         return [address for address in self.names if address not in self._refused]
 
     @property
     def chosen(self) -> list[str] | None:
-        """The addresses that may compute blocks; None where all may."""
+        """Addresses of the workers that may compute blocks; None if all may."""
         return self.usable if self._refused else None
 
     @property
@@ -66,32 +66,32 @@ class Workers:
         count = len(self.usable)
         return f"{count} worker{'s' * (count != 1)}"
 
-    def connect(self, wait: Callable[[], None]) -> None:
-        """Connect, or connect again, for as long as it takes; `wait` is called meanwhile."""
+    def connect(self, on_wait: Callable[[], None]) -> None:
+        """Connect, or connect again, for as long as it takes; `on_wait` is called meanwhile."""
         while not self.connection.alive:
             self._away = not self.connection.try_to_connect()
             if self._away:
                 self.names, self.slots = {}, 0
-                self._tell_once(
-                    f"The scheduler {self.connection.where} does not answer ({self.connection.why}): it is "
-                    "waited for."
+                self._message_once(
+                    f"The scheduler {self.connection.where} does not answer ({self.connection.why}): waiting "
+                    "for it."
                 )
-                wait()
+                on_wait()
                 time.sleep(_AWAY)
         self._away = False
         self._looked = -_LOOK
 
     def look(self) -> None:
-        """See which workers there are, now and then."""
+        """Update the list of workers, at most once a second."""
         now = time.monotonic()
         if now - self._looked < _LOOK:
             return
         self._looked = now
-        found = self.client.scheduler_info(n_workers=-1)["workers"]
-        self.names = {address: str(about["name"]) for address, about in found.items()}
-        self._refused = {address: why for address, why in self._refused.items() if address in found}
+        workers = self.client.scheduler_info(n_workers=-1)["workers"]
+        self.names = {address: str(about["name"]) for address, about in workers.items()}
+        self._refused = {address: why for address, why in self._refused.items() if address in workers}
         if self.on_card:
-            cards = {a: about.get("resources", {}).get("GPU", 0) for a, about in found.items()}
+            cards = {a: about.get("resources", {}).get("GPU", 0) for a, about in workers.items()}
             for address, count in cards.items():
                 if not count:
                     self.refuse(address, "it offers no card: start it with --resources GPU=1")
@@ -99,12 +99,12 @@ class Workers:
         else:
             self.slots = len(self.usable)
         self.most = max(self.most, len(self.usable))
-        if found:
+        if workers:
             self._empty = None
         elif self._empty is None:
             self._empty = now
         elif now - self._empty > _EMPTY:
-            self._tell_once(f"The scheduler {self.connection.where} has no workers: they are waited for.")
+            self._message_once(f"The scheduler {self.connection.where} has no workers: waiting for them.")
         if self.names and not self.usable:
             raise RunError(
                 f"No worker of {self.connection.where} can compute this job. "
@@ -112,32 +112,32 @@ class Workers:
             )
 
     def refuse(self, address: str, why: str) -> None:
-        """Give no block to a worker any more, and tell its name and the reason."""
+        """Exclude a worker, and report its name and the reason."""
         if address in self._refused:
             return
         self._refused[address] = why
         self._looked = -_LOOK
-        self._tell_once(f"The worker {self.names.get(address, address)} is refused: {why}.")
+        self._message_once(f"The worker {self.names.get(address, address)} is refused: {why}.")
 
-    def _tell_once(self, sentence: str) -> None:
-        if sentence not in self._told:
-            self._told.add(sentence)
-            self.tell(sentence)
+    def _message_once(self, sentence: str) -> None:
+        if sentence not in self._messages:
+            self._messages.add(sentence)
+            self.on_message(sentence)
 
-    def examine(self, ticket: JobTicket, wait: Callable[[], None]) -> bool:
-        """Ask the workers that are there whether they can compute a job; False if the scheduler is lost.
+    def examine(self, ticket: JobTicket, on_wait: Callable[[], None]) -> bool:
+        """Ask the present workers whether they can compute a job; return False if the scheduler is lost.
 
         Raises:
             RunError: some cannot, each named with the reason.
         """
         try:
-            self._examine(ticket, wait)
+            self._examine(ticket, on_wait)
         except (OSError, TimeoutError):
             if self.connection.alive:
                 raise
         return self.connection.alive
 
-    def _examine(self, ticket: JobTicket, wait: Callable[[], None]) -> None:
+    def _examine(self, ticket: JobTicket, on_wait: Callable[[], None]) -> None:
         self.look()
         asked = {
             address: self.client.submit(
@@ -158,25 +158,25 @@ class Workers:
                     if future.done():
                         del asked[address]
                         answers += future.status == "finished"
-                        found = None
+                        reason = None
                         if future.status == "finished":
-                            found = future.result()
+                            reason = future.result()
                         elif future.status == "error":
-                            found = future.exception()
-                        if found is not None:
-                            reasons[address] = str(found)
-                wait()
-                self.look()  # those that die meanwhile are asked no more
+                            reason = future.exception()
+                        if reason is not None:
+                            reasons[address] = str(reason)
+                on_wait()
+                self.look()  # lost workers are not asked again
                 asked = {address: future for address, future in asked.items() if address in self.names}
                 time.sleep(_POLL)
-        finally:  # not when the last exception is forgotten, which may be long after
+        finally:  # at once, not when the last exception is collected
             for future in futures:
                 future.release()
         if reasons:
             named = {f"{self.names.get(a, a)}: {why}." for a, why in reasons.items()}
             raise RunError(
                 f"{len(reasons)} of the {max(len(self.names), len(reasons))} workers of "
-                f"{self.connection.where} cannot compute this job, which is not begun. "
+                f"{self.connection.where} cannot compute this job, which is not started. "
                 + " ".join(sorted(named))
             )
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gaitsweep.view.explorer.walks import Crossings, Motion
+from gaitsweep.view.explorer.replays import Crossings, Motion
 
 # Pictures are stored to this share of the body's height.
 RESOLUTION = 1e-3

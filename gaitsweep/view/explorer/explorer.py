@@ -32,13 +32,13 @@ from gaitsweep.table import load, replace_file, writing
 from gaitsweep.version import version
 from gaitsweep.view.explorer.encoding import compressed, crossing_fields, motion_fields
 from gaitsweep.view.explorer.plotly_source import plotly_source
+from gaitsweep.view.explorer.replay_groups import ReplayGroup, replay_groups
+from gaitsweep.view.explorer.replays import BodyParts, Crossings, ReplayedRow, Replayer
 from gaitsweep.view.explorer.start_map import StartMap, columns_of, html_symbol, map_of, with_next
-from gaitsweep.view.explorer.walks import BodyParts, Crossings, Walker, Watched
-from gaitsweep.view.explorer.watching import Watch, watches
 
 EXPLORE = "explore.html"
 MAX_SIZE = 10.0  # MB
-MOST_WALKS = 400
+MOST_REPLAYS = 400
 KINDS = ("settle", "fixed_time", "return_map", "ramp", "staircase", "continuation")
 _MB = 1_000_000
 # The share of the room beside plotly.js that the table may take.
@@ -62,11 +62,11 @@ def write_explorer(
     *,
     x: str | None = None,
     y: str | None = None,
-    walks: int | None = None,
+    replays: int | None = None,
     max_size: float | None = None,
     trust: bool = False,
-    progress: Progress | None = None,
-    tell: Callable[[str], None] = lambda _: None,
+    on_progress: Progress | None = None,
+    on_message: Callable[[str], None] = lambda _: None,
 ) -> Path:
     """Write a self-contained page on which a click on a start of a table shows the walking model.
 
@@ -75,11 +75,11 @@ def write_explorer(
             continuation.
         out: the file; `explore.html` in the directory by default.
         x, y: columns along the axes; by default those of the job's figures, or the longest axes.
-        walks: largest number of starts (records of a ramp or a staircase) simulated again; 400 by default.
+        replays: largest number of starts (records of a ramp or a staircase) simulated again; 400 by default.
         max_size: the largest size of the page, MB; 10 by default.
         trust: whether to import a user's model from the directory or the folder named in its manifest.
-        progress: called with the rows done, all rows, rows per second, the fraction done, and a remark.
-        tell: called with sentences about the contents that the page lacks.
+        on_progress: called with the rows done, all rows, rows per second, the fraction done, and a remark.
+        on_message: called with sentences about the contents that the page lacks.
 
     Returns:
         The file.
@@ -96,7 +96,15 @@ def write_explorer(
     table = load(directory)
     target = directory / EXPLORE if out is None else Path(out)
     return explorer_of(
-        table, target, x=x, y=y, walks=walks, max_size=max_size, trust=trust, progress=progress, tell=tell
+        table,
+        target,
+        x=x,
+        y=y,
+        replays=replays,
+        max_size=max_size,
+        trust=trust,
+        on_progress=on_progress,
+        on_message=on_message,
     )
 
 
@@ -106,17 +114,17 @@ def explorer_of(
     *,
     x: str | None = None,
     y: str | None = None,
-    walks: int | None = None,
+    replays: int | None = None,
     max_size: float | None = None,
     trust: bool = False,
-    progress: Progress | None = None,
-    tell: Callable[[str], None] = lambda _: None,
+    on_progress: Progress | None = None,
+    on_message: Callable[[str], None] = lambda _: None,
 ) -> Path:
     """Write the page of a table, as `write_explorer` does."""
     plotly = plotly_source()
-    most = MOST_WALKS if walks is None else walks
+    most = MOST_REPLAYS if replays is None else replays
     megabytes = MAX_SIZE if max_size is None else max_size
-    page = _page(table, _job_of(table, trust), plotly, (x, y), most, megabytes, progress, tell)
+    page = _page(table, _job_of(table, trust), plotly, (x, y), most, megabytes, on_progress, on_message)
     with writing(f"{target} could not be written"):
         replace_file(target, lambda file: file.write(page.encode()))
     return target
@@ -147,14 +155,16 @@ def _page(
     job: Job,
     plotly: str,
     axes: tuple[str | None, str | None],
-    walks: int,
+    replays: int,
     max_size: float,
-    progress: Progress | None,
-    tell: Callable[[str], None],
+    on_progress: Progress | None,
+    on_message: Callable[[str], None],
 ) -> str:
-    """The HTML page of a table, with plotly.js (its source `plotly`), the records and the walks embedded."""
-    if walks < 0 or max_size <= 0.0:
-        raise ArgumentError(f"walks is {walks} and max_size is {max_size:g} MB, but both must be at least 0.")
+    """The HTML page of a table, with plotly.js (source `plotly`), the records and the replays embedded."""
+    if replays < 0 or max_size <= 0.0:
+        raise ArgumentError(
+            f"replays is {replays} and max_size is {max_size:g} MB, but both must be at least 0."
+        )
     if not len(table):
         raise ArgumentError("No row has ended yet, so there is nothing to explore.")
     script = compressed(plotly.encode())
@@ -171,14 +181,14 @@ def _page(
     if room < 0:
         raise ExplorerSizeError(f"The table alone is larger than --max-size, {max_size:g} MB.")
     spent = table.attrs.get("manifest", {}).get("timings", {}).get("run_s", 0.0)
-    chosen = _Walks(shown, context, walks, float(spent), progress)
+    chosen = _Replays(shown, context, replays, float(spent), on_progress)
     fields |= chosen.fields(room)
     fields |= _about(shown, table, context, chosen)
     data = compressed(_json(fields))
-    told = chosen.sentence
-    parts = {"title": fields["name"], "told": told}
+    sentence = chosen.sentence
+    parts = {"title": fields["name"], "told": sentence}
     size = f"{len(_filled(parts, script, data, '0.0').encode()) / _MB:.1f}"
-    tell(f"{told} The page is {size} MB.")
+    on_message(f"{sentence} The page is {size} MB.")
     return _filled(parts, script, data, size)
 
 
@@ -254,7 +264,7 @@ def _table_fields(shown: StartMap) -> dict[str, Any]:
     return fields
 
 
-class _Walks:
+class _Replays:
     """The animated records, simulated again, and their fields on the page.
 
     Args:
@@ -262,70 +272,74 @@ class _Walks:
         context: their job.
         most: largest number of animated records.
         spent: duration of the job, s.
-        progress: progress callback.
+        on_progress: progress callback.
     """
 
     def __init__(
-        self, shown: StartMap, context: RunContext, most: int, spent: float, progress: Progress | None
+        self, shown: StartMap, context: RunContext, most: int, spent: float, on_progress: Progress | None
     ) -> None:
-        self._context, self._progress = context, progress
+        self._context, self._on_progress = context, on_progress
         self._model, self._shown = context.model, shown.table
         self._table = shown.table.reset_index(drop=True)
         self._table.attrs = {}  # which pandas would copy with each record
-        self._watches, self._beside = watches(shown, self._table, context, most, spent, self._following)
+        self._groups, self._beside = replay_groups(
+            shown, self._table, context, most, spent, self._on_branch_progress
+        )
         self._parts: BodyParts | None = None
         self._sizes: list[tuple[float, float, float]] = []
         self.series = self._drawn_over_cycles()
         self.sentence = "The page has no animated starts."
 
     def fields(self, room: int) -> dict[str, Any]:
-        """The walks that fit into a number of bytes; `sentence` has their number."""
-        walks: dict[int, dict[str, Any]] = {}
+        """The replays that fit into a number of bytes; `sentence` has their number."""
+        replays: dict[int, dict[str, Any]] = {}
         around: dict[int, Crossings] = {}
-        for watch in self._watches:
-            walker = watch.walker()
-            windows = watch.windows(float(walker.periods.max()))
-            for watched in walker.watched(windows, self._told_of(watch.rows.size)):
-                for record in watch.records_of(watched.row):
-                    walks[record] = self._walk(watch, walker, watched, record)
-                    around[record] = watch.around(record, watched)
-            self._parts = self._parts or walker.parts
+        for group in self._groups:
+            replayer = group.replayer()
+            windows = group.windows(float(replayer.periods.max()))
+            for replayed in replayer.replayed(windows, self._on_sweep_progress(group.rows.size)):
+                for record in group.records_of(replayed.row):
+                    replays[record] = self._replay(group, replayer, replayed, record)
+                    around[record] = group.around(record, replayed)
+            self._parts = self._parts or replayer.parts
         self._set_ranges(list(around.values()))
         kept, size = [], 0
-        for record in (record for watch in self._watches for record in watch.records.tolist()):
-            walk = {**walks[record], "crossings": self._over_cycles(around[record])}
-            size += len(compressed(_json(walk)))
+        for record in (record for group in self._groups for record in group.records.tolist()):
+            replay = {**replays[record], "crossings": self._over_cycles(around[record])}
+            size += len(compressed(_json(replay)))
             if size > room:
                 break
-            kept.append(walk)
-        self._tell(kept, len(walks))
+            kept.append(replay)
+        self._count(kept, len(replays))
         cycles = np.concatenate([[], *(np.diff(each.t) for each in around.values())])
         cycle = float(np.median(cycles)) if cycles.size else 1.0
         return {"walks": kept, "figure": self._figure(), "series": self.series, "cycle": cycle}
 
-    def _following(self, note: str = "") -> None:
+    def _on_branch_progress(self, note: str = "") -> None:
         """Report progress while branches are followed again."""
-        if self._progress is not None:
-            self._progress(0, 1, 0.0, 0.0, "following branches again")
+        if self._on_progress is not None:
+            self._on_progress(0, 1, 0.0, 0.0, "following branches again")
 
-    def _told_of(self, rows: int) -> Callable[[SweepProgress], None]:
-        def told(now: SweepProgress) -> None:
-            if self._progress is not None:
+    def _on_sweep_progress(self, rows: int) -> Callable[[SweepProgress], None]:
+        def on_progress(now: SweepProgress) -> None:
+            if self._on_progress is not None:
                 done = min(round(now.share * now.rows), rows)
-                self._progress(done, rows, done / max(now.seconds, 1e-9), done / rows, "walking")
+                self._on_progress(done, rows, done / max(now.seconds, 1e-9), done / rows, "walking")
 
-        return told
+        return on_progress
 
-    def _walk(self, watch: Watch, walker: Walker, watched: Watched, record: int) -> dict[str, Any]:
+    def _replay(
+        self, group: ReplayGroup, replayer: Replayer, replayed: ReplayedRow, record: int
+    ) -> dict[str, Any]:
         """The fields of one animated record."""
-        period = float(walker.periods[watched.place])
-        motions = [walker.motion(watched, each) for each in watch.stretches(record, watched, period)]
+        period = float(replayer.periods[replayed.place])
+        motions = [replayer.motion(replayed, each) for each in group.stretches(record, replayed, period)]
         motions = [each for each in motions if each is not None]
         self._sizes += [(p.half, p.height, p.depth) for each in motions if (p := each.pictures) is not None]
         return {
             "record": record,
             "motions": [motion_fields(motion) for motion in motions],
-            **self._differs(record, watched),
+            **self._differs(record, replayed),
         }
 
     def _over_cycles(self, crossings: Crossings) -> dict[str, Any]:
@@ -334,25 +348,25 @@ class _Walks:
         low, high = (np.array([each[end] for each in self.series]) for end in ("low", "high"))
         return crossing_fields(crossings, numbers, low, high)
 
-    def _differs(self, record: int, watched: Watched) -> dict[str, Any]:
+    def _differs(self, record: int, replayed: ReplayedRow) -> dict[str, Any]:
         """Describe differences between a row simulated again and the table."""
         row, run = self._table.iloc[record], self._context.job.run
         if run.kind_name == "continuation":  # a fixed point, which the next crossing has to give back
-            return self._apart(record, watched, 1, "n")
+            return self._apart(record, replayed, 1, "n")
         if not run.one_a_row or str(row["status"]) not in Status.SOUND:
             return {}
-        name = str(gaits(self._model, np.array([watched.gait]))[0]) if watched.gait != -1 else "none"
+        name = str(gaits(self._model, np.array([replayed.gait]))[0]) if replayed.gait != -1 else "none"
         other = not pd.isna(row["gait"]) and name != str(row["gait"])
         later = {"later": name} if other else {}
-        return {**later, **self._apart(record, watched, int(row["cycles"]), "end")}
+        return {**later, **self._apart(record, replayed, int(row["cycles"]), "end")}
 
-    def _apart(self, record: int, watched: Watched, crossing: int, suffix: str) -> dict[str, Any]:
+    def _apart(self, record: int, replayed: ReplayedRow, crossing: int, suffix: str) -> dict[str, Any]:
         """Differences of angles at a crossing from the table's."""
-        if crossing >= len(watched.crossings.number):
+        if crossing >= len(replayed.crossings.number):
             return {}
         row = self._table.iloc[record]
         ends = np.array([float(row[f"{q.name}_{suffix}"]) for q in self._model.observables])
-        apart = changes(self._model, watched.crossings.observed[crossing], ends)[circular(self._model)]
+        apart = changes(self._model, replayed.crossings.observed[crossing], ends)[circular(self._model)]
         most = float(np.nanmax(apart, initial=0.0))
         return {"apart": most} if most > _APART else {}
 
@@ -370,8 +384,8 @@ class _Walks:
             for some in (alike[i : i + most] for i in range(0, len(alike), most)):
                 symbols = [html_symbol(self._shown, q.name) for q in some]
                 shown_unit = "" if unit == "1" else unit
-                told = ", ".join(symbols) if len(symbols) <= _NAMED else f"{symbols[0]} ... {symbols[-1]}"
-                group = f"{told} ({html.escape(shown_unit)})" if shown_unit else told
+                names = ", ".join(symbols) if len(symbols) <= _NAMED else f"{symbols[0]} ... {symbols[-1]}"
+                group = f"{names} ({html.escape(shown_unit)})" if shown_unit else names
                 found += [
                     {
                         "name": q.name,
@@ -419,7 +433,7 @@ class _Walks:
             return tuple(self._model.limbs)
         return tuple(LimbLook(f"leg {number + 1}") for number in range(count))
 
-    def _tell(self, kept: list[dict[str, Any]], made: int) -> None:
+    def _count(self, kept: list[dict[str, Any]], made: int) -> None:
         """State the number of animated records, and of those that differ from the table."""
         starts = self._context.job.run.one_a_row or self._context.job.run.kind_name == "return_map"
         total = self._table["row"].nunique() if starts else len(self._table)
@@ -431,14 +445,14 @@ class _Walks:
         self.sentence = f"{len(kept)} of {total} {noun} are animated{beside}{full}{differ}."
 
 
-def _about(shown: StartMap, table: pd.DataFrame, context: RunContext, walks: _Walks) -> dict[str, Any]:
+def _about(shown: StartMap, table: pd.DataFrame, context: RunContext, replays: _Replays) -> dict[str, Any]:
     """Header of the page: name, model, limbs, remarks and provenance."""
     job, model = context.job, context.model
     manifest = table.attrs.get("manifest", {})
-    told = [*remarks(table)]
+    notes = [*remarks(table)]
     if shown.thinned:
-        told.append(f"shown: {shown.thinned}")
-    colours = limb_colours(walks.limbs)
+        notes.append(f"shown: {shown.thinned}")
+    colours = limb_colours(replays.limbs)
     return {
         "name": job.name,
         "model": model.name,
@@ -446,11 +460,11 @@ def _about(shown: StartMap, table: pd.DataFrame, context: RunContext, walks: _Wa
         "what": (type(model).__doc__ or "").strip().split("\n")[0],
         "run": job.run.kind_name,
         "rows": int(manifest.get("rows", table["row"].nunique())),
-        "remarks": told,
-        "told": walks.sentence,
+        "remarks": notes,
+        "told": replays.sentence,
         "limbs": [
             {"name": look.name, "colour": colour, "far": look.far}
-            for look, colour in zip(walks.limbs, colours, strict=True)
+            for look, colour in zip(replays.limbs, colours, strict=True)
         ],
         "provenance": {
             "gaitsweep": version(),

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.circular import cut
+from gaitsweep.analysis.circular import branch_cut
 from gaitsweep.analysis.records import in_order, outcome_labels, sound
 from gaitsweep.contract import Outcome, Status
 from gaitsweep.job import Job
@@ -71,7 +71,7 @@ class StartMap:
         circular = is_angle(self.table, name) and not log
         origin = 0.0
         if circular and self.kind == POINTS:
-            origin = cut(self.table[name].to_numpy(float))
+            origin = branch_cut(self.table[name].to_numpy(float))
         label = label_of(self.table, name)
         return {"name": name, "label": label, "circular": circular, "log": log, "origin": origin}
 
@@ -210,11 +210,11 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], np.ndarray]:
     In rows with several records each record has its own outcome: its gait, hollow if a stair had not settled
     or a steady gait is unstable, and `failed` for the last crossings before a fall.
     """
-    hollow, told = np.zeros(len(table), bool), ""
+    hollow, suffix = np.zeros(len(table), bool), ""
     if "stable" in table.columns:
-        hollow, told = np.asarray(table["stable"].astype(object) == False), "unstable"  # noqa: E712
+        hollow, suffix = np.asarray(table["stable"].astype(object) == False), "unstable"  # noqa: E712
     elif "settled" in table.columns:
-        hollow, told = ~table["settled"].to_numpy(bool), Outcome.NOT_SETTLED
+        hollow, suffix = ~table["settled"].to_numpy(bool), Outcome.NOT_SETTLED
     if "cycles" in table.columns:  # one record a row
         shown = outcome_labels(table, "gait")
     else:
@@ -229,7 +229,7 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], np.ndarray]:
     numbers = np.zeros(len(table), np.int64)
     for name in names:
         mine = np.asarray(shown == name)
-        for text, where, open_ in ((name, mine & ~hollow, False), (f"{name}, {told}", mine & hollow, True)):
+        for text, where, open_ in ((name, mine & ~hollow, False), (f"{name}, {suffix}", mine & hollow, True)):
             if where.any():
                 numbers[where] = len(found)
                 look = {"colour": colours[name], "marker": markers[name], "hollow": open_}

@@ -31,7 +31,7 @@ _CYCLE_TIME = 1.6  # s that a cycle takes in a movie whose speed is not given
 _MOST_FRAMES = 3000
 _NAMED = 4  # quantities in a title
 
-Told = Callable[[str], None]
+OnMessage = Callable[[str], None]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -135,8 +135,8 @@ def write_movie(
     size: tuple[int, int] = SIZE,
     renderer: str = "auto",
     trust: bool = False,
-    progress: Callable[[int, int], None] | None = None,
-    tell: Told | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
+    on_message: OnMessage | None = None,
 ) -> Path:
     """Write a movie of one row walking.
 
@@ -149,8 +149,8 @@ def write_movie(
         fps: frames per second.
         size: width and height, pixels.
         renderer: mujoco, matplotlib, or auto: MuJoCo if the model and this machine support it.
-        progress: callback with the numbers of drawn frames and of all frames.
-        tell: callback with sentences about deviations from the request.
+        on_progress: callback with the numbers of drawn frames and of all frames.
+        on_message: callback with sentences about deviations from the request.
 
     Returns:
         The file.
@@ -165,7 +165,7 @@ def write_movie(
     for name, value in (("speed", speed), ("fps", fps), ("seconds", seconds)):
         if value is not None and not 0.0 < value < np.inf:
             raise PlotError(f"--{name} is {value:g}, but must be above 0.")
-    end = _end(motion, start, seconds, tell)
+    end = _end(motion, start, seconds, on_message)
     count = int((end - start) / speed * fps * (1.0 + 1e-9)) + 1
     if not 2 <= count <= _MOST_FRAMES:
         raise PlotError(
@@ -179,11 +179,11 @@ def write_movie(
     def counted(frames: Iterator[np.ndarray]) -> Iterator[np.ndarray]:
         for number, frame in enumerate(frames):
             yield frame
-            if progress is not None:
-                progress(number + 1, count)
+            if on_progress is not None:
+                on_progress(number + 1, count)
 
     with (
-        _prepared(motion, times, _pace(speed), renderer, tell) as (clip, scene),
+        _prepared(motion, times, _pace(speed), renderer, on_message) as (clip, scene),
         contextlib.closing(animation.frames(clip, size, scene)) as frames,
     ):
         colours = limb_colours(clip.skeleton.limbs)
@@ -200,12 +200,12 @@ def write_still(
     size: tuple[int, int] = STILL_SIZE,
     renderer: str = "auto",
     trust: bool = False,
-    tell: Told | None = None,
+    on_message: OnMessage | None = None,
 ) -> Path:
     """Write a PNG of six poses over the cycle that begins at a time.
 
     Args:
-        directory, row, size, renderer, trust, tell: as for `write_movie`.
+        directory, row, size, renderer, trust, on_message: as for `write_movie`.
         out: .png; `figures/poses_rowN.png` in the directory by default.
         at: time at which the cycle begins, s.
 
@@ -218,12 +218,12 @@ def write_still(
     """
     motion = read_motion(directory, row, trust)
     _check(size, renderer)
-    end = _end(motion, at, motion.period, tell)
+    end = _end(motion, at, motion.period, on_message)
     target = _target(directory, out, f"poses_row{row}.png")
     if target.suffix.lower() != ".png":
         raise PlotError(f"{target} is not a valid name for a picture: it must end with .png.")
     times = np.linspace(at, end, _POSES, endpoint=False)
-    with _prepared(motion, times, "", renderer, tell) as (clip, scene):
+    with _prepared(motion, times, "", renderer, on_message) as (clip, scene):
         figure = animation.still(clip, size, scene)
     _write(
         target, lambda: replace_file(target, lambda file: figure.savefig(file, format="png", dpi=figure.dpi))
@@ -254,15 +254,15 @@ def _write(target: Path, write: Callable[[], object]) -> None:
         raise WriteError(f"{target} could not be written: {reason(error)}.") from error
 
 
-def _end(motion: Motion, start: float, seconds: float | None, tell: Told | None) -> float:
+def _end(motion: Motion, start: float, seconds: float | None, on_message: OnMessage | None) -> float:
     """End of the shown part, s, at most the end of the trace."""
     first, last = float(motion.t[0]), float(motion.t[-1])
     if not first <= start < last:
         raise PlotError(f"{start:g} s is outside the trace, which goes from {first:g} to {last:g} s.")
     if seconds is None:
         return last
-    if start + seconds > last * (1.0 + 1e-9) and tell is not None:
-        tell(f"The trace, and with it the movie, ends at {last:g} s.")
+    if start + seconds > last * (1.0 + 1e-9) and on_message is not None:
+        on_message(f"The trace, and with it the movie, ends at {last:g} s.")
     return min(start + seconds, last)
 
 
@@ -282,7 +282,7 @@ def _pace(speed: float) -> str:
 
 @contextlib.contextmanager
 def _prepared(
-    motion: Motion, times: np.ndarray, pace: str, renderer: str, tell: Told | None
+    motion: Motion, times: np.ndarray, pace: str, renderer: str, on_message: OnMessage | None
 ) -> Iterator[tuple[Clip, Drawn]]:
     """Clip at some times, and the drawing function of the body."""
     signals, name = motion.at(times), motion.model.name
@@ -316,8 +316,8 @@ def _prepared(
             if renderer == "mujoco":
                 raise PlotError(f"{error}: use --renderer matplotlib.") from error
             refused = True
-            if tell is not None:
-                tell(f"{error}: Matplotlib draws it instead.")
+            if on_message is not None:
+                on_message(f"{error}: Matplotlib draws it instead.")
         return Rendered(axes, painters[0]) if painters else animation.side_view(axes, clip, named)
 
     try:

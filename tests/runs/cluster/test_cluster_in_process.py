@@ -100,7 +100,7 @@ def test_workers_that_do_not_share_the_directory_are_named(
         gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
     said = str(refusal.value)
     assert "2 of the 2 workers" in said
-    assert "which is not begun" in said
+    assert "which is not started" in said
     assert f"does not see the result directory {tmp_path / 'out'}" in said
     assert "--collect" in said
     assert not list((tmp_path / "out" / "table").iterdir())
@@ -199,7 +199,7 @@ def test_ctrl_c_leaves_no_task_behind(client: Any, tmp_path: Path) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        gs.run(job, tmp_path / "out", progress=stop, client=client)
+        gs.run(job, tmp_path / "out", on_progress=stop, client=client)
     assert Snapshot.of(tmp_path / "out").rows_done > 0
     assert not list((tmp_path / "out").glob(".probe*"))
     _until_no_task(client)
@@ -217,7 +217,7 @@ def test_ctrl_c_stops_the_blocks_that_are_under_way(client: Any, tmp_path: Path)
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        gs.run(job, tmp_path / "out", progress=stop, client=client)
+        gs.run(job, tmp_path / "out", on_progress=stop, client=client)
     deadline = time.monotonic() + 20.0
     while any(client.run(lambda dask_worker: dask_worker.state.executing_count).values()):
         assert time.monotonic() < deadline, "a worker goes on"
@@ -287,8 +287,8 @@ def test_a_scheduler_that_does_not_answer_is_told_and_costs_no_threads(
             assert not mute.try_to_connect()
         assert threading.active_count() <= before
         mute.close()
-    told: list[str] = []
-    workers = Workers(connection_to(where), told.append)
+    messages: list[str] = []
+    workers = Workers(connection_to(where), messages.append)
     tries: list[None] = []
 
     def stop() -> None:
@@ -299,9 +299,9 @@ def test_a_scheduler_that_does_not_answer_is_told_and_costs_no_threads(
     with pytest.raises(KeyboardInterrupt):
         workers.connect(stop)
     workers.connection.close()
-    assert told  # refused at once, or after a time
+    assert messages  # refused at once, or after a time
     assert all(
-        re.fullmatch(rf"The scheduler {where} does not answer \(.*\): it is waited for\.", t) for t in told
+        re.fullmatch(rf"The scheduler {where} does not answer \(.*\): waiting for it\.", t) for t in messages
     )
 
 
@@ -309,13 +309,13 @@ def test_a_worker_hangs_that_ends_no_block_and_not_one_whose_blocks_wait(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Each of two workers holds two blocks of 7 s, of which the second waits; the limit is 10 s."""
-    now, told, ended = 0.0, [], []
+    now, messages, ended = 0.0, [], []
     held = {"a": [0, 2], "b": [1, 3]}
     monkeypatch.setattr(dispatch, "time", SimpleNamespace(monotonic=lambda: now))
     workers = SimpleNamespace(
         slots=2,
         names={"a": "left", "b": "right"},
-        tell=told.append,
+        on_message=messages.append,
         restart=lambda address: ended.append((address, now)),
         client=SimpleNamespace(processing=lambda: held),
     )
@@ -331,7 +331,7 @@ def test_a_worker_hangs_that_ends_no_block_and_not_one_whose_blocks_wait(
     assert [address for address, _ in ended] == ["b"]
     assert 10.0 < ended[0][1] <= 15.0
     where = "block 1 (rows 8 to 15) took longer than 10 s there"
-    assert told == [f"The worker right is ended, and its blocks go elsewhere: {where}."]
+    assert messages == [f"The worker right is ended, and its blocks go elsewhere: {where}."]
 
 
 def test_names_of_tasks_are_used_again(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -99,7 +99,7 @@ def test_a_refined_run_goes_on_inside_its_round(client: Any, tmp_path: Path) -> 
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        gs.run(job, tmp_path / "out", progress=stop, client=client)
+        gs.run(job, tmp_path / "out", on_progress=stop, client=client)
     stamps = {part: part.stat().st_mtime_ns for part in rounds.rglob("part-*")}
     assert stamps
     run = gs.run(job, tmp_path / "out", client=client)

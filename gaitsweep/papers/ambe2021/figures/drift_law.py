@@ -41,8 +41,8 @@ APART = {
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     pairs = list(ENDS.values()) if figure.of == "ends" else [ENDS[figure.of]]
     if not any(table.missing(pair) is None for pair in pairs):
-        told = ", or ".join(" and ".join(pair) for pair in pairs)
-        yield ("of",), f"is {figure.of}, but {told} must vary in this job."
+        names = ", or ".join(" and ".join(pair) for pair in pairs)
+        yield ("of",), f"is {figure.of}, but {names} must vary in this job."
     elif table.missing(["psi_1_end"]):
         yield figure.needs(table, "the multi-legged chain's psi_1")
 

@@ -257,8 +257,8 @@ def _free_phase(N: int, chain: Chain, k: int, at: float, title: str | None) -> F
             )
             if kind == "A":
                 for value, text, height in zip(ends, (r"$\psi_A$", r"$\psi_B$"), (0.03, 0.12), strict=True):
-                    told = f"{text} = {style.in_pi(value, fractions=False)}"
-                    _mark(axes, value, told, height)
+                    label = f"{text} = {style.in_pi(value, fractions=False)}"
+                    _mark(axes, value, label, height)
         axes.set_xlim(0.0, 2 * np.pi)
         style.angle_axis(axes, "x")
         style.angle_ticks(axes, "y")

@@ -87,8 +87,8 @@ def _empty(axes: Axes, gait: str) -> None:
     style.message(axes, "no row has it")
 
 
-def _name(axes: Axes, gait: str, told: str = "") -> None:
+def _name(axes: Axes, gait: str, note: str = "") -> None:
     """The name of the gait above its cell, and below it a description of the example."""
     look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
     axes.annotate(gait, (0.0, 1.0), (0, 12), color=COLOURS[gait], weight="bold", fontsize=8.5, **look)
-    axes.annotate(told, (0.0, 1.0), (0, 3), color="#444444", fontsize=6.5, **look)
+    axes.annotate(note, (0.0, 1.0), (0, 3), color="#444444", fontsize=6.5, **look)

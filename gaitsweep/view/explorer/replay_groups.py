@@ -12,13 +12,13 @@ import pandas as pd
 from gaitsweep.contract import Status
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.kinds.continuation import Continuation
-from gaitsweep.kinds.run_kind import Between
+from gaitsweep.kinds.run_kind import BlockProgress
 from gaitsweep.kinds.staircase import Staircase
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.view.explorer.choice import cells_to_trace, spread
+from gaitsweep.view.explorer.replays import Crossings, ReplayedRow, Replayer, Stretch, Windows
 from gaitsweep.view.explorer.section_states import states_at
 from gaitsweep.view.explorer.start_map import CELLS, StartMap
-from gaitsweep.view.explorer.walks import Crossings, Stretch, Walker, Watched, Windows
 
 FIRST_CYCLES = 3
 LAST_CYCLES = 2  # of a row that has no steady gait
@@ -30,7 +30,7 @@ _SAME = 1e-9  # relative difference of a parameter on a branch that is followed 
 _LONGEST = 600.0  # s of following branches again
 
 
-class Watch(abc.ABC):
+class ReplayGroup(abc.ABC):
     """The animated records of a table, and the recording of their rows.
 
     Args:
@@ -51,30 +51,30 @@ class Watch(abc.ABC):
         """The animated records of a row."""
         return self._mine[row]
 
-    def walker(self) -> Walker:
+    def replayer(self) -> Replayer:
         """Simulator of its rows."""
         run = self.context.job.run
         begun = {run.moved: run.turns[0]} if run.moved and run.turns else {}
-        return Walker(self.context.spec, self.rows, *self.context.design.values_in(self.rows), begun)
+        return Replayer(self.context.spec, self.rows, *self.context.design.values_in(self.rows), begun)
 
     @abc.abstractmethod
     def windows(self, period: float) -> Windows:
         """The time windows in which rows are recorded; `period` is their longest nominal period, s."""
 
     @abc.abstractmethod
-    def stretches(self, record: int, watched: Watched, period: float) -> list[Stretch]:
+    def stretches(self, record: int, replayed: ReplayedRow, period: float) -> list[Stretch]:
         """The stretches of motion shown for a record; `period` is its row's nominal period, s."""
 
-    def around(self, record: int, watched: Watched) -> Crossings:
+    def around(self, record: int, replayed: ReplayedRow) -> Crossings:
         """The crossings drawn beside a record."""
-        return watched.crossings
+        return replayed.crossings
 
     def number(self, record: int, column: str) -> float:
         """A number of a record."""
         return float(self.table[column].iloc[record])
 
 
-class WatchStarts(Watch):
+class ReplayStarts(ReplayGroup):
     """Rows of settle and fixed_time that did not fail: their first cycles, and their gait at the end.
 
     The gait is recorded when the last row ends, so that one window serves all rows.
@@ -94,11 +94,11 @@ class WatchStarts(Watch):
             return 1
         return int(np.asarray(self.table["attractor_period"])[self.records].max(initial=1))
 
-    def stretches(self, record: int, watched: Watched, period: float) -> list[Stretch]:
-        t = watched.crossings.t
-        t = t[t <= watched.t[-1] + _SLACK] if len(watched.t) else t[:0]
+    def stretches(self, record: int, replayed: ReplayedRow, period: float) -> list[Stretch]:
+        t = replayed.crossings.t
+        t = t[t <= replayed.t[-1] + _SLACK] if len(replayed.t) else t[:0]
         if len(t) <= 2 * FIRST_CYCLES:
-            return [Stretch("the motion", 0.0, float(watched.t[-1]))] if len(watched.t) else []
+            return [Stretch("the motion", 0.0, float(replayed.t[-1]))] if len(replayed.t) else []
         first = Stretch("the first cycles", 0.0, float(t[FIRST_CYCLES]))
         cycles = int(self.number(record, "attractor_period")) if "attractor_period" in self.table else 0
         if self.table["status"].iloc[record] == Status.settled.name and cycles:
@@ -108,17 +108,17 @@ class WatchStarts(Watch):
             ]
         return [first, Stretch("the last cycles", float(t[-1 - LAST_CYCLES]), float(t[-1]))]
 
-    def around(self, record: int, watched: Watched) -> Crossings:
-        return watched.crossings.until(self.number(record, "t_end"))
+    def around(self, record: int, replayed: ReplayedRow) -> Crossings:
+        return replayed.crossings.until(self.number(record, "t_end"))
 
 
-class WatchFailures(Watch):
+class ReplayFailures(ReplayGroup):
     """Rows of settle and fixed_time that failed: their first cycles, and the last ones before the failure."""
 
     def windows(self, period: float) -> Windows:
         return Windows(float(np.nanmax(self.table["t_end"].to_numpy(float)[self.records])))
 
-    def stretches(self, record: int, watched: Watched, period: float) -> list[Stretch]:
+    def stretches(self, record: int, replayed: ReplayedRow, period: float) -> list[Stretch]:
         end = self.number(record, "t_end")
         name = f"the end: {self.table['status'].iloc[record]}"
         if end <= 2 * FIRST_CYCLES * period:
@@ -126,11 +126,11 @@ class WatchFailures(Watch):
         first = Stretch("the first cycles", 0.0, FIRST_CYCLES * period)
         return [first, Stretch(name, end - LAST_CYCLES * period, end)]
 
-    def around(self, record: int, watched: Watched) -> Crossings:
-        return watched.crossings.until(self.number(record, "t_end"))
+    def around(self, record: int, replayed: ReplayedRow) -> Crossings:
+        return replayed.crossings.until(self.number(record, "t_end"))
 
 
-class WatchMap(Watch):
+class ReplayMap(ReplayGroup):
     """Rows of a return map: the first and the last cycles of the map."""
 
     def windows(self, period: float) -> Windows:
@@ -144,8 +144,8 @@ class WatchMap(Watch):
             return Windows(last - first, first)
         return Windows(length, first, last - length, more=1)
 
-    def stretches(self, record: int, watched: Watched, period: float) -> list[Stretch]:
-        t = self.around(record, watched).t
+    def stretches(self, record: int, replayed: ReplayedRow, period: float) -> list[Stretch]:
+        t = self.around(record, replayed).t
         if len(t) <= 2 * FIRST_CYCLES:
             return [Stretch("the cycles of the map", float(t[0]), float(t[-1]))] if len(t) > 1 else []
         return [
@@ -153,14 +153,14 @@ class WatchMap(Watch):
             Stretch("the last cycles", float(t[-1 - LAST_CYCLES]), float(t[-1])),
         ]
 
-    def around(self, record: int, watched: Watched) -> Crossings:
-        found = watched.crossings
-        within = np.asarray(self.table["crossing"])[self.row_of == watched.row]
+    def around(self, record: int, replayed: ReplayedRow) -> Crossings:
+        found = replayed.crossings
+        within = np.asarray(self.table["crossing"])[self.row_of == replayed.row]
         kept = (found.number >= within.min()) & (found.number <= within.max() + 1)
         return found.where(kept)
 
 
-class WatchRamp(Watch):
+class ReplayRamp(ReplayGroup):
     """Records of a ramp at equal times, `spacing` s: the cycles up to each."""
 
     def __init__(self, table: pd.DataFrame, context: RunContext, rows: np.ndarray, count: int) -> None:
@@ -180,16 +180,16 @@ class WatchRamp(Watch):
             length, self._spacing - length, 2.0 * self._spacing - length, self._spacing, self._count - 1
         )
 
-    def stretches(self, record: int, watched: Watched, period: float) -> list[Stretch]:
-        return _up_to(self.number(record, "t"), watched, "up to this crossing", period)
+    def stretches(self, record: int, replayed: ReplayedRow, period: float) -> list[Stretch]:
+        return _up_to(self.number(record, "t"), replayed, "up to this crossing", period)
 
-    def around(self, record: int, watched: Watched) -> Crossings:
+    def around(self, record: int, replayed: ReplayedRow) -> Crossings:
         crossing = self.number(record, "crossing")
-        number = watched.crossings.number
-        return watched.crossings.where((number <= crossing) & (number >= crossing - _CYCLES_AROUND))
+        number = replayed.crossings.number
+        return replayed.crossings.where((number <= crossing) & (number >= crossing - _CYCLES_AROUND))
 
 
-class WatchStairs(Watch):
+class ReplayStairs(ReplayGroup):
     """Records of a staircase: the last cycles of each stair."""
 
     @property
@@ -203,18 +203,18 @@ class WatchStairs(Watch):
         second = schedule.first + schedule.dwell - length
         return Windows(length, schedule.first - length, second, schedule.dwell, schedule.count - 1)
 
-    def stretches(self, record: int, watched: Watched, period: float) -> list[Stretch]:
+    def stretches(self, record: int, replayed: ReplayedRow, period: float) -> list[Stretch]:
         end = float(self._kind.schedule().end(np.asarray(self.number(record, "stair"))))
-        return _up_to(end, watched, "the end of this stair", period)
+        return _up_to(end, replayed, "the end of this stair", period)
 
-    def around(self, record: int, watched: Watched) -> Crossings:
+    def around(self, record: int, replayed: ReplayedRow) -> Crossings:
         schedule, stair = self._kind.schedule(), np.asarray(self.number(record, "stair"))
         begin = 0.0 if stair == 0.0 else float(schedule.end(stair - 1.0))
-        t = watched.crossings.t
-        return watched.crossings.where((t >= begin) & (t <= float(schedule.end(stair)) + _SLACK))
+        t = replayed.crossings.t
+        return replayed.crossings.where((t >= begin) & (t <= float(schedule.end(stair)) + _SLACK))
 
 
-class WatchBranches(Watch):
+class ReplayBranches(ReplayGroup):
     """Points of branches of a continuation: one cycle of each steady gait, stable or unstable.
 
     The table has the observables of a point and not its state, so the branches are followed again; points
@@ -225,15 +225,22 @@ class WatchBranches(Watch):
         context: their job.
         rows: the rows (m,) whose branches are followed again.
         most: largest number of animated points.
-        between: called before each step.
+        on_progress: called before each step.
     """
 
     def __init__(
-        self, table: pd.DataFrame, context: RunContext, rows: np.ndarray, most: int, between: Between
+        self,
+        table: pd.DataFrame,
+        context: RunContext,
+        rows: np.ndarray,
+        most: int,
+        on_progress: BlockProgress,
     ) -> None:
         run = context.job.run
         assert isinstance(run, Continuation)
-        mapping, values, found = run.followed(context.design, context.spec, rows, between, with_points=True)
+        mapping, values, found = run.followed(
+            context.design, context.spec, rows, on_progress, with_points=True
+        )
         of_row, point = table["row"].to_numpy(np.int64), table["point"].to_numpy(np.int64)
         known = {(row, n): record for record, (row, n) in enumerate(zip(of_row, point, strict=True))}
         records, points, moved, branch = [], [], [], []
@@ -256,23 +263,23 @@ class WatchBranches(Watch):
         held[run.parameter] = np.array(moved, float)[kept]
         self._start = states_at(mapping, [points[k] for k in kept], held)
 
-    def walker(self) -> Walker:
+    def replayer(self) -> Replayer:
         model, parameters, starts = self._start
         spec = dataclasses.replace(self.context.spec, model=model, drive=None)
-        return Walker(spec, self.rows, parameters, starts)
+        return Replayer(spec, self.rows, parameters, starts)
 
     def windows(self, period: float) -> Windows:
         longest = float(np.nanmax(np.asarray(self.table["time"], float)[self.records]))
         return Windows(longest + 0.1 * period)
 
-    def stretches(self, record: int, watched: Watched, period: float) -> list[Stretch]:
-        t = watched.crossings.t
+    def stretches(self, record: int, replayed: ReplayedRow, period: float) -> list[Stretch]:
+        t = replayed.crossings.t
         return [Stretch("the steady gait", 0.0, float(t[1]), loops=True)] if len(t) > 1 else []
 
 
-def _up_to(end: float, watched: Watched, name: str, period: float) -> list[Stretch]:
+def _up_to(end: float, replayed: ReplayedRow, name: str, period: float) -> list[Stretch]:
     """The last cycles that end by a time, s."""
-    t = watched.crossings.t
+    t = replayed.crossings.t
     t = t[t <= end + _SLACK]
     if len(t) > LAST_CYCLES:
         return [Stretch(name, float(t[-1 - LAST_CYCLES]), float(t[-1]))]
@@ -285,9 +292,14 @@ def _branches_in_time(context: RunContext, spent: float, rows: int) -> int:
     return max(1, min(rows, int(_LONGEST / each) if each > 0.0 else rows))
 
 
-def watches(
-    shown: StartMap, table: pd.DataFrame, context: RunContext, most: int, spent: float, between: Between
-) -> tuple[list[Watch], int]:
+def replay_groups(
+    shown: StartMap,
+    table: pd.DataFrame,
+    context: RunContext,
+    most: int,
+    spent: float,
+    on_progress: BlockProgress,
+) -> tuple[list[ReplayGroup], int]:
     """The animated records, at most `most`, in groups that are simulated together.
 
     Args:
@@ -296,7 +308,7 @@ def watches(
         context: their job.
         most: largest number of animated records.
         spent: duration of the job, s.
-        between: called repeatedly while branches are followed again.
+        on_progress: called repeatedly while branches are followed again.
 
     Returns:
         The groups, and the number of records beside a boundary.
@@ -309,7 +321,7 @@ def watches(
         if not len(found):
             return [], 0
         rows = found[np.sort(spread(len(found))[: _branches_in_time(context, spent, len(found))])]
-        return [WatchBranches(table, context, rows, most, between)], 0
+        return [ReplayBranches(table, context, rows, most, on_progress)], 0
     if context.job.run.one_a_row:
         simulated = np.isfinite(table["t_end"].to_numpy(float))  # and not inferred
         if shown.kind == CELLS:
@@ -318,8 +330,8 @@ def watches(
             records = np.flatnonzero(simulated)
             records = records[spread(len(records))][:most] if len(records) else records
         failed = Status.FAILED.among(table["status"])[records]
-        groups = ((WatchStarts, records[~failed]), (WatchFailures, records[failed]))
-        return [watch(table, some, context) for watch, some in groups if len(some)], beside
+        groups = ((ReplayStarts, records[~failed]), (ReplayFailures, records[failed]))
+        return [group_class(table, some, context) for group_class, some in groups if len(some)], beside
     usable = np.isfinite(table["t"].to_numpy(float))
     of_row = table["row"].to_numpy(np.int64)
     rows = np.unique(of_row[usable])
@@ -327,11 +339,11 @@ def watches(
         return [], 0
     if kind == "return_map":
         firsts = np.array([np.argmax(usable & (of_row == row)) for row in rows], np.int64)
-        return [WatchMap(table, firsts[spread(len(firsts))][:most], context)], 0
+        return [ReplayMap(table, firsts[spread(len(firsts))][:most], context)], 0
     if kind == "staircase":
         each = int(np.asarray(table["stair"]).max()) + 1
         kept = rows[np.sort(spread(len(rows))[: max(1, most // each)])]
-        return [WatchStairs(table, np.flatnonzero(usable & np.isin(of_row, kept)), context)], 0
+        return [ReplayStairs(table, np.flatnonzero(usable & np.isin(of_row, kept)), context)], 0
     kept = rows[np.sort(spread(len(rows))[: max(1, most // 2)])]
     count = int(min(_MOST_WINDOWS, max(2, most // len(kept))))
-    return [WatchRamp(table, context, kept, count)], 0
+    return [ReplayRamp(table, context, kept, count)], 0

@@ -26,7 +26,7 @@ _BLOCK_BYTES = 128 * 2**20
 # A picture in which the body is this many times larger than in the first one is of a row that diverges.
 _MOST_GROWTH = 4.0
 
-Told = Callable[[SweepProgress], None]
+OnProgress = Callable[[SweepProgress], None]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,7 +126,7 @@ class Windows:
 
 
 @dataclasses.dataclass(frozen=True)
-class Watched:
+class ReplayedRow:
     """One row simulated again: its crossings, samples of its signals (n,) at times `t` (n,) s, and its end.
 
     `gait` is the number of its gait at the end, -1 if unknown; `place` is its place among the simulated rows.
@@ -140,7 +140,7 @@ class Watched:
     gait: int
 
 
-class Walker:
+class Replayer:
     """Simulates rows again and draws stretches of their motion.
 
     Args:
@@ -168,7 +168,7 @@ class Walker:
         self.parts: BodyParts | None = None
         self._contacts = [q.name for q in model.signals if q.name.startswith("contact_")]
 
-    def watched(self, windows: Windows, told: Told | None = None) -> Iterator[Watched]:
+    def replayed(self, windows: Windows, on_progress: OnProgress | None = None) -> Iterator[ReplayedRow]:
         """The rows one after the other, simulated in one batch."""
         rows, spec = self._rows, self._spec
         recorder = WindowsRecorder(
@@ -195,20 +195,20 @@ class Walker:
         )
         for number in range(-(-rows.size // block)):
             found: list[RowOutcome] = []
-            sweep(batch, [number], lambda _, result, found=found: found.append(result), told)
+            sweep(batch, [number], lambda _, result, found=found: found.append(result), on_progress)
             yield from self._of_block(found[0], recorder)
 
     def _values(self, first: int, last: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         parameters, starts = ({k: v[first:last] for k, v in some.items()} for some in self._given)
         return parameters, starts
 
-    def _of_block(self, result: RowOutcome, recorder: WindowsRecorder) -> Iterator[Watched]:
+    def _of_block(self, result: RowOutcome, recorder: WindowsRecorder) -> Iterator[ReplayedRow]:
         observed = len(self._spec.model.observables)
         cuts = np.cumsum(result.kept)[:-1]
         for i, numbers in enumerate(np.split(result.samples, cuts)):
             crossed = numbers[:, 0] >= 0.0
             crossings, samples = numbers[crossed], numbers[~crossed]
-            yield Watched(
+            yield ReplayedRow(
                 row=int(self._rows[result.row[i]]),
                 place=int(result.row[i]),
                 crossings=Crossings(
@@ -219,17 +219,17 @@ class Walker:
                 gait=int(result.labels["gait"][i]),
             )
 
-    def motion(self, watched: Watched, stretch: Stretch) -> Motion | None:
+    def motion(self, replayed: ReplayedRow, stretch: Stretch) -> Motion | None:
         """A stretch of a row inside one window, up to its last finite numbers.
 
         None if fewer than two frames are left.
         """
-        place = watched.place
+        place = replayed.place
         stride = PICTURES_EVERY * max(1, round(self.periods[place] / self.periods.min()))
         slack = 1e-6 * self.every
-        first, last = np.searchsorted(watched.t, [stretch.begin - slack, stretch.end + slack])
-        part = {name: values[first:last] for name, values in watched.signals.items()}
-        t = watched.t[first:last]
+        first, last = np.searchsorted(replayed.t, [stretch.begin - slack, stretch.end + slack])
+        part = {name: values[first:last] for name, values in replayed.signals.items()}
+        t = replayed.t[first:last]
         whole = np.isfinite(np.stack(list(part.values()))).all(axis=0)
         length = len(t) if whole.all() else int(np.argmin(whole))
         gaps = np.flatnonzero(np.diff(t[:length]) > 1.5 * self.every)

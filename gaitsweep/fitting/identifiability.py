@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.fitting.free import Free
+from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.search_job import Search
 from gaitsweep.fitting.targets import MISS
 
@@ -16,7 +16,7 @@ from gaitsweep.fitting.targets import MISS
 NEAR = 1.1
 # A constant whose near-best values span less than this share of its range is pinned.
 PINNED = 0.25
-# Fewer near-best sets than these do not say where a constant's values end.
+# Fewer near-best sets do not determine the range of a constant's values.
 FEWEST = 20
 # Parts of a constant's range in each of which the profile has the least score.
 PARTS = 20
@@ -26,9 +26,9 @@ PARTS = 20
 class Constant:
     """Identifiability of one constant from the near-best sets.
 
-    `best` its value in the best set; `low` and `high` among the near-best sets, `spread` their distance as a
-    share of its range; `profile` (PARTS,) the least score in each part of its range, NaN where no set is;
-    `sets` the number of near-best sets.
+    `best` is its value in the best set; `low` and `high` those among the near-best sets, `spread` their
+    distance as a share of its range; `profile` (PARTS,) the least score in each part of its range, NaN
+    without a set; `sets` the number of near-best sets.
     """
 
     name: str
@@ -41,27 +41,27 @@ class Constant:
 
     @property
     def verdict(self) -> str:
-        """pinned; free; or why that cannot be said."""
+        """Verdict: pinned, free, or too few sets to say."""
         if self.spread >= PINNED:
             return "free"
         return "pinned" if self.sets >= FEWEST else "too few sets to say"
 
     @property
     def words(self) -> tuple[str, str]:
-        """The best value, and the near-best ones from the least to the largest."""
+        """Best value, and range of the near-best values, as text."""
         best, low, high = (
-            f"{each:.5g}" if isinstance(each, int | float) and not isinstance(each, bool) else str(each)
-            for each in (self.best, self.low, self.high)
+            f"{value:.5g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
+            for value in (self.best, self.low, self.high)
         )
         return best, f"{low} to {high}"
 
 
 @dataclasses.dataclass(frozen=True)
-class NearBest:
-    """The near-best sets of a search, from the best on, and what they say of each constant.
+class Identifiability:
+    """Identifiability of each constant from the near-best sets of a search, which are sorted by score.
 
-    `fitting` is the number of sets that miss no target by more than its reading error; where there are some,
-    they are the near-best ones, otherwise those with a score within NEAR times the least.
+    `fitting` is the number of sets that miss no target by more than its reading error. The near-best sets are
+    these, or, if there is none, those with a score within NEAR times the least.
     """
 
     best: pd.DataFrame
@@ -69,50 +69,50 @@ class NearBest:
     constants: tuple[Constant, ...]
 
     def __repr__(self) -> str:
-        """In words, a line for each constant."""
+        """Format it, a line for each constant."""
         which = (
             f"{self.fitting} sets fit" if self.fitting else f"no set fits; {len(self.best)} near-best ones"
         )
         lines = [
-            f"  {each.name}: best {each.words[0]}, {each.words[1]} ({each.verdict})"
-            for each in self.constants
+            f"  {constant.name}: best {constant.words[0]}, {constant.words[1]} ({constant.verdict})"
+            for constant in self.constants
             if len(self.best)
         ]
-        return "\n".join([f"NearBest: {which}", *lines])
+        return "\n".join([f"Identifiability: {which}", *lines])
 
     def summary(self) -> dict[str, Any]:
-        """As the manifest has it."""
+        """Return the fields of the manifest."""
         first = self.best.iloc[0] if len(self.best) else None
         return {
             "best_row": None if first is None else int(first["row"]),
             "best_score": None if first is None else float(first["score"]),
             "near_best": len(self.best),
             "fitting": self.fitting,
-            "constants": {each.name: each.verdict for each in self.constants},
+            "constants": {constant.name: constant.verdict for constant in self.constants},
         }
 
 
-def near_best(table: pd.DataFrame, search: Search) -> NearBest:
-    """The near-best sets of a search's table.
+def identifiability(table: pd.DataFrame, search: Search) -> Identifiability:
+    """Find the near-best sets of a search's table, and the identifiability of each constant.
 
     Args:
-        table: the sets that were measured.
-        search: what was asked.
+        table: the measured sets.
+        search: the search.
     """
     measured = np.flatnonzero((table["status"].astype(str) == "complete").to_numpy())
     sound = table.iloc[measured].sort_values(["score", "row"], kind="stable")
     if not len(sound):
         nothing = tuple(Constant(name, None, None, None, 1.0, np.full(PARTS, np.nan)) for name in search.free)
-        return NearBest(sound, 0, nothing)
+        return Identifiability(sound, 0, nothing)
     misses = np.abs(sound[[f"{MISS}{name}" for name in search.counted]].to_numpy())
     fits = (misses <= 1.0).all(axis=1)
     near = fits if fits.any() else sound["score"].to_numpy() <= NEAR * sound["score"].iloc[0]
     chosen = sound.iloc[np.flatnonzero(near)]
     constants = tuple(_constant(name, free, sound, chosen) for name, free in search.free.items())
-    return NearBest(chosen, int(fits.sum()), constants)
+    return Identifiability(chosen, int(fits.sum()), constants)
 
 
-def _constant(name: str, free: Free, sound: pd.DataFrame, chosen: pd.DataFrame) -> Constant:
+def _constant(name: str, free: FreeParameter, sound: pd.DataFrame, chosen: pd.DataFrame) -> Constant:
     values = chosen[name].tolist()
     shares = free.share(free.written(values))
     low, high = values[int(np.argmin(shares))], values[int(np.argmax(shares))]

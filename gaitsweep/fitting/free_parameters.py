@@ -1,4 +1,4 @@
-"""Free constants of a search: values within ranges, whole numbers, and choices of structure."""
+"""Free constants of a search: ranges, whole numbers, and choices of structure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gaitsweep.schema.numbers import Flag, Real, wrong_value
 from gaitsweep.schema.strict_model import StrictModel
 
 
-class Free(StrictModel):
+class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema of jobs
     """A constant that is searched: within a range, or one of some choices."""
 
     low: Real | None = Field(default=None, description="least value")
@@ -29,7 +29,7 @@ class Free(StrictModel):
         if self.choices is not None:
             if self.low is not None or self.high is not None or self.log or self.whole:
                 raise wrong_value("has choices, and a range as well: give one of the two.")
-            texts = [str(each) for each in self.choices]
+            texts = [str(choice) for choice in self.choices]
             if twice := [text for text in texts if texts.count(text) > 1]:
                 raise wrong_value(f"has the choice {twice[0]} twice.")
             return self
@@ -45,9 +45,9 @@ class Free(StrictModel):
 
     @property
     def _listed(self) -> np.ndarray:
-        """Its choices: an array of numbers, or of objects."""
+        """Choices as an array of numbers, or of objects."""
         assert self.choices is not None
-        if all(isinstance(each, int | float) and not isinstance(each, bool) for each in self.choices):
+        if all(isinstance(choice, int | float) and not isinstance(choice, bool) for choice in self.choices):
             return np.array(self.choices)
         listed = np.empty(len(self.choices), object)
         listed[:] = self.choices
@@ -55,25 +55,25 @@ class Free(StrictModel):
 
     @property
     def ends(self) -> tuple[Any, ...]:
-        """The values that bound it, all of them where it has choices."""
+        """Values that bound it: the ends of a range, or all choices."""
         return tuple(self.choices) if self.choices is not None else (self.low, self.high)
 
     def outside(self, value: Any) -> str | None:
-        """The end of a sentence that says why it cannot have a value, or None where it can."""
+        """Return the end of a sentence why a value is not allowed; None if it is allowed."""
         if self.choices is not None:
             if value in self.choices:
                 return None
-            return f"which is none of its choices {', '.join(map(str, self.choices))}."
+            return f"which is not one of its choices {', '.join(map(str, self.choices))}."
         assert self.low is not None
         assert self.high is not None
         if not self.low <= value <= self.high:
             return f"outside of its range, {self.low:g} to {self.high:g}."
         if self.whole and value != int(value):
-            return "which is no whole number."
+            return "which is not a whole number."
         return None
 
     def at(self, share: np.ndarray) -> np.ndarray:
-        """Its values at shares (n,) of its range, from 0 to 1; choices are equal parts of it.
+        """Return its values at shares (n,) of its range, from 0 to 1; choices are equal parts of the range.
 
         Numbers are float64, choices of a structure are objects.
         """
@@ -92,33 +92,33 @@ class Free(StrictModel):
         return self.low + share * (self.high - self.low)
 
     def written(self, values: Sequence[Any]) -> list[Any]:
-        """Values as the job writes them: a table has choices of structure as text."""
+        """Convert values of a table to those of the job: a table has choices of structure as text."""
         if self.choices is None:
             return list(values)
         by_text = {str(choice): choice for choice in self.choices}
         return [value if value in self.choices else by_text.get(str(value), value) for value in values]
 
     def column(self, values: Sequence[Any]) -> np.ndarray:
-        """The values (n,) of a table as `at` gives them."""
+        """Convert values (n,) of a table to those that `at` returns."""
         if self.choices is None:
             return np.asarray(values, float)
-        return self._listed[[self.choices.index(each) for each in self.written(values)]]
+        return self._listed[[self.choices.index(value) for value in self.written(values)]]
 
     def share(self, values: Sequence[Any] | np.ndarray) -> np.ndarray:
-        """The shares (n,) of its range at which it has these values: what `at` undoes."""
+        """Return the shares (n,) of its range at these values: the inverse of `at`."""
         if self.choices is not None:
             return np.array([(self.choices.index(value) + 0.5) / len(self.choices) for value in values])
         assert self.low is not None
         assert self.high is not None
-        given = np.asarray(values, float)
+        numbers = np.asarray(values, float)
         if self.whole:
             least, most = math.ceil(self.low), math.floor(self.high)
-            return (given - least + 0.5) / (most - least + 1)
+            return (numbers - least + 0.5) / (most - least + 1)
         if self.log:
-            return np.log(given / self.low) / math.log(self.high / self.low)
-        return (given - self.low) / (self.high - self.low)
+            return np.log(numbers / self.low) / math.log(self.high / self.low)
+        return (numbers - self.low) / (self.high - self.low)
 
 
-def sets_at(free: Mapping[str, Free], shares: np.ndarray) -> dict[str, np.ndarray]:
-    """The constants (n,) by name at points (n, constants) of the unit cube."""
-    return {name: each.at(shares[:, i]) for i, (name, each) in enumerate(free.items())}
+def sets_at(free: Mapping[str, FreeParameter], shares: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the constants (n,) by name at points (n, constants) of the unit cube."""
+    return {name: parameter.at(shares[:, i]) for i, (name, parameter) in enumerate(free.items())}
