@@ -90,7 +90,8 @@ class Snapshot:
         """Sentence on files without digests, in which damage may go undetected."""
         n, consequence = len(self.files.undigested), "so some damage cannot be detected"
         again = "" if self.manifest["format"] == 1 else ". Run its job again to write the digests"
-        return f"{n} file{'s' * (n != 1)} of the table {'has' if n == 1 else 'have'} no digests, {consequence}{again}"
+        have = "has" if n == 1 else "have"
+        return f"{n} file{'s' * (n != 1)} of the table {have} no digests, {consequence}{again}"
 
     def require_sound(self) -> None:
         """Refuse a table with damaged files or files of another table.
