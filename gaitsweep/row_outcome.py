@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float, Int, Num, Real
 
 if TYPE_CHECKING:
+    from jaxtyping import Float, Int, Num, Real
+
     from gaitsweep.contract import Quantity
 
 

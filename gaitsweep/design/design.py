@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.design.axes import LinearSpacing, ListAxis, RangeAxis
@@ -254,7 +254,7 @@ class Design:
         return np.arange(start, stop, dtype=np.int64)
 
 
-def inside(values: Float[np.ndarray, " *rows"], quantity: Quantity) -> Bool[np.ndarray, " *rows"]:
+def inside(values: Float[np.ndarray, " *rows"], quantity: Quantity) -> np.ndarray:
     """Mask of allowed values of a quantity; the NaN of a start that the model decides itself passes."""
     if quantity.open_ends:
         within = (values > quantity.low) & (values < quantity.high)

@@ -18,7 +18,7 @@ pulse that begins and ends there is met.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import jax
@@ -194,7 +194,7 @@ def may_bend(
     )
 
 
-def _moving(program: Jaxpr, state: State, rates: Rates) -> list[tuple[JaxprEqn, set[int]]]:
+def _moving(program: Jaxpr, state: State, rates: Mapping[str, object]) -> list[tuple[JaxprEqn, set[int]]]:
     """The equations of a program of `(params, state)` that move with the state, and which arguments do."""
     # a state that is registered without names of its fields counts as moving as a whole
     fields = [getattr(path[0], "name", None) for path, _ in jax.tree_util.tree_leaves_with_path(state)]

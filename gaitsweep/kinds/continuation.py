@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Int
 from pydantic import Field
 
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
@@ -118,7 +119,12 @@ class Continuation(FollowsFixedPoints):
         return table if found.any() else table.assign(stable=pd.Series([None] * len(table), dtype=object))
 
     def followed(
-        self, rows: Design, spec: SweepSpec, numbers: np.ndarray, between: Between, with_points: bool = False
+        self,
+        rows: Design,
+        spec: SweepSpec,
+        numbers: Int[np.ndarray, " sampled"],
+        between: Between,
+        with_points: bool = False,
     ) -> tuple[BatchedReturnMap, dict[str, Any], pd.DataFrame]:
         """The branches of the rows `numbers` (n,), as `analysis.continuation` gives them.
 

@@ -51,7 +51,7 @@ class Attractors:
     summary: pd.DataFrame
     link: float
     grain: float
-    states: dict[str, Float[np.ndarray, "states coordinates"]]
+    states: dict[str, Float[np.ndarray, "_states coordinates"]]
 
 
 def attractors(

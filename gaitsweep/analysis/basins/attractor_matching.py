@@ -111,7 +111,7 @@ def _at(table: pd.DataFrame, parameter: str, value: float) -> pd.DataFrame:
 
 
 def _half_the_smallest(
-    space: Space, found: Sequence[Mapping[str, Float[np.ndarray, "states coordinates"]]]
+    space: Space, found: Sequence[Mapping[str, Float[np.ndarray, "_states coordinates"]]]
 ) -> float:
     """Half the smallest distance between two attractors of one value."""
     pairs = [pair for states in found for pair in itertools.combinations(states.values(), 2)]
@@ -120,8 +120,8 @@ def _half_the_smallest(
 
 def _named(
     space: Space,
-    states: Mapping[str, Float[np.ndarray, "states coordinates"]],
-    seen: Mapping[str, Float[np.ndarray, "states coordinates"]],
+    states: Mapping[str, Float[np.ndarray, "_states coordinates"]],
+    seen: Mapping[str, Float[np.ndarray, "_states coordinates"]],
     present: Sequence[str],
     within: float,
 ) -> tuple[dict[str, str], dict[str, float]]:

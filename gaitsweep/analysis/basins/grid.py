@@ -29,7 +29,9 @@ class BasinGrid:
     steps: tuple[float, ...]
     wraps: tuple[bool, ...]
 
-    def windows(self, marked: Bool[np.ndarray, " rows"], cells: int) -> Real[np.ndarray, " ..."]:
+    def windows(
+        self, marked: Bool[np.ndarray, " rows"] | Int[np.ndarray, " rows"], cells: int
+    ) -> Real[np.ndarray, " ..."]:
         """The number of marked (n,) rows in each window of `cells` a side, at every position in the grid."""
         counts = np.zeros(int(np.prod(self.lengths)), np.int64)
         counts[self.place] = marked

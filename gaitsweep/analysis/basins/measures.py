@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float, Int, Shaped
+from jaxtyping import Float, Shaped
 
 from gaitsweep.analysis.attractors.attractors import with_attractors
 from gaitsweep.analysis.attractors.state_space import Space
@@ -139,7 +139,7 @@ def minimal_fatal_shock(
     axes: Sequence[str],
     labels: pd.Series,
     scales: Mapping[str, float] | None = None,
-) -> tuple[Float[np.ndarray, " rows"], Int[np.ndarray, " rows"]]:
+) -> tuple[Float[np.ndarray, " rows"], Shaped[np.ndarray, " rows"]]:
     """The minimal fatal shock: the distance from each start to the nearest start with another outcome.
 
     Angles are compared by the shorter way. The distance is exact among the given starts: on a grid the

@@ -63,7 +63,7 @@ class BranchTable:
         self,
         mapping: Map,
         parameter: str,
-        values: dict[str, Float[np.ndarray, " branches"]],
+        values: dict[str, Float[np.ndarray, " ..."]],
         observed: Sequence[str],
         n: int,
         held: ConservedConstraints,

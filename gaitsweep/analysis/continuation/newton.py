@@ -102,7 +102,7 @@ class FixedPoints:
         return self.outcome == NewtonOutcome.converged
 
 
-def sizes(at: Float[np.ndarray, "points coordinates"]) -> Float[np.ndarray, "points coordinates"]:
+def sizes(at: Float[np.ndarray, "... coordinates"]) -> Float[np.ndarray, "... coordinates"]:
     """The scale of each coordinate (n, size)."""
     return FLOOR + np.abs(at)
 

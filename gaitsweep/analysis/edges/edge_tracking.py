@@ -105,7 +105,7 @@ class Recurrence:
         self._distance, self._longest, self._past = distance, longest, [begun]
         self.gaps, self.states = np.full((len(begun), longest), np.inf), [begun] * longest
 
-    def add(self, on: Int[np.ndarray, " some"], now: Points) -> Int[np.ndarray, " some"]:
+    def add(self, on: Int[np.ndarray, " some"], now: Points) -> Int[np.ndarray, " nearer"]:
         """Add the points one cycle later, for the trajectories `on` that still run.
 
         Returns:
@@ -255,8 +255,8 @@ class Tracking:
         rows: Int[np.ndarray, " rows"],
         begun: Points,
         course: Recurrence,
-        together: Bool[np.ndarray, " rows"],
-        at_once: Bool[np.ndarray, " rows"],
+        together: Bool[np.ndarray, " pairs"],
+        at_once: Bool[np.ndarray, " pairs"],
     ) -> None:
         """End the pairs `rows` that have found a fixed point, a cycle or a jump of the map."""
         stayed = self._distance(begun.at, self._begun.at) <= self.limits.residual_tolerance

@@ -6,7 +6,7 @@ import dataclasses
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import Carry, Halt
@@ -92,8 +92,8 @@ class CrossingRecorder(Recorder):
 
     def share(
         self,
-        cycles: Int[np.ndarray, " rows"],
-        samples: Int[np.ndarray, " rows"],
+        cycles: Real[np.ndarray, " rows"],
+        samples: Real[np.ndarray, " rows"],
         t: Float[np.ndarray, " rows"],
         typical: float,
     ) -> Float[np.ndarray, " rows"]:

@@ -60,7 +60,7 @@ class LaneRecord:
     numbers: dict[str, Real[Array, ""]]
     fired: Int[Array, " words"]
 
-    def results(self, carry: Carry) -> dict[str, Real[Array, " ..."]]:
+    def results(self, carry: Carry) -> dict[str, Array]:
         """The numbers of `RowOutcome` by name, final once the row has ended."""
         ends = {"status": self.status, "cycles": self.cycles, "attempts": carry.attempts, "t_end": carry.t}
         return {**ends, "last": self.last, "fired": self.fired, **self.numbers}
@@ -167,8 +167,8 @@ class Recorder(abc.ABC):
     @abc.abstractmethod
     def share(
         self,
-        cycles: Int[np.ndarray, " rows"],
-        samples: Int[np.ndarray, " rows"],
+        cycles: Real[np.ndarray, " rows"],
+        samples: Real[np.ndarray, " rows"],
         t: Float[np.ndarray, " rows"],
         typical: float,
     ) -> Float[np.ndarray, " rows"]:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Real
 
 from gaitsweep.circular import wrapped_difference
 from gaitsweep.contract import HybridModel, Model, Params, Status
@@ -244,8 +244,8 @@ class SettleRecorder(Recorder):
 
     def share(
         self,
-        cycles: Int[np.ndarray, " rows"],
-        samples: Int[np.ndarray, " rows"],
+        cycles: Real[np.ndarray, " rows"],
+        samples: Real[np.ndarray, " rows"],
         t: Float[np.ndarray, " rows"],
         typical: float,
     ) -> Float[np.ndarray, " rows"]:

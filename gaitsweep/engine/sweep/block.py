@@ -96,7 +96,7 @@ class Block:
         return dataclasses.replace(self.ends, kept=kept, samples=samples)
 
 
-_Samples = tuple[Int[np.ndarray, " records"], Float[np.ndarray, "records width"]]
+_Samples = tuple[Int[np.ndarray, " _records"], Float[np.ndarray, "_records _width"]]
 
 
 def _in_order(parts: Sequence[_Samples], width: int) -> _Samples:
