@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    import jax
+    import numpy as np
+    import pandas as pd
 
 TURN = 2.0 * math.pi  # rad
 
+T = TypeVar("T", "float", "np.ndarray", "jax.Array", "pd.Series")
 
-def wrapped_difference(difference: Any) -> Any:
+
+def wrapped_difference(difference: T) -> T:
     """Differences of angles by the shorter way, rad, in [-pi, pi)."""
     return (difference + math.pi) % TURN - math.pi

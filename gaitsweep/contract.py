@@ -15,11 +15,14 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Real
 
 if TYPE_CHECKING:
+    import pandas as pd
+    from numpy.typing import ArrayLike
+
     from gaitsweep.skeleton import LimbLook, Skeleton
 
 __all__ = [
@@ -29,7 +32,7 @@ __all__ = [
 
 Params = Any  # a frozen pytree of scalars: a model's parameters
 State = Any  # a frozen dataclass pytree: the continuous variables and the discrete modes of a trajectory
-Rates = dict[str, jax.Array]  # time derivative of each continuous field of a State, by field name
+Rates = dict[str, Float[Array, " ..."]]  # time derivative of each continuous field of a State, by field name
 
 
 class Verdict(enum.Enum):
@@ -55,7 +58,7 @@ class ResultCode(enum.IntEnum):
 class StatusNames(frozenset[str]):
     """The names of some statuses, as a table's column `status` has them."""
 
-    def among(self, values: Any) -> np.ndarray:
+    def among(self, values: ArrayLike) -> Bool[np.ndarray, " *rows"]:
         """Which statuses (n,), names or the engine's numbers, are among these."""
         found = np.asarray(values)
         return np.isin(found, [Status[name] for name in self] if found.dtype.kind in "iu" else list(self))
@@ -208,18 +211,20 @@ class Chart(abc.ABC):
         return ()
 
     @abc.abstractmethod
-    def to_coordinates(self, params: Params, state: State, /) -> jax.Array:
+    def to_coordinates(self, params: Params, state: State, /) -> Float[Array, " coordinates"]:
         """The coordinates (n,) of a state just after the jump of a crossing."""
 
     @abc.abstractmethod
-    def from_coordinates(self, params: Params, at: jax.Array, modes: State, /) -> State:
+    def from_coordinates(self, params: Params, at: Float[Array, " coordinates"], modes: State, /) -> State:
         """The state on the section with coordinates `at` (n,) and the modes of the nearby state `modes`."""
 
-    def covers(self, params: Params, state: State, /) -> jax.Array:
+    def covers(self, params: Params, state: State, /) -> Bool[Array, ""]:
         """Whether `from_coordinates` can return this state, just after a crossing."""
         return jnp.ones((), bool)
 
-    def conserved_values(self, params: Params, at: jax.Array, /) -> jax.Array:
+    def conserved_values(
+        self, params: Params, at: Float[Array, " coordinates"], /
+    ) -> Float[Array, " conserved"]:
         """The values (k,) of the `conserved` quantities at the coordinates `at` (n,)."""
         return jnp.zeros((0,))
 
@@ -228,7 +233,7 @@ class Jumps(abc.ABC):
     """Jumps of events, in a model or in a scheme of its own steps."""
 
     @abc.abstractmethod
-    def jump(self, params: Params, state: State, fired: jax.Array, /) -> State:
+    def jump(self, params: Params, state: State, fired: Bool[Array, " events"], /) -> State:
         """The state after the events `fired` (a bool for each event); only a jump changes the modes.
 
         Events that are located in time jump one at a time, in the order of the guards; after each jump the
@@ -236,7 +241,7 @@ class Jumps(abc.ABC):
         """
 
     @abc.abstractmethod
-    def section(self, params: Params, before: State, fired: jax.Array, /) -> jax.Array:
+    def section(self, params: Params, before: State, fired: Bool[Array, " events"], /) -> Bool[Array, ""]:
         """Whether the events `fired` close a cycle; `before` is the state before their jump."""
 
 
@@ -298,7 +303,9 @@ class Model(Jumps):
         """Names of the parameters that `on_host` reads: they vary between rows, not along a trajectory."""
         return ()
 
-    def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def on_host(
+        self, values: Mapping[str, Float[np.ndarray, " rows"]]
+    ) -> dict[str, Float[np.ndarray, "rows ..."]]:
         """The parameters (n,) of n rows by name, and derived arrays (n, ...) of floats, passed to `params`.
 
         Called once for each block of rows on the host, for quantities that cannot be computed on the device:
@@ -308,27 +315,29 @@ class Model(Jumps):
         return dict(values)
 
     @abc.abstractmethod
-    def params(self, values: Mapping[str, jax.Array], /) -> Params:
+    def params(self, values: Mapping[str, Float[Array, " ..."]], /) -> Params:
         """The frozen pytree of parameters, from one scalar for each name in `parameters` (see `on_host`)."""
 
     @abc.abstractmethod
-    def init(self, params: Params, start: Mapping[str, jax.Array], /) -> State:
+    def init(self, params: Params, start: Mapping[str, Float[Array, ""]], /) -> State:
         """The state at t = 0 (crossing 0), from one scalar for each name in `initial_conditions`."""
 
     @abc.abstractmethod
-    def observe(self, params: Params, state: State, /) -> dict[str, jax.Array]:
+    def observe(self, params: Params, state: State, /) -> dict[str, Real[Array, ""]]:
         """The observables by name, of the state just after the jump that closes a cycle."""
 
     @abc.abstractmethod
-    def signal(self, params: Params, state: State, /) -> dict[str, jax.Array]:
+    def signal(self, params: Params, state: State, /) -> dict[str, Real[Array, ""]]:
         """The signals by name, at a state."""
 
     @abc.abstractmethod
-    def label(self, params: Params, observations: Mapping[str, jax.Array], /) -> dict[str, jax.Array]:
+    def label(
+        self, params: Params, observations: Mapping[str, Real[Array, ""]], /
+    ) -> dict[str, Real[Array, ""]]:
         """`gait` (an index into `gaits`) and the `label_fields`, from the last crossing's observables."""
 
     @abc.abstractmethod
-    def failed(self, params: Params, state: State, /) -> jax.Array:
+    def failed(self, params: Params, state: State, /) -> Bool[Array, ""]:
         """Whether the body has fallen.
 
         It is evaluated every 64 attempts (after every adaptive step), so the condition has to persist after
@@ -336,7 +345,7 @@ class Model(Jumps):
         """
 
     @abc.abstractmethod
-    def period(self, params: Params, /) -> jax.Array:
+    def period(self, params: Params, /) -> Float[Array, ""]:
         """The nominal period of a cycle (s); the engine's time limits are multiples of it."""
 
     @property
@@ -353,11 +362,11 @@ class Model(Jumps):
         """Sentences on the accuracy of its motions, which a run prints before its rows."""
         return []
 
-    def free_after(self, params: Params, /) -> jax.Array:
+    def free_after(self, params: Params, /) -> Float[Array, ""]:
         """The time (s) until which the gait is externally constrained; no row settles before it."""
         return 0.0 * self.period(params)
 
-    def beyond_at_start(self, params: Params, state: State, /) -> dict[str, jax.Array]:
+    def beyond_at_start(self, params: Params, state: State, /) -> dict[str, Bool[Array, ""]]:
         """Whether a start lies on or beyond the surface of an event that changes the state, by its name.
 
         Such an event does not happen at the start; a run says how many rows began so.
@@ -373,11 +382,13 @@ class Model(Jumps):
         """The limbs of the signals contact_1, contact_2, ..., for figures; empty: legs with numbers."""
         return ()
 
-    def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton | None:
+    def skeleton(
+        self, values: Mapping[str, float], signals: Mapping[str, Float[np.ndarray, " times"]]
+    ) -> Skeleton | None:
         """The drawing of the body, from parameters and signals (n,) of a trace; None: it cannot be drawn."""
         return None
 
-    def free_link(self, trace: Any, legs: int) -> int | None:
+    def free_link(self, trace: pd.DataFrame, legs: int) -> int | None:
         """The number, 1 on, of the neighbouring limbs whose phase difference is free; None: there are none.
 
         Args:
@@ -386,7 +397,7 @@ class Model(Jumps):
         """
         return None
 
-    def analytic_distance(self, table: Any) -> tuple[float, int] | None:
+    def analytic_distance(self, table: pd.DataFrame) -> tuple[float, int] | None:
         """The largest distance (rad) of settled states from analytic solutions, and its row; None: not known.
 
         Args:
@@ -403,7 +414,7 @@ class FixedStepDynamics(Jumps):
     """A time-stepping scheme of fixed step length, whose events are detected at the end of a step."""
 
     @abc.abstractmethod
-    def step(self, params: Params, state: State, dt: jax.Array, /) -> State:
+    def step(self, params: Params, state: State, dt: Float[Array, ""], /) -> State:
         """The state one step of `dt` (s) later; modes are left to `jump`.
 
         With `numerics.precision: mixed`, `dt` is float32: forces may then be computed in float32, while the
@@ -411,10 +422,10 @@ class FixedStepDynamics(Jumps):
         """
 
     @abc.abstractmethod
-    def events(self, params: Params, before: State, after: State, /) -> jax.Array:
+    def events(self, params: Params, before: State, after: State, /) -> Bool[Array, " events"]:
         """A bool for each event: whether it happened during the step."""
 
-    def longest_step(self, params: Params, /) -> jax.Array | None:
+    def longest_step(self, params: Params, /) -> Float[Array, ""] | None:
         """The longest accurate step (s) with these parameters; None: a job has to set `numerics.dt`."""
         return None
 
@@ -448,7 +459,9 @@ class HybridModel(Model):
         """The adaptive method tsit5, whose steps follow from its tolerances, so it suits every flow."""
         return Recommended("tsit5")
 
-    def fast_modes(self, params: Params, /) -> tuple[jax.Array, jax.Array] | None:
+    def fast_modes(
+        self, params: Params, /
+    ) -> tuple[Float[Array, " motions"], Float[Array, " motions"]] | None:
         """Rates (n,) in 1/s and damping ratios (n,) of the fastest motions, over all discrete modes.
 
         Methods with fixed steps take steps proportional to 1 / rate (a job's `numerics.dt` is compared with
@@ -481,7 +494,7 @@ class HybridModel(Model):
         """Time derivatives of the continuous fields of `state`, by field name."""
 
     @abc.abstractmethod
-    def guards(self, params: Params, state: State, /) -> jax.Array:
+    def guards(self, params: Params, state: State, /) -> Float[Array, " guards"]:
         """The guard function (n,) of each event: negative while armed; the event fires where it becomes >= 0.
 
         Guards are finite, and continuous while the modes are constant. A guard that is still >= 0 after its
@@ -492,7 +505,7 @@ class HybridModel(Model):
         A flow without events returns `jnp.zeros((0,))`; its section is then never crossed.
         """
 
-    def energies(self, params: Params, state: State, /) -> dict[str, jax.Array]:
+    def energies(self, params: Params, state: State, /) -> dict[str, Float[Array, ""]]:
         """Energies by name that the flow keeps between events; `gaitsweep check-model` prints their rates."""
         return {}
 

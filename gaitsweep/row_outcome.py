@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
+    from jaxtyping import Float, Int, Num, Real
+
     from gaitsweep.contract import Quantity
 
 
@@ -49,7 +51,7 @@ class _Number:
     def __set_name__(self, _: type, name: str) -> None:
         self._name = name
 
-    def __get__(self, rows: RowOutcome, _: type) -> np.ndarray:
+    def __get__(self, rows: RowOutcome, _: type) -> Num[np.ndarray, "rows ..."]:
         return rows.numbers[self._name]
 
 
@@ -63,18 +65,18 @@ class RowOutcome:
     `sample_labels` (m,) those of each record, for recorders that read the gait there.
     """
 
-    row: np.ndarray
-    numbers: dict[str, np.ndarray]
-    kept: np.ndarray
-    samples: np.ndarray
-    labels: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
-    sample_labels: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    row: Int[np.ndarray, " rows"]
+    numbers: dict[str, Num[np.ndarray, "rows ..."]]
+    kept: Int[np.ndarray, " rows"]
+    samples: Float[np.ndarray, "records width"]
+    labels: dict[str, Real[np.ndarray, " rows"]] = dataclasses.field(default_factory=dict)
+    sample_labels: dict[str, Real[np.ndarray, " records"]] = dataclasses.field(default_factory=dict)
     status, cycles, attempts = _Number(), _Number(), _Number()
     t_end, last, fired = _Number(), _Number(), _Number()
 
     @classmethod
     def empty(
-        cls, row: np.ndarray, numbers: Sequence[RowNumber], observables: int, width: int = 0
+        cls, row: Int[np.ndarray, " rows"], numbers: Sequence[RowNumber], observables: int, width: int = 0
     ) -> RowOutcome:
         """Rows without results, of recorders with `numbers` and with `width` numbers in a record."""
         # how many words hold the guards is known only from a trajectory
@@ -91,7 +93,9 @@ class RowOutcome:
         names = [field.name for field in dataclasses.fields(cls)]
         return cls(**{name: _concatenated([getattr(part, name) for part in parts]) for name in names})
 
-    def put(self, which: np.ndarray, numbers: Mapping[str, np.ndarray]) -> None:
+    def put(
+        self, which: Int[np.ndarray, " ended"], numbers: Mapping[str, Num[np.ndarray, "ended ..."]]
+    ) -> None:
         """Set the numbers of the rows at the places `which` (m,)."""
         for name, own in list(self.numbers.items()):
             values = numbers[name]
@@ -99,7 +103,7 @@ class RowOutcome:
                 self.numbers[name] = own = np.zeros((self.row.size, *values.shape[1:]), own.dtype)
             own[which] = values
 
-    def take(self, which: np.ndarray) -> RowOutcome:
+    def take(self, which: Int[np.ndarray, " taken"]) -> RowOutcome:
         """The rows at the places `which` (m,), in that order."""
         counts = self.kept[which]
         first = np.cumsum(self.kept)[which] - counts
@@ -114,12 +118,12 @@ class RowOutcome:
         )
 
     @property
-    def owner(self) -> np.ndarray:
+    def owner(self) -> Int[np.ndarray, " records"]:
         """The number of the row of each record, (m,)."""
         return np.repeat(self.row, self.kept)
 
     @property
-    def place(self) -> np.ndarray:
+    def place(self) -> Int[np.ndarray, " records"]:
         """Place of each record's row among these rows, (m,)."""
         return np.repeat(np.arange(self.row.size), self.kept)
 

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,7 +28,7 @@ class Limb:
     """
 
     name: str
-    points: np.ndarray
+    points: Float[np.ndarray, "samples points 3"]
     pair: int = 0
     far: bool = False
 
@@ -39,6 +43,6 @@ class Skeleton:
     """
 
     limbs: tuple[Limb, ...]
-    bodies: tuple[np.ndarray, ...] = ()
-    springs: tuple[np.ndarray, ...] = ()
+    bodies: tuple[Float[np.ndarray, "samples _points 3"], ...] = ()
+    springs: tuple[Float[np.ndarray, "samples 2 3"], ...] = ()
     note: str = ""

@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 
 from gaitsweep.circular import TURN
 
@@ -21,14 +22,14 @@ def is_circular(table: pd.DataFrame, name: str) -> bool:
     return bool(circular) if circular is not None else re.match(r"(psi|phi|delta)(_|\Z)", name) is not None
 
 
-def mean_direction(angles: np.ndarray) -> float:
+def mean_direction(angles: Float[np.ndarray, " angles"]) -> float:
     """The circular mean of angles, rad, in [0, 2 pi); NaN if there are none."""
     if not len(angles):
         return float("nan")
     return float(np.mod(np.angle(np.exp(1j * np.asarray(angles, float)).sum()), TURN))
 
 
-def branch_cut(angles: np.ndarray) -> float:
+def branch_cut(angles: Float[np.ndarray, " angles"]) -> float:
     """The angle at which to cut the circle so that clusters of angles (rad) stay whole, in (-2 pi, 0].
 
     It is 0 if the widest gap between the angles contains 0, so that they keep their usual range; else the
@@ -44,6 +45,6 @@ def branch_cut(angles: np.ndarray) -> float:
     return float(places[widest] + 0.5 * gaps[widest] - TURN)
 
 
-def unwrap_from(angles: np.ndarray, origin: float) -> np.ndarray:
+def unwrap_from(angles: Float[np.ndarray, " angles"], origin: float) -> Float[np.ndarray, " angles"]:
     """Angles (rad) in the turn that begins at `origin`."""
     return origin + np.mod(np.asarray(angles, float) - origin, TURN)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Outcome, Status
@@ -45,7 +46,7 @@ def axes_of(table: pd.DataFrame) -> list[str]:
     return [name for name in names[: min(ends, default=0)] if name != "row"]
 
 
-def sound(table: pd.DataFrame, *columns: str) -> np.ndarray:
+def sound(table: pd.DataFrame, *columns: str) -> Bool[np.ndarray, " records"]:
     """Mask of valid records of crossings: finite in the columns, and not among the last before a fall.
 
     Rows that failed lose their last `BEFORE_A_FALL` crossings. All records of a staircase are kept: each is

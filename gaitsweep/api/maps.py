@@ -10,6 +10,7 @@ from typing import Any, overload
 import jax
 import numpy as np
 import pandas as pd
+from jaxtyping import Float, Inexact
 from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
@@ -84,7 +85,7 @@ class PoincareMap:
     @overload
     def __call__(self, x: SectionPoints) -> Points: ...
     @overload
-    def __call__(self, x: ArrayLike) -> np.ndarray: ...
+    def __call__(self, x: ArrayLike) -> Float[np.ndarray, "*points coordinates"]: ...
     def __call__(self, x: Any) -> Any:
         """Return the images of points: coordinates for coordinates, else points with their modes.
 
@@ -97,7 +98,7 @@ class PoincareMap:
             return Points(at, images.points.modes)
         return at[0] if single else at
 
-    def jacobian(self, x: SectionPoints | ArrayLike) -> np.ndarray:
+    def jacobian(self, x: SectionPoints | ArrayLike) -> Float[np.ndarray, "*points coordinates coordinates"]:
         """Return the Jacobian over the coordinates, (n, size, size); (size, size) for one array (size,).
 
         Raises:
@@ -108,7 +109,7 @@ class PoincareMap:
         jacobians = self.mapping.linearised(points, self._values).jacobian
         return jacobians[0] if single else jacobians
 
-    def multipliers(self, x: SectionPoints | ArrayLike) -> np.ndarray:
+    def multipliers(self, x: SectionPoints | ArrayLike) -> Inexact[np.ndarray, "*points coordinates"]:
         """Return the Floquet multipliers of fixed points, complex (n, size), largest modulus first.
 
         Raises:

@@ -7,6 +7,7 @@ from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool, Float, Int, Shaped
 from pydantic import AfterValidator
 
 from gaitsweep import models
@@ -154,7 +155,7 @@ def records(table: pd.DataFrame, where: str | None, may_be_empty: bool = False) 
     return found
 
 
-def _plain(column: pd.Series) -> np.ndarray:
+def _plain(column: pd.Series) -> Shaped[np.ndarray, " rows"]:
     """Booleans and numbers unchanged, other values as objects; missing values are NaN."""
     if pd.api.types.is_bool_dtype(column.dtype) and not column.hasnans:
         return column.to_numpy(bool)
@@ -168,12 +169,14 @@ def masked(table: pd.DataFrame, mask: Any) -> pd.DataFrame:
     return pd.DataFrame(table.loc[np.asarray(mask, bool)])
 
 
-def numbers(table: pd.DataFrame, column: str) -> np.ndarray:
+def numbers(table: pd.DataFrame, column: str) -> Float[np.ndarray, " rows"]:
     """A column as floats, (n,), in its unit."""
     return np.asarray(table[column], float)
 
 
-def stances(t: np.ndarray, down: np.ndarray) -> np.ndarray:
+def stances(
+    t: Float[np.ndarray, " samples"], down: Bool[np.ndarray, " samples"]
+) -> Int[np.ndarray, "stances 2"]:
     """First sample of each stance and first sample after it, (n, 2); breaks up to `BROKEN` are ignored.
 
     Args:

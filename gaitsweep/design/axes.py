@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
 import scipy
+from jaxtyping import Float, Int, UInt
 from pydantic import BeforeValidator, Field
 
 from gaitsweep.expression import ExpressionError, evaluate, names_in
@@ -113,7 +114,7 @@ AXIS_KINDS: dict[str, type[WrittenAxis]] = {kind.__name__.lower(): kind for kind
 class ListAxis:
     """Points listed one by one: numbers or expressions, or an array (length,) of numbers."""
 
-    numbers: tuple[float | str, ...] | np.ndarray
+    numbers: tuple[float | str, ...] | Float[np.ndarray, " points"]
     drawn: ClassVar[bool] = False
 
     @property
@@ -125,7 +126,7 @@ class ListAxis:
         """The expressions among its numbers."""
         return tuple(self._formula_at.values())
 
-    def at(self, index: np.ndarray, names: Mapping[str, Any]) -> np.ndarray:
+    def at(self, index: Int[np.ndarray, " rows"], names: Mapping[str, Any]) -> Float[np.ndarray, " rows"]:
         """Points `index` (n,); `names` has a float or (n,) for each name in the formulas."""
         result = self._plain[index]
         for place in np.intersect1d(index, list(self._formula_at)):
@@ -143,7 +144,7 @@ class ListAxis:
         return {place: number for place, number in enumerate(self.numbers) if isinstance(number, str)}
 
     @cached_property
-    def _plain(self) -> np.ndarray:
+    def _plain(self) -> Float[np.ndarray, " points"]:
         """The numbers (length,), with NaN for formulas."""
         if isinstance(self.numbers, np.ndarray):
             return self.numbers.astype(np.float64)
@@ -157,7 +158,7 @@ class LinearSpacing:
     count: int
     at: str
 
-    def __call__(self, index: np.ndarray) -> np.ndarray:
+    def __call__(self, index: Int[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
         return (index + 0.5) / self.count if self.at == "centre" else index / max(self.count - 1, 1)
 
 
@@ -171,7 +172,7 @@ class SampleBox:
     method: str
 
     @cached_property
-    def points(self) -> dict[str, np.ndarray]:
+    def points(self) -> dict[str, Float[np.ndarray, " points"]]:
         """Points of [0, 1) by name, (count,)."""
         if self.method == "random":
             # 53 bits of each word, as a float of [0, 1) has
@@ -187,7 +188,7 @@ class RandomAxis:
     box: SampleBox
     name: str
 
-    def __call__(self, index: np.ndarray) -> np.ndarray:
+    def __call__(self, index: Int[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
         return self.box.points[self.name][index]
 
 
@@ -211,7 +212,7 @@ class RangeAxis:
         """The expressions among its ends."""
         return tuple(number for number in (self.low, self.high) if isinstance(number, str))
 
-    def at(self, index: np.ndarray, names: Mapping[str, Any]) -> np.ndarray:
+    def at(self, index: Int[np.ndarray, " rows"], names: Mapping[str, Any]) -> Float[np.ndarray, " rows"]:
         """Points `index` (n,); `names` has a float or (n,) for each name in the ends.
 
         Raises:
@@ -234,13 +235,13 @@ class RangeAxis:
 Axis = ListAxis | RangeAxis
 
 
-def _bits(seed: int, name: str, count: int) -> np.ndarray:
+def _bits(seed: int, name: str, count: int) -> UInt[np.ndarray, " points"]:
     """Raw 64-bit words, which NumPy guarantees never to change; each name has its own stream."""
     key = int.from_bytes(hashlib.sha256(f"{seed} {name}".encode()).digest()[:16], "big")
     return np.asarray(np.random.Philox(key=key).random_raw(count))
 
 
-def _sobol(seed: int, names: list[str], count: int) -> dict[str, np.ndarray]:
+def _sobol(seed: int, names: list[str], count: int) -> dict[str, Float[np.ndarray, " points"]]:
     """An unscrambled Sobol sequence with our own digital shift, since SciPy's scrambling may change."""
     sequence = scipy.stats.qmc.Sobol(len(names), scramble=False, bits=_SOBOL_BITS)
     shifts = [_bits(seed, name, 1)[0] >> np.uint64(64 - _SOBOL_BITS) for name in names]

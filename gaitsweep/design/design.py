@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.design.axes import LinearSpacing, ListAxis, RangeAxis
@@ -72,7 +73,7 @@ class Design:
             for name, text in derived.items()
         }
 
-    def columns(self, start: int, stop: int) -> dict[str, np.ndarray]:
+    def columns(self, start: int, stop: int) -> dict[str, Float[np.ndarray, " rows"]]:
         """Values of the axes in rows start..stop-1: a float64 array (stop - start,) by name.
 
         Raises:
@@ -81,7 +82,9 @@ class Design:
         """
         return self.at(self._rows(start, stop), self.names)
 
-    def values(self, start: int, stop: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    def values(
+        self, start: int, stop: int
+    ) -> tuple[dict[str, Float[np.ndarray, " rows"]], dict[str, Float[np.ndarray, " rows"]]]:
         """All parameters and all starts in rows start..stop-1: float64 arrays (stop - start,) by name.
 
         Raises:
@@ -91,7 +94,9 @@ class Design:
         """
         return self.values_in(self._rows(start, stop))
 
-    def values_in(self, rows: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    def values_in(
+        self, rows: Int[np.ndarray, " rows"]
+    ) -> tuple[dict[str, Float[np.ndarray, " rows"]], dict[str, Float[np.ndarray, " rows"]]]:
         """All parameters and all starts in `rows` (n,) of int64, as `values` gives them."""
         parameters = [quantity.name for quantity in self.model.parameters]
         starts = [quantity.name for quantity in self.model.initial_conditions]
@@ -99,7 +104,9 @@ class Design:
         self._check_block(rows, values)
         return {name: values[name] for name in parameters}, {name: values[name] for name in starts}
 
-    def at(self, rows: np.ndarray, wanted: Iterable[str]) -> dict[str, np.ndarray]:
+    def at(
+        self, rows: Int[np.ndarray, " rows"], wanted: Iterable[str]
+    ) -> dict[str, Float[np.ndarray, " rows"]]:
         """The `wanted` names in `rows` (n,) of int64: float64 arrays (n,), in that order."""
         wanted = tuple(wanted)
         needed = self.closure(wanted)
@@ -178,7 +185,7 @@ class Design:
         turn = math.isclose(float(axis.high) - float(axis.low), 2.0 * math.pi)
         return turn and axis.fraction == LinearSpacing(axis.length, "centre")
 
-    def with_columns(self, columns: Mapping[str, np.ndarray]) -> Design:
+    def with_columns(self, columns: Mapping[str, Float[np.ndarray, " rows"]]) -> Design:
         """The design whose rows are the entries of these columns (n,), without other axes."""
         settings = {name: value for name, value in self.settings.items() if name not in columns}
         group = Group({name: ListAxis(column) for name, column in columns.items()})
@@ -188,7 +195,7 @@ class Design:
         """Number of rows for which the group at `position` keeps its point."""
         return math.prod(group.length for group in self.groups[position + 1 :])
 
-    def index(self, rows: np.ndarray, position: int) -> np.ndarray:
+    def index(self, rows: Int[np.ndarray, " rows"], position: int) -> Int[np.ndarray, " rows"]:
         """The index of the point of the group at `position` in rows (n,)."""
         return rows // self.stride(position) % self.groups[position].length
 
@@ -197,7 +204,9 @@ class Design:
         needed = self.closure([name])
         return tuple(place for place, group in enumerate(self.groups) if needed & set(group.axes))
 
-    def rows_over(self, points: np.ndarray, positions: Sequence[int]) -> np.ndarray:
+    def rows_over(
+        self, points: Int[np.ndarray, " combinations"], positions: Sequence[int]
+    ) -> Int[np.ndarray, " combinations"]:
         """Rows at combinations (n,) of the groups at `positions`; other groups have their first point."""
         rows = np.zeros_like(points)
         for position in reversed(positions):
@@ -218,7 +227,9 @@ class Design:
         letters = sum(len(text) for text in texts if isinstance(text, str))
         return count <= MOST_CHECKED and count * letters <= MOST_WORK
 
-    def _check_block(self, rows: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
+    def _check_block(
+        self, rows: Int[np.ndarray, " rows"], values: Mapping[str, Float[np.ndarray, " rows"]]
+    ) -> None:
         for quantity in (*self.model.parameters, *self.model.initial_conditions):
             if quantity.name in self._unchecked:
                 wrong = np.flatnonzero(~inside(values[quantity.name], quantity))
@@ -237,13 +248,13 @@ class Design:
         """The position of the group of each name that varies."""
         return {name: place for place, group in enumerate(self.groups) for name in group.axes}
 
-    def _rows(self, start: int, stop: int) -> np.ndarray:
+    def _rows(self, start: int, stop: int) -> Int[np.ndarray, " rows"]:
         if not 0 <= start <= stop <= self.n_rows:
             raise IndexError(f"Rows {start} to {stop} are out of range: the job has {self.n_rows} rows.")
         return np.arange(start, stop, dtype=np.int64)
 
 
-def inside(values: np.ndarray, quantity: Quantity) -> np.ndarray:
+def inside(values: Float[np.ndarray, " *rows"], quantity: Quantity) -> np.ndarray:
     """Mask of allowed values of a quantity; the NaN of a start that the model decides itself passes."""
     if quantity.open_ends:
         within = (values > quantity.low) & (values < quantity.high)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
+from jaxtyping import Float
 
 from gaitsweep.dynamics.tree.external_force import YieldingForce
 from gaitsweep.dynamics.tree.spatial import Array, Scalar
 
 
-def normal_force(depth: Array, rate: Array, K: Scalar, D: Scalar) -> jax.Array:
+def normal_force(
+    depth: Float[Array, " ..."], rate: Float[Array, " ..."], K: Scalar, D: Scalar
+) -> Float[Array, " ..."]:
     """The normal force of the ground, N: a spring and a damper that push but do not pull.
 
     Args:
@@ -20,7 +22,9 @@ def normal_force(depth: Array, rate: Array, K: Scalar, D: Scalar) -> jax.Array:
     return jnp.where(depth > 0.0, jnp.maximum(K * depth + D * rate, 0.0), 0.0)
 
 
-def friction_slope(load: jax.Array, slip: Array, mu: Scalar, v_slip: Scalar) -> jax.Array:
+def friction_slope(
+    load: Float[Array, " ..."], slip: Float[Array, " ..."], mu: Scalar, v_slip: Scalar
+) -> Float[Array, " ..."]:
     """Friction divided by slip speed, N s/m: Coulomb friction mu load, viscous below the speed `v_slip`.
 
     Args:
@@ -34,8 +38,8 @@ def friction_slope(load: jax.Array, slip: Array, mu: Scalar, v_slip: Scalar) -> 
 
 def ground_force(
     link: int,
-    at: Array,
-    velocity: Array,
+    at: Float[Array, " 3"],
+    velocity: Float[Array, " 3"],
     dt: Scalar,
     *,
     K: Scalar,

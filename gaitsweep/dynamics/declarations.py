@@ -14,6 +14,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Real, Shaped
 
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.dynamics.phase_oscillator import wrapped
@@ -87,7 +88,7 @@ class Variable(CountedQuantity):
             for q, default in zip(found, defaults, strict=True)
         )
 
-    def read(self, value: jax.Array, /) -> jax.Array:
+    def read(self, value: Float[Array, " ..."], /) -> Float[Array, " ..."]:
         """The value as it is recorded: angles from 0 to 2 pi."""
         return wrapped(value) if self.quantity.circular else value
 
@@ -110,7 +111,7 @@ class Mode(Counted):
             for place, value in zip(places, values.ravel(), strict=True)
         )
 
-    def at_start(self, model: Model, numbers: Sequence[jax.Array]) -> jax.Array:
+    def at_start(self, model: Model, numbers: Sequence[Float[Array, ""]]) -> Shaped[Array, " ..."]:
         """Its value at t = 0, from those of its initial conditions."""
         dtype = jnp.asarray(self.start).dtype
         value = jnp.stack([jnp.asarray(number) for number in numbers])
@@ -122,7 +123,7 @@ class Reading:
     """A declared observable or signal that is computed from the state; see `observable` and `signal`."""
 
     quantity: Quantity
-    function: Callable[..., jax.Array]
+    function: Callable[..., Real[Array, ""]]
     observed: bool
     signal: bool
     is_energy: bool = False
@@ -172,11 +173,11 @@ class Event:
         """The names of its guards: its crossing, and its return below the surface."""
         return (self.name, self.name) if self.rising else (self.name,)
 
-    def within(self, state: Any) -> jax.Array:
+    def within(self, state: Any) -> Bool[Array, ""]:
         """Whether the modes of a state allow the event."""
         return jnp.asarray(True if self.during is None else self.during(state))
 
-    def happens(self, fired: jax.Array) -> jax.Array:
+    def happens(self, fired: Bool[Array, " guards"]) -> Bool[Array, ""]:
         """Whether it happens, by its guards' flags."""
         return fired[0]
 
@@ -274,7 +275,7 @@ def observable(
     symbol: str = "",
     scale: float | None = None,
     signal: bool = False,
-) -> Callable[[Callable[..., jax.Array]], Any]:
+) -> Callable[[Callable[..., Real[Array, ""]]], Any]:
     """Declare a function (params, state) -> number as an observable, read at crossings of the section.
 
     Args:
@@ -288,7 +289,7 @@ def observable(
 
 def signal(
     unit: str, meaning: str, *, circular: bool = False, symbol: str = ""
-) -> Callable[[Callable[..., jax.Array]], Any]:
+) -> Callable[[Callable[..., Real[Array, ""]]], Any]:
     """Declare a function (params, state) -> number as a signal, which traces record.
 
     Args:
@@ -301,7 +302,7 @@ def signal(
 
 def energy(
     unit: str, meaning: str, *, symbol: str = "", scale: float | None = None, observed: bool = False
-) -> Callable[[Callable[..., jax.Array]], Any]:
+) -> Callable[[Callable[..., Real[Array, ""]]], Any]:
     """Declare a function (params, state) -> number as an energy that the flow keeps between events.
 
     `gaitsweep check-model` prints how fast it changes: a wrong sign in the flow shows there. It is a signal.
@@ -321,7 +322,7 @@ def event(
     section: bool = False,
     during: Callable[..., Any] | None = None,
     rising: bool = True,
-) -> Callable[[Callable[..., jax.Array]], Event]:
+) -> Callable[[Callable[..., Float[Array, ""]]], Event]:
     """Declare a function (params, state) -> number as the guard of an event.
 
     The event happens where the function rises through zero. A state on the surface (within the errors of

@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Chart, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declarations import Event, Mode, Parameter, Reading, Variable
@@ -165,19 +166,19 @@ class Declared(Model):
             fields[name] = numbers[0] if each.count is None else jnp.stack(numbers)
         return self.Params(**fields)
 
-    def observe(self, params: Any, state: Any, /) -> dict[str, jax.Array]:
+    def observe(self, params: Any, state: Any, /) -> dict[str, Real[Array, ""]]:
         return self._read("observed", params, state)
 
-    def signal(self, params: Any, state: Any, /) -> dict[str, jax.Array]:
+    def signal(self, params: Any, state: Any, /) -> dict[str, Real[Array, ""]]:
         return self._read("signal", params, state)
 
     def label(self, params: Any, observations: Values, /) -> dict[str, Any]:
         return {"gait": jnp.zeros((), jnp.int32)}
 
-    def failed(self, params: Any, state: Any, /) -> jax.Array:
+    def failed(self, params: Any, state: Any, /) -> Bool[Array, ""]:
         return jnp.zeros((), bool)
 
-    def beyond_at_start(self, params: Any, state: Any, /) -> dict[str, jax.Array]:
+    def beyond_at_start(self, params: Any, state: Any, /) -> dict[str, Bool[Array, ""]]:
         return {
             each.name: each.within(state) & self._is_beyond(each, params, state)
             for each in self._events()
@@ -186,7 +187,7 @@ class Declared(Model):
 
     # how it is built
 
-    def _is_beyond(self, event: Event, params: Any, state: Any) -> jax.Array:
+    def _is_beyond(self, event: Event, params: Any, state: Any) -> Bool[Array, ""]:
         return jnp.asarray(event.function(self, params, state)) > 0.0
 
     def _started(self, start: Values) -> dict[str, Any]:
@@ -226,7 +227,7 @@ class Declared(Model):
                 found[name] = wrapped(value) if each.quantity.circular else value
         return found
 
-    def _flags(self, fired: jax.Array) -> Iterator[tuple[Event, jax.Array]]:
+    def _flags(self, fired: Bool[Array, " events"]) -> Iterator[tuple[Event, Bool[Array, " guards"]]]:
         """Each event with the flags of its guards."""
         first = 0
         for each in self._events():
@@ -291,7 +292,7 @@ class DeclaredModel(Declared, HybridModel):
             modes.append(surface.begun(band, rate, turned))
         return state.replace(arming=_stacked(modes)) if modes else state
 
-    def _turned(self, event: Event, params: Any, state: Any) -> jax.Array | bool:
+    def _turned(self, event: Event, params: Any, state: Any) -> Bool[Array, ""] | bool:
         """Whether the jump of an event turns a state on its surface back."""
         if event.effect is None:
             return False
@@ -305,7 +306,7 @@ class DeclaredModel(Declared, HybridModel):
         """
         return state
 
-    def guards(self, params: Any, state: Any, /) -> jax.Array:
+    def guards(self, params: Any, state: Any, /) -> Float[Array, " guards"]:
         seen = _Surfaces(self, params, state)
         guards: list[jax.Array] = []
         for place, each in zip(self._places(), self._events(), strict=True):
@@ -325,7 +326,7 @@ class DeclaredModel(Declared, HybridModel):
     def guard_names(self) -> tuple[str, ...]:
         return tuple(name for each in self._events() for name in each.guard_names)
 
-    def jump(self, params: Any, state: Any, fired: jax.Array, /) -> Any:
+    def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
         after, rates = state, {}
         for place, (each, flags) in zip(self._places(), self._flags(fired), strict=True):
             if each.effect is None:
@@ -340,7 +341,7 @@ class DeclaredModel(Declared, HybridModel):
             after = _where(happens, applied, after)
         return self._rearmed(params, state, after, fired, rates) if self._armed() else after
 
-    def _applied(self, event: Event, params: Any, state: Any) -> tuple[Any, jax.Array]:
+    def _applied(self, event: Event, params: Any, state: Any) -> tuple[Any, Float[Array, ""]]:
         """The state after the jump of an event that was crossed a little earlier, and its rate there.
 
         The jump is applied where the surface was crossed, and the time since then is made up for. Otherwise
@@ -354,13 +355,18 @@ class DeclaredModel(Declared, HybridModel):
         after = event.effect(self, params, self._moved(params, state, -late))
         return self._moved(params, after, late), _Surfaces(self, params, after).rate(event)
 
-    def _moved(self, params: Any, state: Any, time: jax.Array) -> Any:
+    def _moved(self, params: Any, state: Any, time: Float[Array, ""]) -> Any:
         """The state a short time (s) later, along its rates."""
         rates = self.flow(params, state)
         return state.replace(**{name: getattr(state, name) + time * rate for name, rate in rates.items()})
 
     def _rearmed(
-        self, params: Any, before: Any, after: Any, fired: jax.Array, rates: Mapping[Event, jax.Array]
+        self,
+        params: Any,
+        before: Any,
+        after: Any,
+        fired: Bool[Array, " events"],
+        rates: Mapping[Event, Float[Array, ""]],
     ) -> Any:
         """The state `after` a jump, with its events armed; a body that would not leave a surface rests.
 
@@ -402,14 +408,14 @@ class DeclaredModel(Declared, HybridModel):
             after = _where(rests, self._begun(params, each.resting(self, params, after)), after)
         return after
 
-    def section(self, params: Any, before: Any, fired: jax.Array, /) -> jax.Array:
+    def section(self, params: Any, before: Any, fired: Bool[Array, " events"], /) -> Bool[Array, ""]:
         closed = jnp.zeros((), bool)
         for each, flags in self._flags(fired):
             if each.is_section:
                 closed = closed | each.happens(flags)
         return closed
 
-    def _is_beyond(self, event: Event, params: Any, state: Any) -> jax.Array:
+    def _is_beyond(self, event: Event, params: Any, state: Any) -> Bool[Array, ""]:
         passed = ~_at(state.arming, self._armed().index(event)).armed
         if not (event.is_section and self.section_coordinates):
             return passed
@@ -417,7 +423,7 @@ class DeclaredModel(Declared, HybridModel):
         surface = _Surfaces(self, params, state).of(event)
         return passed & (surface.height > surface.rounding)
 
-    def energies(self, params: Any, state: Any, /) -> dict[str, jax.Array]:
+    def energies(self, params: Any, state: Any, /) -> dict[str, Float[Array, ""]]:
         readings = self._named(Reading)
         return {name: each.function(self, params, state) for name, each in readings.items() if each.is_energy}
 
@@ -443,18 +449,18 @@ class _Surfaces:
             )
         return self._seen[event]
 
-    def rate(self, event: Event) -> jax.Array:
+    def rate(self, event: Event) -> Float[Array, ""]:
         """The rate of the height of an event's surface along the flow."""
         return self.of(event).rate(flat(self._along))
 
-    def returns_soon(self, event: Event, unit: jax.Array) -> jax.Array:
+    def returns_soon(self, event: Event, unit: Float[Array, ""]) -> Bool[Array, ""]:
         """Whether a state close to the surface of an event meets it again within a small share of a period.
 
         The height as a parabola, by its rate and acceleration along the flow.
         """
         model, params, state = self._model, self._params, self._state
 
-        def rate(point: Any) -> jax.Array:
+        def rate(point: Any) -> Float[Array, ""]:
             return _Surfaces(model, params, state.replace(**point)).rate(event)
 
         speed, acceleration = jax.jvp(rate, (self._point,), (self._along,))
@@ -472,7 +478,7 @@ class _Surfaces:
         }
 
 
-def _where(condition: jax.Array, yes: Any, no: Any) -> Any:
+def _where(condition: Bool[Array, ""], yes: Any, no: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 
@@ -494,12 +500,12 @@ class _SectionCoordinates(Chart):
     def coordinates(self) -> tuple[Quantity, ...]:
         return tuple(q for name, each in self._variables() for q in each.quantities(self.model, name))
 
-    def to_coordinates(self, params: Any, state: Any, /) -> jax.Array:
+    def to_coordinates(self, params: Any, state: Any, /) -> Float[Array, " coordinates"]:
         return jnp.concatenate(
             [jnp.ravel(each.read(getattr(state, name))) for name, each in self._variables()]
         )
 
-    def from_coordinates(self, params: Any, at: jax.Array, modes: Any, /) -> Any:
+    def from_coordinates(self, params: Any, at: Float[Array, " coordinates"], modes: Any, /) -> Any:
         fields, first = {}, 0
         for name, each in self._variables():
             last = first + each.size(self.model)

@@ -8,6 +8,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
 
 # Multiple of the rounding error of a height within which a point counts as on the surface.
 _RESOLUTIONS = 16.0
@@ -40,7 +41,7 @@ class Arming:
     returns: jax.Array
 
     @property
-    def accumulated(self) -> jax.Array:
+    def accumulated(self) -> Bool[Array, ""]:
         """Whether bounces have become too short to be seen: the event happens without end."""
         return self.returns > _MOST_RETURNS
 
@@ -56,12 +57,12 @@ class EventSurface:
     `height` is the function at the state, `rounding` the error of this number, `normal` (n,) its gradient.
     """
 
-    height: jax.Array
-    rounding: jax.Array
-    normal: jax.Array
+    height: Float[Array, ""]
+    rounding: Float[Array, ""]
+    normal: Float[Array, " numbers"]
 
     @classmethod
-    def seen_from(cls, point: Any, function: Callable[[Any], jax.Array]) -> EventSurface:
+    def seen_from(cls, point: Any, function: Callable[[Any], Float[Array, ""]]) -> EventSurface:
         """The surface of a function of points that are pytrees of n numbers, seen from a point.
 
         The tangent plane says how large the terms of the function are, and so what rounding may do to its
@@ -75,18 +76,18 @@ class EventSurface:
         rounding = _RESOLUTIONS * jnp.finfo(size.dtype).eps * size + jnp.finfo(size.dtype).tiny
         return cls(height, jax.lax.stop_gradient(rounding), normal)
 
-    def guards(self, mode: Arming) -> jax.Array:
+    def guards(self, mode: Arming) -> Float[Array, " guards"]:
         """The guards (2,): the crossing while armed, else the return below the surface."""
         above = jnp.where(mode.armed, 0.0, mode.level) - self.height - self.rounding
         returned = jnp.where(mode.armed & (mode.level <= 0.0), -1.0, above)
         crossing = jnp.where(mode.armed, self.height - mode.level, -1.0)
         return jnp.stack([jnp.where(mode.accumulated, 1.0, crossing), returned])
 
-    def rate(self, rates: jax.Array) -> jax.Array:
+    def rate(self, rates: Float[Array, " numbers"]) -> Float[Array, ""]:
         """The time derivative of the height at the rates (n,) of a point."""
         return jnp.sum(self.normal * rates)
 
-    def late(self, rate: jax.Array, unit: jax.Array) -> jax.Array:
+    def late(self, rate: Float[Array, ""], unit: Float[Array, ""]) -> Float[Array, ""]:
         """The time (s) since the crossing; 0 where a jump, not the flow, has brought the state above.
 
         `rate` is that of the height, `unit` the nominal period (s).
@@ -94,7 +95,9 @@ class EventSurface:
         passed = jnp.where(rate > 0.0, self.height, 0.0) / jnp.where(rate > 0.0, rate, 1.0)
         return jnp.where(passed <= _LATEST * unit, passed, 0.0)
 
-    def band(self, late: jax.Array, unit: jax.Array, *rates: jax.Array) -> jax.Array:
+    def band(
+        self, late: Float[Array, ""], unit: Float[Array, ""], *rates: Float[Array, ""]
+    ) -> Float[Array, ""]:
         """The largest height of a state on the surface after a jump that was `late` (s).
 
         `rates` are those of the height before and after the jump.
@@ -102,7 +105,7 @@ class EventSurface:
         change = sum(jnp.abs(rate) for rate in rates)
         return self.rounding + _BAND * jnp.maximum(late, _LATE * unit) * change
 
-    def begun(self, band: jax.Array, rate: jax.Array, turned: jax.Array | bool) -> Arming:
+    def begun(self, band: Float[Array, ""], rate: Float[Array, ""], turned: Bool[Array, ""] | bool) -> Arming:
         """The mode of an event that begins to be possible at this state.
 
         On the surface, a state that the flow takes through it has just crossed it, except where the jump of
@@ -120,10 +123,10 @@ class EventSurface:
     def jumped(
         self,
         mode: Arming,
-        crossed: jax.Array,
-        returned: jax.Array,
-        band: jax.Array,
-        rate: jax.Array,
+        crossed: Bool[Array, ""],
+        returned: Bool[Array, ""],
+        band: Float[Array, ""],
+        rate: Float[Array, ""],
         impact: bool,
     ) -> Arming:
         """The mode after a jump, from that before it.
@@ -154,12 +157,12 @@ class EventSurface:
         return jax.tree.map(lambda old, each: jnp.where(mode.accumulated, old, each), mode, new)
 
     @property
-    def _beyond(self) -> jax.Array:
+    def _beyond(self) -> Float[Array, ""]:
         """A level above the state by two units in the last place."""
         above = jnp.maximum(self.rounding * (2.0 / _RESOLUTIONS), jnp.finfo(self.rounding.dtype).tiny)
         return jnp.maximum(self.height, 0.0) + above
 
 
-def flat(point: Any) -> jax.Array:
+def flat(point: Any) -> Float[Array, " numbers"]:
     """The numbers of a pytree in one array (n,)."""
     return jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(point)])

@@ -21,6 +21,7 @@ from typing import NamedTuple, TypeAlias
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 __all__ = ["EXTENSOR", "FLEXOR", "Coupling", "leg_feedback", "links", "rates"]
 
@@ -37,10 +38,10 @@ class Coupling(NamedTuple):
     """
 
     weight: Scalar
-    links: np.ndarray
+    links: Float[np.ndarray, "legs legs"]
 
 
-def links(n: int, pairs: Iterable[tuple[int, int]]) -> np.ndarray:
+def links(n: int, pairs: Iterable[tuple[int, int]]) -> Float[np.ndarray, "legs legs"]:
     """The links (n, n) that are 1 between the legs of each pair, in both directions.
 
     Args:
@@ -59,8 +60,8 @@ def links(n: int, pairs: Iterable[tuple[int, int]]) -> np.ndarray:
 
 
 def rates(
-    u: jax.Array,
-    f: jax.Array,
+    u: Float[Array, "2 legs"],
+    f: Float[Array, "2 legs"],
     *,
     s: Scalar,
     Tr: Scalar,
@@ -69,7 +70,7 @@ def rates(
     gamma: Scalar,
     couplings: Sequence[Coupling] = (),
     feedback: Scalar = 0.0,
-) -> tuple[jax.Array, jax.Array]:
+) -> tuple[Float[Array, "2 legs"], Float[Array, "2 legs"]]:
     """Time derivatives (2, n) of the potentials u and of the fatigue f, per second.
 
     Args:
@@ -94,7 +95,9 @@ def rates(
     return (-u + received - b * f + s + feedback) / Tr, (-f + y) / Ta
 
 
-def leg_feedback(theta: jax.Array, F: jax.Array, *, theta0: Scalar, k1: Scalar, k2: Scalar) -> jax.Array:
+def leg_feedback(
+    theta: Float[Array, " legs"], F: Float[Array, " legs"], *, theta0: Scalar, k1: Scalar, k2: Scalar
+) -> Float[Array, "2 legs"]:
     """Feedback (2, n): each leg's hip angle to both its half-centres, its load to its flexor.
 
     Args:
@@ -109,7 +112,7 @@ def leg_feedback(theta: jax.Array, F: jax.Array, *, theta0: Scalar, k1: Scalar, 
     return jnp.stack([hip, -hip - k2 * F])
 
 
-def _along(between: np.ndarray, y: jax.Array) -> jax.Array:
+def _along(between: np.ndarray, y: Float[Array, "2 legs"]) -> Float[Array, "2 legs"]:
     """The outputs (2, n) summed along the links, written out, without linear algebra routines."""
     if not isinstance(between, np.ndarray):
         raise TypeError("links are structure: give a NumPy array, and what varies as the coupling's weight")

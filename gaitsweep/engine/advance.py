@@ -21,10 +21,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any, cast
+from typing import TypeVar, cast
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, Num
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Params, Rates, State
 from gaitsweep.engine.hidden_events import (
@@ -98,28 +99,29 @@ class Carry:
     """
 
     state: State
-    t: jax.Array
-    h: jax.Array
-    h_max: jax.Array
-    near: jax.Array
-    far: jax.Array
-    far_guards: jax.Array
-    weight: jax.Array
-    trials: jax.Array
-    chain: jax.Array
-    attempts: jax.Array
-    closed: jax.Array
-    shift: jax.Array
-    stop: jax.Array
-    halt: jax.Array
-    dt: jax.Array
-    share: jax.Array
-    unit: jax.Array
+    t: Float[Array, ""]
+    h: Float[Array, ""]
+    h_max: Float[Array, ""]
+    near: Float[Array, " guards"]
+    far: Float[Array, ""]
+    far_guards: Float[Array, " guards"]
+    weight: Float[Array, ""]
+    trials: Int[Array, ""]
+    chain: Int[Array, ""]
+    attempts: Int[Array, ""]
+    closed: Bool[Array, ""]
+    shift: Float[Array, ""]
+    stop: Float[Array, ""]
+    halt: Int[Array, ""]
+    dt: Float[Array, ""]
+    share: Float[Array, ""]
+    unit: Float[Array, ""]
 
 
 Advance = Callable[[Params, Carry], Carry]
 Flow = Callable[[Params, State], Rates]
-Drive = Callable[[Params, jax.Array], Params]
+Drive = Callable[[Params, Float[Array, ""]], Params]
+T = TypeVar("T")  # a pytree
 
 
 def start(
@@ -127,9 +129,9 @@ def start(
     params: Params,
     state: State,
     *,
-    dt: jax.Array | float,
-    stop: jax.Array | float = jnp.inf,
-    share: jax.Array | float = 1.0,
+    dt: Float[Array, ""] | float,
+    stop: Float[Array, ""] | float = jnp.inf,
+    share: Float[Array, ""] | float = 1.0,
 ) -> Carry:
     """A trajectory at t = 0; the first attempt of a hybrid model has zero length and fires guards >= 0 there.
 
@@ -353,7 +355,7 @@ def _advance_hybrid(
     return attempt
 
 
-def _fitting_change(error: Rates, carry: Carry, trial: State, numerics: ResolvedNumerics) -> jax.Array:
+def _fitting_change(error: Rates, carry: Carry, trial: State, numerics: ResolvedNumerics) -> Float[Array, ""]:
     """The factor on a step with which its error would meet the tolerance, with the safety factor CAUTION.
 
     It is at least CAUTION if the step itself meets the tolerance, and 0 if the error is NaN.
@@ -375,15 +377,15 @@ def _fitting_change(error: Rates, carry: Carry, trial: State, numerics: Resolved
 def _controlled(
     method: Method,
     carry: Carry,
-    dt: jax.Array,
-    h: jax.Array,
-    change: jax.Array,
-    failed: jax.Array,
-    land: jax.Array,
-    hit: jax.Array,
-    locating: jax.Array,
-    guess: jax.Array,
-) -> tuple[jax.Array, jax.Array]:
+    dt: Float[Array, ""],
+    h: Float[Array, ""],
+    change: Float[Array, ""],
+    failed: Bool[Array, ""],
+    land: Bool[Array, ""],
+    hit: Bool[Array, ""],
+    locating: Bool[Array, ""],
+    guess: Float[Array, ""],
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """`h_max` and the next step, for methods with step control; `failed`: the step missed the tolerance."""
     least = LEAST_SHARE * dt
     # at the start the time scale of the flow is unknown
@@ -398,7 +400,9 @@ def _controlled(
     return h_max, next_h
 
 
-def _first_to_fire(near: jax.Array, far: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _first_to_fire(
+    near: Float[Array, " guards"], far: Float[Array, " guards"]
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """The guard, of those that fire at the far end, whose secant crosses zero first.
 
     Returns:
@@ -422,7 +426,7 @@ def _first_to_fire(near: jax.Array, far: jax.Array) -> tuple[jax.Array, jax.Arra
     return below[0], above[0]
 
 
-def _share(below: jax.Array, above: jax.Array) -> jax.Array:
+def _share(below: Float[Array, ""], above: Float[Array, ""]) -> Float[Array, ""]:
     """The zero of the secant, as a share of the bracket from its near end."""
     rise = below + above
     return jnp.where(rise > 0.0, below / jnp.where(rise > 0.0, rise, 1.0), 0.0)
@@ -430,13 +434,13 @@ def _share(below: jax.Array, above: jax.Array) -> jax.Array:
 
 def _next_bracket(
     carry: Carry,
-    h: jax.Array,
-    guards: jax.Array,
-    on: jax.Array,
-    hit: jax.Array,
-    land: jax.Array,
-    told: jax.Array,
-) -> dict[str, jax.Array]:
+    h: Float[Array, ""],
+    guards: Float[Array, " guards"],
+    on: Bool[Array, ""],
+    hit: Bool[Array, ""],
+    land: Bool[Array, ""],
+    told: Bool[Array, " guards"],
+) -> dict[str, Num[Array, " ..."]]:
     """The bracket after this attempt, with its far end (back) or its near end (on) at the trial.
 
     `told` are the guards whose values at the trial are kept: at an instant with jumps only that which jumps.
@@ -462,8 +466,11 @@ def _next_bracket(
 
 
 def _guess(
-    bracket: dict[str, jax.Array], below: jax.Array, above: jax.Array, tolerance: jax.Array
-) -> jax.Array:
+    bracket: dict[str, Num[Array, " ..."]],
+    below: Float[Array, ""],
+    above: Float[Array, ""],
+    tolerance: Float[Array, ""],
+) -> Float[Array, ""]:
     """The next trial inside the bracket: the weighted secant, half a tolerance past its root."""
     weight = bracket["weight"]
     below = below * jnp.where(weight > 0.0, weight, 1.0)
@@ -477,8 +484,12 @@ def _guess(
 
 
 def _implicit_event_time(
-    trial: State, rates: Rates, guards: jax.Array, speed: jax.Array, rooted: jax.Array
-) -> tuple[State, jax.Array]:
+    trial: State,
+    rates: Rates,
+    guards: Float[Array, " guards"],
+    speed: Float[Array, " guards"],
+    rooted: Bool[Array, " guards"],
+) -> tuple[State, Float[Array, ""]]:
     """State at the event, and the shift (s) of its time: zero, with the derivative of the event time.
 
     g(x(t)) = 0 along every neighbouring trajectory, so dt = -dg/g' for the guard that jumps (`rooted`).
@@ -491,7 +502,7 @@ def _implicit_event_time(
     return euler_update(trial, rates, shift), shift
 
 
-def _first_of(flags: jax.Array) -> jax.Array:
+def _first_of(flags: Bool[Array, " guards"]) -> Bool[Array, " guards"]:
     """The first flag that is set, alone."""
     found, first = jnp.zeros((), bool), []
     for i in range(flags.size):
@@ -525,21 +536,21 @@ def _advance_stepped(model: FixedStepDynamics, numerics: ResolvedNumerics, drive
     return attempt
 
 
-def select(condition: jax.Array, yes: Any, no: Any) -> Any:
+def select(condition: Bool[Array, ""], yes: T, no: T) -> T:
     """`yes` or `no`, two pytrees of the same structure, leaf by leaf."""
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 
-def stalled(model: Model, carry: Carry) -> jax.Array:
+def stalled(model: Model, carry: Carry) -> Bool[Array, ""]:
     """Whether jumps follow each other at one instant without end (`HybridModel.longest_chain`)."""
     return carry.chain > _longest_chain(model, carry.near)
 
 
-def _longest_chain(model: Model, guards: jax.Array) -> int:
+def _longest_chain(model: Model, guards: Float[Array, " guards"]) -> int:
     longest = model.longest_chain if isinstance(model, HybridModel) else None
     return JUMPS_A_GUARD * (guards.size + 1) if longest is None else longest
 
 
-def fired_last(carry: Carry) -> jax.Array:
+def fired_last(carry: Carry) -> Bool[Array, " guards"]:
     """Guards that fired at the last instant of an event, in any of its jumps (a bool each)."""
     return carry.far_guards >= 0.0

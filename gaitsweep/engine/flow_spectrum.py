@@ -9,6 +9,7 @@ import jax
 import jax.flatten_util
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Inexact
 
 from gaitsweep.contract import HybridModel, Params, State
 from gaitsweep.engine.solver import METHODS
@@ -17,7 +18,7 @@ from gaitsweep.engine.solver import METHODS
 MOST_FLAGS = 8
 
 
-def flow_eigenvalues(model: HybridModel, params: Params, state: State) -> np.ndarray:
+def flow_eigenvalues(model: HybridModel, params: Params, state: State) -> Inexact[np.ndarray, "modes fields"]:
     """The eigenvalues (1/s) of the flow's matrix for all combinations of a state's flags, (modes, n).
 
     Modes other than bools, and flags after the first `MOST_FLAGS`, are those of `state`.
@@ -36,11 +37,11 @@ def flow_eigenvalues(model: HybridModel, params: Params, state: State) -> np.nda
     ][:MOST_FLAGS]
 
     @jax.jit
-    def matrix(state: State) -> jax.Array:
+    def matrix(state: State) -> Float[Array, "fields fields"]:
         moving = {name: getattr(state, name) for name in names}
         flat, unravel = jax.flatten_util.ravel_pytree(moving)
 
-        def rates(x: jax.Array) -> jax.Array:
+        def rates(x: Float[Array, " fields"]) -> Float[Array, " fields"]:
             given = model.flow(params, dataclasses.replace(state, **unravel(x)))
             shaped = {name: jnp.broadcast_to(given[name], jnp.shape(moving[name])) for name in names}
             return jax.flatten_util.ravel_pytree(shaped)[0]

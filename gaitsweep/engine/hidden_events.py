@@ -18,12 +18,13 @@ pulse that begins and ends there is met.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, jaxpr_as_fun
+from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.rarity import unlikely
@@ -64,13 +65,15 @@ _SMOOTH = {*_SHAPES, "add", "sub", "mul", "neg", "square", "sin", "cos", "exp", 
 _SMOOTH_IN = {"div": {0}, "select_n": {1, 2}, "gather": {0}, "dynamic_slice": {0}}
 
 
-def guard_slopes(model: HybridModel, params: Params, state: State, rates: Rates) -> jax.Array:
+def guard_slopes(model: HybridModel, params: Params, state: State, rates: Rates) -> Float[Array, " guards"]:
     """Time derivatives of the guards along a flow (their units per s), without derivatives of their own."""
     params = jax.lax.stop_gradient(params)
     return slopes_along(lambda s: model.guards(params, s), state, rates)
 
 
-def slopes_along(function: Callable[[State], jax.Array], state: State, rates: Rates) -> jax.Array:
+def slopes_along(
+    function: Callable[[State], Float[Array, " values"]], state: State, rates: Rates
+) -> Float[Array, " values"]:
     """Time derivatives of a function of the state along a flow, without derivatives of their own."""
     still = jax.lax.stop_gradient(state)
     along = {name: jax.lax.stop_gradient(rate) for name, rate in rates.items()}
@@ -79,7 +82,12 @@ def slopes_along(function: Callable[[State], jax.Array], state: State, rates: Ra
     return slopes
 
 
-def may_hide(near: jax.Array, slopes: jax.Array, end: jax.Array, h: jax.Array) -> jax.Array:
+def may_hide(
+    near: Float[Array, " guards"],
+    slopes: Float[Array, " guards"],
+    end: Float[Array, " guards"],
+    h: Float[Array, ""],
+) -> Bool[Array, ""]:
     """Whether a guard may be above zero inside a step and is below zero at both ends.
 
     Args:
@@ -94,7 +102,9 @@ def may_hide(near: jax.Array, slopes: jax.Array, end: jax.Array, h: jax.Array) -
     return may_reach & jnp.any(passes)
 
 
-def between(state: State, rates: Rates, end: State, end_rates: Rates, h: jax.Array, share: float) -> State:
+def between(
+    state: State, rates: Rates, end: State, end_rates: Rates, h: Float[Array, ""], share: float
+) -> State:
     """The state at a share of a step, on the cubic through its ends."""
     inside = {
         name: _cubic(getattr(state, name), rate, getattr(end, name), end_rates[name], h, share)
@@ -104,13 +114,13 @@ def between(state: State, rates: Rates, end: State, end_rates: Rates, h: jax.Arr
 
 
 def unresolved(
-    near: jax.Array,
-    slopes: jax.Array,
-    end: jax.Array,
-    end_slopes: jax.Array,
-    looks: list[jax.Array],
-    h: jax.Array,
-) -> jax.Array:
+    near: Float[Array, " guards"],
+    slopes: Float[Array, " guards"],
+    end: Float[Array, " guards"],
+    end_slopes: Float[Array, " guards"],
+    looks: list[Float[Array, " guards"]],
+    h: Float[Array, ""],
+) -> Bool[Array, ""]:
     """Whether a step is too long for one of its guards.
 
     Args:
@@ -138,8 +148,8 @@ class Switching(NamedTuple):
     switch; a surface (m,) a difference whose sign decides a comparison, a maximum or a minimum.
     """
 
-    levels: jax.Array
-    surfaces: jax.Array
+    levels: Float[Array, " levels"]
+    surfaces: Float[Array, " surfaces"]
 
 
 def switching(flow: Callable[[Params, State], Rates], params: Params, state: State) -> Switching:
@@ -172,7 +182,7 @@ def switching(flow: Callable[[Params, State], Rates], params: Params, state: Sta
 
 
 def may_bend(
-    function: Callable[[Params, State], jax.Array], params: Params, state: State, rates: Rates
+    function: Callable[[Params, State], Float[Array, " values"]], params: Params, state: State, rates: Rates
 ) -> bool:
     """Whether a function may jump or bend as `rates` move the state: its program is not seen to be smooth."""
     with jax.disable_jit():
@@ -184,7 +194,7 @@ def may_bend(
     )
 
 
-def _moving(program: Jaxpr, state: State, rates: Rates) -> list[tuple[JaxprEqn, set[int]]]:
+def _moving(program: Jaxpr, state: State, rates: Mapping[str, object]) -> list[tuple[JaxprEqn, set[int]]]:
     """The equations of a program of `(params, state)` that move with the state, and which arguments do."""
     # a state that is registered without names of its fields counts as moving as a whole
     fields = [getattr(path[0], "name", None) for path, _ in jax.tree_util.tree_leaves_with_path(state)]
@@ -204,15 +214,15 @@ def switch_unseen(
     params: Params,
     ends: tuple[State, State],
     rates: tuple[Rates, Rates],
-    h: jax.Array,
-) -> tuple[jax.Array, jax.Array]:
+    h: Float[Array, ""],
+) -> tuple[Bool[Array, ""], Bool[Array, ""]]:
     """Whether a flow switches within a step: in a way that shows at its ends, or perhaps in between alone."""
     before, after = (switching(flow, params, state) for state in ends)
     if not before.levels.size + before.surfaces.size:
         return jnp.asarray(False), jnp.asarray(False)
     shows = jnp.any(jnp.abs(after.levels - before.levels) >= 1.0)
 
-    def surfaces(state: State) -> jax.Array:
+    def surfaces(state: State) -> Float[Array, " surfaces"]:
         return switching(flow, params, state).surfaces
 
     # below zero at both ends, as a guard that may fire in between
@@ -225,8 +235,13 @@ def switch_unseen(
 
 
 def _cubic(
-    a: jax.Array, a_rate: jax.Array, b: jax.Array, b_rate: jax.Array, h: jax.Array, s: float
-) -> jax.Array:
+    a: Float[Array, " ..."],
+    a_rate: Float[Array, " ..."],
+    b: Float[Array, " ..."],
+    b_rate: Float[Array, " ..."],
+    h: Float[Array, ""],
+    s: float,
+) -> Float[Array, " ..."]:
     """The cubic Hermite polynomial at the share s of a step."""
     rest = 1.0 - s
     return (

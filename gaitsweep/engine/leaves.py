@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 
 def is_float(array: Any) -> bool:
@@ -34,7 +35,7 @@ def tangent_of(tree: Any, numbers: Iterable[Any]) -> Any:
     )
 
 
-def vector(tree: Any) -> jax.Array:
+def vector(tree: Any) -> Float[Array, " values"]:
     """All leaves as one float64 vector (n,)."""
     leaves = [jnp.ravel(jnp.asarray(leaf)).astype(jnp.float64) for leaf in jax.tree.leaves(tree)]
     return jnp.concatenate([jnp.zeros(0), *leaves])

@@ -7,13 +7,16 @@ These are the defaults of a job.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from gaitsweep.contract import HybridModel, Model, Params
 from gaitsweep.engine.solver import METHODS, fixed_step_scheme
+
+_Share = TypeVar("_Share", float, jax.Array)
 
 # The name, among a row's initial conditions, of the factor on its steps: 1, or less if a row is repeated to
 # test how its results depend on the step. No name of a model has a dot. An input of its own would give the
@@ -106,7 +109,7 @@ class ResolvedNumerics:
         return "float32" if self.precision == "mixed" else self.precision
 
 
-def longest_step(model: Model, method: str, params: Params) -> jax.Array | None:
+def longest_step(model: Model, method: str, params: Params) -> Float[Array, ""] | None:
     """The longest accurate step (s) of a method with these parameters; None if it is unknown.
 
     Args:
@@ -130,7 +133,7 @@ def longest_step(model: Model, method: str, params: Params) -> jax.Array | None:
     return jnp.minimum(jnp.min(allowed / rates), model.period(params) / FEWEST_STEPS)
 
 
-def recommended_step(model: Model, numerics: ResolvedNumerics, params: Params) -> jax.Array | None:
+def recommended_step(model: Model, numerics: ResolvedNumerics, params: Params) -> Float[Array, ""] | None:
     """The longest step (s) of a row: that of the numerics, or the recommendation of its model.
 
     None if neither is known.
@@ -145,7 +148,7 @@ def recommended_step(model: Model, numerics: ResolvedNumerics, params: Params) -
     return SAFETY * longest
 
 
-def step_of(model: Model, numerics: ResolvedNumerics, params: Params) -> jax.Array:
+def step_of(model: Model, numerics: ResolvedNumerics, params: Params) -> Float[Array, ""]:
     """The `recommended_step` (s).
 
     Raises:
@@ -162,6 +165,6 @@ def unknown_step(model: Model, method: str) -> str:
     return f"{model.name} does not recommend a step length for {method}: set numerics.dt."
 
 
-def tolerance_scale(share: Any) -> Any:
+def tolerance_scale(share: _Share) -> _Share:
     """The factor on the tolerances of a row with this share of the step: 1/32 for half the step."""
     return share**ORDER

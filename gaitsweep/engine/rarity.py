@@ -9,16 +9,17 @@ from typing import cast
 
 import jax
 from jax.ad_checkpoint import checkpoint_name
+from jaxtyping import Array, Bool
 
 # What a marked condition nearly always is, by the mark's name.
 USUAL = {"gaitsweep.unlikely": False, "gaitsweep.likely": True}
 
 
-def unlikely(condition: jax.Array) -> jax.Array:
+def unlikely(condition: Bool[Array, ""]) -> Bool[Array, ""]:
     """The condition itself, marked as seldom true."""
     return cast(jax.Array, checkpoint_name(condition, "gaitsweep.unlikely"))
 
 
-def likely(condition: jax.Array) -> jax.Array:
+def likely(condition: Bool[Array, ""]) -> Bool[Array, ""]:
     """The condition itself, marked as nearly always true."""
     return cast(jax.Array, checkpoint_name(condition, "gaitsweep.likely"))

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool, Float, Int, Real, Shaped
 
 from gaitsweep.contract import HybridModel, Model, Quantity, Status, names_gait
 from gaitsweep.engine.recorders.recorder import unpacked
@@ -50,10 +51,10 @@ class Records:
 
     model: Model
     block: RowOutcome
-    rows: np.ndarray
-    place: np.ndarray | None
+    rows: Int[np.ndarray, " records"]
+    place: Int[np.ndarray, " records"] | None
     names: tuple[str, ...]
-    samples: np.ndarray
+    samples: Float[np.ndarray, "samples names"]
 
     @classmethod
     def one_a_row(cls, model: Model, block: RowOutcome) -> Records:
@@ -69,22 +70,22 @@ class Records:
         samples = _placed(block.samples.reshape(-1, len(names)), place, np.nan)
         return cls(model, block, np.repeat(block.row, records), place, names, samples)
 
-    def __getitem__(self, name: str) -> np.ndarray:
+    def __getitem__(self, name: str) -> Real[np.ndarray, "records ..."]:
         """A number of each record, (n,): that of the sample with this name, else that of the row."""
         if name in self.names:
             return self.samples[:, self.names.index(name)]
         return self.of_row(self.block.numbers[name])
 
     @property
-    def recorded(self) -> np.ndarray:
+    def recorded(self) -> Bool[np.ndarray, " records"]:
         """Mask of the records that have numbers, (n,)."""
         return np.ones(self.rows.size, bool) if self.place is None else self.place >= 0
 
-    def of_row(self, values: np.ndarray) -> np.ndarray:
+    def of_row(self, values: Shaped[np.ndarray, "rows ..."]) -> Shaped[np.ndarray, "records ..."]:
         """The value of each record's row (n, ...), from the values of the block's rows."""
         return values if self.place is None else np.repeat(values, np.maximum(self.block.kept, 1), axis=0)
 
-    def label(self, name: str, absent: float | None = None) -> np.ndarray:
+    def label(self, name: str, absent: float | None = None) -> Real[np.ndarray, " records"]:
         """A gait's number or a trait (n,); `absent` (by default 0 or NaN) where it was not read."""
         if self.place is None:
             return self.block.labels[name]
@@ -95,7 +96,9 @@ class Records:
 
 
 def observed(
-    model: Model, suffix: str, values: Callable[[RowOutcome], np.ndarray] = lambda block: block.last
+    model: Model,
+    suffix: str,
+    values: Callable[[RowOutcome], Float[np.ndarray, "rows observables"]] = lambda block: block.last,
 ) -> list[Column]:
     """The observables at a crossing: `psi_1_n`; those where a row ended: `psi_1_end`.
 
@@ -128,7 +131,7 @@ def _status(records: Records) -> pd.Categorical:
     return pd.Categorical.from_codes(records.of_row(records.block.status) - 1, categories=STATUSES)
 
 
-def _crossing(records: Records) -> np.ndarray:
+def _crossing(records: Records) -> Real[np.ndarray, " records"]:
     # a row that kept no crossing has the number of those that it made
     cycles = records.of_row(records.block.cycles)
     return np.where(records.recorded, records["crossing"], cycles).astype(np.int64)
@@ -181,7 +184,7 @@ def _slowest(records: Records) -> pd.Categorical:
 SLOWEST = Column("slowest", _slowest)
 
 
-def gaits(model: Model, codes: np.ndarray) -> pd.Categorical:
+def gaits(model: Model, codes: Int[np.ndarray, " rows"]) -> pd.Categorical:
     """Gaits from their `gait_codes` (n,); a gait that was not read is "none" if the model has that gait.
 
     A label that is not an index of a gait has a category of its own, "unknown (7)".
@@ -196,7 +199,9 @@ def gaits(model: Model, codes: np.ndarray) -> pd.Categorical:
     return pd.Categorical.from_codes(places.tolist(), categories=names)
 
 
-def _placed(values: np.ndarray, place: np.ndarray, absent: float) -> np.ndarray:
+def _placed(
+    values: Real[np.ndarray, "samples ..."], place: Int[np.ndarray, " records"], absent: float
+) -> Real[np.ndarray, "records ..."]:
     """The value at each place, or `absent` if the place is -1."""
     last = np.full((1, *values.shape[1:]), absent, values.dtype)
     return np.concatenate([values, last])[place]

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Int
 from pydantic import Field
 
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
@@ -130,7 +131,7 @@ class Continuation(FollowsFixedPoints):
         self,
         rows: Design,
         spec: SweepSpec,
-        numbers: np.ndarray,
+        numbers: Int[np.ndarray, " sampled"],
         on_progress: BlockProgress,
         with_points: bool = False,
     ) -> tuple[BatchedReturnMap, dict[str, Any], pd.DataFrame]:

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import jax
 import numpy as np
+from jaxtyping import Int
 from pydantic import Field
 
 from gaitsweep import near_miss
@@ -87,7 +88,7 @@ class FollowsFixedPoints(RunKind):
         return wrong
 
     def starting_points(
-        self, rows: Design, spec: SweepSpec, sample: np.ndarray, share: float
+        self, rows: Design, spec: SweepSpec, sample: Int[np.ndarray, " sampled"], share: float
     ) -> tuple[StartingPoints, StartingPoints]:
         """The fixed points at which branches begin, computed again with a fraction of the step."""
         mapping, values, starts = self.return_map(rows, spec, sample)
@@ -101,7 +102,7 @@ class FollowsFixedPoints(RunKind):
         return found(mapping), found(mapping.refined(share))
 
     def return_map(
-        self, rows: Design, spec: SweepSpec, numbers: np.ndarray
+        self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"]
     ) -> tuple[BatchedReturnMap, dict[str, Any], Values]:
         """The return map of rows (n,), their parameters at the start, and their starts."""
         parameters, starts = rows.values_in(numbers)
@@ -113,7 +114,7 @@ class FollowsFixedPoints(RunKind):
 
 def gait_numbers(
     mapping: BatchedReturnMap, values: Values, observed: Mapping[str, Any], n: int
-) -> np.ndarray:
+) -> Int[np.ndarray, " points"]:
     """The code of the gait of each of n fixed points, (n,), from parameters and observables (n,)."""
     model = mapping.model
     label = jax.jit(jax.vmap(lambda v, o: model.label(mapping.params(v), o)["gait"]))

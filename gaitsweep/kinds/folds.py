@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Int
 from pydantic import Field
 
 from gaitsweep import near_miss
@@ -181,7 +182,9 @@ class Folds(FollowsFixedPoints):
         whole = ("unstable", "side", "corrections")
         return table.assign(**{name: table[name].astype(float).fillna(0).astype(np.int64) for name in whole})
 
-    def _gaits(self, mapping: BatchedReturnMap, values: Values, table: pd.DataFrame, n: int) -> np.ndarray:
+    def _gaits(
+        self, mapping: BatchedReturnMap, values: Values, table: pd.DataFrame, n: int
+    ) -> Int[np.ndarray, " records"]:
         """The number of the gait of each record, -1 where there is no fold."""
         codes = np.full(len(table), -1)
         found = table["special"].notna().to_numpy() if "special" in table else codes >= 0

@@ -8,9 +8,9 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, ClassVar, Literal, Protocol
 
-import jax
 import numpy as np
 import pandas as pd
+from jaxtyping import Array, Bool, Float, Int
 from pydantic import ValidationError
 
 from gaitsweep.contract import Model
@@ -47,7 +47,7 @@ class Schedule(Protocol):
     @property
     def times(self) -> tuple[float, ...]: ...
 
-    def at(self, t: jax.Array) -> jax.Array:
+    def at(self, t: Float[Array, " *times"]) -> Float[Array, " *times"]:
         """The parameter at time `t` (s)."""
         ...
 
@@ -158,7 +158,9 @@ class RunKind(StrictModel):
         declared = (each.quantity for each in self.recorder(model).numbers if each.quantity is not None)
         return [*self.columns(model), *map(row_number, declared)]
 
-    def table(self, model: Model, axes: Mapping[str, np.ndarray], block: RowOutcome) -> pd.DataFrame:
+    def table(
+        self, model: Model, axes: Mapping[str, Float[np.ndarray, " rows"]], block: RowOutcome
+    ) -> pd.DataFrame:
         """The records of a block of rows.
 
         Args:
@@ -182,7 +184,7 @@ class RunKind(StrictModel):
         raise NotImplementedError
 
     def starting_points(
-        self, rows: Design, spec: SweepSpec, sample: np.ndarray, share: float
+        self, rows: Design, spec: SweepSpec, sample: Int[np.ndarray, " sampled"], share: float
     ) -> tuple[StartingPoints, StartingPoints]:
         """Starts of sampled rows (n,), at their own step and a fraction of it, for the self-check."""
         raise NotImplementedError
@@ -226,8 +228,8 @@ def path_values(path: Sequence[float]) -> Iterator[float]:
 class StartingPoints:
     """Whether each row has a starting point (n,), and the observables there (n, k)."""
 
-    found: np.ndarray
-    observed: np.ndarray
+    found: Bool[np.ndarray, " sampled"]
+    observed: Float[np.ndarray, "sampled observables"]
 
 
 def table_columns(rows: Design, run: RunKind) -> list[str]:

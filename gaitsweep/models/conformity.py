@@ -18,6 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import Literal
+from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep import near_miss
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
@@ -546,7 +547,10 @@ def _by_value(model: Model) -> Iterator[str]:
 
 
 def faults_of_rows(
-    model: Model, values: Mapping[str, np.ndarray], starts: Mapping[str, np.ndarray], where: Where
+    model: Model,
+    values: Mapping[str, Float[np.ndarray, " rows"]],
+    starts: Mapping[str, Float[np.ndarray, " rows"]],
+    where: Where,
 ) -> list[str]:
     """Find faults as `faults` does, at parameters and starts (n,) of a job's rows.
 
@@ -571,7 +575,11 @@ def faults_of_rows(
     return said
 
 
-def _at_points(model: Model, values: Mapping[str, np.ndarray], starts: Mapping[str, np.ndarray]) -> _Begun:
+def _at_points(
+    model: Model,
+    values: Mapping[str, Float[np.ndarray, " rows"]],
+    starts: Mapping[str, Float[np.ndarray, " rows"]],
+) -> _Begun:
     with jax.default_device(host_device()):
         # NumPy's arrays: JAX would compile each comparison of them
         return jax.device_get(_begun(model)(dict(model.on_host(values)), dict(starts)))
@@ -648,12 +656,12 @@ def _guard(model: HybridModel, guard: int) -> str:
     return repr(model.guard_names[guard]) if model.guard_names else f"guard {guard + 1}"
 
 
-def _dependent(model: HybridModel, params: Any, state: Any) -> np.ndarray:
+def _dependent(model: HybridModel, params: Any, state: Any) -> Bool[np.ndarray, "starts guards guards"]:
     """Whether two guards, the first before the second, need their turns (starts, guards, guards)."""
     count = model.guards(*jax.tree.map(lambda leaf: leaf[0], (params, state))).size
     one = jnp.eye(count, dtype=bool)
 
-    def of_pair(params: Any, state: Any, i: jax.Array, j: jax.Array) -> jax.Array:
+    def of_pair(params: Any, state: Any, i: Int[Array, ""], j: Int[Array, ""]) -> Bool[Array, ""]:
         at_once = model.jump(params, state, one[i] | one[j])
         in_turn = model.jump(params, model.jump(params, state, one[i]), one[j])
         off = [
@@ -668,10 +676,10 @@ def _dependent(model: HybridModel, params: Any, state: Any) -> np.ndarray:
     return np.asarray(found).reshape(-1, count, count)
 
 
-def _without_end(model: HybridModel, params: Any, state: Any) -> np.ndarray:
+def _without_end(model: HybridModel, params: Any, state: Any) -> Bool[np.ndarray, "starts guards"]:
     """Whether each guard fires at each of `_JUMPS` jumps that follow each other at once (starts, guards)."""
 
-    def of_one(params: Any, state: Any) -> jax.Array:
+    def of_one(params: Any, state: Any) -> Bool[Array, " guards"]:
         def jump(_: int, carry: Any) -> Any:
             state, fires = carry
             fired = model.guards(params, state) >= 0.0
@@ -683,7 +691,9 @@ def _without_end(model: HybridModel, params: Any, state: Any) -> np.ndarray:
     return np.asarray(jax.jit(jax.vmap(of_one))(params, state))
 
 
-def sample(model: Model, n: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+def sample(
+    model: Model, n: int
+) -> tuple[dict[str, Float[np.ndarray, " rows"]], dict[str, Float[np.ndarray, " rows"]]]:
     """Parameters and starts (n,) by name: the defaults, then random points over their ranges.
 
     A range is that between a quantity's bounds. Where these are far apart or missing, a parameter goes from
@@ -699,7 +709,9 @@ def sample(model: Model, n: int) -> tuple[dict[str, np.ndarray], dict[str, np.nd
         if isinstance(size := getattr(model, field.name), int | float)
     }
 
-    def drawn(quantities: Sequence[Quantity], known: Mapping[str, Any], start: bool) -> dict[str, np.ndarray]:
+    def drawn(
+        quantities: Sequence[Quantity], known: Mapping[str, Any], start: bool
+    ) -> dict[str, Float[np.ndarray, " rows"]]:
         formulas = {q.name: q.default for q in quantities if isinstance(q.default, str)}
         numbers = {q.name: _spread(random, n, q, start) for q in quantities if q.name not in formulas}
         found = resolve(formulas, {**known, **numbers})
@@ -709,7 +721,9 @@ def sample(model: Model, n: int) -> tuple[dict[str, np.ndarray], dict[str, np.nd
     return parameters, drawn(model.initial_conditions, {**sizes, **parameters}, True)
 
 
-def _spread(random: np.random.Generator, n: int, quantity: Quantity, start: bool) -> np.ndarray:
+def _spread(
+    random: np.random.Generator, n: int, quantity: Quantity, start: bool
+) -> Float[np.ndarray, " rows"]:
     """The default of a quantity, then n - 1 random values in its range."""
     default = _middle(quantity)
     if math.isnan(default) or quantity.whole:  # a start that the model itself decides, or a mode
@@ -722,7 +736,7 @@ def _spread(random: np.random.Generator, n: int, quantity: Quantity, start: bool
     return np.append(default, within)
 
 
-def written(values: Mapping[str, np.ndarray], row: int) -> str:
+def written(values: Mapping[str, Float[np.ndarray, " rows"]], row: int) -> str:
     """The values of a row that differ from the first: " at w = 2, x_0 = 2.4"; the first has the defaults."""
     differ = [f"{name} = {each[row]:.6g}" for name, each in values.items() if each[row] != each[0]]
     if not differ:
@@ -745,6 +759,6 @@ def _not_finite(name: str, found: Any, where: Where) -> Iterator[str]:
             yield f"but its function {name} returns {numbers[wrong[0]]}{of}{where(int(wrong[0]))}."
 
 
-def _rows(flags: np.ndarray) -> np.ndarray:
+def _rows(flags: Bool[np.ndarray, "rows ..."]) -> Int[np.ndarray, " flagged"]:
     """The rows of flags (n, ...) of which one is set."""
     return np.flatnonzero(np.any(np.reshape(flags, (len(flags), -1)), axis=1))

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool, Float, Real
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -191,7 +192,9 @@ def _whole(duration: float, period: float) -> MultipleLocator:
     return MultipleLocator(max(1, int(np.ceil(duration / period / 10))))
 
 
-def contact_intervals(t: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def contact_intervals(
+    t: Float[np.ndarray, " samples"], contact: Real[np.ndarray, " samples"] | Bool[np.ndarray, " samples"]
+) -> tuple[Float[np.ndarray, " stances"], Float[np.ndarray, " stances"]]:
     """Start and end times of the contacts; a sample extends half way to its neighbours."""
     down = np.nan_to_num(contact) > 0.5
     edges = np.r_[t[0], 0.5 * (t[1:] + t[:-1]), t[-1]]
@@ -199,7 +202,9 @@ def contact_intervals(t: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, n
     return edges[turns[::2]], edges[turns[1::2]]
 
 
-def _without_hops(starts: np.ndarray, stops: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _without_hops(
+    starts: Float[np.ndarray, " stances"], stops: Float[np.ndarray, " stances"]
+) -> tuple[Float[np.ndarray, " kept"], Float[np.ndarray, " kept"]]:
     """The stances of a leg, with short losses of contact filled, as where the leg stops extending."""
     gaps = starts[1:] - stops[:-1]
     if not len(gaps):
@@ -208,7 +213,9 @@ def _without_hops(starts: np.ndarray, stops: np.ndarray) -> tuple[np.ndarray, np
     return starts[np.r_[True, swing]], stops[np.r_[swing, True]]
 
 
-def _hops(starts: np.ndarray, stops: np.ndarray, low: float, high: float) -> np.ndarray:
+def _hops(
+    starts: Float[np.ndarray, " stances"], stops: Float[np.ndarray, " stances"], low: float, high: float
+) -> Float[np.ndarray, " hops"]:
     """The durations, s, of the losses of contact from `low` to `high` that `_without_hops` fills."""
     gaps = starts[1:] - stops[:-1]
     if not len(gaps):
@@ -216,7 +223,9 @@ def _hops(starts: np.ndarray, stops: np.ndarray, low: float, high: float) -> np.
     return gaps[(gaps <= _HOP * gaps.max()) & (stops[:-1] >= low) & (starts[1:] <= high)]
 
 
-def _swings(starts: np.ndarray, stops: np.ndarray) -> np.ndarray:
+def _swings(
+    starts: Float[np.ndarray, " stances"], stops: Float[np.ndarray, " stances"]
+) -> Float[np.ndarray, " swings"]:
     """The middles of the swings between two stances."""
     return 0.5 * (stops[:-1] + starts[1:])
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool, Float, Int
 
 from gaitsweep.analysis.attractors.linkage import cells, components, linking_distance, spanning_tree
 from gaitsweep.analysis.attractors.state_space import Space, extent, state_columns
@@ -50,7 +51,7 @@ class Attractors:
     summary: pd.DataFrame
     link: float
     grain: float
-    states: dict[str, np.ndarray]
+    states: dict[str, Float[np.ndarray, "_states coordinates"]]
 
 
 def attractors(
@@ -156,13 +157,13 @@ def _grain_of(table: pd.DataFrame) -> float:
     return CYCLES_OF_A_GRAIN * float(tolerance) if tolerance else _GRAIN
 
 
-def _settled(table: pd.DataFrame, columns: Sequence[str]) -> np.ndarray:
+def _settled(table: pd.DataFrame, columns: Sequence[str]) -> Bool[np.ndarray, " rows"]:
     known = np.isfinite(table[list(columns)].to_numpy(float)).all(axis=1)
     status = table["status"].astype(str)
     return known & status.isin([Status.settled.name, Status.at_rest.name]).to_numpy() & (_orbits(table) <= 1)
 
 
-def _orbits(table: pd.DataFrame) -> np.ndarray:
+def _orbits(table: pd.DataFrame) -> Int[np.ndarray, " rows"]:
     """The period (n,) of each row's attractor in crossings; 1 in older tables without that column."""
     if "attractor_period" not in table.columns:
         return np.ones(len(table), int)
@@ -171,13 +172,13 @@ def _orbits(table: pd.DataFrame) -> np.ndarray:
 
 def _cut_at_corners(
     space: Space,
-    states: np.ndarray,
-    flat: np.ndarray,
-    group: np.ndarray,
-    links: np.ndarray,
-    gaps: np.ndarray,
+    states: Float[np.ndarray, "states coordinates"],
+    flat: Float[np.ndarray, "states coordinates"],
+    group: Int[np.ndarray, " states"],
+    links: Int[np.ndarray, "links 2"],
+    gaps: Float[np.ndarray, " links"],
     side: float,
-) -> np.ndarray:
+) -> Int[np.ndarray, " states"]:
     """The groups (m,) of states, lines split at their corners; `gaps`: of the `links`, 0 where cut."""
     pieces = np.zeros(len(flat), np.int64)
     for number in range(group.max(initial=-1) + 1):
@@ -189,7 +190,11 @@ def _cut_at_corners(
 
 
 def _described(
-    space: Space, states: np.ndarray, flat: np.ndarray, side: float, columns: Sequence[str]
+    space: Space,
+    states: Float[np.ndarray, "states coordinates"],
+    flat: Float[np.ndarray, "states coordinates"],
+    side: float,
+    columns: Sequence[str],
 ) -> dict[str, object]:
     """The medoid of an attractor's states (m, d), its extent, dimension and kind."""
     middle = states[space.medoid(states)] * space.scales
@@ -198,7 +203,7 @@ def _described(
     return {**dict(zip(columns, middle, strict=True)), **shape}
 
 
-def _dimension(flat: np.ndarray, side: float) -> int:
+def _dimension(flat: Float[np.ndarray, "states coordinates"], side: float) -> int:
     """The box-counting dimension of unrolled states (m, d), rounded; 0 for a point."""
     whole = extent(flat)
     if whole <= GRAINS_OF_A_POINT * side:
@@ -210,8 +215,12 @@ def _dimension(flat: np.ndarray, side: float) -> int:
 
 
 def _smooth_pieces(
-    space: Space, states: np.ndarray, flat: np.ndarray, grain: float, gap: float
-) -> np.ndarray:
+    space: Space,
+    states: Float[np.ndarray, "states coordinates"],
+    flat: Float[np.ndarray, "states coordinates"],
+    grain: float,
+    gap: float,
+) -> Int[np.ndarray, " states"]:
     """The smooth piece (m,) of each state of one line; at a corner its neighbours are bent."""
     window = WINDOW * extent(flat)
     whole = np.zeros(len(states), np.int64)
@@ -230,7 +239,9 @@ def _smooth_pieces(
     return np.argmin([space.nearest_distance(states, states[mine]) for mine in kept], axis=0)
 
 
-def _bend(space: Space, states: np.ndarray, window: float) -> np.ndarray:
+def _bend(
+    space: Space, states: Float[np.ndarray, "states coordinates"], window: float
+) -> Float[np.ndarray, " states"]:
     """The variance of each state's neighbours across their main direction over that along it, (m,)."""
     around = space.tree(states).query_ball_point(states, window)
     bend = np.zeros(len(states))

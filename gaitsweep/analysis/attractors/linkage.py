@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import scipy
+from jaxtyping import Float, Int
 
 from gaitsweep.analysis.attractors.state_space import Space
 
@@ -17,12 +18,12 @@ GAP = 3.0  # least ratio of successive link lengths at a gap between attractors
 class Cells:
     """States binned into cells: `of` (n,) the cell of each state, `first` (m,) one state of each, `side`."""
 
-    of: np.ndarray
-    first: np.ndarray
+    of: Int[np.ndarray, " states"]
+    first: Int[np.ndarray, " cells"]
     side: float
 
 
-def cells(space: Space, points: np.ndarray, grain: float) -> Cells:
+def cells(space: Space, points: Float[np.ndarray, "states coordinates"], grain: float) -> Cells:
     """Bin states (n, d) into cells of side `grain`, doubled until there are at most `MOST_CELLS`."""
     side = grain
     while True:
@@ -34,7 +35,9 @@ def cells(space: Space, points: np.ndarray, grain: float) -> Cells:
         side *= 2.0
 
 
-def _first_of_each(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _first_of_each(
+    places: Int[np.ndarray, "states coordinates"],
+) -> tuple[Int[np.ndarray, " cells"], Int[np.ndarray, " states"]]:
     """The first of each distinct row (m,) of whole numbers (n, d), and the index (n,) of each row's value."""
     of = np.zeros(len(places), np.int64)
     first = np.zeros(min(len(places), 1), np.int64)
@@ -47,7 +50,9 @@ def _first_of_each(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return first, of
 
 
-def spanning_tree(space: Space, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def spanning_tree(
+    space: Space, points: Float[np.ndarray, "states coordinates"]
+) -> tuple[Int[np.ndarray, "links 2"], Float[np.ndarray, " links"]]:
     """The minimum spanning tree of states (m, d) by Prim's algorithm, in memory O(m) and time O(m^2).
 
     Returns:
@@ -70,7 +75,7 @@ def spanning_tree(space: Space, points: np.ndarray) -> tuple[np.ndarray, np.ndar
     return links, lengths
 
 
-def linking_distance(lengths: np.ndarray, grain: float, rows: int) -> float:
+def linking_distance(lengths: Float[np.ndarray, " links"], grain: float, rows: int) -> float:
     """The length above which a tree's links are cut: within the widest gap in their lengths, as a ratio.
 
     A gap counts where the longer link is at least `GAP` times the shorter one, and where cutting there leaves
@@ -93,7 +98,7 @@ def linking_distance(lengths: np.ndarray, grain: float, rows: int) -> float:
     return float(np.sqrt(sorted_lengths[widest] * sorted_lengths[widest + 1]))
 
 
-def components(count: int, links: np.ndarray) -> np.ndarray:
+def components(count: int, links: Int[np.ndarray, "links 2"]) -> Int[np.ndarray, " nodes"]:
     """The component (count,) of each of `count` nodes joined by links (k, 2), numbered in their order."""
     graph = scipy.sparse.coo_array(
         (np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(count, count)

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 import scipy
+from jaxtyping import Float, Int
 
 from gaitsweep.analysis.circular import is_circular
 from gaitsweep.analysis.records import AnalysisError, axes_of, require
@@ -20,8 +21,8 @@ _CHUNK = 1 << 20  # numbers in a block of distances
 class Space:
     """A space of states: `periods` (d,) of its coordinates, 0 if not periodic, in units of `scales` (d,)."""
 
-    periods: np.ndarray
-    scales: np.ndarray
+    periods: Float[np.ndarray, " coordinates"]
+    scales: Float[np.ndarray, " coordinates"]
 
     @classmethod
     def of(
@@ -40,7 +41,7 @@ class Space:
         turns = np.array([TURN if is_circular(table, name) else 0.0 for name in columns])
         return cls(turns / np.array(units), np.array(units))
 
-    def points(self, table: pd.DataFrame, columns: Sequence[str]) -> np.ndarray:
+    def points(self, table: pd.DataFrame, columns: Sequence[str]) -> Float[np.ndarray, "rows coordinates"]:
         """The states of a table's rows, (n, d), angles in [0, period)."""
         points = table[list(columns)].to_numpy(float) / self.scales
         closed = self.periods > 0.0
@@ -49,27 +50,33 @@ class Space:
         points[:, closed] = np.where(points[:, closed] >= self.periods[closed], 0.0, points[:, closed])
         return points
 
-    def difference(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    def difference(
+        self, one: Float[np.ndarray, "... coordinates"], other: Float[np.ndarray, "... coordinates"]
+    ) -> Float[np.ndarray, "... coordinates"]:
         """`one - other` (..., d), angles by the shorter way."""
         away = one - other
         turn = np.where(self.periods > 0.0, self.periods, 1.0)
         return np.where(self.periods > 0.0, away - turn * np.round(away / turn), away)
 
-    def distance(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    def distance(
+        self, one: Float[np.ndarray, "... coordinates"], other: Float[np.ndarray, "... coordinates"]
+    ) -> Float[np.ndarray, " ..."]:
         """Distances (...) between states (..., d)."""
         return np.sqrt(np.sum(self.difference(one, other) ** 2, axis=-1))
 
-    def tree(self, points: np.ndarray) -> scipy.spatial.KDTree:
+    def tree(self, points: Float[np.ndarray, "states coordinates"]) -> scipy.spatial.KDTree:
         """A k-d tree of states (n, d), periodic in angles."""
         return scipy.spatial.KDTree(points, boxsize=self.periods)
 
-    def nearest_distance(self, points: np.ndarray, others: np.ndarray) -> np.ndarray:
+    def nearest_distance(
+        self, points: Float[np.ndarray, "states coordinates"], others: Float[np.ndarray, "others coordinates"]
+    ) -> Float[np.ndarray, " states"]:
         """The distance (n,) of each state (n, d) to the nearest of `others` (m, d); inf if there is none."""
         if not len(others) or not len(points):
             return np.full(len(points), np.inf)
         return np.asarray(self.tree(others).query(points)[0])
 
-    def medoid(self, points: np.ndarray) -> int:
+    def medoid(self, points: Float[np.ndarray, "states coordinates"]) -> int:
         """The index of the medoid of states (n, d), which has the smallest sum of distances to the others."""
         every = max(1, len(points) // 500)  # 500 candidates locate the middle well enough
         candidates = np.arange(0, len(points), every)
@@ -80,7 +87,9 @@ class Space:
         ]
         return int(candidates[np.argmin(np.concatenate(sums))])
 
-    def unrolled(self, points: np.ndarray, links: np.ndarray) -> np.ndarray:
+    def unrolled(
+        self, points: Float[np.ndarray, "states coordinates"], links: Int[np.ndarray, "links 2"]
+    ) -> Float[np.ndarray, "states coordinates"]:
         """States (m, d) shifted by whole turns so that the links (k, 2) of a tree do not wrap."""
         flat = points.copy()
         for inner, outer in links:
@@ -88,7 +97,7 @@ class Space:
         return flat
 
 
-def extent(points: np.ndarray) -> float:
+def extent(points: Float[np.ndarray, "states coordinates"]) -> float:
     """The extent of points (m, d) in open space.
 
     It is the distance from the point farthest from the first to the point farthest from there.

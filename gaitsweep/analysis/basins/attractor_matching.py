@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import scipy
+from jaxtyping import Float
 
 from gaitsweep.analysis.attractors.attractors import attractors
 from gaitsweep.analysis.attractors.state_space import Space, state_columns
@@ -95,7 +96,9 @@ def follow_attractors(
     return Continued(column, pd.concat(summaries, ignore_index=True), shares, within)
 
 
-def attractor_distance(space: Space, one: np.ndarray, other: np.ndarray) -> float:
+def attractor_distance(
+    space: Space, one: Float[np.ndarray, "states coordinates"], other: Float[np.ndarray, "others coordinates"]
+) -> float:
     """The modified Hausdorff distance of two attractors, given states (m, d) of each."""
     one, other = (states[:: -(-len(states) // _MOST_STATES)] for states in (one, other))
     return float(max(space.nearest_distance(one, other).mean(), space.nearest_distance(other, one).mean()))
@@ -107,7 +110,9 @@ def _at(table: pd.DataFrame, parameter: str, value: float) -> pd.DataFrame:
     return part
 
 
-def _half_the_smallest(space: Space, found: Sequence[Mapping[str, np.ndarray]]) -> float:
+def _half_the_smallest(
+    space: Space, found: Sequence[Mapping[str, Float[np.ndarray, "_states coordinates"]]]
+) -> float:
     """Half the smallest distance between two attractors of one value."""
     pairs = [pair for states in found for pair in itertools.combinations(states.values(), 2)]
     return 0.5 * min((attractor_distance(space, *pair) for pair in pairs), default=np.inf)
@@ -115,8 +120,8 @@ def _half_the_smallest(space: Space, found: Sequence[Mapping[str, np.ndarray]]) 
 
 def _named(
     space: Space,
-    states: Mapping[str, np.ndarray],
-    seen: Mapping[str, np.ndarray],
+    states: Mapping[str, Float[np.ndarray, "_states coordinates"]],
+    seen: Mapping[str, Float[np.ndarray, "_states coordinates"]],
     present: Sequence[str],
     within: float,
 ) -> tuple[dict[str, str], dict[str, float]]:

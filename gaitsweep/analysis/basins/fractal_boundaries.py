@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float, Shaped
 from scipy import special
 
 from gaitsweep.analysis.basins.grid import BasinGrid
@@ -29,7 +30,7 @@ class Entropy:
     crossed: float
 
 
-def basin_entropy(grid: BasinGrid, labels: np.ndarray, box: int = BOX) -> Entropy:
+def basin_entropy(grid: BasinGrid, labels: Shaped[np.ndarray, " rows"], box: int = BOX) -> Entropy:
     """The entropy of outcomes in a box, averaged over all boxes, and over those that a boundary crosses.
 
     Boxes slide over the grid cell by cell, which averages over the offset of a tiling. A boundary entropy
@@ -69,11 +70,11 @@ class Uncertainty:
     """
 
     fractions: pd.DataFrame
-    covariance: np.ndarray
+    covariance: Float[np.ndarray, "sizes sizes"]
 
 
 def uncertainty_fraction(
-    grid: BasinGrid, labels: np.ndarray, sizes: Sequence[int] | None = None
+    grid: BasinGrid, labels: Shaped[np.ndarray, " rows"], sizes: Sequence[int] | None = None
 ) -> Uncertainty:
     """The fraction f(eps) of starts of which a neighbour at a distance of eps has a different outcome.
 

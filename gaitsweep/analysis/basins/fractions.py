@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import pandas as pd
 import scipy
+from jaxtyping import Float, Int, Shaped
 
 from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
 from gaitsweep.analysis.records import AnalysisError, axes_of, in_order, outcome_labels, require
@@ -70,7 +71,9 @@ def panels_and_axes(
     return by, axes
 
 
-def panels_of(table: pd.DataFrame, by: Sequence[str]) -> Iterator[tuple[dict[str, object], np.ndarray]]:
+def panels_of(
+    table: pd.DataFrame, by: Sequence[str]
+) -> Iterator[tuple[dict[str, object], Int[np.ndarray, " rows"]]]:
     """Each combination of the values of `by`, in order, and the indices of its rows; one without `by`."""
     if not by:
         yield {}, np.arange(len(table))
@@ -88,7 +91,7 @@ def proportion_interval(
     return float(found.low), float(found.high)
 
 
-def one_a_cell(shares: np.ndarray, level: float = LEVEL) -> float:
+def one_a_cell(shares: Float[np.ndarray, " cells"], level: float = LEVEL) -> float:
     """Half the width of the interval for one draw from each of n cells, given the share in each cell (n,).
 
     Only cells on a boundary add to the variance, the sum of share * (1 - share) over n^2.
@@ -110,7 +113,11 @@ def _check(level: float, interval: str | None) -> None:
 
 
 def _shares(
-    labels: np.ndarray, names: Sequence[str], grid: BasinGrid | None, level: float, interval: str | None
+    labels: Shaped[np.ndarray, " rows"],
+    names: Sequence[str],
+    grid: BasinGrid | None,
+    level: float,
+    interval: str | None,
 ) -> Iterator[dict[str, object]]:
     """The share of each outcome in a panel, with its interval."""
     kind = interval or ("wilson" if grid is None else "cells")

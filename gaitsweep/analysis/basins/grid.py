@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool, Float, Int, Real
 
 from gaitsweep.analysis.circular import is_circular
 from gaitsweep.circular import TURN
@@ -23,12 +24,14 @@ class BasinGrid:
     neighbour of the first, as for an angle whose cells divide a full turn.
     """
 
-    place: np.ndarray
+    place: Int[np.ndarray, " rows"]
     lengths: tuple[int, ...]
     steps: tuple[float, ...]
     wraps: tuple[bool, ...]
 
-    def windows(self, marked: np.ndarray, cells: int) -> np.ndarray:
+    def windows(
+        self, marked: Bool[np.ndarray, " rows"] | Int[np.ndarray, " rows"], cells: int
+    ) -> Real[np.ndarray, " ..."]:
         """The number of marked (n,) rows in each window of `cells` a side, at every position in the grid."""
         counts = np.zeros(int(np.prod(self.lengths)), np.int64)
         counts[self.place] = marked
@@ -42,7 +45,7 @@ class BasinGrid:
             counts = sums.take(range(cells, size), axis) - sums.take(range(size - cells), axis)
         return counts
 
-    def shares_nearby(self, marked: np.ndarray) -> np.ndarray:
+    def shares_nearby(self, marked: Bool[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
         """The share of marked (n,) rows among each cell and its neighbours, corners included, (n,)."""
         shape = tuple(
             length if wrap else length + 2 for length, wrap in zip(self.lengths, self.wraps, strict=True)

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float, Shaped
 
 from gaitsweep.analysis.attractors.attractors import with_attractors
 from gaitsweep.analysis.attractors.state_space import Space
@@ -117,7 +118,7 @@ def _shock_of_outcomes(measured: pd.DataFrame, by: Sequence[str]) -> pd.DataFram
 
 
 def _fractality(
-    grid: BasinGrid, labels: np.ndarray, uncertainty: Uncertainty, box: int, level: float
+    grid: BasinGrid, labels: Shaped[np.ndarray, " rows"], uncertainty: Uncertainty, box: int, level: float
 ) -> dict[str, object]:
     """Entropies and uncertainty exponent of a panel."""
     entropy = basin_entropy(grid, labels, box)
@@ -138,7 +139,7 @@ def minimal_fatal_shock(
     axes: Sequence[str],
     labels: pd.Series,
     scales: Mapping[str, float] | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[Float[np.ndarray, " rows"], Shaped[np.ndarray, " rows"]]:
     """The minimal fatal shock: the distance from each start to the nearest start with another outcome.
 
     Angles are compared by the shorter way. The distance is exact among the given starts: on a grid the

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Shaped
 from scipy.spatial import KDTree
 
 from gaitsweep.analysis.basins.fractions import panels_and_axes, panels_of
@@ -87,7 +88,7 @@ def wada(
     )
 
 
-def _merged(grid: BasinGrid, labels: np.ndarray, radius: float) -> list[dict[str, object]]:
+def _merged(grid: BasinGrid, labels: Shaped[np.ndarray, " rows"], radius: float) -> list[dict[str, object]]:
     """Distances from the boundary of each basin, all others merged, to the boundaries of other basins."""
     cells = np.stack(np.unravel_index(grid.place, grid.lengths), axis=1)
     period = [length if wraps else 0 for length, wraps in zip(grid.lengths, grid.wraps, strict=True)]
@@ -105,7 +106,7 @@ def _merged(grid: BasinGrid, labels: np.ndarray, radius: float) -> list[dict[str
     return found
 
 
-def _refined(grid: BasinGrid, labels: np.ndarray, box: int) -> list[dict[str, object]]:
+def _refined(grid: BasinGrid, labels: Shaped[np.ndarray, " rows"], box: int) -> list[dict[str, object]]:
     """The number of boxes that hold each number of basins, with twice as many starts at each refinement.
 
     Boxes tile the grid from its first start and share the starts on their sides; what is left over at the far

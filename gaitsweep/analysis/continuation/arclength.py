@@ -18,6 +18,7 @@ from collections.abc import Sequence
 
 import jax
 import numpy as np
+from jaxtyping import Bool, Float, Int, Shaped
 
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, norms, residuals, sizes
 from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points
@@ -40,19 +41,21 @@ class BranchPoints:
     """
 
     points: Points
-    drift: np.ndarray
-    parameter: np.ndarray
-    tangent: np.ndarray
+    drift: Float[np.ndarray, "branches constrained"]
+    parameter: Float[np.ndarray, " branches"]
+    tangent: Float[np.ndarray, "branches unknowns"]
     images: MapEvaluation
-    corrections: np.ndarray
+    corrections: Int[np.ndarray, " branches"]
 
     def __getitem__(self, which: np.ndarray) -> BranchPoints:
         return jax.tree.map(lambda leaf: leaf[which], self)
 
-    def merged(self, which: np.ndarray, others: BranchPoints) -> BranchPoints:
+    def merged(self, which: Int[np.ndarray, " some"], others: BranchPoints) -> BranchPoints:
         """These branch points, with `others` in the rows `which`."""
 
-        def put(mine: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+        def put(
+            mine: Shaped[np.ndarray, "branches ..."], theirs: Shaped[np.ndarray, "some ..."]
+        ) -> Shaped[np.ndarray, "branches ..."]:
             mine = np.array(mine)
             mine[which] = theirs
             return mine
@@ -72,9 +75,9 @@ class ContinuationProblem:
     parameter: str
     low: float
     high: float
-    values: dict[str, np.ndarray]
+    values: dict[str, Float[np.ndarray, " branches"]]
     held: ConservedConstraints
-    weights: np.ndarray
+    weights: Float[np.ndarray, "branches unknowns"]
 
     @classmethod
     def of(
@@ -82,9 +85,9 @@ class ContinuationProblem:
         mapping: Map,
         parameter: str,
         within: Sequence[float],
-        values: dict[str, np.ndarray],
+        values: dict[str, Float[np.ndarray, " branches"]],
         held: ConservedConstraints,
-        at: np.ndarray,
+        at: Float[np.ndarray, "branches coordinates"],
     ) -> ContinuationProblem:
         """The problem with the weights of branches that start at the coordinates `at` (n, size)."""
         low, high = float(min(within)), float(max(within))
@@ -98,11 +101,13 @@ class ContinuationProblem:
         values = {name: each[which] for name, each in self.values.items()}
         return dataclasses.replace(self, values=values, held=self.held[which], weights=self.weights[which])
 
-    def evaluated(self, points: Points, parameter: np.ndarray) -> MapEvaluation:
+    def evaluated(self, points: Points, parameter: Float[np.ndarray, " branches"]) -> MapEvaluation:
         """The images with their derivatives at these values (n,) of the parameter."""
         return self.mapping.linearised(points, {**self.values, self.parameter: parameter}, self.parameter)
 
-    def tangents(self, images: MapEvaluation, before: np.ndarray) -> np.ndarray:
+    def tangents(
+        self, images: MapEvaluation, before: Float[np.ndarray, "branches unknowns"]
+    ) -> Float[np.ndarray, "branches unknowns"]:
         """The unit tangents (n, m) of the branches, oriented along the tangents `before` (n, m)."""
         full = self.bordered(images, self.weights * before)
         last = np.zeros(full.shape[:2])
@@ -111,7 +116,11 @@ class ContinuationProblem:
         return tangent / np.sqrt(np.sum(self.weights * tangent**2, axis=1))[:, None]
 
     def first(
-        self, points: Points, drift: np.ndarray, parameter: np.ndarray, sign: np.ndarray | float
+        self,
+        points: Points,
+        drift: Float[np.ndarray, "branches constrained"],
+        parameter: Float[np.ndarray, " branches"],
+        sign: Float[np.ndarray, " branches"] | float,
     ) -> BranchPoints:
         """Branches from fixed points, along which the parameter first rises (`sign` 1) or falls (-1)."""
         images = self.evaluated(points, parameter)
@@ -120,13 +129,17 @@ class ContinuationProblem:
         tangent = self.tangents(images, towards)
         return BranchPoints(points, drift, parameter, tangent, images, np.zeros(len(points), int))
 
-    def step(self, branch_points: BranchPoints, length: np.ndarray) -> tuple[BranchPoints, np.ndarray]:
+    def step(
+        self, branch_points: BranchPoints, length: Float[np.ndarray, " branches"]
+    ) -> tuple[BranchPoints, Bool[np.ndarray, " branches"]]:
         """The branch points one arclength step of `length` (n,) ahead, and whether each converged (n,)."""
         goal = length[:, None] * branch_points.tangent
         normal = self.weights * branch_points.tangent
         return self._found(branch_points, goal, normal, np.sum(normal * goal, axis=1))
 
-    def at(self, branch_points: BranchPoints, parameter: np.ndarray) -> tuple[BranchPoints, np.ndarray]:
+    def at(
+        self, branch_points: BranchPoints, parameter: Float[np.ndarray, " branches"]
+    ) -> tuple[BranchPoints, Bool[np.ndarray, " branches"]]:
         """The branch points near these at a value (n,) of the parameter, and whether each converged (n,)."""
         share = (parameter - branch_points.parameter) / branch_points.tangent[:, -1]
         normal = np.zeros_like(self.weights)
@@ -136,8 +149,12 @@ class ContinuationProblem:
         )
 
     def _found(
-        self, branch_points: BranchPoints, guess: np.ndarray, normal: np.ndarray, goal: np.ndarray
-    ) -> tuple[BranchPoints, np.ndarray]:
+        self,
+        branch_points: BranchPoints,
+        guess: Float[np.ndarray, "branches unknowns"],
+        normal: Float[np.ndarray, "branches unknowns"],
+        goal: Float[np.ndarray, " branches"],
+    ) -> tuple[BranchPoints, Bool[np.ndarray, " branches"]]:
         """Branch points near these + `guess` (n, m) with normal . change = goal; which converged (n,)."""
         points, change, count = self._corrected(branch_points, guess, normal, goal)
         rows = np.flatnonzero(count)
@@ -155,8 +172,12 @@ class ContinuationProblem:
         return branch_points.merged(rows[on], found[on]), count > 0
 
     def _corrected(
-        self, branch_points: BranchPoints, guess: np.ndarray, normal: np.ndarray, goal: np.ndarray
-    ) -> tuple[Points, np.ndarray, np.ndarray]:
+        self,
+        branch_points: BranchPoints,
+        guess: Float[np.ndarray, "branches unknowns"],
+        normal: Float[np.ndarray, "branches unknowns"],
+        goal: Float[np.ndarray, " branches"],
+    ) -> tuple[Points, Float[np.ndarray, "branches unknowns"], Int[np.ndarray, " branches"]]:
         """The corrected points, their changes (n, m), and the number of corrections (n,), 0 if lost."""
         n, size = branch_points.points.at.shape
         change, count, going = guess.copy(), np.zeros(n, int), np.ones(n, bool)
@@ -190,7 +211,9 @@ class ContinuationProblem:
                 points = points.merged(mine, Points(moved, images.points[rest].modes))
         return points, change, count
 
-    def bordered(self, images: MapEvaluation, row: np.ndarray) -> np.ndarray:
+    def bordered(
+        self, images: MapEvaluation, row: Float[np.ndarray, "branches unknowns"]
+    ) -> Float[np.ndarray, "branches unknowns unknowns"]:
         """The Jacobians (n, m, m) of Newton's equations, bordered by a last `row` (n, m)."""
         inner = matrices(images, self.held)
         n, m, _ = inner.shape
@@ -202,7 +225,9 @@ class ContinuationProblem:
         return full
 
 
-def _solved(matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
+def _solved(
+    matrices: Float[np.ndarray, "systems unknowns unknowns"], right: Float[np.ndarray, "systems unknowns"]
+) -> Float[np.ndarray, "systems unknowns"]:
     """The solutions (n, m) of n linear systems; NaN where a matrix is singular or not finite."""
     found = np.full_like(right, np.nan)
     for k in np.flatnonzero(np.all(np.isfinite(matrices), axis=(1, 2))):
@@ -211,7 +236,11 @@ def _solved(matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
     return found
 
 
-def _broyden_update(weights: np.ndarray, step: np.ndarray, miss: np.ndarray) -> np.ndarray:
+def _broyden_update(
+    weights: Float[np.ndarray, "branches unknowns"],
+    step: Float[np.ndarray, "branches unknowns"],
+    miss: Float[np.ndarray, "branches unknowns"],
+) -> Float[np.ndarray, "branches unknowns unknowns"]:
     """Broyden's rank-one update (n, m, m) of Jacobians, from steps (n, m) and the residuals after them."""
     row = np.where(weights > 0.0, weights, 1.0) * step
     row /= np.sum(row * step, axis=1)[:, None]

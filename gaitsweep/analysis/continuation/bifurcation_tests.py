@@ -16,6 +16,7 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
+from jaxtyping import Complex, Float
 
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.floquet import multipliers
@@ -43,32 +44,34 @@ ASIDE = 0.01
 # A determinant this small, as a share of its larger value at the step's ends, has a zero and no jump.
 SMALL = 1e-3
 
-Test = Callable[[ContinuationProblem, BranchPoints], np.ndarray]
+Test = Callable[[ContinuationProblem, BranchPoints], Float[np.ndarray, " branches"]]
 
 
-def multipliers_of(problem: ContinuationProblem, branch_points: BranchPoints) -> np.ndarray:
+def multipliers_of(
+    problem: ContinuationProblem, branch_points: BranchPoints
+) -> Complex[np.ndarray, "branches multipliers"]:
     """The Floquet multipliers (n, size - k), without those of the constrained conserved quantities."""
     return multipliers(
         branch_points.images.jacobian, branch_points.images.conserved_jacobian[:, problem.held.which]
     )
 
 
-def fold_test(problem: ContinuationProblem, branch_points: BranchPoints) -> np.ndarray:
+def fold_test(problem: ContinuationProblem, branch_points: BranchPoints) -> Float[np.ndarray, " branches"]:
     """The derivative of the parameter over arclength, (n,): zero at a fold."""
     return branch_points.tangent[:, -1]
 
 
-def branch_test(problem: ContinuationProblem, branch_points: BranchPoints) -> np.ndarray:
+def branch_test(problem: ContinuationProblem, branch_points: BranchPoints) -> Float[np.ndarray, " branches"]:
     """The determinant of [F_x F_p] bordered by the tangent, (n,): zero at a branch point, not at a fold."""
     return np.linalg.det(problem.bordered(branch_points.images, problem.weights * branch_points.tangent))
 
 
-def flip_test(problem: ContinuationProblem, branch_points: BranchPoints) -> np.ndarray:
+def flip_test(problem: ContinuationProblem, branch_points: BranchPoints) -> Float[np.ndarray, " branches"]:
     """The product of the multipliers plus one, (n,): zero at a flip."""
     return np.prod(1.0 + multipliers_of(problem, branch_points), axis=1).real
 
 
-def pair_test(problem: ContinuationProblem, branch_points: BranchPoints) -> np.ndarray:
+def pair_test(problem: ContinuationProblem, branch_points: BranchPoints) -> Float[np.ndarray, " branches"]:
     """The product of 1 - m_i m_k over pairs of multipliers, (n,): zero where a pair crosses the unit circle.
 
     It is also zero at a neutral saddle: two real multipliers on both sides of the circle with product 1.
@@ -84,10 +87,10 @@ TESTS: tuple[Test, ...] = (fold_test, branch_test, flip_test, pair_test)
 def located(
     problem: ContinuationProblem,
     before: BranchPoints,
-    length: np.ndarray,
+    length: Float[np.ndarray, " branches"],
     test: Test,
-    ends: tuple[np.ndarray, np.ndarray],
-) -> tuple[BranchPoints, np.ndarray]:
+    ends: tuple[Float[np.ndarray, " branches"], Float[np.ndarray, " branches"]],
+) -> tuple[BranchPoints, Float[np.ndarray, " branches"]]:
     """The zero of a test function on a step of each branch, and its arclength (n,); NaN where not found.
 
     Args:
@@ -213,24 +216,30 @@ class _Branching:
     of the smallest singular value, and the null vector; `bent` (2, m + 1), w' J_z `null`.
     """
 
-    miss: np.ndarray
-    J: np.ndarray
-    w: np.ndarray
+    miss: Float[np.ndarray, " equations"]
+    J: Float[np.ndarray, "equations unknowns"]
+    w: Float[np.ndarray, " equations"]
     smallest: float
-    null: np.ndarray
-    bent: np.ndarray
-    rows: np.ndarray
-    scale: np.ndarray
+    null: Float[np.ndarray, "2 unknowns"]
+    bent: Float[np.ndarray, "2 unknowns"]
+    rows: Float[np.ndarray, " equations"]
+    scale: Float[np.ndarray, " unknowns"]
 
     @classmethod
     def at(
-        cls, problem: ContinuationProblem, like: BranchPoints, scale: np.ndarray, z: np.ndarray
+        cls,
+        problem: ContinuationProblem,
+        like: BranchPoints,
+        scale: Float[np.ndarray, " unknowns"],
+        z: Float[np.ndarray, " unknowns"],
     ) -> _Branching | None:
         """The equations at z; None where the map has no derivatives."""
         size, m = like.points.at.shape[1], len(z) - 1
         rows = np.concatenate([sizes(like.points.at)[0], np.ones(m - size)])
 
-        def equations(several: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        def equations(
+            several: Float[np.ndarray, "several unknowns"],
+        ) -> tuple[Float[np.ndarray, "several equations"], Float[np.ndarray, "several equations unknowns"]]:
             every = np.zeros(len(several), int)
             unscaled, some = several * scale, problem[every]
             points = Points(unscaled[:, :size], like.points[every].modes)
@@ -250,7 +259,7 @@ class _Branching:
         bent = w @ (several[::2] - several[1::2]) / (2.0 * ALONG)
         return cls(miss[0], J[0], w, float(values[-1]), null, bent, rows, scale)
 
-    def step(self) -> tuple[np.ndarray, float]:
+    def step(self) -> tuple[Float[np.ndarray, " unknowns"], float]:
         """Newton's step (m + 1,) and beta; infinite where the system is singular."""
         m = len(self.w)
         matrix = np.zeros((m + 2, m + 2))
@@ -261,7 +270,7 @@ class _Branching:
             return np.full(m + 1, np.inf), np.nan
         return found[:-1], float(found[-1])
 
-    def tangents(self) -> np.ndarray | None:
+    def tangents(self) -> Float[np.ndarray, "2 unknowns"] | None:
         """The unit tangents (2, m + 1) of the two branches; None where none or only one is real."""
         form = self.bent @ self.null.T
         (low, high), vectors = np.linalg.eigh(0.5 * (form + form.T))
@@ -270,7 +279,9 @@ class _Branching:
         pair = np.array([[np.sqrt(high), np.sqrt(-low)], [-np.sqrt(high), np.sqrt(-low)]])
         return pair @ vectors.T @ self.null / np.sqrt(high - low)
 
-    def rate(self, through: np.ndarray, flat: np.ndarray, size: int) -> float:
+    def rate(
+        self, through: Float[np.ndarray, " unknowns"], flat: Float[np.ndarray, " unknowns"], size: int
+    ) -> float:
         """A number with the sign of d(multiplier)/d(parameter) on the branch that goes `through`.
 
         Its eigenvector is the tangent of the branch that is `flat`.
@@ -280,7 +291,9 @@ class _Branching:
         return float(change * norm * np.sign(through[-1]))
 
 
-def _aside(problem: ContinuationProblem, here: BranchPoints, tangent: np.ndarray) -> BranchPoints | None:
+def _aside(
+    problem: ContinuationProblem, here: BranchPoints, tangent: Float[np.ndarray, " unknowns"]
+) -> BranchPoints | None:
     """Points (2,) on both sides of a branch point, on the branch with this tangent (m,); None if not found.
 
     The equations are singular at the branch point itself, so they are linearised where the step leads.
@@ -312,7 +325,10 @@ class Special:
 
 
 def bifurcations(
-    problem: ContinuationProblem, here: BranchPoints, there: BranchPoints, length: np.ndarray
+    problem: ContinuationProblem,
+    here: BranchPoints,
+    there: BranchPoints,
+    length: Float[np.ndarray, " branches"],
 ) -> list[list[Special] | None]:
     """The bifurcations on a step of each of n branches, from `here` to `there`, in order.
 
@@ -334,8 +350,8 @@ def _on_step(
     problem: ContinuationProblem,
     here: BranchPoints,
     there: BranchPoints,
-    length: np.ndarray,
-    changed: dict[Test, tuple[np.ndarray, np.ndarray]],
+    length: Float[np.ndarray, " 1"],
+    changed: dict[Test, tuple[Float[np.ndarray, " 1"], Float[np.ndarray, " 1"]]],
 ) -> list[Special] | None:
     """The bifurcations on a step of one branch, as in `bifurcations`, by the tests that `changed` sign."""
     found, turns = [], fold_test in changed
@@ -375,7 +391,7 @@ def _flip_kind(problem: ContinuationProblem, there: BranchPoints) -> str:
 
 
 def _between(
-    problem: ContinuationProblem, here: BranchPoints, there: BranchPoints, share: np.ndarray
+    problem: ContinuationProblem, here: BranchPoints, there: BranchPoints, share: Float[np.ndarray, " 1"]
 ) -> BranchPoints:
     """The point at a share (1,) of the chord of a step, with the mean of the tangents at its ends."""
     apart = problem.mapping.difference(there.points.at, here.points.at)
@@ -398,7 +414,10 @@ def _ahead(problem: ContinuationProblem, here: BranchPoints, there: BranchPoints
 
 
 def _is_on_step(
-    problem: ContinuationProblem, here: BranchPoints, crossing: Crossing | None, length: np.ndarray
+    problem: ContinuationProblem,
+    here: BranchPoints,
+    crossing: Crossing | None,
+    length: Float[np.ndarray, " 1"],
 ) -> bool:
     """Whether a branch point lies on a step of this length, to a twentieth of it."""
     if crossing is None:

@@ -9,6 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool, Float, Int
 
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_tests import Special, bifurcations, multipliers_of
@@ -62,7 +63,7 @@ class BranchTable:
         self,
         mapping: Map,
         parameter: str,
-        values: dict[str, np.ndarray],
+        values: dict[str, Float[np.ndarray, " ..."]],
         observed: Sequence[str],
         n: int,
         held: ConservedConstraints,
@@ -84,10 +85,10 @@ class BranchTable:
         self._records.append([])
         return len(self._records) - 1
 
-    def counts(self, rows: np.ndarray) -> np.ndarray:
+    def counts(self, rows: Int[np.ndarray, " rows"]) -> Int[np.ndarray, " rows"]:
         return np.array([len(self._records[row]) for row in rows])
 
-    def end(self, rows: np.ndarray, why: str) -> None:
+    def end(self, rows: Int[np.ndarray, " rows"], why: str) -> None:
         for row in rows:
             self._records[row][-1]["end"] = why
 
@@ -101,7 +102,7 @@ class BranchTable:
 
     def write(
         self,
-        rows: np.ndarray,
+        rows: Int[np.ndarray, " rows"],
         problem: ContinuationProblem,
         branch_points: BranchPoints,
         special: Sequence[str],
@@ -160,7 +161,7 @@ class BranchFollower:
         self,
         problem: ContinuationProblem,
         branch_points: BranchPoints,
-        names: np.ndarray,
+        names: Int[np.ndarray, " branches"],
         table: BranchTable,
         steps: ArclengthSteps,
     ) -> None:
@@ -201,11 +202,11 @@ class BranchFollower:
         asides = jax.tree.map(lambda *each: np.concatenate(each), *(aside for _, aside in self.crossings))
         return BranchFollower(self.problem[of], asides, names, self.table, self.steps)
 
-    def _end(self, rows: np.ndarray, why: str) -> None:
+    def _end(self, rows: Int[np.ndarray, " rows"], why: str) -> None:
         self.table.end(self.names[rows], why)
         self.going[rows] = False
 
-    def _reject(self, rows: np.ndarray) -> None:
+    def _reject(self, rows: Int[np.ndarray, " rows"]) -> None:
         """Halve rejected steps; where they become too short, try to jump over a discontinuity of the map."""
         self.length[rows] *= SHORTER
         rows = rows[self.length[rows] < self.steps.shortest]
@@ -219,7 +220,9 @@ class BranchFollower:
         self.table.write(self.names[rows[good]], problem[good], over[good], ["kink"] * good.size)
         self._end(rows[~crossed], "lost")
 
-    def _accept(self, rows: np.ndarray, there: BranchPoints, specials: list[list[Special]]) -> None:
+    def _accept(
+        self, rows: Int[np.ndarray, " rows"], there: BranchPoints, specials: list[list[Special]]
+    ) -> None:
         """Record accepted steps and their bifurcations, and end branches that are complete."""
         problem, here, names = self.problem[rows], self.branch_points[rows], self.names[rows]
         for k, found in enumerate(specials):
@@ -261,7 +264,7 @@ def _jumps(here: BranchPoints, there: BranchPoints) -> list[str]:
 
 def _jump_over(
     problem: ContinuationProblem, here: BranchPoints, longest: float
-) -> tuple[BranchPoints, np.ndarray]:
+) -> tuple[BranchPoints, Bool[np.ndarray, " branches"]]:
     """Branch points beyond a discontinuity of the map or of its derivative, and whether found (n,).
 
     Where a trajectory grazes an event the map has no derivative, and may jump. No short step converges there,
@@ -288,7 +291,7 @@ def _jump_over(
 
 def _beyond(
     problem: ContinuationProblem, here: BranchPoints, length: float
-) -> tuple[BranchPoints, np.ndarray]:
+) -> tuple[BranchPoints, Bool[np.ndarray, " branches"]]:
     """Fixed points by damped Newton steps where the parameter is a `length` ahead; which converged (n,)."""
     change = length * here.tangent
     parameter = here.parameter + change[:, -1]
@@ -307,7 +310,9 @@ def _beyond(
     return here.merged(good, branch_points), found.converged
 
 
-def _distance(problem: ContinuationProblem, a: BranchPoints, b: BranchPoints) -> np.ndarray:
+def _distance(
+    problem: ContinuationProblem, a: BranchPoints, b: BranchPoints
+) -> Float[np.ndarray, " branches"]:
     """The weighted distance between branch points, (n,)."""
     apart = np.zeros_like(problem.weights)
     size = a.points.at.shape[1]

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Complex, Float
 
 
-def multipliers(jacobian: np.ndarray, gradients: np.ndarray | None = None) -> np.ndarray:
+def multipliers(
+    jacobian: Float[np.ndarray, "*points coordinates coordinates"],
+    gradients: Float[np.ndarray, "*points constrained coordinates"] | None = None,
+) -> Complex[np.ndarray, "*points multipliers"]:
     """The Floquet multipliers, in descending order of modulus.
 
     Args:
@@ -24,7 +28,10 @@ def multipliers(jacobian: np.ndarray, gradients: np.ndarray | None = None) -> np
     return np.take_along_axis(found, order, axis=-1)
 
 
-def _within(matrix: np.ndarray, gradients: np.ndarray) -> np.ndarray:
+def _within(
+    matrix: Float[np.ndarray, "coordinates coordinates"],
+    gradients: Float[np.ndarray, "constrained coordinates"],
+) -> Float[np.ndarray, "directions directions"]:
     """The matrix restricted to the directions normal to all gradients."""
     k = len(gradients)
     basis = np.linalg.svd(gradients)[2][k:].T

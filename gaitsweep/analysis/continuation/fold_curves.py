@@ -18,6 +18,7 @@ from typing import Any
 import jax
 import numpy as np
 import pandas as pd
+from jaxtyping import Complex, Float
 
 from gaitsweep.analysis.continuation.arclength import ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_tests import branch_test, fold_test, located
@@ -31,7 +32,8 @@ from gaitsweep.analysis.continuation.newton import (
     residuals,
     sizes,
 )
-from gaitsweep.engine.poincare.maps import Map, Points, Values
+from gaitsweep.contract import State
+from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values
 from gaitsweep.errors import ArgumentError
 
 # Steps of the central differences: along v in scaled coordinates, of parameters as shares of their ranges.
@@ -56,13 +58,13 @@ class FoldPoint:
     """
 
     point: Points
-    unknowns: np.ndarray
-    matrix: np.ndarray
-    tangent: np.ndarray
-    v: np.ndarray
-    w: np.ndarray
+    unknowns: Float[np.ndarray, " unknowns"]
+    matrix: Float[np.ndarray, "equations unknowns"]
+    tangent: Float[np.ndarray, " unknowns"]
+    v: Float[np.ndarray, " fold_unknowns"]
+    w: Float[np.ndarray, " fold_unknowns"]
     curvature: float
-    multipliers: np.ndarray
+    multipliers: Complex[np.ndarray, " multipliers"]
     observed: dict[str, float]
     corrections: int = 0
 
@@ -73,17 +75,23 @@ class _Equations:
 
     mapping: Map
     names: tuple[str, str]
-    low: np.ndarray
-    width: np.ndarray
+    low: Float[np.ndarray, " 2"]
+    width: Float[np.ndarray, " 2"]
     values: dict[str, Any]
     held: ConservedConstraints
-    scale: np.ndarray
+    scale: Float[np.ndarray, " fold_unknowns"]
 
-    def parameters(self, unknowns: np.ndarray) -> np.ndarray:
+    def parameters(self, unknowns: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " 2"]:
         """The two parameters (2,) of these unknowns."""
         return self.low + self.width * unknowns[-2:]
 
-    def at(self, like: Points, several: np.ndarray, derivatives: bool = True) -> Any:
+    def at(
+        self, like: Points, several: Float[np.ndarray, "several unknowns"], derivatives: bool = True
+    ) -> tuple[
+        Float[np.ndarray, "several fold_unknowns"],
+        Float[np.ndarray, "several fold_unknowns fold_unknowns"],
+        MapEvaluation,
+    ]:
         """F (n, m), the scaled Jacobians A (n, m, m) and the images at the unknowns `several` (n, m + 2).
 
         `like` gives the modes; where the map is not defined, F and A are NaN.
@@ -172,7 +180,7 @@ def fold_curves(
 def _first_fold(
     mapping: Map,
     start: Points,
-    values: dict[str, np.ndarray],
+    values: dict[str, Float[np.ndarray, " 1"]],
     parameters: Sequence[str],
     within: Mapping[str, Sequence[float]],
     to_fold: int,
@@ -219,7 +227,7 @@ def _on_curve(
     fold: Any,
     parameters: Sequence[str],
     within: Mapping[str, Sequence[float]],
-    values: dict[str, np.ndarray],
+    values: dict[str, Float[np.ndarray, " 1"]],
 ) -> tuple[tuple[_Equations, FoldPoint] | None, str]:
     """The equations of a fold's curve, and the fold as its first point."""
     low = np.array([float(min(within[name])) for name in parameters])
@@ -245,10 +253,10 @@ def _on_curve(
 def _differentiated(
     equations: _Equations,
     like: Points,
-    unknowns: np.ndarray,
-    b: np.ndarray,
-    c: np.ndarray,
-    before: np.ndarray | None,
+    unknowns: Float[np.ndarray, " unknowns"],
+    b: Float[np.ndarray, " fold_unknowns"],
+    c: Float[np.ndarray, " fold_unknowns"],
+    before: Float[np.ndarray, " unknowns"] | None,
     corrections: int = 0,
 ) -> FoldPoint:
     """A point of the curve with the derivatives of its equations, bordered by `b` and `c` (m,).
@@ -284,7 +292,11 @@ def _differentiated(
     return FoldPoint(point, unknowns, matrix, tangent, v, w, curvature, found, observed, corrections)
 
 
-def _null_vectors(A: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+def _null_vectors(
+    A: Float[np.ndarray, "fold_unknowns fold_unknowns"],
+    b: Float[np.ndarray, " fold_unknowns"],
+    c: Float[np.ndarray, " fold_unknowns"],
+) -> tuple[Float[np.ndarray, " fold_unknowns"], Float[np.ndarray, " fold_unknowns"], float]:
     """V and w (m,) with length 1, and g, of the Jacobian A (m, m) bordered by `b` and `c`."""
     m = len(A)
     full = np.zeros((m + 1, m + 1))
@@ -420,5 +432,5 @@ def _record(equations: _Equations, here: FoldPoint, row: int, point: int, specia
     }
 
 
-def _repeated(modes: Any, n: int) -> Any:
+def _repeated(modes: State, n: int) -> State:
     return jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf)[:1], n, axis=0), modes)

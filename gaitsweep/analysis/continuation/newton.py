@@ -12,6 +12,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from gaitsweep import near_miss
 from gaitsweep.contract import ResultCode
@@ -42,12 +43,15 @@ class ConservedConstraints:
     """The conserved quantities that a search holds constant: their indices in the map, and values (n, k)."""
 
     which: tuple[int, ...]
-    values: np.ndarray
-    circular: np.ndarray
+    values: Float[np.ndarray, "points constrained"]
+    circular: Bool[np.ndarray, " constrained"]
 
     @classmethod
     def of(
-        cls, mapping: Map, fix: Sequence[str] | Mapping[str, object], kept: np.ndarray
+        cls,
+        mapping: Map,
+        fix: Sequence[str] | Mapping[str, object],
+        kept: Float[np.ndarray, "points conserved"],
     ) -> ConservedConstraints:
         """Constrain the quantities named by `fix` to its values, or to those in `kept` (n, all quantities).
 
@@ -69,7 +73,9 @@ class ConservedConstraints:
     def __getitem__(self, rows: np.ndarray) -> ConservedConstraints:
         return dataclasses.replace(self, values=self.values[rows])
 
-    def residuals(self, kept: np.ndarray) -> np.ndarray:
+    def residuals(
+        self, kept: Float[np.ndarray, "points conserved"]
+    ) -> Float[np.ndarray, "points constrained"]:
         """The residuals of the constraints, (n, k)."""
         return wrap_difference(kept[:, self.which] - self.values, self.circular)
 
@@ -84,26 +90,30 @@ class FixedPoints:
     """
 
     points: Points
-    drift: np.ndarray
-    residual: np.ndarray
-    iterations: np.ndarray
-    outcome: np.ndarray
+    drift: Float[np.ndarray, "points constrained"]
+    residual: Float[np.ndarray, " points"]
+    iterations: Int[np.ndarray, " points"]
+    outcome: Int[np.ndarray, " points"]
     images: MapEvaluation
 
     @property
-    def converged(self) -> np.ndarray:
+    def converged(self) -> Bool[np.ndarray, " points"]:
         """Mask of the searches that converged, (n,)."""
         return self.outcome == NewtonOutcome.converged
 
 
-def sizes(at: np.ndarray) -> np.ndarray:
+def sizes(at: Float[np.ndarray, "... coordinates"]) -> Float[np.ndarray, "... coordinates"]:
     """The scale of each coordinate (n, size)."""
     return FLOOR + np.abs(at)
 
 
 def residuals(
-    mapping: Map, points: Points, drift: np.ndarray, images: MapEvaluation, held: ConservedConstraints
-) -> np.ndarray:
+    mapping: Map,
+    points: Points,
+    drift: Float[np.ndarray, "points constrained"],
+    images: MapEvaluation,
+    held: ConservedConstraints,
+) -> Float[np.ndarray, "points unknowns"]:
     """The residuals of Newton's equations, (n, size + k): zero at a fixed point."""
     moved = mapping.difference(images.points.at, points.at)
     spread = along(images.conserved_jacobian[:, held.which])
@@ -112,7 +122,9 @@ def residuals(
     )
 
 
-def matrices(images: MapEvaluation, held: ConservedConstraints) -> np.ndarray:
+def matrices(
+    images: MapEvaluation, held: ConservedConstraints
+) -> Float[np.ndarray, "points unknowns unknowns"]:
     """The Jacobians (n, size + k, size + k) of `residuals` over the coordinates and the drifts."""
     gradients = images.conserved_jacobian[:, held.which]
     n, size, _ = images.jacobian.shape
@@ -124,7 +136,9 @@ def matrices(images: MapEvaluation, held: ConservedConstraints) -> np.ndarray:
     return matrix
 
 
-def along(gradients: np.ndarray) -> np.ndarray:
+def along(
+    gradients: Float[np.ndarray, "points constrained coordinates"],
+) -> Float[np.ndarray, "points coordinates constrained"]:
     """Directions (n, size, k) that change one quantity by one and no other, from gradients (n, k, size)."""
     if not gradients.shape[1]:
         return np.swapaxes(gradients, 1, 2)
@@ -172,7 +186,7 @@ class _Search:
         self,
         mapping: Map,
         starts: Points,
-        values: dict[str, np.ndarray],
+        values: dict[str, Float[np.ndarray, " points"]],
         fix: Sequence[str] | Mapping[str, object],
         tolerance: float,
     ) -> None:
@@ -185,7 +199,7 @@ class _Search:
         self.outcome = np.where(self.images.sound, NewtonOutcome.not_converged, NewtonOutcome.left)
         self._mark_converged()
 
-    def step(self, rows: np.ndarray) -> None:
+    def step(self, rows: Int[np.ndarray, " searches"]) -> None:
         """One Newton step of the searches `rows`, each shortened until the map is defined at its end."""
         self.iterations[rows] += 1
         step, _ = _steps(
@@ -211,7 +225,7 @@ class _Search:
         )
         self.outcome[rows] = np.where(self._regular(rows), NewtonOutcome.converged, NewtonOutcome.singular)
 
-    def _regular(self, rows: np.ndarray) -> np.ndarray:
+    def _regular(self, rows: Int[np.ndarray, " searches"]) -> Bool[np.ndarray, " searches"]:
         """Whether the equations of the searches `rows` are regular."""
         if not rows.size:
             return np.zeros(0, bool)
@@ -219,7 +233,9 @@ class _Search:
             1
         ]
 
-    def _accepted(self, rows: np.ndarray, step: np.ndarray, last: bool) -> np.ndarray:
+    def _accepted(
+        self, rows: Int[np.ndarray, " searches"], step: Float[np.ndarray, "searches unknowns"], last: bool
+    ) -> Bool[np.ndarray, " searches"]:
         """Mask of accepted steps, by images alone: if the residual falls; the last wherever defined."""
         trial, drift = _moved(self.mapping, self.points[rows], self.drift[rows], self.images[rows], step)
         values = {name: each[rows] for name, each in self.values.items()}
@@ -236,8 +252,12 @@ class _Search:
 
 
 def _steps(
-    mapping: Map, points: Points, drift: np.ndarray, images: MapEvaluation, held: ConservedConstraints
-) -> tuple[np.ndarray, np.ndarray]:
+    mapping: Map,
+    points: Points,
+    drift: Float[np.ndarray, "points constrained"],
+    images: MapEvaluation,
+    held: ConservedConstraints,
+) -> tuple[Float[np.ndarray, "points unknowns"], Bool[np.ndarray, " points"]]:
     """The next step (n, size + k), an iterate of the map where singular, and whether it is regular."""
     matrix, miss = matrices(images, held), residuals(mapping, points, drift, images, held)
     size = points.at.shape[1]
@@ -253,15 +273,21 @@ def _steps(
 
 
 def _moved(
-    mapping: Map, points: Points, drift: np.ndarray, images: MapEvaluation, step: np.ndarray
-) -> tuple[Points, np.ndarray]:
+    mapping: Map,
+    points: Points,
+    drift: Float[np.ndarray, "points constrained"],
+    images: MapEvaluation,
+    step: Float[np.ndarray, "points unknowns"],
+) -> tuple[Points, Float[np.ndarray, "points constrained"]]:
     """Points and drifts after a step; computed from the image, so that they have its discrete modes."""
     size = points.at.shape[1]
     back = mapping.difference(points.at, images.points.at)
     return Points(images.points.at + back + step[:, :size], images.points.modes), drift + step[:, size:]
 
 
-def norms(miss: np.ndarray, at: np.ndarray) -> np.ndarray:
+def norms(
+    miss: Float[np.ndarray, "points unknowns"], at: Float[np.ndarray, "points coordinates"]
+) -> Float[np.ndarray, " points"]:
     """The largest relative residual of each row, (n,); infinite where it is NaN."""
     scale = np.ones_like(miss)
     scale[:, : at.shape[1]] = sizes(at)

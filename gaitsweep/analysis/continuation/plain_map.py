@@ -6,11 +6,12 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Int, Real
+from numpy.typing import ArrayLike
 
-from gaitsweep.contract import Quantity
+from gaitsweep.contract import Quantity, State
 from gaitsweep.engine.poincare.maps import Map, Points, Values
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 
@@ -27,11 +28,11 @@ class PlainMap(Map):
         invariants: (name, function `(values, at) -> number`) of each conserved quantity.
     """
 
-    function: Callable[[Mapping[str, Any], jax.Array], jax.Array]
+    function: Callable[[Mapping[str, Any], Float[Array, " coordinates"]], Float[Array, " coordinates"]]
     names: tuple[str, ...]
     defaults: tuple[tuple[str, float], ...] = ()
     angles: tuple[str, ...] = ()
-    invariants: tuple[tuple[str, Callable[..., jax.Array]], ...] = ()
+    invariants: tuple[tuple[str, Callable[..., Float[Array, ""]]], ...] = ()
 
     @property
     def coordinates(self) -> tuple[Quantity, ...]:
@@ -41,19 +42,23 @@ class PlainMap(Map):
     def conserved(self) -> tuple[Quantity, ...]:
         return tuple(Quantity(name, "", name) for name, _ in self.invariants)
 
-    def points(self, at: Any) -> Points:
+    def points(self, at: ArrayLike) -> Points:
         """Points at these coordinates (n, size)."""
         return Points(np.asarray(at, np.float64), None)
 
-    def follow(self, values: Values, at: jax.Array, modes: Any) -> tuple[jax.Array, Any, Any, dict[str, Any]]:
+    def follow(
+        self, values: Values, at: Float[Array, " coordinates"], modes: State
+    ) -> tuple[Float[Array, " coordinates"], State, Int[Array, ""], dict[str, Real[Array, ""]]]:
         image = self.function(values, at)
         sound = jnp.all(jnp.isfinite(image))
         status = jnp.where(sound, ReturnStatus.crossed, ReturnStatus.lost).astype(jnp.int32)
         return image, modes, status, {name: image[k] for k, name in enumerate(self.names)}
 
-    def conserved_values(self, values: Values, at: jax.Array) -> jax.Array:
+    def conserved_values(
+        self, values: Values, at: Float[Array, " coordinates"]
+    ) -> Float[Array, " conserved"]:
         return jnp.stack([jnp.zeros(()), *(function(values, at) for _, function in self.invariants)])[1:]
 
-    def complete(self, values: Values, n: int) -> dict[str, np.ndarray]:
+    def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
         held = {**dict(self.defaults), **values}
         return {name: np.broadcast_to(np.asarray(v, np.float64), (n,)).copy() for name, v in held.items()}

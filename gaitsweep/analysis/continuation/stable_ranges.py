@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Shaped
 
 from gaitsweep.analysis.records import AnalysisError, require
 
@@ -85,7 +86,7 @@ def _pieces(branch: pd.DataFrame, parameter: str) -> list[dict[str, object]]:
     return pieces
 
 
-def _by(special: np.ndarray, end: np.ndarray, k: int) -> str:
+def _by(special: Shaped[np.ndarray, " points"], end: Shaped[np.ndarray, " points"], k: int) -> str:
     """Name what ends a range at a point: a special point, the end of a branch, or its start."""
     if special[k] in MARKS:
         return str(special[k])

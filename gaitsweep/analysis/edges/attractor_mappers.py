@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import jax
 import numpy as np
+from jaxtyping import Float, Int
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.continuation.newton import sizes
@@ -20,7 +21,9 @@ FEWEST = 8
 
 # (images of n trajectories, the pair of each (n,), cycles since the start) -> the labels (n,) of their
 # attractors, 0 or more, or UNDECIDED.
-AttractorMapper = Callable[[MapEvaluation, np.ndarray, int], np.ndarray]
+AttractorMapper = Callable[
+    [MapEvaluation, Int[np.ndarray, " trajectories"], int], Int[np.ndarray, " trajectories"]
+]
 
 
 class ProximityMapper:
@@ -40,7 +43,11 @@ class ProximityMapper:
     """
 
     def __init__(
-        self, mapping: Map, attractors: np.ndarray, labels: Sequence[int] | None = None, reach: float = 0.1
+        self,
+        mapping: Map,
+        attractors: Float[np.ndarray, " ..."],
+        labels: Sequence[int] | None = None,
+        reach: float = 0.1,
     ) -> None:
         places = np.asarray(attractors, np.float64)
         self._mapping, self._places = mapping, places if places.ndim == 3 else places[None]
@@ -56,7 +63,9 @@ class ProximityMapper:
         apart = np.min(np.where(different, np.max(np.abs(away), axis=3), np.inf), axis=(1, 2))
         self._reach = reach * apart
 
-    def __call__(self, images: MapEvaluation, pair: np.ndarray, cycle: int) -> np.ndarray:
+    def __call__(
+        self, images: MapEvaluation, pair: Int[np.ndarray, " trajectories"], cycle: int
+    ) -> Int[np.ndarray, " trajectories"]:
         which = _of_each(pair, len(self._places), "attractors")
         away = self._mapping.difference(images.points.at[:, None], self._places[which]) / self._scale[which]
         distance = np.max(np.abs(away), axis=2)
@@ -94,7 +103,9 @@ class LabelMapper:
         self._read = [quantity.name for quantity in model.observables]
         self._label = jax.jit(jax.vmap(lambda v, o: model.label(mapping.params(v), o)["gait"]))
 
-    def __call__(self, images: MapEvaluation, pair: np.ndarray, cycle: int) -> np.ndarray:
+    def __call__(
+        self, images: MapEvaluation, pair: Int[np.ndarray, " trajectories"], cycle: int
+    ) -> Int[np.ndarray, " trajectories"]:
         if cycle < self._after:
             return np.full(len(pair), UNDECIDED)
         which = _of_each(pair, len(next(iter(self._held.values()))), "values")
@@ -109,7 +120,9 @@ class LabelMapper:
         return np.where(self._counts[label], label, UNDECIDED)
 
 
-def _of_each(pair: np.ndarray, given: int, what: str) -> np.ndarray:
+def _of_each(
+    pair: Int[np.ndarray, " trajectories"], given: int, what: str
+) -> Int[np.ndarray, " trajectories"]:
     """The index of each pair in an argument that has one entry for all pairs, or one for each."""
     if given > 1 and np.max(pair) >= given:
         raise ArgumentError(
@@ -118,7 +131,7 @@ def _of_each(pair: np.ndarray, given: int, what: str) -> np.ndarray:
     return pair if given > 1 else np.zeros_like(pair)
 
 
-def advanced(mapping: Map, points: Points, values: dict[str, np.ndarray]) -> MapEvaluation:
+def advanced(mapping: Map, points: Points, values: dict[str, Float[np.ndarray, " points"]]) -> MapEvaluation:
     """The images of points (n,), n > 0, in a batch of at least `FEWEST`."""
     n = len(points)
     order = np.minimum(np.arange(max(n, FEWEST)), n - 1)
@@ -129,11 +142,11 @@ def advanced(mapping: Map, points: Points, values: dict[str, np.ndarray]) -> Map
 def fates(
     mapping: Map,
     points: Points,
-    values: dict[str, np.ndarray],
-    pair: np.ndarray,
+    values: dict[str, Float[np.ndarray, " pairs"]],
+    pair: Int[np.ndarray, " points"],
     mapper: AttractorMapper,
     most: int,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[Int[np.ndarray, " points"], Int[np.ndarray, " points"]]:
     """Follow trajectories to their attractors: the labels (n,) and the evaluations of the map for each (n,).
 
     Args:

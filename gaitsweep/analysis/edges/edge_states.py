@@ -13,6 +13,7 @@ import dataclasses
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Int
 
 from gaitsweep.analysis.edges.attractor_mappers import AttractorMapper
 from gaitsweep.analysis.edges.edge_tracking import EdgeLimits, EdgeOutcome, Tracking
@@ -33,7 +34,7 @@ class EdgeStates:
     """
 
     points: Points
-    outcome: np.ndarray
+    outcome: Int[np.ndarray, " pairs"]
     table: pd.DataFrame
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import jax
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from gaitsweep.analysis.continuation.newton import sizes
 from gaitsweep.analysis.edges.attractor_mappers import (
@@ -93,12 +94,18 @@ class Recurrence:
     """
 
     def __init__(
-        self, distance: Callable[[np.ndarray, np.ndarray], np.ndarray], begun: Points, longest: int
+        self,
+        distance: Callable[
+            [Float[np.ndarray, "... coordinates"], Float[np.ndarray, "... coordinates"]],
+            Float[np.ndarray, " ..."],
+        ],
+        begun: Points,
+        longest: int,
     ) -> None:
         self._distance, self._longest, self._past = distance, longest, [begun]
         self.gaps, self.states = np.full((len(begun), longest), np.inf), [begun] * longest
 
-    def add(self, on: np.ndarray, now: Points) -> np.ndarray:
+    def add(self, on: Int[np.ndarray, " some"], now: Points) -> Int[np.ndarray, " nearer"]:
         """Add the points one cycle later, for the trajectories `on` that still run.
 
         Returns:
@@ -124,7 +131,7 @@ class Tracking:
         mapping: Map,
         one: Points,
         other: Points,
-        values: dict[str, np.ndarray],
+        values: dict[str, Float[np.ndarray, " pairs"]],
         mapper: AttractorMapper | None,
         limits: EdgeLimits,
     ) -> None:
@@ -185,7 +192,7 @@ class Tracking:
                 break
             self._divide(rows)
 
-    def _divide(self, rows: np.ndarray) -> None:
+    def _divide(self, rows: Int[np.ndarray, " rows"]) -> None:
         """Map points on the line, and keep two neighbours that lead to the two attractors."""
         cuts = self.limits.cuts
         share = (np.arange(1, cuts + 1) - UNEVEN) / (cuts + 1)
@@ -244,7 +251,12 @@ class Tracking:
         self._conclude(rows, begun, course, distance <= width, taken == 1)
 
     def _conclude(
-        self, rows: np.ndarray, begun: Points, course: Recurrence, together: np.ndarray, at_once: np.ndarray
+        self,
+        rows: Int[np.ndarray, " rows"],
+        begun: Points,
+        course: Recurrence,
+        together: Bool[np.ndarray, " pairs"],
+        at_once: Bool[np.ndarray, " pairs"],
     ) -> None:
         """End the pairs `rows` that have found a fixed point, a cycle or a jump of the map."""
         stayed = self._distance(begun.at, self._begun.at) <= self.limits.residual_tolerance
@@ -261,12 +273,16 @@ class Tracking:
         jumps = self.going & at_once & stayed & (self.rounds > 1)
         self._stop(rows[jumps[rows]], EdgeOutcome.jump)
 
-    def _fates(self, points: Points, rows: np.ndarray, mapper: AttractorMapper) -> np.ndarray:
+    def _fates(
+        self, points: Points, rows: Int[np.ndarray, " rows"], mapper: AttractorMapper
+    ) -> Int[np.ndarray, " rows"]:
         labels, cycles = fates(self.mapping, points, self.values, rows, mapper, self.limits.max_cycles)
         np.add.at(self.evaluations, rows, cycles)
         return labels
 
-    def _between(self, rows: np.ndarray, share: np.ndarray | None = None) -> Points:
+    def _between(
+        self, rows: Int[np.ndarray, " rows"], share: Float[np.ndarray, " rows"] | None = None
+    ) -> Points:
         """Points on the lines between the two, half-way or at `share`, with the modes of the nearer point."""
         share = np.full(rows.size, 0.5) if share is None else share
         one, other = self.one[rows], self.other[rows]
@@ -277,12 +293,14 @@ class Tracking:
         )
         return Points(at, like)
 
-    def _distance(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def _distance(
+        self, a: Float[np.ndarray, "... coordinates"], b: Float[np.ndarray, "... coordinates"]
+    ) -> Float[np.ndarray, " ..."]:
         with np.errstate(invalid="ignore"):
             away = np.abs(self.mapping.difference(a, b)) / sizes(b)
         return np.nan_to_num(np.max(away, axis=1), nan=np.inf)
 
-    def _of(self, rows: np.ndarray) -> dict[str, np.ndarray]:
+    def _of(self, rows: Int[np.ndarray, " rows"]) -> dict[str, Float[np.ndarray, " rows"]]:
         return {name: each[rows] for name, each in self.values.items()}
 
     def _end(self, row: int, label: int) -> None:
@@ -298,7 +316,7 @@ class Tracking:
             outcome = EdgeOutcome.fell if -1 - label == ReturnStatus.fell else EdgeOutcome.lost
         self._stop(np.array([row]), outcome)
 
-    def _stop(self, rows: np.ndarray, outcome: EdgeOutcome) -> None:
+    def _stop(self, rows: Int[np.ndarray, " rows"], outcome: EdgeOutcome) -> None:
         self.outcome[rows], self.going[rows] = outcome, False
 
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from jaxtyping import Bool, Float, Real
 
 from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.transitions.map_pieces import breaks
@@ -33,10 +34,10 @@ _BRIDGED = (3.0, 0.5)  # largest residual at a zero on one side: standard errors
 class Points(NamedTuple):
     """Pairs of a map, (n,) each: value, change, row and share."""
 
-    value: np.ndarray
-    change: np.ndarray
-    row: np.ndarray
-    share: np.ndarray
+    value: Float[np.ndarray, " pairs"]
+    change: Float[np.ndarray, " pairs"]
+    row: Real[np.ndarray, " pairs"]
+    share: Float[np.ndarray, " pairs"]
 
 
 class Drift(NamedTuple):
@@ -70,7 +71,11 @@ class Drift(NamedTuple):
 
 
 def drifts_of(
-    value: np.ndarray, change: np.ndarray, row: np.ndarray, bandwidth: float, circular: bool
+    value: Float[np.ndarray, " pairs"],
+    change: Float[np.ndarray, " pairs"],
+    row: Real[np.ndarray, " pairs"],
+    bandwidth: float,
+    circular: bool,
 ) -> list[Drift]:
     """Smooth the change over the value by local lines, on each piece of the data.
 
@@ -141,7 +146,7 @@ def _closed(points: Points, bandwidth: float, step: float) -> Drift:
     return Drift(points, bandwidth, low, True, smooth)
 
 
-def _followed(points: Points, at: np.ndarray, bandwidth: float) -> Smooth:
+def _followed(points: Points, at: Float[np.ndarray, " positions"], bandwidth: float) -> Smooth:
     """The curve through sorted points, in narrower windows where they bend; NaN where none fits."""
     smooth = local_polynomial(*points, at, bandwidth)
     smooth.value[_twofold(points, smooth, bandwidth)] = np.nan
@@ -157,7 +162,7 @@ def _followed(points: Points, at: np.ndarray, bandwidth: float) -> Smooth:
 
 def _astray(
     points: Points, smooth: Smooth, width: float, bandwidth: float, unknown: bool = False
-) -> np.ndarray:
+) -> Bool[np.ndarray, " positions"]:
     """Whether the points' mean deviation exceeds their scatter, bool (k,); `unknown` if they are few."""
     value, change, _, share = points
     wrong = np.full(len(smooth.at), unknown)
@@ -178,7 +183,7 @@ def _astray(
     return wrong
 
 
-def _twofold(points: Points, smooth: Smooth, bandwidth: float) -> np.ndarray:
+def _twofold(points: Points, smooth: Smooth, bandwidth: float) -> Bool[np.ndarray, " positions"]:
     """Whether the points lie on two branches, bool (k,), as of a state with another dimension."""
     value, change, *_ = points
     low = np.searchsorted(value, smooth.at - bandwidth)
@@ -200,7 +205,9 @@ def _twofold(points: Points, smooth: Smooth, bandwidth: float) -> np.ndarray:
     return found
 
 
-def _beside_own_branch(away: np.ndarray, beside: np.ndarray) -> np.ndarray:
+def _beside_own_branch(
+    away: Float[np.ndarray, " pairs"], beside: Float[np.ndarray, " pairs"]
+) -> Float[np.ndarray, " pairs"]:
     """The changes without the common slope of those above a curve and those below it."""
     tilt = 0.0
     for _ in range(3):
@@ -215,7 +222,9 @@ def _beside_own_branch(away: np.ndarray, beside: np.ndarray) -> np.ndarray:
     return beside - tilt * away
 
 
-def once_a_place(value: np.ndarray, row: np.ndarray, step: float) -> np.ndarray:
+def once_a_place(
+    value: Float[np.ndarray, " pairs"], row: Real[np.ndarray, " pairs"], step: float
+) -> Float[np.ndarray, " pairs"]:
     """The weight (n,) of each pair: each visit of a row to a position has the weight one.
 
     Where a row stays, its values fluctuate or alternate, with changes of -1 or -2 times their deviation:
@@ -334,7 +343,7 @@ def _confirmed(drift: Drift, place: float, falls: bool) -> bool:
 
 
 def _remains(
-    drift: Drift, mine: np.ndarray, away: np.ndarray, width: float
+    drift: Drift, mine: Bool[np.ndarray, " pairs"], away: Float[np.ndarray, " pairs"], width: float
 ) -> tuple[float, float, float] | None:
     """Value at a zero of the line through the points of one side, its error, and their mean size."""
     if not mine.any():

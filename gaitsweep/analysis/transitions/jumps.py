@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 import scipy
+from jaxtyping import Bool, Float, Int
 
 from gaitsweep.analysis.circular import is_circular
 from gaitsweep.analysis.records import require, section_column, sound
@@ -33,10 +34,10 @@ class Course(NamedTuple):
     """
 
     first: pd.Series
-    parameter: np.ndarray
-    passes: np.ndarray
-    value: np.ndarray
-    settled: np.ndarray | None
+    parameter: Float[np.ndarray, " records"]
+    passes: Int[np.ndarray, " records"]
+    value: Float[np.ndarray, " records"]
+    settled: Bool[np.ndarray, " records"] | None
 
 
 def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Course]:
@@ -74,13 +75,13 @@ def stretches(course: Course, least: float) -> list[tuple[int, int]]:
     return _along_crossings(course.value, least)
 
 
-def where_it_moves(parameter: np.ndarray) -> int:
+def where_it_moves(parameter: Float[np.ndarray, " records"]) -> int:
     """The index of the last record before a ramp moves; earlier ones are a transient of the start."""
     moved = np.flatnonzero(parameter != parameter[0]) if len(parameter) else np.zeros(0, int)
     return max(int(moved[0]) - 1, 0) if len(moved) else 0
 
 
-def records_of(course: Course, number: int) -> np.ndarray:
+def records_of(course: Course, number: int) -> Int[np.ndarray, " of_pass"]:
     """The indices (k,) of a pass's records with the turning point before it; empty without such a pass."""
     mine = np.flatnonzero(course.passes == number)
     return np.arange(max(mine[0] - 1, 0), mine[-1] + 1) if len(mine) else mine
@@ -92,7 +93,9 @@ def rising(course: Course, number: int) -> bool:
     return bool(course.parameter[mine[-1]] >= course.parameter[mine[0]])
 
 
-def _between_holds(value: np.ndarray, settled: np.ndarray, least: float) -> list[tuple[int, int]]:
+def _between_holds(
+    value: Float[np.ndarray, " records"], settled: Bool[np.ndarray, " records"], least: float
+) -> list[tuple[int, int]]:
     """The jumps between holds; changes in one direction across unsettled holds are one jump."""
     change = np.diff(value)
     least = max(least, STEEPER * float(np.quantile(np.abs(change), 0.25)))
@@ -109,7 +112,9 @@ def _between_holds(value: np.ndarray, settled: np.ndarray, least: float) -> list
     return found
 
 
-def _without_feet(value: np.ndarray, start: int, stop: int, foot: float) -> tuple[int, int]:
+def _without_feet(
+    value: Float[np.ndarray, " records"], start: int, stop: int, foot: float
+) -> tuple[int, int]:
     """A stretch without its slow ends, each of which holds less than the share `foot` of the change."""
     share = (value[start : stop + 1] - value[start]) / ((value[stop] - value[start]) or 1.0)
     after = int(np.argmax(share >= 1.0 - foot))
@@ -117,7 +122,7 @@ def _without_feet(value: np.ndarray, start: int, stop: int, foot: float) -> tupl
     return start + before, start + after
 
 
-def _along_crossings(value: np.ndarray, least: float) -> list[tuple[int, int]]:
+def _along_crossings(value: Float[np.ndarray, " records"], least: float) -> list[tuple[int, int]]:
     span = min(SPAN, len(value) - 1)
     change = value[span:] - value[:-span]
     least = max(least, STEEPER * float(np.quantile(np.abs(change), 0.25)))

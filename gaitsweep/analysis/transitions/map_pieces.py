@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy
+from jaxtyping import Bool, Float
 
 _NEIGHBOURS = 12  # spacings on either side that tell how densely the points lie at a place
 _WIDER = 4.0  # times as wide as those spacings, or
@@ -22,8 +23,13 @@ _STEP = (1.0 / 3.0, 2.0)  # of the lines' difference: what the two points in the
 
 
 def breaks(
-    value: np.ndarray, change: np.ndarray, share: np.ndarray, first: np.ndarray, bandwidth: float, step: float
-) -> np.ndarray:
+    value: Float[np.ndarray, " pairs"],
+    change: Float[np.ndarray, " pairs"],
+    share: Float[np.ndarray, " pairs"],
+    first: Bool[np.ndarray, " pairs"],
+    bandwidth: float,
+    step: float,
+) -> Bool[np.ndarray, " gaps"]:
     """Whether there is a break after each of the points, sorted by their value, bool (n - 1,).
 
     A gap is wider than the spacing of the points around it: 4 times their spacing, twice the spacing of the
@@ -42,7 +48,9 @@ def breaks(
     return _gaps(value, first, bandwidth, step) | _jumps(value, change, share, bandwidth, step)
 
 
-def _gaps(value: np.ndarray, first: np.ndarray, bandwidth: float, step: float) -> np.ndarray:
+def _gaps(
+    value: Float[np.ndarray, " pairs"], first: Bool[np.ndarray, " pairs"], bandwidth: float, step: float
+) -> Bool[np.ndarray, " gaps"]:
     spacing = np.diff(value)
     suspect = np.flatnonzero(spacing > step)
     wide = np.zeros(len(spacing), bool)
@@ -67,8 +75,12 @@ def _gaps(value: np.ndarray, first: np.ndarray, bandwidth: float, step: float) -
 
 
 def _jumps(
-    value: np.ndarray, change: np.ndarray, share: np.ndarray, bandwidth: float, step: float
-) -> np.ndarray:
+    value: Float[np.ndarray, " pairs"],
+    change: Float[np.ndarray, " pairs"],
+    share: Float[np.ndarray, " pairs"],
+    bandwidth: float,
+    step: float,
+) -> Bool[np.ndarray, " gaps"]:
     found = np.zeros(len(value) - 1, bool)
     difference = np.abs(np.diff(change))
     # a jump is far larger than what the points around it differ by, from one to the next
@@ -95,9 +107,9 @@ def _jumps(
 
 
 def _line(
-    value: np.ndarray,
-    change: np.ndarray,
-    share: np.ndarray,
+    value: Float[np.ndarray, " pairs"],
+    change: Float[np.ndarray, " pairs"],
+    share: Float[np.ndarray, " pairs"],
     k: int,
     way: int,
     place: float,

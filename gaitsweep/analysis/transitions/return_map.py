@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Int
 
 from gaitsweep.analysis.circular import branch_cut, is_circular, unwrap_from
 from gaitsweep.analysis.records import axes_of, require, section_column, sound
@@ -203,7 +204,7 @@ def _drifts(
 
 def _joined(
     points: pd.DataFrame, parameter: str, tried: Sequence[float], reach: float, circular: bool
-) -> np.ndarray:
+) -> Int[np.ndarray, " points"]:
     """The branch number of each fixed point; a branch ends at a parameter value without a point of it."""
     branch = np.full(len(points), -1)
     if not len(points):

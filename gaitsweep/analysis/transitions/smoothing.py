@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float, Int, Real
 
 LEAST = (3.0, 6.0)  # least weight of the points in the window of a line and of a parabola
 SPREAD = 0.02  # least variance of these points, in squared bandwidths; 0.2 if evenly spread
@@ -21,20 +22,20 @@ class Smooth(NamedTuple):
     All but the number of points are NaN where there are too few points.
     """
 
-    at: np.ndarray
-    value: np.ndarray
-    slope: np.ndarray
-    value_error: np.ndarray
-    slope_error: np.ndarray
-    points: np.ndarray
+    at: Float[np.ndarray, " positions"]
+    value: Float[np.ndarray, " positions"]
+    slope: Float[np.ndarray, " positions"]
+    value_error: Float[np.ndarray, " positions"]
+    slope_error: Float[np.ndarray, " positions"]
+    points: Int[np.ndarray, " positions"]
 
 
 def local_polynomial(
-    x: np.ndarray,
-    y: np.ndarray,
-    group: np.ndarray,
-    share: np.ndarray,
-    at: np.ndarray,
+    x: Float[np.ndarray, " points"],
+    y: Float[np.ndarray, " points"],
+    group: Real[np.ndarray, " points"],
+    share: Float[np.ndarray, " points"],
+    at: Float[np.ndarray, " positions"],
     bandwidth: float,
     degree: int = 1,
     widen: bool = True,
@@ -75,7 +76,9 @@ def local_polynomial(
     return Smooth(np.asarray(at, float), value, slope, value_error, slope_error, points.astype(int))
 
 
-def _enough(distance: np.ndarray, weight: np.ndarray, least: float) -> bool:
+def _enough(
+    distance: Float[np.ndarray, " points"], weight: Float[np.ndarray, " points"], least: float
+) -> bool:
     """Whether the points have the weight `least`, and do not coincide."""
     if len(distance) < 4 or weight.sum() < least:
         return False
@@ -84,7 +87,11 @@ def _enough(distance: np.ndarray, weight: np.ndarray, least: float) -> bool:
 
 
 def _fit(
-    distance: np.ndarray, y: np.ndarray, group: np.ndarray, share: np.ndarray, degree: int
+    distance: Float[np.ndarray, " points"],
+    y: Float[np.ndarray, " points"],
+    group: Real[np.ndarray, " points"],
+    share: Float[np.ndarray, " points"],
+    degree: int,
 ) -> tuple[float, ...]:
     """The value, slope and their standard errors at distance 0, for bandwidth 1."""
     weight = 1.0 - distance**2

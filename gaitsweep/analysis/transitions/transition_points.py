@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool, Float, Shaped
 
 from gaitsweep.analysis.circular import is_circular, mean_direction
 from gaitsweep.analysis.records import axes_of, require, section_column
@@ -201,7 +202,7 @@ def loop_area(table: pd.DataFrame, observable: str, parameter: str) -> pd.DataFr
     return pd.DataFrame(found, columns=["row", *axes, "loop", "area", "signed", "low", "high"])
 
 
-def _oscillating(found: pd.DataFrame) -> np.ndarray:
+def _oscillating(found: pd.DataFrame) -> Bool[np.ndarray, " jumps"]:
     """Whether each of the `jumps` is of a pass whose jumps reverse direction at least twice, (n,)."""
     size, one = found["size"].to_numpy(float), found.groupby(["row", "pass"]).ngroup().to_numpy(int)
     back = (size[1:] * size[:-1] < 0.0) & (one[1:] == one[:-1])
@@ -209,7 +210,7 @@ def _oscillating(found: pd.DataFrame) -> np.ndarray:
     return turns[one] >= 2
 
 
-def _reversals(value: np.ndarray, least: float) -> int:
+def _reversals(value: Float[np.ndarray, " records"], least: float) -> int:
     """The number of times that a course turns back, having moved by `least` or more since the last turn."""
     turns, way = 0, 0
     low = high = value[0]
@@ -226,7 +227,9 @@ def _place(course: Course, axes: Sequence[str]) -> dict[str, object]:
     return {name: course.first[name] for name in ("row", *axes)}
 
 
-def _edges_of(part: pd.DataFrame, parameter: str, start: str, reached: np.ndarray) -> list[dict[str, object]]:
+def _edges_of(
+    part: pd.DataFrame, parameter: str, start: str, reached: Shaped[np.ndarray, " rows"]
+) -> list[dict[str, object]]:
     """The transition points of one gait, given the rows that ended in it."""
     undecided = Status.UNDECIDED.among(part["status"])
     settled = reached & ~undecided
@@ -265,7 +268,9 @@ def _area(course: Course, first: int, circular: bool) -> dict[str, float]:
     return {"area": float(area), "signed": float(signed), "low": float(low), "high": float(high)}
 
 
-def _branch(course: Course, number: int, circular: bool) -> tuple[np.ndarray, np.ndarray]:
+def _branch(
+    course: Course, number: int, circular: bool
+) -> tuple[Float[np.ndarray, " records"], Float[np.ndarray, " records"]]:
     """The parameter's values in a pass, ascending, and the observable at each."""
     mine = records_of(course, number)
     at, which = np.unique(course.parameter[mine], return_inverse=True)

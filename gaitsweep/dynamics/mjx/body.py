@@ -20,6 +20,7 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
+from jaxtyping import Array, Float, Num
 
 from gaitsweep.dynamics.mjx import contacts
 from gaitsweep.dynamics.mjx.contacts import mjx as mjx
@@ -36,7 +37,7 @@ _INTEGRATE = {
     mujoco.mjtIntegrator.mjINT_IMPLICITFAST: mjx.implicit,
 }
 
-Numbers = Mapping[str, jax.Array]  # fields of mjx.Model, or of its options ("opt.gravity"), by name
+Numbers = Mapping[str, Num[Array, " ..."]]  # fields of mjx.Model, or of its options ("opt.gravity"), by name
 
 
 @jax.tree_util.register_dataclass
@@ -49,11 +50,11 @@ class BodyState:
     constraints; `time` (1,) s, (0,) for a body without a sensor of the clock.
     """
 
-    q: jax.Array
-    v: jax.Array
-    act: jax.Array
-    warm: jax.Array
-    time: jax.Array
+    q: Float[Array, " nq"]
+    v: Float[Array, " nv"]
+    act: Float[Array, " na"]
+    warm: Float[Array, " warm"]
+    time: Float[Array, " clock"]
 
 
 class MjxBody:
@@ -117,7 +118,7 @@ class MjxBody:
                 raise ValueError(f"The model has no site '{name}'{suggestion(name, names)}")
         self._sites = np.array([names.index(name) for name in points], np.int64)
 
-    def start(self, q: jax.Array, v: jax.Array) -> BodyState:
+    def start(self, q: Float[Array, " nq"], v: Float[Array, " nv"]) -> BodyState:
         """The state at these positions (nq,) and velocities (nv,)."""
         act, time = jnp.asarray(self._act, q.dtype), jnp.asarray(self._time, q.dtype)
         return BodyState(q, v, act, jnp.zeros(v.size if self._constrained else 0, q.dtype), time)
@@ -134,7 +135,9 @@ class MjxBody:
         """Whether a constraint, such as a contact or a limit, can act."""
         return self._data._impl.efc_J.size > 0
 
-    def points(self, numbers: Numbers, q: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def points(
+        self, numbers: Numbers, q: Float[Array, " nq"], v: Float[Array, " nv"]
+    ) -> tuple[Float[Array, "points 3"], Float[Array, "points 3"]]:
         """Positions (k, 3) m and velocities (k, 3) m/s in the world of the k points."""
         with _as_mjx_wants(q):
             model, data = self._begun(numbers, self.start(q, v))
@@ -149,11 +152,11 @@ class MjxBody:
         self,
         numbers: Numbers,
         state: BodyState,
-        dt: jax.Array | float,
+        dt: Float[Array, ""] | float,
         *,
-        tau: jax.Array | None = None,
-        forces: jax.Array | None = None,
-        ctrl: jax.Array | None = None,
+        tau: Float[Array, " nv"] | None = None,
+        forces: Float[Array, "points 3"] | None = None,
+        ctrl: Float[Array, " nu"] | None = None,
     ) -> tuple[BodyState, Any]:
         """The state `dt` (s) later in its own precision, by the integrator that the MJCF names.
 
@@ -190,7 +193,7 @@ class MjxBody:
         found = BodyState(data.qpos, data.qvel, data.act, warm, jnp.full(state.time.shape, data.time))
         return jax.tree.map(lambda new, old: new.astype(old.dtype), found, state), data
 
-    def pressures(self, data: Any) -> jax.Array:
+    def pressures(self, data: Any) -> Float[Array, " contacts"]:
         """The normal force (k,) N of each possible contact, at the beginning of the step to `data`.
 
         Raises:
@@ -216,7 +219,7 @@ class MjxBody:
         time = state.time[0] if state.time.size else data.time
         return model, data.replace(qpos=state.q, qvel=state.v, act=state.act, qacc_warmstart=warm, time=time)
 
-    def _pushes(self, model: Any, data: Any, forces: jax.Array) -> jax.Array:
+    def _pushes(self, model: Any, data: Any, forces: Float[Array, "points 3"]) -> Float[Array, "bodies 6"]:
         """MuJoCo's xfrc_applied (bodies, 6), at the centres of mass, from forces (k, 3) on the points."""
         placed = mjx.com_pos(model, mjx.kinematics(model, data))
         body = self.mj_model.site_bodyid[self._sites]

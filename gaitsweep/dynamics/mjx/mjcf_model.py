@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Quantity, Rates, SteppedModel
 from gaitsweep.dynamics.declared_model import Declared, Values
@@ -56,7 +57,7 @@ class MjcfModel(Declared, SteppedModel):
         return [BODY, SENSORS]
 
     @abc.abstractmethod
-    def control(self, params: Any, state: Any, /) -> jax.Array:
+    def control(self, params: Any, state: Any, /) -> Float[Array, " nu"]:
         """The controls (nu,) of the MJCF's actuators, in their order."""
 
     @property
@@ -65,7 +66,7 @@ class MjcfModel(Declared, SteppedModel):
         return _body(type(self))
 
     @property
-    def keyframe_ctrl(self) -> jax.Array:
+    def keyframe_ctrl(self) -> Float[Array, " nu"]:
         """The controls (nu,) of the keyframe of a start; zeros where the MJCF has none."""
         m = self.mjx_body.mj_model
         number = _keyframe(m, self.keyframe)
@@ -75,7 +76,7 @@ class MjcfModel(Declared, SteppedModel):
         """Time derivatives of the declared variables, by name; a step moves them by one step of Euler."""
         return {}
 
-    def sensor(self, state: Any, name: str) -> jax.Array:
+    def sensor(self, state: Any, name: str) -> Float[Array, " ..."]:
         """Reading of a sensor of the MJCF at the beginning of the last step, a number or (n,); 0 before it.
 
         Raises:
@@ -99,7 +100,7 @@ class MjcfModel(Declared, SteppedModel):
         qpos = (Quantity(f"q_{i}", "1", f"qpos[{i}] of MuJoCo") for i in range(self.mjx_body.mj_model.nq))
         return (*super().signals, *qpos)
 
-    def signal(self, params: Any, state: Any, /) -> dict[str, jax.Array]:
+    def signal(self, params: Any, state: Any, /) -> dict[str, Real[Array, ""]]:
         qpos = {f"q_{i}": state.body.q[i] for i in range(self.mjx_body.mj_model.nq)}
         return {**super().signal(params, state), **qpos}
 
@@ -111,10 +112,10 @@ class MjcfModel(Declared, SteppedModel):
         sensors = jnp.zeros(body.mj_model.nsensordata)
         return self.State(**self._started(start), body=body.start(*places), sensors=sensors)
 
-    def step(self, params: Any, state: Any, dt: jax.Array, /) -> Any:
+    def step(self, params: Any, state: Any, dt: Float[Array, ""], /) -> Any:
         return self.step_with({}, params, state, dt)
 
-    def step_with(self, numbers: Numbers, params: Any, state: Any, dt: jax.Array) -> Any:
+    def step_with(self, numbers: Numbers, params: Any, state: Any, dt: Float[Array, ""]) -> Any:
         """The state one step later, with some numbers of mjx.Model replaced."""
         controls = self.checked_control(params, state)
         moved, data = self.mjx_body.step(numbers, state.body, dt, ctrl=controls)
@@ -122,7 +123,7 @@ class MjcfModel(Declared, SteppedModel):
         changes = {name: getattr(state, name) + dt * rate for name, rate in rates.items()}
         return state.replace(**changes, body=moved, sensors=data.sensordata)
 
-    def checked_control(self, params: Any, state: Any) -> jax.Array:
+    def checked_control(self, params: Any, state: Any) -> Float[Array, " nu"]:
         """Values of `control`, (nu,).
 
         Raises:
@@ -138,7 +139,7 @@ class MjcfModel(Declared, SteppedModel):
             )
         return given
 
-    def events(self, params: Any, before: Any, after: Any, /) -> jax.Array:
+    def events(self, params: Any, before: Any, after: Any, /) -> Bool[Array, " events"]:
         fired = []
         for each in self._events():
             ends = jnp.asarray(each.function(self, params, after)) >= 0.0
@@ -146,18 +147,18 @@ class MjcfModel(Declared, SteppedModel):
             fired.append(each.within(after) & (begins & ends if each.rising else ends))
         return jnp.stack(fired) if fired else jnp.zeros((0,), bool)
 
-    def jump(self, params: Any, state: Any, fired: jax.Array, /) -> Any:
+    def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
         for each, flag in zip(self._events(), fired, strict=True):
             if each.effect is not None:
                 after = each.effect(self, params, state)
                 state = jax.tree.map(lambda new, old, f=flag: jnp.where(f, new, old), after, state)
         return state
 
-    def section(self, params: Any, before: Any, fired: jax.Array, /) -> jax.Array:
+    def section(self, params: Any, before: Any, fired: Bool[Array, " events"], /) -> Bool[Array, ""]:
         closed = [flag for each, flag in zip(self._events(), fired, strict=True) if each.is_section]
         return jnp.any(jnp.stack(closed)) if closed else jnp.zeros((), bool)
 
-    def longest_step(self, params: Any, /) -> jax.Array:
+    def longest_step(self, params: Any, /) -> Float[Array, ""]:
         """The MJCF's timestep."""
         return jnp.asarray(self.mjx_body.mj_model.opt.timestep) + 0.0 * self.period(params)
 

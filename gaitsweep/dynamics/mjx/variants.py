@@ -18,6 +18,7 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
+from jaxtyping import Array, Float, Num
 
 from gaitsweep.dynamics.mjx.body import mjx
 from gaitsweep.errors import ArgumentError
@@ -58,7 +59,7 @@ class Variants:
         self.fields = tuple(sorted(found))
         self._of_set = lru_cache(_KEPT)(self._found)
 
-    def numbers(self, columns: Mapping[str, np.ndarray]) -> Fields:
+    def numbers(self, columns: Mapping[str, Float[np.ndarray, " rows"]]) -> Fields:
         """The fields of each row (n, ...), from columns (n,) of the values.
 
         Raises:
@@ -69,12 +70,12 @@ class Variants:
         sets = [self._of_set(tuple(values)) for values in distinct.tolist()]
         return {field: np.stack([one[field] for one in sets])[which.ravel()] for field in self.fields}
 
-    def on_host(self, columns: Mapping[str, np.ndarray]) -> Fields:
+    def on_host(self, columns: Mapping[str, Float[np.ndarray, " rows"]]) -> Fields:
         """The values (n,) of rows and their fields (n, ...) by name, as returned by `Model.on_host`."""
         fields = {_FIELD + name: field for name, field in self.numbers(columns).items()}
         return {**columns, **fields, **{_MADE_OF + name: columns[name] for name in self._names}}
 
-    def of_row(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+    def of_row(self, values: Mapping[str, Float[Array, " ..."]]) -> dict[str, Num[Array, " ..."]]:
         """The fields among a row's values; NaN if masses or lengths have changed since (by a ramp).
 
         Empty if the values have not passed through `on_host`; this is enough if the body is not simulated.
@@ -109,7 +110,9 @@ class Variants:
         return "With " + ", ".join(f"{n} {v:g}" for n, v in zip(self._names, values, strict=True))
 
 
-def rescale(spec: Any, mass: Mapping[str, float], size: Mapping[str, float | np.ndarray]) -> None:
+def rescale(
+    spec: Any, mass: Mapping[str, float], size: Mapping[str, float | Float[np.ndarray, " 3"]]
+) -> None:
     """Scale masses and lengths of some bodies of a mujoco.MjSpec, as `articulated_tree.rescaled` does.
 
     Args:

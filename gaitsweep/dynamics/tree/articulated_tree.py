@@ -17,6 +17,7 @@ from typing import Literal, TypeAlias
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from gaitsweep.dynamics.tree.spatial import EYE, ZERO, Array, Scalar
 from gaitsweep.near_miss import suggestion
@@ -57,14 +58,14 @@ class Geometry:
     `stiffness` (n,) N m/rad or N/m of the joint's spring; `rest` (n,) rad or m, its neutral position.
     """
 
-    mass: Array
-    com: Array
-    inertia: Array
-    position: Array
-    anchor: Array
-    reference: Array
-    armature: Array
-    damping: Array
+    mass: Float[Array, " links"]
+    com: Float[Array, "links 3"]
+    inertia: Float[Array, "links 3 3"]
+    position: Float[Array, "links 3"]
+    anchor: Float[Array, "links 3"]
+    reference: Float[Array, " links"]
+    armature: Float[Array, " nv"]
+    damping: Float[Array, " nv"]
     stiffness: Array
     rest: Array
 
@@ -82,11 +83,11 @@ class Writing:
     about `normal` (3,) by the sum of `sign` times q over the limb's links up to this one.
     """
 
-    across: np.ndarray | None
+    across: Float[np.ndarray, "3 3"] | None
     own: bool
-    normal: np.ndarray
+    normal: Float[np.ndarray, " 3"]
     sign: float
-    still: np.ndarray
+    still: Float[np.ndarray, "3 3"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -174,7 +175,7 @@ def rescaled(
     tree: Tree,
     geometry: Geometry,
     mass: Mapping[str, Scalar] | None = None,
-    size: Mapping[str, Scalar | Array] | None = None,
+    size: Mapping[str, Scalar | Float[Array, " 3"]] | None = None,
 ) -> Geometry:
     """The geometry with the masses and lengths of some links scaled; mass distributions keep their shape.
 

@@ -6,6 +6,7 @@ import dataclasses
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from gaitsweep.dynamics.tree.articulated_tree import WORLD, Geometry, Tree
 from gaitsweep.dynamics.tree.external_force import External, YieldingForce
@@ -44,13 +45,13 @@ class _Body:
 def forward_dynamics(
     tree: Tree,
     geometry: Geometry,
-    q: Array,
-    v: Array,
-    tau: Array,
+    q: Float[Array, " nq"],
+    v: Float[Array, " nv"],
+    tau: Float[Array, " nv"],
     external: External = (),
     *,
-    gravity: Array,
-) -> Array:
+    gravity: Float[Array, " 3"],
+) -> Float[Array, " nv"]:
     """Accelerations dv/dt (nv,), rad/s2 and m/s2, by the articulated-body algorithm (table 7.1).
 
     Args:
@@ -102,7 +103,9 @@ def forward_dynamics(
     return jnp.concatenate(pieces)
 
 
-def passive_forces(tree: Tree, geometry: Geometry, q: Array, v: Array) -> Array:
+def passive_forces(
+    tree: Tree, geometry: Geometry, q: Float[Array, " nq"], v: Float[Array, " nv"]
+) -> Float[Array, " nv"]:
     """Generalised forces (nv,), N m and N, of the joints' dampers and springs at q (nq,) and v (nv,)."""
     springs = []
     for i, link in enumerate(tree.links):
@@ -111,7 +114,7 @@ def passive_forces(tree: Tree, geometry: Geometry, q: Array, v: Array) -> Array:
     return -(geometry.damping * v + jnp.concatenate(springs))
 
 
-def rigid_body(geometry: Geometry, i: int, place: Place) -> tuple[Inertia, Array]:
+def rigid_body(geometry: Geometry, i: int, place: Place) -> tuple[Inertia, Float[Array, " 3"]]:
     """A link's inertia about its point, and mass times centre of mass from there (3,), in its axes."""
     mass, c = geometry.mass[i], geometry.com[i] - geometry.anchor[i]
     # computed in the body's frame, where it is constant, and then rotated

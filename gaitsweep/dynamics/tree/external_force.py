@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TypeAlias
 
 import jax
+from jaxtyping import Float
 
 from gaitsweep.dynamics.tree.kinematics import Place
 from gaitsweep.dynamics.tree.spatial import (
@@ -32,8 +33,8 @@ class PointForce:
     """
 
     link: int = dataclasses.field(metadata={"static": True})
-    point: Array
-    force: Array
+    point: Float[Array, " 3"]
+    force: Float[Array, " 3"]
 
     def on(self, place: Place) -> ForceVector:
         """The spatial force about the link's point, in the link's axes."""
@@ -53,9 +54,9 @@ class YieldingForce:
     """
 
     link: int = dataclasses.field(metadata={"static": True})
-    at: Array
-    force: Array
-    yields: Array
+    at: Float[Array, " 3"]
+    force: Float[Array, " 3"]
+    yields: Float[Array, " 3"]
 
     def on(self, place: Place) -> ForceVector:
         """The spatial force at zero acceleration, about the link's point, in the link's axes."""
@@ -70,7 +71,7 @@ class YieldingForce:
         H = rx @ M
         return Inertia(symmetric(H @ rx.T), H, M)
 
-    def at_rest(self, place: Place, w: Array, gravity: Array) -> MotionVector:
+    def at_rest(self, place: Place, w: Float[Array, " 3"], gravity: Float[Array, " 3"]) -> MotionVector:
         """The acceleration of the force's point if its link's point and axes do not accelerate.
 
         Args:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 
 from gaitsweep.dynamics.tree.articulated_tree import WORLD, Geometry, Kind, Link, Row, Tree
 
@@ -158,7 +159,7 @@ def compiled(source: mujoco.MjModel | str | Path) -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_path(str(source))
 
 
-def _rotation(quaternion: np.ndarray) -> np.ndarray:
+def _rotation(quaternion: Float[np.ndarray, " 4"]) -> Float[np.ndarray, "3 3"]:
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, quaternion)
     return _dusted(matrix.reshape(3, 3))

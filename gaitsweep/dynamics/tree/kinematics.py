@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from gaitsweep.dynamics.tree.articulated_tree import WORLD, Geometry, Link, Tree, Writing
 from gaitsweep.dynamics.tree.spatial import (
@@ -46,7 +47,7 @@ class Place:
     base: Array
     reach: Array
 
-    def position(self, point: Array) -> Array:
+    def position(self, point: Float[Array, " 3"]) -> Float[Array, " 3"]:
         """The position in the world (3,), m, of a `point` (3,) of the body, m in the body's frame."""
         return self.base + self.frame @ (self.reach + self.turn @ (point - self.anchor))
 
@@ -54,7 +55,7 @@ class Place:
 _GROUND = Place(None, ZERO, ZERO, ZERO, EYE, ZERO, EYE, ZERO, ZERO)
 
 
-def places(tree: Tree, geometry: Geometry, q: Array) -> list[Place]:
+def places(tree: Tree, geometry: Geometry, q: Float[Array, " nq"]) -> list[Place]:
     """The place of each link.
 
     Args:
@@ -119,12 +120,12 @@ class Movement:
     (3,) m/s is the velocity of its point relative to the base, in its axes.
     """
 
-    angular: Array
-    linear: Array
-    base: Array
+    angular: Float[Array, " 3"]
+    linear: Float[Array, " 3"]
+    base: Float[Array, " 3"]
 
 
-def movements(tree: Tree, placed: Sequence[Place], v: Array) -> list[Movement]:
+def movements(tree: Tree, placed: Sequence[Place], v: Float[Array, " nv"]) -> list[Movement]:
     """The velocity of each link (table 5.1, pass 1).
 
     Args:
@@ -153,19 +154,19 @@ def movements(tree: Tree, placed: Sequence[Place], v: Array) -> list[Movement]:
     return found
 
 
-def velocity(place: Place, movement: Movement, point: Array) -> Array:
+def velocity(place: Place, movement: Movement, point: Float[Array, " 3"]) -> Float[Array, " 3"]:
     """The velocity in the world (3,), m/s, of a `point` (3,) of a link's body, m in the body's frame."""
     lever = place.turn @ (point - place.anchor)
     return movement.base + place.frame @ (movement.linear + cross(movement.angular, lever))
 
 
-def velocity_at(place: Place, movement: Movement, at: Array) -> Array:
+def velocity_at(place: Place, movement: Movement, at: Float[Array, " 3"]) -> Float[Array, " 3"]:
     """The velocity in the world (3,), m/s, of a point of a link's body, given `at` (3,), m in the world."""
     lever = place.frame.T @ (at - place.base) - place.reach
     return movement.base + place.frame @ (movement.linear + cross(movement.angular, lever))
 
 
-def rates(tree: Tree, q: Array, v: Array) -> Array:
+def rates(tree: Tree, q: Float[Array, " nq"], v: Float[Array, " nv"]) -> Float[Array, " nq"]:
     """dq/dt (nq,), smooth, for Runge-Kutta methods (eq. 4.13 for quaternions).
 
     The exact flow conserves the norm of a quaternion; its numerical drift has no effect, since every use of q
@@ -181,7 +182,7 @@ def rates(tree: Tree, q: Array, v: Array) -> Array:
     return jnp.concatenate(pieces)
 
 
-def integrate(tree: Tree, q: Array, v: Array, dt: Scalar) -> Array:
+def integrate(tree: Tree, q: Float[Array, " nq"], v: Float[Array, " nv"], dt: Scalar) -> Float[Array, " nq"]:
     """Q (nq,) after `dt` (s) at constant v (nv,), as by MuJoCo's mj_integratePos; quaternions have norm 1."""
     pieces: list[Array] = []
     for at, to, link in zip(tree.v_of, tree.q_of, tree.links, strict=True):

@@ -17,6 +17,7 @@ from typing import TypeAlias
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 Array: TypeAlias = jax.Array | np.ndarray
 Scalar: TypeAlias = jax.Array | np.ndarray | np.float64 | float
@@ -33,17 +34,17 @@ _CROSS = np.array(  # r x m = (_CROSS @ r) @ m
 )
 
 
-def skew(r: Array) -> Array:
+def skew(r: Float[Array, " 3"]) -> Float[Array, "3 3"]:
     """The matrix r x of the cross product with `r` (3,), shape (3, 3)."""
     return _CROSS @ r
 
 
-def cross(a: Array, b: Array) -> Array:
+def cross(a: Float[Array, " 3"], b: Float[Array, " 3"]) -> Float[Array, " 3"]:
     """A x b, shape (3,)."""
     return skew(a) @ b
 
 
-def symmetric(A: Array) -> Array:
+def symmetric(A: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
     """A symmetric matrix (3, 3) with its lower triangle copied from the upper one.
 
     So the scalar kernel computes the upper triangle only.
@@ -55,8 +56,8 @@ def symmetric(A: Array) -> Array:
 class MotionVector:
     """A spatial velocity or (classical) acceleration: `angular` (rad/s, rad/s2), `linear` of the point."""
 
-    angular: Array
-    linear: Array
+    angular: Float[Array, " 3"]
+    linear: Float[Array, " 3"]
 
     def __add__(self, other: MotionVector) -> MotionVector:
         return MotionVector(self.angular + other.angular, self.linear + other.linear)
@@ -68,11 +69,11 @@ class MotionVector:
         """The power of a force on this motion."""
         return self.angular @ force.couple + self.linear @ force.linear
 
-    def shifted(self, r: Array) -> MotionVector:
+    def shifted(self, r: Float[Array, " 3"]) -> MotionVector:
         """The motion of the body's point at `r` (3,) from this one (table 2.2)."""
         return MotionVector(self.angular, self.linear + cross(self.angular, r))
 
-    def rotated(self, E: Array | None) -> MotionVector:
+    def rotated(self, E: Float[Array, "3 3"] | None) -> MotionVector:
         """The motion in other axes: `E` (3, 3) transforms coordinates into these; None: no rotation."""
         return self if E is None else MotionVector(E @ self.angular, E @ self.linear)
 
@@ -81,8 +82,8 @@ class MotionVector:
 class ForceVector:
     """A spatial force: its `couple` about the point (N m), and `linear` (N), each (3,)."""
 
-    couple: Array
-    linear: Array
+    couple: Float[Array, " 3"]
+    linear: Float[Array, " 3"]
 
     def __add__(self, other: ForceVector) -> ForceVector:
         return ForceVector(self.couple + other.couple, self.linear + other.linear)
@@ -93,11 +94,11 @@ class ForceVector:
     def __mul__(self, factor: Scalar) -> ForceVector:
         return ForceVector(self.couple * factor, self.linear * factor)
 
-    def moved_from(self, r: Array) -> ForceVector:
+    def moved_from(self, r: Float[Array, " 3"]) -> ForceVector:
         """The force about the point from which this one is at `r` (3,) (table 2.2)."""
         return ForceVector(self.couple + cross(r, self.linear), self.linear)
 
-    def rotated(self, E: Array | None) -> ForceVector:
+    def rotated(self, E: Float[Array, "3 3"] | None) -> ForceVector:
         """The force in other axes, as for a motion."""
         return self if E is None else ForceVector(E @ self.couple, E @ self.linear)
 
@@ -109,9 +110,9 @@ class Inertia:
     `I` (kg m2) and `M` (kg) are symmetric; for a rigid body H = m c x and M = m 1.
     """
 
-    I: Array  # noqa: E741 - the book's name
-    H: Array
-    M: Array
+    I: Float[Array, "3 3"]  # noqa: E741 - the book's name
+    H: Float[Array, "3 3"]
+    M: Float[Array, "3 3"]
 
     def __add__(self, other: Inertia) -> Inertia:
         return Inertia(self.I + other.I, self.H + other.H, self.M + other.M)
@@ -135,25 +136,25 @@ class Inertia:
         w, v = 1.0 - np.abs(S.angular), 1.0 - np.abs(S.linear)
         return Inertia(self.I * np.outer(w, w), self.H * np.outer(w, v), self.M * np.outer(v, v))
 
-    def rotated(self, E: Array | None) -> Inertia:
+    def rotated(self, E: Float[Array, "3 3"] | None) -> Inertia:
         """The inertia in other axes, as for a motion: E I E^T block by block."""
         if E is None:
             return self
         return Inertia(turned(E, self.I), E @ self.H @ E.T, turned(E, self.M))
 
-    def moved_from(self, r: Array) -> Inertia:
+    def moved_from(self, r: Float[Array, " 3"]) -> Inertia:
         """The inertia about the point from which this one is at `r` (3,) (sec. 2.13)."""
         rx = skew(r)
         H = self.H + rx @ self.M
         return Inertia(symmetric(self.I + rx @ self.H.T - H @ rx), H, self.M)
 
 
-def turned(E: Array, A: Array) -> Array:
+def turned(E: Float[Array, "3 3"], A: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
     """E A E^T of a symmetric matrix `A` (3, 3)."""
     return A if E is EYE else symmetric(E @ A @ E.T)
 
 
-def rotation_about(axis: np.ndarray, angle: Scalar) -> Array:
+def rotation_about(axis: Float[np.ndarray, " 3"], angle: Scalar) -> Float[Array, "3 3"]:
     """The rotation matrix (3, 3) by `angle` (rad) about a constant unit `axis` (3,).
 
     For a coordinate axis, zeros and ones of the matrix are constants.
@@ -162,7 +163,7 @@ def rotation_about(axis: np.ndarray, angle: Scalar) -> Array:
     return along + jnp.cos(angle) * (EYE - along) + jnp.sin(angle) * skew(axis)
 
 
-def rotation_of(quaternion: Array) -> Array:
+def rotation_of(quaternion: Float[Array, " 4"]) -> Float[Array, "3 3"]:
     """The rotation matrix (3, 3) of a quaternion (w, x, y, z) of any norm (eq. 4.12)."""
     w, x, y, z = (quaternion[k] for k in range(4))
     s = 2.0 / (w * w + x * x + y * y + z * z)
@@ -176,13 +177,13 @@ def rotation_of(quaternion: Array) -> Array:
     )
 
 
-def quaternion_product(p: Array, q: Array) -> Array:
+def quaternion_product(p: Float[Array, " 4"], q: Float[Array, " 4"]) -> Float[Array, " 4"]:
     """The quaternion (w, x, y, z) of the rotation `q` followed, in its parent's frame, by `p`."""
     w, u, x, v = p[0], p[1:], q[0], q[1:]
     return jnp.concatenate([(w * x - u @ v)[None], w * v + x * u + cross(u, v)])
 
 
-def quaternion_exponential(turn: Array) -> Array:
+def quaternion_exponential(turn: Float[Array, " 3"]) -> Float[Array, " 4"]:
     """The quaternion (w, x, y, z) of the rotation vector `turn` (3,), rad; smooth at zero."""
     square = turn @ turn
     tiny = square < 1e-12
@@ -192,7 +193,7 @@ def quaternion_exponential(turn: Array) -> Array:
     return jnp.concatenate([cosine[None], half_sinc * turn])
 
 
-def solve_positive(A: Array, b: Array) -> Array:
+def solve_positive(A: Float[Array, "n n"], b: Float[Array, " n"]) -> Float[Array, " n"]:
     """X of A x = b for a small symmetric positive definite `A` (n, n), by L D L^T.
 
     The loops are unrolled and read the upper triangle only, without linear algebra routines.

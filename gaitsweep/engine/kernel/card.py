@@ -7,6 +7,7 @@ import importlib.util
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from gaitsweep.engine.kernel import nvrtc
 from gaitsweep.engine.kernel.gpu_program import THREADS
@@ -59,7 +60,7 @@ class DeviceArray:
         self._pinned: Any = None
         self._host = np.zeros(0)
 
-    def host(self, size: int) -> np.ndarray:
+    def host(self, size: int) -> Float[np.ndarray, " numbers"]:
         """Pinned memory of the host (size,), the same at each call unless it has to grow."""
         if self._host.size < size:
             # the next size is often a little larger
@@ -74,7 +75,7 @@ class DeviceArray:
         """Copy the first `size` numbers of `host` to the card."""
         self.card.copy(self._pinned, self.buffer, size)
 
-    def from_card(self, size: int) -> np.ndarray:
+    def from_card(self, size: int) -> Float[np.ndarray, " numbers"]:
         """The first `size` numbers of the array, a view of `host`."""
         host = self.host(size)
         if size:

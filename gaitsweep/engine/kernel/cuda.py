@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any
+from typing import final
 
 import jax
 import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
-from gaitsweep.contract import Status
+from gaitsweep.contract import Params, Status
 from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.kernel import gpu_program
 from gaitsweep.engine.kernel.card import CudaDevice, DeviceArray
@@ -31,7 +33,9 @@ def varying_slots(kernel: Kernel, names: frozenset[str]) -> frozenset[int]:
     if not names:
         return frozenset()
 
-    def constants(values: Values, starts: Values) -> Any:
+    def constants(
+        values: Mapping[str, Float[Array, " ..."]], starts: Mapping[str, Float[Array, ""]]
+    ) -> Params:
         held, *_ = kernel.lane.open(values, starts)
         return held
 
@@ -45,6 +49,7 @@ def varying_slots(kernel: Kernel, names: frozenset[str]) -> frozenset[int]:
     )
 
 
+@final
 class CudaLanes(KernelLanes):
     """Lanes on one GPU, more than it has threads; `run` is the kernel that advances them, once filled."""
 
@@ -71,13 +76,13 @@ class CudaLanes(KernelLanes):
         self.card.launch(module.get_kernel("clear"), size, self._slots, size, self._turn)
         self.card.wait()
 
-    def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None:
+    def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
         """Start new trajectories; all of them are copied to the card together."""
         self.card.use()
         count, width = int(np.count_nonzero(fresh)), self._filling.shape[1]
         self._staged = self._filling.host(count * width).reshape(count, width)
         self._placed = 0
-        super().fill(params, starts, fresh)
+        self.open_rows(params, starts, fresh)
         self._filling.to_card(self._staged.size)
         self.card.launch(self._put, count, self._slots, self._kept, self.size, self._filling, count)
         self._under_way |= fresh
@@ -95,7 +100,13 @@ class CudaLanes(KernelLanes):
             self.at_a_time = min(self.size, self.card.threads(self.run))
         self.card.wait()
 
-    def put(self, lanes: np.ndarray, opened: np.ndarray, samples: np.ndarray, kept: np.ndarray) -> None:
+    def put(
+        self,
+        lanes: Int[np.ndarray, " opened"],
+        opened: Float[np.ndarray, "opened slots"],
+        samples: Float[np.ndarray, "opened width"],
+        kept: Bool[np.ndarray, " opened"],
+    ) -> None:
         first, n_opened = gpu_program.FILLING, opened.shape[1]
         part = self._staged[self._placed : self._placed + lanes.size]
         part[:, 0], part[:, 1] = lanes, kept
@@ -140,7 +151,7 @@ class UniformConstants:
         self.varying = varying
         self._first: np.ndarray | None = None
 
-    def differs(self, constants: np.ndarray) -> bool:
+    def differs(self, constants: Float[np.ndarray, "rows slots"]) -> bool:
         """Whether the constants (rows, slots) of new rows change the set of varying ones.
 
         A late row can differ from all rows before it, so this is called for every row.

@@ -15,6 +15,7 @@ from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.kernel.c_source import C, function, loaded, stored, structure
@@ -186,7 +187,7 @@ def running(chunk: Chunk, varying: Collection[int], title: str) -> str:
     return "\n".join([f"// Written by gaitsweep: {title}", HEAD, *_Thread(chunk, varying).parts(), run])
 
 
-def packed(chunk: Chunk, varying: Collection[int], slots: np.ndarray) -> bytes:
+def packed(chunk: Chunk, varying: Collection[int], slots: Float[np.ndarray, " slots"]) -> bytes:
     """The variable `same` of a kernel, from all slots (n_slots,) of a trajectory."""
     kinds: dict[int, Kind] = {slot: chunk.program.nodes[at].kind for at, slot in same(chunk, varying).items()}
     formats = [_FORMATS[kind] for kind in kinds.values()]

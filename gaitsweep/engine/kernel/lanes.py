@@ -5,20 +5,21 @@ from __future__ import annotations
 import abc
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Real
 
 from gaitsweep.contract import Model, Status
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import BUFFER, Recorder
-from gaitsweep.engine.sweep.lane import ChunkOutput, OneLane, RowDrive, Values, host_device
+from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes, OneLane, RowDrive, Values, host_device
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
 CACHE_LINE = 64  # bytes, also the size of the widest vector
@@ -54,13 +55,15 @@ def kernel_of(model: Model, recorder: Recorder, numerics: ResolvedNumerics, driv
     return Kernel(chunk, jax.jit(jax.vmap(partial(_open, lane))), title, lane, (values, starts))
 
 
-def _open(lane: OneLane, values: Any, starts: Any) -> Any:
+def _open(
+    lane: OneLane, values: Mapping[str, Float[Array, " ..."]], starts: Mapping[str, Float[Array, ""]]
+) -> tuple[Float[Array, " slots"], Float[Array, " width"], Bool[Array, ""]]:
     held, carry, record, sample, keep = lane.open(values, starts)
     flat = [jnp.ravel(leaf).astype(jnp.float64) for leaf in jax.tree.leaves((held, carry, record))]
     return jnp.concatenate(flat), sample, keep
 
 
-class KernelLanes(abc.ABC):
+class KernelLanes(Lanes):
     """The trajectories of a sweep that one device runs at a time."""
 
     # rows opened in one call: constant, since the last bits of XLA depend on it
@@ -78,15 +81,17 @@ class KernelLanes(abc.ABC):
         self.seen: dict[str, Leaf] = {**record.results(carry), **counts}
 
     @abc.abstractmethod
-    def put(self, lanes: np.ndarray, opened: np.ndarray, samples: np.ndarray, kept: np.ndarray) -> None:
+    def put(
+        self,
+        lanes: Int[np.ndarray, " opened"],
+        opened: Float[np.ndarray, "opened slots"],
+        samples: Float[np.ndarray, "opened width"],
+        kept: Bool[np.ndarray, " opened"],
+    ) -> None:
         """Write `opened` (n, slots) to `lanes` (n,), `samples` (n, width) to buffers where `kept` (n,)."""
 
-    @abc.abstractmethod
-    def run_chunk(self, polls: int) -> ChunkOutput:
-        """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""
-
-    def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None:
-        """Start new trajectories in the lanes marked `fresh` (bool, (size,)); values are (size,) each."""
+    def open_rows(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
+        """Open the rows in the lanes marked `fresh`, and `put` them there; values are (size,) each."""
         lanes = np.flatnonzero(fresh)
         for first in range(0, lanes.size, self.batch):
             some = lanes[first : first + self.batch]
@@ -101,10 +106,10 @@ class KernelLanes(abc.ABC):
             n = some.size
             self.put(some, opened[:n], samples[:n], keep[:n])
 
-    def output(self, read_slot: Callable[[int], np.ndarray]) -> ChunkOutput:
+    def output(self, read_slot: Callable[[int], Real[np.ndarray, " lanes"]]) -> ChunkOutput:
         """The output of a chunk without its buffers; `read_slot` returns the values (size,) of a slot."""
 
-        def read(leaf: Leaf) -> np.ndarray:
+        def read(leaf: Leaf) -> Real[np.ndarray, "lanes ..."]:
             columns = [read_slot(leaf.first + i) for i in range(leaf.size)] or [np.zeros((self.size, 0))]
             return np.stack(columns, axis=-1).reshape(self.size, *leaf.shape)
 
@@ -113,7 +118,7 @@ class KernelLanes(abc.ABC):
         return ChunkOutput(numbers, filled, samples, np.zeros((self.size, 0, self.chunk.width)))
 
 
-def _aligned(shape: tuple[int, ...]) -> np.ndarray:
+def _aligned(shape: tuple[int, ...]) -> Float[np.ndarray, " ..."]:
     """Zeros aligned to cache lines, so that no vector crosses two of them."""
     size = math.prod(shape)
     room = np.zeros(size + CACHE_LINE // 8)
@@ -130,6 +135,7 @@ def _compiled(kernel: Kernel, contraction: bool) -> tuple[Callable[[Any, Any, in
     return cpu_program.compiled(kernel.chunk, kernel.title, contraction=contraction)
 
 
+@final
 class CpuLanes(KernelLanes):
     """Lanes on one core, in tiles that fill vector registers; each core has its own lanes."""
 
@@ -144,7 +150,16 @@ class CpuLanes(KernelLanes):
         self._slots[:, self.chunk.record.status.first] = Status.complete
         self._kept = np.zeros((tiles * self._tile, BUFFER if self.chunk.width else 0, self.chunk.width))
 
-    def put(self, lanes: np.ndarray, opened: np.ndarray, samples: np.ndarray, kept: np.ndarray) -> None:
+    def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
+        self.open_rows(params, starts, fresh)
+
+    def put(
+        self,
+        lanes: Int[np.ndarray, " opened"],
+        opened: Float[np.ndarray, "opened slots"],
+        samples: Float[np.ndarray, "opened width"],
+        kept: Bool[np.ndarray, " opened"],
+    ) -> None:
         tile, lane = np.divmod(lanes, self._tile)
         self._slots[tile, : opened.shape[1], lane] = opened
         if self.chunk.width:

@@ -16,12 +16,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Int
 
 from gaitsweep.contract import Params, State, Status
 from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.kernel.chunk import Leaf, chunk_of
 from gaitsweep.engine.leaves import float_leaves, tangent_of, vector, with_float_leaves
-from gaitsweep.engine.poincare.poincare_return import PoincareReturn, ReturnState
+from gaitsweep.engine.poincare.poincare_return import PoincareReturn, Returned, ReturnState
 from gaitsweep.engine.sweep.xla import usable_cores
 
 # Polls in one call of the kernel: every return ends long before.
@@ -33,8 +34,8 @@ _POLLS = 1 << 40
 class _Ends:
     """Whether a lane has ended, a `Status`; no buffer is ever `filled`."""
 
-    status: jax.Array
-    filled: jax.Array
+    status: Int[Array, ""]
+    filled: Int[Array, ""]
 
 
 @jax.tree_util.register_dataclass
@@ -110,7 +111,7 @@ class KernelReturns:
         self._function = jax.custom_jvp(self._value)
         self._function.defjvp(self._slope)
 
-    def __call__(self, params: Params, state: State) -> tuple[jax.Array, State, jax.Array]:
+    def __call__(self, params: Params, state: State) -> Returned:
         return self._function(params, state)
 
     def _opened(self, params: Params, state: State) -> tuple[Params, ReturnState]:
@@ -125,7 +126,7 @@ class KernelReturns:
         nothing = jax.tree.map(jnp.zeros_like, (float_leaves(params), float_leaves(trajectory)))
         return (params, nothing[0]), _LaneState(trajectory, nothing[1])
 
-    def _value(self, params: Params, state: State) -> tuple[jax.Array, State, jax.Array]:
+    def _value(self, params: Params, state: State) -> Returned:
         held, carry = self._without_tangent(*self._opened(params, state))
         ends = self._ends_of(self._plain, vector((held, carry)), self._values)
         leaves = jax.tree.leaves(self._shape)
@@ -154,7 +155,9 @@ class KernelReturns:
         *numbers, t = _split(ends, [*float_leaves(state), jnp.zeros(())])
         return self._function(params, state), (t, tangent_of(state, numbers), np.zeros((), jax.dtypes.float0))
 
-    def _ends_of(self, kernel: _Kernel, slots: jax.Array, read: np.ndarray) -> jax.Array:
+    def _ends_of(
+        self, kernel: _Kernel, slots: Float[Array, " slots"], read: Int[np.ndarray, " read"]
+    ) -> Float[Array, " read"]:
         """The slots `read` (n,) of a lane at the end of its return, from its slots at the beginning."""
         result = jax.ShapeDtypeStruct((read.size,), jnp.float64)
         return jax.pure_callback(partial(kernel, read), result, slots, vmap_method="legacy_vectorized")
@@ -170,7 +173,9 @@ class _Kernel:
         )
         self.lane_state: _LaneState = self._chunk.carry
 
-    def __call__(self, read: np.ndarray, slots: Any) -> np.ndarray:
+    def __call__(
+        self, read: Int[np.ndarray, "... read"], slots: Float[Array, " ..."] | Float[np.ndarray, " ..."]
+    ) -> Float[np.ndarray, " ..."]:
         slots = np.asarray(slots)
         lanes, back = _different(slots.reshape(-1, slots.shape[-1]))
         tiles = -(-len(lanes) // cpu_program.TILE)
@@ -186,19 +191,21 @@ class _Kernel:
         return found.reshape(*slots.shape[:-1], read.size)
 
 
-def _different(lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _different(
+    lanes: Float[np.ndarray, "lanes slots"],
+) -> tuple[Float[np.ndarray, "different slots"], Int[np.ndarray, " lanes"]]:
     """The unique lanes, and for each lane (n,) the index of its equal: a batch may repeat a point."""
     seen: dict[bytes, int] = {}
     back = np.array([seen.setdefault(lane.tobytes(), len(seen)) for lane in lanes])
     return lanes[np.unique(back, return_index=True)[1]], back
 
 
-def _split(numbers: jax.Array, leaves: list[Any]) -> list[jax.Array]:
+def _split(numbers: Float[Array, " values"], leaves: list[Any]) -> list[Float[Array, " ..."]]:
     """A vector cut into arrays of the leaves' shapes."""
     shapes = [jnp.shape(leaf) for leaf in leaves]
     ends = np.cumsum([math.prod(shape) for shape in shapes])
     return [part.reshape(shape) for part, shape in zip(jnp.split(numbers, ends[:-1]), shapes, strict=True)]
 
 
-def _slots(leaves: list[Leaf]) -> np.ndarray:
+def _slots(leaves: list[Leaf]) -> Int[np.ndarray, " slots"]:
     return np.concatenate([np.arange(leaf.first, leaf.first + leaf.size) for leaf in leaves])

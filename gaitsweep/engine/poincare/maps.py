@@ -11,8 +11,9 @@ from typing import Any, Self
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Real, Shaped
 
-from gaitsweep.contract import Quantity
+from gaitsweep.contract import Quantity, State
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.fork import refuse_fork
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
@@ -30,7 +31,7 @@ class _Batch:
     def __getitem__(self, which: Any) -> Self:
         return jax.tree.map(lambda leaf: leaf[which], self)
 
-    def merged(self, which: np.ndarray, others: Self) -> Self:
+    def merged(self, which: Int[np.ndarray, " some"], others: Self) -> Self:
         """These, with those at the indices `which` replaced by `others`."""
         return jax.tree.map(partial(_put, which), self, others)
 
@@ -40,8 +41,8 @@ class _Batch:
 class Points(_Batch):
     """A batch of points: their coordinates `at` (n, size), and states `modes` with their discrete modes."""
 
-    at: np.ndarray
-    modes: Any
+    at: Float[np.ndarray, "points coordinates"]
+    modes: State
 
     def __len__(self) -> int:
         return len(self.at)
@@ -60,16 +61,16 @@ class MapEvaluation(_Batch):
     """
 
     points: Points
-    status: np.ndarray
-    observed: dict[str, np.ndarray]
-    conserved_values: np.ndarray
-    jacobian: np.ndarray
-    d_parameter: np.ndarray
-    conserved_jacobian: np.ndarray
-    conserved_d_parameter: np.ndarray
+    status: Int[np.ndarray, " points"]
+    observed: dict[str, Real[np.ndarray, " points"]]
+    conserved_values: Float[np.ndarray, "points conserved"]
+    jacobian: Float[np.ndarray, "points coordinates coordinates"]
+    d_parameter: Float[np.ndarray, "points coordinates"]
+    conserved_jacobian: Float[np.ndarray, "points conserved coordinates"]
+    conserved_d_parameter: Float[np.ndarray, "points conserved"]
 
     @property
-    def sound(self) -> np.ndarray:
+    def sound(self) -> Bool[np.ndarray, " points"]:
         """Mask of the points at which the map is defined, (n,)."""
         return self.status == ReturnStatus.crossed
 
@@ -88,15 +89,19 @@ class Map(abc.ABC):
         return ()
 
     @abc.abstractmethod
-    def follow(self, values: Values, at: jax.Array, modes: Any) -> tuple[jax.Array, Any, Any, dict[str, Any]]:
+    def follow(
+        self, values: Values, at: Float[Array, " coordinates"], modes: State
+    ) -> tuple[Float[Array, " coordinates"], State, Int[Array, ""], dict[str, Real[Array, ""]]]:
         """The image of one point, in JAX: its coordinates, its state, its `ReturnStatus`, its observables."""
 
-    def conserved_values(self, values: Values, at: jax.Array) -> jax.Array:
+    def conserved_values(
+        self, values: Values, at: Float[Array, " coordinates"]
+    ) -> Float[Array, " conserved"]:
         """The values (k,) of the `conserved` quantities at one point, in JAX."""
         return jnp.zeros((len(self.conserved),))
 
     @abc.abstractmethod
-    def complete(self, values: Values, n: int) -> dict[str, np.ndarray]:
+    def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
         """All parameters that `follow` reads, (n,) each: the given values, then the defaults."""
 
     def refined(self) -> Map | None:
@@ -104,11 +109,13 @@ class Map(abc.ABC):
         return None
 
     @property
-    def circular(self) -> np.ndarray:
+    def circular(self) -> Bool[np.ndarray, " coordinates"]:
         """Mask of the coordinates that are angles, (size,)."""
         return np.array([quantity.circular for quantity in self.coordinates])
 
-    def difference(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def difference(
+        self, a: Float[np.ndarray, "... coordinates"], b: Float[np.ndarray, "... coordinates"]
+    ) -> Float[np.ndarray, "... coordinates"]:
         """A - b of coordinates (..., size); differences of angles are wrapped."""
         return wrap_difference(a - b, self.circular)
 
@@ -154,10 +161,10 @@ class Map(abc.ABC):
 def _program(mapping: Map, over: str | None, derivatives: bool) -> Any:
     """The map of a batch of points, compiled for each batch size."""
 
-    def one(values: Any, at: jax.Array, modes: Any) -> Any:
+    def one(values: Any, at: Float[Array, " coordinates"], modes: State) -> Any:
         size = at.size
 
-        def moved(x: jax.Array) -> Any:
+        def moved(x: Float[Array, " variables"]) -> Any:
             here = values if over is None else {**values, over: x[size]}
             image, state, status, observed = mapping.follow(here, x[:size], modes)
             conserved = mapping.conserved_values(here, x[:size])
@@ -175,13 +182,19 @@ def _program(mapping: Map, over: str | None, derivatives: bool) -> Any:
     return jax.jit(jax.vmap(one))
 
 
-def _put(which: np.ndarray, mine: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+def _put(
+    which: Int[np.ndarray, " some"],
+    mine: Shaped[np.ndarray, "points ..."],
+    theirs: Shaped[np.ndarray, "some ..."],
+) -> Shaped[np.ndarray, "points ..."]:
     mine = np.array(mine)
     mine[which] = theirs
     return mine
 
 
-def wrap_difference(difference: np.ndarray, circular: np.ndarray) -> np.ndarray:
+def wrap_difference(
+    difference: Float[np.ndarray, "... coordinates"], circular: Bool[np.ndarray, " coordinates"]
+) -> Float[np.ndarray, "... coordinates"]:
     """Differences, with those of angles (rad) wrapped to [-pi, pi]."""
     turns = np.round(difference / (2.0 * np.pi))
     return np.where(circular, difference - 2.0 * np.pi * turns, difference)

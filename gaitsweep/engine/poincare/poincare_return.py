@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep.contract import HybridModel, Model, Params, ResultCode, State
 from gaitsweep.engine.advance import Carry, Halt, advance, stalled, start
@@ -26,7 +27,7 @@ from gaitsweep.errors import ArgumentError
 # Nominal periods within which a return has to end.
 LATEST = 4.0
 
-Returned = tuple[jax.Array, State, jax.Array]  # the time (s), the state, and the `ReturnStatus`
+Returned = tuple[Float[Array, ""], State, Int[Array, ""]]  # the time (s), the state, and the `ReturnStatus`
 Crossing = Callable[[Params, State], Returned]
 
 
@@ -52,7 +53,7 @@ class ReturnState:
 
     carry: Carry
     stages: Stages | None
-    limit: jax.Array
+    limit: Float[Array, ""]
 
 
 class PoincareReturn:
@@ -97,12 +98,12 @@ class PoincareReturn:
         assert trajectory.stages is not None
         return ReturnState(*self._evaluate(params, (trajectory.carry, trajectory.stages)), trajectory.limit)
 
-    def ended(self, trajectory: ReturnState) -> jax.Array:
+    def ended(self, trajectory: ReturnState) -> Bool[Array, ""]:
         """Whether the return has ended, by a crossing or otherwise."""
         carry = trajectory.carry
         return (carry.halt != Halt.GOING) | stalled(self.model, carry) | (carry.attempts > trajectory.limit)
 
-    def status(self, trajectory: ReturnState) -> jax.Array:
+    def status(self, trajectory: ReturnState) -> Int[Array, ""]:
         """The `ReturnStatus` of a return that has ended."""
         carry = trajectory.carry
         numbers = [carry.t, carry.unit, *float_leaves(carry.state)]
@@ -154,7 +155,7 @@ def crossing_of(model: Model, numerics: ResolvedNumerics, engine: str = "auto") 
     kernels = jax.default_backend() == "cpu" and importlib.util.find_spec("numba") is not None
     if engine == "xla" or (engine == "auto" and not kernels):
         return by_xla
-    made: dict[Any, Crossing] = {}
+    made: dict[Hashable, Crossing] = {}
 
     def by_kernel(params: Params, state: State) -> Returned:
         from gaitsweep.engine.kernel.poincare_returns import KernelReturns

@@ -15,6 +15,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Int, Real
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Chart, Model, Params, Quantity, State
@@ -23,7 +24,7 @@ from gaitsweep.engine.fork import refuse_fork
 from gaitsweep.engine.leaves import float_leaves, is_float, with_float_leaves
 from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
 from gaitsweep.engine.poincare.maps import Map, Points, Values
-from gaitsweep.engine.poincare.poincare_return import ReturnStatus, crossing_of
+from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus, crossing_of
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import functions_of, names_in, resolve
 
@@ -48,10 +49,10 @@ class AllVariables(Chart):
     def coordinates(self) -> tuple[Quantity, ...]:
         return tuple(Quantity(name, "", f"{name} of the state") for name in self.names)
 
-    def to_coordinates(self, params: Params, state: State) -> jax.Array:
+    def to_coordinates(self, params: Params, state: State) -> Float[Array, " coordinates"]:
         return jnp.concatenate([jnp.ravel(leaf).astype(jnp.float64) for leaf in float_leaves(state)])
 
-    def from_coordinates(self, params: Params, at: jax.Array, modes: State) -> State:
+    def from_coordinates(self, params: Params, at: Float[Array, " coordinates"], modes: State) -> State:
         leaves = float_leaves(modes)
         cuts = np.cumsum([leaf.size for leaf in leaves])[:-1]
         pieces = jnp.split(at, cuts.tolist())
@@ -111,7 +112,7 @@ class BatchedReturnMap(Map):
         settings = {name: self._written[name] for name in self._order if name not in known}
         return resolve(settings, known, functions_of(jnp))
 
-    def complete(self, values: Values, n: int) -> dict[str, np.ndarray]:
+    def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
         unknown = [name for name in values if name not in self._written]
         if unknown:
             near = near_miss.suggestion(unknown[0], list(self._written))
@@ -122,7 +123,7 @@ class BatchedReturnMap(Map):
             for name, value in {**numbers, **values}.items()
         }
 
-    def state(self, params: Params, state: State) -> tuple[jax.Array, State, jax.Array]:
+    def state(self, params: Params, state: State) -> Returned:
         """The time (s) to the next crossing, the state just after it, and the `ReturnStatus`, in JAX."""
         total = jnp.zeros(())
         status = jnp.asarray(ReturnStatus.crossed, jnp.int32)
@@ -133,7 +134,9 @@ class BatchedReturnMap(Map):
             status = jnp.where(status == ReturnStatus.crossed, found, status)
         return total, state, status
 
-    def follow(self, values: Values, at: jax.Array, modes: Any) -> tuple[jax.Array, Any, Any, dict[str, Any]]:
+    def follow(
+        self, values: Values, at: Float[Array, " coordinates"], modes: State
+    ) -> tuple[Float[Array, " coordinates"], State, Int[Array, ""], dict[str, Real[Array, ""]]]:
         params = self.params(values)
         t, state, status = self.state(params, self.chart.from_coordinates(params, at, modes))
         crossed = status == ReturnStatus.crossed
@@ -142,10 +145,14 @@ class BatchedReturnMap(Map):
         observed = {**self.model.observe(params, state), "time": t}
         return self.chart.to_coordinates(params, state), state, status, observed
 
-    def conserved_values(self, values: Values, at: jax.Array) -> jax.Array:
+    def conserved_values(
+        self, values: Values, at: Float[Array, " coordinates"]
+    ) -> Float[Array, " conserved"]:
         return self.chart.conserved_values(self.params(values), at)
 
-    def settled(self, starts: Mapping[str, Any], values: Values, cycles: int) -> tuple[Points, np.ndarray]:
+    def settled(
+        self, starts: Mapping[str, Any], values: Values, cycles: int
+    ) -> tuple[Points, Int[np.ndarray, " points"]]:
         """The points that starts of the model reach after `cycles` crossings, and the `ReturnStatus` of each.
 
         Args:
@@ -194,12 +201,12 @@ class BatchedReturnMap(Map):
 
 @cached_by_content(maxsize=16)
 def _settler(mapping: BatchedReturnMap, cycles: int) -> Callable[..., Any]:
-    def one(values: Any, starts: Any) -> tuple[State, jax.Array]:
+    def one(values: Any, starts: Any) -> tuple[State, Int[Array, ""]]:
         params = mapping.params(values)
         # a loop requires constant dtypes, so none may be weak
         begun = jax.tree.map(lambda x: jnp.asarray(x, jnp.result_type(x)), mapping.model.init(params, starts))
 
-        def turn(_: Any, loop: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
+        def turn(_: Any, loop: tuple[State, Int[Array, ""]]) -> tuple[State, Int[Array, ""]]:
             state, status = loop
             _, moved, found = mapping.state(params, state)
             going = (status == ReturnStatus.crossed) & (found == ReturnStatus.crossed)

@@ -13,6 +13,7 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Int
 
 from gaitsweep.contract import HybridModel, Params, Rates
 from gaitsweep.engine.advance import Carry, advance, select
@@ -32,7 +33,7 @@ class Stages:
     `first` the rates at the state; `total` the weighted sum of the rates so far.
     """
 
-    stage: jax.Array
+    stage: Int[Array, ""]
     at: Rates
     first: Rates
     total: Rates

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import Carry, Halt
@@ -45,7 +45,7 @@ class CrossingRecorder(Recorder):
     def names(self) -> tuple[str, ...]:
         return ("crossing", "t", *(f"{q.name}_n" for q in self.model.observables))
 
-    def stop(self, params: Params) -> jax.Array:
+    def stop(self, params: Params) -> Float[Array, ""]:
         period = self.model.period(params)
         if self.duration is not None:
             return jnp.full_like(period, self.duration)
@@ -57,12 +57,14 @@ class CrossingRecorder(Recorder):
         samples = rows.samples
         return Readings(rows.place, samples[:, 1], samples[:, 2:], samples[:, 0] > 0.0, BATCH)
 
-    def begin(self, params: Params, carry: Carry) -> tuple[LaneRecord, jax.Array, jax.Array]:
+    def begin(
+        self, params: Params, carry: Carry
+    ) -> tuple[LaneRecord, Float[Array, " width"], Bool[Array, ""]]:
         record, _, _ = super().begin(params, carry)
         keep = jnp.asarray(self.after_cycles == 0)
         return counted(record, keep), self._sample(carry, record), keep
 
-    def _sample(self, carry: Carry, record: LaneRecord) -> jax.Array:
+    def _sample(self, carry: Carry, record: LaneRecord) -> Float[Array, " width"]:
         head = jnp.stack([record.cycles.astype(record.last.dtype), carry.t])
         return jnp.concatenate([head, record.last])
 
@@ -88,7 +90,13 @@ class CrossingRecorder(Recorder):
         recorded = dataclasses.replace(counted(recorded, keep), status=status.astype(jnp.int32))
         return PollResult(dataclasses.replace(carry, halt=halt), recorded, sample, keep)
 
-    def share(self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical: float) -> np.ndarray:
+    def share(
+        self,
+        cycles: Real[np.ndarray, " rows"],
+        samples: Real[np.ndarray, " rows"],
+        t: Float[np.ndarray, " rows"],
+        typical: float,
+    ) -> Float[np.ndarray, " rows"]:
         if self.crossings is None:
             return t / (self.duration or 1.0)
         return cycles / (self.after_cycles + self.crossings)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Real
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import Carry, Halt
@@ -26,7 +26,7 @@ class FixedTimeRecorder(Recorder):
     def names(self) -> tuple[str, ...]:
         return tuple(q.name for q in self.model.observables)
 
-    def stop(self, params: Params) -> jax.Array:
+    def stop(self, params: Params) -> Float[Array, ""]:
         return jnp.full_like(self.model.period(params), self.duration)
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
@@ -42,11 +42,17 @@ class FixedTimeRecorder(Recorder):
         carry = dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt))
         return PollResult(carry, counted(recorded, ends), now, ends)
 
-    def share(self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical: float) -> np.ndarray:
+    def share(
+        self,
+        cycles: Real[np.ndarray, " rows"],
+        samples: Real[np.ndarray, " rows"],
+        t: Float[np.ndarray, " rows"],
+        typical: float,
+    ) -> Float[np.ndarray, " rows"]:
         return t / self.duration
 
 
-def end_values(rows: RowOutcome) -> np.ndarray:
+def end_values(rows: RowOutcome) -> Float[np.ndarray, "rows observables"]:
     """The observables (n, k) of rows at the given time; of those that failed at their last crossing."""
     values = rows.last.copy()
     values[rows.place] = rows.samples

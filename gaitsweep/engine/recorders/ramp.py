@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 import itertools
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Int
 
 # Parts of a pass at whose ends the length of steps is looked at; it changes smoothly with a parameter.
 PARTS = 4
@@ -25,7 +25,7 @@ class RampSchedule:
     initial_dwell: float = 0.0
 
     @property
-    def knots(self) -> np.ndarray:
+    def knots(self) -> Float[np.ndarray, " values"]:
         """Times (s) at which a pass begins or ends, one for each value."""
         lengths = [abs(b - a) / self.rate for a, b in itertools.pairwise(self.values)]
         return self.initial_dwell + np.concatenate([[0.0], np.cumsum(lengths)])
@@ -40,7 +40,7 @@ class RampSchedule:
         inner = [np.linspace(since, until, PARTS + 1) for since, until in itertools.pairwise(self.knots)]
         return tuple(float(t) for t in np.unique(np.concatenate(inner)))
 
-    def at(self, t: jax.Array) -> jax.Array:
+    def at(self, t: Float[Array, " *times"]) -> Float[Array, " *times"]:
         """The parameter at time `t` (s); the ends are kept before and after."""
         knots = self.knots
         value = jnp.full_like(t, self.values[0])
@@ -49,6 +49,6 @@ class RampSchedule:
             value = value + np.sign(b - a) * self.rate * jnp.clip(t - since, 0.0, until - since)
         return value
 
-    def passes(self, t: np.ndarray) -> np.ndarray:
+    def passes(self, t: Float[np.ndarray, " *times"]) -> Int[np.ndarray, " *times"]:
         """The pass (0, 1, ...) in which each time falls; the initial dwell belongs to pass 0."""
         return np.clip(np.searchsorted(self.knots[1:-1], t, side="right"), 0, len(self.values) - 2)

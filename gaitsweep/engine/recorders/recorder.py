@@ -15,6 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Real
 
 from gaitsweep.contract import HybridModel, Model, Params, State, Status
 from gaitsweep.dynamics.declarations import Variable
@@ -49,17 +50,17 @@ class LaneRecord:
     the guards whose jumps stalled the row, a bit each.
     """
 
-    status: jax.Array
-    cycles: jax.Array
-    last: jax.Array
-    window: jax.Array
+    status: Int[Array, ""]
+    cycles: Int[Array, ""]
+    last: Float[Array, " observables"]
+    window: Float[Array, "window ..."]
     memory: Any
-    filled: jax.Array
-    samples: jax.Array
-    numbers: dict[str, jax.Array]
-    fired: jax.Array
+    filled: Int[Array, ""]
+    samples: Int[Array, ""]
+    numbers: dict[str, Real[Array, ""]]
+    fired: Int[Array, " words"]
 
-    def results(self, carry: Carry) -> dict[str, jax.Array]:
+    def results(self, carry: Carry) -> dict[str, Array]:
         """The numbers of `RowOutcome` by name, final once the row has ended."""
         ends = {"status": self.status, "cycles": self.cycles, "attempts": carry.attempts, "t_end": carry.t}
         return {**ends, "last": self.last, "fired": self.fired, **self.numbers}
@@ -70,8 +71,8 @@ class PollResult(NamedTuple):
 
     carry: Carry
     record: LaneRecord
-    sample: jax.Array
-    keep: jax.Array
+    sample: Float[Array, " width"]
+    keep: Bool[Array, ""]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,10 +82,10 @@ class Readings:
     `batch`: readings of samples in one call of the model's `label`; None for one reading of each row.
     """
 
-    rows: np.ndarray
-    t: np.ndarray
-    observed: np.ndarray
-    readable: np.ndarray
+    rows: Int[np.ndarray, " readings"]
+    t: Float[np.ndarray, " readings"]
+    observed: Float[np.ndarray, "readings observables"]
+    readable: Bool[np.ndarray, " readings"]
     batch: int | None = None
 
 
@@ -114,7 +115,7 @@ class Recorder(abc.ABC):
         return len(self.names)
 
     @abc.abstractmethod
-    def stop(self, params: Params) -> jax.Array:
+    def stop(self, params: Params) -> Float[Array, ""]:
         """The first time (s) at which the trajectory halts."""
 
     @abc.abstractmethod
@@ -124,14 +125,16 @@ class Recorder(abc.ABC):
         Where the sample is kept, the record counts it already (`counted`), and the buffer has room for it.
         """
 
-    def max_attempts(self, params: Params, dt: jax.Array | float) -> jax.Array:
+    def max_attempts(self, params: Params, dt: Float[Array, ""] | float) -> Float[Array, ""]:
         return ATTEMPTS_PER_STEP * (self.stop(params) / dt + 1000.0)
 
-    def observables(self, params: Params, state: State) -> jax.Array:
+    def observables(self, params: Params, state: State) -> Float[Array, " observables"]:
         observed = self.model.observe(params, state)
         return jnp.stack([observed[q.name] for q in self.model.observables])
 
-    def begin(self, params: Params, carry: Carry) -> tuple[LaneRecord, jax.Array, jax.Array]:
+    def begin(
+        self, params: Params, carry: Carry
+    ) -> tuple[LaneRecord, Float[Array, " width"], Bool[Array, ""]]:
         """The record of a trajectory at its start (crossing 0), its first sample, and whether to keep it."""
         last = self.observables(params, carry.state)
         count = jnp.zeros((), jnp.int32)
@@ -162,7 +165,13 @@ class Recorder(abc.ABC):
         return Readings(np.arange(rows.row.size), rows.t_end, rows.last, readable)
 
     @abc.abstractmethod
-    def share(self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical: float) -> np.ndarray:
+    def share(
+        self,
+        cycles: Real[np.ndarray, " rows"],
+        samples: Real[np.ndarray, " rows"],
+        t: Float[np.ndarray, " rows"],
+        typical: float,
+    ) -> Float[np.ndarray, " rows"]:
         """The progress of running rows (n,), 0 to 1, for the progress bar.
 
         Args:
@@ -170,7 +179,9 @@ class Recorder(abc.ABC):
             typical: the mean number of cycles of the ended rows, 0 if there are none.
         """
 
-    def poll(self, params: Params, carry: Carry, record: LaneRecord, dt: jax.Array | float) -> PollResult:
+    def poll(
+        self, params: Params, carry: Carry, record: LaneRecord, dt: Float[Array, ""] | float
+    ) -> PollResult:
         """Test for failure, then record; an ended row is unchanged."""
         running = record.status == Status.running
         recorded_carry, recorded, sample, keep = self.record(params, carry, record)
@@ -183,7 +194,7 @@ class Recorder(abc.ABC):
         moved = dataclasses.replace(recorded_carry, halt=halt.astype(carry.halt.dtype))
         return PollResult(select(running, moved, carry), new, sample, keep & running)
 
-    def _illness(self, params: Params, carry: Carry, dt: jax.Array | float) -> jax.Array:
+    def _illness(self, params: Params, carry: Carry, dt: Float[Array, ""] | float) -> Int[Array, ""]:
         moving = carry.state
         if isinstance(self.model, HybridModel):  # modes may have any value, also infinity
             names = dict.fromkeys([*self.model.flow(params, carry.state), *_variables(self.model)])
@@ -209,13 +220,13 @@ def _variables(model: Model) -> list[str]:
     return [name for name, each in declared.items() if isinstance(each, Variable)]
 
 
-def counted(record: LaneRecord, keep: jax.Array) -> LaneRecord:
+def counted(record: LaneRecord, keep: Bool[Array, ""]) -> LaneRecord:
     """The record with one more sample in its buffer if `keep`."""
     more = keep.astype(record.filled.dtype)
     return dataclasses.replace(record, filled=record.filled + more, samples=record.samples + more)
 
 
-def _packed(fired: jax.Array) -> jax.Array:
+def _packed(fired: Bool[Array, " guards"]) -> Int[Array, " words"]:
     """The guards (n,) that fired, as integers of `GUARDS_A_WORD` bits; (0,) without guards."""
     bits = jnp.asarray([1 << (i % GUARDS_A_WORD) for i in range(fired.size)], jnp.int64)
     words = [
@@ -225,7 +236,7 @@ def _packed(fired: jax.Array) -> jax.Array:
     return jnp.stack(words) if words else jnp.zeros((0,), jnp.int64)
 
 
-def unpacked(words: np.ndarray) -> np.ndarray:
+def unpacked(words: Int[np.ndarray, "rows words"]) -> Bool[np.ndarray, "rows guards"]:
     """The guards that fired (rows, guards), from `LaneRecord.fired` (rows, words); padded with False."""
     bits = np.arange(GUARDS_A_WORD)
     found = (words[:, :, None].astype(np.int64) >> bits) & 1

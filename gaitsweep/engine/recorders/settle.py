@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Real
 
 from gaitsweep.circular import wrapped_difference
 from gaitsweep.contract import HybridModel, Model, Params, Status
@@ -68,12 +69,12 @@ class Memory:
     the span before it, -1 if there was none.
     """
 
-    moves: jax.Array
-    span: jax.Array
-    calm: jax.Array
-    orbit: jax.Array
-    fastest: jax.Array
-    rest: jax.Array
+    moves: Float[Array, "2 lags"]
+    span: Float[Array, "2 unscaled"]
+    calm: Int[Array, ""]
+    orbit: Int[Array, " 2"]
+    fastest: Float[Array, " rates"]
+    rest: Float[Array, " 3"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,13 +100,15 @@ class SettleRecorder(Recorder):
     def window(self) -> int:
         return SETTLE_WINDOW
 
-    def stop(self, params: Params) -> jax.Array:
+    def stop(self, params: Params) -> Float[Array, ""]:
         period = self.model.period(params)
         if self.max_time is not None:
             return jnp.full_like(period, self.max_time)
         return 4.0 * (self.max_cycles + SPARE_CYCLES) * period
 
-    def begin(self, params: Params, carry: Carry) -> tuple[LaneRecord, jax.Array, jax.Array]:
+    def begin(
+        self, params: Params, carry: Carry
+    ) -> tuple[LaneRecord, Float[Array, " width"], Bool[Array, ""]]:
         record, sample, keep = super().begin(params, carry)
         dtype = record.last.dtype
         more = jnp.zeros((self.window, 2), dtype)
@@ -181,7 +184,7 @@ class SettleRecorder(Recorder):
         carry = dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt))
         return PollResult(carry, recorded, jnp.zeros((0,), record.last.dtype), jnp.asarray(False))
 
-    def _rates(self, params: Params, carry: Carry) -> tuple[jax.Array, jax.Array]:
+    def _rates(self, params: Params, carry: Carry) -> tuple[Float[Array, " rates"], Float[Array, " rates"]]:
         """The absolute rates (m,) of the flow and the magnitudes of its variables; none without a flow."""
         rates = {}
         if isinstance(self.model, HybridModel) and self.model.locates_events:
@@ -191,7 +194,9 @@ class SettleRecorder(Recorder):
         flat = [jnp.ravel(jnp.broadcast_to(rate, getattr(carry.state, k).shape)) for k, rate in rates.items()]
         return jnp.abs(jnp.concatenate([none, *flat])), jnp.abs(jnp.concatenate([none, *sizes]))
 
-    def _rest(self, params: Params, carry: Carry, memory: Memory) -> tuple[jax.Array, jax.Array, jax.Array]:
+    def _rest(
+        self, params: Params, carry: Carry, memory: Memory
+    ) -> tuple[Float[Array, " rates"], Float[Array, " 3"], Bool[Array, ""]]:
         """`Memory.fastest` and `Memory.rest` after a poll, and whether the row is at rest."""
         rates, sizes = self._rates(params, carry)
         if rates.size == 0:
@@ -210,7 +215,7 @@ class SettleRecorder(Recorder):
         restless = jnp.stack([carry.t, 0.0 * largest, 0.0 * largest - 1.0])
         return fastest, jnp.where(slow, goes_on, restless), rests
 
-    def _period(self, newest: jax.Array, before: jax.Array) -> jax.Array:
+    def _period(self, newest: Float[Array, " lags"], before: Float[Array, " lags"]) -> Int[Array, ""]:
         """The period, 2 to `MOST_PERIOD` crossings, of the periodic orbit that the state has reached; else 0.
 
         `newest` and `before` (p,) are the largest distances from the state p crossings earlier, in units of
@@ -237,7 +242,13 @@ class SettleRecorder(Recorder):
             found = jnp.where(holds, p, found)
         return found
 
-    def share(self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical: float) -> np.ndarray:
+    def share(
+        self,
+        cycles: Real[np.ndarray, " rows"],
+        samples: Real[np.ndarray, " rows"],
+        t: Float[np.ndarray, " rows"],
+        typical: float,
+    ) -> Float[np.ndarray, " rows"]:
         return np.minimum(cycles / (typical or 0.4 * self.max_cycles), 0.95)
 
 
@@ -248,7 +259,9 @@ def tolerances(model: Model, given: float | Mapping[str, float]) -> float | tupl
     return tuple(given.get(quantity.name, TOLERANCE) for quantity in model.observables)
 
 
-def _accumulate(cycles: jax.Array, t: jax.Array, times: jax.Array) -> jax.Array:
+def _accumulate(
+    cycles: Int[Array, ""], t: Float[Array, ""], times: Float[Array, " window"]
+) -> Bool[Array, ""]:
     """Whether the time between crossings tends to 0: the latest is at `t`, those before at `times` (w,).
 
     The lengths a > b > c of three successive spans tend to c - (b - c)^2 / ((a - b) - (b - c)).
@@ -266,13 +279,15 @@ def _unscaled(model: Model) -> list[int]:
     return [i for i, q in enumerate(model.observables) if not q.circular and q.scale is None]
 
 
-def first_span(model: Model, like: jax.Array) -> jax.Array:
+def first_span(model: Model, like: Float[Array, " observables"]) -> Float[Array, "2 unscaled"]:
     """The least and largest values (2, n) of no crossing, of the observables without a scale."""
     none = jnp.full((len(_unscaled(model)),), jnp.inf, like.dtype)
     return jnp.stack([none, -none])
 
 
-def widened(span: jax.Array, model: Model, now: jax.Array) -> jax.Array:
+def widened(
+    span: Float[Array, "2 unscaled"], model: Model, now: Float[Array, " observables"]
+) -> Float[Array, "2 unscaled"]:
     """The span (2, n) with the observables of one more crossing; NaN and infinities are left out."""
     if span.size == 0:
         return span
@@ -283,8 +298,11 @@ def widened(span: jax.Array, model: Model, now: jax.Array) -> jax.Array:
 
 
 def bounds(
-    model: Model, tolerance: float | tuple[float, ...], latest: jax.Array, span: jax.Array
-) -> jax.Array:
+    model: Model,
+    tolerance: float | tuple[float, ...],
+    latest: Float[Array, "crossings observables"],
+    span: Float[Array, "2 unscaled"],
+) -> Float[Array, " observables"]:
     """The largest change of each observable (n,) of a settled state over the window, in its unit; above 0.
 
     It is `SETTLE_WINDOW` times its tolerance times its scale: 1 rad for angles, `Quantity.scale` if defined,
@@ -303,13 +321,15 @@ def bounds(
     return share * scales.at[np.asarray(unscaled)].set(own)
 
 
-def slowest(moved: jax.Array) -> jax.Array:
+def slowest(moved: Float[Array, "crossings observables"]) -> Int[Array, ""]:
     """The number of the observable with the largest change (w, n), in units of its bound; -1 if unknown."""
     most = jnp.max(moved, axis=0)
     return jnp.where(jnp.any(jnp.isnan(most)), -1, jnp.argmax(most))
 
 
-def change(model: Model, difference: jax.Array) -> jax.Array:
+def change(
+    model: Model, difference: Float[Array, "crossings observables"]
+) -> Float[Array, "crossings observables"]:
     """Differences of observables, with those of angles wrapped to [-pi, pi)."""
     circular = jnp.asarray([q.circular for q in model.observables])
     return jnp.where(circular[None, :], wrapped_difference(difference), difference)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Real
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import Carry, Halt
@@ -64,15 +64,17 @@ class StepRecorder(Recorder):
         observed = samples[:, len(_HEAD) :]
         return Readings(rows.place, self.stairs.middle(samples[:, 0]), observed, _readable(samples), BATCH)
 
-    def stop(self, params: Params) -> jax.Array:
+    def stop(self, params: Params) -> Float[Array, ""]:
         return jnp.full_like(self.model.period(params), self.stairs.first)
 
-    def max_attempts(self, params: Params, dt: jax.Array | float) -> jax.Array:
+    def max_attempts(self, params: Params, dt: Float[Array, ""] | float) -> Float[Array, ""]:
         # a stair shorter than a step costs attempts of its own
         rest = (self.stairs.duration - self.stairs.first) / dt + 2 * self.stairs.count
         return super().max_attempts(params, dt) + ATTEMPTS_PER_STEP * rest
 
-    def begin(self, params: Params, carry: Carry) -> tuple[LaneRecord, jax.Array, jax.Array]:
+    def begin(
+        self, params: Params, carry: Carry
+    ) -> tuple[LaneRecord, Float[Array, " width"], Bool[Array, ""]]:
         record, sample, keep = super().begin(params, carry)
         memory = first_span(self.model, record.last)
         return dataclasses.replace(record, window=self._emptied(record), memory=memory), sample, keep
@@ -116,18 +118,24 @@ class StepRecorder(Recorder):
         )
         return PollResult(carry, recorded, sample, due)
 
-    def share(self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical: float) -> np.ndarray:
+    def share(
+        self,
+        cycles: Real[np.ndarray, " rows"],
+        samples: Real[np.ndarray, " rows"],
+        t: Float[np.ndarray, " rows"],
+        typical: float,
+    ) -> Float[np.ndarray, " rows"]:
         return t / self.stairs.duration
 
-    def _slot(self, cycles: jax.Array) -> jax.Array:
+    def _slot(self, cycles: Int[Array, ""]) -> Bool[Array, " window"]:
         return jnp.arange(self.window) == cycles % self.window
 
-    def _emptied(self, record: LaneRecord) -> jax.Array:
+    def _emptied(self, record: LaneRecord) -> Float[Array, "window observables"]:
         """The window where a stair begins: its crossing 0 is the last one before it."""
         return jnp.where(self._slot(record.cycles)[:, None], record.last, jnp.nan)
 
 
-def _readable(samples: np.ndarray) -> np.ndarray:
+def _readable(samples: Float[np.ndarray, "records width"]) -> Bool[np.ndarray, " records"]:
     """Mask of a block's records (n, width), in the order of rows, that have a crossing on their stair."""
     stair, crossing = samples[:, 0], samples[:, 1]
     before = np.where(stair == 0, 0.0, np.roll(crossing, 1))

@@ -6,9 +6,9 @@ import dataclasses
 import itertools
 import math
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Int, Real
 
 from gaitsweep.engine.recorders.ramp import PARTS
 
@@ -51,15 +51,15 @@ class StepSchedule:
     def duration(self) -> float:
         return self.first + (self.count - 1) * self.dwell
 
-    def end(self, stair: jax.Array | np.ndarray) -> jax.Array:
+    def end(self, stair: Real[Array, " *stairs"] | Real[np.ndarray, " *stairs"]) -> Float[Array, " *stairs"]:
         """The time (s) at which a stair ends; the dtype is that of `stair`."""
         return jnp.asarray(self.first + stair * self.dwell)
 
-    def middle(self, stair: np.ndarray) -> np.ndarray:
+    def middle(self, stair: Real[np.ndarray, " *stairs"]) -> Float[np.ndarray, " *stairs"]:
         """A time (s) well inside a stair."""
         return np.where(stair == 0, 0.5 * self.first, self.first + (stair - 0.5) * self.dwell)
 
-    def stair(self, t: jax.Array) -> jax.Array:
+    def stair(self, t: Float[Array, " *times"]) -> Float[Array, " *times"]:
         """The stair at time `t` (s), a whole number in the dtype of `t`; a change counts as after it."""
         # the end of a stair is a product, so that this quotient may lie by rounding below the whole number
         slack = _SLACK * float(jnp.finfo(t.dtype).eps) * self.duration / self.dwell
@@ -69,18 +69,18 @@ class StepSchedule:
     @property
     def times(self) -> tuple[float, ...]:
         """Instants on the stairs that divide each pass in `PARTS` equal parts at most."""
-        stairs: list[np.ndarray] = [np.zeros(1)]
+        stairs: list[Float[np.ndarray, " stairs"]] = [np.zeros(1)]
         before = 0
         for length in self.lengths:
             stairs.append(np.unique(np.round(np.linspace(before, before + length, PARTS + 1))))
             before += length
         return tuple(float(t) for t in self.middle(np.unique(np.concatenate(stairs))))
 
-    def at(self, t: jax.Array) -> jax.Array:
+    def at(self, t: Float[Array, " *times"]) -> Float[Array, " *times"]:
         """The parameter at time `t` (s)."""
         return self.value(self.stair(t))
 
-    def value(self, stair: jax.Array) -> jax.Array:
+    def value(self, stair: Float[Array, " *stairs"]) -> Float[Array, " *stairs"]:
         """The parameter on a stair, a whole number in floating point; the path's own values exactly."""
         value = jnp.full_like(stair, self.values[0])
         before = 0
@@ -91,6 +91,6 @@ class StepSchedule:
             before += length
         return value
 
-    def passes(self, stair: np.ndarray) -> np.ndarray:
+    def passes(self, stair: Real[np.ndarray, " *stairs"]) -> Int[np.ndarray, " *stairs"]:
         """The pass (0, 1, ...) to which each stair belongs."""
         return np.searchsorted(np.cumsum(self.lengths)[:-1], stair, side="left")

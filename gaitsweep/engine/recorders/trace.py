@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Real
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import Carry, Halt
@@ -38,14 +38,14 @@ class TraceRecorder(Recorder):
     def names(self) -> tuple[str, ...]:
         return ("t", *(q.name for q in self.model.signals))
 
-    def stop(self, params: Params) -> jax.Array:
+    def stop(self, params: Params) -> Float[Array, ""]:
         """The time of the first sample (s), or the time limit of the first `after_cycles` crossings."""
         period = self.model.period(params)
         if self.after_cycles == 0:
             return jnp.zeros_like(period)
         return 4.0 * (self.after_cycles + SPARE_CYCLES) * period
 
-    def max_attempts(self, params: Params, dt: jax.Array | float) -> jax.Array:
+    def max_attempts(self, params: Params, dt: Float[Array, ""] | float) -> Float[Array, ""]:
         # an interval shorter than a step needs an attempt of its own
         return super().max_attempts(params, dt) + ATTEMPTS_PER_STEP * (self.duration / dt + self.samples)
 
@@ -75,5 +75,11 @@ class TraceRecorder(Recorder):
         recorded = dataclasses.replace(recorded, status=status.astype(jnp.int32))
         return PollResult(carry, recorded, sample, due)
 
-    def share(self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical: float) -> np.ndarray:
+    def share(
+        self,
+        cycles: Real[np.ndarray, " rows"],
+        samples: Real[np.ndarray, " rows"],
+        t: Float[np.ndarray, " rows"],
+        typical: float,
+    ) -> Float[np.ndarray, " rows"]:
         return (cycles + samples) / (self.after_cycles + self.samples)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import Carry, Halt
@@ -54,21 +54,23 @@ class WindowsRecorder(Recorder):
         observed = (f"{q.name}_n" for q in self.model.observables)
         return ("crossing", "t", *observed, *(q.name for q in self.model.signals))
 
-    def time(self, sample: jax.Array) -> jax.Array:
+    def time(self, sample: Float[Array, " *samples"]) -> Float[Array, " *samples"]:
         """The time (s) of a sample, a whole number in floating point, counted over all windows."""
         window = jnp.floor((sample + 0.5) / self.samples)
         inside = (sample - window * self.samples) * self.every
         return jnp.where(window < 0.5, self.first, self.second + (window - 1.0) * self.spacing) + inside
 
-    def stop(self, params: Params) -> jax.Array:
+    def stop(self, params: Params) -> Float[Array, ""]:
         """The time of the first sample, s."""
         return jnp.full_like(self.model.period(params), self.first)
 
-    def max_attempts(self, params: Params, dt: jax.Array | float) -> jax.Array:
+    def max_attempts(self, params: Params, dt: Float[Array, ""] | float) -> Float[Array, ""]:
         # an interval shorter than a step needs an attempt of its own
         return super().max_attempts(params, dt) + ATTEMPTS_PER_STEP * (self.duration / dt + self.total)
 
-    def begin(self, params: Params, carry: Carry) -> tuple[LaneRecord, jax.Array, jax.Array]:
+    def begin(
+        self, params: Params, carry: Carry
+    ) -> tuple[LaneRecord, Float[Array, " width"], Bool[Array, ""]]:
         record, _, _ = super().begin(params, carry)
         head = jnp.stack([record.cycles.astype(record.last.dtype), carry.t])
         first = jnp.concatenate([head, record.last, jnp.zeros(len(self.model.signals), record.last.dtype)])
@@ -99,5 +101,11 @@ class WindowsRecorder(Recorder):
         recorded = dataclasses.replace(recorded, status=status.astype(jnp.int32))
         return PollResult(carry, recorded, sample, crossed | timed)
 
-    def share(self, cycles: np.ndarray, samples: np.ndarray, t: np.ndarray, typical: float) -> np.ndarray:
+    def share(
+        self,
+        cycles: Real[np.ndarray, " rows"],
+        samples: Real[np.ndarray, " rows"],
+        t: Float[np.ndarray, " rows"],
+        typical: float,
+    ) -> Float[np.ndarray, " rows"]:
         return t / max(self.duration, 1e-300)

@@ -16,8 +16,9 @@ import math
 from collections.abc import Callable
 
 import jax
+from jaxtyping import Array, Float
 
-from gaitsweep.contract import HybridModel, Params, State
+from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.solver.method import Step, euler_update
 
 # The factors of the Taylor terms, s_1, s_2, ...
@@ -64,8 +65,8 @@ def exponential(shares: Shares) -> Callable[[HybridModel], Step]:
     """
 
     def method(model: HybridModel) -> Step:
-        def step(params: Params, state: State, h: jax.Array) -> State:
-            def flow(moving: dict[str, jax.Array]) -> dict[str, jax.Array]:
+        def step(params: Params, state: State, h: Float[Array, ""]) -> State:
+            def flow(moving: Rates) -> Rates:
                 return model.flow(params, dataclasses.replace(state, **moving))
 
             names = list(jax.eval_shape(model.flow, params, state))

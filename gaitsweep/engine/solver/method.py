@@ -6,14 +6,14 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
-import jax
+from jaxtyping import Array, Float
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
 
 # The state after a time h (s), with unchanged modes.
-Step = Callable[[Params, State, jax.Array], State]
+Step = Callable[[Params, State, Float[Array, ""]], State]
 # The same, with an estimate of the local error by field.
-Estimate = Callable[[Params, State, jax.Array], tuple[State, Rates]]
+Estimate = Callable[[Params, State, Float[Array, ""]], tuple[State, Rates]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Method:
     limits: tuple[tuple[float, float], ...] = ()
 
 
-def euler_update(state: State, rates: Rates, h: jax.Array | float) -> State:
+def euler_update(state: State, rates: Rates, h: Float[Array, ""] | float) -> State:
     """The state after a time `h` (s) at constant `rates`; fields without a rate are unchanged."""
     moved = {name: getattr(state, name) + h * rate for name, rate in rates.items()}
     return dataclasses.replace(state, **moved)

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from gaitsweep.engine.numerics import STEP_FACTOR
 from gaitsweep.engine.sweep.lane import ChunkOutput
@@ -54,14 +55,18 @@ class Block:
         """Rows that have not ended."""
         return int(np.count_nonzero(~self.ended))
 
-    def keep(self, rows: np.ndarray, output: ChunkOutput, lanes: np.ndarray) -> None:
+    def keep(
+        self, rows: Int[np.ndarray, " lanes"], output: ChunkOutput, lanes: Int[np.ndarray, " told"]
+    ) -> None:
         """Append the new samples of the lanes `lanes` (n,); `rows` are the rows of all lanes."""
         if lanes.size:
             filled = output.filled[lanes]
             new = np.arange(output.kept.shape[1]) < filled[:, None]
             self._samples[1].append((np.repeat(rows[lanes], filled), output.kept[lanes][new]))
 
-    def end(self, rows: np.ndarray, output: ChunkOutput, lanes: np.ndarray) -> None:
+    def end(
+        self, rows: Int[np.ndarray, " lanes"], output: ChunkOutput, lanes: Int[np.ndarray, " told"]
+    ) -> None:
         """Store the final values of the rows in the lanes `lanes` (n,)."""
         self.ends.put(rows[lanes], {name: values[lanes] for name, values in output.numbers.items()})
         self.ended[rows[lanes]] = True
@@ -70,7 +75,7 @@ class Block:
         """The rows that have ended but are not on disk."""
         return self._with(self._samples[1]).take(np.flatnonzero(self.ended & ~self.stored))
 
-    def mark_stored(self, rows: np.ndarray) -> None:
+    def mark_stored(self, rows: Int[np.ndarray, " stored"]) -> None:
         """Mark rows (n,), by their numbers in the table, as stored on disk."""
         stored = self.stored.copy()
         stored[rows - self.first] = True
@@ -91,7 +96,7 @@ class Block:
         return dataclasses.replace(self.ends, kept=kept, samples=samples)
 
 
-_Samples = tuple[np.ndarray, np.ndarray]
+_Samples = tuple[Int[np.ndarray, " _records"], Float[np.ndarray, "_records _width"]]
 
 
 def _in_order(parts: Sequence[_Samples], width: int) -> _Samples:

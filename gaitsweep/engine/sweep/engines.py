@@ -6,18 +6,14 @@ import dataclasses
 import importlib.util
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from gaitsweep.contract import Model
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep import xla
-from gaitsweep.engine.sweep.lane import Device, RowDrive
+from gaitsweep.engine.sweep.lane import Device, Lanes, RowDrive
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import UserError
-
-if TYPE_CHECKING:
-    from gaitsweep.engine.kernel.lanes import KernelLanes
 
 # Initial polls in a chunk of a kernel, by kind of device. On a CPU chunks are short, since an ended row waits
 # for the end of its chunk; on a GPU the host's work after each chunk costs more.
@@ -82,7 +78,7 @@ def _obstacle(
     return None
 
 
-def groups_on(device: Device, spec: SweepSpec) -> Sequence[xla.XlaLanes | KernelLanes]:
+def groups_on(device: Device, spec: SweepSpec) -> Sequence[Lanes]:
     """The lanes of a sweep on one device, in groups that run independently of each other.
 
     A card has two, so that one runs while the host collects the other's results.

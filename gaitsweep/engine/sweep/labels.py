@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Array, Float, Int, Real
 
 from gaitsweep.contract import Model, names_gait
 from gaitsweep.engine.content import cached_by_content
@@ -50,7 +51,7 @@ def labelled(spec: SweepSpec, block: Block) -> RowOutcome:
     return dataclasses.replace(rows, **{"labels" if found.batch is None else "sample_labels": labels})
 
 
-def gait_codes(labels: np.ndarray) -> np.ndarray:
+def gait_codes(labels: Real[np.ndarray, " *readings"]) -> Int[np.ndarray, " *readings"]:
     """The codes of gaits from the results of `label`: an index is its own code, a number -n becomes -1 - n.
 
     So -1 stands for gaits that were not read, and a label that is not an index of a gait is recognisable.
@@ -64,7 +65,11 @@ def gait_codes(labels: np.ndarray) -> np.ndarray:
 def _reader(model: Model, drive: Callable[..., Any] | None) -> Callable[..., Any]:
     names = [q.name for q in model.observables]
 
-    def one(values: Any, t: jax.Array, observed: jax.Array) -> dict[str, jax.Array]:
+    def one(
+        values: Mapping[str, Float[Array, " ..."]],
+        t: Float[Array, ""],
+        observed: Float[Array, " observables"],
+    ) -> dict[str, Real[Array, ""]]:
         params = model.params(values) if drive is None else drive(values, t)
         return model.label(params, {name: observed[i] for i, name in enumerate(names)})
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import abc
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Real
 
 from gaitsweep.contract import Model, Params
 from gaitsweep.engine.advance import Carry, advance, start
@@ -16,9 +18,9 @@ from gaitsweep.engine.recorders.recorder import LaneRecord, PollResult, Recorder
 
 # The parameters at a time (s), from the values of a row: a ramp or a staircase. Its optional attribute
 # `times` lists the times (s) at which the step length has to be evaluated.
-RowDrive = Callable[[Any, jax.Array], Params]
+RowDrive = Callable[[Mapping[str, Float[Array, " ..."]], Float[Array, ""]], Params]
 
-Values = Mapping[str, np.ndarray]
+Values = Mapping[str, Real[np.ndarray, "rows ..."]]
 Device = Any  # a jax.Device, which type checkers do not accept as a type
 
 
@@ -37,12 +39,31 @@ class ChunkOutput(NamedTuple):
     has the buffers, whose first `filled` samples are new; `samples` counts those of the whole row.
     """
 
-    numbers: dict[str, np.ndarray]
-    filled: np.ndarray
-    samples: np.ndarray
-    kept: np.ndarray
+    numbers: dict[str, Real[np.ndarray, "lanes ..."]]
+    filled: Int[np.ndarray, " lanes"]
+    samples: Int[np.ndarray, " lanes"]
+    kept: Float[np.ndarray, "lanes buffer width"]
 
 
+class Lanes(abc.ABC):
+    """The trajectories of a sweep that one device runs at a time.
+
+    `size` counts the lanes, `at_a_time` those of them that run at a time; the others wait.
+    """
+
+    size: int
+    at_a_time: int
+
+    @abc.abstractmethod
+    def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
+        """Start new trajectories in the lanes marked `fresh` (bool, (size,)); values are (size,) each."""
+
+    @abc.abstractmethod
+    def run_chunk(self, polls: int) -> ChunkOutput:
+        """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""
+
+
+@final
 class OneLane:
     """Opening, an attempt and a poll of one trajectory: pure functions of scalars and small arrays."""
 
@@ -54,7 +75,9 @@ class OneLane:
         self.at = drive if drive is not None else lambda values, t: model.params(values)
         self._advance = advance(model, numerics, drive=drive)
 
-    def open(self, values: Any, starts: Any) -> tuple[Any, Carry, LaneRecord, jax.Array, jax.Array]:
+    def open(
+        self, values: Mapping[str, Float[Array, " ..."]], starts: Mapping[str, Float[Array, ""]]
+    ) -> tuple[Params, Carry, LaneRecord, Float[Array, " width"], Bool[Array, ""]]:
         """A trajectory's constants, carry, record, its first sample (width,), and whether to keep it."""
         zero = jnp.zeros((), self.numerics.carried)
         params = self.at(values, zero)
@@ -66,7 +89,7 @@ class OneLane:
         held = values if self.driven else params
         return held, carry, *self.recorder.begin(params, carry)
 
-    def _longest_step(self, values: Any, params: Params) -> jax.Array:
+    def _longest_step(self, values: Mapping[str, Float[Array, " ..."]], params: Params) -> Float[Array, ""]:
         """The longest step of a row (s); for a moving parameter, the smallest over its values."""
         dt = step_of(self.model, self.numerics, params)
         for t in getattr(self.at, "times", ()) if self.driven else ():
@@ -74,10 +97,10 @@ class OneLane:
             dt = jnp.minimum(dt, step_of(self.model, self.numerics, moved))
         return dt
 
-    def attempt(self, held: Any, carry: Carry) -> Carry:
+    def attempt(self, held: Params, carry: Carry) -> Carry:
         return self._advance(held, carry)
 
-    def poll(self, held: Any, carry: Carry, record: LaneRecord) -> PollResult:
+    def poll(self, held: Params, carry: Carry, record: LaneRecord) -> PollResult:
         """Poll the recorder."""
         params = self.at(held, carry.t) if self.driven else held
         return self.recorder.poll(params, carry, record, carry.dt / self.numerics.steps_in_longest)

@@ -8,15 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Int, Real
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.sweep.block import Block
 from gaitsweep.engine.sweep.chunk_sizer import ChunkSizer
 from gaitsweep.engine.sweep.engines import groups_on, polls_per_chunk
-from gaitsweep.engine.sweep.lane import ChunkOutput
+from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.row_outcome import ENGINE_NUMBERS, RowOutcome
 
@@ -34,7 +35,7 @@ class _Chunk(NamedTuple):
 class Group:
     """Some lanes of a device, the rows in them, and their progress."""
 
-    def __init__(self, lanes: Any, spec: SweepSpec) -> None:
+    def __init__(self, lanes: Lanes, spec: SweepSpec) -> None:
         self.lanes, self.size = lanes, lanes.size
         self.block_of = np.full(self.size, -1)
         self.row_of = np.zeros(self.size, np.int64)
@@ -44,7 +45,7 @@ class Group:
         if spec.engine == "xla":
             self.sizer.polls = FIRST_POLLS
         # the values of all lanes: parameters, then initial conditions
-        self._values: list[dict[str, np.ndarray]] = []
+        self._values: list[dict[str, Real[np.ndarray, "lanes ..."]]] = []
         self._fresh = np.zeros(self.size, bool)
 
     @property
@@ -56,10 +57,12 @@ class Group:
         """The number of lanes that run at a time."""
         return self.lanes.at_a_time
 
-    def place(self, block: Block, rows: np.ndarray, lanes: np.ndarray) -> None:
+    def place(
+        self, block: Block, rows: Int[np.ndarray, " placed"], lanes: Int[np.ndarray, " placed"]
+    ) -> None:
         """Put rows of a block into lanes; the next chunk opens them."""
         self.block_of[lanes], self.row_of[lanes], self._fresh[lanes] = block.number, rows, True
-        given: tuple[Mapping[str, np.ndarray], ...] = (block.params, block.starts)
+        given: tuple[Mapping[str, Real[np.ndarray, "rows ..."]], ...] = (block.params, block.starts)
         if not self._values:
             # idle lanes are computed too, with the values of the first row
             self._values = [
@@ -71,12 +74,14 @@ class Group:
 
     def open_again(self) -> None:
         """Open the rows of all lanes again, as if none of them had begun."""
-        self.lanes.fill(*self._values, np.ones(self.size, bool))
+        params, starts = self._values
+        self.lanes.fill(params, starts, np.ones(self.size, bool))
 
     def chunk(self, polls: int | None = None) -> _Chunk:
         """Open fresh rows and advance all by `polls`, by default the number that the sizer chooses."""
         if self._fresh.any():
-            self.lanes.fill(*self._values, self._fresh)
+            params, starts = self._values
+            self.lanes.fill(params, starts, self._fresh)
             self._fresh = np.zeros(self.size, bool)
         polls = self.sizer.polls if polls is None else polls
         began = self.sizer.begins()
@@ -173,7 +178,7 @@ class LaneScheduler:
         if self._threads is not None and group.busy:
             self._running[self._threads.submit(group.chunk)] = group
 
-    def _fill(self, which: np.ndarray, lanes: np.ndarray) -> None:
+    def _fill(self, which: Int[np.ndarray, " free"], lanes: Int[np.ndarray, " free"]) -> None:
         """Put waiting rows into the free lanes `lanes` (n,) of the groups `which` (n,)."""
         taken = 0
         while taken < lanes.size or not self.groups:

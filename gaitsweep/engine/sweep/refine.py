@@ -15,6 +15,7 @@ import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
+from jaxtyping import Bool, Int
 
 UNKNOWN = -1  # not simulated
 ALONE = -2  # simulated, with a label that is lent to no other cell
@@ -48,7 +49,7 @@ class Grid:
                 yield sides, halved
                 sides = halved
 
-    def corners(self, axis: int, side: int) -> tuple[np.ndarray, int]:
+    def corners(self, axis: int, side: int) -> tuple[Int[np.ndarray, " corners"], int]:
         """Corners of boxes of this side along an axis, and the number of boxes between them."""
         length = self.lengths[axis]
         points = np.arange(0, length, side)
@@ -58,7 +59,7 @@ class Grid:
         return points, max(len(points) - 1, 1)
 
 
-def wanted(known: np.ndarray, grid: Grid) -> np.ndarray:
+def wanted(known: Int[np.ndarray, " *cells"], grid: Grid) -> Bool[np.ndarray, " *cells"]:
     """The cells to simulate next, from the known labels; none when every cell is decided.
 
     Args:
@@ -86,7 +87,7 @@ def wanted(known: np.ndarray, grid: Grid) -> np.ndarray:
     return need & (known == UNKNOWN)
 
 
-def inferred(known: np.ndarray, grid: Grid) -> np.ndarray:
+def inferred(known: Int[np.ndarray, " *cells"], grid: Grid) -> Int[np.ndarray, " *cells"]:
     """The label of every cell: its own, or that of the box that contains it, else UNKNOWN."""
     labels = np.array(known)
     for sides, _ in grid.levels():
@@ -100,7 +101,7 @@ def inferred(known: np.ndarray, grid: Grid) -> np.ndarray:
     return labels
 
 
-def _points(grid: Grid, sides: Sides) -> tuple[np.ndarray, ...]:
+def _points(grid: Grid, sides: Sides) -> tuple[Int[np.ndarray, " ..."], ...]:
     """The corners of boxes, as an index of the grid's arrays."""
     return np.ix_(
         *(
@@ -110,7 +111,9 @@ def _points(grid: Grid, sides: Sides) -> tuple[np.ndarray, ...]:
     )
 
 
-def _spans(known: np.ndarray, grid: Grid, sides: Sides) -> tuple[np.ndarray, np.ndarray]:
+def _spans(
+    known: Int[np.ndarray, " *cells"], grid: Grid, sides: Sides
+) -> tuple[Int[np.ndarray, " *boxes"], Int[np.ndarray, " *boxes"]]:
     """The lowest and the highest known label in each box, including its sides.
 
     They always differ around an ALONE cell; if no label is known, low > high.

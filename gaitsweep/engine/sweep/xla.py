@@ -11,21 +11,22 @@ import contextlib
 import dataclasses
 import os
 import resource
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Shaped
 
-from gaitsweep.contract import Model, Status
+from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import Carry, select
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.fork import refuse_fork
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL, LaneRecord, Recorder
-from gaitsweep.engine.sweep.lane import ChunkOutput, Device, OneLane, RowDrive, Values
+from gaitsweep.engine.sweep.lane import ChunkOutput, Device, Lanes, OneLane, RowDrive, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError, UnsupportedSystem
 
@@ -94,7 +95,8 @@ def refuse_missing_platform() -> None:
         ) from error
 
 
-class XlaLanes:
+@final
+class XlaLanes(Lanes):
     """The trajectories of a sweep that one device runs at a time."""
 
     def __init__(self, spec: SweepSpec, device: Device) -> None:
@@ -104,7 +106,7 @@ class XlaLanes:
         self._open, self._merge, self._chunk = _programs(spec.model, spec.recorder, spec.numerics, spec.drive)
         self._lanes: Any = None
 
-    def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None:
+    def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
         """Start new trajectories in the lanes marked `fresh` (bool, (size,)); values are (size,) each."""
         values = {k: self._put(np.asarray(v, self._dtype)) for k, v in params.items()}
         begin = {k: self._put(np.asarray(v, self._dtype)) for k, v in starts.items()}
@@ -124,7 +126,7 @@ class XlaLanes:
             output = output._replace(kept=np.broadcast_to(np.zeros((), self._dtype), output.kept.shape))
         return jax.device_get(output)
 
-    def _put(self, array: Any) -> jax.Array:
+    def _put(self, array: Shaped[np.ndarray, " ..."] | np.generic) -> Shaped[Array, " ..."]:
         return jax.device_put(array, self._device)
 
 
@@ -139,28 +141,37 @@ def _programs(
     return jax.jit(jax.vmap(partial(_open, one))), jax.jit(jax.vmap(select)), jax.jit(chunk)
 
 
-def _open(one: OneLane, values: Any, starts: Any) -> tuple[Any, Carry, LaneRecord, jax.Array]:
+def _open(
+    one: OneLane, values: Mapping[str, Float[Array, " ..."]], starts: Mapping[str, Float[Array, ""]]
+) -> tuple[Params, Carry, LaneRecord, Float[Array, "buffer width"]]:
     held, carry, record, sample, keep = one.open(values, starts)
     buffer = jnp.zeros((BUFFER if sample.size else 0, sample.size), sample.dtype)
     return held, carry, record, _appended(buffer, jnp.zeros((), jnp.int32), sample, keep)
 
 
-def _poll(one: OneLane, held: Any, carry: Carry, record: LaneRecord, kept: jax.Array) -> Any:
+def _poll(
+    one: OneLane, held: Params, carry: Carry, record: LaneRecord, kept: Float[Array, "buffer width"]
+) -> tuple[Carry, LaneRecord, Float[Array, "buffer width"]]:
     carry, after, sample, keep = one.poll(held, carry, record)
     return carry, after, _appended(kept, record.filled, sample, keep)
 
 
-def _appended(kept: jax.Array, place: jax.Array, sample: jax.Array, keep: jax.Array) -> jax.Array:
+def _appended(
+    kept: Float[Array, "buffer width"],
+    place: Int[Array, ""],
+    sample: Float[Array, " width"],
+    keep: Bool[Array, ""],
+) -> Float[Array, "buffer width"]:
     here = (jnp.arange(kept.shape[0]) == place) & keep
     return jnp.where(here[:, None], sample, kept)
 
 
 def _chunk(
-    attempt: Callable[..., Any], poll: Callable[..., Any], polls: jax.Array, lanes: Any
+    attempt: Callable[..., Any], poll: Callable[..., Any], polls: Int[Array, ""], lanes: Any
 ) -> tuple[Any, ChunkOutput]:
     held, carry, record, kept = lanes
 
-    def going(loop: Any) -> jax.Array:
+    def going(loop: Any) -> Bool[Array, ""]:
         count, _, record, _ = loop
         return (count < polls) & jnp.any(record.status == Status.running)
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Real
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
@@ -47,7 +48,7 @@ def hatch_cells(axes: Axes, edges: tuple[np.ndarray, np.ndarray], at: tuple, mar
             )
 
 
-def on_grid(values: np.ndarray, *, log: bool = False) -> bool:
+def on_grid(values: Real[np.ndarray, " values"], *, log: bool = False) -> bool:
     """Whether sorted values form a grid: all steps are whole multiples of the smallest, up to rounding.
 
     Steps are ratios with `log`.
@@ -59,7 +60,7 @@ def on_grid(values: np.ndarray, *, log: bool = False) -> bool:
     return len(values) <= 4 or bool((np.abs(counts - np.round(counts)) < 0.01).all() and counts.max() < 50)
 
 
-def filled(values: np.ndarray, *, log: bool = False) -> np.ndarray:
+def filled(values: Real[np.ndarray, " values"], *, log: bool = False) -> Real[np.ndarray, " cells"]:
     """Sorted values of a grid with missing values filled in, so that no cell covers a missing neighbour.
 
     Values that do not form a grid are returned unchanged. Steps are ratios with `log`.
@@ -79,7 +80,7 @@ def filled(values: np.ndarray, *, log: bool = False) -> np.ndarray:
     return np.r_[*(part for a, inner in pairs for part in ([a], inner)), values[-1:]]
 
 
-def cell_edges(centres: np.ndarray, *, log: bool = False) -> np.ndarray:
+def cell_edges(centres: Real[np.ndarray, " cells"], *, log: bool = False) -> Float[np.ndarray, " edges"]:
     """The edges of cells, half way between neighbouring centres (for a grid: `filled`).
 
     Half way is the geometric mean with `log`.

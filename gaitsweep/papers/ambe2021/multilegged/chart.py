@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Chart, Quantity
 from gaitsweep.dynamics import wrapped
@@ -47,23 +48,23 @@ class MultileggedChart(Chart):
     def conserved(self) -> tuple[Quantity, ...]:
         return (Quantity("E", "rad", "sum of the relative phases, eq. (29)", circular=True),)
 
-    def to_coordinates(self, params: Any, state: Any) -> jax.Array:
+    def to_coordinates(self, params: Any, state: Any) -> Float[Array, " coordinates"]:
         psi = wrapped(state.phi[1:] - state.phi[:-1])
         return jnp.concatenate([psi, state.phi[:1], state.x[1:], state.v, state.y])
 
-    def from_coordinates(self, params: Any, at: jax.Array, modes: Any) -> Any:
+    def from_coordinates(self, params: Any, at: Float[Array, " coordinates"], modes: Any) -> Any:
         n = self.N
         psi, phi_1, x, v, y = jnp.split(at, [n, n + 1, 2 * n + 1, 3 * n + 2])
         phi = _in_segments(jnp.cumsum(jnp.concatenate([phi_1, psi])), modes)
         touching = _touching(params, phi[:1]) - PRESSED
         return dataclasses.replace(modes, phi=phi, x=jnp.concatenate([touching, x]), v=v, y=y)
 
-    def covers(self, params: Any, state: Any) -> jax.Array:
+    def covers(self, params: Any, state: Any) -> Bool[Array, ""]:
         """Whether leg 1 has landed; its phase can also pass 2 pi without a landing."""
         gap = state.x[0] - _touching(params, state.phi[0])
         return state.landed & (jnp.abs(gap) < CLOSE)
 
-    def conserved_values(self, params: Any, at: jax.Array) -> jax.Array:
+    def conserved_values(self, params: Any, at: Float[Array, " coordinates"]) -> Float[Array, " conserved"]:
         return jnp.sum(at[: self.N])[None]
 
 
@@ -83,14 +84,14 @@ class ReducedChart(MultileggedChart):
             for i in range(1, self.N + 1)
         )
 
-    def to_coordinates(self, params: Any, state: Any) -> jax.Array:
+    def to_coordinates(self, params: Any, state: Any) -> Float[Array, " coordinates"]:
         return wrapped(state.phi[1:] - state.phi[:-1])
 
-    def from_coordinates(self, params: Any, at: jax.Array, modes: Any) -> Any:
+    def from_coordinates(self, params: Any, at: Float[Array, " coordinates"], modes: Any) -> Any:
         phi = jnp.concatenate([jnp.zeros_like(at[:1]), jnp.cumsum(at)])
         return dataclasses.replace(modes, phi=_in_segments(phi, modes))
 
-    def covers(self, params: Any, state: Any) -> jax.Array:
+    def covers(self, params: Any, state: Any) -> Bool[Array, ""]:
         """Whether leg 1 has landed; its phase can also pass 2 pi without a landing."""
         return state.landed & (state.phi[0] == 0.0)
 

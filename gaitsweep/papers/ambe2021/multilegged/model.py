@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep import Skeleton
 from gaitsweep.analyses import AnalysisError
@@ -233,7 +234,7 @@ class Multilegged(HybridModel):
             Quantity("distance", "rad", "distance to the nearest analytic solution on section 1"),
         )
 
-    def params(self, values: Mapping[str, jax.Array]) -> Params:
+    def params(self, values: Mapping[str, Float[Array, " ..."]]) -> Params:
         def along(name: str, first: str, last: str, n: int) -> jax.Array:
             own = [values[f"{name}_{i}"] for i in range(2, n)] if self.profile else None
             inner = [values[name]] * (n - 2) if own is None else own
@@ -247,7 +248,7 @@ class Multilegged(HybridModel):
         names = [field.name for field in dataclasses.fields(Params) if field.name not in arrays]
         return Params(**arrays, **{name: jnp.asarray(values[name]) for name in names})
 
-    def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:
+    def init(self, params: Params, start: Mapping[str, Float[Array, ""]]) -> State:
         p = params
         touching = jnp.isnan(start["phi_1"])
         phi_1 = jnp.where(touching, first_touchdown(p), start["phi_1"])
@@ -298,13 +299,13 @@ class Multilegged(HybridModel):
     def recommended(self) -> Recommended:
         return Recommended("propagator6")
 
-    def fast_modes(self, params: Params) -> tuple[jax.Array, jax.Array]:
+    def fast_modes(self, params: Params) -> tuple[Float[Array, " motions"], Float[Array, " motions"]]:
         """The modes of the masses on springs and ground, and the lag's, 1 / tau; phases have none."""
         p = params
         rates, damping = fastest_motions(p.masses, p.kappa, p.sigma, p.K, p.D)
         return jnp.append(rates, 1.0 / p.tau), jnp.append(damping, 1.0)
 
-    def guards(self, params: Params, state: State) -> jax.Array:
+    def guards(self, params: Params, state: State) -> Float[Array, " guards"]:
         """Each leg's phase relative to the end of its segment, then each leg's contact, shape (2N + 2,)."""
         p, s = params, state
         end = corner_of(p, s.segment)
@@ -320,7 +321,7 @@ class Multilegged(HybridModel):
         ends = (f"phase of leg {i} reaches the end of its segment" for i in legs)
         return (*ends, *(f"leg {i} touches or lifts" for i in legs))
 
-    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
+    def jump(self, params: Params, state: State, fired: Bool[Array, " events"]) -> State:
         p, s = params, state
         corner, segment, wraps, kicked = self._transitions(s, fired)
         return State(
@@ -333,7 +334,7 @@ class Multilegged(HybridModel):
             landed=(s.landed | kicked[0]) & ~wraps[0],
         )
 
-    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
+    def section(self, params: Params, before: State, fired: Bool[Array, " events"]) -> Bool[Array, ""]:
         """Leg 1's first landing contact of a cycle, or the wrap of its phase if there was none."""
         _, _, wraps, kicked = self._transitions(before, fired)
         return ~before.landed & (kicked[0] | wraps[0])
@@ -347,17 +348,19 @@ class Multilegged(HybridModel):
         kicked = touched & ~s.contact & (segment == LANDING)  # eq. (6), from the segment's beginning on
         return corner, segment, wraps, kicked
 
-    def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
+    def observe(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:
         psi = wrapped(state.phi[1:] - state.phi[:-1])  # eq. (7)
         observed = {f"psi_{i + 1}": psi[i] for i in range(self.N)}
         return {**observed, "landed": state.landed.astype(psi.dtype)}
 
-    def signal(self, params: Params, state: State) -> dict[str, jax.Array]:
+    def signal(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:
         length, _ = self._leg(params, state.phi, state.segment)
         rows = {"phase": state.phi, "x": state.x, "l": length, "contact": state.contact.astype(length.dtype)}
         return {f"{name}_{i + 1}": row[i] for name, row in rows.items() for i in range(self.N + 1)}
 
-    def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+    def label(
+        self, params: Params, observations: Mapping[str, Real[Array, ""]]
+    ) -> dict[str, Real[Array, ""]]:
         p = params
         psi = jnp.stack([observations[f"psi_{i}"] for i in range(1, self.N + 1)])
         inner = slice(1, -1) if self.profile else 1
@@ -367,11 +370,11 @@ class Multilegged(HybridModel):
         gait, k, distance = classify(self.N, psi, chain)
         return {"gait": gait, "k": k, "distance": distance}
 
-    def failed(self, params: Params, state: State) -> jax.Array:
+    def failed(self, params: Params, state: State) -> Bool[Array, ""]:
         """Whether a mass has reached the ground."""
         return jnp.any(state.x <= 0.0)
 
-    def period(self, params: Params) -> jax.Array:
+    def period(self, params: Params) -> Float[Array, ""]:
         return TWO_PI / params.omega
 
     def chart(self) -> Chart | None:
@@ -391,5 +394,7 @@ class Multilegged(HybridModel):
         """The largest distance (rad) of settled states from the theory's solutions, and its row."""
         return largest_distance(table)
 
-    def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
+    def skeleton(
+        self, values: Mapping[str, float], signals: Mapping[str, Float[np.ndarray, " times"]]
+    ) -> Skeleton:
         return skeleton(self.N + 1, values, signals)

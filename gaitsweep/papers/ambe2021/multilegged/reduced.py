@@ -19,6 +19,7 @@ from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Chart, FixedStepDynamics, Quantity, Rates, Recommended, Simultaneous
 from gaitsweep.dynamics import TWO_PI, wrapped
@@ -112,7 +113,7 @@ class MultileggedReduced(Multilegged):
     def fixed_step_scheme(self) -> FixedStepDynamics:
         return NextEventSteps(self)
 
-    def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:  # type: ignore[override]
+    def init(self, params: Params, start: Mapping[str, Float[Array, ""]]) -> State:  # type: ignore[override]
         p = params
         touching = jnp.isnan(start["phi_1"])
         touchdown = first_touchdown(p)
@@ -143,12 +144,12 @@ class MultileggedReduced(Multilegged):
     def recommended(self) -> Recommended:
         return Recommended("semi_implicit")
 
-    def fast_modes(self, params: Params) -> tuple[jax.Array, jax.Array]:
+    def fast_modes(self, params: Params) -> tuple[Float[Array, " motions"], Float[Array, " motions"]]:
         """Phases move at constant speed; this rate limits a step to the time between touchdowns."""
         rate = 20.0 / NextEventSteps(self).longest_step(params)
         return rate[None], jnp.ones((1,), rate.dtype)
 
-    def guards(self, params: Params, state: State) -> jax.Array:  # type: ignore[override]
+    def guards(self, params: Params, state: State) -> Float[Array, " guards"]:  # type: ignore[override]
         """Each leg's phase relative to the end of its segment, then its touchdown, or lift-off if held."""
         p, s = params, state
         length, _ = self._leg(p, s.phi, s.segment)
@@ -158,27 +159,27 @@ class MultileggedReduced(Multilegged):
             [s.phi - corner_of(p, s.segment), jnp.where(s.segment == LANDING, touch, -1.0)]
         )
 
-    def jump(self, params: Params, state: State, fired: jax.Array) -> State:  # type: ignore[override]
+    def jump(self, params: Params, state: State, fired: Bool[Array, " events"]) -> State:  # type: ignore[override]
         corner, switched = fired[: self.N + 1], fired[self.N + 1 :]
         return after_events(state, corner, switched & ~state.held, switched & state.held)
 
-    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:  # type: ignore[override]
+    def section(self, params: Params, before: State, fired: Bool[Array, " events"]) -> Bool[Array, ""]:  # type: ignore[override]
         """Leg 1's touchdown, or the wrap of its phase if there was none."""
         resets = fired[self.N + 1] & ~before.held[0]
         return (before.segment[0] == LANDING) & (resets | fired[0])
 
-    def observe(self, params: Params, state: State) -> dict[str, jax.Array]:  # type: ignore[override]
+    def observe(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:  # type: ignore[override]
         observed = {f"psi_{i + 1}": state.psi[i] for i in range(self.N)}
         return {**observed, "landed": state.landed.astype(state.psi.dtype)}
 
-    def signal(self, params: Params, state: State) -> dict[str, jax.Array]:  # type: ignore[override]
+    def signal(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:  # type: ignore[override]
         length, _ = self._leg(params, state.phi, state.segment)
         x, load = obstacle_problem(length, params.masses, params.kappa, params.g)
         contact = (load > 0.0).astype(x.dtype)
         rows = {"phase": state.phi, "x": x, "l": length, "contact": contact, "load": load}
         return {f"{name}_{i + 1}": row[i] for name, row in rows.items() for i in range(self.N + 1)}
 
-    def failed(self, params: Params, state: State) -> jax.Array:  # type: ignore[override]
+    def failed(self, params: Params, state: State) -> Bool[Array, ""]:  # type: ignore[override]
         """Never: a mass cannot be below the tip of its leg.
 
         Legs of zero length (a >= L) are allowed, unlike in the full model, since no equation depends on them.
@@ -202,7 +203,7 @@ class NextEventSteps(FixedStepDynamics):
 
     model: MultileggedReduced
 
-    def step(self, params: Params, state: State, dt: jax.Array) -> State:
+    def step(self, params: Params, state: State, dt: Float[Array, ""]) -> State:
         p, s = params, state
         landing = s.segment == LANDING
         length, rate = self.model._leg(p, s.phi, s.segment)
@@ -226,16 +227,16 @@ class NextEventSteps(FixedStepDynamics):
         )
         return after_events(moved, corner, due, lifts)
 
-    def longest_step(self, params: Params) -> jax.Array:
+    def longest_step(self, params: Params) -> Float[Array, ""]:
         """A sixth of the time between two touchdowns, so that steps soon catch up with `late`."""
         return 2.0 * jnp.pi / params.omega / (STEPS_A_LEG * self.model.N)
 
-    def events(self, params: Params, before: State, after: State) -> jax.Array:
+    def events(self, params: Params, before: State, after: State) -> Bool[Array, " events"]:
         """Whether leg 1 has ended its cycle; the step itself has applied the jump."""
         return ((before.segment[0] == LANDING) & (after.segment[0] == STANCE))[None]
 
-    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
+    def jump(self, params: Params, state: State, fired: Bool[Array, " events"]) -> State:
         return state
 
-    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
+    def section(self, params: Params, before: State, fired: Bool[Array, " events"]) -> Bool[Array, ""]:
         return fired[0]

@@ -12,6 +12,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Chart, Quantity
 from gaitsweep.dynamics import wrapped
@@ -60,7 +61,7 @@ class LandingChart(Chart):
             *(Quantity(f"landing_z_{i}", "m", f"desired z of foot {i} at its landing") for i in limbs),
         )
 
-    def to_coordinates(self, params: Any, state: Any) -> jax.Array:
+    def to_coordinates(self, params: Any, state: Any) -> Float[Array, " coordinates"]:
         s = state
         up, turn = _tilt_and_heading(s.q[3:7])
         deltas = wrapped(jnp.stack([s.phi[0] - s.phi[2], s.phi[0] - s.phi[1], s.phi[2] - s.phi[3]]))
@@ -72,7 +73,7 @@ class LandingChart(Chart):
             ]
         )  # fmt: skip
 
-    def from_coordinates(self, params: Any, at: jax.Array, modes: Any) -> Any:
+    def from_coordinates(self, params: Any, at: Float[Array, " coordinates"], modes: Any) -> Any:
         ends = [sum(_PARTS[: k + 1]) for k in range(len(_PARTS) - 1)]
         phases, up, joints, linear, spin, rates, anchors, x, z = jnp.split(at, ends)
         phi_1 = phases[3] + phases[0]
@@ -97,7 +98,7 @@ class LandingChart(Chart):
             stride_t=modes.clock,
         )
 
-    def covers(self, params: Any, state: Any) -> jax.Array:
+    def covers(self, params: Any, state: Any) -> Bool[Array, ""]:
         height = params.mechanics.feet(state.q, state.v)[0][2, 2]
         return state.contact[2] & (jnp.abs(height) < CLOSE) & ~state.held & ~state.growing
 

@@ -9,6 +9,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Mapping
 
 import numpy as np
+from jaxtyping import Float
 
 from gaitsweep import Limb, LimbLook, Skeleton
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import LIMBS, displacements, factors, mjcf, sizes_of
@@ -65,7 +66,9 @@ class WaistDrawing:
     def mjcf(self, values: Mapping[str, float]) -> str:
         return scaled_mjcf(values)
 
-    def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
+    def skeleton(
+        self, values: Mapping[str, float], signals: Mapping[str, Float[np.ndarray, " times"]]
+    ) -> Skeleton:
         """The parts of the body, by MuJoCo's kinematics.
 
         Args:

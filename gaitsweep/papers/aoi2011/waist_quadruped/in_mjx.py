@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from gaitsweep.dynamics.tree import PointForce
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import (
@@ -53,7 +54,9 @@ class WaistMjxBody(WaistBody):
     def compiled_of(self) -> tuple[str, ...]:
         return tuple(_TABLE_1) if self.level else (*_TABLE_1, *HEIGHT_NAMES)
 
-    def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def on_host(
+        self, values: Mapping[str, Float[np.ndarray, " rows"]]
+    ) -> dict[str, Float[np.ndarray, "rows ..."]]:
         return variants(self.level).on_host(values)
 
     def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:

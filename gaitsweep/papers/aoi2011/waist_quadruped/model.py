@@ -22,6 +22,7 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended
 from gaitsweep.dynamics import TWO_PI, wrapped
@@ -149,10 +150,12 @@ class WaistQuadruped(WaistDrawing, HybridModel):
     def host_parameters(self) -> tuple[str, ...]:
         return self._mover.compiled_of
 
-    def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def on_host(
+        self, values: Mapping[str, Float[np.ndarray, " rows"]]
+    ) -> dict[str, Float[np.ndarray, "rows ..."]]:
         return self._mover.on_host(values)
 
-    def params(self, values: Mapping[str, jax.Array]) -> Params:
+    def params(self, values: Mapping[str, Float[Array, " ..."]]) -> Params:
         v = {name: jnp.asarray(value) for name, value in values.items()}
         omega_w = TWO_PI * v["f"]
         mechanics = WaistMechanics(
@@ -171,7 +174,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
             damping=self.damping,
         )
 
-    def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:
+    def init(self, params: Params, start: Mapping[str, Float[Array, ""]]) -> State:
         """Standing, all feet on the ground below their hips, limb 3 at its AEP."""
         p, wanted = params, start["delta_13"]
         zero = jnp.zeros_like(p.omega)
@@ -247,7 +250,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
     def recommended(self) -> Recommended:
         return Recommended("rk4" if self.locates_events else "semi_implicit")
 
-    def fast_modes(self, params: Params) -> tuple[jax.Array, jax.Array]:
+    def fast_modes(self, params: Params) -> tuple[Float[Array, " motions"], Float[Array, " motions"]]:
         rate, damping = fastest_motion(params)
         slip = params.mechanics.T_slip
         if slip is None:
@@ -257,7 +260,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
     def fixed_step_scheme(self) -> SemiImplicit:
         return SemiImplicit(self._mover)
 
-    def guards(self, params: Params, state: State) -> jax.Array:
+    def guards(self, params: Params, state: State) -> Float[Array, " guards"]:
         """Phases relative to the ends of their segments, foot contacts, ends of growth and hold, (10,)."""
         p, s = params, state
         height = p.mechanics.feet(s.q, s.v)[0][:, 2]
@@ -272,7 +275,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         feet = (f"foot {i} touches or lifts" for i in range(1, 5))
         return (*ends, *feet, "the stride has grown (T_grow)", "delta_13 is released (T_hold)")
 
-    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
+    def jump(self, params: Params, state: State, fired: Bool[Array, " events"]) -> State:
         p, s = params, state
         now = transitions(s, fired[:4], fired[4:8])
         at, _ = p.mechanics.feet(s.q, s.v)
@@ -283,11 +286,11 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         s = dataclasses.replace(s, anchor=anchor, growing=s.growing & ~fired[8], held=s.held & ~fired[9])
         return after_events(p, s, now, landing, 0.0)
 
-    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
+    def section(self, params: Params, before: State, fired: Bool[Array, " events"]) -> Bool[Array, ""]:
         """Whether limb 3 lands."""
         return transitions(before, fired[:4], fired[4:8]).lands[2]
 
-    def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
+    def observe(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:
         phi = state.phi
         return {
             "delta_13": wrapped(phi[0] - phi[2]),  # eq. (5)
@@ -300,7 +303,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
             **{f"touchdowns_{i + 1}": state.touchdowns[i] for i in LIMBS},
         }
 
-    def signal(self, params: Params, state: State) -> dict[str, jax.Array]:
+    def signal(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:
         s, contact = state, state.contact.astype(state.phi.dtype)
         roll, pitch = tilt(s.q)
         return {
@@ -312,7 +315,9 @@ class WaistQuadruped(WaistDrawing, HybridModel):
             **{f"q_{i}": s.q[i] for i in range(16)},
         }
 
-    def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+    def label(
+        self, params: Params, observations: Mapping[str, Real[Array, ""]]
+    ) -> dict[str, Real[Array, ""]]:
         """The gait with the nearest centre, among the gaits within whose width delta_13 is."""
         p, delta = params, observations["delta_13"]
         centres = jnp.stack([p.walk_centre, p.trot_centre, p.pace_centre])
@@ -322,7 +327,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         gait = jnp.where(jnp.min(distance) < jnp.inf, jnp.argmin(distance), len(self.gaits) - 1)
         return {"gait": gait}
 
-    def failed(self, params: Params, state: State) -> jax.Array:
+    def failed(self, params: Params, state: State) -> Bool[Array, ""]:
         """Whether the body is too low, tilted or twisted."""
         return fallen(state.q, self._depths(params)[0])
 
@@ -333,10 +338,10 @@ class WaistQuadruped(WaistDrawing, HybridModel):
             return p.H_fore, p.H_hind
         return p.H_fore - m.front_hip_z, p.H_hind - m.rear_hip_z
 
-    def period(self, params: Params) -> jax.Array:
+    def period(self, params: Params) -> Float[Array, ""]:
         return TWO_PI / params.omega
 
-    def free_after(self, params: Params) -> jax.Array:
+    def free_after(self, params: Params) -> Float[Array, ""]:
         return params.T_hold
 
     def chart(self) -> Chart | None:

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import FixedStepDynamics
 from gaitsweep.dynamics import worked_in
@@ -43,7 +44,9 @@ class WaistBody(abc.ABC):
         """The parameters that `on_host` needs."""
         return ()
 
-    def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def on_host(
+        self, values: Mapping[str, Float[np.ndarray, " rows"]]
+    ) -> dict[str, Float[np.ndarray, "rows ..."]]:
         """As `Model.on_host`."""
         return dict(values)
 
@@ -81,7 +84,7 @@ class SemiImplicit(FixedStepDynamics):
 
     body: WaistBody
 
-    def step(self, params: Params, state: State, dt: jax.Array) -> State:
+    def step(self, params: Params, state: State, dt: Float[Array, ""]) -> State:
         p, s, m, dt = params, state, params.mechanics, jnp.asarray(dt)
         at, speed = self.body.feet(m, s, dt)
         height = at[:, 2]
@@ -137,17 +140,17 @@ class SemiImplicit(FixedStepDynamics):
             gain=gain,
         )
 
-    def longest_step(self, params: Params) -> jax.Array:
+    def longest_step(self, params: Params) -> Float[Array, ""]:
         """The longest step (s), below the stability limit at which dt times the fastest rate is 2."""
         rate, _ = fastest_motion(params)
         return STEPS_TO_RATE / rate
 
-    def events(self, params: Params, before: State, after: State) -> jax.Array:
+    def events(self, params: Params, before: State, after: State) -> Bool[Array, " events"]:
         """Whether limb 3 has landed; the step itself has applied the jump."""
         return after.closed[None]
 
-    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
+    def jump(self, params: Params, state: State, fired: Bool[Array, " events"]) -> State:
         return state
 
-    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
+    def section(self, params: Params, before: State, fired: Bool[Array, " events"]) -> Bool[Array, ""]:
         return fired[0]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from gaitsweep.dynamics import ground_force
 from gaitsweep.dynamics.tree import (
@@ -43,7 +44,9 @@ class PlanarBody(abc.ABC):
     compiled_of: ClassVar[tuple[str, ...]] = ()  # the parameters that `on_host` needs
     warm: ClassVar[int] = 0  # length of `State.warm`
 
-    def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def on_host(
+        self, values: Mapping[str, Float[np.ndarray, " rows"]]
+    ) -> dict[str, Float[np.ndarray, "rows ..."]]:
         """As `Model.on_host`."""
         return dict(values)
 
@@ -51,7 +54,7 @@ class PlanarBody(abc.ABC):
         """`PlanarMechanics.numbers` of a row's values."""
         return {}
 
-    def longest_step(self, m: PlanarMechanics) -> jax.Array:
+    def longest_step(self, m: PlanarMechanics) -> Float[Array, ""]:
         """The longest step (s) with stable contacts."""
         return jnp.full_like(m.g, jnp.inf)
 
@@ -63,7 +66,7 @@ class PlanarBody(abc.ABC):
 class PlanarTreeBody(PlanarBody):
     """The articulated tree with semi-implicit steps; joint damping and friction are implicit."""
 
-    def longest_step(self, m: PlanarMechanics) -> jax.Array:
+    def longest_step(self, m: PlanarMechanics) -> Float[Array, ""]:
         """The longest stable step (s) of a foot on a spring and a damper.
 
         Semi-implicit steps are stable if (D dt + K dt^2 / 2) w < 2, with w the foot's inverse effective mass.
@@ -105,7 +108,9 @@ class PlanarMjxBody(PlanarBody):
     compiled_of = tuple(quantity.name for quantity in BODY)
     warm = NQ
 
-    def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def on_host(
+        self, values: Mapping[str, Float[np.ndarray, " rows"]]
+    ) -> dict[str, Float[np.ndarray, "rows ..."]]:
         return variants().on_host(values)
 
     def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float
 
 from gaitsweep import Limb, LimbLook, Skeleton
 from gaitsweep.papers.fukuoka2015.planar_quadruped.bodies import edited
@@ -43,7 +44,9 @@ class PlanarDrawing:
     def mjcf(self, values: Mapping[str, float]) -> str:
         return of_values(values).to_xml()
 
-    def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
+    def skeleton(
+        self, values: Mapping[str, float], signals: Mapping[str, Float[np.ndarray, " times"]]
+    ) -> Skeleton:
         """The parts of the body, by MuJoCo's kinematics.
 
         Args:

@@ -19,6 +19,7 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Quantity, SteppedModel
 from gaitsweep.near_miss import suggestion
@@ -112,10 +113,12 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
     def host_parameters(self) -> tuple[str, ...]:
         return self._moved_by.compiled_of
 
-    def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def on_host(
+        self, values: Mapping[str, Float[np.ndarray, " rows"]]
+    ) -> dict[str, Float[np.ndarray, "rows ..."]]:
         return self._moved_by.on_host(values)
 
-    def params(self, values: Mapping[str, jax.Array]) -> Params:
+    def params(self, values: Mapping[str, Float[Array, " ..."]]) -> Params:
         v = {name: jnp.asarray(value) for name, value in values.items()}
 
         def of(kind: type) -> dict[str, jax.Array]:
@@ -129,7 +132,7 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
             memory=v["memory"],
         )
 
-    def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:
+    def init(self, params: Params, start: Mapping[str, Float[Array, ""]]) -> State:
         """One diagonal pair is about to swing; potentials are perturbed."""
         m = params.mechanics
         first = np.array([leg in PAIRS[0] for leg in LEGS])
@@ -145,7 +148,7 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         warm, load, read = zero[: self._moved_by.warm], zero[:4], cycle.begun(q[X], q[PITCH])
         return State(q=q, v=zero, warm=warm, u=u, f=f, load=load, cycle=read)
 
-    def step(self, params: Params, state: State, dt: jax.Array) -> State:
+    def step(self, params: Params, state: State, dt: Float[Array, ""]) -> State:
         """The state after a step of `dt` (s); network, motors and body all use the state before it."""
         p, s = params, state
         theta, length = s.q[HIP], s.q[KNEE]
@@ -159,27 +162,29 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         read = cycle.followed(s.cycle, (s.u, u), load, q[X], s.q[PITCH], work, p.memory, dt)
         return State(q=q, v=v, warm=warm, u=u, f=f, load=load, cycle=read)
 
-    def longest_step(self, params: Params) -> jax.Array:
+    def longest_step(self, params: Params) -> Float[Array, ""]:
         """1 ms, the step that is part of the model's definition, or less for stiffer contacts."""
         return jnp.minimum(DEFINED_STEP, self._moved_by.longest_step(params.mechanics))
 
-    def events(self, params: Params, before: State, after: State) -> jax.Array:
+    def events(self, params: Params, before: State, after: State) -> Bool[Array, " events"]:
         """Whether LF has begun to swing; the step itself has applied the jump."""
         return after.cycle.closed[None]
 
-    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
+    def jump(self, params: Params, state: State, fired: Bool[Array, " events"]) -> State:
         return state
 
-    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
+    def section(self, params: Params, before: State, fired: Bool[Array, " events"]) -> Bool[Array, ""]:
         return fired[0]
 
-    def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
+    def observe(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:
         return observed(params, state)
 
-    def signal(self, params: Params, state: State) -> dict[str, jax.Array]:
+    def signal(self, params: Params, state: State) -> dict[str, Real[Array, ""]]:
         return signalled(params, state)
 
-    def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+    def label(
+        self, params: Params, observations: Mapping[str, Real[Array, ""]]
+    ) -> dict[str, Real[Array, ""]]:
         """One of the nine gaits, by swing onsets and by touchdowns; unsteady if shifts or period vary."""
         o = observations
         steady = (o["variation"] <= MOST_VARIATION) & (jnp.abs(o["antiphase"] - 0.5) <= APART)
@@ -194,12 +199,12 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
             "gait_by_touchdowns": gait("touchdown", o["length_touchdown"]),
         }
 
-    def failed(self, params: Params, state: State) -> jax.Array:
+    def failed(self, params: Params, state: State) -> Bool[Array, ""]:
         """Whether the torso is too low or tilted."""
         standing = params.mechanics.l_0 + params.motors.l_st
         return (state.q[Z] < LOW * standing) | (jnp.abs(state.q[PITCH]) > TILTED)
 
-    def period(self, params: Params) -> jax.Array:
+    def period(self, params: Params) -> Float[Array, ""]:
         """The approximate period: ten times the rise time of a half-centre, 0.85 to 0.2 s."""
         return 10.0 * params.network.Tr
 
