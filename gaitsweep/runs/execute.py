@@ -9,7 +9,6 @@ import contextlib
 import dataclasses
 import tempfile
 import threading
-import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
@@ -17,11 +16,12 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from gaitsweep.engine.sweep.sweep import Timings, sweep
+from gaitsweep.engine.sweep.sweep import Timings
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
 from gaitsweep.job.checks import remarks_on_rows
 from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.runs.executor import Executor, ThisProcess
 from gaitsweep.runs.makers import continue_directory
 from gaitsweep.runs.prepare import RunContext, naming_the_file, prepare
 from gaitsweep.runs.progress import Progress
@@ -36,7 +36,7 @@ from gaitsweep.runs.self_check import (
 )
 from gaitsweep.runs.self_check_report import advice, sentence
 from gaitsweep.runs.summary import describe, sum_up, summed_up
-from gaitsweep.table import EncodedPart, ResultDirectory, TableError, load
+from gaitsweep.table import ResultDirectory, TableError, load
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
@@ -96,7 +96,7 @@ def run_job(
                 on_message(f"Warning: {remark}")
             if _rows_leave_the_host_idle(context):
                 check.begin()
-            _run_missing(context, directory, missing, on_progress, cluster)
+            _run_missing(context, directory, missing, on_progress, cluster or ThisProcess())
         elif not summed_up(context, directory):  # killed after its last part
             describe(context, directory)
             sum_up(context, directory, directory.manifest.get("timings", {}))
@@ -207,7 +207,7 @@ def _run_missing(
     directory: ResultDirectory,
     missing: list[int],
     on_progress: Progress,
-    cluster: Cluster | None,
+    executor: Executor,
 ) -> None:
     before, total = directory.rows_done + directory.rows_open, context.spec.n_rows
     describe(context, directory)
@@ -217,34 +217,23 @@ def _run_missing(
     def spent_so_far() -> dict[str, float]:
         return {name: value + spent.get(name, 0) for name, value in dataclasses.asdict(timings).items()}
 
-    def encode(number: int, block: RowOutcome) -> EncodedPart:
-        return directory.encoded(number, context.table(block))
-
     def on_sweep_progress(now: SweepProgress) -> None:
         rate = now.share * now.rows / now.seconds if now.seconds > 0 else 0.0
-        note = f"{now.attempts / max(now.seconds, 1e-9) / 1e6:.1f} M attempts/s"
-        if cluster is not None:
-            note, timings.run_s = cluster.note, now.seconds
+        note = now.note or f"{now.attempts / max(now.seconds, 1e-9) / 1e6:.1f} M attempts/s"
         on_progress(before + now.done, total, rate, (before + now.share * now.rows) / total, note)
 
-    on_progress(before, total, 0.0, before / total, "compiling")
+    def on_wait() -> None:
+        on_progress(before, total, 0.0, before / total, executor.note)
+
+    on_wait()
     try:
-        if cluster is not None:
-            with cluster.serve(
-                context, directory, lambda: on_progress(before, total, 0.0, before / total, cluster.note)
-            ):
-                if (grid := context.job.run.refined(context.design)) is not None:
-                    refine(context, grid, directory, on_progress, timings, cluster)
-                else:
-                    cluster.run_blocks(directory, missing, on_sweep_progress)
-            directory.update_manifest(cluster={"workers": cluster.workers.most})
-        elif (grid := context.job.run.refined(context.design)) is not None:
-            refine(context, grid, directory, on_progress, timings)
-        elif context.job.run.own_blocks:
-            _run_own_blocks(context, directory, missing, on_progress, timings)
-        else:
-            stored = _Open(directory, spent_so_far)
-            sweep(context.spec, missing, directory.write_encoded, on_sweep_progress, timings, stored, encode)
+        with executor.serve(context, directory, on_wait):
+            if (grid := context.job.run.refined(context.design)) is not None:
+                refine(context, grid, directory, on_progress, timings, executor)
+            else:
+                stored = _Open(directory, spent_so_far)
+                executor.run_blocks(context, directory, missing, on_sweep_progress, timings, stored)
+        directory.update_manifest(**executor.manifest)
     except BaseException:
         # the exception that stopped the run is raised, not a failure to write the manifest
         with contextlib.suppress(TableError):
@@ -266,33 +255,3 @@ class _Open:
     def keep(self, rows: RowOutcome) -> None:
         self.directory.keep(rows)
         self.directory.update_manifest(timings=self.spent())
-
-
-def _run_own_blocks(
-    context: RunContext,
-    directory: ResultDirectory,
-    missing: list[int],
-    on_progress: Progress,
-    timings: Timings,
-) -> None:
-    """Write the missing parts of a table that the run kind makes itself, block by block.
-
-    The rows of a block are computed together, so a kill loses at most one block.
-    """
-    spec, before, done = context.spec, directory.rows_done, 0
-
-    def report(rate: float, note: str = "") -> None:
-        note = note or context.job.run.kind_name
-        on_progress(before + done, spec.n_rows, rate, (before + done) / spec.n_rows, note)
-
-    for number in missing:
-        began = time.perf_counter()
-        first, last = directory.rows_of(number)
-        # reports each step too, so that Ctrl-C need not wait for the block's end
-        frame = context.job.run.block_table(
-            context.design, spec, first, last, lambda note="": report(0.0, note)
-        )
-        directory.write_part(number, frame)
-        timings.run_s += time.perf_counter() - began
-        done += last - first
-        report(done / max(timings.run_s, 1e-9))

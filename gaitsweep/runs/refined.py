@@ -11,23 +11,20 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from gaitsweep.contract import Status, names_gait
 from gaitsweep.engine.sweep.refine import ALONE, UNKNOWN, Grid, inferred, wanted
-from gaitsweep.engine.sweep.sweep import Timings, sweep
+from gaitsweep.engine.sweep.sweep import Timings
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job.step_lengths import values_with_right_steps
 from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.runs.executor import Executor
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.progress import Progress as Progress
-from gaitsweep.table import EncodedPart, ResultDirectory, load
-
-if TYPE_CHECKING:
-    from gaitsweep.runs.cluster.dispatch import Cluster
+from gaitsweep.table import ResultDirectory, load
 
 FOLDER = "refinement"
 
@@ -46,7 +43,7 @@ def refine(
     directory: ResultDirectory,
     on_progress: Progress,
     timings: Timings,
-    cluster: Cluster | None = None,
+    executor: Executor,
 ) -> None:
     """Run the rounds that a directory still lacks, and write the parts of its table.
 
@@ -56,7 +53,7 @@ def refine(
         directory: its result directory.
         on_progress: progress callback, in decided rows; rows of the current round count once simulated.
         timings: added to as rounds go.
-        cluster: computes the blocks, if this process does not.
+        executor: computes the blocks.
 
     Raises:
         TableError: a round's folder is not this job's, or cannot be written.
@@ -66,7 +63,7 @@ def refine(
     decided = 0.0
     while (rows := np.flatnonzero(wanted(known, grid))).size:
         on_sweep_progress = _round_progress(on_progress, len(frames), known.size, decided)
-        frame = _round(context, directory, len(frames), rows, on_sweep_progress, timings, cluster)
+        frame = _round(context, directory, len(frames), rows, on_sweep_progress, timings, executor)
         known.reshape(-1)[rows] = _labels(frame, context.model.gaits)
         frames.append(frame)
         decided = max(decided, float(np.mean(inferred(known, grid) != UNKNOWN)))
@@ -82,7 +79,7 @@ def _round(
     rows: np.ndarray,
     on_sweep_progress: Callable[[SweepProgress], None],
     timings: Timings,
-    cluster: Cluster | None,
+    executor: Executor,
 ) -> pd.DataFrame:
     """Return the records of `rows` (n,), simulating those that are missing."""
     this = some_rows(context, rows.size, lambda first, stop: rows[first:stop])
@@ -91,18 +88,11 @@ def _round(
     job = {"round": number, "of": context.job.name}
     round_hash = hashlib.sha256(context.job_hash.encode() + rows.astype("<i8").tobytes()).hexdigest()
     with ResultDirectory.open(path, job, round_hash, spec.n_rows, spec.block) as part:
-
-        def encode(block: int, result: RowOutcome) -> EncodedPart:
-            return part.encoded(block, this.table(result))
-
         if missing := part.missing_blocks():
             spent = Timings()
             try:
-                if cluster is not None:
-                    cluster.run_blocks(part, missing, on_sweep_progress, this.rows_in)
-                    part.tidy_digests()
-                else:
-                    sweep(spec, missing, part.write_encoded, on_sweep_progress, spent, part, encode)
+                executor.run_blocks(this, part, missing, on_sweep_progress, spent, part)
+                part.tidy_digests()
             finally:
                 for field in dataclasses.fields(Timings):
                     setattr(timings, field.name, getattr(timings, field.name) + getattr(spent, field.name))

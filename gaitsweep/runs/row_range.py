@@ -17,10 +17,10 @@ import pandas as pd
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
 from gaitsweep.runs.execute import RESULTS, run_job
+from gaitsweep.runs.executor import compute_blocks
 from gaitsweep.runs.makers import check_program, continue_directory, differing
 from gaitsweep.runs.prepare import RunContext, RunError, naming_the_file, prepare
 from gaitsweep.runs.progress import Progress
-from gaitsweep.runs.some_blocks import run_blocks
 from gaitsweep.runs.summary import describe, quantities_of
 from gaitsweep.table import ResultDirectory
 from gaitsweep.table.block_locks import BlockLocks
@@ -150,7 +150,7 @@ def _patiently(take: Callable[[], T]) -> T:
 
 
 def _run_missing(context: RunContext, writer: PartWriter, missing: list[int], on_progress: Progress) -> None:
-    total, done = context.spec.n_rows, 0
+    total = context.spec.n_rows
     with BlockLocks(writer.path) as locks:
         for number in missing:
             if not locks.take(number, this_process()):
@@ -162,21 +162,19 @@ def _run_missing(context: RunContext, writer: PartWriter, missing: list[int], on
 
         quantities = quantities_of(context.model, context.job.run.all_columns(context.model))
 
-        def write(number: int, frame: pd.DataFrame) -> None:
-            nonlocal done
-            writer.write(number, writer.encoded(number, frame, quantities))
+        def encode(number: int, frame: pd.DataFrame) -> bytes:
+            return writer.encoded(number, frame, quantities)
+
+        def write(number: int, part: bytes) -> None:
+            writer.write(number, part)
             locks.end(number)
             locks.free(number)
-            first, stop = writer.rows_of(number)
-            done += stop - first
 
         rows = sum(stop - first for first, stop in map(writer.rows_of, missing))
-        began = time.perf_counter()
 
-        def on_sweep_progress(now: SweepProgress | None) -> None:
-            spent = time.perf_counter() - began
-            share, finished = (done / rows, done) if now is None else (now.share, now.done)
-            on_progress(finished, rows, share * rows / max(spent, 1e-9), share, f"of {total} rows")
+        def on_sweep_progress(now: SweepProgress) -> None:
+            rate = now.share * rows / max(now.seconds, 1e-9)
+            on_progress(now.done, rows, rate, now.share, f"of {total} rows")
 
         on_progress(0, rows, 0.0, 0.0, "compiling")
-        run_blocks(context, missing, write, on_sweep_progress)
+        compute_blocks(context, missing, encode, write, on_sweep_progress)

@@ -38,10 +38,11 @@ class SweepSpec:
 
 @dataclasses.dataclass(frozen=True)
 class SweepProgress:
-    """Progress: rows done, all rows, fraction done (0 to 1), attempts, seconds since the start."""
+    """Progress: rows done, all rows, fraction done (0 to 1), attempts, seconds since the start, a remark."""
 
     done: int
     rows: int
     share: float
     attempts: int
     seconds: float
+    note: str = ""

@@ -20,6 +20,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from gaitsweep.engine.sweep.sweep import OpenRows, Timings
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.errors import EXIT_FAILURE, UserError
 from gaitsweep.runs.cluster.connection import Connection
@@ -33,6 +34,7 @@ from gaitsweep.runs.cluster.task import (
     run_block,
 )
 from gaitsweep.runs.cluster.workers import Workers
+from gaitsweep.runs.executor import Executor
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.table import ResultDirectory, replace_file, writing
 from gaitsweep.table.block_locks import BLOCK_LOCKS
@@ -78,7 +80,7 @@ class _Held(NamedTuple):
     since: float
 
 
-class Cluster:
+class Cluster(Executor):
     """The workers of a cluster, as the computer of a job's blocks; use it as a context manager.
 
     Args:
@@ -107,23 +109,16 @@ class Cluster:
 
     @property
     def note(self) -> str:
-        """The workers, for a line of progress."""
         return self.workers.note
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        return {"cluster": {"workers": self.workers.most}}
 
     @contextlib.contextmanager
     def serve(
         self, context: RunContext, directory: ResultDirectory, on_wait: Callable[[], None]
     ) -> Iterator[None]:
-        """Context in which `run_blocks` may be called, for tables of one job.
-
-        Args:
-            context: the job's context.
-            directory: its result directory.
-            on_wait: called while the client waits for the cluster; an exception that it raises ends the wait.
-
-        Raises:
-            RunError: the workers cannot compute the job, each named with the reason.
-        """
         token = secrets.token_hex(8)
         probe = directory.path / f"{_PROBE}{token}"
         for left in directory.path.glob(f"{_PROBE}*"):  # by clients that were killed
@@ -159,24 +154,13 @@ class Cluster:
 
     def run_blocks(
         self,
+        context: RunContext,
         directory: ResultDirectory,
         missing: Sequence[int],
         on_progress: Callable[[SweepProgress], None],
-        rows_in: Callable[[int, int], np.ndarray] | None = None,
+        timings: Timings,
+        open_rows: OpenRows,
     ) -> None:
-        """Let the workers compute blocks, and wait until their parts exist.
-
-        Args:
-            directory: the result directory of the job, or of a round of a refined run.
-            missing: the numbers of the blocks.
-            on_progress: progress callback; an exception that it raises cancels the tasks.
-            rows_in: the rows of the job (stop - first,) that are rows first..stop-1 of this table, where they
-                are not the same.
-
-        Raises:
-            BlocksFailed: some blocks could not be computed, each named with the reason.
-            RunError: no worker can compute the job's blocks.
-        """
         if self._ticket is None:
             raise RuntimeError("run_blocks is called inside `serve`.")
         assignment = Assignment(
@@ -189,7 +173,12 @@ class Cluster:
         )
         # deaths that an earlier run has counted are forgotten
         (directory.path / BLOCK_LOCKS).unlink(missing_ok=True)
-        Dispatch(self, directory, assignment, missing, on_progress, rows_in).run()
+
+        def on_table_progress(now: SweepProgress) -> None:
+            timings.run_s = now.seconds
+            on_progress(now)
+
+        Dispatch(self, directory, assignment, missing, on_table_progress, context.rows_in).run()
 
     def submit(self, tasks: Sequence[tuple[int, np.ndarray | None]], assignment: Assignment) -> list[Any]:
         """Submit blocks to the scheduler; return a task in flight for each."""
@@ -459,7 +448,11 @@ class Dispatch:
         if now - self._reported < _REPORT:
             return
         self._reported = now
-        self._on_progress(SweepProgress(self.done, self.rows, self.done / self.rows, 0, now - self._began))
+        self._on_progress(
+            SweepProgress(
+                self.done, self.rows, self.done / self.rows, 0, now - self._began, self.cluster.note
+            )
+        )
 
     def _sentence(self) -> str:
         sentences = []

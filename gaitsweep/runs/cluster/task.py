@@ -20,9 +20,9 @@ import pandas as pd
 from gaitsweep.errors import EXIT_FAILURE, UserError
 from gaitsweep.job import Job
 from gaitsweep.runs.cluster.identity import WorkerUnfit, difference, identity_of
+from gaitsweep.runs.executor import compute_blocks
 from gaitsweep.runs.prepare import RunContext, prepare
 from gaitsweep.runs.refined import some_rows
-from gaitsweep.runs.some_blocks import run_blocks
 from gaitsweep.runs.summary import quantities_of
 from gaitsweep.table import TableError
 from gaitsweep.table.block_locks import BLOCK_LOCKS, BlockLocks
@@ -188,8 +188,8 @@ def _computed(assignment: Assignment, writer: PartWriter, number: int, rows: np.
     parts: list[bytes] = []
     last = time.monotonic()
 
-    def keep(_: int, frame: pd.DataFrame) -> None:
-        parts.append(writer.encoded(number, frame, quantities))
+    def encode(_: int, frame: pd.DataFrame) -> bytes:
+        return writer.encoded(number, frame, quantities)
 
     def on_progress(_: object) -> None:
         nonlocal last
@@ -197,7 +197,7 @@ def _computed(assignment: Assignment, writer: PartWriter, number: int, rows: np.
             _stop_if_unwanted()
             last = time.monotonic()
 
-    run_blocks(context, [number], keep, on_progress)
+    compute_blocks(context, [number], encode, lambda _, part: parts.append(part), on_progress)
     return parts[0]
 
 

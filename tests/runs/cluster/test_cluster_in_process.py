@@ -158,7 +158,7 @@ def test_all_workers_that_cannot_write_end_the_run(
 def test_a_block_that_fails_is_named_and_the_others_go_on(
     client: Any, whole: gs.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    computed = task.run_blocks
+    computed = task.compute_blocks
 
     def failing(context: Any, blocks: list[int], *others: Any) -> None:
         if blocks == [3]:
@@ -166,7 +166,7 @@ def test_a_block_that_fails_is_named_and_the_others_go_on(
         computed(context, blocks, *others)
 
     with monkeypatch.context() as patched:
-        patched.setattr(task, "run_blocks", failing)
+        patched.setattr(task, "compute_blocks", failing)
         with pytest.raises(BlocksFailed) as failure:
             gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
     assert failure.value.exit_code == 1

@@ -1,0 +1,157 @@
+"""Executors of a run: the blocks of a table, computed by this process or by the workers of a cluster."""
+
+from __future__ import annotations
+
+import abc
+import contextlib
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import pandas as pd
+
+from gaitsweep.engine.sweep.sweep import OpenRows, Timings, sweep
+from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.runs.prepare import RunContext
+from gaitsweep.table import ResultDirectory
+
+T = TypeVar("T")
+
+
+def compute_blocks(
+    context: RunContext,
+    blocks: Sequence[int],
+    encode: Callable[[int, pd.DataFrame], T],
+    write: Callable[[int, T], None],
+    on_progress: Callable[[SweepProgress], None],
+    *,
+    timings: Timings | None = None,
+    open_rows: OpenRows | None = None,
+) -> None:
+    """Compute blocks in this process, and write each when all its rows have ended.
+
+    Args:
+        context: the job's context.
+        blocks: the numbers of the blocks.
+        encode: converts the records of a block for `write`, in several threads at a time.
+        write: called with each block.
+        on_progress: progress callback; an exception that it raises stops the run.
+        timings: updated during the run.
+        open_rows: stores the ended rows of incomplete blocks. The rows of a block that its run kind makes
+            itself end together, so a kill loses at most one such block.
+    """
+    spec, kind = context.spec, context.job.run
+    timings = Timings() if timings is None else timings
+    if not kind.own_blocks:
+        sweep(
+            spec,
+            blocks,
+            write,
+            on_progress,
+            timings,
+            open_rows,
+            lambda number, outcome: encode(number, context.table(outcome)),
+        )
+        return
+    bounds = {number: (number * spec.block, min((number + 1) * spec.block, spec.n_rows)) for number in blocks}
+    rows, done = sum(last - first for first, last in bounds.values()), 0
+    began = time.perf_counter()
+
+    def report(note: str = "") -> None:
+        timings.run_s = time.perf_counter() - began
+        on_progress(SweepProgress(done, rows, done / rows, 0, timings.run_s, note or kind.kind_name))
+
+    for number, (first, last) in bounds.items():
+        # reports each step too, so that Ctrl-C need not wait for the block's end
+        write(number, encode(number, kind.block_table(context.design, spec, first, last, report)))
+        done += last - first
+        report()
+
+
+class Executor(abc.ABC):
+    """Computes blocks of tables, and has their parts written into a result directory."""
+
+    @property
+    @abc.abstractmethod
+    def note(self) -> str:
+        """A remark for a line of progress before the first rows end."""
+
+    @property
+    @abc.abstractmethod
+    def manifest(self) -> dict[str, Any]:
+        """Fields of the manifest that describe it after a run."""
+
+    @abc.abstractmethod
+    def serve(
+        self, context: RunContext, directory: ResultDirectory, on_wait: Callable[[], None]
+    ) -> contextlib.AbstractContextManager[None]:
+        """Context in which `run_blocks` may be called, for tables of one job.
+
+        Args:
+            context: the job's context.
+            directory: its result directory.
+            on_wait: called while the client waits for others; an exception that it raises ends the wait.
+
+        Raises:
+            RunError: the job cannot be computed there.
+        """
+
+    @abc.abstractmethod
+    def run_blocks(
+        self,
+        context: RunContext,
+        directory: ResultDirectory,
+        missing: Sequence[int],
+        on_progress: Callable[[SweepProgress], None],
+        timings: Timings,
+        open_rows: OpenRows,
+    ) -> None:
+        """Compute blocks, and return when their parts exist.
+
+        Args:
+            context: the job's context; its `rows_in` chooses the rows of a round of a refined run.
+            directory: the result directory of the job, or of the round.
+            missing: the numbers of the blocks.
+            on_progress: progress callback; an exception that it raises stops the run.
+            timings: updated during the run.
+            open_rows: stores the ended rows of incomplete blocks, where this process computes them.
+
+        Raises:
+            UserError: some blocks could not be computed or written; the others are.
+        """
+
+
+class ThisProcess(Executor):
+    """Computes blocks with the devices of this process."""
+
+    @property
+    def note(self) -> str:
+        return "compiling"
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        return {}
+
+    def serve(
+        self, context: RunContext, directory: ResultDirectory, on_wait: Callable[[], None]
+    ) -> contextlib.AbstractContextManager[None]:
+        return contextlib.nullcontext()
+
+    def run_blocks(
+        self,
+        context: RunContext,
+        directory: ResultDirectory,
+        missing: Sequence[int],
+        on_progress: Callable[[SweepProgress], None],
+        timings: Timings,
+        open_rows: OpenRows,
+    ) -> None:
+        compute_blocks(
+            context,
+            missing,
+            directory.encoded,
+            directory.write_encoded,
+            on_progress,
+            timings=timings,
+            open_rows=open_rows,
+        )
