@@ -300,7 +300,7 @@ def test_bad_arguments_are_refused(given_: dict, said: str) -> None:
 
 @pytest.mark.parametrize(
     ("change", "said"),
-    [({"box": 6}, "power of 2"), ({"box": 16}, "has 9 starts"), ({"axes": ["psi_1"]}, "form no grid")],
+    [({"box": 6}, "power of 2"), ({"box": 16}, "has 9 starts"), ({"axes": ["psi_1"]}, "do not form a grid")],
 )
 def test_what_the_wada_tests_refuse(change: dict, said: str) -> None:
     with pytest.raises(AnalysisError, match=said):

@@ -100,7 +100,7 @@ def test_figure_where_two_gaits_are_stable() -> None:
     assert [float(walk[:, 0].min()), float(walk[:, 0].max())] == [0.0, 3.5]
     with pytest.raises(PlotError, match=r"walk at up = 0: stable in separate ranges of r"):
         draw(pd.concat([table, more.assign(r=more["r"] + 5.0)]), x="r", y="up")
-    with pytest.raises(PlotError, match="not of numbers"):
+    with pytest.raises(PlotError, match="not numeric"):
         draw(table, x="r", y="gait")
     none = draw(table.assign(stable=False), x="r", y="up")
     assert "no stable gait" in none.axes[0].texts[0].get_text()

@@ -93,7 +93,7 @@ def test_no_fold_and_refusals() -> None:
     )  # fmt: skip
     assert found["end"].tolist() == ["no_fold"]
     begin = {"r": 0.0, "a": 1.0}
-    with pytest.raises(ArgumentError, match="takes two"):
+    with pytest.raises(ArgumentError, match="needs two"):
         fold_curves(CUSP, CUSP.points([[1.0]]), {}, parameters=("r", "r"), within=RANGES, begin=begin)
     with pytest.raises(ArgumentError, match="no range for a"):
         fold_curves(CUSP, CUSP.points([[1.0]]), {}, parameters=("r", "a"), within={"r": (0, 1)}, begin=begin)

@@ -66,7 +66,7 @@ def test_the_chain_of_a_table_follows_its_jobs_formulas() -> None:
     first = chain_of(some)
     assert (first.m_1, first.kappa_1, first.a_1) == pytest.approx((0.3, 50.0, 0.5))
     some.attrs["job"] = {"params": {"m_1": "m_X"}}
-    with pytest.raises(AnalysisError, match="m_1 cannot be read"):
+    with pytest.raises(AnalysisError, match="m_1 has no value"):
         chain_of(some)
 
 

@@ -409,7 +409,7 @@ def test_info_says_what_a_directory_holds(finished: Path, capsys: Capture) -> No
         "toy (model multilegged)",
         "10 of 10, complete",
         "fell",
-        "The model's own test of a fall came true.",
+        "The body fell, by the model's test of a fall.",
         "1 x cpu (cpu)",
         "run_s 1.25",
         "figures/basin.png",

@@ -99,7 +99,7 @@ def test_a_dry_run_writes_nothing(capsys: Capture) -> None:
     [
         ("search.budget=0", "job.yaml, --set search.budget=0: search.budget is 0, but must be"),
         ("search.free={}", "search.free is an empty mapping"),
-        ("search.targets.speed.of=apx", "search.targets.speed.of is apx, which is none; did you mean apex?"),
+        ("search.targets.speed.of=apx", "search.targets.speed.of is apx, which is unknown; did you mean apex?"),
         ("search.method=annealing", "search.method is"),
         ("vary.mass=[1, 2]", "vary has no place beside search"),
     ],

@@ -235,7 +235,7 @@ def test_profiles_follow_one_number() -> None:
     assert np.asarray(chains.kappa).shape == (2, 3)
     assert chain_of(table).a == pytest.approx([0.4, 0.37, 0.4, 0.4])
     table.attrs["job"]["params"] |= {"m_2": "m_3", "m_3": "m_2"}
-    with pytest.raises(AnalysisError, match="circle"):
+    with pytest.raises(AnalysisError, match="cycle"):
         chain_of(table)
 
 

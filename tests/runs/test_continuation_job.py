@@ -101,14 +101,14 @@ def test_branches_that_cross_a_symmetric_gait() -> None:
 
 def test_refusals() -> None:
     for run, words in (
-        ({**RUN, "path": [0.2, 0.2]}, "as where the branch starts"),
+        ({**RUN, "path": [0.2, 0.2]}, "like the start of the branch"),
         ({**RUN, "path": [0.2, 1.5]}, "restitution|must be"),
         ({**RUN, "step": 0.5}, "must lie between run.shortest"),
         ({**RUN, "parameter": "restitutio"}, "did you mean restitution"),
     ):
         with pytest.raises(JobError, match=words):
             job(run=run)
-    with pytest.raises(JobError, match="which needs a run of continuation"):
+    with pytest.raises(JobError, match="which needs a run of kind continuation"):
         job(run={"kind": "settle"})
     with pytest.raises(JobError, match="fix"):
         job(run={**RUN, "fix": ["E"]})

@@ -194,7 +194,7 @@ def test_progress_rises_to_the_end(tmp_path: Path) -> None:
         ({"refine": "boundary", "coarse": 1}, None, "from 2 to 1024"),
         ({"over": ["theta_1"]}, None, "run.refine is not given"),
         ({"refine": "boundary", "over": ["theta_3"]}, None, "did you mean theta_1|did you mean theta_2"),
-        ({"refine": "boundary", "over": ["shift"]}, None, "no grid"),
+        ({"refine": "boundary", "over": ["shift"]}, None, "do not form a grid"),
         ({"refine": "boundary", "over": ["theta_1", "theta_1"]}, None, "twice"),
         ({"refine": "boundary"}, {"theta_1": [0, 1, 2], "theta_2": {"random": [0, 1, 9]}}, "needs a grid"),
         (
