@@ -11,9 +11,9 @@ text is the output's own, `*` is any word and `...` any text. Equal is what roun
 `{24 +- 3}` gives another tolerance, `{<1e-6}` an upper bound, `{15.0 %}` a percentage of which the command
 prints the fraction.
 
-Commands run in a temporary folder, one after another and each once. One that takes longer than `--limit` is
-stopped, and those of `<!-- numbers, 240 s: ` do not begin where this time is above it. `--folder DIR` keeps
-their results: what is complete there is not run again.
+Commands run in a temporary folder, each once, and those of `--jobs` comments at a time. One that takes longer
+than `--limit` is stopped, and those of `<!-- numbers, 240 s: ` do not begin where this time is above it.
+`--folder DIR` keeps their results: what is complete there is not run again.
 
 Two more comments say where a number comes from that no command prints here: a setting of a file or a value of
 a publication, and a measurement on another machine, with its command.
@@ -31,6 +31,7 @@ look measured (three digits, a point, an exponent, %) and have no comment.
 from __future__ import annotations
 
 import argparse
+import concurrent.futures
 import dataclasses
 import os
 import re
@@ -39,7 +40,9 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
+from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -167,6 +170,7 @@ class Outputs:
     def __init__(self, folder: Path, limit: float) -> None:
         self.folder, self.limit = folder, limit
         self.known: dict[tuple[str, ...], str | OSError] = {}
+        self.locks: defaultdict[tuple[str, ...], threading.Lock] = defaultdict(threading.Lock)
         for name in ("sweeps", "configs"):
             if not (folder / name).exists():
                 (folder / name).symlink_to(ROOT / name)
@@ -180,8 +184,9 @@ class Outputs:
         """
         text = ""
         for command in commands:
-            if command not in self.known:
-                self.known[command] = self._run(command)
+            with self.locks[command]:
+                if command not in self.known:
+                    self.known[command] = self._run(command)
             if isinstance(printed := self.known[command], OSError):
                 raise printed
             text += printed
@@ -236,6 +241,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--page", type=Path, action="append", help="only this page; may be repeated")
     parser.add_argument("--limit", type=float, default=60.0, help="seconds of a command (60)")
+    parser.add_argument("--jobs", type=int, default=1, help="comments whose commands run at a time (1)")
     parser.add_argument("--folder", type=Path, help="keep the results there (a temporary folder)")
     parser.add_argument("--missing", action="store_true", help="run nothing; list numbers without a comment")
     parser.add_argument("--list", action="store_true", help="run nothing; count what has a command")
@@ -243,6 +249,7 @@ def main() -> int:
     outcomes: list[str] = []
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as temporary:
+        to_run: list[tuple[str, Check]] = []
         folder: Path = asked.folder or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
         outputs = Outputs(folder.resolve(), asked.limit)
@@ -266,8 +273,11 @@ def main() -> int:
                     f"{len(missing):4} without a comment"
                 )
                 continue
-            for check in named:
-                for number, digits, outcome in compared(check, outputs):
+            to_run += [(name, check) for check in named]
+        with concurrent.futures.ThreadPoolExecutor(asked.jobs) as pool:
+            results = pool.map(lambda named: list(compared(named[1], outputs)), to_run)
+            for (name, _), numbers in zip(to_run, results, strict=True):
+                for number, digits, outcome in numbers:
                     print(f"{name}:{number}: {digits} {outcome}", flush=True)
                     outcomes.append(outcome.partition(":")[0])
     if not (asked.list or asked.missing):

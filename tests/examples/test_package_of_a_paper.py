@@ -17,7 +17,7 @@ def test_the_compass_gait_is_a_package_of_its_own(tmp_path: Path) -> None:
     site = install(tmp_path, package)
     assert at(tmp_path, "gaitsweep", "models", "goswami1998", also=site).startswith("goswami1998: ")
     told = at(tmp_path, "gaitsweep", "reproduce", "goswami1998", "--quick", also=site)
-    assert "21 claims: 14 reproduced, 1 not, 3 definition, 1 answered, 2 not run" in told
+    assert "14 of 21 claims reproduced, 1 not reproduced, 3 true by definition, 1 answered, 2 not run" in told
     results = tmp_path / "results/reproduce_goswami1998"
     claims = pd.read_parquet(results / "claims.parquet").set_index("id")
     # Goswami, Thuilot and Espiau 1998, as quoted: 4.37 to 4.39 degrees
