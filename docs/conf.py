@@ -47,10 +47,13 @@ autodoc_member_order = "bysource"
 autodoc_type_aliases = {name: name for name in ("AnyModel", "ArrayLike", "Rows", "Scalar", "SectionPoints")}
 # Classes of other projects: their inventories would have to be fetched, and the build needs no network.
 nitpick_ignore_regex = [
-    (r"py:.*", r"(collections|jax|matplotlib|np|numpy|pandas|pathlib|pd|pydantic|types|typing|xarray)\..*"),
-    (r"py:class", r"Path|Client|BaseModel"),
+    (
+        r"py:.*",
+        r"(collections|jax|jaxlib|jaxtyping|matplotlib|np|numpy|pandas|pathlib|pd|pydantic|types|typing|xarray)\..*",
+    ),
+    (r"py:class", r"Path|Client|BaseModel|ndarray|Float"),
     # Names of unions in signatures, which the text beside them explains.
-    (r"py:class", r"AnyModel|ArrayLike|Rows|Scalar|SectionPoints|(gaitsweep\..*)?(Progress|ModelT)"),
+    (r"py:class", r"AnyModel|ArrayLike|Rows|Scalar|SectionPoints|(gaitsweep\..*)?(Progress|ModelT|T)"),
 ]
 napoleon_numpy_docstring = False
 napoleon_use_rtype = False

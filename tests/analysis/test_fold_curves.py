@@ -106,7 +106,7 @@ def test_the_fold_of_the_trot_is_where_holds_lose_it() -> None:
     found = fold_curves(
         mapping.mapping, mapping.settled({"delta_13": 2.79}, cycles=60), {}, parameters=("f", "beta"),
         within={"f": (2.3, 3.0), "beta": (0.75, 0.754)}, begin={"f": 2.55, "beta": 0.7515},
-        steps=ArclengthSteps(first=0.1, longest=0.1, shortest=1e-3, most=8),
+        steps=ArclengthSteps(first=0.1, longest=0.1, shortest=1e-3, most=4),
     )  # fmt: skip
     f, beta = found["f"].to_numpy(float), found["beta"].to_numpy(float)
     assert np.all(np.diff(beta) > 0.0)

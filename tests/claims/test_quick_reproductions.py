@@ -10,12 +10,18 @@ from gaitsweep.claims.paper import read_paper
 from gaitsweep.claims.reproduce import reproduce
 from gaitsweep.claims.verdict import ClaimVerdict
 
+# Jobs of the waist quadruped that end within a minute; the others follow hold after hold.
+SHORT = {"aoi2011": {"footprints", "no_resetting", "return_map", "branches"}}
+
 pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("name", ["ambe2021", "aoi2011", "fukuoka2015"])
 def test_quick_reproduction(name: str, tmp_path: Path) -> None:
     paper = read_paper(name)
+    short = SHORT.get(name, set(paper.jobs))
+    claims = [claim for claim in paper.claims if short.issuperset(claim.of)]
+    paper = paper.model_copy(update={"claims": claims})
     found = reproduce(paper, tmp_path, quick=True)
     assert not found.failed
     assert len(found.table) == len(paper.claims)

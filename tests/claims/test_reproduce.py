@@ -79,7 +79,7 @@ def test_every_claim_has_a_verdict(
     assert found["command"]["all_settle"].startswith("gaitsweep run ")
     told = capsys.readouterr().out
     assert "1 of 5 claims reproduced, 2 not reproduced, 2 not run." in told
-    assert "not, far_off: 1; paper: 0\n" in told
+    assert "far_off (not reproduced): 1; paper: 0\n" in told
     page = (out / "index.html").read_text()
     assert page.count("<article") == 5
     assert page.count("data:image/png") == 1

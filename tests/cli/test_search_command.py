@@ -99,7 +99,10 @@ def test_a_dry_run_writes_nothing(capsys: Capture) -> None:
     [
         ("search.budget=0", "job.yaml, --set search.budget=0: search.budget is 0, but must be"),
         ("search.free={}", "search.free is an empty mapping"),
-        ("search.targets.speed.of=apx", "search.targets.speed.of is apx, which is unknown; did you mean apex?"),
+        (
+            "search.targets.speed.of=apx",
+            "search.targets.speed.of is apx, which is unknown; did you mean apex?",
+        ),
         ("search.method=annealing", "search.method is"),
         ("vary.mass=[1, 2]", "vary has no place beside search"),
     ],
@@ -171,7 +174,7 @@ def test_a_stopped_command_goes_on(stop: signal.Signals, code: int, capsys: Capt
     _, said = process.communicate(timeout=60)
     assert process.returncode == code
     if stop == signal.SIGINT:
-        assert "the same command continues from them" in said
+        assert "Run the same command to continue" in said
     assert main(long) == 0
     assert main([*long, "--out", "whole"]) == 0
     assert_frame_equal(gs.load("results/toy_search"), gs.load("whole"), check_exact=True)

@@ -92,15 +92,15 @@ def test_the_planar_quadruped_with_numerics_left_out() -> None:
 
 @pytest.mark.slow
 def test_the_quadruped_with_a_waist_with_numerics_left_out() -> None:
-    verdicts, _ = compared(waist_quadruped_sets.subject, sets=8, seed=2, crossings=2, workers=2)
+    verdicts, _ = compared(waist_quadruped_sets.subject, sets=5, seed=2, crossings=2, workers=2)
     assert holds(verdicts)
-    assert counts(verdicts)[SOUND] >= 7
+    assert counts(verdicts)[SOUND] >= 4
     assert max(v.apart for v in verdicts if v.outcome == SOUND and v.ours.observed) < 1e-3
 
 
 @pytest.mark.slow
 def test_many_chains_with_numerics_left_out() -> None:
-    verdicts, _ = compared(multilegged_sets.subject, sets=200, seed=3, crossings=4, workers=2)
+    verdicts, _ = compared(multilegged_sets.subject, sets=100, seed=3, crossings=4, workers=2)
     assert holds(verdicts)
 
 

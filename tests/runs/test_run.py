@@ -77,7 +77,7 @@ def test_a_stopped_run_goes_on_and_gives_the_same_table(
     if sent != signal.SIGKILL:
         assert process.returncode == 128 + sent
         assert f"{Snapshot.of(out).rows_safe} of 480 rows are safe" in errors
-        assert "the same command continues" in errors
+        assert "Run the same command to continue" in errors
         assert "Traceback" not in errors
     partial = gs.load(out)
     assert 64 <= len(partial) < len(whole)
