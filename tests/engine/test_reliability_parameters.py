@@ -98,12 +98,6 @@ def test_the_quadruped_with_a_waist_with_numerics_left_out() -> None:
     assert max(v.apart for v in verdicts if v.outcome == SOUND and v.ours.observed) < 1e-3
 
 
-@pytest.mark.slow
-def test_many_chains_with_numerics_left_out() -> None:
-    verdicts, _ = compared(multilegged_sets.subject, sets=100, seed=3, crossings=4, workers=2)
-    assert holds(verdicts)
-
-
 @pytest.mark.parametrize(
     ("ours", "theirs", "again", "outcome"),
     [

@@ -464,7 +464,7 @@ def test_damaged_rows_of_open_blocks_are_run_again(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_damages_of_real_tables() -> None:
-    line = [sys.executable, "-m", "benchmarks.reliability.damage"]
+    line = [sys.executable, "-m", "benchmarks.reliability.damage", "--trials", "100"]
     subprocess.run(line, cwd=ROOT, check=True, timeout=900)
 
 
