@@ -13,7 +13,10 @@ from gaitsweep.claims.verdict import ClaimVerdict
 # Jobs left out here: of the waist quadruped those that follow hold after hold or take long to compile, of the
 # planar quadruped those that repeat a sweep with another constant.
 LONG = {
-    "aoi2011": {"runge_kutta", "holds", "beta_holds", "beta_branches", "forced", "forced_footprints"},
+    "aoi2011": {
+        *("runge_kutta", "holds", "beta_holds", "return_map", "beta_branches"),
+        *("forced", "forced_footprints", "transition", "feet"),
+    },
     "fukuoka2015": {"ramp_slow", "ramp_fast", "loads", "k2", "hip_feedback"},
 }
 
