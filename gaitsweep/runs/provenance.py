@@ -11,7 +11,7 @@ from pathlib import Path
 
 PACKAGES = (
     *("gaitsweep", "jax", "jaxlib", "numpy", "scipy", "pandas", "pyarrow"),
-    *("numba", "llvmlite", "cuda-core", "nvidia-cuda-nvrtc", "mujoco", "mujoco-mjx"),
+    *("llvmlite", "cuda-core", "nvidia-cuda-nvrtc", "mujoco", "mujoco-mjx"),
 )
 
 

@@ -99,7 +99,7 @@ def test_a_rows_bits_do_not_depend_on_what_other_rows_share() -> None:
 def test_the_quadruped_on_a_card_as_on_a_cpu() -> None:
     """Fixed steps, products of small matrices, inverse trigonometry: the first landings to 1e-9.
 
-    The kernels of the CPU are Numba's, so JAX need not see one.
+    A kernel of a CPU needs no CPU device of JAX.
     """
     model = WaistQuadruped()
     starts, params = {"delta_13": np.array([2.2, 3.0])}, {"T_grow": 0.4, "T_hold": 0.7}

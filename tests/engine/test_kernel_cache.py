@@ -3,31 +3,25 @@
 from __future__ import annotations
 
 import os
-import sys
+import time
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from gaitsweep.cache_folder import cache_folder, keep, kept
-from gaitsweep.engine.kernel.cache import binary_of, module_of
-
-SLOW = """
-import time
-time.sleep(0.3)  # as long as threads need to ask for this module too
-def run():
-    return 7
-"""
-COMPILED = """
-from gaitsweep.engine.kernel.cache import compiled
-
-@compiled
-def run(x):
-    return 3.0 * x
-"""
+from gaitsweep.engine.kernel import cpu_program, llvm_code
+from gaitsweep.engine.kernel.cache import binary_of
+from gaitsweep.engine.kernel.chunk import Chunk
+from gaitsweep.engine.kernel.lanes import kernel_of
+from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recorder import BUFFER
+from toy_model import Toy
 
 
 @pytest.fixture
@@ -36,27 +30,48 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "cache"
 
 
-def test_threads_that_ask_at_once_get_the_whole_module(cache: Path) -> None:
+@pytest.fixture(scope="module")
+def chunk() -> Chunk:
+    model = Toy()
+    return kernel_of(
+        model, CrossingRecorder(model, crossings=3), Numerics(dt=1e-2).resolve(model), None
+    ).chunk
+
+
+@pytest.fixture
+def compilations(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The instants at which a kernel is compiled; each takes as long as threads need to ask for it too."""
+    instants: list[float] = []
+    compile_ = llvm_code.machine_code
+
+    def slow(module: Any) -> bytes:
+        instants.append(time.perf_counter())
+        time.sleep(0.3)
+        return compile_(module)
+
+    monkeypatch.setattr(llvm_code, "machine_code", slow)
+    monkeypatch.setattr(cpu_program, "_LOADED", {})
+    return instants
+
+
+def test_threads_that_ask_at_once_compile_a_kernel_once(
+    cache: Path, chunk: Chunk, compilations: list[float]
+) -> None:
     with ThreadPoolExecutor(4) as threads:
-        modules = list(threads.map(module_of, 4 * [SLOW]))
-    assert [module.run() for module in modules] == 4 * [7]
-    assert len({id(module) for module in modules}) == 1
+        list(threads.map(cpu_program.compiled, 4 * [chunk]))
+    assert len(compilations) == 1
 
 
-def test_a_module_that_fails_is_none(cache: Path) -> None:
-    for _ in range(2):
-        with pytest.raises(ZeroDivisionError):
-            module_of("run = 1 / 0")
-
-
-def _loaded_anew(*, hit: bool) -> None:
-    """Ask for the kernel as another process would; `hit`: its code comes from the cache."""
-    module = module_of(COMPILED)
-    try:
-        assert module.run(2.0) == 6.0
-        assert bool(module.run.stats.cache_hits) is hit
-    finally:
-        del sys.modules[module.__name__]
+def test_a_compilation_that_fails_leaves_nothing(
+    cache: Path, chunk: Chunk, monkeypatch: pytest.MonkeyPatch, compilations: list[float]
+) -> None:
+    with monkeypatch.context() as failing:
+        failing.setattr(llvm_code, "machine_code", lambda _: bytes(1 // 0))
+        for _ in range(2):
+            with pytest.raises(ZeroDivisionError):
+                cpu_program.compiled(chunk)
+    cpu_program.compiled(chunk)
+    assert len(compilations) == 1
 
 
 def _flipped(data: bytes) -> bytes:
@@ -72,15 +87,25 @@ DAMAGE: dict[str, Callable[[bytes], bytes]] = {
 }
 
 
-def test_damaged_code_is_compiled_again(cache: Path) -> None:
-    _loaded_anew(hit=False)
+def _opened(chunk: Chunk) -> np.ndarray:
+    """The slots of a tile after a chunk of the kernel, which is asked for as another process would."""
+    cpu_program._LOADED.clear()
+    run, slots = cpu_program.compiled(chunk)
+    tile = np.ones((1, slots * cpu_program.TILE))
+    run(tile, np.zeros((cpu_program.TILE, BUFFER, chunk.width)), 1)
+    return tile
+
+
+def test_damaged_code_is_compiled_again(cache: Path, chunk: Chunk, compilations: list[float]) -> None:
+    right = _opened(chunk)
     (file,) = (cache / "kernels").iterdir()
     sound = file.read_bytes()
-    _loaded_anew(hit=True)
-    for damage in DAMAGE.values():
+    for count, damage in enumerate(DAMAGE.values(), start=1):
+        np.testing.assert_array_equal(_opened(chunk), right)
+        assert len(compilations) == count
         file.write_bytes(damage(sound))
-        _loaded_anew(hit=False)
-        _loaded_anew(hit=True)  # it has been written again
+        np.testing.assert_array_equal(_opened(chunk), right)
+        assert len(compilations) == count + 1
 
 
 @pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
@@ -104,10 +129,13 @@ def _full(*_: Any) -> None:
     raise OSError(28, "No space left on device")
 
 
-def test_a_full_disk_costs_a_compilation(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_costs_a_compilation(
+    cache: Path, chunk: Chunk, monkeypatch: pytest.MonkeyPatch, compilations: list[float]
+) -> None:
     monkeypatch.setattr(os, "replace", _full)
-    for _ in range(2):
-        _loaded_anew(hit=False)
+    for count in (1, 2):
+        _opened(chunk)
+        assert len(compilations) == count
     assert binary_of("cubin", ("source",), lambda: b"code") == b"code"
     assert list((cache / "kernels").iterdir()) == []  # no drafts
 

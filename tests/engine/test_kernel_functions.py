@@ -8,15 +8,13 @@ from typing import Any
 import hypothesis
 import jax
 import jax.numpy as jnp
-import numba
 import numpy as np
 import pytest
 from hypothesis import strategies as st
 from jax import lax
 
-from gaitsweep.engine.kernel import llvm_code
 from gaitsweep.engine.kernel.operations import OPERATIONS
-from tests.support.scalar_programs import executable, on_many, storing_source_of, traced_with
+from tests.support.scalar_programs import executable, native, on_many, storing_source_of, traced_with
 
 pytestmark = pytest.mark.skipif(
     np.finfo(np.longdouble).nmant < 63, reason="long double is no more than double here"
@@ -239,13 +237,12 @@ def test_angles_of_zeros_infinities_and_no_numbers(angle: Any) -> None:
 def test_compiled_angles_know_the_sign_of_zero(angle: Any) -> None:
     dtype = angle[0]
     traced = traced_with(jnp.arctan2, dtype(1), dtype(1))
-    one = llvm_code.straight_line(storing_source_of(traced))
-    compiled = numba.njit(error_model="numpy")(lambda y, x, out: one(y, x, out))
+    compiled = native(storing_source_of(traced))
     y, x = _odd_points(dtype)
-    mine = np.zeros((y.size, 1))
-    for place, *point in zip(mine, y, x, strict=True):
-        compiled(*point, place)
-    _same_angles(mine[:, 0].astype(dtype), y, x)
+    points = np.stack([y, x, np.zeros_like(x)], axis=1).astype(float)
+    for point in points:
+        compiled(point)
+    _same_angles(points[:, 2].astype(dtype), y, x)
 
 
 @pytest.mark.parametrize(

@@ -163,6 +163,6 @@ def test_a_broken_edit_is_a_sentence(folder: tuple[Path, str]) -> None:
 
 def test_provenance_has_what_decides_the_numbers() -> None:
     versions = provenance.versions()
-    for package in ("jax", "numpy", "scipy", "numba", "llvmlite", "mujoco", "mujoco-mjx"):
+    for package in ("jax", "numpy", "scipy", "llvmlite", "mujoco", "mujoco-mjx"):
         assert versions[package][0].isdigit()
     assert "cuda-core" in versions

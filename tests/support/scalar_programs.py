@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import ctypes
 import dataclasses
 import math
 import types
@@ -11,10 +12,12 @@ from typing import Any
 
 import jax
 import numpy as np
+from llvmlite import ir
 from scipy import special
 
+from gaitsweep.engine.kernel import llvm_code
 from gaitsweep.engine.kernel.program import Program
-from gaitsweep.engine.kernel.python_source import Python, stored
+from gaitsweep.engine.kernel.python_source import Python, loaded, stored
 from gaitsweep.engine.kernel.source import statements
 from gaitsweep.engine.kernel.trace import Nodes, Tracer, kind_of
 
@@ -97,15 +100,26 @@ def source_of(traced: Traced) -> str:
 
 
 def storing_source_of(traced: Traced) -> str:
-    """A Python function of the inputs that stores all outputs as float64 in `out`, an array."""
+    """A Python function of a flat array: the inputs come first, and all outputs are stored after them."""
     given = {at: f"x{i}" for i, at in enumerate(traced.inputs)}
+    nodes, first = traced.program.nodes, len(traced.inputs)
+    loads = [f"x{i} = {loaded(nodes[at].kind, f's[{i}]')}" for i, at in enumerate(traced.inputs)]
     lines, results = statements(Python(), traced.program, traced.outputs, given)
     kinds = [traced.program.nodes[at].kind for at in traced.outputs]
     lines += [
-        f"out[{k}] = {stored(kind, result)}"
+        f"s[{first + k}] = {stored(kind, result)}"
         for k, (kind, result) in enumerate(zip(kinds, results, strict=True))
     ]
-    return "\n".join([f"def run({', '.join([*given.values(), 'out'])}):", *(f"    {line}" for line in lines)])
+    return "\n".join(["def run(s):", *(f"    {line}" for line in [*loads, *lines])])
+
+
+def native(source: str) -> Callable[[np.ndarray], None]:
+    """The machine code of a function of a flat array of float64."""
+    module = ir.Module()
+    function = llvm_code.add_function(module, source)
+    function.linkage = "external"
+    run = llvm_code.loaded(llvm_code.machine_code(module), function.name, ctypes.c_void_p)
+    return lambda s: run(s.ctypes.data)
 
 
 def executable(traced: Traced) -> Callable[..., tuple[Any, ...]]:

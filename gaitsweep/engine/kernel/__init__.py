@@ -1,1 +1,1 @@
-"""The kernel engine: one scalar program traced from JAX, simplified, and compiled by Numba."""
+"""The kernel engine: one scalar program traced from JAX, simplified, and compiled by LLVM."""

@@ -1,4 +1,4 @@
-"""The program of a chunk for the CPU: lanes side by side in a vector register, compiled by Numba.
+"""The program of a chunk for the CPU: lanes side by side in a vector register, compiled by LLVM.
 
 One flat array holds a tile, the lanes of one vector, slot by slot. Each stage is straight-line code on
 vectors. An attempt in which no lane meets an event computes only what it needs: what happens at events, and
@@ -9,22 +9,29 @@ lanes. Each core runs its own tiles, in a thread.
 
 from __future__ import annotations
 
-import os
+import ctypes
+import functools
 import platform
-import sys
+import threading
 from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import llvmlite.binding as llvm
+import numpy as np
+from llvmlite import ir
 
-from gaitsweep.engine.kernel.cache import module_of
+from gaitsweep.engine.kernel import llvm_code
+from gaitsweep.engine.kernel.cache import binary_of
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.contraction import contracted
+from gaitsweep.engine.kernel.llvm_code import ARRAY, DOUBLE, INDEX, VOID, loop
 from gaitsweep.engine.kernel.python_source import Python, loaded, stored
 from gaitsweep.engine.kernel.registers import steps
 from gaitsweep.engine.kernel.schedule import from_the_end
 from gaitsweep.engine.kernel.source import name_all
-from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
+from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL
 
 _HAS = llvm.get_host_cpu_features()
 _ARM = platform.machine().lower() in ("arm64", "aarch64")
@@ -34,73 +41,41 @@ FUSES = _ARM or bool(_HAS.get("fma"))  # whether a product and a sum can be one 
 # compiler chooses: it does better there for long steps (the chain's propagator6).
 REGISTERS = 28 if TILE == 8 or _ARM else None
 
-_PREAMBLE = """# Written by gaitsweep: {title}
-from numba import int64
-
-from gaitsweep.engine.kernel.cache import compiled
-from gaitsweep.engine.kernel.llvm_code import straight_line
-"""
+# of kernels that were compiled or loaded, by source: batches of a search are measured by threads
+_LOCK = threading.Lock()
+_LOADED: dict[str, Callable[..., None]] = {}
 
 
-def compiled(
-    chunk: Chunk, title: str, *, contraction: bool = True
-) -> tuple[Callable[[Any, Any, int], None], int]:
-    """The function `run` of `source`, compiled now or loaded from the cache, and the slots of a lane."""
-    _prefer_wide_vectors()
-    tile = _Tile(chunk, TILE, contraction)
-    return module_of(_printed(tile, title)).run, tile.slots
+def compiled(chunk: Chunk, *, contraction: bool = True) -> tuple[Callable[[Any, Any, int], None], int]:
+    """The function `run(S, kept, polls)` that advances all tiles by a chunk, and the slots of a lane.
 
-
-def _prefer_wide_vectors() -> None:
-    """Let LLVM use the processor's widest vectors, which it avoids by itself; these kernels are faster so."""
-    if "numba" in sys.modules:  # Numba has read its settings already
-        return
-    if not llvm.get_host_cpu_features().get("avx512f"):
-        return
-    features = llvm.get_host_cpu_features().flatten() + ",-prefer-256-bit"
-    os.environ.setdefault("NUMBA_CPU_NAME", llvm.get_host_cpu_name())
-    os.environ.setdefault("NUMBA_CPU_FEATURES", features)
-
-
-def source(chunk: Chunk, lanes: int, title: str, *, contraction: bool = True) -> str:
-    """The source of the module for a CPU; its `run(S, kept, polls)` advances all tiles by a chunk.
-
-    `S` (tiles, slots * lanes) float64; `kept` (tiles * lanes, BUFFER, width) receives the rows to keep.
-    `contraction`: whether a product and a sum may become one instruction.
+    `S` (tiles, slots * lanes) float64, aligned to vectors; `kept` (tiles * lanes, BUFFER, width) receives the
+    rows to keep. The kernel is compiled now, or loaded from the cache.
     """
-    return _printed(_Tile(chunk, lanes, contraction), title)
+    tile = Tile(chunk, TILE, contraction)
+    text = f"{tile.layout}\n{tile.source}"
+    with _LOCK:
+        if text not in _LOADED:
+            # the two files determine the instructions as well as the source does
+            own = [Path(file).read_text() for file in (__file__, llvm_code.__file__)]
+            key = [text, *own, *llvm_code.processor(), version("llvmlite")]
+            code = binary_of("o", key, lambda: llvm_code.machine_code(tile.module()))
+            kinds = ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64
+            _LOADED[text] = llvm_code.loaded(code, "run", *kinds)
+        function = _LOADED[text]
+
+    def run(S: np.ndarray, kept: np.ndarray, polls: int) -> None:
+        assert S.flags.c_contiguous
+        assert kept.flags.c_contiguous
+        function(S.ctypes.data, S.shape[0], kept.ctypes.data, polls)
+
+    return run, tile.slots
 
 
-def _printed(tile: _Tile, title: str) -> str:
-    """The source of a tile's module."""
-    chunk, lanes = tile.chunk, tile.lanes
-    parts = [
-        _PREAMBLE.format(title=title),
-        *tile.stages,
-        _KEEP.format(
-            lanes=lanes,
-            keep=tile.keep * lanes,
-            filled=chunk.record.filled.first * lanes,
-            first=tile.sample * lanes,
-            width=chunk.width,
-        )
-        if chunk.width
-        else "",
-        _RUN.format(
-            lanes=lanes,
-            interval=POLL_INTERVAL,
-            status=chunk.record.status.first * lanes,
-            halt=("i + " if chunk.carry.halt.first in tile.twice else "")
-            + str(chunk.carry.halt.first * lanes),
-            apart=tile.apart * lanes,
-            keep="keep(s, kept, tile)" if chunk.width else "pass",
-        ),
-    ]
-    return "\n\n".join(part for part in parts if part)
-
-
-class _Tile:
+class Tile:
     """The stages of a tile, and its slots.
+
+    `contraction`: whether a product and a sum may become one instruction.
 
     After the program's slots come a flag and a sample for the loop that keeps samples, what plain attempts
     share, and room for values that a stage loads again. Slots that plain attempts change are there twice,
@@ -241,52 +216,79 @@ class _Tile:
 
     def _stage(self, name: str, arguments: str, lines: list[str]) -> str:
         body = "\n".join(f"    {line}" for line in [*lines, "pass"])
-        return _STAGE.format(name=name, arguments=arguments, lanes=self.lanes, body=body)
+        return f"def {name}({arguments}):\n{body}\n"
 
+    @property
+    def source(self) -> str:
+        """The source of the stages."""
+        return "\n\n".join(self.stages)
 
-_STAGE = """{name}_of_vector = straight_line('''def {name}_of_vector({arguments}):
-{body}
-''', {lanes})
+    @property
+    def layout(self) -> tuple[int, ...]:
+        """The numbers that the loops around the stages depend on."""
+        record, halt = self.chunk.record, self.chunk.carry.halt.first
+        slots = record.status.first, record.filled.first, halt, int(halt in self.twice)
+        return self.lanes, self.slots, self.apart, self.keep, self.sample, self.chunk.width, *slots
 
+    def module(self) -> ir.Module:
+        """The kernel in LLVM's language: its stages, and the loops around them."""
+        module = ir.Module()
+        stages = [llvm_code.add_function(module, stage, self.lanes) for stage in self.stages]
+        prepare, share, attempt, poll, back = stages
+        run = ir.Function(module, ir.FunctionType(VOID, [ARRAY, INDEX, ARRAY, INDEX]), "run")
+        tiles_array, tiles, kept, polls = run.args
+        builder = ir.IRBuilder(run.append_basic_block("entry"))
+        side, apart = builder.alloca(INDEX), INDEX(self.apart * self.lanes)
+        record, halt = self.chunk.record, self.chunk.carry.halt.first
+        row = BUFFER * self.chunk.width  # numbers that a lane may keep
+        with loop(builder, tiles) as (tile, _):
+            s = builder.gep(tiles_array, [builder.mul(tile, INDEX(self.slots * self.lanes))])
+            builder.call(prepare, [s])
+            builder.call(share, [s])
+            builder.store(INDEX(0), side)
+            with loop(builder, polls) as (_, all_ended):
+                self._leave_if_none_is_zero(builder, s, INDEX(record.status.first * self.lanes), all_ended)
+                with loop(builder, INDEX(POLL_INTERVAL)) as (_, all_wait):
+                    i = builder.load(side)
+                    place = INDEX(halt * self.lanes)
+                    # lanes that wait for the poll would stay as they are
+                    place = builder.add(i, place) if halt in self.twice else place
+                    self._leave_if_none_is_zero(builder, s, place, all_wait)
+                    j = builder.sub(apart, i)
+                    builder.call(attempt, [s, i, j])
+                    builder.store(j, side)
+                builder.call(poll, [s, builder.load(side)])
+                builder.call(share, [s])
+                if row:
+                    first = builder.mul(tile, INDEX(self.lanes * row))
+                    self._keep_samples(builder, s, builder.gep(kept, [first]), row)
+            with builder.if_then(builder.icmp_signed("!=", builder.load(side), INDEX(0))):
+                builder.call(back, [s])
+        builder.ret_void()
+        return module
 
-@compiled
-def {name}({arguments}):
-    {name}_of_vector({arguments})
-"""
+    def _leave_if_none_is_zero(self, builder: ir.IRBuilder, s: Any, place: Any, after: ir.Block) -> None:
+        """Leave a loop if the slot at `place` is zero in no lane."""
+        kind = llvm_code.vector(DOUBLE, self.lanes)
+        values = builder.load(builder.bitcast(builder.gep(s, [place]), kind.as_pointer()), align=8)
+        zeros = builder.fcmp_ordered("==", values, ir.Constant(kind, [0.0] * self.lanes))
+        with builder.if_then(builder.not_(llvm_code.some_lane(builder, zeros))):
+            builder.branch(after)
 
-_KEEP = """@compiled
-def keep(s, kept, tile):
-    for lane in range({lanes}):
-        if s[{keep} + lane] != 0.0:
-            place = int(s[{filled} + lane]) - 1
-            for i in range({width}):
-                kept[tile * {lanes} + lane, place, i] = s[{first} + i * {lanes} + lane]
-"""
+    def _keep_samples(self, builder: ir.IRBuilder, s: Any, kept: Any, row: int) -> None:
+        """Copy the samples of lanes whose flag is set to the rows to keep."""
 
-_RUN = """@compiled
-def run(S, kept, polls):
-    for tile in range(S.shape[0]):
-        s = S[tile]
-        i, j = int64(0), int64({apart})
-        prepare(s)
-        share(s)
-        for _ in range(polls):
-            running = 0
-            for lane in range({lanes}):
-                running += s[{status} + lane] == 0.0
-            if running == 0:
-                break
-            for _ in range({interval}):
-                going = 0
-                for lane in range({lanes}):
-                    going += s[{halt} + lane] == 0.0
-                if going == 0:  # all wait for the poll, and would stay as they are
-                    break
-                attempt(s, i, j)
-                i, j = j, i
-            poll(s, i)
-            share(s)
-            {keep}
-        if i != 0:
-            back(s)
-"""
+        def slot(number: int, *places: Any) -> Any:
+            """The value of a slot of the loop's lane."""
+            place = functools.reduce(builder.add, places, builder.add(lane, INDEX(number * self.lanes)))
+            return builder.load(builder.gep(s, [place]))
+
+        with loop(builder, INDEX(self.lanes)) as (lane, _):
+            kept_now = builder.fcmp_unordered("!=", slot(self.keep), DOUBLE(0.0))
+            with builder.if_then(kept_now):
+                filled = builder.fptosi(slot(self.chunk.record.filled.first), INDEX)
+                first = builder.mul(builder.sub(filled, INDEX(1)), INDEX(self.chunk.width))
+                first = builder.add(first, builder.mul(lane, INDEX(row)))
+                with loop(builder, INDEX(self.chunk.width)) as (i, _):
+                    value = slot(self.sample, builder.mul(i, INDEX(self.lanes)))
+                    builder.store(value, builder.gep(kept, [builder.add(first, i)]))

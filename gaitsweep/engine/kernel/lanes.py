@@ -132,7 +132,7 @@ def _compiled(kernel: Kernel, contraction: bool) -> tuple[Callable[[Any, Any, in
     """The kernel on a CPU, and the slots of its lanes."""
     from gaitsweep.engine.kernel import cpu_program
 
-    return cpu_program.compiled(kernel.chunk, kernel.title, contraction=contraction)
+    return cpu_program.compiled(kernel.chunk, contraction=contraction)
 
 
 @final

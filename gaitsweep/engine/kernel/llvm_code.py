@@ -1,33 +1,34 @@
-"""Compiles straight-line Python to LLVM, as an intrinsic of Numba.
+"""Compiles the functions of a kernel to machine code by LLVM.
 
-Numba takes half a minute for a function of a thousand statements, mostly in passes that such a function does
-not need: loops, branches, type inference. Here each expression becomes an instruction directly. Numba itself
-compiles only the loop around it, a few lines.
-
-The language is that of `python_source`: assignments to names and to elements of flat arrays, arithmetic,
-single comparisons, `a if c else b`, calls of functions of numbers, and `if any(c)` with `else`, in
-which names are not defined for later.
+A stage of a kernel is straight-line Python with up to a thousand statements, of which each expression becomes
+an instruction directly. The language is that of `python_source`: assignments to names and to elements of one
+flat array, arithmetic, single comparisons, `a if c else b`, calls of functions of numbers, and `if any(c)`
+with `else`, in which names are not defined for later.
 """
 
 from __future__ import annotations
 
 import ast
+import contextlib
+import ctypes
+import functools
 import math
-import operator
+from collections.abc import Callable, Iterator
 from typing import Any
 
+import llvmlite.binding as llvm
 from llvmlite import ir
-from numba.core import types
-from numba.extending import intrinsic
 
-_DOUBLE, _SINGLE, _FLAG, _INDEX = ir.DoubleType(), ir.FloatType(), ir.IntType(1), ir.IntType(64)
+DOUBLE, INDEX, VOID = ir.DoubleType(), ir.IntType(64), ir.VoidType()
+ARRAY = DOUBLE.as_pointer()
+_SINGLE, _FLAG = ir.FloatType(), ir.IntType(1)
 _ARITHMETIC = {ast.Add: "fadd", ast.Sub: "fsub", ast.Mult: "fmul", ast.Div: "fdiv"}
 _FLAGS = {ast.BitAnd: "and_", ast.BitOr: "or_"}
 _WHOLE = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
 _LINES = "assignments to a name or an element, and `if any(...)` with `else`"
 _EXPRESSIONS = "names, numbers, arithmetic, a comparison of two, `a if c else b`, elements and calls"
 _COMPARISONS = {ast.Lt: "<", ast.LtE: "<=", ast.Eq: "==", ast.NotEq: "!="}
-# Functions that are LLVM's own; the others are those that Numba calls.
+# LLVM's own functions; `_OF_VECTORS` are instructions for vectors too, all others take one number at a time
 _OWN = {
     "abs": "fabs",
     "floor32": "floor",
@@ -36,38 +37,117 @@ _OWN = {
     "sqrt64": "sqrt",
     "fma": "fma",
 }
+_OF_VECTORS = {*_OWN.values()}
 
 
-def straight_line(source: str, lanes: int = 1) -> Any:
-    """The Numba intrinsic of a function given as source.
+def add_function(module: ir.Module, source: str, lanes: int = 1) -> ir.Function:
+    """Add a function that returns nothing to a module.
 
-    With several lanes each name stands for a vector of that many numbers, and an element of an array for that
-    many from it on; whole numbers, which are places in arrays, stay single.
+    With several lanes each name stands for a vector of that many numbers, and an element of the array for
+    that many from it on; whole numbers, which are places in the array, stay single.
 
     Args:
-        source: the function, of numbers, indices and flat arrays; it returns nothing.
+        module: the module.
+        source: the function; its first argument is a flat array of float64, the others are whole numbers.
         lanes: numbers in a vector.
+
+    Raises:
+        ValueError: the source has a line or an expression that the language does not have.
     """
-    head = source[: source.index(":")]
-    names = head[head.index("(") + 1 : head.index(")")]
-    name = head[len("def ") : head.index("(")]
+    tree = ast.parse(source).body[0]
+    assert isinstance(tree, ast.FunctionDef)
+    names = [argument.arg for argument in tree.args.args]
+    kinds = [ARRAY, *[INDEX] * (len(names) - 1)]
+    function = ir.Function(module, ir.FunctionType(VOID, kinds), tree.name)
+    function.linkage = "internal"
+    builder = ir.IRBuilder(function.append_basic_block("entry"))
+    _align_stack(builder, lanes)
+    _Writer(builder, lanes, dict(zip(names, function.args, strict=True))).body(tree.body)
+    builder.ret_void()
+    return function
 
-    def typed(*given: Any) -> tuple[Any, Any]:
-        function = ast.parse(source).body[0]
-        assert isinstance(function, ast.FunctionDef)
 
-        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            _align_stack(builder, lanes)
-            writer = _Writer(context, builder, lanes)
-            writer.arguments(function, signature.args, args)
-            writer.body(function.body)
-            return context.get_dummy_value()
+@contextlib.contextmanager
+def loop(builder: ir.IRBuilder, count: Any) -> Iterator[tuple[Any, ir.Block]]:
+    """Write the instructions of the context `count` times; yields the loop's index and the block after it."""
+    before = builder.block
+    head, body, after = (builder.append_basic_block(name) for name in ("head", "body", "after"))
+    builder.branch(head)
+    builder.position_at_end(head)
+    index = builder.phi(INDEX)
+    index.add_incoming(INDEX(0), before)
+    builder.cbranch(builder.icmp_signed("<", index, count), body, after)
+    builder.position_at_end(body)
+    yield index, after
+    index.add_incoming(builder.add(index, INDEX(1)), builder.block)
+    builder.branch(head)
+    builder.position_at_end(after)
 
-        return types.none(*given), generate
 
-    definition = eval(f"lambda typing_context, {names}: typed({names})", {"typed": typed})
-    definition.__name__ = definition.__qualname__ = name
-    return intrinsic(definition)
+def vector(kind: ir.Type, lanes: int) -> ir.Type:
+    """The type of a vector, which for one lane is the number's."""
+    return kind if lanes == 1 else ir.VectorType(kind, lanes)
+
+
+def some_lane(builder: ir.IRBuilder, flags: Any) -> Any:
+    """Whether the flag of some lane is true."""
+    if isinstance(flags.type, ir.VectorType):
+        flags = builder.bitcast(flags, ir.IntType(flags.type.count))
+    return builder.icmp_unsigned("!=", flags, flags.type(0))
+
+
+def machine_code(module: ir.Module) -> bytes:
+    """The machine code of a module for this processor, as an object file."""
+    return _target_machine().emit_object(_optimised(module))
+
+
+def assembly(module: ir.Module) -> str:
+    """The machine code of a module for this processor, as text."""
+    return _target_machine().emit_assembly(_optimised(module))
+
+
+def _optimised(module: ir.Module) -> llvm.ModuleRef:
+    parsed, machine = llvm.parse_assembly(str(module)), _target_machine()
+    parsed.verify()
+    options = llvm.create_pipeline_tuning_options(speed_level=3)
+    options.loop_vectorization = options.slp_vectorization = False  # lanes fill the vectors already
+    passes = llvm.create_pass_builder(machine, options)
+    passes.getModulePassManager().run(parsed, passes)
+    return parsed
+
+
+def loaded(code: bytes, name: str, *kinds: Any) -> Callable[..., None]:
+    """The function `name` of an object file, with arguments of these `ctypes`; it releases Python's lock."""
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target_machine())
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    function: Any = ctypes.CFUNCTYPE(None, *kinds)(engine.get_function_address(name))
+    function.engine = engine  # which holds the memory of the code
+    return function
+
+
+def processor() -> tuple[str, str]:
+    """The name of this processor and its features, by which its machine code differs."""
+    features = llvm.get_host_cpu_features()
+    # LLVM avoids the widest vectors by itself; these kernels are faster with them
+    wide = ",-prefer-256-bit" if features.get("avx512f") else ""
+    return llvm.get_host_cpu_name(), features.flatten() + wide
+
+
+@functools.cache
+def _target() -> llvm.Target:
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    return llvm.Target.from_default_triple()
+
+
+def _target_machine() -> llvm.TargetMachine:
+    """A new description of this processor, since an engine takes its own."""
+    target, (name, features) = _target(), processor()
+    relocation = "static" if target.name.startswith("x86") else "default"
+    return target.create_target_machine(
+        cpu=name, features=features, opt=3, reloc=relocation, codemodel="jitdefault", jit=True
+    )
 
 
 def _align_stack(builder: Any, lanes: int) -> None:
@@ -75,38 +155,28 @@ def _align_stack(builder: Any, lanes: int) -> None:
 
     LLVM aligns the stack only for variables: a vector across two cache lines takes up to twice the time.
     """
-    place = builder.alloca(_DOUBLE, lanes)
+    place = builder.alloca(DOUBLE, lanes)
     place.align = 8 * lanes
     # an instruction that seems to use the variable, so that it is not removed
-    builder.asm(ir.FunctionType(ir.VoidType(), [place.type]), "", "r", [place], True)
+    builder.asm(ir.FunctionType(VOID, [place.type]), "", "r", [place], True)
 
 
 class _Writer:
     """Writes the instructions of one function at its call."""
 
-    def __init__(self, context: Any, builder: Any, lanes: int) -> None:
-        self.context, self.builder, self.lanes = context, builder, lanes
-        self.double, self.single, self.flag = (
-            kind if lanes == 1 else ir.VectorType(kind, lanes) for kind in (_DOUBLE, _SINGLE, _FLAG)
-        )
+    def __init__(self, builder: Any, lanes: int, arguments: dict[str, Any]) -> None:
+        self.builder, self.lanes = builder, lanes
+        self.double, self.single, self.flag = (vector(kind, lanes) for kind in (DOUBLE, _SINGLE, _FLAG))
         # the sign of zero may be ignored
         self.loose = ("nsz",)
         self.names: dict[str, Any] = {
+            **arguments,
             "inf": self._constant(self.double, math.inf),
             "nan": self._constant(self.double, math.nan),
         }
-        self.arrays: dict[str, Any] = {}
 
     def _constant(self, kind: Any, value: float) -> Any:
         return ir.Constant(kind, value if self.lanes == 1 else [value] * self.lanes)
-
-    def arguments(self, function: ast.FunctionDef, kinds: Any, values: Any) -> None:
-        for argument, kind, value in zip(function.args.args, kinds, values, strict=True):
-            if hasattr(kind, "ndim"):
-                array = self.context.make_array(kind)(self.context, self.builder, value)
-                self.arrays[argument.arg] = array.data
-            else:
-                self.names[argument.arg] = value
 
     def body(self, lines: list[ast.stmt]) -> None:
         for line in lines:
@@ -134,7 +204,7 @@ class _Writer:
             case ast.Constant(value=bool() as known):
                 return self._constant(self.flag, int(known))
             case ast.Constant(value=int() as known):
-                return ir.Constant(_INDEX, known)
+                return INDEX(known)
             case ast.Constant(value=float() as known):
                 return self._constant(self.double, known)
             case ast.UnaryOp(op=ast.USub(), operand=operand):
@@ -158,10 +228,10 @@ class _Writer:
     def _combined(self, op: type, left: Any, right: Any) -> Any:
         if op in _FLAGS:
             return getattr(self.builder, _FLAGS[op])(left, right)
-        if left.type == _INDEX:
+        if left.type == INDEX:
             return getattr(self.builder, _WHOLE[op])(left, right, flags=("nsw",))
         if op is ast.Pow:
-            return self._library(operator.pow, [left, right])
+            return self._call("pow", [left, right])
         return getattr(self.builder, _ARITHMETIC[op])(left, right, flags=self.loose)
 
     def _compared(self, sign: str, left: Any, right: Any) -> Any:
@@ -176,31 +246,24 @@ class _Writer:
             return self.builder.fptrunc(args[0], self.single) if args[0].type == self.double else args[0]
         if name == "float64":
             return self._double(args[0])
-        if name in _OWN:
-            return self.builder.call(
-                _llvm_function(self.builder.module, _OWN[name], args[0].type, len(args)), args
-            )
-        return self._library(getattr(math, name.removeprefix("math.")), args)
+        return self._call(_OWN.get(name, name.removeprefix("math.")), args)
 
-    def _library(self, function: Any, args: list[Any]) -> Any:
-        """The value of a function that takes one number at a time."""
-        number = types.float64 if args[0].type == self.double else types.float32
-        one = self.context.get_function(function, number(*[number] * len(args)))
-        if self.lanes == 1:
-            return one(self.builder, args)
+    def _call(self, name: str, args: list[Any]) -> Any:
+        """The value of LLVM's own function, or of one of the C library, for each lane."""
+        if self.lanes == 1 or name in _OF_VECTORS:
+            return self.builder.call(_declared(self.builder.module, name, args[0].type, len(args)), args)
         found = ir.Constant(args[0].type, ir.Undefined)
         for lane in range(self.lanes):
             place = ir.Constant(ir.IntType(32), lane)
-            each = one(self.builder, [self.builder.extract_element(arg, place) for arg in args])
-            found = self.builder.insert_element(found, each, place)
+            numbers = [self.builder.extract_element(arg, place) for arg in args]
+            one = _declared(self.builder.module, name, numbers[0].type, len(args))
+            found = self.builder.insert_element(found, self.builder.call(one, numbers), place)
         return found
 
     def _branch(self, flag: Any, yes: list[ast.stmt], no: list[ast.stmt]) -> None:
         """Lines for where the flag of some lane is true, and for where that of none is."""
-        bits = flag if self.lanes == 1 else self.builder.bitcast(flag, ir.IntType(self.lanes))
-        some = self.builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
         before = self.names
-        with self.builder.if_else(some) as (then, otherwise):
+        with self.builder.if_else(some_lane(self.builder, flag)) as (then, otherwise):
             for branch, lines in ((then, yes), (otherwise, no)):
                 self.names = dict(before)
                 with branch:
@@ -209,7 +272,7 @@ class _Writer:
 
     def _barrier(self) -> None:
         """Elements that are loaded after this line are loaded again, and none is stored later."""
-        nothing = ir.FunctionType(ir.VoidType(), [])
+        nothing = ir.FunctionType(VOID, [])
         self.builder.asm(nothing, "", "~{memory}", [], True)
 
     def _double(self, value: Any) -> Any:
@@ -217,13 +280,16 @@ class _Writer:
 
     def _element(self, node: ast.Subscript) -> Any:
         assert isinstance(node.value, ast.Name)
-        place = self.builder.gep(self.arrays[node.value.id], [self.value(node.slice)])
+        place = self.builder.gep(self.names[node.value.id], [self.value(node.slice)])
         return place if self.lanes == 1 else self.builder.bitcast(place, self.double.as_pointer())
 
 
-def _llvm_function(module: Any, name: str, kind: Any, count: int) -> Any:
-    """LLVM's own function of `count` numbers, or vectors of numbers."""
+def _declared(module: Any, name: str, kind: Any, count: int) -> Any:
+    """A function of `count` numbers, or vectors of numbers: LLVM's own, or one of the C library."""
     one = getattr(kind, "element", kind)
-    shape = "" if one is kind else f"v{kind.count}"
-    full = f"llvm.{name}.{shape}{one.intrinsic_name}"
-    return module.globals.get(full) or ir.Function(module, ir.FunctionType(kind, [kind] * count), full)
+    if name in _OF_VECTORS or name in ("log", "pow"):
+        shape = "" if one is kind else f"v{kind.count}"
+        name = f"llvm.{name}.{shape}{one.intrinsic_name}"
+    elif one == _SINGLE:
+        name = f"{name}f"
+    return module.globals.get(name) or ir.Function(module, ir.FunctionType(kind, [kind] * count), name)

@@ -101,9 +101,9 @@ class KernelReturns:
         opened = jax.eval_shape(self._opened, params, state)
         self._shape = opened[1]
         held, carry = jax.eval_shape(self._without_tangent, *opened)
-        self._plain = _Kernel(crossing, held, carry, "return")
+        self._plain = _Kernel(crossing, held, carry)
         held, carry = jax.eval_shape(self._with_zero_tangent, *opened)
-        self._differentiated = _Kernel(crossing, held, carry, "return with derivative")
+        self._differentiated = _Kernel(crossing, held, carry)
         # slots that are read when a return has ended: all values, and the tangents of the state's float
         # leaves and of the time, which come first in a carry
         self._values = _slots(jax.tree.leaves(self._plain.lane_state.trajectory))
@@ -166,11 +166,9 @@ class KernelReturns:
 class _Kernel:
     """Returns compiled for the CPU's cores, from what lanes hold and carry."""
 
-    def __init__(self, crossing: PoincareReturn, held: Any, carry: Any, title: str) -> None:
+    def __init__(self, crossing: PoincareReturn, held: Any, carry: Any) -> None:
         self._chunk = chunk_of(_Lane(crossing), held, carry)  # type: ignore[arg-type]
-        self._run, self._slots = cpu_program.compiled(
-            self._chunk, f"{crossing.model.name}, {title}", contraction=crossing.numerics.contraction
-        )
+        self._run, self._slots = cpu_program.compiled(self._chunk, contraction=crossing.numerics.contraction)
         self.lane_state: _LaneState = self._chunk.carry
 
     def __call__(

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 from collections.abc import Callable, Hashable
 from typing import Any
 
@@ -152,8 +151,7 @@ def crossing_of(model: Model, numerics: ResolvedNumerics, engine: str = "auto") 
             by_xla,
             f"The return map of {model.name} by {numerics.method} has no derivative: {crossing.refusal}",
         )
-    kernels = jax.default_backend() == "cpu" and importlib.util.find_spec("numba") is not None
-    if engine == "xla" or (engine == "auto" and not kernels):
+    if engine == "xla" or (engine == "auto" and jax.default_backend() != "cpu"):
         return by_xla
     made: dict[Hashable, Crossing] = {}
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import math
 from collections.abc import Sequence
 
@@ -66,8 +65,6 @@ def _obstacle(
         absent = missing()
         if absent is not None:
             return absent
-    elif importlib.util.find_spec("numba") is None:
-        return "the package numba is not installed"
     from gaitsweep.engine.kernel.lanes import kernel_of
     from gaitsweep.engine.kernel.trace import UnsupportedError
 
