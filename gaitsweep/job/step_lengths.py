@@ -17,6 +17,7 @@ from gaitsweep.design.design import Design
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.flow_spectrum import slowest_limit
+from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.numerics import (
     FEWEST_STEPS,
     ResolvedNumerics,
@@ -227,7 +228,7 @@ def _function(model: Model, numerics: ResolvedNumerics) -> Any:
         longest = longest_step(model, numerics.method, params)
         return nan if dt is None else dt, nan if longest is None else longest
 
-    return jax.jit(jax.vmap(one))
+    return over_rows(one)
 
 
 def _deciding(model: Model, numerics: ResolvedNumerics, design: Design) -> list[str]:

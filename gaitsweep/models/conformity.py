@@ -25,7 +25,7 @@ from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declarations import Event, Mode, Variable
 from gaitsweep.dynamics.declared_model import ARMING, Declared
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.sweep.lane import host_device
+from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.expression import ExpressionError, resolve
 from gaitsweep.mathtext import can_be_set
 from gaitsweep.models.traced_program import unrepeatable
@@ -527,8 +527,7 @@ def _begun(model: Model) -> Callable[[Any, Any], _Begun]:
             beyond=model.beyond_at_start(params, state),
         )
 
-    # run once, on few points: what the compiler's optimisation takes is lost
-    return jax.jit(jax.vmap(of_one), compiler_options={"xla_backend_optimization_level": 0})
+    return over_rows(of_one)
 
 
 def _by_value(model: Model) -> Iterator[str]:
@@ -580,9 +579,7 @@ def _at_points(
     values: Mapping[str, Float[np.ndarray, " rows"]],
     starts: Mapping[str, Float[np.ndarray, " rows"]],
 ) -> _Begun:
-    with jax.default_device(host_device()):
-        # NumPy's arrays: JAX would compile each comparison of them
-        return jax.device_get(_begun(model)(dict(model.on_host(values)), dict(starts)))
+    return _begun(model)(dict(model.on_host(values)), dict(starts))
 
 
 def _sound(found: _Begun, where: Where) -> Iterator[str]:

@@ -17,6 +17,7 @@ import pandas as pd
 
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
+from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.engine.sweep.xla import local_devices
@@ -127,8 +128,7 @@ def nominal_period(design: Design) -> float:
     """Return the nominal period (s) of the first sampled row that has one; NaN if none has."""
     values, _ = design.values_in(np.unique(np.linspace(0, design.n_rows - 1, _LOOKED_AT).astype(np.int64)))
     model = design.model
-    periods = jax.vmap(lambda row_values: model.period(model.params(row_values)))
-    seconds = np.asarray(jax.jit(periods)(model.on_host(values)))
+    seconds = over_rows(lambda row_values: model.period(model.params(row_values)))(model.on_host(values))
     sound = seconds[(seconds > 0.0) & (seconds < np.inf)]
     return float(sound[0]) if sound.size else math.nan
 

@@ -19,6 +19,7 @@ import pandas as pd
 
 from gaitsweep.contract import Model, Quantity, Status
 from gaitsweep.design import Design
+from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.numerics import STEP_FACTOR, tolerance_scale
 from gaitsweep.engine.poincare.maps import wrap_difference
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
@@ -455,8 +456,7 @@ def _with_starts(context: RunContext, rows: np.ndarray, ends: np.ndarray) -> np.
         seen = model.observe(params, model.init(params, start))
         return jax.numpy.stack([seen[q.name] for q in model.observables])
 
-    begun = jax.jit(jax.vmap(observed))(model.on_host(values), starts)
-    return np.concatenate([np.asarray(begun, float), ends])
+    return np.concatenate([over_rows(observed)(model.on_host(values), starts), ends])
 
 
 def _compare_starting_points(context: RunContext, rows: np.ndarray, check: SelfCheck) -> Again:

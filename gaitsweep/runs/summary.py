@@ -15,7 +15,7 @@ import pandas as pd
 
 from gaitsweep import models
 from gaitsweep.contract import Model, Status
-from gaitsweep.engine.sweep.lane import host_device
+from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.kinds.columns import UNKNOWN_GAIT, Column
 from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.models.own_modules import folder_of_class
@@ -26,7 +26,7 @@ from gaitsweep.table import ResultDirectory, load_parts
 # rows whose nominal period is no time.
 MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD = "mislabelled", "starts_beyond", "without_period"
 # Rows whose starts are examined, at most and at a time.
-_MOST_STARTS, _STARTS_AT_A_TIME = 100_000, 4096
+_MOST_STARTS = 100_000
 _MOST_OF_A_SIMULATOR = 64  # whose parameters the host works out row by row
 
 
@@ -85,23 +85,16 @@ def _of_starts(context: RunContext) -> dict[str, Any]:
     n, model = context.spec.n_rows, context.model
     most = _MOST_OF_A_SIMULATOR if model.host_parameters else _MOST_STARTS
     rows = np.arange(n) if n <= most else np.linspace(0, n - 1, most).astype(np.int64)
-    width = min(_STARTS_AT_A_TIME, 1 << (rows.size - 1).bit_length())
-    begun = _begun(model)
+    parameters, starts = context.design.values_in(rows)
+    period, beyond = _begun(model)(model.on_host(parameters), starts)
+    times = {"NaN": np.isnan(period), "0": period == 0.0, "a number below 0": period < 0.0}
+    flags = {STARTS_BEYOND: beyond, WITHOUT_PERIOD: {**times, "infinity": period == np.inf}}
     counts: dict[str, dict[str, dict[str, int]]] = {}
-    for first in range(0, rows.size, width):
-        some = rows[first : first + width]
-        parameters, starts = context.design.values_in(np.append(some, np.full(width - some.size, some[0])))
-        with jax.default_device(host_device()):
-            period, beyond = begun(model.on_host(parameters), starts)
-        times = {"NaN": np.isnan(period), "0": period == 0.0, "a number below 0": period < 0.0}
-        flags = {STARTS_BEYOND: beyond, WITHOUT_PERIOD: {**times, "infinity": period == np.inf}}
-        for field, named in flags.items():
-            for name, mask in named.items():
-                if (hits := some[np.asarray(mask)[: some.size]]).size:
-                    known = counts.setdefault(field, {}).setdefault(name, {"rows": 0, "row": int(hits[0])})
-                    known["rows"] += int(hits.size)
-                    if rows.size < n:
-                        known["of"] = int(rows.size)
+    for field, named in flags.items():
+        for name, mask in named.items():
+            if (hits := rows[mask]).size:
+                count = {"rows": int(hits.size), "row": int(hits[0])}
+                counts.setdefault(field, {})[name] = count | ({"of": int(rows.size)} if rows.size < n else {})
     return counts
 
 
@@ -115,7 +108,7 @@ def _begun(model: Model) -> Callable[..., tuple[jax.Array, dict[str, jax.Array]]
         beyond = model.beyond_at_start(params, model.init(params, start)) if has_surfaces else {}
         return model.period(params), beyond
 
-    return jax.jit(jax.vmap(one))
+    return over_rows(one)
 
 
 def remarks(manifest: Mapping[str, Any]) -> list[str]:

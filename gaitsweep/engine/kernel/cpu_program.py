@@ -53,16 +53,8 @@ def compiled(chunk: Chunk, *, contraction: bool = True) -> tuple[Callable[[Any, 
     rows to keep. The kernel is compiled now, or loaded from the cache.
     """
     tile = Tile(chunk, TILE, contraction)
-    text = f"{tile.layout}\n{tile.source}"
-    with _LOCK:
-        if text not in _LOADED:
-            # the two files determine the instructions as well as the source does
-            own = [Path(file).read_text() for file in (__file__, llvm_code.__file__)]
-            key = [text, *own, *llvm_code.processor(), version("llvmlite")]
-            code = binary_of("o", key, lambda: llvm_code.machine_code(tile.module()))
-            kinds = ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64
-            _LOADED[text] = llvm_code.loaded(code, "run", *kinds)
-        function = _LOADED[text]
+    kinds = ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64
+    function = loaded_once(f"{tile.layout}\n{tile.source}", tile.module, *kinds)
 
     def run(S: np.ndarray, kept: np.ndarray, polls: int) -> None:
         assert S.flags.c_contiguous
@@ -70,6 +62,24 @@ def compiled(chunk: Chunk, *, contraction: bool = True) -> tuple[Callable[[Any, 
         function(S.ctypes.data, S.shape[0], kept.ctypes.data, polls)
 
     return run, tile.slots
+
+
+def loaded_once(source: str, module: Callable[[], ir.Module], *kinds: Any) -> Callable[..., None]:
+    """The function `run` of a module with arguments of these `ctypes`, loaded once in a process.
+
+    Args:
+        source: all that determines the module.
+        module: writes the module, if it is not in the cache.
+        kinds: the types of the arguments.
+    """
+    with _LOCK:
+        if source not in _LOADED:
+            # these files determine the instructions as well as the source does
+            own = [Path(file).read_text() for file in (__file__, llvm_code.__file__)]
+            key = [source, *own, *llvm_code.processor(), version("llvmlite")]
+            code = binary_of("o", key, lambda: llvm_code.machine_code(module()))
+            _LOADED[source] = llvm_code.loaded(code, "run", *kinds)
+        return _LOADED[source]
 
 
 class Tile:

@@ -53,8 +53,6 @@ def varying_slots(kernel: Kernel, names: frozenset[str]) -> frozenset[int]:
 class CudaLanes(KernelLanes):
     """Lanes on one GPU, more than it has threads; `run` is the kernel that advances them, once filled."""
 
-    batch = 4096
-
     def __init__(self, spec: SweepSpec, device: Device) -> None:
         super().__init__(spec)
         self.card = CudaDevice(getattr(device, "local_hardware_id", None) or 0)

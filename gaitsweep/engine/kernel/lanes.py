@@ -5,21 +5,22 @@ from __future__ import annotations
 import abc
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
-from functools import lru_cache, partial
-from typing import Any, ClassVar, final
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Real
+from jaxtyping import Bool, Float, Int, Real
 
 from gaitsweep.contract import Model, Status
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
+from gaitsweep.engine.kernel.opening import opening_of
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import BUFFER, Recorder
-from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes, OneLane, RowDrive, Values, host_device
+from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes, OneLane, RowDrive, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
 CACHE_LINE = 64  # bytes, also the size of the widest vector
@@ -52,22 +53,11 @@ def kernel_of(model: Model, recorder: Recorder, numerics: ResolvedNumerics, driv
     starts = {q.name: scalar for q in model.initial_conditions} | {STEP_FACTOR: scalar}
     chunk = chunk_of(lane, values, starts)
     title = f"{model.name}, {type(recorder).__name__}, {lane.numerics.method}"
-    return Kernel(chunk, jax.jit(jax.vmap(partial(_open, lane))), title, lane, (values, starts))
-
-
-def _open(
-    lane: OneLane, values: Mapping[str, Float[Array, " ..."]], starts: Mapping[str, Float[Array, ""]]
-) -> tuple[Float[Array, " slots"], Float[Array, " width"], Bool[Array, ""]]:
-    held, carry, record, sample, keep = lane.open(values, starts)
-    flat = [jnp.ravel(leaf).astype(jnp.float64) for leaf in jax.tree.leaves((held, carry, record))]
-    return jnp.concatenate(flat), sample, keep
+    return Kernel(chunk, opening_of(lane, values, starts), title, lane, (values, starts))
 
 
 class KernelLanes(Lanes):
     """The trajectories of a sweep that one device runs at a time."""
-
-    # rows opened in one call: constant, since the last bits of XLA depend on it
-    batch: ClassVar[int] = 64
 
     def __init__(self, spec: SweepSpec) -> None:
         self.size = spec.lanes
@@ -93,18 +83,11 @@ class KernelLanes(Lanes):
     def open_rows(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
         """Open the rows in the lanes marked `fresh`, and `put` them there; values are (size,) each."""
         lanes = np.flatnonzero(fresh)
-        for first in range(0, lanes.size, self.batch):
-            some = lanes[first : first + self.batch]
-            # the last batch is filled up, since the last bits of XLA depend on the batch size
-            rows = np.concatenate([some, np.repeat(some[:1], self.batch - some.size)])
-            given = [
-                {name: np.asarray(column[rows], self._dtype) for name, column in values.items()}
-                for values in (params, starts)
-            ]
-            with jax.default_device(host_device()):
-                opened, samples, keep = jax.device_get(self.kernel.open(*given))
-            n = some.size
-            self.put(some, opened[:n], samples[:n], keep[:n])
+        values, initial = (
+            {name: np.asarray(column[lanes], self._dtype) for name, column in columns.items()}
+            for columns in (params, starts)
+        )
+        self.put(lanes, *self.kernel.open(values, initial))
 
     def output(self, read_slot: Callable[[int], Real[np.ndarray, " lanes"]]) -> ChunkOutput:
         """The output of a chunk without its buffers; `read_slot` returns the values (size,) of a slot."""

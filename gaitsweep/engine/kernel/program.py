@@ -36,10 +36,12 @@ class Node:
 class Program:
     """Nodes in topological order; a node is identified by its index.
 
-    Equal operations share one node, and operations are simplified (`gaitsweep.engine.kernel.simplify`).
+    Equal operations share one node, and operations are simplified (`gaitsweep.engine.kernel.simplify`), unless
+    `simplify` is False: a product with 0 becomes 0, also where the other factor would be NaN.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, simplify: bool = True) -> None:
+        self._simplify = simplify
         self.nodes: list[Node] = []
         # constant along a trajectory: constants, steady inputs, and functions of these
         self.steady: list[bool] = []
@@ -56,8 +58,8 @@ class Program:
         return self._add(("input", number), Node("input", (), kind, number), steady)
 
     def apply(self, op: str, *args: int) -> int:
-        """The node of an operation on nodes, after simplification."""
-        found = simplified(self, op, args)
+        """The node of an operation on nodes, simplified."""
+        found = simplified(self, op, args) if self._simplify else self.evaluated(op, args)
         return self.write(op, *args) if found is None else found
 
     def write(self, op: str, *args: int) -> int:

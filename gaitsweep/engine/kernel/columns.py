@@ -1,0 +1,103 @@
+"""A function of one row for many rows at once, by NumPy.
+
+A run calls several functions only once or twice, on few rows: XLA takes much longer to compile such a
+function than NumPy takes to compute it. Results may differ from those of XLA in the last place.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Hashable
+from typing import Any
+
+import jax
+import numpy as np
+
+from gaitsweep.engine.kernel.operations import OPERATIONS
+from gaitsweep.engine.kernel.program import Program
+from gaitsweep.engine.kernel.trace import Nodes, Tracer, UnsupportedError
+from gaitsweep.engine.sweep.lane import host_device
+
+# Rows for which the values of all nodes are in memory.
+_AT_A_TIME = 4096
+# NumPy's forms of operations whose own form takes one number at a time
+_OF_ARRAYS: dict[str, Callable[..., Any]] = {
+    "select": np.where,
+    **{name: np.vectorize(OPERATIONS[name].evaluate, otypes=[float]) for name in ("erf", "erfc")},
+}
+
+
+def over_rows(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function of many rows: arguments and results have the rows as their first axis.
+
+    Args:
+        function: a JAX function of one row, from pytrees to a pytree of arrays; XLA computes it where it has
+            operations that a scalar program lacks.
+    """
+    programs: dict[Hashable, Callable[..., Any]] = {}
+
+    def of_rows(*trees: Any) -> Any:
+        columns, structure = jax.tree.flatten(jax.tree.map(np.asarray, trees))
+        shapes = [jax.ShapeDtypeStruct(column.shape[1:], column.dtype) for column in columns]
+        key = structure, tuple((each.shape, each.dtype) for each in shapes)
+        if key not in programs:
+            try:
+                programs[key] = _by_numpy(function, jax.tree.unflatten(structure, shapes))
+            except UnsupportedError:
+                programs[key] = _by_xla(function)
+        found = []
+        for first in range(0, max(len(columns[0]), 1), _AT_A_TIME):
+            part = [column[first : first + _AT_A_TIME] for column in columns]
+            found.append(programs[key](*jax.tree.unflatten(structure, part)))
+        return found[0] if len(found) == 1 else jax.tree.map(lambda *each: np.concatenate(each), *found)
+
+    return of_rows
+
+
+def _by_xla(function: Callable[..., Any]) -> Callable[..., Any]:
+    # what the compiler's optimisation takes would be lost
+    compiled = jax.jit(jax.vmap(function), compiler_options={"xla_backend_optimization_level": 0})
+
+    def of_rows(*trees: Any) -> Any:
+        with jax.default_device(host_device()):
+            return jax.device_get(compiled(*trees))
+
+    return of_rows
+
+
+def _by_numpy(function: Callable[..., Any], shapes: Any) -> Callable[..., Any]:
+    jaxpr, out = jax.make_jaxpr(function, return_shape=True)(*shapes)
+    program = Program(simplify=False)  # functions are checked for NaN
+    tracer = Tracer(program)
+    outputs = tracer.read(jaxpr, tracer.inputs(shapes, 0, steady=False))
+    results, structure = jax.tree.flatten(out)
+    order = program.needed([at for nodes in outputs for at in nodes.ravel().tolist()])
+
+    def of_rows(*trees: Any) -> Any:
+        columns = [
+            column for leaf in jax.tree.leaves(trees) for column in np.reshape(leaf, (len(leaf), -1)).T
+        ]
+        rows = len(columns[0])
+        values: dict[int, Any] = {}
+        with np.errstate(all="ignore"):
+            for at in order:
+                node = program.nodes[at]
+                if node.op == "input":
+                    assert node.value is not None
+                    values[at] = columns[int(node.value)]
+                elif node.op == "constant":
+                    values[at] = node.value
+                else:
+                    evaluate = _OF_ARRAYS.get(node.op, OPERATIONS[node.op].evaluate)
+                    values[at] = evaluate(*(values[argument] for argument in node.args))
+
+        def array(nodes: Nodes, like: Any) -> np.ndarray:
+            found = np.empty((rows, math.prod(like.shape)), like.dtype)
+            for place, at in enumerate(nodes.ravel().tolist()):
+                found[:, place] = values[at]
+            return found.reshape(rows, *like.shape)
+
+        filled = [array(nodes, like) for nodes, like in zip(outputs, results, strict=True)]
+        return jax.tree.unflatten(structure, filled)
+
+    return of_rows

@@ -1,0 +1,107 @@
+"""Opens rows: the slots of trajectories at their start, by a kernel, or by XLA if a model needs it."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+from llvmlite import ir
+
+from gaitsweep.engine.kernel import llvm_code
+from gaitsweep.engine.kernel.cpu_program import TILE, loaded_once
+from gaitsweep.engine.kernel.llvm_code import ARRAY, INDEX, VOID, loop
+from gaitsweep.engine.kernel.program import Program
+from gaitsweep.engine.kernel.python_source import Python, loaded, stored
+from gaitsweep.engine.kernel.source import statements
+from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
+from gaitsweep.engine.sweep.lane import OneLane, host_device
+
+# Rows that XLA opens in one call: constant, since its last bits depend on it.
+_BATCH = 64
+
+Opened = tuple[Float[np.ndarray, "rows slots"], Float[np.ndarray, "rows width"], Bool[np.ndarray, " rows"]]
+Columns = Mapping[str, Float[np.ndarray, " rows"]]
+
+
+def opening_of(lane: OneLane, values: Any, starts: Any) -> Callable[[Columns, Columns], Opened]:
+    """The function `(values, starts) -> (slots, samples, keep)` of rows.
+
+    Args:
+        lane: the engine's functions of one trajectory.
+        values, starts: shapes and dtypes of a row's parameters and initial conditions.
+    """
+
+    def of_one(values: Mapping[str, Array], starts: Mapping[str, Array]) -> tuple[Array, Array, Array]:
+        held, carry, record, sample, keep = lane.open(values, starts)
+        flat = [jnp.ravel(leaf).astype(jnp.float64) for leaf in jax.tree.leaves((held, carry, record))]
+        return jnp.concatenate(flat), sample.astype(jnp.float64), keep
+
+    try:
+        return _by_kernel(of_one, values, starts)
+    except UnsupportedError:
+        return _by_xla(of_one)
+
+
+def _by_kernel(of_one: Callable[..., Any], values: Any, starts: Any) -> Callable[[Columns, Columns], Opened]:
+    program = Program()
+    tracer = Tracer(program)
+    given = tracer.inputs((values, starts), 0, steady=False)
+    slots, samples, keep = tracer.read(jax.make_jaxpr(of_one)(values, starts), given)
+    inputs, outputs = [int(nodes) for nodes in given], [*slots.tolist(), *samples.tolist(), int(keep)]
+    names = {at: f"x{i}" for i, at in enumerate(inputs)}
+    lines, results = statements(Python(), program, outputs, names)
+    loads = [f"x{i} = {loaded(program.nodes[at].kind, f's[{i * TILE}]')}" for i, at in enumerate(inputs)]
+    stores = [
+        f"s[{(len(inputs) + k) * TILE}] = {stored(program.nodes[at].kind, result)}"
+        for k, (at, result) in enumerate(zip(outputs, results, strict=True))
+    ]
+    body = "\n".join(f"    {line}" for line in [*loads, *lines, *stores])
+    source, size = f"def open(s):\n{body}\n", len(inputs) + len(outputs)
+    run = loaded_once(source, lambda: _module(source, size), ctypes.c_void_p, ctypes.c_int64)
+
+    def open_rows(values: Columns, starts: Columns) -> Opened:
+        columns = jax.tree.leaves((dict(values), dict(starts)))
+        rows = len(columns[0])
+        tiles = -(-rows // TILE)
+        room = np.zeros((size, tiles * TILE))
+        room[: len(columns), :rows] = columns
+        tiled = np.ascontiguousarray(room.reshape(size, tiles, TILE).transpose(1, 0, 2))
+        run(tiled.ctypes.data, tiles)
+        found = tiled[:, len(columns) :].transpose(0, 2, 1).reshape(tiles * TILE, -1)[:rows]
+        return found[:, : slots.size], found[:, slots.size : -1], found[:, -1] != 0.0
+
+    return open_rows
+
+
+def _module(source: str, size: int) -> ir.Module:
+    """The opening of tiles in LLVM's language; a lane has `size` slots."""
+    module = ir.Module()
+    open_tile = llvm_code.add_function(module, source, TILE)
+    run = ir.Function(module, ir.FunctionType(VOID, [ARRAY, INDEX]), "run")
+    builder = ir.IRBuilder(run.append_basic_block("entry"))
+    with loop(builder, run.args[1]) as (tile, _):
+        builder.call(open_tile, [builder.gep(run.args[0], [builder.mul(tile, INDEX(size * TILE))])])
+    builder.ret_void()
+    return module
+
+
+def _by_xla(of_one: Callable[..., Any]) -> Callable[[Columns, Columns], Opened]:
+    compiled = jax.jit(jax.vmap(of_one))
+
+    def open_rows(values: Columns, starts: Columns) -> Opened:
+        rows, parts = len(next(iter(values.values()))), []
+        for first in range(0, rows, _BATCH):
+            # the last batch is filled up with its first row
+            some = np.resize(np.arange(first, min(first + _BATCH, rows)), _BATCH)
+            given = [{name: column[some] for name, column in each.items()} for each in (values, starts)]
+            with jax.default_device(host_device()):
+                parts.append(jax.device_get(compiled(*given)))
+        slots, samples, keep = (np.concatenate(each)[:rows] for each in zip(*parts, strict=True))
+        return slots, samples, keep
+
+    return open_rows

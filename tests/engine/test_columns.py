@@ -1,0 +1,67 @@
+"""Functions of many rows by NumPy, and rows opened by a kernel: as JAX computes them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from gaitsweep.contract import Model
+from gaitsweep.engine.kernel import columns, opening
+from gaitsweep.engine.kernel.columns import over_rows
+from gaitsweep.engine.kernel.lanes import kernel_of
+from gaitsweep.engine.kernel.trace import UnsupportedError
+from gaitsweep.engine.numerics import STEP_FACTOR, Numerics
+from gaitsweep.engine.recorders.settle import SettleRecorder
+from gaitsweep.models.conformity import sample
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from gaitsweep.papers.aoi2011.waist_quadruped.model import WaistQuadruped
+from gaitsweep.papers.fukuoka2015.planar_quadruped.model import PlanarQuadruped
+
+RANDOM = np.random.default_rng(20261126)
+
+
+def _of_one(values: dict[str, Any], matrix: Any) -> Any:
+    x, flag = values["x"], values["x"] > 0.3
+    turned = jnp.stack([jnp.sin(x), jax.lax.erf(x)]) @ matrix
+    return {"turned": turned, "flag": flag, "count": jnp.sum(matrix > x), "root": jnp.sqrt(x - 0.5) * 0.0}
+
+
+def _by_cholesky(values: dict[str, Any], matrix: Any) -> Any:
+    return {**_of_one(values, matrix), "factor": jnp.linalg.cholesky(matrix @ matrix.T + jnp.eye(2))}
+
+
+@pytest.mark.parametrize("function", [_of_one, _by_cholesky])
+@pytest.mark.parametrize("rows", [1, 7, 23])
+def test_functions_of_rows_as_jax_computes_them(
+    function: Any, rows: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where a product with zero is NaN, and where XLA has to compute what no scalar program has."""
+    monkeypatch.setattr(columns, "_AT_A_TIME", 10)
+    given = {"x": RANDOM.uniform(0.0, 1.0, rows)}, RANDOM.normal(size=(rows, 2, 2))
+    mine, right = over_rows(function)(*given), jax.vmap(function)(*given)
+    assert mine.keys() == right.keys()
+    for name, column in mine.items():
+        assert column.dtype == right[name].dtype
+        np.testing.assert_allclose(column, right[name], rtol=1e-14, atol=1e-15)
+    np.testing.assert_array_equal(np.isnan(mine["root"]), given[0]["x"] < 0.5)
+
+
+@pytest.mark.parametrize("model", [Multilegged(), WaistQuadruped(), PlanarQuadruped()], ids=lambda m: m.name)
+def test_kernels_open_rows_as_xla_does(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
+    values, starts = sample(model, 5)
+    starts = {**starts, STEP_FACTOR: np.ones(5)}
+    kernel = kernel_of(model, SettleRecorder(model), Numerics().resolve(model), None)
+    lane, given = kernel.lane, kernel.given
+
+    def unsupported(*_: Any) -> Any:
+        raise UnsupportedError
+
+    by_kernel = opening.opening_of(lane, *given)(values, starts)
+    monkeypatch.setattr(opening, "_by_kernel", unsupported)
+    by_xla = opening.opening_of(lane, *given)(values, starts)
+    for mine, right in zip(by_kernel, by_xla, strict=True):
+        np.testing.assert_allclose(mine, right, rtol=1e-12, atol=1e-12)
