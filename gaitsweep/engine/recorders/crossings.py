@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import final
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Real
+from jaxtyping import Array, Float
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import Carry, Halt
 from gaitsweep.engine.recorders.recorder import (
     BUFFER,
     SPARE_CYCLES,
+    Beginning,
     LaneRecord,
     PollResult,
     Readings,
     Recorder,
+    RunningRows,
+    attempts_until,
     counted,
 )
 from gaitsweep.row_outcome import RowOutcome
@@ -27,6 +31,7 @@ FEW_JUMPS = 2
 BATCH = 4096
 
 
+@final
 @dataclasses.dataclass(frozen=True)
 class CrossingRecorder(Recorder):
     """Records the number, t (s) and observables of every crossing of the section; the start is crossing 0.
@@ -51,16 +56,17 @@ class CrossingRecorder(Recorder):
             return jnp.full_like(period, self.duration)
         return 4.0 * ((self.crossings or 0) + self.after_cycles + SPARE_CYCLES) * period
 
+    def max_attempts(self, params: Params, dt: Float[Array, ""] | float) -> Float[Array, ""]:
+        return attempts_until(self.stop(params), dt)
+
     def readings(self, rows: RowOutcome) -> Readings | None:
         if not self.gaits:
             return None
         samples = rows.samples
         return Readings(rows.place, samples[:, 1], samples[:, 2:], samples[:, 0] > 0.0, BATCH)
 
-    def begin(
-        self, params: Params, carry: Carry
-    ) -> tuple[LaneRecord, Float[Array, " width"], Bool[Array, ""]]:
-        record, _, _ = super().begin(params, carry)
+    def begin(self, params: Params, carry: Carry) -> Beginning:
+        record, _, _ = self.unsampled(params, carry)
         keep = jnp.asarray(self.after_cycles == 0)
         return counted(record, keep), self._sample(carry, record), keep
 
@@ -90,13 +96,7 @@ class CrossingRecorder(Recorder):
         recorded = dataclasses.replace(counted(recorded, keep), status=status.astype(jnp.int32))
         return PollResult(dataclasses.replace(carry, halt=halt), recorded, sample, keep)
 
-    def share(
-        self,
-        cycles: Real[np.ndarray, " rows"],
-        samples: Real[np.ndarray, " rows"],
-        t: Float[np.ndarray, " rows"],
-        typical: float,
-    ) -> Float[np.ndarray, " rows"]:
+    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
         if self.crossings is None:
-            return t / (self.duration or 1.0)
-        return cycles / (self.after_cycles + self.crossings)
+            return rows.t / (self.duration or 1.0)
+        return rows.cycles / (self.after_cycles + self.crossings)

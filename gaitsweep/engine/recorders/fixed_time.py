@@ -3,24 +3,35 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import final
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Real
+from jaxtyping import Array, Float
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import Carry, Halt
-from gaitsweep.engine.recorders.recorder import LaneRecord, PollResult, Recorder, counted
+from gaitsweep.engine.recorders.recorder import (
+    Beginning,
+    LaneRecord,
+    PollResult,
+    Readings,
+    Recorder,
+    RunningRows,
+    attempts_until,
+    counted,
+    readings_at_the_end,
+)
 from gaitsweep.row_outcome import RowOutcome
 
 
+@final
 @dataclasses.dataclass(frozen=True)
 class FixedTimeRecorder(Recorder):
     """The state at `duration` (s), a record, and the last crossing before it, at which the gait is read."""
 
     model: Model
     duration: float
-    readings = Recorder.readings_at_the_end
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -28,6 +39,12 @@ class FixedTimeRecorder(Recorder):
 
     def stop(self, params: Params) -> Float[Array, ""]:
         return jnp.full_like(self.model.period(params), self.duration)
+
+    def max_attempts(self, params: Params, dt: Float[Array, ""] | float) -> Float[Array, ""]:
+        return attempts_until(self.stop(params), dt)
+
+    def begin(self, params: Params, carry: Carry) -> Beginning:
+        return self.unsampled(params, carry)
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
         crossed, ends = carry.halt == Halt.CROSSING, carry.halt == Halt.TIME
@@ -42,14 +59,11 @@ class FixedTimeRecorder(Recorder):
         carry = dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt))
         return PollResult(carry, counted(recorded, ends), now, ends)
 
-    def share(
-        self,
-        cycles: Real[np.ndarray, " rows"],
-        samples: Real[np.ndarray, " rows"],
-        t: Float[np.ndarray, " rows"],
-        typical: float,
-    ) -> Float[np.ndarray, " rows"]:
-        return t / self.duration
+    def readings(self, rows: RowOutcome) -> Readings:
+        return readings_at_the_end(rows)
+
+    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+        return rows.t / self.duration
 
 
 def end_values(rows: RowOutcome) -> Float[np.ndarray, "rows observables"]:

@@ -44,16 +44,14 @@ class LaneRecord:
     """The progress and the results of the row in a lane.
 
     `status` is a `Status`; `cycles` the number of crossings, without the start; `last` (n,) the observables
-    at the last crossing; `window` (w, ...) numbers of the last w crossings, and `memory` what else of earlier
-    crossings a recorder remembers; `filled` the samples in the buffer that wait for the host, at most
-    `BUFFER`; `samples` the samples kept so far; `numbers` those that the recorder declares, by name; `fired`
-    the guards whose jumps stalled the row, a bit each.
+    at the last crossing; `memory` what a recorder remembers of earlier crossings; `filled` the samples in the
+    buffer that wait for the host, at most `BUFFER`; `samples` the samples kept so far; `numbers` those that
+    the recorder declares, by name; `fired` the guards whose jumps stalled the row, a bit each.
     """
 
     status: Int[Array, ""]
     cycles: Int[Array, ""]
     last: Float[Array, " observables"]
-    window: Float[Array, "window ..."]
     memory: Any
     filled: Int[Array, ""]
     samples: Int[Array, ""]
@@ -89,8 +87,23 @@ class Readings:
     batch: int | None = None
 
 
+class RunningRows(NamedTuple):
+    """The progress of running rows (n,): crossings, samples, and times in s."""
+
+    cycles: Real[np.ndarray, " rows"]
+    samples: Real[np.ndarray, " rows"]
+    t: Float[np.ndarray, " rows"]
+
+
+# The record of a trajectory at its start (crossing 0), its first sample, and whether to keep it.
+Beginning = tuple[LaneRecord, Float[Array, " width"], Bool[Array, ""]]
+
+
 class Recorder(abc.ABC):
-    """The base class of recorders: tests of failure, the count of crossings, buffers."""
+    """The base class of recorders: tests of failure, the count of crossings, buffers.
+
+    A recorder defines the abstract members; it overrides no other one.
+    """
 
     # Numbers of each row beside those of the engine, which `record` may set: the period of the attractor in
     # crossings, 0 if unknown, and the index of the observable that kept the row from settling.
@@ -101,18 +114,9 @@ class Recorder(abc.ABC):
     model: Model
 
     @property
-    def window(self) -> int:
-        return 0
-
-    @property
+    @abc.abstractmethod
     def names(self) -> tuple[str, ...]:
-        """The names of the numbers in a sample, in their order; none where the kind keeps no samples."""
-        return ()
-
-    @property
-    def width(self) -> int:
-        """Numbers in a sample."""
-        return len(self.names)
+        """The names of the numbers in a sample, in their order; none where the recorder keeps no samples."""
 
     @abc.abstractmethod
     def stop(self, params: Params) -> Float[Array, ""]:
@@ -125,25 +129,45 @@ class Recorder(abc.ABC):
         Where the sample is kept, the record counts it already (`counted`), and the buffer has room for it.
         """
 
+    @abc.abstractmethod
     def max_attempts(self, params: Params, dt: Float[Array, ""] | float) -> Float[Array, ""]:
-        return ATTEMPTS_PER_STEP * (self.stop(params) / dt + 1000.0)
+        """The attempts beyond which a row ends, for a longest step of `dt` (s); see `attempts_until`."""
+
+    @abc.abstractmethod
+    def begin(self, params: Params, carry: Carry) -> Beginning:
+        """The beginning of a trajectory; see `unsampled`."""
+
+    @abc.abstractmethod
+    def readings(self, rows: RowOutcome) -> Readings | None:
+        """Places at which the gaits of ended rows are read; None where this recorder keeps no gaits."""
+
+    @abc.abstractmethod
+    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+        """The progress of running rows (n,), 0 to 1, for the progress bar.
+
+        Args:
+            rows: what each has so far.
+            typical: the mean number of cycles of the ended rows, 0 if there are none.
+        """
+
+    @property
+    def width(self) -> int:
+        """Numbers in a sample."""
+        return len(self.names)
 
     def observables(self, params: Params, state: State) -> Float[Array, " observables"]:
         observed = self.model.observe(params, state)
         return jnp.stack([observed[q.name] for q in self.model.observables])
 
-    def begin(
-        self, params: Params, carry: Carry
-    ) -> tuple[LaneRecord, Float[Array, " width"], Bool[Array, ""]]:
-        """The record of a trajectory at its start (crossing 0), its first sample, and whether to keep it."""
+    def unsampled(self, params: Params, carry: Carry) -> Beginning:
+        """The beginning of a trajectory whose start is not a sample, with a record without memory."""
         last = self.observables(params, carry.state)
         count = jnp.zeros((), jnp.int32)
         record = LaneRecord(
             status=count,
             cycles=count,
             last=last,
-            window=jnp.broadcast_to(last, (self.window, *last.shape)),
-            memory=jnp.zeros((0,), last.dtype),
+            memory=(),
             filled=count,
             samples=count,
             numbers={
@@ -153,31 +177,6 @@ class Recorder(abc.ABC):
             fired=jnp.zeros_like(_packed(fired_last(carry))),
         )
         return record, jnp.zeros((self.width,), last.dtype), jnp.asarray(False)
-
-    def readings(self, rows: RowOutcome) -> Readings | None:
-        """Places at which the gaits of ended rows are read; None where this recorder keeps no gaits."""
-        return None
-
-    def readings_at_the_end(self, rows: RowOutcome) -> Readings:
-        """The readings of rows that are labelled where they end."""
-        crossed = (rows.cycles > 0) | (rows.status == Status.at_rest)
-        readable = ~Status.FAILED.among(rows.status) & (rows.status != Status.running) & crossed
-        return Readings(np.arange(rows.row.size), rows.t_end, rows.last, readable)
-
-    @abc.abstractmethod
-    def share(
-        self,
-        cycles: Real[np.ndarray, " rows"],
-        samples: Real[np.ndarray, " rows"],
-        t: Float[np.ndarray, " rows"],
-        typical: float,
-    ) -> Float[np.ndarray, " rows"]:
-        """The progress of running rows (n,), 0 to 1, for the progress bar.
-
-        Args:
-            cycles, samples, t: what each has so far; times in s.
-            typical: the mean number of cycles of the ended rows, 0 if there are none.
-        """
 
     def poll(
         self, params: Params, carry: Carry, record: LaneRecord, dt: Float[Array, ""] | float
@@ -212,6 +211,18 @@ class Recorder(abc.ABC):
         status = jnp.where(jnp.any(jnp.abs(flat) > DIVERGED), Status.diverged, status)
         unknown = unknown | jnp.any(jnp.isnan(flat))
         return jnp.where(unknown, Status.not_a_number, status).astype(jnp.int32)
+
+
+def attempts_until(time: Float[Array, ""], dt: Float[Array, ""] | float) -> Float[Array, ""]:
+    """The attempts that are allowed until a time (s), with longest steps of `dt` (s)."""
+    return ATTEMPTS_PER_STEP * (time / dt + 1000.0)
+
+
+def readings_at_the_end(rows: RowOutcome) -> Readings:
+    """The readings of rows that are labelled where they end."""
+    crossed = (rows.cycles > 0) | (rows.status == Status.at_rest)
+    readable = ~Status.FAILED.among(rows.status) & (rows.status != Status.running) & crossed
+    return Readings(np.arange(rows.row.size), rows.t_end, rows.last, readable)
 
 
 def _variables(model: Model) -> list[str]:

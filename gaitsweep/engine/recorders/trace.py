@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import final
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Real
+from jaxtyping import Array, Float
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import Carry, Halt
@@ -14,13 +15,18 @@ from gaitsweep.engine.recorders.recorder import (
     ATTEMPTS_PER_STEP,
     BUFFER,
     SPARE_CYCLES,
+    Beginning,
     LaneRecord,
     PollResult,
     Recorder,
+    RunningRows,
+    attempts_until,
     counted,
 )
+from gaitsweep.row_outcome import RowOutcome
 
 
+@final
 @dataclasses.dataclass(frozen=True)
 class TraceRecorder(Recorder):
     """Records the signals every `every` seconds for `duration` seconds, after `after_cycles` crossings."""
@@ -47,7 +53,11 @@ class TraceRecorder(Recorder):
 
     def max_attempts(self, params: Params, dt: Float[Array, ""] | float) -> Float[Array, ""]:
         # an interval shorter than a step needs an attempt of its own
-        return super().max_attempts(params, dt) + ATTEMPTS_PER_STEP * (self.duration / dt + self.samples)
+        first = attempts_until(self.stop(params), dt)
+        return first + ATTEMPTS_PER_STEP * (self.duration / dt + self.samples)
+
+    def begin(self, params: Params, carry: Carry) -> Beginning:
+        return self.unsampled(params, carry)
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
         crossed = carry.halt == Halt.CROSSING
@@ -75,11 +85,8 @@ class TraceRecorder(Recorder):
         recorded = dataclasses.replace(recorded, status=status.astype(jnp.int32))
         return PollResult(carry, recorded, sample, due)
 
-    def share(
-        self,
-        cycles: Real[np.ndarray, " rows"],
-        samples: Real[np.ndarray, " rows"],
-        t: Float[np.ndarray, " rows"],
-        typical: float,
-    ) -> Float[np.ndarray, " rows"]:
-        return (cycles + samples) / (self.after_cycles + self.samples)
+    def readings(self, rows: RowOutcome) -> None:
+        return None
+
+    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+        return (rows.cycles + rows.samples) / (self.after_cycles + self.samples)

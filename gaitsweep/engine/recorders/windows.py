@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import final
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Real
+from jaxtyping import Array, Float
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import Carry, Halt
 from gaitsweep.engine.recorders.recorder import (
     ATTEMPTS_PER_STEP,
     BUFFER,
+    Beginning,
     LaneRecord,
     PollResult,
+    Readings,
     Recorder,
+    RunningRows,
+    attempts_until,
     counted,
+    readings_at_the_end,
 )
+from gaitsweep.row_outcome import RowOutcome
 
 
+@final
 @dataclasses.dataclass(frozen=True)
 class WindowsRecorder(Recorder):
     """Records every crossing with its observables, and the signals inside windows of equal length.
@@ -36,7 +44,6 @@ class WindowsRecorder(Recorder):
     second: float = 0.0
     spacing: float = 0.0
     more: int = 0
-    readings = Recorder.readings_at_the_end
 
     @property
     def total(self) -> int:
@@ -66,12 +73,11 @@ class WindowsRecorder(Recorder):
 
     def max_attempts(self, params: Params, dt: Float[Array, ""] | float) -> Float[Array, ""]:
         # an interval shorter than a step needs an attempt of its own
-        return super().max_attempts(params, dt) + ATTEMPTS_PER_STEP * (self.duration / dt + self.total)
+        first = attempts_until(self.stop(params), dt)
+        return first + ATTEMPTS_PER_STEP * (self.duration / dt + self.total)
 
-    def begin(
-        self, params: Params, carry: Carry
-    ) -> tuple[LaneRecord, Float[Array, " width"], Bool[Array, ""]]:
-        record, _, _ = super().begin(params, carry)
+    def begin(self, params: Params, carry: Carry) -> Beginning:
+        record, _, _ = self.unsampled(params, carry)
         head = jnp.stack([record.cycles.astype(record.last.dtype), carry.t])
         first = jnp.concatenate([head, record.last, jnp.zeros(len(self.model.signals), record.last.dtype)])
         keep = jnp.asarray(True)
@@ -101,11 +107,8 @@ class WindowsRecorder(Recorder):
         recorded = dataclasses.replace(recorded, status=status.astype(jnp.int32))
         return PollResult(carry, recorded, sample, crossed | timed)
 
-    def share(
-        self,
-        cycles: Real[np.ndarray, " rows"],
-        samples: Real[np.ndarray, " rows"],
-        t: Float[np.ndarray, " rows"],
-        typical: float,
-    ) -> Float[np.ndarray, " rows"]:
-        return t / max(self.duration, 1e-300)
+    def readings(self, rows: RowOutcome) -> Readings:
+        return readings_at_the_end(rows)
+
+    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+        return rows.t / max(self.duration, 1e-300)

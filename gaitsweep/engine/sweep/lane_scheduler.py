@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Int, Real
 
 from gaitsweep.contract import Status
+from gaitsweep.engine.recorders.recorder import RunningRows
 from gaitsweep.engine.sweep.block import Block
 from gaitsweep.engine.sweep.chunk_sizer import ChunkSizer
 from gaitsweep.engine.sweep.engines import groups_on, polls_per_chunk
@@ -230,7 +231,8 @@ class LaneScheduler:
         typical = self.cycles / self.done if self.done else 0.0
         if running.any() and self.done:
             typical = max(typical, float(np.mean(cycles[running])))
-        share = self.spec.recorder.share(cycles, output.samples, output.numbers["t_end"], typical)
+        rows = RunningRows(cycles, output.samples, output.numbers["t_end"])
+        share = self.spec.recorder.share(rows, typical)
         group.share = float(np.sum(share[running]))
         group.attempts = int(np.sum(attempts[running]))
         if self.spec.engine == "kernel":
