@@ -7,6 +7,7 @@ any of them itself.
 
 from __future__ import annotations
 
+import abc
 import dataclasses
 import functools
 import re
@@ -73,6 +74,8 @@ _DECLARED = (Parameter, Variable, Mode, Reading, Event)
 class Declared(Model):
     """Quantities, parameters and states that declarations give to a model of either family.
 
+    The members of the contract that are built here are optional: a model may define any of them itself.
+
     Raises:
         TypeError: two declarations exclude each other; the message names them.
     """
@@ -115,9 +118,13 @@ class Declared(Model):
         return inherited
 
     @classmethod
+    @abc.abstractmethod
     def _other_fields(cls) -> list[str]:
         """Fields of a state that are not declared."""
-        return []
+
+    @abc.abstractmethod
+    def _is_beyond(self, event: Event, params: Any, state: Any) -> Bool[Array, ""]:
+        """Whether a state lies beyond the surface of an event."""
 
     @classmethod
     def _refuse_contradictions(cls) -> None:
@@ -187,9 +194,6 @@ class Declared(Model):
 
     # how it is built
 
-    def _is_beyond(self, event: Event, params: Any, state: Any) -> Bool[Array, ""]:
-        return jnp.asarray(event.function(self, params, state)) > 0.0
-
     def _started(self, start: Values) -> dict[str, Any]:
         """The declared fields of a state at t = 0."""
         fields: dict[str, Any] = {}
@@ -240,9 +244,14 @@ class Declared(Model):
 class DeclaredModel(Declared, HybridModel):
     """A hybrid model whose class body declares its parameters, variables, modes and events.
 
-    A model derives from it and gives `flow` and `period`; the rest follows from its declarations
-    (`parameter`, `variable`, `mode`, `event`, `observable`, `signal`), and may be defined instead. Fields of
-    its structure need `@dataclasses.dataclass(frozen=True)`; without such fields no decorator is needed.
+    1. A model gives `flow` and `period`, and declares a `parameter`, a `variable` and an `event` that closes
+       its cycles (`section=True`). Fields of its structure need `@dataclasses.dataclass(frozen=True)`;
+       without such fields no decorator is needed.
+    2. It may give further declarations (`mode`, `observable`, `signal`, `energy`) and optional members:
+       `source`, `gaits` with `label`, `failed`, `section_coordinates` with `complete`, and those of
+       `HybridModel`.
+    3. The engine alone calls the members that are built from the declarations: `parameters`, `params`,
+       `init`, `guards`, `jump`, `section`, `observe`, ... A model may define them instead.
 
     `params` of its functions has the parameters as attributes, `state` the variables and modes;
     `state.replace(NAME=value)` is a state that differs in some of them.
@@ -256,9 +265,8 @@ class DeclaredModel(Declared, HybridModel):
     def _other_fields(cls) -> list[str]:
         return [ARMING] if cls._armed() else []
 
-    @classmethod
-    def _refuse_contradictions(cls) -> None:
-        super()._refuse_contradictions()
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
         for name in cls.section_coordinates:
             if name not in cls._named(Variable):
                 near = suggestion(name, cls._named(Variable))

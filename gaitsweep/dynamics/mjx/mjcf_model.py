@@ -25,6 +25,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Quantity, Rates, SteppedModel
+from gaitsweep.dynamics.declarations import Event
 from gaitsweep.dynamics.declared_model import Declared, Values
 from gaitsweep.near_miss import suggestion
 
@@ -38,8 +39,11 @@ BODY, SENSORS = "body", "sensors"  # fields of a state besides those that are de
 class MjcfModel(Declared, SteppedModel):
     """A body of an MJCF with oscillators.
 
-    A model derives from it and gives `body_file`, `control` and `period`, and `rates` where it declares
-    variables. `state.body` has q, v and act; `sensor(state, NAME)` reads a sensor of the MJCF.
+    1. A model gives `body_file`, `control` and `period`, and `rates` where it declares variables.
+    2. It may give declarations, `keyframe`, and the optional members of a `DeclaredModel` that need no flow.
+    3. The engine alone calls the members that are built from the body and the declarations.
+
+    `state.body` has q, v and act; `sensor(state, NAME)` reads a sensor of the MJCF.
 
     Starts are the positions of slides and hinges, the place of a free joint, and their velocities, by the
     joints' names: `JOINT_0`, `JOINT_rate_0`; their defaults are those of a keyframe, or of the joints where
@@ -55,6 +59,9 @@ class MjcfModel(Declared, SteppedModel):
     @classmethod
     def _other_fields(cls) -> list[str]:
         return [BODY, SENSORS]
+
+    def _is_beyond(self, event: Event, params: Any, state: Any) -> Bool[Array, ""]:
+        return jnp.asarray(event.function(self, params, state)) > 0.0
 
     @abc.abstractmethod
     def control(self, params: Any, state: Any, /) -> Float[Array, " nu"]:
