@@ -60,7 +60,7 @@ def _filled(tracer: Tracer, equation: Any, operand: Nodes, starts: list[int], cu
         least, most = (program.constant(i, "int") for i in (0, many - size))
         inside = program.apply("and", inside, program.apply("le", least, at))
         inside = program.apply("and", inside, program.apply("le", at, most))
-    return tracer.each(lambda node: program.apply("select", inside, node, fill), cut)
+    return tracer.apply("select", np.asarray(inside), cut, np.asarray(fill))
 
 
 def _dynamic_slice(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
@@ -114,9 +114,7 @@ def _selected(
         chosen = here(last[axis])
         for i in range(last[axis] - 1, -1, -1):
             up_to = program.apply("le", at, program.constant(i, "int"))
-            chosen = tracer.each(
-                lambda yes, no, c=up_to: program.apply("select", c, yes, no), here(i), chosen
-            )
+            chosen = tracer.apply("select", np.asarray(up_to), here(i), chosen)
         return chosen
 
     return along(0, ())
