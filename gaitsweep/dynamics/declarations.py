@@ -39,6 +39,10 @@ class Counted:
         """The shape of the field."""
         return () if self.count is None else (self.size(model),)
 
+    def gathered(self, numbers: Sequence[Float[Array, ""]]) -> Float[Array, " ..."]:
+        """The value of the field from its components."""
+        return numbers[0] if self.count is None else jnp.stack(numbers)
+
 
 @dataclasses.dataclass(frozen=True)
 class CountedQuantity(Counted):
@@ -92,6 +96,17 @@ class Variable(CountedQuantity):
         """The value as it is recorded: angles from 0 to 2 pi."""
         return wrapped(value) if self.quantity.circular else value
 
+    def recorded(self, model: Model, name: str) -> tuple[Quantity, ...]:
+        """The observables or signals; bounds of the start do not hold for them."""
+        return self.quantities(model, name, low=-math.inf, high=math.inf, open_ends=False)
+
+    def values(self, model: Model, name: str, params: Any, state: Any) -> dict[str, Float[Array, ""]]:
+        """The recorded values by name."""
+        value = self.read(getattr(state, name))
+        if self.count is None:
+            return {name: value}
+        return dict(zip([q.name for q in self.quantities(model, name)], value, strict=True))
+
 
 @dataclasses.dataclass(frozen=True)
 class Mode(Counted):
@@ -127,6 +142,15 @@ class Reading:
     observed: bool
     signal: bool
     is_energy: bool = False
+
+    def recorded(self, model: Model, name: str) -> tuple[Quantity, ...]:
+        """The observable or signal."""
+        return (dataclasses.replace(self.quantity, name=name),)
+
+    def values(self, model: Model, name: str, params: Any, state: Any) -> dict[str, Float[Array, ""]]:
+        """The recorded value by its name."""
+        value = jnp.asarray(self.function(model, params, state), float)
+        return {name: wrapped(value) if self.quantity.circular else value}
 
 
 class Event:

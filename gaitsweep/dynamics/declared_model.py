@@ -21,7 +21,6 @@ from jaxtyping import Array, Bool, Float, Real
 from gaitsweep.contract import Chart, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declarations import Event, Mode, Parameter, Reading, Variable
 from gaitsweep.dynamics.event_surface import CORRECTED, Arming, EventSurface, flat
-from gaitsweep.dynamics.phase_oscillator import wrapped
 from gaitsweep.near_miss import suggestion
 
 Values = Mapping[str, jax.Array]
@@ -160,17 +159,18 @@ class Declared(Model):
 
     @property
     def observables(self) -> tuple[Quantity, ...]:
-        return self._recorded("observed")
+        return tuple(
+            q for name, each in self._recorded("observed").items() for q in each.recorded(self, name)
+        )
 
     @property
     def signals(self) -> tuple[Quantity, ...]:
-        return self._recorded("signal")
+        return tuple(q for name, each in self._recorded("signal").items() for q in each.recorded(self, name))
 
     def params(self, values: Values, /) -> Any:
         fields = {}
         for name, each in self._named(Parameter).items():
-            numbers = [jnp.asarray(values[q.name]) for q in each.quantities(self, name)]
-            fields[name] = numbers[0] if each.count is None else jnp.stack(numbers)
+            fields[name] = each.gathered([jnp.asarray(values[q.name]) for q in each.quantities(self, name)])
         return self.Params(**fields)
 
     def observe(self, params: Any, state: Any, /) -> dict[str, Real[Array, ""]]:
@@ -199,37 +199,23 @@ class Declared(Model):
         fields: dict[str, Any] = {}
         for name, each in self._named(Variable).items():
             numbers = [jnp.asarray(start[q.name]) for q in each.starts(self, name)]
-            if not numbers:
-                fields[name] = jnp.zeros(each.shape(self))
-            else:
-                fields[name] = numbers[0] if each.count is None else jnp.stack(numbers)
+            fields[name] = each.gathered(numbers) if numbers else jnp.zeros(each.shape(self))
         for name, each in self._named(Mode).items():
             fields[name] = each.at_start(
                 self, [start.get(q.name, q.default) for q in each.starts(self, name)]
             )
         return fields
 
-    def _recorded(self, kind: str) -> tuple[Quantity, ...]:
-        found: list[Quantity] = []
-        for name, each in self.declarations.items():
-            if isinstance(each, Variable) and getattr(each, kind):
-                bounds = {"low": -float("inf"), "high": float("inf"), "open_ends": False}
-                found += each.quantities(self, name, **bounds)
-            elif isinstance(each, Reading) and getattr(each, kind):
-                found.append(dataclasses.replace(each.quantity, name=name))
-        return tuple(found)
+    def _recorded(self, kind: str) -> dict[str, Variable | Reading]:
+        """The declarations that are recorded as "observed" or as "signal"."""
+        recorded = {**self._named(Variable), **self._named(Reading)}
+        return {
+            name: recorded[name] for name in self.declarations if getattr(recorded.get(name), kind, False)
+        }
 
     def _read(self, kind: str, params: Any, state: Any) -> dict[str, jax.Array]:
-        found: dict[str, jax.Array] = {}
-        for name, each in self.declarations.items():
-            if isinstance(each, Variable) and getattr(each, kind):
-                value = each.read(getattr(state, name))
-                names = [q.name for q in each.quantities(self, name)]
-                found |= {name: value} if each.count is None else dict(zip(names, value, strict=True))
-            elif isinstance(each, Reading) and getattr(each, kind):
-                value = jnp.asarray(each.function(self, params, state), float)
-                found[name] = wrapped(value) if each.quantity.circular else value
-        return found
+        read = (each.values(self, name, params, state) for name, each in self._recorded(kind).items())
+        return {name: value for values in read for name, value in values.items()}
 
     def _flags(self, fired: Bool[Array, " events"]) -> Iterator[tuple[Event, Bool[Array, " guards"]]]:
         """Each event with the flags of its guards."""

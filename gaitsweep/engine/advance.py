@@ -189,15 +189,12 @@ def advance(
         precomputed: the step and the rates at its beginning and end, if they are computed beforehand.
     """
     steps = fixed_step_scheme(numerics.method, model)
-    if steps is not None:
-        if sensitivities:
-            raise ValueError(
-                f"Derivatives need located events, but {numerics.method} takes steps of fixed length: use "
-                "rk4."
-            )
-        return _advance_stepped(steps, numerics, drive)
-    hybrid = cast(HybridModel, model)
-    return _advance_hybrid(hybrid, numerics, drive, sensitivities, precomputed)
+    if steps is None:
+        return _advance_hybrid(cast(HybridModel, model), numerics, drive, sensitivities, precomputed)
+    if sensitivities:
+        fixed = f"{numerics.method} takes steps of fixed length"
+        raise ValueError(f"Derivatives need located events, but {fixed}: use rk4.")
+    return _advance_stepped(steps, numerics, drive)
 
 
 def _advance_hybrid(
@@ -246,10 +243,8 @@ def _advance_hybrid(
         speed = guard_slopes(model, there, trial, arriving)
         hides = may_hide(carry.near, slopes, guards, h)
         if method.adaptive:
-            looks = [
-                model.guards(here, between(carry.state, leaving, trial, arriving, h, share))
-                for share in LOOKS
-            ]
+            inside = (between(carry.state, leaving, trial, arriving, h, share) for share in LOOKS)
+            looks = [model.guards(here, state) for state in inside]
             hides = hides | unresolved(carry.near, slopes, guards, speed, looks, h)
             shows, unseen = switch_unseen(flow, here, (carry.state, trial), (leaving, arriving), h)
             hides = hides | ((h > SWITCH_STEP * carry.unit) & (shows | unseen))
@@ -302,7 +297,7 @@ def _advance_hybrid(
             h_max = jnp.where(land | still, first, jnp.where(hit | locating, carry.h_max, grown))
             next_h = jnp.where(land, 0.0, jnp.where(locating, guess, h_max))
         else:
-            h_max, next_h = _controlled(method, carry, dt, h, change, failed, land, hit, locating, guess)
+            h_max, next_h = _controlled(method, carry, h, change, failed, land, hit, locating, guess)
         # an event that may begin and end within the step is searched in its first half
         h_max, next_h = jnp.where(hidden, carry.h_max, h_max), jnp.where(hidden, 0.5 * h, next_h)
         # an event that a jump caused follows the crossing at the same instant
@@ -331,11 +326,11 @@ def _advance_hybrid(
             # many cycles can pass between two polls of the recorder, so a fall is tested after every step
             down = (on | land) & model.failed(there, select(land, after, end))
             halt = jnp.where(down, Halt.FELL, halt)
-        halt = jnp.where(land & (chain > _longest_chain(model, guards)), Halt.FELL, halt).astype(
-            carry.halt.dtype
-        )
+        stuck = land & (chain > _longest_chain(model, guards))
+        halt = jnp.where(stuck, Halt.FELL, halt).astype(carry.halt.dtype)
         # a waiting lane, or one whose step is rejected, keeps its state
-        return Carry(
+        return dataclasses.replace(
+            carry,
             state=select(on | land, select(land, after, end), carry.state),
             t=jnp.where(timed, carry.stop, jnp.where(on | land, t, carry.t)),
             h=jnp.where(going, next_h, carry.h),
@@ -344,11 +339,7 @@ def _advance_hybrid(
             attempts=jnp.where(going, carry.attempts + 1, carry.attempts),
             closed=jnp.where(going, crossed & ~closed, carry.closed) if in_turn else carry.closed,
             shift=shift,
-            stop=carry.stop,
             halt=jnp.where(going, halt, carry.halt),
-            dt=carry.dt,
-            share=carry.share,
-            unit=carry.unit,
             **bracket,
         )
 
@@ -377,7 +368,6 @@ def _fitting_change(error: Rates, carry: Carry, trial: State, numerics: Resolved
 def _controlled(
     method: Method,
     carry: Carry,
-    dt: Float[Array, ""],
     h: Float[Array, ""],
     change: Float[Array, ""],
     failed: Bool[Array, ""],
@@ -387,7 +377,7 @@ def _controlled(
     guess: Float[Array, ""],
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """`h_max` and the next step, for methods with step control; `failed`: the step missed the tolerance."""
-    least = LEAST_SHARE * dt
+    dt, least = carry.dt, LEAST_SHARE * carry.dt
     # at the start the time scale of the flow is unknown
     begun = jnp.maximum(jnp.where(carry.h_max > 0.0, method.first_step * carry.h_max, 1e-3 * dt), least)
     shorter = jnp.maximum(h * jnp.maximum(change, STEEPEST_CUT), least)
@@ -439,11 +429,11 @@ def _next_bracket(
     on: Bool[Array, ""],
     hit: Bool[Array, ""],
     land: Bool[Array, ""],
-    told: Bool[Array, " guards"],
+    kept: Bool[Array, " guards"],
 ) -> dict[str, Num[Array, " ..."]]:
     """The bracket after this attempt, with its far end (back) or its near end (on) at the trial.
 
-    `told` are the guards whose values at the trial are kept: at an instant with jumps only that which jumps.
+    `kept` are the guards whose values at the trial are kept: at an instant with jumps only that which jumps.
     """
     back = hit & ~land
     rest = carry.far - h
@@ -459,7 +449,7 @@ def _next_bracket(
     return {
         "near": jnp.where(on, guards, carry.near),
         "far": jnp.where(waits, carry.far, far),
-        "far_guards": jnp.where(told, guards, carry.far_guards),
+        "far_guards": jnp.where(kept, guards, carry.far_guards),
         "weight": jnp.where(waits, carry.weight, weight),
         "trials": jnp.where(waits, carry.trials, trials),
     }

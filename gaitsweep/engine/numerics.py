@@ -54,17 +54,14 @@ class Numerics:
     contraction: bool = True
 
     def resolve(self, model: Model) -> ResolvedNumerics:
-        """The numerics of runs of a model: its recommendations fill what is left open."""
+        """The numerics of runs of a model, completed by its recommendations."""
         recommended = model.recommended
-        return ResolvedNumerics(
-            dt=self.dt,
-            method=recommended.method if self.method == "auto" else self.method,
-            precision=self.precision,
-            event_tolerance=self.event_tolerance,
-            rtol=recommended.rtol if self.rtol is None else self.rtol,
-            atol=recommended.atol if self.atol is None else self.atol,
-            contraction=self.contraction,
-        )
+        chosen = {
+            "method": recommended.method if self.method == "auto" else self.method,
+            "rtol": recommended.rtol if self.rtol is None else self.rtol,
+            "atol": recommended.atol if self.atol is None else self.atol,
+        }
+        return ResolvedNumerics(**{**vars(self), **chosen})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,14 +114,12 @@ def longest_step(model: Model, method: str, params: Params) -> Float[Array, ""] 
         method: a name of `METHODS`.
         params: its parameters.
     """
-    steps = fixed_step_scheme(method, model)
-    if steps is not None:
+    if (steps := fixed_step_scheme(method, model)) is not None:
         return steps.longest_step(params)
     assert isinstance(model, HybridModel)
     if METHODS[method].adaptive:
         return model.period(params) / FEWEST_STEPS
-    modes = model.fast_modes(params)
-    if modes is None:
+    if (modes := model.fast_modes(params)) is None:
         return None
     rates, damping = modes
     ratios, limits = (jnp.asarray(column) for column in zip(*METHODS[method].limits, strict=True))
@@ -134,7 +129,7 @@ def longest_step(model: Model, method: str, params: Params) -> Float[Array, ""] 
 
 
 def recommended_step(model: Model, numerics: ResolvedNumerics, params: Params) -> Float[Array, ""] | None:
-    """The longest step (s) of a row: that of the numerics, or the recommendation of its model.
+    """The longest step (s) of a row, from the numerics or else from the recommendation of its model.
 
     None if neither is known.
     """

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import graphlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -113,10 +113,7 @@ class BatchedReturnMap(Map):
         return resolve(settings, known, functions_of(jnp))
 
     def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
-        unknown = [name for name in values if name not in self._written]
-        if unknown:
-            near = near_miss.suggestion(unknown[0], list(self._written))
-            raise ArgumentError(f"{unknown[0]} is not a parameter of {self.model.name}{near}")
+        self._refuse_unknown(values)
         numbers = {name: text for name, text in self._written.items() if not isinstance(text, str)}
         return {
             name: np.broadcast_to(np.asarray(value, np.float64), (n,)).copy()
@@ -176,16 +173,20 @@ class BatchedReturnMap(Map):
 
     @cached_property
     def _written(self) -> dict[str, float | str]:
-        written: dict[str, Any] = {q.name: q.default for q in self.model.parameters}
-        for name, setting in self.settings:
-            if name not in written:
-                near = near_miss.suggestion(name, list(written))
-                raise ArgumentError(f"{name} is not a parameter of {self.model.name}{near}")
-            written[name] = setting
+        settings = dict(self.settings)
+        self._refuse_unknown(settings)
+        written: dict[str, Any] = {**{q.name: q.default for q in self.model.parameters}, **settings}
         missing = [name for name, value in written.items() if value is None]
         if missing:
             raise ArgumentError(f"{missing[0]} of {self.model.name} has no default: set it in settings.")
         return written
+
+    def _refuse_unknown(self, names: Iterable[str]) -> None:
+        known = [q.name for q in self.model.parameters]
+        for name in names:
+            if name not in known:
+                near = near_miss.suggestion(name, known)
+                raise ArgumentError(f"{name} is not a parameter of {self.model.name}{near}")
 
     @cached_property
     def _order(self) -> tuple[str, ...]:

@@ -78,11 +78,7 @@ class CrossingRecorder(Recorder):
         most = None if self.crossings is None else self.after_cycles + self.crossings
         crossed = (carry.halt == Halt.CROSSING) & (record.filled < BUFFER)
         counts = crossed if most is None else crossed & (record.cycles < most)
-        recorded = dataclasses.replace(
-            record,
-            cycles=jnp.where(counts, record.cycles + 1, record.cycles),
-            last=jnp.where(counts, self.observables(params, carry.state), record.last),
-        )
+        recorded = self.crossed(params, carry, record, counts)
         keep = counts & (recorded.cycles >= self.after_cycles)
         late = Status.complete if self.duration is not None else Status.time_limit
         status = jnp.where(carry.halt == Halt.TIME, late, Status.running)

@@ -50,14 +50,10 @@ class FixedTimeRecorder(Recorder):
         crossed, ends = carry.halt == Halt.CROSSING, carry.halt == Halt.TIME
         now = self.observables(params, carry.state)
         status = jnp.where(ends, Status.complete, Status.running)
-        recorded = dataclasses.replace(
-            record,
-            status=status.astype(jnp.int32),
-            cycles=jnp.where(crossed, record.cycles + 1, record.cycles),
-            last=jnp.where(crossed, now, record.last),
-        )
+        recorded = counted(self.crossed(params, carry, record, crossed), ends)
+        recorded = dataclasses.replace(recorded, status=status.astype(jnp.int32))
         carry = dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt))
-        return PollResult(carry, counted(recorded, ends), now, ends)
+        return PollResult(carry, recorded, now, ends)
 
     def readings(self, rows: RowOutcome) -> Readings:
         return readings_at_the_end(rows)

@@ -159,6 +159,14 @@ class Recorder(abc.ABC):
         observed = self.model.observe(params, state)
         return jnp.stack([observed[q.name] for q in self.model.observables])
 
+    def crossed(
+        self, params: Params, carry: Carry, record: LaneRecord, crosses: Bool[Array, ""]
+    ) -> LaneRecord:
+        """The record after a crossing if `crosses`: one more cycle, and its observables."""
+        cycles = jnp.where(crosses, record.cycles + 1, record.cycles)
+        last = jnp.where(crosses, self.observables(params, carry.state), record.last)
+        return dataclasses.replace(record, cycles=cycles, last=last)
+
     def unsampled(self, params: Params, carry: Carry) -> Beginning:
         """The beginning of a trajectory whose start is not a sample, with a record without memory."""
         last = self.observables(params, carry.state)

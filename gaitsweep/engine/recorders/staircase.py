@@ -84,8 +84,8 @@ class StepRecorder(Recorder):
         crossed, (seen, span) = carry.halt == Halt.CROSSING, record.memory
         due = (carry.halt == Halt.TIME) & (record.filled < BUFFER)
         waits = (carry.halt == Halt.TIME) & ~due
-        cycles = jnp.where(crossed, record.cycles + 1, record.cycles)
-        last = jnp.where(crossed, self.observables(params, carry.state), record.last)
+        recorded = self.crossed(params, carry, record, crossed)
+        cycles, last = recorded.cycles, recorded.last
         slot = _slot(cycles)
         widest = jnp.where(crossed, widened(span, self.model, last), span)
         window = jnp.where(slot & crossed, last, seen)
@@ -96,7 +96,7 @@ class StepRecorder(Recorder):
         head = (record.samples, cycles, carry.t, settled, jnp.where(settled, -1, slowest(moved / bound)))
         sample = jnp.concatenate([jnp.stack([x.astype(last.dtype) for x in head]), last])
 
-        recorded = counted(dataclasses.replace(record, cycles=cycles, last=last), due)
+        recorded = counted(recorded, due)
         status = jnp.where(due & (recorded.samples >= self.stairs.count), Status.complete, Status.running)
         memory = jnp.where(due, _emptied(recorded), window), widest
         recorded = dataclasses.replace(recorded, status=status.astype(jnp.int32), memory=memory)

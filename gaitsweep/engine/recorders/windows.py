@@ -89,11 +89,10 @@ class WindowsRecorder(Recorder):
         timed = (carry.halt == Halt.TIME) & room
         # every crossing has a record, the start among them
         index = (record.samples - record.cycles - 1).astype(carry.t.dtype)
-        cycles = jnp.where(crossed, record.cycles + 1, record.cycles)
-        last = jnp.where(crossed, self.observables(params, carry.state), record.last)
-        recorded = counted(dataclasses.replace(record, cycles=cycles, last=last), crossed | timed)
+        recorded = counted(self.crossed(params, carry, record, crossed), crossed | timed)
+        last = recorded.last
         signals = self.model.signal(params, carry.state)
-        number = jnp.where(crossed, cycles.astype(last.dtype), -1.0)
+        number = jnp.where(crossed, recorded.cycles.astype(last.dtype), -1.0)
         seen = [signals[q.name] for q in self.model.signals]
         # a scheme whose steps cannot be shortened gives the state at the end of the step nearest to that time
         t = jnp.where(timed, self.time(index), carry.t)

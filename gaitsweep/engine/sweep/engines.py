@@ -63,8 +63,7 @@ def _obstacle(
     if device.platform == "gpu":
         from gaitsweep.engine.kernel.card import missing
 
-        absent = missing()
-        if absent is not None:
+        if (absent := missing()) is not None:
             return absent
     elif importlib.util.find_spec("numba") is None:
         return "the package numba is not installed"
@@ -97,9 +96,8 @@ def groups_on(device: Device, spec: SweepSpec) -> Sequence[Lanes]:
 
 def polls_per_chunk(spec: SweepSpec) -> int:
     """Initial polls of the recorder between two returns to the host."""
-    return (
-        KERNEL_POLLS_PER_CHUNK[spec.devices[0].platform] if spec.engine == "kernel" else xla.POLLS_PER_CHUNK
-    )
+    platform = spec.devices[0].platform
+    return KERNEL_POLLS_PER_CHUNK[platform] if spec.engine == "kernel" else xla.POLLS_PER_CHUNK
 
 
 def default_lanes(engine: str, n_rows: int, platform: str) -> int:
