@@ -341,11 +341,7 @@ def energy(
 
 
 def event(
-    name: str,
-    *,
-    section: bool = False,
-    during: Callable[..., Any] | None = None,
-    rising: bool = True,
+    name: str, *, section: bool = False, during: Callable[..., Any] | None = None, rising: bool = True
 ) -> Callable[[Callable[..., Float[Array, ""]]], Event]:
     """Declare a function (params, state) -> number as the guard of an event.
 

@@ -70,9 +70,7 @@ class TraceRecorder(Recorder):
         index = record.samples.astype(carry.t.dtype)
         sample = jnp.stack([index * self.every, *(signals[q.name] for q in self.model.signals)])
         recorded = dataclasses.replace(
-            record,
-            cycles=cycles,
-            last=jnp.where(crossed, self.observables(params, carry.state), record.last),
+            record, cycles=cycles, last=jnp.where(crossed, self.observables(params, carry.state), record.last)
         )
         recorded = counted(recorded, due)
         done = due & (recorded.samples >= self.samples)
