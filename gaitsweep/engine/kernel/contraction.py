@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import dataclasses
 
+import jax
+
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.program import Program
 
@@ -43,21 +45,9 @@ def contracted(chunk: Chunk) -> Chunk:
                     break
         now[at] = program.write(op, *args)
 
-    def slots(nodes: dict[int, int]) -> dict[int, int]:
-        return {slot: now[at] for slot, at in nodes.items()}
-
-    return dataclasses.replace(
-        chunk,
-        attempt=slots(chunk.attempt),
-        plain=slots(chunk.plain),
-        unusual=now[chunk.unusual],
-        poll=slots(chunk.poll),
-        keep=now[chunk.keep],
-        sample=[now[at] for at in chunk.sample],
-        quiet=[now[at] for at in chunk.quiet],
-        eventful=now[chunk.eventful],
-        shared=[now[at] for at in chunk.shared],
-    )
+    fields = "attempt", "plain", "unusual", "poll", "keep", "sample", "quiet", "eventful", "shared"
+    moved = {field: jax.tree.map(lambda at: now[at], getattr(chunk, field)) for field in fields}
+    return dataclasses.replace(chunk, **moved)
 
 
 def _only_in_sums(program: Program, needed: list[int]) -> set[int]:

@@ -235,9 +235,8 @@ class _Tile:
 
     def _place(self, slot: int, side: str = "") -> str:
         """The element of the first lane of a slot; `side` names the elements before the side."""
-        return (
-            f"s[{side} + {slot * self.lanes}]" if side and slot in self.twice else f"s[{slot * self.lanes}]"
-        )
+        place = str(slot * self.lanes)
+        return f"s[{side} + {place}]" if side and slot in self.twice else f"s[{place}]"
 
     def _stage(self, name: str, arguments: str, lines: list[str]) -> str:
         body = "\n".join(f"    {line}" for line in [*lines, "pass"])

@@ -62,7 +62,7 @@ def cube_root(w: Writer, x: int) -> int:
     better = w("sub", near, w("mul", excess, 1.0 / 3.0))
     # 0 and infinity are exact already
     root = w("select", w("and", w("lt", 0.0, size), w("lt", size, math.inf)), better, size)
-    return w("select", w("lt", x, 0.0), w("neg", root), root)
+    return _signed(w, w("lt", x, 0.0), root)
 
 
 def _quadrant(w: Writer, x: int) -> tuple[int, int, int]:
@@ -86,7 +86,7 @@ def sine(w: Writer, x: int) -> int:
     quarter, s, c = _quadrant(w, x)
     swapped = w("or", w("eq", quarter, 1.0), w("eq", quarter, 3.0))
     value = w("select", swapped, c, s)
-    return w("select", w("lt", 1.0, quarter), w("neg", value), value)
+    return _signed(w, w("lt", 1.0, quarter), value)
 
 
 def cosine(w: Writer, x: int) -> int:
@@ -94,7 +94,7 @@ def cosine(w: Writer, x: int) -> int:
     swapped = w("or", w("eq", quarter, 1.0), w("eq", quarter, 3.0))
     value = w("select", swapped, s, c)
     negative = w("or", w("eq", quarter, 1.0), w("eq", quarter, 2.0))
-    return w("select", negative, w("neg", value), value)
+    return _signed(w, negative, value)
 
 
 def tangent(w: Writer, x: int) -> int:
@@ -184,7 +184,7 @@ def hyperbolic_sine(w: Writer, x: int) -> int:
     terms = [1.0 / math.factorial(2 * k + 1) for k in range(5 if w.single else 9)]
     near = w("mul", size, w.polynomial(z, terms))
     value = w("select", w("lt", size, 1.0), near, far)
-    return w("select", w("lt", x, 0.0), w("neg", value), value)
+    return _signed(w, w("lt", x, 0.0), value)
 
 
 def _corrected(w: Writer, t: int, z: int, double: list[float], single: list[float]) -> int:
