@@ -65,8 +65,8 @@ def cube_root(w: Writer, x: int) -> int:
     return _signed(w, w("lt", x, 0.0), root)
 
 
-def _quadrant(w: Writer, x: int) -> tuple[int, int, int]:
-    """The number of quarter turns (mod 4), and sine and cosine of the rest of the angle."""
+def _quadrant(w: Writer, x: int) -> tuple[int, int, int, int]:
+    """The number of quarter turns (mod 4), whether it is odd, sine and cosine of the rest of the angle."""
     turns = w("floor", w("add", w("mul", x, float(2 / _PI)), 0.5))
     rest = x
     for part in _parts(_PI / 2, *((9, 4) if w.single else (30, 4))):
@@ -79,27 +79,25 @@ def _quadrant(w: Writer, x: int) -> tuple[int, int, int]:
     bend = w("mul", w("mul", z, z), w.polynomial(z, even))
     cosine_part = w("add", w("sub", 1.0, w("mul", z, 0.5)), bend)
     quarter = w("sub", turns, w("mul", w("floor", w("mul", turns, 0.25)), 4.0))
-    return quarter, sine_part, cosine_part
+    swapped = w("or", w("eq", quarter, 1.0), w("eq", quarter, 3.0))
+    return quarter, swapped, sine_part, cosine_part
 
 
 def sine(w: Writer, x: int) -> int:
-    quarter, s, c = _quadrant(w, x)
-    swapped = w("or", w("eq", quarter, 1.0), w("eq", quarter, 3.0))
+    quarter, swapped, s, c = _quadrant(w, x)
     value = w("select", swapped, c, s)
     return _signed(w, w("lt", 1.0, quarter), value)
 
 
 def cosine(w: Writer, x: int) -> int:
-    quarter, s, c = _quadrant(w, x)
-    swapped = w("or", w("eq", quarter, 1.0), w("eq", quarter, 3.0))
+    quarter, swapped, s, c = _quadrant(w, x)
     value = w("select", swapped, s, c)
     negative = w("or", w("eq", quarter, 1.0), w("eq", quarter, 2.0))
     return _signed(w, negative, value)
 
 
 def tangent(w: Writer, x: int) -> int:
-    quarter, s, c = _quadrant(w, x)
-    swapped = w("or", w("eq", quarter, 1.0), w("eq", quarter, 3.0))
+    _, swapped, s, c = _quadrant(w, x)
     top, bottom = w("select", swapped, c, s), w("select", swapped, s, c)
     return w("div", w("select", swapped, w("neg", top), top), bottom)
 
