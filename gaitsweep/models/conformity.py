@@ -17,7 +17,6 @@ from typing import Any, ClassVar, get_origin
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import Literal
 from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep import near_miss
@@ -25,6 +24,8 @@ from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declarations import Event, Mode, Variable
 from gaitsweep.dynamics.declared_model import ARMING, Declared
 from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.kernel.program import Program
+from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
 from gaitsweep.engine.sweep.lane import host_device
 from gaitsweep.expression import ExpressionError, resolve
 from gaitsweep.mathtext import can_be_set
@@ -117,10 +118,9 @@ def _look(model: Model) -> None:
     if isinstance(model, Declared):
         _jump_functions(model, params, state)
     events = _events(model, params, state)
-    jumped = _program("jump", model.jump, params, state, events)
-    _alike("jump", state, jumped.shapes)
+    _alike("jump", state, _given("jump", model.jump, params, state, events))
     if isinstance(model, HybridModel):
-        _moved_or_jumped(model, state, rates, jumped)
+        _moved_or_jumped(model, params, state, events, rates)
     _scalar("section", _given("section", model.section, params, state, events))
     _scalar("failed", _given("failed", model.failed, params, state))
     _scalar("period", period := _given("period", model.period, params))
@@ -209,55 +209,12 @@ def _events(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
 
 
 def _given(name: str, function: Callable[..., Any], *args: Any) -> Any:
-    """The shapes of a function's results."""
-    return _program(name, function, *args).shapes
-
-
-@dataclasses.dataclass(frozen=True)
-class _Program:
-    """A traced function: the shapes of its results, and the operations that give them."""
-
-    shapes: Any
-    operations: Any
-
-    def unchanged(self, first: int) -> list[bool]:
-        """Whether each result i is the unchanged argument `first` + i."""
-        jaxpr = self.operations.jaxpr
-        arguments = {variable: place for place, variable in enumerate(jaxpr.invars)}
-        origins = _origins(jaxpr, arguments)
-        return [origins.get(each) == first + i for i, each in enumerate(map(_key, jaxpr.outvars))]
-
-
-def _key(variable: Any) -> Any:
-    """A variable of a program; None for a constant, which has no identity."""
-    return None if isinstance(variable, Literal) else variable
-
-
-def _origins(jaxpr: Any, known: dict[Any, int]) -> dict[Any, int]:
-    """The arguments that variables of a program always equal, through selections and inner calls."""
-    known = dict(known)
-    for equation in jaxpr.eqns:
-        of = [known.get(_key(each)) for each in equation.invars]
-        inner = equation.params.get("jaxpr")
-        if equation.primitive.name == "select_n" and of[1] is not None and len(set(of[1:])) == 1:
-            known[equation.outvars[0]] = of[1]
-        elif equation.primitive.name in ("pjit", "jit") and inner is not None:
-            inside = {v: place for v, place in zip(inner.jaxpr.invars, of, strict=True) if place is not None}
-            found = _origins(inner.jaxpr, inside)
-            for mine, theirs in zip(equation.outvars, inner.jaxpr.outvars, strict=True):
-                if _key(theirs) in found:
-                    known[mine] = found[theirs]
-    return known
-
-
-def _program(name: str, function: Callable[..., Any], *args: Any) -> _Program:
-    """A function, traced for arguments of these shapes."""
+    """The shapes of a function's results, traced for arguments of these shapes."""
     try:
         with warnings.catch_warnings():
             # complex numbers are refused in words of their own
             warnings.simplefilter("ignore", np.exceptions.ComplexWarning)
-            operations, shapes = jax.make_jaxpr(function, return_shape=True)(*args)
-        return _Program(shapes, operations)
+            return jax.make_jaxpr(function, return_shape=True)(*args)[1]
     except Exception as error:  # a user's function may raise anything
         reason = (str(error).splitlines() or [""])[0]
         advice = ""
@@ -288,20 +245,24 @@ def _rates(state: Any, rates: Any) -> None:
             raise _Fault(f"flow returns the rate of {name} in {rate.dtype}, but the field is in {own}.")
 
 
-def _moved_or_jumped(model: Model, state: Any, rates: Mapping[str, Any], jumped: _Program) -> None:
+def _moved_or_jumped(model: Model, params: Any, state: Any, events: Any, rates: Mapping[str, Any]) -> None:
     """Refuse a declared variable without a rate that no jump changes: its rate was forgotten."""
-    if not isinstance(model, Declared):
+    declared = model.declarations.items() if isinstance(model, Declared) else ()
+    still = [name for name, each in declared if isinstance(each, Variable) and name not in rates]
+    if not still:
         return
-    leaves = jax.tree.leaves_with_path(state)
-    # the arguments are parameters, then the state, then the flags
-    first = len(jumped.operations.jaxpr.invars) - len(leaves) - 1
-    for (path, _), same in zip(leaves, jumped.unchanged(first), strict=True):
-        name = jax.tree_util.keystr(path).lstrip(".")
-        if same and isinstance(model.declarations.get(name), Variable) and name not in rates:
-            raise _Fault(
-                f"flow returns no rate of {name}, and no jump changes it: return its rate, or 0.0 if it is "
-                "constant."
-            )
+    # a scalar program has one node for equal values
+    tracer, before = Tracer(Program()), (params, state, events)
+    given = jax.tree.unflatten(jax.tree.structure(before), tracer.inputs(before, 0, steady=False))
+    try:
+        nodes = tracer.read(jax.make_jaxpr(model.jump)(*before), jax.tree.leaves(given))
+    except UnsupportedError:
+        return
+    after = jax.tree.unflatten(jax.tree.structure(state), nodes)
+    for name in still:
+        if np.array_equal(getattr(given[1], name), getattr(after, name)):
+            constant = "return its rate, or 0.0 if it is constant"
+            raise _Fault(f"flow returns no rate of {name}, and no jump changes it: {constant}.")
 
 
 def _kind(found: Any) -> str:
