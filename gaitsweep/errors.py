@@ -10,7 +10,7 @@ EXIT_FAILURE = 1  # the request is valid, but its execution failed, for example 
 
 
 class UserError(Exception):
-    """A request of the user cannot be executed; the message says why, and what is allowed.
+    """A request of the user cannot be executed; the message gives the reason and the allowed values.
 
     All errors that a user can cause derive from it: the command line shows the `sentence` and ends with the
     `exit_code`. Any other exception is a bug.

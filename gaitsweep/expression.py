@@ -161,7 +161,7 @@ def fulfilled(
         read: gives the array of a column; called for those that the condition names.
 
     Raises:
-        ExpressionError: the text is not a condition, a name is no column, or text is compared with a number.
+        ExpressionError: the text is not a condition, a name is unknown, or text is compared with a number.
     """
     tree = _parse(condition, condition=True)
     used = _names_of(tree) - (set(CONSTANTS) - set(columns))
@@ -326,7 +326,7 @@ def _hint(text: str) -> str:
 
 
 def _check_condition(text: str, node: ast.expr) -> None:
-    """Refuse what is not a condition; no deeper than _LONGEST allows, so that recursion ends."""
+    """Refuse text that is not a condition; its length limits the depth of the recursion."""
     match node:
         case ast.BoolOp():
             for each in node.values:

@@ -283,9 +283,8 @@ def mode(start: bool | int | Sequence[bool | int], meaning: str, *, count: int |
 
     Args:
         start: its default at t = 0, for which jobs have the name `NAME_0`, and which decides its type: a
-        bool or
-            an integer, or one for each of `count`.
-        meaning: what it says.
+            bool or an integer, or one for each of `count`.
+        meaning: as jobs and tables show it.
         count: how many there are, as for `parameter`.
     """
     return Mode(count, start if isinstance(start, (bool, int)) else tuple(start), meaning)
@@ -356,12 +355,12 @@ def event(
     jump has brought below zero does not jump.
 
     Args:
-        name: what happens, in a few words: "foot lands". Rows that it stalls are told by it.
+        name: a few words, such as "foot lands", which also name the event in `stalled_by`.
         section: whether it closes a cycle; its crossings are the Poincare section.
         during: a function of the state's modes, `lambda state: state.stance`: it happens only while this
             holds, and is armed anew where this begins to hold.
         rising: False: it happens wherever the function is >= 0 while `during` holds, so its jump has to end
-            that. This needs no arming, and cannot miss what is already beyond the surface.
+            that. Such an event needs no arming, and includes states that are already beyond the surface.
 
     Raises:
         TypeError: `rising` is False, and there is no `during` that its jump could end.

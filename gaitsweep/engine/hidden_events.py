@@ -161,8 +161,8 @@ def switching(flow: Callable[[Params, State], Rates], params: Params, state: Sta
     read = list(
         dict.fromkeys(v for e in found for v in (*e.invars, e.outvars[0]) if not isinstance(v, Literal))
     )
-    told = program.debug_info and program.debug_info._replace(result_paths=None)
-    part = ClosedJaxpr(program.replace(outvars=read, debug_info=told), closed.consts)
+    names = program.debug_info and program.debug_info._replace(result_paths=None)
+    part = ClosedJaxpr(program.replace(outvars=read, debug_info=names), closed.consts)
     values = dict(zip(read, jaxpr_as_fun(part)(*given), strict=True))
     levels, surfaces = [jnp.zeros((0,))], [jnp.zeros((0,))]
     for equation in found:

@@ -53,7 +53,7 @@ def _returns(name: str, result: object, wanted: str) -> _Fault:
 
 
 def _type_of(result: object) -> str:
-    """The type of a result in words."""
+    """The name of a result's type, for a message."""
     return "nothing" if result is None else type(result).__name__
 
 
@@ -212,7 +212,7 @@ def _given(name: str, function: Callable[..., Any], *args: Any) -> Any:
     """The shapes of a function's results, traced for arguments of these shapes."""
     try:
         with warnings.catch_warnings():
-            # complex numbers are refused in words of their own
+            # complex numbers have a message of their own
             warnings.simplefilter("ignore", np.exceptions.ComplexWarning)
             return jax.make_jaxpr(function, return_shape=True)(*args)[1]
     except Exception as error:  # a user's function may raise anything

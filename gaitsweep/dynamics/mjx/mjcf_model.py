@@ -48,7 +48,7 @@ class MjcfModel(Declared, SteppedModel):
     Starts are the positions of slides and hinges, the place of a free joint, and their velocities, by the
     joints' names: `JOINT_0`, `JOINT_rate_0`; their defaults are those of a keyframe, or of the joints where
     the MJCF has none. A start has the keyframe's act, time, mpos and mquat too; its ctrl is `keyframe_ctrl`,
-    for `control`. Signals are `q_0`, `q_1`, ..., MuJoCo's qpos, besides what is declared.
+    for `control`. Signals are `q_0`, `q_1`, ..., MuJoCo's qpos, and those that are declared.
 
     Constants of the body (masses, lengths, gravity) are the MJCF's, and cannot be parameters.
     """
@@ -242,7 +242,7 @@ def _keyframe(m: Any, name: str) -> int | None:
 
 
 def _places(kind: type[MjcfModel]) -> tuple[np.ndarray, np.ndarray]:
-    """Qpos and qvel of the keyframe of a start; of the joints where there is none."""
+    """The qpos and qvel of the keyframe of a start, or of the joints where there is no keyframe."""
     m = _body(kind).mj_model
     number = _keyframe(m, kind.keyframe)
     if number is None:

@@ -166,7 +166,7 @@ def _velocity_product(kind: str, place: Place, parent: Movement, rate: Array) ->
 def _carried(
     tree: Tree, i: int, bodies: list[_Body], accelerations: list[MotionVector], gravity: Array
 ) -> MotionVector:
-    """The acceleration of link i at zero joint acceleration; that of the world is minus gravity."""
+    """The acceleration of link i at zero joint acceleration; the world has the acceleration -gravity."""
     parent = tree.links[i].parent
     below = MotionVector(ZERO, -gravity) if parent == WORLD else accelerations[parent]
     place = bodies[i].place

@@ -42,19 +42,19 @@ def _nan(w: Writer, x: int) -> int:
 
 
 def before(w: Writer, a: int, b: int) -> int:
-    """A < b in sorting order, in which NaN is last."""
+    """Whether a comes before b in sorting order, in which NaN is last."""
     later = w("and", w("not", _nan(w, a)), _nan(w, b))
     return w("or", w("lt", a, b), later)
 
 
 def alike(w: Writer, a: int, b: int) -> int:
-    """A = b in sorting order, in which all NaN are equal."""
+    """Whether a and b are equal in sorting order, in which all NaN are equal."""
     both = w("and", _nan(w, a), _nan(w, b))
     return w("or", w("eq", a, b), both)
 
 
 def not_after(w: Writer, a: int, b: int) -> int:
-    """A <= b in sorting order."""
+    """Whether a does not come after b in sorting order."""
     return w("not", before(w, b, a))
 
 
@@ -66,7 +66,7 @@ def outdone(w: Writer, best: int, new: int, order: str) -> int:
 
 
 def quotient(w: Writer, a: int, b: int) -> int:
-    """A / b; the quotient of integers is rounded towards zero."""
+    """The quotient of a and b, for integers rounded towards zero."""
     return truncated(w, w("div", a, b)) if w.kind == "int" else w("div", a, b)
 
 
@@ -91,7 +91,7 @@ def ceiling(w: Writer, x: int) -> int:
 
 
 def rounded(w: Writer, x: int, method: object) -> int:
-    """X rounded to the nearest integer; halves away from zero, or to even (JAX's two methods)."""
+    """The integer nearest to x; halves are rounded away from zero, or to even (JAX's two methods)."""
     # the fraction is exact, x + 0.5 is not: the float before 0.5 would become 1, and large odd numbers even
     if "EVEN" not in str(method) and str(method) != "1":
         size = w("abs", x)
@@ -137,12 +137,12 @@ def converted(w: Writer, x: int, kind: Kind) -> int:
 
 
 def one_minus_square(w: Writer, x: int) -> int:
-    """1 - x^2, without cancellation where x is close to 1 or -1."""
+    """The number 1 - x^2, without cancellation where x is close to 1 or -1."""
     return w("mul", w("add", x, 1.0), w("sub", 1.0, x))
 
 
 def whole_power(w: Writer, x: int, power: int) -> int:
-    """X to an integer power, by repeated squaring."""
+    """An integer power of x, by repeated squaring."""
     if power < 0:
         return w("div", 1.0, whole_power(w, x, -power))
     total, base = w.number(1.0), x

@@ -17,7 +17,7 @@ _NUMBER = 8
 
 
 def missing() -> str | None:
-    """The reason why kernels on the GPU are not available, in words, or None."""
+    """The reason why kernels on the GPU are not available, or None."""
     for module, package in (("cuda.core", "cuda-core"), ("cuda.bindings", "cuda-bindings")):
         if not _found(module):
             return f"the package {package} is not installed"
@@ -26,7 +26,7 @@ def missing() -> str | None:
         from cuda.core import Device  # pyright: ignore[reportMissingImports]
 
         library.nvrtcVersion()
-    except Exception as error:  # what it is depends on the package and its version
+    except Exception as error:  # its type depends on the package and its version
         return f"NVIDIA's compiler NVRTC cannot be loaded ({_first_line(error)})"
     try:
         return None if Device.get_all_devices() else "cuda-core finds no NVIDIA GPU"

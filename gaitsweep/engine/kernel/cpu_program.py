@@ -1,8 +1,8 @@
 """The program of a chunk for the CPU: lanes side by side in a vector register, compiled by Numba.
 
 One flat array holds a tile, the lanes of one vector, slot by slot. Each stage is straight-line code on
-vectors. An attempt in which no lane meets an event computes only what it needs: what happens at events, and
-what depends on modes alone, is computed where a lane meets one. Such an attempt writes its results beside the
+vectors. An attempt in which no lane meets an event computes few values: the effects of events, and values
+that depend on modes alone, are computed where a lane meets one. Such an attempt writes its results beside the
 state that it began with, and the rest reads both. Rare operations, such as keeping a sample, have a loop over
 lanes. Each core runs its own tiles, in a thread.
 """
@@ -132,7 +132,7 @@ class _Tile:
         ]
 
     def _attempt(self) -> list[str]:
-        """An attempt: what happens at an event is computed only if a lane of the tile needs it."""
+        """An attempt, which computes the effects of events only if a lane of the tile needs them."""
         chunk = self.chunk
         at_hand = self._steady | {at: self._place(slot) for slot, at in self.shared.items()}
         if self._whole:
@@ -151,7 +151,7 @@ class _Tile:
         return [*plain, "if any(unusual):", *(f"    {line}" for line in rest), "else:", "    pass"]
 
     def _poll(self) -> list[str]:
-        """A poll: what happens at an event is computed only if a lane of the tile needs it."""
+        """A poll, which computes the effects of events only if a lane of the tile needs them."""
         chunk, program = self.chunk, self.chunk.program
         slots = [*chunk.poll, *range(self.sample, self.sample + chunk.width), self.keep]
 

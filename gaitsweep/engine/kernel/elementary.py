@@ -186,7 +186,7 @@ def hyperbolic_sine(w: Writer, x: int) -> int:
 
 
 def _corrected(w: Writer, t: int, z: int, double: list[float], single: list[float]) -> int:
-    """T + t z P(z)."""
+    """The sum t + t z P(z) of a polynomial P."""
     return w("add", t, w("mul", w("mul", t, z), w.polynomial(z, single if w.single else double)))
 
 

@@ -196,7 +196,7 @@ class _Writer:
         return found
 
     def _branch(self, flag: Any, yes: list[ast.stmt], no: list[ast.stmt]) -> None:
-        """Lines for where the flag of some lane is true, and for where that of none is."""
+        """Write the lines `yes` where the flag of some lane is true, and the lines `no` where none is."""
         bits = flag if self.lanes == 1 else self.builder.bitcast(flag, ir.IntType(self.lanes))
         some = self.builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
         before = self.names

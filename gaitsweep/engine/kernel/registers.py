@@ -1,8 +1,8 @@
 """Allocation of a straight-line program's values to a CPU's registers, and their reloads.
 
-A compiler keeps what it has once loaded, and spills many values of a long program. Here the value whose next
-use is farthest away gives way (Belady's rule): it is loaded again from where it is in memory, or stored once
-if it is nowhere.
+A compiler keeps loaded values in registers, and spills many values of a long program. Here the value whose
+next use is farthest away gives way (Belady's rule): it is loaded again from its place in memory, or stored
+once if it has none.
 
 Source: L. A. Belady, "A study of replacement algorithms for a virtual-storage computer", IBM Systems
 Journal 5 (1966), 78-101.

@@ -145,7 +145,7 @@ def kind_of(dtype: Any) -> Kind:
 
 
 def _place(equation: Any) -> str:
-    """The line of the model's source that an equation comes from, in words, if JAX knows it."""
+    """The line of the model's source that an equation comes from, if JAX knows it."""
     try:
         from jax._src import source_info_util
 

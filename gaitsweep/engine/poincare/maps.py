@@ -116,7 +116,7 @@ class Map(abc.ABC):
     def difference(
         self, a: Float[np.ndarray, "... coordinates"], b: Float[np.ndarray, "... coordinates"]
     ) -> Float[np.ndarray, "... coordinates"]:
-        """A - b of coordinates (..., size); differences of angles are wrapped."""
+        """The difference a - b of coordinates (..., size); differences of angles are wrapped."""
         return wrap_difference(a - b, self.circular)
 
     def images(self, points: Points, values: Values) -> MapEvaluation:
@@ -195,6 +195,6 @@ def _put(
 def wrap_difference(
     difference: Float[np.ndarray, "... coordinates"], circular: Bool[np.ndarray, " coordinates"]
 ) -> Float[np.ndarray, "... coordinates"]:
-    """Differences, with those of angles (rad) wrapped to [-pi, pi]."""
+    """Differences; differences of angles (rad) are wrapped to [-pi, pi]."""
     turns = np.round(difference / (2.0 * np.pi))
     return np.where(circular, difference - 2.0 * np.pi * turns, difference)

@@ -84,8 +84,8 @@ class CrossingRecorder(Recorder):
         status = jnp.where(carry.halt == Halt.TIME, late, Status.running)
         if most is not None:
             # crossings in a long chain of jumps may belong to a stall, which is known only once time advances
-            told = (crossed & (carry.chain <= FEW_JUMPS)) | (carry.chain == 0)
-            status = jnp.where((recorded.cycles >= most) & told, Status.complete, status)
+            decided = (crossed & (carry.chain <= FEW_JUMPS)) | (carry.chain == 0)
+            status = jnp.where((recorded.cycles >= most) & decided, Status.complete, status)
         waits = (carry.halt == Halt.CROSSING) & ~crossed
         halt = jnp.where(waits, carry.halt, jnp.zeros_like(carry.halt))
         sample = self._sample(carry, recorded)

@@ -341,7 +341,7 @@ def slowest(moved: Float[Array, "crossings observables"]) -> Int[Array, ""]:
 def change(
     model: Model, difference: Float[Array, "crossings observables"]
 ) -> Float[Array, "crossings observables"]:
-    """Differences of observables, with those of angles wrapped to [-pi, pi)."""
+    """Differences of observables; differences of angles are wrapped to [-pi, pi)."""
     circular = jnp.asarray([q.circular for q in model.observables])
     return jnp.where(circular[None, :], wrapped_difference(difference), difference)
 

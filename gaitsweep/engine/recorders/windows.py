@@ -34,7 +34,7 @@ class WindowsRecorder(Recorder):
 
     The first window begins at `first` s; `more` others begin at `second` s, `second + spacing` s and so on.
     Each has `samples` samples, `every` s apart, and ends before the next one begins. The row ends with the
-    last sample. A record is a crossing, or a sample, whose `crossing` is -1; what it has no number for is 0.
+    last sample. A record is a crossing, or a sample, whose `crossing` is -1; its other numbers are 0.
     """
 
     model: Model

@@ -54,7 +54,7 @@ def fixed_step_scheme(name: str, model: Model) -> FixedStepDynamics | None:
 
 
 def refusal(name: str, model: Model, precision: str) -> str | None:
-    """The reason why a method does not suit a model and a precision, in words after the field's name."""
+    """The reason why a method does not suit a model and a precision; it follows the field's name."""
     linear = isinstance(model, HybridModel) and model.linear
     if not isinstance(model, HybridModel) and METHODS[name].step is not None:
         return f"is {name}, which needs a flow, but {model.name} has only steps. Allowed: {_OWN}."

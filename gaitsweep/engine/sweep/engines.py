@@ -55,7 +55,7 @@ def choose(
 def _obstacle(
     device: Device, model: Model, recorder: Recorder, numerics: ResolvedNumerics, drive: RowDrive | None
 ) -> str | None:
-    """The reason why a scalar kernel is not available, in words, or None."""
+    """The reason why a scalar kernel is not available, or None."""
     if model.host_parameters:
         return f"{model.name} computes on the host with {', '.join(model.host_parameters)}"
     if device.platform not in KERNEL_POLLS_PER_CHUNK:

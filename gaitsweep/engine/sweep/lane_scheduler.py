@@ -213,11 +213,11 @@ class LaneScheduler:
         busy = group.block_of >= 0
         running = busy & (output.numbers["status"] == Status.running)
         ended = busy & ~running
-        told = np.flatnonzero(busy & (ended | (output.filled > 0)))
-        told = told[np.argsort(group.block_of[told], kind="stable")]
-        numbers, first = np.unique(group.block_of[told], return_index=True)
+        changed = np.flatnonzero(busy & (ended | (output.filled > 0)))
+        changed = changed[np.argsort(group.block_of[changed], kind="stable")]
+        numbers, first = np.unique(group.block_of[changed], return_index=True)
         # without any row `split` gives an empty part all the same
-        for number, lanes in zip(numbers, np.split(told, first[1:]), strict=False):
+        for number, lanes in zip(numbers, np.split(changed, first[1:]), strict=False):
             block = self.open[number]
             block.keep(group.row_of, output, lanes[output.filled[lanes] > 0])
             block.end(group.row_of, output, lanes[ended[lanes]])
