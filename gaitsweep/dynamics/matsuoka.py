@@ -54,7 +54,7 @@ def links(n: int, pairs: Iterable[tuple[int, int]]) -> Float[np.ndarray, "legs l
     found = np.zeros((n, n))
     for i, j in pairs:
         if i == j or not (0 <= i < n and 0 <= j < n):
-            raise ValueError(f"({i}, {j}) is not a pair of two legs. Allowed: 0 to {n - 1}.")
+            raise ValueError(f"({i}, {j}) is not a pair of {n} legs: give two of 0 to {n - 1}")
         found[i, j] = found[j, i] = 1.0
     return found
 

@@ -25,7 +25,7 @@ from typing import TypeVar, cast
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, Num
+from jaxtyping import Array, Num
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Params, Rates, State
 from gaitsweep.engine.hidden_events import (
@@ -39,6 +39,7 @@ from gaitsweep.engine.hidden_events import (
 )
 from gaitsweep.engine.numerics import ORDER, ResolvedNumerics, tolerance_scale
 from gaitsweep.engine.rarity import likely, unlikely
+from gaitsweep.engine.shapes import Flag, GuardFlags, Guards, Integer, Number
 from gaitsweep.engine.solver import METHODS, Method, Step, euler_update, fixed_step_scheme
 
 
@@ -99,28 +100,28 @@ class Carry:
     """
 
     state: State
-    t: Float[Array, ""]
-    h: Float[Array, ""]
-    h_max: Float[Array, ""]
-    near: Float[Array, " guards"]
-    far: Float[Array, ""]
-    far_guards: Float[Array, " guards"]
-    weight: Float[Array, ""]
-    trials: Int[Array, ""]
-    chain: Int[Array, ""]
-    attempts: Int[Array, ""]
-    closed: Bool[Array, ""]
-    shift: Float[Array, ""]
-    stop: Float[Array, ""]
-    halt: Int[Array, ""]
-    dt: Float[Array, ""]
-    share: Float[Array, ""]
-    unit: Float[Array, ""]
+    t: Number
+    h: Number
+    h_max: Number
+    near: Guards
+    far: Number
+    far_guards: Guards
+    weight: Number
+    trials: Integer
+    chain: Integer
+    attempts: Integer
+    closed: Flag
+    shift: Number
+    stop: Number
+    halt: Integer
+    dt: Number
+    share: Number
+    unit: Number
 
 
 Advance = Callable[[Params, Carry], Carry]
 Flow = Callable[[Params, State], Rates]
-Drive = Callable[[Params, Float[Array, ""]], Params]
+Drive = Callable[[Params, Number], Params]
 T = TypeVar("T")  # a pytree
 
 
@@ -129,9 +130,9 @@ def start(
     params: Params,
     state: State,
     *,
-    dt: Float[Array, ""] | float,
-    stop: Float[Array, ""] | float = jnp.inf,
-    share: Float[Array, ""] | float = 1.0,
+    dt: Number | float,
+    stop: Number | float = jnp.inf,
+    share: Number | float = 1.0,
 ) -> Carry:
     """A trajectory at t = 0; the first attempt of a hybrid model has zero length and fires guards >= 0 there.
 
@@ -346,7 +347,7 @@ def _advance_hybrid(
     return attempt
 
 
-def _fitting_change(error: Rates, carry: Carry, trial: State, numerics: ResolvedNumerics) -> Float[Array, ""]:
+def _fitting_change(error: Rates, carry: Carry, trial: State, numerics: ResolvedNumerics) -> Number:
     """The factor on a step with which its error would meet the tolerance, with the safety factor CAUTION.
 
     It is at least CAUTION if the step itself meets the tolerance, and 0 if the error is NaN.
@@ -368,14 +369,14 @@ def _fitting_change(error: Rates, carry: Carry, trial: State, numerics: Resolved
 def _controlled(
     method: Method,
     carry: Carry,
-    h: Float[Array, ""],
-    change: Float[Array, ""],
-    failed: Bool[Array, ""],
-    land: Bool[Array, ""],
-    hit: Bool[Array, ""],
-    locating: Bool[Array, ""],
-    guess: Float[Array, ""],
-) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    h: Number,
+    change: Number,
+    failed: Flag,
+    land: Flag,
+    hit: Flag,
+    locating: Flag,
+    guess: Number,
+) -> tuple[Number, Number]:
     """`h_max` and the next step, for methods with step control; `failed`: the step missed the tolerance."""
     dt, least = carry.dt, LEAST_SHARE * carry.dt
     # at the start the time scale of the flow is unknown
@@ -390,9 +391,7 @@ def _controlled(
     return h_max, next_h
 
 
-def _first_to_fire(
-    near: Float[Array, " guards"], far: Float[Array, " guards"]
-) -> tuple[Float[Array, ""], Float[Array, ""]]:
+def _first_to_fire(near: Guards, far: Guards) -> tuple[Number, Number]:
     """The guard, of those that fire at the far end, whose secant crosses zero first.
 
     Returns:
@@ -416,20 +415,14 @@ def _first_to_fire(
     return below[0], above[0]
 
 
-def _share(below: Float[Array, ""], above: Float[Array, ""]) -> Float[Array, ""]:
+def _share(below: Number, above: Number) -> Number:
     """The zero of the secant, as a share of the bracket from its near end."""
     rise = below + above
     return jnp.where(rise > 0.0, below / jnp.where(rise > 0.0, rise, 1.0), 0.0)
 
 
 def _next_bracket(
-    carry: Carry,
-    h: Float[Array, ""],
-    guards: Float[Array, " guards"],
-    on: Bool[Array, ""],
-    hit: Bool[Array, ""],
-    land: Bool[Array, ""],
-    kept: Bool[Array, " guards"],
+    carry: Carry, h: Number, guards: Guards, on: Flag, hit: Flag, land: Flag, kept: GuardFlags
 ) -> dict[str, Num[Array, " ..."]]:
     """The bracket after this attempt, with its far end (back) or its near end (on) at the trial.
 
@@ -455,12 +448,7 @@ def _next_bracket(
     }
 
 
-def _guess(
-    bracket: dict[str, Num[Array, " ..."]],
-    below: Float[Array, ""],
-    above: Float[Array, ""],
-    tolerance: Float[Array, ""],
-) -> Float[Array, ""]:
+def _guess(bracket: dict[str, Num[Array, " ..."]], below: Number, above: Number, tolerance: Number) -> Number:
     """The next trial inside the bracket: the weighted secant, half a tolerance past its root."""
     weight = bracket["weight"]
     below = below * jnp.where(weight > 0.0, weight, 1.0)
@@ -474,12 +462,8 @@ def _guess(
 
 
 def _implicit_event_time(
-    trial: State,
-    rates: Rates,
-    guards: Float[Array, " guards"],
-    speed: Float[Array, " guards"],
-    rooted: Bool[Array, " guards"],
-) -> tuple[State, Float[Array, ""]]:
+    trial: State, rates: Rates, guards: Guards, speed: Guards, rooted: GuardFlags
+) -> tuple[State, Number]:
     """State at the event, and the shift (s) of its time: zero, with the derivative of the event time.
 
     g(x(t)) = 0 along every neighbouring trajectory, so dt = -dg/g' for the guard that jumps (`rooted`).
@@ -492,7 +476,7 @@ def _implicit_event_time(
     return euler_update(trial, rates, shift), shift
 
 
-def _first_of(flags: Bool[Array, " guards"]) -> Bool[Array, " guards"]:
+def _first_of(flags: GuardFlags) -> GuardFlags:
     """The first flag that is set, alone."""
     found, first = jnp.zeros((), bool), []
     for i in range(flags.size):
@@ -526,21 +510,21 @@ def _advance_stepped(model: FixedStepDynamics, numerics: ResolvedNumerics, drive
     return attempt
 
 
-def select(condition: Bool[Array, ""], yes: T, no: T) -> T:
+def select(condition: Flag, yes: T, no: T) -> T:
     """`yes` or `no`, two pytrees of the same structure, leaf by leaf."""
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 
-def stalled(model: Model, carry: Carry) -> Bool[Array, ""]:
+def stalled(model: Model, carry: Carry) -> Flag:
     """Whether jumps follow each other at one instant without end (`HybridModel.longest_chain`)."""
     return carry.chain > _longest_chain(model, carry.near)
 
 
-def _longest_chain(model: Model, guards: Float[Array, " guards"]) -> int:
+def _longest_chain(model: Model, guards: Guards) -> int:
     longest = model.longest_chain if isinstance(model, HybridModel) else None
     return JUMPS_A_GUARD * (guards.size + 1) if longest is None else longest
 
 
-def fired_last(carry: Carry) -> Bool[Array, " guards"]:
+def fired_last(carry: Carry) -> GuardFlags:
     """Guards that fired at the last instant of an event, in any of its jumps (a bool each)."""
     return carry.far_guards >= 0.0

@@ -11,9 +11,9 @@ from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from gaitsweep.contract import HybridModel, Model, Params
+from gaitsweep.engine.shapes import Number
 from gaitsweep.engine.solver import METHODS, fixed_step_scheme
 
 _Share = TypeVar("_Share", float, jax.Array)
@@ -106,7 +106,7 @@ class ResolvedNumerics:
         return "float32" if self.precision == "mixed" else self.precision
 
 
-def longest_step(model: Model, method: str, params: Params) -> Float[Array, ""] | None:
+def longest_step(model: Model, method: str, params: Params) -> Number | None:
     """The longest accurate step (s) of a method with these parameters; None if it is unknown.
 
     Args:
@@ -128,7 +128,7 @@ def longest_step(model: Model, method: str, params: Params) -> Float[Array, ""] 
     return jnp.minimum(jnp.min(allowed / rates), model.period(params) / FEWEST_STEPS)
 
 
-def recommended_step(model: Model, numerics: ResolvedNumerics, params: Params) -> Float[Array, ""] | None:
+def recommended_step(model: Model, numerics: ResolvedNumerics, params: Params) -> Number | None:
     """The longest step (s) of a row, from the numerics or else from the recommendation of its model.
 
     None if neither is known.
@@ -143,7 +143,7 @@ def recommended_step(model: Model, numerics: ResolvedNumerics, params: Params) -
     return SAFETY * longest
 
 
-def step_of(model: Model, numerics: ResolvedNumerics, params: Params) -> Float[Array, ""]:
+def step_of(model: Model, numerics: ResolvedNumerics, params: Params) -> Number:
     """The `recommended_step` (s).
 
     Raises:

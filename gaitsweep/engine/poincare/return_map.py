@@ -15,7 +15,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, Real
+from jaxtyping import Array, Float, Int
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Chart, Model, Params, Quantity, State
@@ -23,8 +23,9 @@ from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.fork import refuse_fork
 from gaitsweep.engine.leaves import float_leaves, is_float, with_float_leaves
 from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
-from gaitsweep.engine.poincare.maps import Map, Points, Values
+from gaitsweep.engine.poincare.maps import Coordinates, Image, Map, Points, Values
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus, crossing_of
+from gaitsweep.engine.shapes import Integer
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import functions_of, names_in, resolve
 
@@ -49,10 +50,10 @@ class AllVariables(Chart):
     def coordinates(self) -> tuple[Quantity, ...]:
         return tuple(Quantity(name, "", f"{name} of the state") for name in self.names)
 
-    def to_coordinates(self, params: Params, state: State) -> Float[Array, " coordinates"]:
+    def to_coordinates(self, params: Params, state: State) -> Coordinates:
         return jnp.concatenate([jnp.ravel(leaf).astype(jnp.float64) for leaf in float_leaves(state)])
 
-    def from_coordinates(self, params: Params, at: Float[Array, " coordinates"], modes: State) -> State:
+    def from_coordinates(self, params: Params, at: Coordinates, modes: State) -> State:
         leaves = float_leaves(modes)
         cuts = np.cumsum([leaf.size for leaf in leaves])[:-1]
         pieces = jnp.split(at, cuts.tolist())
@@ -131,9 +132,7 @@ class BatchedReturnMap(Map):
             status = jnp.where(status == ReturnStatus.crossed, found, status)
         return total, state, status
 
-    def follow(
-        self, values: Values, at: Float[Array, " coordinates"], modes: State
-    ) -> tuple[Float[Array, " coordinates"], State, Int[Array, ""], dict[str, Real[Array, ""]]]:
+    def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
         params = self.params(values)
         t, state, status = self.state(params, self.chart.from_coordinates(params, at, modes))
         crossed = status == ReturnStatus.crossed
@@ -142,9 +141,7 @@ class BatchedReturnMap(Map):
         observed = {**self.model.observe(params, state), "time": t}
         return self.chart.to_coordinates(params, state), state, status, observed
 
-    def conserved_values(
-        self, values: Values, at: Float[Array, " coordinates"]
-    ) -> Float[Array, " conserved"]:
+    def conserved_values(self, values: Values, at: Coordinates) -> Float[Array, " conserved"]:
         return self.chart.conserved_values(self.params(values), at)
 
     def settled(
@@ -202,12 +199,12 @@ class BatchedReturnMap(Map):
 
 @cached_by_content(maxsize=16)
 def _settler(mapping: BatchedReturnMap, cycles: int) -> Callable[..., Any]:
-    def one(values: Any, starts: Any) -> tuple[State, Int[Array, ""]]:
+    def one(values: Any, starts: Any) -> tuple[State, Integer]:
         params = mapping.params(values)
         # a loop requires constant dtypes, so none may be weak
         begun = jax.tree.map(lambda x: jnp.asarray(x, jnp.result_type(x)), mapping.model.init(params, starts))
 
-        def turn(_: Any, loop: tuple[State, Int[Array, ""]]) -> tuple[State, Int[Array, ""]]:
+        def turn(_: Any, loop: tuple[State, Integer]) -> tuple[State, Integer]:
             state, status = loop
             _, moved, found = mapping.state(params, state)
             going = (status == ReturnStatus.crossed) & (found == ReturnStatus.crossed)

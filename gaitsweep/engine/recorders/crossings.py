@@ -23,6 +23,7 @@ from gaitsweep.engine.recorders.recorder import (
     attempts_until,
     counted,
 )
+from gaitsweep.engine.shapes import Number
 from gaitsweep.row_outcome import RowOutcome
 
 # Largest number of jumps at one instant for an ordinary crossing.
@@ -50,13 +51,13 @@ class CrossingRecorder(Recorder):
     def names(self) -> tuple[str, ...]:
         return ("crossing", "t", *(f"{q.name}_n" for q in self.model.observables))
 
-    def stop(self, params: Params) -> Float[Array, ""]:
+    def stop(self, params: Params) -> Number:
         period = self.model.period(params)
         if self.duration is not None:
             return jnp.full_like(period, self.duration)
         return 4.0 * ((self.crossings or 0) + self.after_cycles + SPARE_CYCLES) * period
 
-    def max_attempts(self, params: Params, dt: Float[Array, ""] | float) -> Float[Array, ""]:
+    def max_attempts(self, params: Params, dt: Number | float) -> Number:
         return attempts_until(self.stop(params), dt)
 
     def readings(self, rows: RowOutcome) -> Readings | None:

@@ -7,7 +7,7 @@ from typing import final
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import Carry, Halt
@@ -22,6 +22,7 @@ from gaitsweep.engine.recorders.recorder import (
     counted,
     readings_at_the_end,
 )
+from gaitsweep.engine.shapes import Number
 from gaitsweep.row_outcome import RowOutcome
 
 
@@ -37,10 +38,10 @@ class FixedTimeRecorder(Recorder):
     def names(self) -> tuple[str, ...]:
         return tuple(q.name for q in self.model.observables)
 
-    def stop(self, params: Params) -> Float[Array, ""]:
+    def stop(self, params: Params) -> Number:
         return jnp.full_like(self.model.period(params), self.duration)
 
-    def max_attempts(self, params: Params, dt: Float[Array, ""] | float) -> Float[Array, ""]:
+    def max_attempts(self, params: Params, dt: Number | float) -> Number:
         return attempts_until(self.stop(params), dt)
 
     def begin(self, params: Params, carry: Carry) -> Beginning:

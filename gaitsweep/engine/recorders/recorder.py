@@ -21,6 +21,7 @@ from gaitsweep.contract import HybridModel, Model, Params, State, Status
 from gaitsweep.dynamics.declarations import Variable
 from gaitsweep.dynamics.declared_model import Declared
 from gaitsweep.engine.advance import Carry, Halt, fired_last, select, stalled
+from gaitsweep.engine.shapes import Flag, GuardFlags, Integer, Number, Observed
 from gaitsweep.row_outcome import RowNumber, RowOutcome
 
 # Attempts between two polls of a trajectory. Results depend on it (a failed row ends at a multiple of it), so
@@ -49,12 +50,12 @@ class LaneRecord:
     the recorder declares, by name; `fired` the guards whose jumps stalled the row, a bit each.
     """
 
-    status: Int[Array, ""]
-    cycles: Int[Array, ""]
-    last: Float[Array, " observables"]
+    status: Integer
+    cycles: Integer
+    last: Observed
     memory: Any
-    filled: Int[Array, ""]
-    samples: Int[Array, ""]
+    filled: Integer
+    samples: Integer
     numbers: dict[str, Real[Array, ""]]
     fired: Int[Array, " words"]
 
@@ -70,7 +71,7 @@ class PollResult(NamedTuple):
     carry: Carry
     record: LaneRecord
     sample: Float[Array, " width"]
-    keep: Bool[Array, ""]
+    keep: Flag
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,7 +97,7 @@ class RunningRows(NamedTuple):
 
 
 # The record of a trajectory at its start (crossing 0), its first sample, and whether to keep it.
-Beginning = tuple[LaneRecord, Float[Array, " width"], Bool[Array, ""]]
+Beginning = tuple[LaneRecord, Float[Array, " width"], Flag]
 
 
 class Recorder(abc.ABC):
@@ -119,7 +120,7 @@ class Recorder(abc.ABC):
         """The names of the numbers in a sample, in their order; none where the recorder keeps no samples."""
 
     @abc.abstractmethod
-    def stop(self, params: Params) -> Float[Array, ""]:
+    def stop(self, params: Params) -> Number:
         """The first time (s) at which the trajectory halts."""
 
     @abc.abstractmethod
@@ -130,7 +131,7 @@ class Recorder(abc.ABC):
         """
 
     @abc.abstractmethod
-    def max_attempts(self, params: Params, dt: Float[Array, ""] | float) -> Float[Array, ""]:
+    def max_attempts(self, params: Params, dt: Number | float) -> Number:
         """The attempts beyond which a row ends, for a longest step of `dt` (s); see `attempts_until`."""
 
     @abc.abstractmethod
@@ -155,13 +156,11 @@ class Recorder(abc.ABC):
         """Numbers in a sample."""
         return len(self.names)
 
-    def observables(self, params: Params, state: State) -> Float[Array, " observables"]:
+    def observables(self, params: Params, state: State) -> Observed:
         observed = self.model.observe(params, state)
         return jnp.stack([observed[q.name] for q in self.model.observables])
 
-    def crossed(
-        self, params: Params, carry: Carry, record: LaneRecord, crosses: Bool[Array, ""]
-    ) -> LaneRecord:
+    def crossed(self, params: Params, carry: Carry, record: LaneRecord, crosses: Flag) -> LaneRecord:
         """The record after a crossing if `crosses`: one more cycle, and its observables."""
         cycles = jnp.where(crosses, record.cycles + 1, record.cycles)
         last = jnp.where(crosses, self.observables(params, carry.state), record.last)
@@ -186,9 +185,7 @@ class Recorder(abc.ABC):
         )
         return record, jnp.zeros((self.width,), last.dtype), jnp.asarray(False)
 
-    def poll(
-        self, params: Params, carry: Carry, record: LaneRecord, dt: Float[Array, ""] | float
-    ) -> PollResult:
+    def poll(self, params: Params, carry: Carry, record: LaneRecord, dt: Number | float) -> PollResult:
         """Test for failure, then record; an ended row is unchanged."""
         running = record.status == Status.running
         recorded_carry, recorded, sample, keep = self.record(params, carry, record)
@@ -201,7 +198,7 @@ class Recorder(abc.ABC):
         moved = dataclasses.replace(recorded_carry, halt=halt.astype(carry.halt.dtype))
         return PollResult(select(running, moved, carry), new, sample, keep & running)
 
-    def _illness(self, params: Params, carry: Carry, dt: Float[Array, ""] | float) -> Int[Array, ""]:
+    def _illness(self, params: Params, carry: Carry, dt: Number | float) -> Integer:
         moving = carry.state
         if isinstance(self.model, HybridModel):  # modes may have any value, also infinity
             names = dict.fromkeys([*self.model.flow(params, carry.state), *_variables(self.model)])
@@ -221,7 +218,7 @@ class Recorder(abc.ABC):
         return jnp.where(unknown, Status.not_a_number, status).astype(jnp.int32)
 
 
-def attempts_until(time: Float[Array, ""], dt: Float[Array, ""] | float) -> Float[Array, ""]:
+def attempts_until(time: Number, dt: Number | float) -> Number:
     """The attempts that are allowed until a time (s), with longest steps of `dt` (s)."""
     return ATTEMPTS_PER_STEP * (time / dt + 1000.0)
 
@@ -239,13 +236,13 @@ def _variables(model: Model) -> list[str]:
     return [name for name, each in declared.items() if isinstance(each, Variable)]
 
 
-def counted(record: LaneRecord, keep: Bool[Array, ""]) -> LaneRecord:
+def counted(record: LaneRecord, keep: Flag) -> LaneRecord:
     """The record with one more sample in its buffer if `keep`."""
     more = keep.astype(record.filled.dtype)
     return dataclasses.replace(record, filled=record.filled + more, samples=record.samples + more)
 
 
-def _packed(fired: Bool[Array, " guards"]) -> Int[Array, " words"]:
+def _packed(fired: GuardFlags) -> Int[Array, " words"]:
     """The guards (n,) that fired, as integers of `GUARDS_A_WORD` bits; (0,) without guards."""
     bits = jnp.asarray([1 << (i % GUARDS_A_WORD) for i in range(fired.size)], jnp.int64)
     words = [

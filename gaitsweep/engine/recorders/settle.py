@@ -9,7 +9,7 @@ from typing import final
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from gaitsweep.circular import wrapped_difference
 from gaitsweep.contract import HybridModel, Model, Params, Status
@@ -26,6 +26,7 @@ from gaitsweep.engine.recorders.recorder import (
     attempts_until,
     readings_at_the_end,
 )
+from gaitsweep.engine.shapes import Flag, Integer, Number, Observed
 from gaitsweep.row_outcome import RowOutcome
 
 # Crossings over which a settled state must be constant.
@@ -85,7 +86,7 @@ class Memory:
     window: Float[Array, "window numbers"]
     moves: Float[Array, "2 lags"]
     span: Float[Array, "2 unscaled"]
-    calm: Int[Array, ""]
+    calm: Integer
     orbit: Int[Array, " 2"]
     fastest: Float[Array, " rates"]
     rest: Float[Array, " 3"]
@@ -113,13 +114,13 @@ class SettleRecorder(Recorder):
     def names(self) -> tuple[str, ...]:
         return ()
 
-    def stop(self, params: Params) -> Float[Array, ""]:
+    def stop(self, params: Params) -> Number:
         period = self.model.period(params)
         if self.max_time is not None:
             return jnp.full_like(period, self.max_time)
         return 4.0 * (self.max_cycles + SPARE_CYCLES) * period
 
-    def max_attempts(self, params: Params, dt: Float[Array, ""] | float) -> Float[Array, ""]:
+    def max_attempts(self, params: Params, dt: Number | float) -> Number:
         return attempts_until(self.stop(params), dt)
 
     def begin(self, params: Params, carry: Carry) -> Beginning:
@@ -210,7 +211,7 @@ class SettleRecorder(Recorder):
 
     def _rest(
         self, params: Params, carry: Carry, memory: Memory
-    ) -> tuple[Float[Array, " rates"], Float[Array, " 3"], Bool[Array, ""]]:
+    ) -> tuple[Float[Array, " rates"], Float[Array, " 3"], Flag]:
         """`Memory.fastest` and `Memory.rest` after a poll, and whether the row is at rest."""
         rates, sizes = self._rates(params, carry)
         if rates.size == 0:
@@ -229,7 +230,7 @@ class SettleRecorder(Recorder):
         restless = jnp.stack([carry.t, 0.0 * largest, 0.0 * largest - 1.0])
         return fastest, jnp.where(slow, goes_on, restless), rests
 
-    def _period(self, newest: Float[Array, " lags"], before: Float[Array, " lags"]) -> Int[Array, ""]:
+    def _period(self, newest: Float[Array, " lags"], before: Float[Array, " lags"]) -> Integer:
         """The period, 2 to `MOST_PERIOD` crossings, of the periodic orbit that the state has reached; else 0.
 
         `newest` and `before` (p,) are the largest distances from the state p crossings earlier, in units of
@@ -270,9 +271,7 @@ def tolerances(model: Model, given: float | Mapping[str, float]) -> float | tupl
     return tuple(given.get(quantity.name, TOLERANCE) for quantity in model.observables)
 
 
-def _accumulate(
-    cycles: Int[Array, ""], t: Float[Array, ""], times: Float[Array, " window"]
-) -> Bool[Array, ""]:
+def _accumulate(cycles: Integer, t: Number, times: Float[Array, " window"]) -> Flag:
     """Whether the time between crossings tends to 0: the latest is at `t`, those before at `times` (w,).
 
     The lengths a > b > c of three successive spans tend to c - (b - c)^2 / ((a - b) - (b - c)).
@@ -290,15 +289,13 @@ def _unscaled(model: Model) -> list[int]:
     return [i for i, q in enumerate(model.observables) if not q.circular and q.scale is None]
 
 
-def first_span(model: Model, like: Float[Array, " observables"]) -> Float[Array, "2 unscaled"]:
+def first_span(model: Model, like: Observed) -> Float[Array, "2 unscaled"]:
     """The least and largest values (2, n) of no crossing, of the observables without a scale."""
     none = jnp.full((len(_unscaled(model)),), jnp.inf, like.dtype)
     return jnp.stack([none, -none])
 
 
-def widened(
-    span: Float[Array, "2 unscaled"], model: Model, now: Float[Array, " observables"]
-) -> Float[Array, "2 unscaled"]:
+def widened(span: Float[Array, "2 unscaled"], model: Model, now: Observed) -> Float[Array, "2 unscaled"]:
     """The span (2, n) with the observables of one more crossing; NaN and infinities are left out."""
     if span.size == 0:
         return span
@@ -313,7 +310,7 @@ def bounds(
     tolerance: float | tuple[float, ...],
     latest: Float[Array, "crossings observables"],
     span: Float[Array, "2 unscaled"],
-) -> Float[Array, " observables"]:
+) -> Observed:
     """The largest change of each observable (n,) of a settled state over the window, in its unit; above 0.
 
     It is `SETTLE_WINDOW` times its tolerance times its scale: 1 rad for angles, `Quantity.scale` if defined,
@@ -332,7 +329,7 @@ def bounds(
     return share * scales.at[np.asarray(unscaled)].set(own)
 
 
-def slowest(moved: Float[Array, "crossings observables"]) -> Int[Array, ""]:
+def slowest(moved: Float[Array, "crossings observables"]) -> Integer:
     """The number of the observable with the largest change (w, n), in units of its bound; -1 if unknown."""
     most = jnp.max(moved, axis=0)
     return jnp.where(jnp.any(jnp.isnan(most)), -1, jnp.argmax(most))

@@ -7,7 +7,7 @@ from typing import final
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import Carry, Halt
@@ -33,6 +33,7 @@ from gaitsweep.engine.recorders.settle import (
     widened,
 )
 from gaitsweep.engine.recorders.stairs import StepSchedule
+from gaitsweep.engine.shapes import Integer, Number
 from gaitsweep.row_outcome import RowOutcome
 
 _HEAD = ("stair", "crossing", "t", "settled", "slowest")  # what stands before the observables
@@ -67,10 +68,10 @@ class StepRecorder(Recorder):
         observed = samples[:, len(_HEAD) :]
         return Readings(rows.place, self.stairs.middle(samples[:, 0]), observed, _readable(samples), BATCH)
 
-    def stop(self, params: Params) -> Float[Array, ""]:
+    def stop(self, params: Params) -> Number:
         return jnp.full_like(self.model.period(params), self.stairs.first)
 
-    def max_attempts(self, params: Params, dt: Float[Array, ""] | float) -> Float[Array, ""]:
+    def max_attempts(self, params: Params, dt: Number | float) -> Number:
         # a stair shorter than a step costs attempts of its own
         rest = (self.stairs.duration - self.stairs.first) / dt + 2 * self.stairs.count
         return attempts_until(self.stop(params), dt) + ATTEMPTS_PER_STEP * rest
@@ -119,7 +120,7 @@ class StepRecorder(Recorder):
         return rows.t / self.stairs.duration
 
 
-def _slot(cycles: Int[Array, ""]) -> Bool[Array, "window 1"]:
+def _slot(cycles: Integer) -> Bool[Array, "window 1"]:
     """The place of a crossing in the window."""
     return (jnp.arange(_WINDOW) == cycles % _WINDOW)[:, None]
 

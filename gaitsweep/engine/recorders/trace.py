@@ -7,7 +7,7 @@ from typing import final
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import Carry, Halt
@@ -23,6 +23,7 @@ from gaitsweep.engine.recorders.recorder import (
     attempts_until,
     counted,
 )
+from gaitsweep.engine.shapes import Number
 from gaitsweep.row_outcome import RowOutcome
 
 
@@ -44,14 +45,14 @@ class TraceRecorder(Recorder):
     def names(self) -> tuple[str, ...]:
         return ("t", *(q.name for q in self.model.signals))
 
-    def stop(self, params: Params) -> Float[Array, ""]:
+    def stop(self, params: Params) -> Number:
         """The time of the first sample (s), or the time limit of the first `after_cycles` crossings."""
         period = self.model.period(params)
         if self.after_cycles == 0:
             return jnp.zeros_like(period)
         return 4.0 * (self.after_cycles + SPARE_CYCLES) * period
 
-    def max_attempts(self, params: Params, dt: Float[Array, ""] | float) -> Float[Array, ""]:
+    def max_attempts(self, params: Params, dt: Number | float) -> Number:
         # an interval shorter than a step needs an attempt of its own
         first = attempts_until(self.stop(params), dt)
         return first + ATTEMPTS_PER_STEP * (self.duration / dt + self.samples)

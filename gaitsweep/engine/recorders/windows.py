@@ -24,6 +24,7 @@ from gaitsweep.engine.recorders.recorder import (
     counted,
     readings_at_the_end,
 )
+from gaitsweep.engine.shapes import Number
 from gaitsweep.row_outcome import RowOutcome
 
 
@@ -67,11 +68,11 @@ class WindowsRecorder(Recorder):
         inside = (sample - window * self.samples) * self.every
         return jnp.where(window < 0.5, self.first, self.second + (window - 1.0) * self.spacing) + inside
 
-    def stop(self, params: Params) -> Float[Array, ""]:
+    def stop(self, params: Params) -> Number:
         """The time of the first sample, s."""
         return jnp.full_like(self.model.period(params), self.first)
 
-    def max_attempts(self, params: Params, dt: Float[Array, ""] | float) -> Float[Array, ""]:
+    def max_attempts(self, params: Params, dt: Number | float) -> Number:
         # an interval shorter than a step needs an attempt of its own
         first = attempts_until(self.stop(params), dt)
         return first + ATTEMPTS_PER_STEP * (self.duration / dt + self.total)

@@ -6,9 +6,8 @@ Comput. Math. Appl. 62 (2011) 770-775.
 
 from __future__ import annotations
 
-from jaxtyping import Array, Float
-
 from gaitsweep.contract import HybridModel, Params, Rates, State
+from gaitsweep.engine.shapes import Number
 from gaitsweep.engine.solver.method import Estimate, Step, euler_update
 
 # a_ij, one row for each stage after the first; the last row has the weights of the solution of order 5.
@@ -35,7 +34,7 @@ DIFFERENCE = (
 def rk4(model: HybridModel) -> Step:
     """The classic Runge-Kutta step of order 4; stable if dt times the fastest rate is below 2.7."""
 
-    def step(params: Params, state: State, h: Float[Array, ""]) -> State:
+    def step(params: Params, state: State, h: Number) -> State:
         k1 = model.flow(params, state)
         k2 = model.flow(params, euler_update(state, k1, 0.5 * h))
         k3 = model.flow(params, euler_update(state, k2, 0.5 * h))
@@ -49,7 +48,7 @@ def rk4(model: HybridModel) -> Step:
 def tsit5(model: HybridModel) -> Estimate:
     """The step of order 5, with an estimate of its error."""
 
-    def step(params: Params, state: State, h: Float[Array, ""]) -> tuple[State, Rates]:
+    def step(params: Params, state: State, h: Number) -> tuple[State, Rates]:
         rates = [model.flow(params, state)]
         at = state
         for weights in STAGES:
