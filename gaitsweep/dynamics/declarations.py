@@ -210,11 +210,9 @@ def _quantity(unit: str, meaning: str, *others: Any, **more: Any) -> Quantity:
     """A quantity that has no name yet; TypeError where the order of the first two was mistaken."""
     for what, text in (("unit", unit), ("meaning", meaning)):
         if not isinstance(text, str):
-            raise TypeError(
-                f"The {what} of a declaration is {text!r}, but must be text: write the unit, the "
-                "meaning, then "
-                'a number, as in parameter("m/s2", "gravitational acceleration", 9.81).'
-            )
+            example = 'parameter("m/s2", "gravitational acceleration", 9.81)'
+            order = f"write the unit, the meaning, then a number, as in {example}"
+            raise TypeError(f"The {what} of a declaration is {text!r}, but must be text: {order}.")
     return Quantity("", unit, meaning, *others, **more)
 
 

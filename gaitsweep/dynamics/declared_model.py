@@ -132,9 +132,8 @@ class Declared(Model):
             if name in ("replace", *cls._other_fields()) or hasattr(base, name):
                 raise TypeError(f"{cls.__name__} declares {name}, a name that every model has: rename it.")
         if cls._events() and not any(each.is_section for each in cls._events()):
-            raise TypeError(
-                f"{cls.__name__} has events but no section: write section=True for the one that ends a cycle."
-            )
+            remedy = "write section=True for the one that ends a cycle"
+            raise TypeError(f"{cls.__name__} has events but no section: {remedy}.")
 
     @classmethod
     def _named(cls, kind: type) -> dict[str, Any]:

@@ -40,6 +40,7 @@ _UNSET = "which Matplotlib cannot set: write TeX that it knows, and \\$ for a do
 NAMED = 8  # values that a sentence about a point names
 
 
+Columns = Mapping[str, Float[np.ndarray, " rows"]]
 Where = Callable[[int], str]  # words that say at which of some points something is
 
 
@@ -235,9 +236,8 @@ def _rates(state: Any, rates: Any) -> None:
             raise _Fault(f"flow returns a rate of {name}, which is a mode: only jump can change it.")
         shape = jnp.shape(getattr(state, name))
         if rate.shape not in (shape, ()):
-            raise _Fault(
-                f"flow returns a rate of {name} with shape {rate.shape}, but the field has shape {shape}."
-            )
+            other = f"shape {rate.shape}, but the field has shape {shape}"
+            raise _Fault(f"flow returns a rate of {name} with {other}.")
         if (kind := _kind(rate)) != "real numbers":
             zero = ": write 1.0 instead of 1" if kind == "whole numbers" else ""
             raise _returns("flow", f"the rate of {name} as {kind}", f"real numbers{zero}")
@@ -496,12 +496,7 @@ def _by_value(model: Model) -> Iterator[str]:
     yield from _in_order(model, found, lambda row: written(known, row))
 
 
-def faults_of_rows(
-    model: Model,
-    values: Mapping[str, Float[np.ndarray, " rows"]],
-    starts: Mapping[str, Float[np.ndarray, " rows"]],
-    where: Where,
-) -> list[str]:
+def faults_of_rows(model: Model, values: Columns, starts: Columns, where: Where) -> list[str]:
     """Find faults as `faults` does, at parameters and starts (n,) of a job's rows.
 
     Args:
@@ -525,11 +520,7 @@ def faults_of_rows(
     return said
 
 
-def _at_points(
-    model: Model,
-    values: Mapping[str, Float[np.ndarray, " rows"]],
-    starts: Mapping[str, Float[np.ndarray, " rows"]],
-) -> _Begun:
+def _at_points(model: Model, values: Columns, starts: Columns) -> _Begun:
     with jax.default_device(host_device()):
         # NumPy's arrays: JAX would compile each comparison of them
         return jax.device_get(_begun(model)(dict(model.on_host(values)), dict(starts)))
@@ -633,9 +624,7 @@ def _without_end(model: HybridModel, params: Any, state: Any) -> Bool[np.ndarray
     return np.asarray(jax.jit(jax.vmap(of_one))(params, state))
 
 
-def sample(
-    model: Model, n: int
-) -> tuple[dict[str, Float[np.ndarray, " rows"]], dict[str, Float[np.ndarray, " rows"]]]:
+def sample(model: Model, n: int) -> tuple[Columns, Columns]:
     """Parameters and starts (n,) by name: the defaults, then random points over their ranges.
 
     A range is that between a quantity's bounds. Where these are far apart or missing, a parameter goes from
@@ -651,9 +640,7 @@ def sample(
         if isinstance(size := getattr(model, field.name), int | float)
     }
 
-    def drawn(
-        quantities: Sequence[Quantity], known: Mapping[str, Any], start: bool
-    ) -> dict[str, Float[np.ndarray, " rows"]]:
+    def drawn(quantities: Sequence[Quantity], known: Mapping[str, Any], start: bool) -> Columns:
         formulas = {q.name: q.default for q in quantities if isinstance(q.default, str)}
         numbers = {q.name: _spread(random, n, q, start) for q in quantities if q.name not in formulas}
         found = resolve(formulas, {**known, **numbers})
@@ -678,7 +665,7 @@ def _spread(
     return np.append(default, within)
 
 
-def written(values: Mapping[str, Float[np.ndarray, " rows"]], row: int) -> str:
+def written(values: Columns, row: int) -> str:
     """The values of a row that differ from the first: " at w = 2, x_0 = 2.4"; the first has the defaults."""
     differ = [f"{name} = {each[row]:.6g}" for name, each in values.items() if each[row] != each[0]]
     if not differ:

@@ -130,9 +130,8 @@ def _bodies(
     moving = movements(tree, placed, v)
     for force in external:
         if not 0 <= force.link < len(placed):
-            raise ValueError(
-                f"A force acts on link {force.link}, but the tree has links 0 to {len(placed) - 1}."
-            )
+            last = len(placed) - 1
+            raise ValueError(f"A force acts on link {force.link}, but the tree has links 0 to {last}.")
     bodies = []
     for i, (link, place) in enumerate(zip(tree.links, placed, strict=True)):
         inertia, h = rigid_body(geometry, i, place)

@@ -122,11 +122,9 @@ def _selected(
 
 def _refuse_many(tracer: Tracer, starts: list[int], last: Sequence[int]) -> None:
     moving = [many + 1 for at, many in zip(starts, last, strict=True) if tracer.program.value(at) is None]
-    if int(np.prod(moving)) > MAX_INDICES:
-        raise refuse(
-            f"the scalar kernel selects among at most {MAX_INDICES} indices computed at run time, not "
-            f"{int(np.prod(moving))}"
-        )
+    if (count := int(np.prod(moving))) > MAX_INDICES:
+        most = f"at most {MAX_INDICES} indices computed at run time"
+        raise refuse(f"the scalar kernel selects among {most}, not {count}")
 
 
 def _scatter(combine: Build) -> Callable[[Tracer, Any, list[Nodes]], list[Nodes]]:
