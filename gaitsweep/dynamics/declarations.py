@@ -357,7 +357,7 @@ def event(
         section: whether it closes a cycle; its crossings are the Poincare section.
         during: a function of the state's modes, `lambda state: state.stance`: it happens only while this
             holds, and is armed anew where this begins to hold.
-        rising: False: it happens wherever the function is >= 0 while `during` holds, so its jump has to end
+        rising: False: it happens where the function is >= 0 while `during` holds, so its jump has to end
             that. Such an event needs no arming, and includes states that are already beyond the surface.
 
     Raises:

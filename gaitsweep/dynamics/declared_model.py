@@ -100,7 +100,7 @@ class Declared(Model):
     def _inherited(cls) -> dict[str, Any]:
         """The declarations of the bases, less the events that this class replaces.
 
-        An event whose jump has another name stands in the class under both; its own name is the first.
+        An event whose jump has another name is an attribute of the class under both; its name is the first.
         """
         first: dict[Event, str] = {}
         inherited = dict(cls.declarations)
@@ -142,7 +142,7 @@ class Declared(Model):
 
     @classmethod
     def _events(cls) -> list[Event]:
-        # an event whose jump has another name stands in the class twice
+        # an event whose jump has another name is in the class twice
         return list(dict.fromkeys(cls._named(Event).values()))
 
     # what the contract asks for

@@ -115,7 +115,9 @@ def leg_feedback(
 def _along(between: np.ndarray, y: Float[Array, "2 legs"]) -> Float[Array, "2 legs"]:
     """The outputs (2, n) summed along the links, written out, without linear algebra routines."""
     if not isinstance(between, np.ndarray):
-        raise TypeError("links are structure: give a NumPy array, and what varies as the coupling's weight")
+        raise TypeError(
+            "links are structure: give a NumPy array, and varying numbers as the coupling's weight"
+        )
     n = y.shape[1]
     if between.shape != (n, n):
         raise ValueError(f"links between {n} legs are ({n}, {n}), not {between.shape}")

@@ -225,7 +225,7 @@ def _advance_hybrid(
         room = jnp.maximum(carry.stop - carry.t, 0.0)
         h = jnp.where(going, jnp.minimum(carry.h, room), 0.0)
         here = params if drive is None else drive(params, carry.t + 0.5 * h)
-        # not yet what a schedule of steps changes to at the end
+        # before the value to which a schedule of steps changes at the end
         there = params if drive is None else drive(params, carry.t + h * STEP_END)
         if method.adaptive:
             trial, error = step(here, carry.state, h)
@@ -308,7 +308,7 @@ def _advance_hybrid(
         end, shift = trial, carry.shift
         t = carry.t + h
         if sensitivities:
-            # an event caused by a jump has no root of its own: it happens at the time of that jump
+            # an event caused by a jump has no root: it happens at the time of that jump
             rooted = _first_of(jumping & ((still & waits) | ((carry.near < 0.0) & (h > 0.0)))) & land
             end, later = _implicit_event_time(trial, arriving, guards, speed, rooted)
             # a crossing is read at its own time

@@ -143,7 +143,7 @@ class Switching(NamedTuple):
 
 def switching(flow: Callable[[Params, State], Rates], params: Params, state: State) -> Switching:
     """Possible switches of a flow as its variables move, from its program without loops and branches."""
-    with jax.disable_jit():  # the program of a function that is jitted stands in its place
+    with jax.disable_jit():  # the program of a jitted function is then inlined
         closed, rates = jax.make_jaxpr(flow, return_shape=True)(params, state)
     program, given = closed.jaxpr, jax.tree.leaves((params, state))
     found = [e for e, _ in _moving(program, state, rates) if e.primitive.name in _SWITCHES]

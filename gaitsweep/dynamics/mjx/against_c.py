@@ -1,4 +1,4 @@
-"""A model of an MJCF beside MuJoCo C: where its steps part from those of MuJoCo, and the likely cause.
+"""Comparison of a model of an MJCF with MuJoCo C: the first step that differs, and the likely cause.
 
 MuJoCo C takes the controls that the model gave, so that the bodies alone are compared. Where two motions
 part, each step before is repeated in C from the model's own state: a step that differs by itself has a cause,
@@ -74,7 +74,7 @@ class Parting:
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """The motions of a model beside those of MuJoCo C.
+    """Comparison of the motions of a model with those of MuJoCo C.
 
     `largest` is the largest difference of a coordinate before a motion parts.
     """
@@ -161,7 +161,7 @@ class _Both:
         return None, largest
 
     def _stepped(self, states: Any, begins: bool, tolerance: float) -> tuple[Any, np.ndarray]:
-        """States after each step and the controls in it, each from the last or from its own of `states`."""
+        """States after each step, and its controls; with `begins` each step starts from its state of `states`."""
         flags = np.full(self._steps, begins)
         found = self._program(self._params, states, flags, np.full(self._steps, tolerance))
         return jax.tree.map(np.asarray, found)
@@ -169,7 +169,7 @@ class _Both:
     def _cause(
         self, i: int, steps: int, before: Any, ours: np.ndarray, controls: np.ndarray, time: float
     ) -> str:
-        """The likely cause that number `i` parts: what acts in the first step that differs by itself."""
+        """The likely cause of a difference of number `i`, found in the first step that differs by itself."""
         m, moved = self._m, self._m.nq + self._m.nv + self._m.na
         exact, loose = _numbers(self._stepped(before, True, _EXACT)[0]), False
         for k in range(steps):

@@ -207,7 +207,7 @@ def _path(kind: type[MjcfModel]) -> Path:
 
 
 def _body(kind: type[MjcfModel]) -> MjxBody:
-    """The body of a model, compiled once for what its file says.
+    """The body of a model, compiled once for each content of its file.
 
     Raises:
         ValueError: MuJoCo refuses it, or MJX would ignore a part of it; the message says which.

@@ -117,7 +117,7 @@ class CudaDevice:
         return self._pinned.allocate(size * _NUMBER)
 
     def copy(self, source: Any, target: Any, size: int) -> None:
-        """Copy the first `size` numbers of a piece of memory, after what was launched before."""
+        """Copy the first `size` numbers of a piece of memory, after all earlier launches."""
         self._copy_bytes(source, target, size * _NUMBER)
 
     def _copy_bytes(self, source: Any, target: Any, size: int) -> None:

@@ -1,7 +1,7 @@
-"""Products and sums in one instruction, which rounds once: which of them, is decided here.
+"""The choice of products and sums that become one instruction, which rounds once.
 
-A compiler decides by what else it finds around them, so that the same sum could be rounded differently in two
-places of a program, and with it the result of a row that shares a vector with a row at an event.
+A compiler would choose by the surrounding operations: the same sum could be rounded differently in two places
+of a program, and a row that shares a vector with a row at an event could have another result.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _FUSED = {"add": ("fma", "fma"), "sub": ("fms", "fnma")}
 def contracted(chunk: Chunk) -> Chunk:
     """The same chunk with fused operations where a product is an argument of sums alone.
 
-    What is computed once for a trajectory, or only at events, stays a value of its own.
+    Values that are computed once for a trajectory, or only at events, are not fused.
     """
     program = chunk.program
     wanted = [*chunk.attempt.values(), *chunk.plain.values(), chunk.unusual]

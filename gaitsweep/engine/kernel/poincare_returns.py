@@ -164,7 +164,7 @@ class KernelReturns:
 
 
 class _Kernel:
-    """Returns compiled for the CPU's cores, from what lanes hold and carry."""
+    """Returns compiled for the CPU's cores."""
 
     def __init__(self, crossing: PoincareReturn, held: Any, carry: Any, title: str) -> None:
         self._chunk = chunk_of(_Lane(crossing), held, carry)  # type: ignore[arg-type]
@@ -179,7 +179,7 @@ class _Kernel:
         slots = np.asarray(slots)
         lanes, back = _different(slots.reshape(-1, slots.shape[-1]))
         tiles = -(-len(lanes) // cpu_program.TILE)
-        # the last tile is filled up with its own last lane, which costs nothing
+        # the last tile is filled up by repeating its last lane, which costs nothing
         order = np.minimum(np.arange(tiles * cpu_program.TILE), len(lanes) - 1)
         room = np.zeros((tiles, self._slots, cpu_program.TILE))
         room[:, : lanes.shape[1]] = lanes[order].reshape(tiles, cpu_program.TILE, -1).transpose(0, 2, 1)

@@ -49,7 +49,7 @@ def steps(  # noqa: C901 - one pass over the program, whose cases share all of i
         for a in arguments(program, order[place]):
             uses.setdefault(a, []).append(place)
     computed = {at: place for place, at in enumerate(order)}
-    # written at the end: what is not computed here, or takes the place of what is needed later
+    # written at the end: nodes that are not computed here, or overwrite values that are needed later
     last = [at for at in overwrites if at not in computed]
     needed_at_end = set(last)
     for at, taken in overwrites.items():

@@ -58,7 +58,7 @@ class ReturnState:
 
 
 class PoincareReturn:
-    """The functions of one return, which every engine iterates in its own way.
+    """The functions of one return; each engine iterates them differently.
 
     With located events, forward-mode derivatives are exact through all events, event times included. With
     fixed steps no event is located, and `differentiable` is False.

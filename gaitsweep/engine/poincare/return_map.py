@@ -67,7 +67,7 @@ class BatchedReturnMap(Map):
     Args:
         model: the model.
         settings: (name, number or formula) of the parameters that are not at their defaults.
-        numerics: what the model recommends, where not given. With located events (tsit5, rk4, propagator6,
+        numerics: by default the recommendations of the model. With located events (tsit5, rk4, propagator6,
             propagator) the map has derivatives; in steps of fixed length it is a staircase of that step's
             size, and derivatives are refused.
         engine: kernel, xla, or auto: kernel where the model and the machine allow it.

@@ -106,7 +106,7 @@ class Recorder(abc.ABC):
     A recorder defines the abstract members; it overrides no other one.
     """
 
-    # Numbers of each row beside those of the engine, which `record` may set: the period of the attractor in
+    # Numbers of each row in addition to the engine's, which `record` may set: the period of the attractor in
     # crossings, 0 if unknown, and the index of the observable that kept the row from settling.
     numbers: ClassVar[tuple[RowNumber, ...]] = (
         RowNumber("period", np.int8),
@@ -147,7 +147,7 @@ class Recorder(abc.ABC):
         """The progress of running rows (n,), 0 to 1, for the progress bar.
 
         Args:
-            rows: what each has so far.
+            rows: their crossings, samples and times so far.
             typical: the mean number of cycles of the ended rows, 0 if there are none.
         """
 
@@ -206,7 +206,7 @@ class Recorder(abc.ABC):
         leaves = [x for x in jax.tree.leaves(moving) if jnp.issubdtype(x.dtype, jnp.floating)]
         flat = jnp.concatenate([jnp.zeros((1,)), *(jnp.ravel(leaf) for leaf in leaves)])
         limit = self.max_attempts(params, dt)
-        # no comparison with a limit that is NaN comes true, so such a row would not end
+        # a comparison with NaN is never true, so a row with such a limit would not end
         unknown = jnp.isnan(limit) | jnp.isnan(self.model.free_after(params))
         unknown = unknown | ~(jnp.abs(carry.unit) < jnp.inf)
         endless = (carry.attempts > limit) | (limit == jnp.inf)

@@ -36,7 +36,7 @@ from gaitsweep.engine.recorders.stairs import StepSchedule
 from gaitsweep.engine.shapes import Integer, Number
 from gaitsweep.row_outcome import RowOutcome
 
-_HEAD = ("stair", "crossing", "t", "settled", "slowest")  # what stands before the observables
+_HEAD = ("stair", "crossing", "t", "settled", "slowest")  # the numbers of a sample before its observables
 # The last crossing and those before it, in which a stair has to settle.
 _WINDOW = SETTLE_WINDOW + 1
 # Stairs whose gaits are read in one call: a fixed number, since XLA's last bits depend on it.
@@ -90,7 +90,7 @@ class StepRecorder(Recorder):
         slot = _slot(cycles)
         widest = jnp.where(crossed, widened(span, self.model, last), span)
         window = jnp.where(slot & crossed, last, seen)
-        # what a stair has not crossed yet is NaN, which is near nothing
+        # crossings that a stair has not had yet are NaN, which is near no number
         moved = jnp.abs(change(self.model, last[None, :] - seen))
         bound = bounds(self.model, self.tolerance, seen, span)[None, :]
         settled = jnp.all(moved < bound)

@@ -89,7 +89,7 @@ def derivative_refusal(name: str, model: Model) -> str | None:
     """
     if fixed_step_scheme(name, model) is None:
         return None
-    # so a derivative of the steps lacks what the time of a landing does, however short they are
+    # so a derivative of the steps lacks the effect of event times, however short they are
     reason = "steps have a fixed length, and an event is met at the end of one"
     if isinstance(model, HybridModel) and _steps_alone("rk4", model) is None:
         return f"{reason}. Use rk4."

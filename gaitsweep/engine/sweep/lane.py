@@ -1,4 +1,4 @@
-"""The functions of one trajectory, which each engine vectorises in its own way."""
+"""The functions of one trajectory; each engine vectorises them differently."""
 
 from __future__ import annotations
 
