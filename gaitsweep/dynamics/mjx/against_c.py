@@ -161,7 +161,7 @@ class _Both:
         return None, largest
 
     def _stepped(self, states: Any, begins: bool, tolerance: float) -> tuple[Any, np.ndarray]:
-        """States after each step, and its controls; with `begins` each step starts from its state of `states`."""
+        """States after each step, and its controls; with `begins` each step starts from one of `states`."""
         flags = np.full(self._steps, begins)
         found = self._program(self._params, states, flags, np.full(self._steps, tolerance))
         return jax.tree.map(np.asarray, found)
