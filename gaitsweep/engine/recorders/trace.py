@@ -70,10 +70,7 @@ class TraceRecorder(Recorder):
         signals = self.model.signal(params, carry.state)
         index = record.samples.astype(carry.t.dtype)
         sample = jnp.stack([index * self.every, *(signals[q.name] for q in self.model.signals)])
-        recorded = dataclasses.replace(
-            record, cycles=cycles, last=jnp.where(crossed, self.observables(params, carry.state), record.last)
-        )
-        recorded = counted(recorded, due)
+        recorded = counted(self.crossed(params, carry, record, crossed), due)
         done = due & (recorded.samples >= self.samples)
         status = jnp.where(lost, Status.time_limit, jnp.where(done, Status.complete, Status.running))
         waits = (carry.halt == Halt.TIME) & ~due & ~lost
