@@ -74,18 +74,17 @@ def source(chunk: Chunk, lanes: int, title: str, *, contraction: bool = True) ->
 def _printed(tile: _Tile, title: str) -> str:
     """The source of a tile's module."""
     chunk, lanes = tile.chunk, tile.lanes
+    keep = _KEEP.format(
+        lanes=lanes,
+        keep=tile.keep * lanes,
+        filled=chunk.record.filled.first * lanes,
+        first=tile.sample * lanes,
+        width=chunk.width,
+    )
     parts = [
         _PREAMBLE.format(title=title),
         *tile.stages,
-        _KEEP.format(
-            lanes=lanes,
-            keep=tile.keep * lanes,
-            filled=chunk.record.filled.first * lanes,
-            first=tile.sample * lanes,
-            width=chunk.width,
-        )
-        if chunk.width
-        else "",
+        *([keep] if chunk.width else []),
         _RUN.format(
             lanes=lanes,
             interval=POLL_INTERVAL,
@@ -96,7 +95,7 @@ def _printed(tile: _Tile, title: str) -> str:
             keep="keep(s, kept, tile)" if chunk.width else "pass",
         ),
     ]
-    return "\n\n".join(part for part in parts if part)
+    return "\n\n".join(parts)
 
 
 class _Tile:
@@ -148,7 +147,7 @@ class _Tile:
             "barrier()",
             *self._lines(self.shared, self._steady),
         ]
-        return [*plain, "if any(unusual):", *(f"    {line}" for line in rest), "else:", "    pass"]
+        return [*plain, *_choice(rest, ["pass"])]
 
     def _poll(self) -> list[str]:
         """A poll, which computes the effects of events only if a lane of the tile needs them."""
@@ -163,13 +162,8 @@ class _Tile:
 
         if program.value(chunk.eventful) is False:
             return lines(chunk.polled)
-        return [
-            *self._lines({}, self._steady, "i", "i", flag=chunk.eventful),
-            "if any(unusual):",
-            *(f"    {line}" for line in lines(chunk.polled)),
-            "else:",
-            *(f"    {line}" for line in lines(chunk.quiet)),
-        ]
+        flag = self._lines({}, self._steady, "i", "i", flag=chunk.eventful)
+        return [*flag, *_choice(lines(chunk.polled), lines(chunk.quiet))]
 
     def _lines(
         self,
@@ -241,6 +235,12 @@ class _Tile:
     def _stage(self, name: str, arguments: str, lines: list[str]) -> str:
         body = "\n".join(f"    {line}" for line in [*lines, "pass"])
         return _STAGE.format(name=name, arguments=arguments, lanes=self.lanes, body=body)
+
+
+def _choice(yes: list[str], no: list[str]) -> list[str]:
+    """The lines `yes` where the flag `unusual` of some lane is true, else the lines `no`."""
+    indented = [[f"    {line}" for line in lines] for lines in (yes, no)]
+    return ["if any(unusual):", *indented[0], "else:", *indented[1]]
 
 
 _STAGE = """{name}_of_vector = straight_line('''def {name}_of_vector({arguments}):
