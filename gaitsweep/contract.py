@@ -192,6 +192,11 @@ class Chart(abc.ABC):
     Symmetry directions (position, heading) are left out, so that a steady gait is a fixed point. Variables
     that the section itself fixes are left out as well.
 
+    1. A chart gives `coordinates`, `to_coordinates` and `from_coordinates`.
+    2. It may give the optional members: `covers` where some crossings have no coordinates, and `conserved`
+       with `conserved_values` where the return map conserves quantities.
+    3. The engine alone calls its functions.
+
     Raises:
         TypeError: a subclass defines a member by its old name (`RENAMED_OF_CHARTS`).
     """
@@ -250,8 +255,14 @@ class Model(Jumps):
 
     Its fields are its structure (number of legs, kind of body): they shape the arrays and cannot vary inside
     a job. They have to be hashable, since compiled programs are cached by model.
-    Derive from `HybridModel` or from `SteppedModel`, not from this class. Arguments are given by position, so
-    a model may call them as it likes.
+    Derive from `HybridModel` or from `SteppedModel`, not from this class.
+
+    1. A model gives `name`, `source`, `gaits` and the abstract members.
+    2. It may give the optional members, which are all others. Their defaults describe a model without the
+       feature: `precisions`, `label_fields`, `given_with`, `host_parameters` with `on_host`, `data_digest`,
+       `caveats`, `free_after`, `beyond_at_start` and `chart` for runs; `limbs`, `skeleton`, `free_link`,
+       `analytic_distance` and `mjcf` for figures.
+    3. The engine alone calls the functions, with arguments by position, so a model may name them as it likes.
 
     Raises:
         TypeError: a subclass defines a member by its old name (`RENAMED`).
@@ -425,17 +436,25 @@ class FixedStepDynamics(Jumps):
     def events(self, params: Params, before: State, after: State, /) -> Bool[Array, " events"]:
         """A bool for each event: whether it happened during the step."""
 
+    @abc.abstractmethod
     def longest_step(self, params: Params, /) -> Float[Array, ""] | None:
         """The longest accurate step (s) with these parameters; None: a job has to set `numerics.dt`."""
-        return None
 
 
 class SteppedModel(Model, FixedStepDynamics):
-    """A model that a simulator's own step advances."""
+    """A model that a simulator's own step advances.
+
+    1. A model gives what `Model` and `FixedStepDynamics` ask for.
+    2. It may give the optional members of `Model`, `recommended` and `longest_step`.
+    3. The engine alone calls the functions.
+    """
 
     @property
     def recommended(self) -> Recommended:
         return Recommended("semi_implicit")
+
+    def longest_step(self, params: Params, /) -> Float[Array, ""] | None:
+        return None
 
 
 # Guards that fire in the same trial jump "in_turn", or "together" in one jump, with the derivative of one
@@ -449,6 +468,12 @@ class HybridModel(Model):
 
     `flow` and `guards` only read the discrete modes in the state (contacts, leg segments): a `flow` that
     recomputes a contact inside a step breaks event location and the order of convergence.
+
+    1. A model gives what `Model` asks for, `flow` and `guards`.
+    2. It may give the optional members of `Model`, and those of this class: `linear`, `recommended`,
+       `fast_modes`, `locates_events` and `fixed_step_scheme` for the method, `simultaneous`, `longest_chain`
+       and `guard_names` for the events, `energies` for the check of the flow.
+    3. The engine alone calls the functions.
     """
 
     linear: ClassVar[bool] = False  # whether `flow` is affine in the continuous fields at fixed modes

@@ -10,18 +10,19 @@ EXIT_FAILURE = 1  # the request is valid, but its execution failed, for example 
 
 
 class UserError(Exception):
-    """A request of the user cannot be executed; the message says why, and what is allowed.
+    """A request of the user cannot be executed; the message gives the reason and the allowed values.
 
     All errors that a user can cause derive from it: the command line shows the `sentence` and ends with the
     `exit_code`. Any other exception is a bug.
     """
 
     exit_code: ClassVar[int] = REFUSED
+    subject: ClassVar[str] = ""  # of a message that is only the rest of a sentence
 
     @property
     def sentence(self) -> str:
         """The message as a complete sentence."""
-        return str(self)
+        return f"{self.subject}{self}"
 
     def _render_traceback_(self) -> list[str]:
         """The lines that IPython shows in a notebook instead of a traceback."""

@@ -101,9 +101,7 @@ def evaluate(
     for name in names_in(expression):
         if name not in names:
             allowed = [*names, *CONSTANTS]
-            raise ExpressionError(
-                f"in {_quoted(expression)}, {name} is not a known name{near_miss.suggestion(name, allowed)}"
-            )
+            raise _error_in(expression, f"{name} is not a known name{near_miss.suggestion(name, allowed)}")
     if clash := sorted(set(names) & set(CONSTANTS)):
         raise ExpressionError(f"{clash[0]} is a constant and cannot be redefined.")
     if functions is not None:
@@ -163,14 +161,14 @@ def fulfilled(
         read: gives the array of a column; called for those that the condition names.
 
     Raises:
-        ExpressionError: the text is not a condition, a name is no column, or text is compared with a number.
+        ExpressionError: the text is not a condition, a name is unknown, or text is compared with a number.
     """
     tree = _parse(condition, condition=True)
     used = _names_of(tree) - (set(CONSTANTS) - set(columns))
     for name in used:
         if name not in columns:
             near = near_miss.suggestion(name, list(columns))
-            raise ExpressionError(f"in {_quoted(condition)}, {name} is not a column{near}")
+            raise _error_in(condition, f"{name} is not a column{near}")
     if not used:
         raise ExpressionError(f"{_quoted(condition)} does not name a column.")
     known = {name: read(columns[name]) for name in used}
@@ -189,9 +187,7 @@ def _truth(text: str, node: ast.expr, columns: Mapping[str, np.ndarray]) -> Any:
             return np.logical_not(_truth(text, node.operand, columns))
         case ast.Name():
             if columns[node.id].dtype.kind != "b":
-                raise ExpressionError(
-                    f"in {_quoted(text)}, {node.id} is a column of values, not of truth values: compare it."
-                )
+                raise _error_in(text, f"{node.id} is a column of values, not of truth values: compare it.")
             return columns[node.id]
         case ast.Compare():
             operands = [_operand(text, each, columns) for each in (node.left, *node.comparators)]
@@ -211,7 +207,7 @@ def _operand(text: str, node: ast.expr, columns: Mapping[str, np.ndarray]) -> An
     numbers: dict[str, Any] = {**CONSTANTS}
     for name in _names_of(node) & set(columns):
         if columns[name].dtype.kind not in "biuf":
-            raise ExpressionError(f"in {_quoted(text)}, {name} is a column of text, not of numbers.")
+            raise _error_in(text, f"{name} is a column of text, not of numbers.")
         numbers[name] = columns[name].astype(np.float64)
     return _evaluate_tree(text, node, numbers, functions_of(np), np.float64)
 
@@ -330,7 +326,7 @@ def _hint(text: str) -> str:
 
 
 def _check_condition(text: str, node: ast.expr) -> None:
-    """Refuse what is not a condition; no deeper than _LONGEST allows, so that recursion ends."""
+    """Refuse text that is not a condition; its length limits the depth of the recursion."""
     match node:
         case ast.BoolOp():
             for each in node.values:
@@ -346,16 +342,12 @@ def _check_condition(text: str, node: ast.expr) -> None:
                     for one in each.elts:
                         _check_operand(text, one)
                 else:
-                    raise ExpressionError(
-                        f"in {_quoted(text)}, only < <= > >= == != and in [...] are comparisons."
-                    )
+                    raise _error_in(text, "only < <= > >= == != and in [...] are comparisons.")
         case ast.Name() if node.id not in FUNCTIONS:
             pass
         case _:
-            raise ExpressionError(
-                f"{_quoted(text)} is not a condition: conditions compare columns and numbers, such as "
-                "gait == 'trot' and speed < 1."
-            )
+            needed = "conditions compare columns and numbers, such as gait == 'trot' and speed < 1"
+            raise ExpressionError(f"{_quoted(text)} is not a condition: {needed}.")
 
 
 def _check_operand(text: str, node: ast.expr) -> None:
@@ -377,43 +369,46 @@ def _check(text: str, body: ast.expr) -> None:
             continue
         elif isinstance(node, ast.Name):
             if node.id in FUNCTIONS:
-                raise ExpressionError(f"in {_quoted(text)}, {node.id} is a function: write {node.id}(...).")
+                raise _error_in(text, f"{node.id} is a function: write {node.id}(...).")
         elif isinstance(node, (ast.BinOp, ast.UnaryOp)):
             if type(node.op) not in _OPERATORS:
-                raise ExpressionError(_refusal(text, node.op))
+                raise _refusal(text, node.op)
         elif not isinstance(node, (ast.operator, ast.unaryop, ast.expr_context)):
-            raise ExpressionError(_refusal(text, node))
+            raise _refusal(text, node)
         stack.extend((child, depth + 1) for child in ast.iter_child_nodes(node))
 
 
 def _constant(text: str, value: object) -> float:
     if isinstance(value, str):
-        raise ExpressionError(f"in {_quoted(text)}, text in quotes is not allowed; only arithmetic is.")
+        raise _error_in(text, "text in quotes is not allowed; only arithmetic is.")
     try:
         return _number(value)
     except ExpressionError as error:
-        raise ExpressionError(f"in {_quoted(text)}, {error}") from None
+        raise _error_in(text, str(error)) from None
 
 
 def _check_call(text: str, node: ast.Call) -> None:
     if not isinstance(node.func, ast.Name):
-        raise ExpressionError(_refusal(text, node.func))
+        raise _refusal(text, node.func)
     name = node.func.id
     if name not in FUNCTIONS:
-        raise ExpressionError(
-            f"in {_quoted(text)}, {name} is not a known function{near_miss.suggestion(name, FUNCTIONS)}"
-        )
+        raise _error_in(text, f"{name} is not a known function{near_miss.suggestion(name, FUNCTIONS)}")
     for argument in node.args:
         if isinstance(argument, (ast.Starred, ast.GeneratorExp)):
-            raise ExpressionError(_refusal(text, argument))
+            raise _refusal(text, argument)
     if node.keywords:
-        raise ExpressionError(f"in {_quoted(text)}, {name} has no named arguments.")
-    if name in ("min", "max") and len(node.args) < 2:
-        raise ExpressionError(f"in {_quoted(text)}, {name} needs at least two numbers.")
-    if name not in ("min", "max") and len(node.args) != 1:
-        raise ExpressionError(f"in {_quoted(text)}, {name} needs exactly one number.")
+        raise _error_in(text, f"{name} has no named arguments.")
+    extreme = name in ("min", "max")
+    if len(node.args) < 2 if extreme else len(node.args) != 1:
+        raise _error_in(text, f"{name} needs {'at least two numbers' if extreme else 'exactly one number'}.")
 
 
-def _refusal(text: str, node: ast.AST) -> str:
-    word = _WORDS.get(type(node), "this")
-    return f"in {_quoted(text)}, {word} is not allowed; only + - * / // % ** and {', '.join(FUNCTIONS)} are."
+def _error_in(text: str, reason: str) -> ExpressionError:
+    """The error in an expression, which it quotes."""
+    return ExpressionError(f"in {_quoted(text)}, {reason}")
+
+
+def _refusal(text: str, node: ast.AST) -> ExpressionError:
+    """The error for syntax that is not arithmetic."""
+    allowed = f"+ - * / // % ** and {', '.join(FUNCTIONS)}"
+    return _error_in(text, f"{_WORDS.get(type(node), 'this')} is not allowed; only {allowed} are.")

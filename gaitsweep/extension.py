@@ -75,19 +75,15 @@ def extensions() -> Mapping[str, Extension]:
                 f"{error}): repair it, or uninstall {owner}."
             ) from error
         if not isinstance(extension, Extension):
-            raise ExtensionError(
-                f"The extension {entry.name} of {owner} is {entry.value}, which is not a gaitsweep.Extension."
-            )
+            wrong = f"{entry.value}, which is not a gaitsweep.Extension"
+            raise ExtensionError(f"The extension {entry.name} of {owner} is {wrong}.")
+        remedy = f"uninstall {owner} or the other package"
         if entry.name in found:
-            raise ExtensionError(
-                f"There are two extensions named {entry.name}: uninstall {owner} or the other package."
-            )
+            raise ExtensionError(f"There are two extensions named {entry.name}: {remedy}.")
         for name in extension.models:
             if name in models:
-                raise ExtensionError(
-                    f"The extensions {models[name]} and {entry.name} both have a model {name}: uninstall "
-                    f"{owner} or the other package."
-                )
+                both = f"The extensions {models[name]} and {entry.name} both have a model {name}"
+                raise ExtensionError(f"{both}: {remedy}.")
             models[name] = entry.name
         found[entry.name] = extension
     return MappingProxyType(found)

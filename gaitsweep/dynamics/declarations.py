@@ -39,6 +39,10 @@ class Counted:
         """The shape of the field."""
         return () if self.count is None else (self.size(model),)
 
+    def gathered(self, numbers: Sequence[Float[Array, ""]]) -> Float[Array, " ..."]:
+        """The value of the field from its components."""
+        return numbers[0] if self.count is None else jnp.stack(numbers)
+
 
 @dataclasses.dataclass(frozen=True)
 class CountedQuantity(Counted):
@@ -92,6 +96,17 @@ class Variable(CountedQuantity):
         """The value as it is recorded: angles from 0 to 2 pi."""
         return wrapped(value) if self.quantity.circular else value
 
+    def recorded(self, model: Model, name: str) -> tuple[Quantity, ...]:
+        """The observables or signals; bounds of the start do not hold for them."""
+        return self.quantities(model, name, low=-math.inf, high=math.inf, open_ends=False)
+
+    def values(self, model: Model, name: str, params: Any, state: Any) -> dict[str, Float[Array, ""]]:
+        """The recorded values by name."""
+        value = self.read(getattr(state, name))
+        if self.count is None:
+            return {name: value}
+        return dict(zip([q.name for q in self.quantities(model, name)], value, strict=True))
+
 
 @dataclasses.dataclass(frozen=True)
 class Mode(Counted):
@@ -127,6 +142,15 @@ class Reading:
     observed: bool
     signal: bool
     is_energy: bool = False
+
+    def recorded(self, model: Model, name: str) -> tuple[Quantity, ...]:
+        """The observable or signal."""
+        return (dataclasses.replace(self.quantity, name=name),)
+
+    def values(self, model: Model, name: str, params: Any, state: Any) -> dict[str, Float[Array, ""]]:
+        """The recorded value by its name."""
+        value = jnp.asarray(self.function(model, params, state), float)
+        return {name: wrapped(value) if self.quantity.circular else value}
 
 
 class Event:
@@ -186,11 +210,9 @@ def _quantity(unit: str, meaning: str, *others: Any, **more: Any) -> Quantity:
     """A quantity that has no name yet; TypeError where the order of the first two was mistaken."""
     for what, text in (("unit", unit), ("meaning", meaning)):
         if not isinstance(text, str):
-            raise TypeError(
-                f"The {what} of a declaration is {text!r}, but must be text: write the unit, the "
-                "meaning, then "
-                'a number, as in parameter("m/s2", "gravitational acceleration", 9.81).'
-            )
+            example = 'parameter("m/s2", "gravitational acceleration", 9.81)'
+            order = f"write the unit, the meaning, then a number, as in {example}"
+            raise TypeError(f"The {what} of a declaration is {text!r}, but must be text: {order}.")
     return Quantity("", unit, meaning, *others, **more)
 
 
@@ -259,9 +281,8 @@ def mode(start: bool | int | Sequence[bool | int], meaning: str, *, count: int |
 
     Args:
         start: its default at t = 0, for which jobs have the name `NAME_0`, and which decides its type: a
-        bool or
-            an integer, or one for each of `count`.
-        meaning: what it says.
+            bool or an integer, or one for each of `count`.
+        meaning: as jobs and tables show it.
         count: how many there are, as for `parameter`.
     """
     return Mode(count, start if isinstance(start, (bool, int)) else tuple(start), meaning)
@@ -317,11 +338,7 @@ def energy(
 
 
 def event(
-    name: str,
-    *,
-    section: bool = False,
-    during: Callable[..., Any] | None = None,
-    rising: bool = True,
+    name: str, *, section: bool = False, during: Callable[..., Any] | None = None, rising: bool = True
 ) -> Callable[[Callable[..., Float[Array, ""]]], Event]:
     """Declare a function (params, state) -> number as the guard of an event.
 
@@ -336,12 +353,12 @@ def event(
     jump has brought below zero does not jump.
 
     Args:
-        name: what happens, in a few words: "foot lands". Rows that it stalls are told by it.
+        name: a few words, such as "foot lands", which also name the event in `stalled_by`.
         section: whether it closes a cycle; its crossings are the Poincare section.
         during: a function of the state's modes, `lambda state: state.stance`: it happens only while this
             holds, and is armed anew where this begins to hold.
-        rising: False: it happens wherever the function is >= 0 while `during` holds, so its jump has to end
-            that. This needs no arming, and cannot miss what is already beyond the surface.
+        rising: False: it happens where the function is >= 0 while `during` holds, so its jump has to end
+            that. Such an event needs no arming, and includes states that are already beyond the surface.
 
     Raises:
         TypeError: `rising` is False, and there is no `during` that its jump could end.

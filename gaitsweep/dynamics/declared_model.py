@@ -7,6 +7,7 @@ any of them itself.
 
 from __future__ import annotations
 
+import abc
 import dataclasses
 import functools
 import re
@@ -20,7 +21,6 @@ from jaxtyping import Array, Bool, Float, Real
 from gaitsweep.contract import Chart, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declarations import Event, Mode, Parameter, Reading, Variable
 from gaitsweep.dynamics.event_surface import CORRECTED, Arming, EventSurface, flat
-from gaitsweep.dynamics.phase_oscillator import wrapped
 from gaitsweep.near_miss import suggestion
 
 Values = Mapping[str, jax.Array]
@@ -73,6 +73,8 @@ _DECLARED = (Parameter, Variable, Mode, Reading, Event)
 class Declared(Model):
     """Quantities, parameters and states that declarations give to a model of either family.
 
+    The members of the contract that are built here are optional: a model may define any of them itself.
+
     Raises:
         TypeError: two declarations exclude each other; the message names them.
     """
@@ -98,7 +100,7 @@ class Declared(Model):
     def _inherited(cls) -> dict[str, Any]:
         """The declarations of the bases, less the events that this class replaces.
 
-        An event whose jump has another name stands in the class under both; its own name is the first.
+        An event whose jump has another name is an attribute of the class under both; its name is the first.
         """
         first: dict[Event, str] = {}
         inherited = dict(cls.declarations)
@@ -115,9 +117,13 @@ class Declared(Model):
         return inherited
 
     @classmethod
+    @abc.abstractmethod
     def _other_fields(cls) -> list[str]:
         """Fields of a state that are not declared."""
-        return []
+
+    @abc.abstractmethod
+    def _is_beyond(self, event: Event, params: Any, state: Any) -> Bool[Array, ""]:
+        """Whether a state lies beyond the surface of an event."""
 
     @classmethod
     def _refuse_contradictions(cls) -> None:
@@ -126,9 +132,8 @@ class Declared(Model):
             if name in ("replace", *cls._other_fields()) or hasattr(base, name):
                 raise TypeError(f"{cls.__name__} declares {name}, a name that every model has: rename it.")
         if cls._events() and not any(each.is_section for each in cls._events()):
-            raise TypeError(
-                f"{cls.__name__} has events but no section: write section=True for the one that ends a cycle."
-            )
+            remedy = "write section=True for the one that ends a cycle"
+            raise TypeError(f"{cls.__name__} has events but no section: {remedy}.")
 
     @classmethod
     def _named(cls, kind: type) -> dict[str, Any]:
@@ -137,7 +142,7 @@ class Declared(Model):
 
     @classmethod
     def _events(cls) -> list[Event]:
-        # an event whose jump has another name stands in the class twice
+        # an event whose jump has another name is in the class twice
         return list(dict.fromkeys(cls._named(Event).values()))
 
     # what the contract asks for
@@ -153,17 +158,18 @@ class Declared(Model):
 
     @property
     def observables(self) -> tuple[Quantity, ...]:
-        return self._recorded("observed")
+        return tuple(
+            q for name, each in self._recorded("observed").items() for q in each.recorded(self, name)
+        )
 
     @property
     def signals(self) -> tuple[Quantity, ...]:
-        return self._recorded("signal")
+        return tuple(q for name, each in self._recorded("signal").items() for q in each.recorded(self, name))
 
     def params(self, values: Values, /) -> Any:
         fields = {}
         for name, each in self._named(Parameter).items():
-            numbers = [jnp.asarray(values[q.name]) for q in each.quantities(self, name)]
-            fields[name] = numbers[0] if each.count is None else jnp.stack(numbers)
+            fields[name] = each.gathered([jnp.asarray(values[q.name]) for q in each.quantities(self, name)])
         return self.Params(**fields)
 
     def observe(self, params: Any, state: Any, /) -> dict[str, Real[Array, ""]]:
@@ -187,45 +193,28 @@ class Declared(Model):
 
     # how it is built
 
-    def _is_beyond(self, event: Event, params: Any, state: Any) -> Bool[Array, ""]:
-        return jnp.asarray(event.function(self, params, state)) > 0.0
-
     def _started(self, start: Values) -> dict[str, Any]:
         """The declared fields of a state at t = 0."""
         fields: dict[str, Any] = {}
         for name, each in self._named(Variable).items():
             numbers = [jnp.asarray(start[q.name]) for q in each.starts(self, name)]
-            if not numbers:
-                fields[name] = jnp.zeros(each.shape(self))
-            else:
-                fields[name] = numbers[0] if each.count is None else jnp.stack(numbers)
+            fields[name] = each.gathered(numbers) if numbers else jnp.zeros(each.shape(self))
         for name, each in self._named(Mode).items():
             fields[name] = each.at_start(
                 self, [start.get(q.name, q.default) for q in each.starts(self, name)]
             )
         return fields
 
-    def _recorded(self, kind: str) -> tuple[Quantity, ...]:
-        found: list[Quantity] = []
-        for name, each in self.declarations.items():
-            if isinstance(each, Variable) and getattr(each, kind):
-                bounds = {"low": -float("inf"), "high": float("inf"), "open_ends": False}
-                found += each.quantities(self, name, **bounds)
-            elif isinstance(each, Reading) and getattr(each, kind):
-                found.append(dataclasses.replace(each.quantity, name=name))
-        return tuple(found)
+    def _recorded(self, kind: str) -> dict[str, Variable | Reading]:
+        """The declarations that are recorded as "observed" or as "signal"."""
+        recorded = {**self._named(Variable), **self._named(Reading)}
+        return {
+            name: recorded[name] for name in self.declarations if getattr(recorded.get(name), kind, False)
+        }
 
     def _read(self, kind: str, params: Any, state: Any) -> dict[str, jax.Array]:
-        found: dict[str, jax.Array] = {}
-        for name, each in self.declarations.items():
-            if isinstance(each, Variable) and getattr(each, kind):
-                value = each.read(getattr(state, name))
-                names = [q.name for q in each.quantities(self, name)]
-                found |= {name: value} if each.count is None else dict(zip(names, value, strict=True))
-            elif isinstance(each, Reading) and getattr(each, kind):
-                value = jnp.asarray(each.function(self, params, state), float)
-                found[name] = wrapped(value) if each.quantity.circular else value
-        return found
+        read = (each.values(self, name, params, state) for name, each in self._recorded(kind).items())
+        return {name: value for values in read for name, value in values.items()}
 
     def _flags(self, fired: Bool[Array, " events"]) -> Iterator[tuple[Event, Bool[Array, " guards"]]]:
         """Each event with the flags of its guards."""
@@ -240,9 +229,14 @@ class Declared(Model):
 class DeclaredModel(Declared, HybridModel):
     """A hybrid model whose class body declares its parameters, variables, modes and events.
 
-    A model derives from it and gives `flow` and `period`; the rest follows from its declarations
-    (`parameter`, `variable`, `mode`, `event`, `observable`, `signal`), and may be defined instead. Fields of
-    its structure need `@dataclasses.dataclass(frozen=True)`; without such fields no decorator is needed.
+    1. A model gives `flow` and `period`, and declares a `parameter`, a `variable` and an `event` that closes
+       its cycles (`section=True`). Fields of its structure need `@dataclasses.dataclass(frozen=True)`;
+       without such fields no decorator is needed.
+    2. It may give further declarations (`mode`, `observable`, `signal`, `energy`) and optional members:
+       `source`, `gaits` with `label`, `failed`, `section_coordinates` with `complete`, and those of
+       `HybridModel`.
+    3. The engine alone calls the members that are built from the declarations: `parameters`, `params`,
+       `init`, `guards`, `jump`, `section`, `observe`, ... A model may define them instead.
 
     `params` of its functions has the parameters as attributes, `state` the variables and modes;
     `state.replace(NAME=value)` is a state that differs in some of them.
@@ -256,9 +250,8 @@ class DeclaredModel(Declared, HybridModel):
     def _other_fields(cls) -> list[str]:
         return [ARMING] if cls._armed() else []
 
-    @classmethod
-    def _refuse_contradictions(cls) -> None:
-        super()._refuse_contradictions()
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
         for name in cls.section_coordinates:
             if name not in cls._named(Variable):
                 near = suggestion(name, cls._named(Variable))

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 _RESOLUTIONS = 16.0
 # Times (in nominal periods) by which an event may be located late: at least, at most where the height at its
 # jump is that of a crossing, and at most where its jump is applied at the crossing itself. The band of a
-# surface is what its height changes by in `_BAND` such times.
+# surface is the change of its height in `_BAND` such times.
 _LATE = 1.0e-12
 _LATEST = 1.0e-6
 CORRECTED = 1.0e-11
@@ -65,8 +65,7 @@ class EventSurface:
     def seen_from(cls, point: Any, function: Callable[[Any], Float[Array, ""]]) -> EventSurface:
         """The surface of a function of points that are pytrees of n numbers, seen from a point.
 
-        The tangent plane says how large the terms of the function are, and so what rounding may do to its
-        sign.
+        The tangent plane gives the size of the function's terms, and so the rounding error of its sign.
         """
         height, gradient = jax.value_and_grad(function)(point)
         normal = flat(gradient)

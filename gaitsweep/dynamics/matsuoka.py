@@ -54,7 +54,7 @@ def links(n: int, pairs: Iterable[tuple[int, int]]) -> Float[np.ndarray, "legs l
     found = np.zeros((n, n))
     for i, j in pairs:
         if i == j or not (0 <= i < n and 0 <= j < n):
-            raise ValueError(f"({i}, {j}) is no pair of {n} legs, which are 0 to {n - 1}: give two of them")
+            raise ValueError(f"({i}, {j}) is not a pair of {n} legs: give two of 0 to {n - 1}")
         found[i, j] = found[j, i] = 1.0
     return found
 
@@ -115,7 +115,9 @@ def leg_feedback(
 def _along(between: np.ndarray, y: Float[Array, "2 legs"]) -> Float[Array, "2 legs"]:
     """The outputs (2, n) summed along the links, written out, without linear algebra routines."""
     if not isinstance(between, np.ndarray):
-        raise TypeError("links are structure: give a NumPy array, and what varies as the coupling's weight")
+        raise TypeError(
+            "links are structure: give a NumPy array, and varying numbers as the coupling's weight"
+        )
     n = y.shape[1]
     if between.shape != (n, n):
         raise ValueError(f"links between {n} legs are ({n}, {n}), not {between.shape}")

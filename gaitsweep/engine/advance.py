@@ -25,7 +25,7 @@ from typing import TypeVar, cast
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, Num
+from jaxtyping import Array, Num
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Params, Rates, State
 from gaitsweep.engine.hidden_events import (
@@ -39,6 +39,7 @@ from gaitsweep.engine.hidden_events import (
 )
 from gaitsweep.engine.numerics import ORDER, ResolvedNumerics, tolerance_scale
 from gaitsweep.engine.rarity import likely, unlikely
+from gaitsweep.engine.shapes import Flag, GuardFlags, Guards, Integer, Number
 from gaitsweep.engine.solver import METHODS, Method, Step, euler_update, fixed_step_scheme
 
 
@@ -99,28 +100,28 @@ class Carry:
     """
 
     state: State
-    t: Float[Array, ""]
-    h: Float[Array, ""]
-    h_max: Float[Array, ""]
-    near: Float[Array, " guards"]
-    far: Float[Array, ""]
-    far_guards: Float[Array, " guards"]
-    weight: Float[Array, ""]
-    trials: Int[Array, ""]
-    chain: Int[Array, ""]
-    attempts: Int[Array, ""]
-    closed: Bool[Array, ""]
-    shift: Float[Array, ""]
-    stop: Float[Array, ""]
-    halt: Int[Array, ""]
-    dt: Float[Array, ""]
-    share: Float[Array, ""]
-    unit: Float[Array, ""]
+    t: Number
+    h: Number
+    h_max: Number
+    near: Guards
+    far: Number
+    far_guards: Guards
+    weight: Number
+    trials: Integer
+    chain: Integer
+    attempts: Integer
+    closed: Flag
+    shift: Number
+    stop: Number
+    halt: Integer
+    dt: Number
+    share: Number
+    unit: Number
 
 
 Advance = Callable[[Params, Carry], Carry]
 Flow = Callable[[Params, State], Rates]
-Drive = Callable[[Params, Float[Array, ""]], Params]
+Drive = Callable[[Params, Number], Params]
 T = TypeVar("T")  # a pytree
 
 
@@ -129,9 +130,9 @@ def start(
     params: Params,
     state: State,
     *,
-    dt: Float[Array, ""] | float,
-    stop: Float[Array, ""] | float = jnp.inf,
-    share: Float[Array, ""] | float = 1.0,
+    dt: Number | float,
+    stop: Number | float = jnp.inf,
+    share: Number | float = 1.0,
 ) -> Carry:
     """A trajectory at t = 0; the first attempt of a hybrid model has zero length and fires guards >= 0 there.
 
@@ -189,15 +190,12 @@ def advance(
         precomputed: the step and the rates at its beginning and end, if they are computed beforehand.
     """
     steps = fixed_step_scheme(numerics.method, model)
-    if steps is not None:
-        if sensitivities:
-            raise ValueError(
-                f"Derivatives need located events, but {numerics.method} takes steps of fixed length: use "
-                "rk4."
-            )
-        return _advance_stepped(steps, numerics, drive)
-    hybrid = cast(HybridModel, model)
-    return _advance_hybrid(hybrid, numerics, drive, sensitivities, precomputed)
+    if steps is None:
+        return _advance_hybrid(cast(HybridModel, model), numerics, drive, sensitivities, precomputed)
+    if sensitivities:
+        fixed = f"{numerics.method} takes steps of fixed length"
+        raise ValueError(f"Derivatives need located events, but {fixed}: use rk4.")
+    return _advance_stepped(steps, numerics, drive)
 
 
 def _advance_hybrid(
@@ -227,7 +225,7 @@ def _advance_hybrid(
         room = jnp.maximum(carry.stop - carry.t, 0.0)
         h = jnp.where(going, jnp.minimum(carry.h, room), 0.0)
         here = params if drive is None else drive(params, carry.t + 0.5 * h)
-        # not yet what a schedule of steps changes to at the end
+        # before the value to which a schedule of steps changes at the end
         there = params if drive is None else drive(params, carry.t + h * STEP_END)
         if method.adaptive:
             trial, error = step(here, carry.state, h)
@@ -246,10 +244,8 @@ def _advance_hybrid(
         speed = guard_slopes(model, there, trial, arriving)
         hides = may_hide(carry.near, slopes, guards, h)
         if method.adaptive:
-            looks = [
-                model.guards(here, between(carry.state, leaving, trial, arriving, h, share))
-                for share in LOOKS
-            ]
+            inside = (between(carry.state, leaving, trial, arriving, h, share) for share in LOOKS)
+            looks = [model.guards(here, state) for state in inside]
             hides = hides | unresolved(carry.near, slopes, guards, speed, looks, h)
             shows, unseen = switch_unseen(flow, here, (carry.state, trial), (leaving, arriving), h)
             hides = hides | ((h > SWITCH_STEP * carry.unit) & (shows | unseen))
@@ -302,7 +298,7 @@ def _advance_hybrid(
             h_max = jnp.where(land | still, first, jnp.where(hit | locating, carry.h_max, grown))
             next_h = jnp.where(land, 0.0, jnp.where(locating, guess, h_max))
         else:
-            h_max, next_h = _controlled(method, carry, dt, h, change, failed, land, hit, locating, guess)
+            h_max, next_h = _controlled(method, carry, h, change, failed, land, hit, locating, guess)
         # an event that may begin and end within the step is searched in its first half
         h_max, next_h = jnp.where(hidden, carry.h_max, h_max), jnp.where(hidden, 0.5 * h, next_h)
         # an event that a jump caused follows the crossing at the same instant
@@ -312,7 +308,7 @@ def _advance_hybrid(
         end, shift = trial, carry.shift
         t = carry.t + h
         if sensitivities:
-            # an event caused by a jump has no root of its own: it happens at the time of that jump
+            # an event caused by a jump has no root: it happens at the time of that jump
             rooted = _first_of(jumping & ((still & waits) | ((carry.near < 0.0) & (h > 0.0)))) & land
             end, later = _implicit_event_time(trial, arriving, guards, speed, rooted)
             # a crossing is read at its own time
@@ -331,11 +327,11 @@ def _advance_hybrid(
             # many cycles can pass between two polls of the recorder, so a fall is tested after every step
             down = (on | land) & model.failed(there, select(land, after, end))
             halt = jnp.where(down, Halt.FELL, halt)
-        halt = jnp.where(land & (chain > _longest_chain(model, guards)), Halt.FELL, halt).astype(
-            carry.halt.dtype
-        )
+        stuck = land & (chain > _longest_chain(model, guards))
+        halt = jnp.where(stuck, Halt.FELL, halt).astype(carry.halt.dtype)
         # a waiting lane, or one whose step is rejected, keeps its state
-        return Carry(
+        return dataclasses.replace(
+            carry,
             state=select(on | land, select(land, after, end), carry.state),
             t=jnp.where(timed, carry.stop, jnp.where(on | land, t, carry.t)),
             h=jnp.where(going, next_h, carry.h),
@@ -344,18 +340,14 @@ def _advance_hybrid(
             attempts=jnp.where(going, carry.attempts + 1, carry.attempts),
             closed=jnp.where(going, crossed & ~closed, carry.closed) if in_turn else carry.closed,
             shift=shift,
-            stop=carry.stop,
             halt=jnp.where(going, halt, carry.halt),
-            dt=carry.dt,
-            share=carry.share,
-            unit=carry.unit,
             **bracket,
         )
 
     return attempt
 
 
-def _fitting_change(error: Rates, carry: Carry, trial: State, numerics: ResolvedNumerics) -> Float[Array, ""]:
+def _fitting_change(error: Rates, carry: Carry, trial: State, numerics: ResolvedNumerics) -> Number:
     """The factor on a step with which its error would meet the tolerance, with the safety factor CAUTION.
 
     It is at least CAUTION if the step itself meets the tolerance, and 0 if the error is NaN.
@@ -377,17 +369,16 @@ def _fitting_change(error: Rates, carry: Carry, trial: State, numerics: Resolved
 def _controlled(
     method: Method,
     carry: Carry,
-    dt: Float[Array, ""],
-    h: Float[Array, ""],
-    change: Float[Array, ""],
-    failed: Bool[Array, ""],
-    land: Bool[Array, ""],
-    hit: Bool[Array, ""],
-    locating: Bool[Array, ""],
-    guess: Float[Array, ""],
-) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    h: Number,
+    change: Number,
+    failed: Flag,
+    land: Flag,
+    hit: Flag,
+    locating: Flag,
+    guess: Number,
+) -> tuple[Number, Number]:
     """`h_max` and the next step, for methods with step control; `failed`: the step missed the tolerance."""
-    least = LEAST_SHARE * dt
+    dt, least = carry.dt, LEAST_SHARE * carry.dt
     # at the start the time scale of the flow is unknown
     begun = jnp.maximum(jnp.where(carry.h_max > 0.0, method.first_step * carry.h_max, 1e-3 * dt), least)
     shorter = jnp.maximum(h * jnp.maximum(change, STEEPEST_CUT), least)
@@ -400,9 +391,7 @@ def _controlled(
     return h_max, next_h
 
 
-def _first_to_fire(
-    near: Float[Array, " guards"], far: Float[Array, " guards"]
-) -> tuple[Float[Array, ""], Float[Array, ""]]:
+def _first_to_fire(near: Guards, far: Guards) -> tuple[Number, Number]:
     """The guard, of those that fire at the far end, whose secant crosses zero first.
 
     Returns:
@@ -426,24 +415,18 @@ def _first_to_fire(
     return below[0], above[0]
 
 
-def _share(below: Float[Array, ""], above: Float[Array, ""]) -> Float[Array, ""]:
+def _share(below: Number, above: Number) -> Number:
     """The zero of the secant, as a share of the bracket from its near end."""
     rise = below + above
     return jnp.where(rise > 0.0, below / jnp.where(rise > 0.0, rise, 1.0), 0.0)
 
 
 def _next_bracket(
-    carry: Carry,
-    h: Float[Array, ""],
-    guards: Float[Array, " guards"],
-    on: Bool[Array, ""],
-    hit: Bool[Array, ""],
-    land: Bool[Array, ""],
-    told: Bool[Array, " guards"],
+    carry: Carry, h: Number, guards: Guards, on: Flag, hit: Flag, land: Flag, kept: GuardFlags
 ) -> dict[str, Num[Array, " ..."]]:
     """The bracket after this attempt, with its far end (back) or its near end (on) at the trial.
 
-    `told` are the guards whose values at the trial are kept: at an instant with jumps only that which jumps.
+    `kept` are the guards whose values at the trial are kept: at an instant with jumps only that which jumps.
     """
     back = hit & ~land
     rest = carry.far - h
@@ -459,18 +442,13 @@ def _next_bracket(
     return {
         "near": jnp.where(on, guards, carry.near),
         "far": jnp.where(waits, carry.far, far),
-        "far_guards": jnp.where(told, guards, carry.far_guards),
+        "far_guards": jnp.where(kept, guards, carry.far_guards),
         "weight": jnp.where(waits, carry.weight, weight),
         "trials": jnp.where(waits, carry.trials, trials),
     }
 
 
-def _guess(
-    bracket: dict[str, Num[Array, " ..."]],
-    below: Float[Array, ""],
-    above: Float[Array, ""],
-    tolerance: Float[Array, ""],
-) -> Float[Array, ""]:
+def _guess(bracket: dict[str, Num[Array, " ..."]], below: Number, above: Number, tolerance: Number) -> Number:
     """The next trial inside the bracket: the weighted secant, half a tolerance past its root."""
     weight = bracket["weight"]
     below = below * jnp.where(weight > 0.0, weight, 1.0)
@@ -484,12 +462,8 @@ def _guess(
 
 
 def _implicit_event_time(
-    trial: State,
-    rates: Rates,
-    guards: Float[Array, " guards"],
-    speed: Float[Array, " guards"],
-    rooted: Bool[Array, " guards"],
-) -> tuple[State, Float[Array, ""]]:
+    trial: State, rates: Rates, guards: Guards, speed: Guards, rooted: GuardFlags
+) -> tuple[State, Number]:
     """State at the event, and the shift (s) of its time: zero, with the derivative of the event time.
 
     g(x(t)) = 0 along every neighbouring trajectory, so dt = -dg/g' for the guard that jumps (`rooted`).
@@ -502,7 +476,7 @@ def _implicit_event_time(
     return euler_update(trial, rates, shift), shift
 
 
-def _first_of(flags: Bool[Array, " guards"]) -> Bool[Array, " guards"]:
+def _first_of(flags: GuardFlags) -> GuardFlags:
     """The first flag that is set, alone."""
     found, first = jnp.zeros((), bool), []
     for i in range(flags.size):
@@ -536,21 +510,21 @@ def _advance_stepped(model: FixedStepDynamics, numerics: ResolvedNumerics, drive
     return attempt
 
 
-def select(condition: Bool[Array, ""], yes: T, no: T) -> T:
+def select(condition: Flag, yes: T, no: T) -> T:
     """`yes` or `no`, two pytrees of the same structure, leaf by leaf."""
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 
-def stalled(model: Model, carry: Carry) -> Bool[Array, ""]:
+def stalled(model: Model, carry: Carry) -> Flag:
     """Whether jumps follow each other at one instant without end (`HybridModel.longest_chain`)."""
     return carry.chain > _longest_chain(model, carry.near)
 
 
-def _longest_chain(model: Model, guards: Float[Array, " guards"]) -> int:
+def _longest_chain(model: Model, guards: Guards) -> int:
     longest = model.longest_chain if isinstance(model, HybridModel) else None
     return JUMPS_A_GUARD * (guards.size + 1) if longest is None else longest
 
 
-def fired_last(carry: Carry) -> Bool[Array, " guards"]:
+def fired_last(carry: Carry) -> GuardFlags:
     """Guards that fired at the last instant of an event, in any of its jumps (a bool each)."""
     return carry.far_guards >= 0.0

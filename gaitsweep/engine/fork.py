@@ -1,4 +1,4 @@
-"""Forks of a process that has computed with JAX, in which a computation would wait for ever."""
+"""Forks of a process that has computed with JAX, in which a computation would never end."""
 
 from __future__ import annotations
 

@@ -24,10 +24,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, jaxpr_as_fun
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.rarity import unlikely
+from gaitsweep.engine.shapes import Flag, Guards, Number
 from gaitsweep.engine.solver import euler_update
 
 # A guard may have passed a maximum if the parabola through its values at both ends, with its slope at the
@@ -65,7 +66,7 @@ _SMOOTH = {*_SHAPES, "add", "sub", "mul", "neg", "square", "sin", "cos", "exp", 
 _SMOOTH_IN = {"div": {0}, "select_n": {1, 2}, "gather": {0}, "dynamic_slice": {0}}
 
 
-def guard_slopes(model: HybridModel, params: Params, state: State, rates: Rates) -> Float[Array, " guards"]:
+def guard_slopes(model: HybridModel, params: Params, state: State, rates: Rates) -> Guards:
     """Time derivatives of the guards along a flow (their units per s), without derivatives of their own."""
     params = jax.lax.stop_gradient(params)
     return slopes_along(lambda s: model.guards(params, s), state, rates)
@@ -82,12 +83,7 @@ def slopes_along(
     return slopes
 
 
-def may_hide(
-    near: Float[Array, " guards"],
-    slopes: Float[Array, " guards"],
-    end: Float[Array, " guards"],
-    h: Float[Array, ""],
-) -> Bool[Array, ""]:
+def may_hide(near: Guards, slopes: Guards, end: Guards, h: Number) -> Flag:
     """Whether a guard may be above zero inside a step and is below zero at both ends.
 
     Args:
@@ -102,9 +98,7 @@ def may_hide(
     return may_reach & jnp.any(passes)
 
 
-def between(
-    state: State, rates: Rates, end: State, end_rates: Rates, h: Float[Array, ""], share: float
-) -> State:
+def between(state: State, rates: Rates, end: State, end_rates: Rates, h: Number, share: float) -> State:
     """The state at a share of a step, on the cubic through its ends."""
     inside = {
         name: _cubic(getattr(state, name), rate, getattr(end, name), end_rates[name], h, share)
@@ -114,13 +108,8 @@ def between(
 
 
 def unresolved(
-    near: Float[Array, " guards"],
-    slopes: Float[Array, " guards"],
-    end: Float[Array, " guards"],
-    end_slopes: Float[Array, " guards"],
-    looks: list[Float[Array, " guards"]],
-    h: Float[Array, ""],
-) -> Bool[Array, ""]:
+    near: Guards, slopes: Guards, end: Guards, end_slopes: Guards, looks: list[Guards], h: Number
+) -> Flag:
     """Whether a step is too long for one of its guards.
 
     Args:
@@ -154,15 +143,15 @@ class Switching(NamedTuple):
 
 def switching(flow: Callable[[Params, State], Rates], params: Params, state: State) -> Switching:
     """Possible switches of a flow as its variables move, from its program without loops and branches."""
-    with jax.disable_jit():  # the program of a function that is jitted stands in its place
+    with jax.disable_jit():  # the program of a jitted function is then inlined
         closed, rates = jax.make_jaxpr(flow, return_shape=True)(params, state)
     program, given = closed.jaxpr, jax.tree.leaves((params, state))
     found = [e for e, _ in _moving(program, state, rates) if e.primitive.name in _SWITCHES]
     read = list(
         dict.fromkeys(v for e in found for v in (*e.invars, e.outvars[0]) if not isinstance(v, Literal))
     )
-    told = program.debug_info and program.debug_info._replace(result_paths=None)
-    part = ClosedJaxpr(program.replace(outvars=read, debug_info=told), closed.consts)
+    names = program.debug_info and program.debug_info._replace(result_paths=None)
+    part = ClosedJaxpr(program.replace(outvars=read, debug_info=names), closed.consts)
     values = dict(zip(read, jaxpr_as_fun(part)(*given), strict=True))
     levels, surfaces = [jnp.zeros((0,))], [jnp.zeros((0,))]
     for equation in found:
@@ -214,8 +203,8 @@ def switch_unseen(
     params: Params,
     ends: tuple[State, State],
     rates: tuple[Rates, Rates],
-    h: Float[Array, ""],
-) -> tuple[Bool[Array, ""], Bool[Array, ""]]:
+    h: Number,
+) -> tuple[Flag, Flag]:
     """Whether a flow switches within a step: in a way that shows at its ends, or perhaps in between alone."""
     before, after = (switching(flow, params, state) for state in ends)
     if not before.levels.size + before.surfaces.size:
@@ -239,7 +228,7 @@ def _cubic(
     a_rate: Float[Array, " ..."],
     b: Float[Array, " ..."],
     b_rate: Float[Array, " ..."],
-    h: Float[Array, ""],
+    h: Number,
     s: float,
 ) -> Float[Array, " ..."]:
     """The cubic Hermite polynomial at the share s of a step."""

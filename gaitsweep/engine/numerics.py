@@ -11,9 +11,9 @@ from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from gaitsweep.contract import HybridModel, Model, Params
+from gaitsweep.engine.shapes import Number
 from gaitsweep.engine.solver import METHODS, fixed_step_scheme
 
 _Share = TypeVar("_Share", float, jax.Array)
@@ -54,17 +54,14 @@ class Numerics:
     contraction: bool = True
 
     def resolve(self, model: Model) -> ResolvedNumerics:
-        """The numerics of runs of a model: its recommendations fill what is left open."""
+        """The numerics of runs of a model, completed by its recommendations."""
         recommended = model.recommended
-        return ResolvedNumerics(
-            dt=self.dt,
-            method=recommended.method if self.method == "auto" else self.method,
-            precision=self.precision,
-            event_tolerance=self.event_tolerance,
-            rtol=recommended.rtol if self.rtol is None else self.rtol,
-            atol=recommended.atol if self.atol is None else self.atol,
-            contraction=self.contraction,
-        )
+        chosen = {
+            "method": recommended.method if self.method == "auto" else self.method,
+            "rtol": recommended.rtol if self.rtol is None else self.rtol,
+            "atol": recommended.atol if self.atol is None else self.atol,
+        }
+        return ResolvedNumerics(**{**vars(self), **chosen})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,7 +106,7 @@ class ResolvedNumerics:
         return "float32" if self.precision == "mixed" else self.precision
 
 
-def longest_step(model: Model, method: str, params: Params) -> Float[Array, ""] | None:
+def longest_step(model: Model, method: str, params: Params) -> Number | None:
     """The longest accurate step (s) of a method with these parameters; None if it is unknown.
 
     Args:
@@ -117,14 +114,12 @@ def longest_step(model: Model, method: str, params: Params) -> Float[Array, ""] 
         method: a name of `METHODS`.
         params: its parameters.
     """
-    steps = fixed_step_scheme(method, model)
-    if steps is not None:
+    if (steps := fixed_step_scheme(method, model)) is not None:
         return steps.longest_step(params)
     assert isinstance(model, HybridModel)
     if METHODS[method].adaptive:
         return model.period(params) / FEWEST_STEPS
-    modes = model.fast_modes(params)
-    if modes is None:
+    if (modes := model.fast_modes(params)) is None:
         return None
     rates, damping = modes
     ratios, limits = (jnp.asarray(column) for column in zip(*METHODS[method].limits, strict=True))
@@ -133,8 +128,8 @@ def longest_step(model: Model, method: str, params: Params) -> Float[Array, ""] 
     return jnp.minimum(jnp.min(allowed / rates), model.period(params) / FEWEST_STEPS)
 
 
-def recommended_step(model: Model, numerics: ResolvedNumerics, params: Params) -> Float[Array, ""] | None:
-    """The longest step (s) of a row: that of the numerics, or the recommendation of its model.
+def recommended_step(model: Model, numerics: ResolvedNumerics, params: Params) -> Number | None:
+    """The longest step (s) of a row, from the numerics or else from the recommendation of its model.
 
     None if neither is known.
     """
@@ -148,7 +143,7 @@ def recommended_step(model: Model, numerics: ResolvedNumerics, params: Params) -
     return SAFETY * longest
 
 
-def step_of(model: Model, numerics: ResolvedNumerics, params: Params) -> Float[Array, ""]:
+def step_of(model: Model, numerics: ResolvedNumerics, params: Params) -> Number:
     """The `recommended_step` (s).
 
     Raises:

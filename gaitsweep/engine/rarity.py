@@ -9,17 +9,18 @@ from typing import cast
 
 import jax
 from jax.ad_checkpoint import checkpoint_name
-from jaxtyping import Array, Bool
+
+from gaitsweep.engine.shapes import Flag
 
 # What a marked condition nearly always is, by the mark's name.
 USUAL = {"gaitsweep.unlikely": False, "gaitsweep.likely": True}
 
 
-def unlikely(condition: Bool[Array, ""]) -> Bool[Array, ""]:
+def unlikely(condition: Flag) -> Flag:
     """The condition itself, marked as seldom true."""
     return cast(jax.Array, checkpoint_name(condition, "gaitsweep.unlikely"))
 
 
-def likely(condition: Bool[Array, ""]) -> Bool[Array, ""]:
+def likely(condition: Flag) -> Flag:
     """The condition itself, marked as nearly always true."""
     return cast(jax.Array, checkpoint_name(condition, "gaitsweep.likely"))

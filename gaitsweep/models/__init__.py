@@ -17,14 +17,7 @@ from gaitsweep import near_miss
 from gaitsweep.contract import HybridModel, Model, SteppedModel
 from gaitsweep.errors import UserError
 from gaitsweep.extension import model_paths
-from gaitsweep.models.own_modules import (
-    Stamp,
-    data_files,
-    installed,
-    modules_beside,
-    modules_in,
-    stamp_of,
-)
+from gaitsweep.models.own_modules import Stamp, data_files, installed, modules_beside, modules_in, stamp_of
 
 _OWN = "write your own model as package.module:attribute"
 # classes that no module gives, such as those of a notebook's cells, by the name that a job has for them
@@ -41,10 +34,7 @@ _READ: weakref.WeakKeyDictionary[ModuleType, dict[Path, Stamp]] = weakref.WeakKe
 class ModelError(UserError, LookupError):
     """A model is not available; the message continues a sentence that begins with "The model"."""
 
-    @property
-    def sentence(self) -> str:
-        """The message as a complete sentence."""
-        return f"The model {self}"
+    subject = "The model "
 
 
 def __getattr__(name: str) -> Any:
@@ -109,27 +99,22 @@ def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
     if name in _SESSION:
         return _as_model(name, _SESSION[name])
     known = model_paths()
-    own = name not in known
     path = known.get(name, name)
     if ":" not in path:
-        raise ModelError(
-            f"is {name}, which is not a known model{near_miss.suggestion(name, names())} Or {_OWN}."
-        )
+        near = near_miss.suggestion(name, names())
+        raise ModelError(f"is {name}, which is not a known model{near} Or {_OWN}.")
     module_name, _, attribute = path.partition(":")
     if module_name.endswith(".py"):
         written = f"{Path(module_name).stem}:{attribute}"
         raise ModelError(f"is {name}, but a file must be named without folder and ending: write {written}.")
     if not all(part.isidentifier() for part in module_name.split(".")) or not attribute.isidentifier():
         raise ModelError(f"is {name}, which is not a valid name; {_OWN}.")
-    module = _import(name, module_name, [*folders, Path.cwd()] if own else [])
+    module = _import(name, module_name, [] if name in known else [*folders, Path.cwd()])
     if not hasattr(module, attribute):
-        classes = [(key, each) for key, each in vars(module).items() if inspect.isclass(each)]
+        classes = {key: each for key, each in vars(module).items() if inspect.isclass(each)}
+        own = {key: each for key, each in classes.items() if issubclass(each, Model)}
         package = module_name.partition(".")[0]  # not the bases, which a user's module imports from here
-        known = [
-            key
-            for key, each in classes
-            if issubclass(each, Model) and each.__module__.partition(".")[0] == package
-        ]
+        known = [key for key, each in own.items() if each.__module__.partition(".")[0] == package]
         near = near_miss.suggestion(attribute, known)
         raise ModelError(f"is {name}, but {module_name} has no {attribute}{near}")
     return _as_model(name, getattr(module, attribute))
@@ -278,8 +263,6 @@ def _refuse_namesake(name: str, module_name: str, folders: list[Path]) -> None:
         spec = importlib.machinery.PathFinder.find_spec(top, [str(folder.resolve())])
         if spec is not None and spec.origin is not None:
             if loaded is not None and Path(loaded).resolve() != Path(spec.origin).resolve():
-                raise ModelError(
-                    f"is {name}, but another module {top} has been loaded from {loaded}: rename "
-                    f"{spec.origin}."
-                )
+                other = f"another module {top} has been loaded from {loaded}"
+                raise ModelError(f"is {name}, but {other}: rename {spec.origin}.")
             return

@@ -17,7 +17,6 @@ from typing import Any, ClassVar, get_origin
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import Literal
 from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep import near_miss
@@ -26,6 +25,8 @@ from gaitsweep.dynamics.declarations import Event, Mode, Variable
 from gaitsweep.dynamics.declared_model import ARMING, Declared
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.columns import over_rows
+from gaitsweep.engine.kernel.program import Program
+from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
 from gaitsweep.expression import ExpressionError, resolve
 from gaitsweep.mathtext import can_be_set
 from gaitsweep.models.traced_program import unrepeatable
@@ -39,11 +40,22 @@ _UNSET = "which Matplotlib cannot set: write TeX that it knows, and \\$ for a do
 NAMED = 8  # values that a sentence about a point names
 
 
+Columns = Mapping[str, Float[np.ndarray, " rows"]]
 Where = Callable[[int], str]  # words that say at which of some points something is
 
 
 class _Fault(Exception):
     """A violation of the contract; the message follows `but its function`."""
+
+
+def _returns(name: str, result: object, wanted: str) -> _Fault:
+    """The violation by a function that returns something else than it must."""
+    return _Fault(f"{name} returns {result}, but must return {wanted}.")
+
+
+def _type_of(result: object) -> str:
+    """The name of a result's type, for a message."""
+    return "nothing" if result is None else type(result).__name__
 
 
 def fault(model: Model) -> str | None:
@@ -97,7 +109,7 @@ def _look(model: Model) -> None:
             _called_by_init(model, params, _bare_state(model))
         raise
     if not dataclasses.is_dataclass(state):
-        raise _Fault(f"init returns {type(state).__name__}, but must return a frozen dataclass.")
+        raise _returns("init", type(state).__name__, "a frozen dataclass")
     if isinstance(model, Declared):
         _event_functions(model, params, state)
     rates: Mapping[str, Any] = {}
@@ -107,15 +119,14 @@ def _look(model: Model) -> None:
     if isinstance(model, Declared):
         _jump_functions(model, params, state)
     events = _events(model, params, state)
-    jumped = _program("jump", model.jump, params, state, events)
-    _alike("jump", state, jumped.shapes)
+    _alike("jump", state, _given("jump", model.jump, params, state, events))
     if isinstance(model, HybridModel):
-        _moved_or_jumped(model, state, rates, jumped)
+        _moved_or_jumped(model, params, state, events, rates)
     _scalar("section", _given("section", model.section, params, state, events))
     _scalar("failed", _given("failed", model.failed, params, state))
     _scalar("period", period := _given("period", model.period, params))
     if (kind := _kind(period)) != "real numbers":  # a time limit of its type would be rounded
-        raise _Fault(f"period returns {kind}, but must return a real number of seconds: 3.0, not 3.")
+        raise _returns("period", kind, "a real number of seconds: 3.0, not 3")
     observed = _given("observe", model.observe, params, state)
     _named("observe", observed, "observables", (quantity.name for quantity in model.observables))
     signals = _given("signal", model.signal, params, state)
@@ -124,9 +135,7 @@ def _look(model: Model) -> None:
     fields = ("gait", *(quantity.name for quantity in model.label_fields))
     _named("label", labels, "gait and label fields", fields)
     if (kind := _kind(labels["gait"])) not in ("whole numbers", "booleans"):
-        raise _Fault(
-            f"label returns the gait as {kind}, but must return the index of a gait, a whole number."
-        )
+        raise _returns("label", f"the gait as {kind}", "the index of a gait, a whole number")
 
 
 def _bare_state(model: Declared) -> Any:
@@ -152,11 +161,8 @@ def _event_functions(model: Declared, params: Any, state: Any) -> None:
         given = _given(name, lambda p, s, event=event: event.function(model, p, s), params, state)
         _scalar(name, given)
         if (kind := _kind(given)) != "real numbers":
-            raise _Fault(
-                f"{name} returns {kind}, but must return a real number that rises through zero: s.x - "
-                "2.0, not "
-                "s.x > 2.0."
-            )
+            wanted = "a real number that rises through zero: s.x - 2.0, not s.x > 2.0"
+            raise _returns(name, kind, wanted)
 
 
 def _called_by_init(model: Any, params: Any, state: Any) -> None:
@@ -176,8 +182,7 @@ def _jump_functions(model: Declared, params: Any, state: Any) -> None:
         name = f"for the jump of {event.name!r}"
         after = _given(name, lambda p, s, effect=effect: effect(model, p, s), params, state)
         if not isinstance(after, type(state)):
-            kind = "nothing" if after is None else type(after).__name__
-            raise _Fault(f"{name} returns {kind}, but must return a state, such as s.replace(...).")
+            raise _returns(name, _type_of(after), "a state, such as s.replace(...)")
 
 
 def _events(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
@@ -191,72 +196,26 @@ def _events(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
         name, found = "events", _given("events", model.events, params, state, after)
     if getattr(found, "ndim", None) != 1:
         shape = getattr(found, "shape", type(found).__name__)
-        raise _Fault(
-            f"{name} returns {shape}, but must return one number for each event, (n,): use jnp.stack."
-        )
+        raise _returns(name, shape, "one number for each event, (n,): use jnp.stack")
     if isinstance(model, HybridModel):
         if _kind(found) != "real numbers":
-            raise _Fault(f"guards returns {_kind(found)}, but must return real numbers.")
+            raise _returns("guards", _kind(found), "real numbers")
         names = model.guard_names
         if not isinstance(names, tuple) or not all(isinstance(each, str) for each in names):
-            raise _Fault(f"guard_names returns {names!r}, but must return a tuple of texts.")
+            raise _returns("guard_names", repr(names), "a tuple of texts")
         if names and len(names) != found.shape[0]:
-            raise _Fault(
-                f"guard_names returns {len(names)} names, but guards returns {found.shape[0]} numbers."
-            )
+            count = found.shape[0]
+            raise _Fault(f"guard_names returns {len(names)} names, but guards returns {count} numbers.")
     return jax.ShapeDtypeStruct(found.shape, bool)
 
 
 def _given(name: str, function: Callable[..., Any], *args: Any) -> Any:
-    """The shapes of a function's results."""
-    return _program(name, function, *args).shapes
-
-
-@dataclasses.dataclass(frozen=True)
-class _Program:
-    """A traced function: the shapes of its results, and the operations that give them."""
-
-    shapes: Any
-    operations: Any
-
-    def unchanged(self, first: int) -> list[bool]:
-        """Whether each result i is the unchanged argument `first` + i."""
-        jaxpr = self.operations.jaxpr
-        arguments = {variable: place for place, variable in enumerate(jaxpr.invars)}
-        origins = _origins(jaxpr, arguments)
-        return [origins.get(each) == first + i for i, each in enumerate(map(_key, jaxpr.outvars))]
-
-
-def _key(variable: Any) -> Any:
-    """A variable of a program; None for a constant, which has no identity."""
-    return None if isinstance(variable, Literal) else variable
-
-
-def _origins(jaxpr: Any, known: dict[Any, int]) -> dict[Any, int]:
-    """The arguments that variables of a program always equal, through selections and inner calls."""
-    known = dict(known)
-    for equation in jaxpr.eqns:
-        of = [known.get(_key(each)) for each in equation.invars]
-        inner = equation.params.get("jaxpr")
-        if equation.primitive.name == "select_n" and of[1] is not None and len(set(of[1:])) == 1:
-            known[equation.outvars[0]] = of[1]
-        elif equation.primitive.name in ("pjit", "jit") and inner is not None:
-            inside = {v: place for v, place in zip(inner.jaxpr.invars, of, strict=True) if place is not None}
-            found = _origins(inner.jaxpr, inside)
-            for mine, theirs in zip(equation.outvars, inner.jaxpr.outvars, strict=True):
-                if _key(theirs) in found:
-                    known[mine] = found[theirs]
-    return known
-
-
-def _program(name: str, function: Callable[..., Any], *args: Any) -> _Program:
-    """A function, traced for arguments of these shapes."""
+    """The shapes of a function's results, traced for arguments of these shapes."""
     try:
         with warnings.catch_warnings():
-            # complex numbers are refused in words of their own
+            # complex numbers have a message of their own
             warnings.simplefilter("ignore", np.exceptions.ComplexWarning)
-            operations, shapes = jax.make_jaxpr(function, return_shape=True)(*args)
-        return _Program(shapes, operations)
+            return jax.make_jaxpr(function, return_shape=True)(*args)[1]
     except Exception as error:  # a user's function may raise anything
         reason = (str(error).splitlines() or [""])[0]
         advice = ""
@@ -268,42 +227,42 @@ def _program(name: str, function: Callable[..., Any], *args: Any) -> _Program:
 def _rates(state: Any, rates: Any) -> None:
     fields = list(vars(state))
     if not isinstance(rates, Mapping):
-        kind = "nothing" if rates is None else type(rates).__name__
-        raise _Fault(f"flow returns {kind}, but must return a mapping from fields of the state to rates.")
+        raise _returns("flow", _type_of(rates), "a mapping from fields of the state to rates")
     for name, rate in rates.items():
         if name not in fields:
-            text = f"flow returns a rate of {name}, which is not a field of its state"
-            raise _Fault(f"{text}{near_miss.suggestion(str(name), _continuous(state))}")
+            near = near_miss.suggestion(str(name), _continuous(state))
+            raise _Fault(f"flow returns a rate of {name}, which is not a field of its state{near}")
         if name not in _continuous(state):
             raise _Fault(f"flow returns a rate of {name}, which is a mode: only jump can change it.")
         shape = jnp.shape(getattr(state, name))
         if rate.shape not in (shape, ()):
-            raise _Fault(
-                f"flow returns a rate of {name} with shape {rate.shape}, but the field has shape {shape}."
-            )
+            other = f"shape {rate.shape}, but the field has shape {shape}"
+            raise _Fault(f"flow returns a rate of {name} with {other}.")
         if (kind := _kind(rate)) != "real numbers":
             zero = ": write 1.0 instead of 1" if kind == "whole numbers" else ""
-            raise _Fault(f"flow returns the rate of {name} as {kind}, but must return real numbers{zero}.")
+            raise _returns("flow", f"the rate of {name} as {kind}", f"real numbers{zero}")
         if rate.dtype.itemsize < (own := jnp.result_type(getattr(state, name))).itemsize:
             raise _Fault(f"flow returns the rate of {name} in {rate.dtype}, but the field is in {own}.")
 
 
-def _moved_or_jumped(model: Model, state: Any, rates: Mapping[str, Any], jumped: _Program) -> None:
+def _moved_or_jumped(model: Model, params: Any, state: Any, events: Any, rates: Mapping[str, Any]) -> None:
     """Refuse a declared variable without a rate that no jump changes: its rate was forgotten."""
-    if not isinstance(model, Declared):
+    declared = model.declarations.items() if isinstance(model, Declared) else ()
+    still = [name for name, each in declared if isinstance(each, Variable) and name not in rates]
+    if not still:
         return
-    leaves = jax.tree.leaves_with_path(state)
-    first = (
-        len(jumped.operations.jaxpr.invars) - len(leaves) - 1
-    )  # parameters, then the state, then the flags
-    unchanged = jumped.unchanged(first)
-    for (path, _), same in zip(leaves, unchanged, strict=True):
-        name = jax.tree_util.keystr(path).lstrip(".")
-        if same and isinstance(model.declarations.get(name), Variable) and name not in rates:
-            raise _Fault(
-                f"flow returns no rate of {name}, and no jump changes it: return its rate, or 0.0 if it is "
-                "constant."
-            )
+    # a scalar program has one node for equal values
+    tracer, before = Tracer(Program()), (params, state, events)
+    given = jax.tree.unflatten(jax.tree.structure(before), tracer.inputs(before, 0, steady=False))
+    try:
+        nodes = tracer.read(jax.make_jaxpr(model.jump)(*before), jax.tree.leaves(given))
+    except UnsupportedError:
+        return
+    after = jax.tree.unflatten(jax.tree.structure(state), nodes)
+    for name in still:
+        if np.array_equal(getattr(given[1], name), getattr(after, name)):
+            constant = "return its rate, or 0.0 if it is constant"
+            raise _Fault(f"flow returns no rate of {name}, and no jump changes it: {constant}.")
 
 
 def _kind(found: Any) -> str:
@@ -324,23 +283,18 @@ def _continuous(state: Any) -> list[str]:
 def _alike(name: str, before: Any, after: Any) -> None:
     """Refuse a function whose result is not a state of the same structure and shapes."""
     if jax.tree.structure(before) != jax.tree.structure(after):
-        raise _Fault(f"{name} returns {type(after).__name__}, but must return {type(before).__name__}.")
+        raise _returns(name, type(after).__name__, type(before).__name__)
     for (path, old), new in zip(jax.tree.leaves_with_path(before), jax.tree.leaves(after), strict=True):
         field = jax.tree_util.keystr(path).lstrip(".")
-        if old.shape != new.shape:
-            raise _Fault(
-                f"{name} returns {field} with shape {new.shape}, but init returns it with shape {old.shape}."
-            )
-        if old.dtype != new.dtype:
-            raise _Fault(
-                f"{name} returns {field} with type {new.dtype}, but init returns it with type {old.dtype}."
-            )
+        for what, was, now in (("shape", old.shape, new.shape), ("type", old.dtype, new.dtype)):
+            if was != now:
+                it = f"{field} with {what} {now}"
+                raise _Fault(f"{name} returns {it}, but init returns it with {what} {was}.")
 
 
 def _scalar(name: str, found: Any) -> None:
     if getattr(found, "shape", None) != ():
-        shape = getattr(found, "shape", type(found).__name__)
-        raise _Fault(f"{name} returns {shape}, but must return one number, ().")
+        raise _returns(name, getattr(found, "shape", type(found).__name__), "one number, ()")
 
 
 def _named(name: str, found: Any, kind: str, wanted: Iterable[str]) -> None:
@@ -414,20 +368,16 @@ def _of_quantities(model: Model) -> Iterator[str]:
             if names.count(name) > 1:
                 yield f"whose {where} have the name {name} twice: rename one."
             if not name.isidentifier():
-                yield (
-                    f"whose {where} have the name {name!r}: names must consist of letters, digits "
-                    "and underscores."
-                )
+                must = "names must consist of letters, digits and underscores"
+                yield f"whose {where} have the name {name!r}: {must}."
         for quantity in quantities:
             yield from _of_quantity(quantity, quantity.name in starts)
     if all(quantity.scale == math.inf and not quantity.circular for quantity in model.observables):
         yield "whose observables all have an infinite scale, so that each row would settle at once."
     hidden = {quantity.name for quantity in settable} & {quantity.name for quantity in model.signals}
     for name in sorted(hidden):
-        yield (
-            f"whose signal {name} has the name of a parameter or start and would hide it in a "
-            "trace: rename it."
-        )
+        hides = "has the name of a parameter or start and would hide it in a trace"
+        yield f"whose signal {name} {hides}: rename it."
     if not model.gaits or len(set(model.gaits)) < len(model.gaits):
         yield f'whose gaits are {model.gaits}: there must be at least one name ("none"), without repetitions.'
     named = {
@@ -545,12 +495,7 @@ def _by_value(model: Model) -> Iterator[str]:
     yield from _in_order(model, found, lambda row: written(known, row))
 
 
-def faults_of_rows(
-    model: Model,
-    values: Mapping[str, Float[np.ndarray, " rows"]],
-    starts: Mapping[str, Float[np.ndarray, " rows"]],
-    where: Where,
-) -> list[str]:
+def faults_of_rows(model: Model, values: Columns, starts: Columns, where: Where) -> list[str]:
     """Find faults as `faults` does, at parameters and starts (n,) of a job's rows.
 
     Args:
@@ -566,19 +511,15 @@ def faults_of_rows(
         said.append(f"but its function failed returns True{where(0)} and at all other starts tried.")
     known = True if found.guards is None else ~np.any(np.isnan(found.guards), axis=1)
     for name, beyond in found.beyond.items():
-        if (there := np.flatnonzero(beyond & known)).size:
+        if (row := _first_row(beyond & known)) is not None:
             said.append(
-                f"which begins on or beyond the surface of its event {name!r}{where(int(there[0]))}: "
+                f"which begins on or beyond the surface of its event {name!r}{where(row)}: "
                 "the event occurs only after its function has been below zero."
             )
     return said
 
 
-def _at_points(
-    model: Model,
-    values: Mapping[str, Float[np.ndarray, " rows"]],
-    starts: Mapping[str, Float[np.ndarray, " rows"]],
-) -> _Begun:
+def _at_points(model: Model, values: Columns, starts: Columns) -> _Begun:
     return _begun(model)(dict(model.on_host(values)), dict(starts))
 
 
@@ -597,48 +538,40 @@ def _sound(found: _Begun, where: Where) -> Iterator[str]:
         jax.tree.leaves_with_path(found.state), jax.tree.leaves(found.still), strict=True
     ):
         field = jax.tree_util.keystr(path).lstrip(".")
-        rows = _rows((np.asarray(old) != new) & ~(np.isnan(old) & np.isnan(new)))
-        if rows.size:
-            at = where(int(rows[0]))
-            text = f"but its function jump changes {field} although no event has fired{at}"
+        row = _first_row((np.asarray(old) != new) & ~(np.isnan(old) & np.isnan(new)))
+        if row is not None:
+            text = f"but its function jump changes {field} although no event has fired{where(row)}"
             yield f"{text}: use jnp.where(fired[i], ...)."
-    if (closed := np.flatnonzero(found.closes)).size:
-        yield f"but its function section closes a cycle although no event has fired{where(int(closed[0]))}."
+    if (row := _first_row(found.closes)) is not None:
+        yield f"but its function section closes a cycle although no event has fired{where(row)}."
 
 
 def _in_order(model: Model, found: _Begun, where: Where) -> Iterator[str]:
     """Faults of periods, labels and events at any start."""
     period, gait = found.period, found.gait
-    if (wrong := np.flatnonzero(~((period > 0.0) & (period < math.inf)))).size:
-        at = where(int(wrong[0]))
-        yield f"but its function period returns {period[wrong[0]]:g}{at}, but must return seconds above 0."
+    if (row := _first_row(~((period > 0.0) & (period < math.inf)))) is not None:
+        result = f"{period[row]:g}{where(row)}"
+        yield f"but its function {_returns('period', result, 'seconds above 0')}"
     seen = np.all([np.isfinite(each) for each in found.observed.values()], axis=0)
-    if (wrong := np.flatnonzero(seen & ~((gait >= 0) & (gait < len(model.gaits))))).size:
-        at = where(int(wrong[0]))
-        yield (
-            f"but its function label returns gait {gait[wrong[0]]}{at}, but must return the index of a gait, "
-            f"0 to {len(model.gaits) - 1}."
-        )
+    if (row := _first_row(seen & ~((gait >= 0) & (gait < len(model.gaits))))) is not None:
+        wanted = f"the index of a gait, 0 to {len(model.gaits) - 1}"
+        yield f"but its function {_returns('label', f'gait {gait[row]}{where(row)}', wanted)}"
     if not isinstance(model, HybridModel):
         return
     params, state, guards = found.params, found.state, found.guards
     assert guards is not None
     leaves = [np.reshape(leaf, (len(guards), -1)) for leaf in jax.tree.leaves(found.own_state)]
     sound = np.all(np.concatenate([np.isfinite(np.asarray(leaf, float)) for leaf in leaves], axis=1), axis=1)
-    if (wrong := np.flatnonzero(sound & np.any(np.isnan(guards), axis=1))).size:
-        at = where(int(wrong[0]))
-        guard = int(np.flatnonzero(np.isnan(guards[wrong[0]]))[0])
-        yield (
-            f"but its function guards returns NaN for {_guard(model, guard)}{at}, so this event never occurs."
-        )
+    if (row := _first_row(sound & np.any(np.isnan(guards), axis=1))) is not None:
+        name = _guard(model, int(np.argmax(np.isnan(guards[row]))))
+        yield f"but its function guards returns NaN for {name}{where(row)}, so this event never occurs."
     if model.simultaneous == "independent":
         apart = _dependent(model, params, state)
         for i, j in np.argwhere(np.any(apart, axis=0)).tolist():
             at = where(int(np.argmax(apart[:, i, j])))
-            yield (
-                f'whose simultaneous is "independent", but the events {_guard(model, i)} and '
-                f"{_guard(model, j)} lead to different states in two jumps and in one{at}: remove it."
-            )
+            events = f"the events {_guard(model, i)} and {_guard(model, j)}"
+            differ = f"{events} lead to different states in two jumps and in one{at}"
+            yield f'whose simultaneous is "independent", but {differ}: remove it.'
     # an armed event cannot fire twice without leaving its surface
     armed = isinstance(model, Declared) and all(event.rising for event in _declared_events(model))
     if armed or not np.any(guards >= 0.0):
@@ -688,9 +621,7 @@ def _without_end(model: HybridModel, params: Any, state: Any) -> Bool[np.ndarray
     return np.asarray(jax.jit(jax.vmap(of_one))(params, state))
 
 
-def sample(
-    model: Model, n: int
-) -> tuple[dict[str, Float[np.ndarray, " rows"]], dict[str, Float[np.ndarray, " rows"]]]:
+def sample(model: Model, n: int) -> tuple[Columns, Columns]:
     """Parameters and starts (n,) by name: the defaults, then random points over their ranges.
 
     A range is that between a quantity's bounds. Where these are far apart or missing, a parameter goes from
@@ -706,9 +637,7 @@ def sample(
         if isinstance(size := getattr(model, field.name), int | float)
     }
 
-    def drawn(
-        quantities: Sequence[Quantity], known: Mapping[str, Any], start: bool
-    ) -> dict[str, Float[np.ndarray, " rows"]]:
+    def drawn(quantities: Sequence[Quantity], known: Mapping[str, Any], start: bool) -> Columns:
         formulas = {q.name: q.default for q in quantities if isinstance(q.default, str)}
         numbers = {q.name: _spread(random, n, q, start) for q in quantities if q.name not in formulas}
         found = resolve(formulas, {**known, **numbers})
@@ -733,7 +662,7 @@ def _spread(
     return np.append(default, within)
 
 
-def written(values: Mapping[str, Float[np.ndarray, " rows"]], row: int) -> str:
+def written(values: Columns, row: int) -> str:
     """The values of a row that differ from the first: " at w = 2, x_0 = 2.4"; the first has the defaults."""
     differ = [f"{name} = {each[row]:.6g}" for name, each in values.items() if each[row] != each[0]]
     if not differ:
@@ -750,12 +679,13 @@ def _middle(quantity: Quantity) -> float:
 def _not_finite(name: str, found: Any, where: Where) -> Iterator[str]:
     for path, leaf in jax.tree.leaves_with_path(found):
         numbers = np.asarray(leaf, float)
-        if (wrong := _rows(~np.isfinite(numbers))).size:
+        if (row := _first_row(~np.isfinite(numbers))) is not None:
             field = jax.tree_util.keystr(path).strip(".[]'")
             of = f" for {field}" if field else ""
-            yield f"but its function {name} returns {numbers[wrong[0]]}{of}{where(int(wrong[0]))}."
+            yield f"but its function {name} returns {numbers[row]}{of}{where(row)}."
 
 
-def _rows(flags: Bool[np.ndarray, "rows ..."]) -> Int[np.ndarray, " flagged"]:
-    """The rows of flags (n, ...) of which one is set."""
-    return np.flatnonzero(np.any(np.reshape(flags, (len(flags), -1)), axis=1))
+def _first_row(flags: Bool[np.ndarray, "rows ..."]) -> int | None:
+    """The first row of flags (n, ...) of which one is set; None if none is."""
+    rows = np.flatnonzero(np.any(np.reshape(flags, (len(flags), -1)), axis=1))
+    return int(rows[0]) if rows.size else None

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
+from gaitsweep.contract import HybridModel, Model
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
 from gaitsweep.engine.content import cached_by_content, depends_on
 from gaitsweep.engine.sweep.xla import see_all_cores
@@ -26,6 +26,20 @@ _TRACE = jax.make_user_context("")
 # functions that others call, so that the cause is there, and those that call most others
 _CALLED = ("params", "period", "flow", "control", "rates", "step", "observe", "jump")
 _CALLING = ("guards", "init")
+# the arguments of each function: results of others, or `values`, `start`, `dt` and `flags`, in their order
+_OF_STATE = ("params", "init")
+_ARGUMENTS = {
+    **dict.fromkeys(
+        ("flow", "guards", "control", "rates", "observe", "signal", "failed", "chart"), _OF_STATE
+    ),
+    **dict.fromkeys(("fast_modes", "longest_step", "period", "free_after"), ("params",)),
+    **dict.fromkeys(("jump", "section"), (*_OF_STATE, "flags")),
+    "params": ("values",),
+    "init": ("params", "start"),
+    "step": (*_OF_STATE, "dt"),
+    "events": (*_OF_STATE, "init"),
+    "label": ("params", "observe"),
+}
 _ADDRESS = re.compile(r"0x[0-9a-f]+")
 
 
@@ -90,56 +104,36 @@ def _digests(model: Model) -> Iterator[tuple[str, str]]:
         yield "on_host", _digest_of_text(repr({name: _bytes(value) for name, value in values.items()}))
         values = {name: jax.ShapeDtypeStruct(np.shape(v)[1:], float) for name, v in values.items()}
     start = {quantity.name: number for quantity in model.initial_conditions}
-    traced = _Traced()
-    yield from traced.digest("params", model.params, values)
-    yield from traced.digest("init", model.init, traced.shapes.get("params"), start)
-    params, state = traced.shapes.get("params"), traced.shapes.get("init")
-    functions: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {}
+    shapes = {"values": values, "start": start, "dt": number}
     if isinstance(model, HybridModel):
-        functions |= {"flow": (model.flow, (params, state)), "guards": (model.guards, (params, state))}
-        functions["fast_modes"] = model.fast_modes, (params,)
+        motion = ("flow", "guards", "fast_modes")
+    elif isinstance(model, MjcfModel):  # its step takes seconds to trace; `data_digest` covers its body
+        motion = ("control", "rates", "events", "longest_step")
     else:
-        assert isinstance(model, FixedStepDynamics)
-        if isinstance(model, MjcfModel):  # its step takes seconds to trace; `data_digest` tells its body
-            functions |= {name: (getattr(model, name), (params, state)) for name in ("control", "rates")}
-        else:
-            functions["step"] = model.step, (params, state, number)
-        functions["events"] = model.events, (params, state, state)
-        functions["longest_step"] = model.longest_step, (params,)
-    for name, (function, arguments) in functions.items():
-        yield from traced.digest(name, function, *arguments)
-    events = traced.shapes.get("guards", traced.shapes.get("events"))
-    flags = jax.ShapeDtypeStruct(getattr(events, "shape", (0,)), bool)
-    yield from traced.digest("jump", model.jump, params, state, flags)
-    yield from traced.digest("section", model.section, params, state, flags)
-    yield from traced.digest("observe", model.observe, params, state)
-    yield from traced.digest("signal", model.signal, params, state)
-    yield from traced.digest("label", model.label, params, traced.shapes.get("observe"))
-    yield from traced.digest("failed", model.failed, params, state)
-    yield from traced.digest("period", model.period, params)
-    yield from traced.digest("free_after", model.free_after, params)
+        motion = ("step", "events", "longest_step")
+    for name in ("params", "init", *motion):
+        yield from _digest(shapes, name, getattr(model, name))
+    events = shapes.get("guards", shapes.get("events"))
+    shapes["flags"] = jax.ShapeDtypeStruct(getattr(events, "shape", (0,)), bool)
+    for name in ("jump", "section", "observe", "signal", "label", "failed", "period", "free_after"):
+        yield from _digest(shapes, name, getattr(model, name))
     if (chart := model.chart()) is not None:
-        yield from traced.digest("chart", chart.to_coordinates, params, state)
+        yield from _digest(shapes, "chart", chart.to_coordinates)
 
 
-class _Traced:
-    """Traced functions, and the shapes of their results."""
-
-    def __init__(self) -> None:
-        self.shapes: dict[str, Any] = {}
-
-    def digest(self, name: str, function: Callable[..., Any], *arguments: Any) -> Iterator[tuple[str, str]]:
-        """The name and digest of a function, or nothing where it cannot be traced with these shapes."""
-        try:
-            jaxpr, self.shapes[name] = jax.make_jaxpr(
-                lambda *given: function(*given),  # a function that JAX has not seen
-                return_shape=True,
-            )(*arguments)
-        except Exception:  # a user's function may raise anything
-            return
-        digest = hashlib.sha256()
-        _add_program(digest.update, jaxpr)
-        yield name, digest.hexdigest()[:16]
+def _digest(shapes: dict[str, Any], name: str, function: Callable[..., Any]) -> Iterator[tuple[str, str]]:
+    """The name and digest of a function, or nothing where it cannot be traced; `shapes` gets its results."""
+    arguments = (shapes.get(each) for each in _ARGUMENTS[name])
+    try:
+        jaxpr, shapes[name] = jax.make_jaxpr(
+            lambda *given: function(*given),  # a function that JAX has not seen
+            return_shape=True,
+        )(*arguments)
+    except Exception:  # a user's function may raise anything
+        return
+    digest = hashlib.sha256()
+    _add_program(digest.update, jaxpr)
+    yield name, digest.hexdigest()[:16]
 
 
 def _add_program(add: Callable[[bytes], None], program: Any) -> None:

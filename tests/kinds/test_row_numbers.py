@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
+from jaxtyping import Array, Float
 from pydantic import Field
 
 import gaitsweep as gs
@@ -18,12 +19,19 @@ from gaitsweep import kinds
 from gaitsweep.contract import Model, Params, Quantity
 from gaitsweep.design import Design
 from gaitsweep.engine.advance import Carry, Halt
-from gaitsweep.engine.recorders.recorder import LaneRecord, PollResult
+from gaitsweep.engine.recorders.recorder import (
+    Beginning,
+    LaneRecord,
+    PollResult,
+    Readings,
+    Recorder,
+    RunningRows,
+)
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.job import Job
 from gaitsweep.kinds.columns import GAIT, STATUS, Column
 from gaitsweep.kinds.run_kind import Cost
-from gaitsweep.row_outcome import RowNumber
+from gaitsweep.row_outcome import RowNumber, RowOutcome
 from gaitsweep.table import ResultDirectory, Snapshot
 from toy_model import launches
 
@@ -32,17 +40,43 @@ FASTEST = RowNumber(
 )
 
 
-class FastestRecorder(SettleRecorder):
-    """Ends rows as its base does, and keeps the largest first observable of their crossings."""
+@dataclasses.dataclass(frozen=True)
+class FastestRecorder(Recorder):
+    """Ends rows as a `SettleRecorder` does, and keeps the largest first observable of their crossings."""
 
-    numbers = (*SettleRecorder.numbers, FASTEST)
+    model: Model
+    numbers = (*Recorder.numbers, FASTEST)
+
+    @property
+    def settling(self) -> SettleRecorder:
+        return SettleRecorder(self.model)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.settling.names
+
+    def stop(self, params: Params) -> Float[Array, ""]:
+        return self.settling.stop(params)
+
+    def max_attempts(self, params: Params, dt: Float[Array, ""] | float) -> Float[Array, ""]:
+        return self.settling.max_attempts(params, dt)
+
+    def begin(self, params: Params, carry: Carry) -> Beginning:
+        record, sample, keep = self.settling.begin(params, carry)
+        return dataclasses.replace(record, numbers=self.unsampled(params, carry)[0].numbers), sample, keep
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
-        result = super().record(params, carry, record)
+        result = self.settling.record(params, carry, record)
         before = record.numbers["fastest"]
         now = jnp.where(carry.halt == Halt.CROSSING, result.record.last[0], before)
         numbers = {**result.record.numbers, "fastest": jnp.maximum(before, now)}
         return result._replace(record=dataclasses.replace(result.record, numbers=numbers))
+
+    def readings(self, rows: RowOutcome) -> Readings | None:
+        return self.settling.readings(rows)
+
+    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+        return self.settling.share(rows, typical)
 
 
 class Fastest(kinds.RunKind):

@@ -1,4 +1,4 @@
-"""A model of an MJCF beside MuJoCo C: where its steps part from those of MuJoCo, and the likely cause.
+"""Comparison of a model of an MJCF with MuJoCo C: the first step that differs, and the likely cause.
 
 MuJoCo C takes the controls that the model gave, so that the bodies alone are compared. Where two motions
 part, each step before is repeated in C from the model's own state: a step that differs by itself has a cause,
@@ -41,15 +41,7 @@ _RANDOM_STARTS = 8
 _CACHE = "mjcf_comparisons"
 
 
-@dataclasses.dataclass(frozen=True)
-class Start:
-    """A state from which both begin, and its name."""
-
-    name: str
-    q: np.ndarray
-    v: np.ndarray
-    act: np.ndarray
-    time: float
+Start = tuple[str, mujoco.MjData]  # the name of a state from which both begin, and that state
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,7 +66,7 @@ class Parting:
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """The motions of a model beside those of MuJoCo C.
+    """Comparison of the motions of a model with those of MuJoCo C.
 
     `largest` is the largest difference of a coordinate before a motion parts.
     """
@@ -96,7 +88,7 @@ def compare(model: MjcfModel, steps: int) -> Comparison:
         both = _Both(model, steps)
         m = model.mjx_body.mj_model
         starts = [*_keyframes(m), *_random(m, model.mjx_body.at_start())]
-        found = [both.from_start(start) for start in starts]
+        found = [both.from_start(*start) for start in starts]
     partings = [parting for parting, _ in found if parting is not None]
     return Comparison(len(starts), steps, max(largest for _, largest in found), partings)
 
@@ -132,13 +124,13 @@ class _Both:
         example = self._params, states, jnp.zeros(steps, bool), jnp.zeros(steps)
         self._program = jax.jit(run).lower(*example).compile(options)
 
-    def from_start(self, start: Start) -> tuple[Parting | None, float]:
+    def from_start(self, name: str, start: mujoco.MjData) -> tuple[Parting | None, float]:
         """Time at which the motion from a start parts from C's, and the largest difference before."""
         body = self._state.body
         body = BodyState(
-            q=jnp.asarray(start.q),
-            v=jnp.asarray(start.v),
-            act=jnp.asarray(start.act),
+            q=jnp.array(start.qpos),
+            v=jnp.array(start.qvel),
+            act=jnp.array(start.act),
             warm=jnp.zeros_like(body.warm),
             time=jnp.full_like(body.time, start.time),
         )
@@ -156,12 +148,12 @@ class _Both:
                 before = jax.tree.map(lambda old, new: np.concatenate([old[:1], new[:-1]]), states, after)
                 cause = self._cause(i, k + 1, before, ours, controls, start.time)
                 where = _element(self._m, i)
-                return Parting(start.name, k + 1, *where, float(ours[k, i]), float(theirs[i]), cause), largest
+                return Parting(name, k + 1, *where, float(ours[k, i]), float(theirs[i]), cause), largest
             largest = max(largest, float(off.max(initial=0.0)))
         return None, largest
 
     def _stepped(self, states: Any, begins: bool, tolerance: float) -> tuple[Any, np.ndarray]:
-        """States after each step and the controls in it, each from the last or from its own of `states`."""
+        """States after each step, and its controls; with `begins` each step starts from one of `states`."""
         flags = np.full(self._steps, begins)
         found = self._program(self._params, states, flags, np.full(self._steps, tolerance))
         return jax.tree.map(np.asarray, found)
@@ -169,7 +161,7 @@ class _Both:
     def _cause(
         self, i: int, steps: int, before: Any, ours: np.ndarray, controls: np.ndarray, time: float
     ) -> str:
-        """The likely cause that number `i` parts: what acts in the first step that differs by itself."""
+        """The likely cause of a difference of number `i`, found in the first step that differs by itself."""
         m, moved = self._m, self._m.nq + self._m.nv + self._m.na
         exact, loose = _numbers(self._stepped(before, True, _EXACT)[0]), False
         for k in range(steps):
@@ -243,13 +235,12 @@ def _defaults(quantities: Iterable[Quantity], known: dict[str, float]) -> dict[s
 
 
 def _keyframes(m: mujoco.MjModel) -> Iterator[Start]:
-    data = mujoco.MjData(m)
     if not m.nkey:
-        yield Start("the start", data.qpos.copy(), data.qvel.copy(), data.act.copy(), 0.0)
+        yield "the start", mujoco.MjData(m)
     for i in range(m.nkey):
+        data = mujoco.MjData(m)
         mujoco.mj_resetDataKeyframe(m, data, i)
-        name = f"keyframe '{m.key(i).name or i}'"
-        yield Start(name, data.qpos.copy(), data.qvel.copy(), data.act.copy(), data.time)
+        yield f"keyframe '{m.key(i).name or i}'", data
 
 
 def _random(m: mujoco.MjModel, at_start: mujoco.MjData) -> Iterator[Start]:
@@ -265,7 +256,8 @@ def _random(m: mujoco.MjModel, at_start: mujoco.MjData) -> Iterator[Start]:
         while i % 2 and not data.ncon and steps < longest and np.isfinite(data.qacc).all():
             mujoco.mj_step(m, data)
             steps += 1
-        yield Start(f"random state {i + 1}", data.qpos.copy(), data.qvel.copy(), data.act.copy(), 0.0)
+        data.time = 0.0
+        yield f"random state {i + 1}", data
 
 
 def _drawn(m: mujoco.MjModel, at_start: mujoco.MjData, size: float, chance: Any) -> mujoco.MjData:

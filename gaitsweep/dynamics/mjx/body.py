@@ -92,7 +92,8 @@ class MjxBody:
         self.mj_model = model
         self._keyframe = keyframe
         at_start = self.at_start()
-        self._act, self._time = np.array(at_start.act), np.full(_clocks(model), at_start.time)
+        has_clock = (model.sensor_type == mujoco.mjtSensor.mjSENS_CLOCK).any()
+        self._act, self._time = np.array(at_start.act), np.full(int(has_clock), at_start.time)
         # a body may be created while a program is traced
         with jax.ensure_compile_time_eval(), jax.enable_x64(True):
             try:
@@ -106,8 +107,12 @@ class MjxBody:
             # on the host, since a program may run on any device
             self._model = jax.tree.map(np.asarray, placed)
             self._data = jax.tree.map(np.asarray, data.replace(**moved))
+        # sensors that MuJoCo does not cut off
+        uncut = np.isin(
+            model.sensor_type, (mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtSensor.mjSENS_GEOMFROMTO)
+        )
         bound = np.repeat(model.sensor_cutoff, model.sensor_dim)
-        kind = np.repeat(np.where(_cut(model), model.sensor_datatype, -1), model.sensor_dim)
+        kind = np.repeat(np.where(uncut, -1, model.sensor_datatype), model.sensor_dim)
         signed = kind == mujoco.mjtDataType.mjDATATYPE_REAL
         above = signed | (kind == mujoco.mjtDataType.mjDATATYPE_POSITIVE)
         self._lowest = np.where(signed & (bound > 0.0), -bound, -np.inf)
@@ -225,17 +230,6 @@ class MjxBody:
         body = self.mj_model.site_bodyid[self._sites]
         couples = jnp.cross(placed.site_xpos[self._sites] - placed.xipos[body], forces)
         return data.xfrc_applied.at[body].add(jnp.concatenate([forces, couples], axis=1))
-
-
-def _clocks(m: mujoco.MjModel) -> int:
-    """1 if a sensor shows the time, else 0."""
-    return int((m.sensor_type == mujoco.mjtSensor.mjSENS_CLOCK).any())
-
-
-def _cut(m: mujoco.MjModel) -> np.ndarray:
-    """Mask of the sensors (nsensor,) that MuJoCo cuts off."""
-    uncut = mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtSensor.mjSENS_GEOMFROMTO
-    return ~np.isin(m.sensor_type, uncut)
 
 
 @contextlib.contextmanager

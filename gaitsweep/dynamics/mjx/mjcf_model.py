@@ -25,6 +25,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Quantity, Rates, SteppedModel
+from gaitsweep.dynamics.declarations import Event
 from gaitsweep.dynamics.declared_model import Declared, Values
 from gaitsweep.near_miss import suggestion
 
@@ -38,13 +39,16 @@ BODY, SENSORS = "body", "sensors"  # fields of a state besides those that are de
 class MjcfModel(Declared, SteppedModel):
     """A body of an MJCF with oscillators.
 
-    A model derives from it and gives `body_file`, `control` and `period`, and `rates` where it declares
-    variables. `state.body` has q, v and act; `sensor(state, NAME)` reads a sensor of the MJCF.
+    1. A model gives `body_file`, `control` and `period`, and `rates` where it declares variables.
+    2. It may give declarations, `keyframe`, and the optional members of a `DeclaredModel` that need no flow.
+    3. The engine alone calls the members that are built from the body and the declarations.
+
+    `state.body` has q, v and act; `sensor(state, NAME)` reads a sensor of the MJCF.
 
     Starts are the positions of slides and hinges, the place of a free joint, and their velocities, by the
     joints' names: `JOINT_0`, `JOINT_rate_0`; their defaults are those of a keyframe, or of the joints where
     the MJCF has none. A start has the keyframe's act, time, mpos and mquat too; its ctrl is `keyframe_ctrl`,
-    for `control`. Signals are `q_0`, `q_1`, ..., MuJoCo's qpos, besides what is declared.
+    for `control`. Signals are `q_0`, `q_1`, ..., MuJoCo's qpos, and those that are declared.
 
     Constants of the body (masses, lengths, gravity) are the MJCF's, and cannot be parameters.
     """
@@ -55,6 +59,9 @@ class MjcfModel(Declared, SteppedModel):
     @classmethod
     def _other_fields(cls) -> list[str]:
         return [BODY, SENSORS]
+
+    def _is_beyond(self, event: Event, params: Any, state: Any) -> Bool[Array, ""]:
+        return jnp.asarray(event.function(self, params, state)) > 0.0
 
     @abc.abstractmethod
     def control(self, params: Any, state: Any, /) -> Float[Array, " nu"]:
@@ -200,7 +207,7 @@ def _path(kind: type[MjcfModel]) -> Path:
 
 
 def _body(kind: type[MjcfModel]) -> MjxBody:
-    """The body of a model, compiled once for what its file says.
+    """The body of a model, compiled once for each content of its file.
 
     Raises:
         ValueError: MuJoCo refuses it, or MJX would ignore a part of it; the message says which.
@@ -235,7 +242,7 @@ def _keyframe(m: Any, name: str) -> int | None:
 
 
 def _places(kind: type[MjcfModel]) -> tuple[np.ndarray, np.ndarray]:
-    """Qpos and qvel of the keyframe of a start; of the joints where there is none."""
+    """The qpos and qvel of the keyframe of a start, or of the joints where there is no keyframe."""
     m = _body(kind).mj_model
     number = _keyframe(m, kind.keyframe)
     if number is None:

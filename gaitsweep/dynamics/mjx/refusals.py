@@ -49,7 +49,7 @@ _TYPES = (
 )
 _WORDS = {"jnt": "joint", "dof": "joint", "eq": "equality"}
 _OFF = mujoco.mjtDisableBit
-# Flags that only add what is computed beside the motion.
+# Flags that add numbers and do not change the motion.
 HARMLESS = (
     mujoco.mjtEnableBit.mjENBL_ENERGY,
     mujoco.mjtEnableBit.mjENBL_FWDINV,

@@ -89,9 +89,7 @@ class Variants:
         fields = self._compiled(values)
         moved = [name for name, value in fields.items() if not _same(value, self._usual[name])]
         if astray := set(moved) - set(self.fields):
-            raise ArgumentError(
-                f"{self._sentence_begin(values)}, MJX cannot take {', '.join(sorted(astray))}."
-            )
+            raise self._error(values, f"MJX cannot take {', '.join(sorted(astray))}")
         return {name: fields[name] for name in self.fields}
 
     def _compiled(self, values: tuple[float, ...]) -> Fields:
@@ -101,13 +99,12 @@ class Variants:
             model = spec.compile()
         except ValueError as error:
             reason = " ".join(str(error).split())
-            raise ArgumentError(
-                f"{self._sentence_begin(values)}, MuJoCo refuses the body: {reason}."
-            ) from error
+            raise self._error(values, f"MuJoCo refuses the body: {reason}") from error
         return {name: np.array(getattr(model, name)) for name in _FIELDS}
 
-    def _sentence_begin(self, values: tuple[float, ...]) -> str:
-        return "With " + ", ".join(f"{n} {v:g}" for n, v in zip(self._names, values, strict=True))
+    def _error(self, values: tuple[float, ...], reason: str) -> ArgumentError:
+        named = ", ".join(f"{n} {v:g}" for n, v in zip(self._names, values, strict=True))
+        return ArgumentError(f"With {named}, {reason}.")
 
 
 def rescale(

@@ -130,9 +130,8 @@ def _bodies(
     moving = movements(tree, placed, v)
     for force in external:
         if not 0 <= force.link < len(placed):
-            raise ValueError(
-                f"A force acts on link {force.link}, but the tree has links 0 to {len(placed) - 1}."
-            )
+            last = len(placed) - 1
+            raise ValueError(f"A force acts on link {force.link}, but the tree has links 0 to {last}.")
     bodies = []
     for i, (link, place) in enumerate(zip(tree.links, placed, strict=True)):
         inertia, h = rigid_body(geometry, i, place)
@@ -166,7 +165,7 @@ def _velocity_product(kind: str, place: Place, parent: Movement, rate: Array) ->
 def _carried(
     tree: Tree, i: int, bodies: list[_Body], accelerations: list[MotionVector], gravity: Array
 ) -> MotionVector:
-    """The acceleration of link i at zero joint acceleration; that of the world is minus gravity."""
+    """The acceleration of link i at zero joint acceleration; the world has the acceleration -gravity."""
     parent = tree.links[i].parent
     below = MotionVector(ZERO, -gravity) if parent == WORLD else accelerations[parent]
     place = bodies[i].place

@@ -24,6 +24,7 @@ _KINDS: dict[int, Kind] = {
     mujoco.mjtJoint.mjJNT_SLIDE: "slide",
 }
 _OFF = mujoco.mjtDisableBit
+_UNSUPPORTED = "which an articulated tree does not support"
 _DUST = 1e-15  # rounding error of the zeros and ones in the rotation matrix of a right angle
 
 
@@ -100,23 +101,17 @@ def _complaints(m: mujoco.MjModel) -> Iterator[str]:
         yield "The model has no joint, so nothing can move."
     for number, name in ((m.neq, "an equality constraint"), (m.ntendon, "a tendon"), (m.nflex, "a flex")):
         if number:
-            yield f"The model has {name}, which an articulated tree does not support: remove it."
+            yield f"The model has {name}, {_UNSUPPORTED}: remove it."
     if m.opt.density or m.opt.viscosity:
-        yield (
-            "The model moves in a fluid (option density or viscosity), which an articulated tree "
-            "does not support."
-        )
+        yield f"The model moves in a fluid (option density or viscosity), {_UNSUPPORTED}."
     for body in range(1, m.nbody):
         name = _name(m.body(body).name, "body", body)
         if m.body_mocapid[body] >= 0:
-            yield f"Body '{name}' is a mocap body, which an articulated tree does not support: remove mocap."
+            yield f"Body '{name}' is a mocap body, {_UNSUPPORTED}: remove mocap."
         if m.body_gravcomp[body]:
-            yield (
-                f"Body '{name}' has gravcomp, which an articulated tree does not support: apply its "
-                "force instead."
-            )
+            yield f"Body '{name}' has gravcomp, {_UNSUPPORTED}: apply its force instead."
         if m.body_plugin[body] >= 0:
-            yield f"Body '{name}' has a plugin, which an articulated tree does not support."
+            yield f"Body '{name}' has a plugin, {_UNSUPPORTED}."
     for j in range(m.njnt):
         yield from _of_joint(m, j)
     for k in range(m.nu):
@@ -130,18 +125,15 @@ def _of_joint(m: mujoco.MjModel, j: int) -> Iterator[str]:
     kind, dof = m.jnt_type[j], m.jnt_dofadr[j]
     unconstrained = m.opt.disableflags & _OFF.mjDSBL_CONSTRAINT
     if kind == mujoco.mjtJoint.mjJNT_BALL:
-        yield f"Joint '{name}' is a ball joint, which an articulated tree does not support: use three hinges."
+        yield f"Joint '{name}' is a ball joint, {_UNSUPPORTED}: use three hinges."
     if m.jnt_limited[j] and not (unconstrained or m.opt.disableflags & _OFF.mjDSBL_LIMIT):
-        yield f"Joint '{name}' has a limit, which an articulated tree does not support: remove its range."
+        yield f"Joint '{name}' has a limit, {_UNSUPPORTED}: remove its range."
     if m.dof_frictionloss[dof] and not (unconstrained or m.opt.disableflags & _OFF.mjDSBL_FRICTIONLOSS):
-        yield f"Joint '{name}' has frictionloss, which an articulated tree does not support: use damping."
+        yield f"Joint '{name}' has frictionloss, {_UNSUPPORTED}: use damping."
     if m.jnt_stiffnesspoly[j].any() or m.dof_dampingpoly[dof].any() or m.jnt_plasticadr[j] >= 0:
         yield f"Joint '{name}' has a spring or damper that is not linear: apply its force instead."
     if kind == mujoco.mjtJoint.mjJNT_FREE and m.jnt_stiffness[j]:
-        yield (
-            f"Joint '{name}' is free and has a spring, which a tree does not support: apply its "
-            "force instead."
-        )
+        yield f"Joint '{name}' is free and has a spring, {_UNSUPPORTED}: apply its force instead."
 
 
 def compiled(source: mujoco.MjModel | str | Path) -> mujoco.MjModel:

@@ -183,7 +183,7 @@ def rates(tree: Tree, q: Float[Array, " nq"], v: Float[Array, " nv"]) -> Float[A
 
 
 def integrate(tree: Tree, q: Float[Array, " nq"], v: Float[Array, " nv"], dt: Scalar) -> Float[Array, " nq"]:
-    """Q (nq,) after `dt` (s) at constant v (nv,), as by MuJoCo's mj_integratePos; quaternions have norm 1."""
+    """Positions (nq,) after `dt` (s) at constant v (nv,), as by mj_integratePos; quaternions have norm 1."""
     pieces: list[Array] = []
     for at, to, link in zip(tree.v_of, tree.q_of, tree.links, strict=True):
         if link.kind == "free":

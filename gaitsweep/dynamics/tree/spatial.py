@@ -40,7 +40,7 @@ def skew(r: Float[Array, " 3"]) -> Float[Array, "3 3"]:
 
 
 def cross(a: Float[Array, " 3"], b: Float[Array, " 3"]) -> Float[Array, " 3"]:
-    """A x b, shape (3,)."""
+    """The cross product a x b, shape (3,)."""
     return skew(a) @ b
 
 
@@ -150,7 +150,7 @@ class Inertia:
 
 
 def turned(E: Float[Array, "3 3"], A: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
-    """E A E^T of a symmetric matrix `A` (3, 3)."""
+    """The matrix E A E^T of a symmetric matrix `A` (3, 3)."""
     return A if E is EYE else symmetric(E @ A @ E.T)
 
 
@@ -194,7 +194,7 @@ def quaternion_exponential(turn: Float[Array, " 3"]) -> Float[Array, " 4"]:
 
 
 def solve_positive(A: Float[Array, "n n"], b: Float[Array, " n"]) -> Float[Array, " n"]:
-    """X of A x = b for a small symmetric positive definite `A` (n, n), by L D L^T.
+    """The solution x of A x = b for a small symmetric positive definite `A` (n, n), by L D L^T.
 
     The loops are unrolled and read the upper triangle only, without linear algebra routines.
     """

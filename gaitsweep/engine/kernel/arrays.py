@@ -9,7 +9,7 @@ import numpy as np
 
 from gaitsweep.engine.kernel import arithmetic
 from gaitsweep.engine.kernel.program import Kind
-from gaitsweep.engine.kernel.trace import Nodes, Rule, Tracer, kind_of
+from gaitsweep.engine.kernel.trace import Nodes, Rule, Tracer, Writer, kind_of
 
 
 def _broadcast_in_dim(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
@@ -73,13 +73,13 @@ def _dot_general(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes
     if count == 0:
         return [np.full(shape, program.constant(0.0, kind), np.int64)]
     # a product of float32 arrays may accumulate in float64
-    left, right = (tracer.each(lambda x: arithmetic.converted(program, x, kind), x) for x in (left, right))
+    left, right = (tracer.write(lambda w, x: arithmetic.converted(w, x, kind), x) for x in (left, right))
     left = left.reshape(math.prod(batch), math.prod(rows), 1, count)
     right = right.reshape(math.prod(batch), 1, math.prod(columns), count)
-    products = tracer.each(lambda x, y: program.apply("mul", x, y), left, right)
+    products = tracer.apply("mul", left, right)
     total = products[..., 0]
     for k in range(1, count):
-        total = tracer.each(lambda x, y: program.apply("add", x, y), total, products[..., k])
+        total = tracer.apply("add", total, products[..., k])
     return [total.reshape(shape)]
 
 
@@ -95,15 +95,16 @@ def _sort(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
                 # lexicographic: the first key that differs decides
                 decided = program.constant(False, "bool")
                 for a, b in reversed(list(zip(pairs[::2], pairs[1::2], strict=True))):
-                    equal = program.apply("and", arithmetic.alike(program, a, b), decided)
-                    decided = program.apply("or", arithmetic.before(program, b, a), equal)
+                    w = Writer(program, a)
+                    equal = w("and", arithmetic.alike(w, a, b), decided)
+                    decided = w("or", arithmetic.before(w, b, a), equal)
                 return decided
 
             swap = tracer.each(later, *(c[j] for c in columns[:keys] for j in (i, i + 1)))
             for c in columns:
                 low, high = c[i].copy(), c[i + 1].copy()
-                c[i] = tracer.each(lambda s, x, y: program.apply("select", s, x, y), swap, high, low)
-                c[i + 1] = tracer.each(lambda s, x, y: program.apply("select", s, x, y), swap, low, high)
+                c[i] = tracer.apply("select", swap, high, low)
+                c[i + 1] = tracer.apply("select", swap, low, high)
     return [np.moveaxis(c, 0, axis) for c in columns]
 
 

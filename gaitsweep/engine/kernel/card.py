@@ -17,7 +17,7 @@ _NUMBER = 8
 
 
 def missing() -> str | None:
-    """The reason why kernels on the GPU are not available, in words, or None."""
+    """The reason why kernels on the GPU are not available, or None."""
     for module, package in (("cuda.core", "cuda-core"), ("cuda.bindings", "cuda-bindings")):
         if not _found(module):
             return f"the package {package} is not installed"
@@ -26,7 +26,7 @@ def missing() -> str | None:
         from cuda.core import Device  # pyright: ignore[reportMissingImports]
 
         library.nvrtcVersion()
-    except Exception as error:  # what it is depends on the package and its version
+    except Exception as error:  # its type depends on the package and its version
         return f"NVIDIA's compiler NVRTC cannot be loaded ({_first_line(error)})"
     try:
         return None if Device.get_all_devices() else "cuda-core finds no NVIDIA GPU"
@@ -117,7 +117,7 @@ class CudaDevice:
         return self._pinned.allocate(size * _NUMBER)
 
     def copy(self, source: Any, target: Any, size: int) -> None:
-        """Copy the first `size` numbers of a piece of memory, after what was launched before."""
+        """Copy the first `size` numbers of a piece of memory, after all earlier launches."""
         self._copy_bytes(source, target, size * _NUMBER)
 
     def _copy_bytes(self, source: Any, target: Any, size: int) -> None:

@@ -168,7 +168,7 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
 
 
 def _plain(program: Program, nodes: list[int]) -> tuple[list[int], int]:
-    """As `Program.likely`; all is plain if the plain form would round what the other does not compute.
+    """As `Program.likely`; all is plain if the plain form rounds numbers that the other does not compute.
 
     Other products and sums would be fused in that, and a row's bits would depend on its neighbours.
     """

@@ -1,12 +1,14 @@
-"""Products and sums in one instruction, which rounds once: which of them, is decided here.
+"""The choice of products and sums that become one instruction, which rounds once.
 
-A compiler decides by what else it finds around them, so that the same sum could be rounded differently in two
-places of a program, and with it the result of a row that shares a vector with a row at an event.
+A compiler would choose by the surrounding operations: the same sum could be rounded differently in two places
+of a program, and a row that shares a vector with a row at an event could have another result.
 """
 
 from __future__ import annotations
 
 import dataclasses
+
+import jax
 
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.program import Program
@@ -18,7 +20,7 @@ _FUSED = {"add": ("fma", "fma"), "sub": ("fms", "fnma")}
 def contracted(chunk: Chunk) -> Chunk:
     """The same chunk with fused operations where a product is an argument of sums alone.
 
-    What is computed once for a trajectory, or only at events, stays a value of its own.
+    Values that are computed once for a trajectory, or only at events, are not fused.
     """
     program = chunk.program
     wanted = [*chunk.attempt.values(), *chunk.plain.values(), chunk.unusual]
@@ -43,21 +45,9 @@ def contracted(chunk: Chunk) -> Chunk:
                     break
         now[at] = program.write(op, *args)
 
-    def slots(nodes: dict[int, int]) -> dict[int, int]:
-        return {slot: now[at] for slot, at in nodes.items()}
-
-    return dataclasses.replace(
-        chunk,
-        attempt=slots(chunk.attempt),
-        plain=slots(chunk.plain),
-        unusual=now[chunk.unusual],
-        poll=slots(chunk.poll),
-        keep=now[chunk.keep],
-        sample=[now[at] for at in chunk.sample],
-        quiet=[now[at] for at in chunk.quiet],
-        eventful=now[chunk.eventful],
-        shared=[now[at] for at in chunk.shared],
-    )
+    fields = "attempt", "plain", "unusual", "poll", "keep", "sample", "quiet", "eventful", "shared"
+    moved = {field: jax.tree.map(lambda at: now[at], getattr(chunk, field)) for field in fields}
+    return dataclasses.replace(chunk, **moved)
 
 
 def _only_in_sums(program: Program, needed: list[int]) -> set[int]:

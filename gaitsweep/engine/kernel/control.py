@@ -40,10 +40,8 @@ def _cond(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
             here = program.apply("not", at)
         else:
             here = program.apply("le", at, program.constant(i, "int"))
-        chosen = [
-            tracer.each(lambda yes, no, c=here: program.apply("select", c, yes, no), a, b)
-            for a, b in zip(given, chosen, strict=True)
-        ]
+        pairs = zip(given, chosen, strict=True)
+        chosen = [tracer.apply("select", np.asarray(here), yes, no) for yes, no in pairs]
     return chosen
 
 

@@ -1,8 +1,8 @@
 """The program of a chunk for the CPU: lanes side by side in a vector register, compiled by LLVM.
 
 One flat array holds a tile, the lanes of one vector, slot by slot. Each stage is straight-line code on
-vectors. An attempt in which no lane meets an event computes only what it needs: what happens at events, and
-what depends on modes alone, is computed where a lane meets one. Such an attempt writes its results beside the
+vectors. An attempt in which no lane meets an event computes few values: the effects of events, and values
+that depend on modes alone, are computed where a lane meets one. Such an attempt writes its results beside the
 state that it began with, and the rest reads both. Rare operations, such as keeping a sample, have a loop over
 lanes. Each core runs its own tiles, in a thread.
 """
@@ -117,7 +117,7 @@ class Tile:
         ]
 
     def _attempt(self) -> list[str]:
-        """An attempt: what happens at an event is computed only if a lane of the tile needs it."""
+        """An attempt, which computes the effects of events only if a lane of the tile needs them."""
         chunk = self.chunk
         at_hand = self._steady | {at: self._place(slot) for slot, at in self.shared.items()}
         if self._whole:
@@ -133,10 +133,10 @@ class Tile:
             "barrier()",
             *self._lines(self.shared, self._steady),
         ]
-        return [*plain, "if any(unusual):", *(f"    {line}" for line in rest), "else:", "    pass"]
+        return [*plain, *_choice(rest, ["pass"])]
 
     def _poll(self) -> list[str]:
-        """A poll: what happens at an event is computed only if a lane of the tile needs it."""
+        """A poll, which computes the effects of events only if a lane of the tile needs them."""
         chunk, program = self.chunk, self.chunk.program
         slots = [*chunk.poll, *range(self.sample, self.sample + chunk.width), self.keep]
 
@@ -148,13 +148,8 @@ class Tile:
 
         if program.value(chunk.eventful) is False:
             return lines(chunk.polled)
-        return [
-            *self._lines({}, self._steady, "i", "i", flag=chunk.eventful),
-            "if any(unusual):",
-            *(f"    {line}" for line in lines(chunk.polled)),
-            "else:",
-            *(f"    {line}" for line in lines(chunk.quiet)),
-        ]
+        flag = self._lines({}, self._steady, "i", "i", flag=chunk.eventful)
+        return [*flag, *_choice(lines(chunk.polled), lines(chunk.quiet))]
 
     def _lines(
         self,
@@ -220,9 +215,8 @@ class Tile:
 
     def _place(self, slot: int, side: str = "") -> str:
         """The element of the first lane of a slot; `side` names the elements before the side."""
-        return (
-            f"s[{side} + {slot * self.lanes}]" if side and slot in self.twice else f"s[{slot * self.lanes}]"
-        )
+        place = str(slot * self.lanes)
+        return f"s[{side} + {place}]" if side and slot in self.twice else f"s[{place}]"
 
     def _stage(self, name: str, arguments: str, lines: list[str]) -> str:
         body = "\n".join(f"    {line}" for line in [*lines, "pass"])
@@ -302,3 +296,9 @@ class Tile:
                 with loop(builder, INDEX(self.chunk.width)) as (i, _):
                     value = slot(self.sample, builder.mul(i, INDEX(self.lanes)))
                     builder.store(value, builder.gep(kept, [builder.add(first, i)]))
+
+
+def _choice(yes: list[str], no: list[str]) -> list[str]:
+    """The lines `yes` where the flag `unusual` of some lane is true, else the lines `no`."""
+    indented = [[f"    {line}" for line in lines] for lines in (yes, no)]
+    return ["if any(unusual):", *indented[0], "else:", *indented[1]]

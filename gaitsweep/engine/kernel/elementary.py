@@ -9,12 +9,8 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
-from gaitsweep.engine.kernel.arithmetic import Writer
-
-if TYPE_CHECKING:
-    from gaitsweep.engine.kernel.program import Program
+from gaitsweep.engine.kernel.trace import Writer
 
 # Enough digits for a split into parts whose products with small integers are exact.
 _PI = Fraction("3.14159265358979323846264338327950288419716939937510582097494459230781640628620899")
@@ -54,13 +50,11 @@ def _parts(value: Fraction, bits: int, count: int) -> list[float]:
     return [*parts, float(value)]
 
 
-def reciprocal_root(program: Program, x: int) -> int:
-    w = Writer(program, x)
+def reciprocal_root(w: Writer, x: int) -> int:
     return w("div", 1.0, w("sqrt", x))
 
 
-def cube_root(program: Program, x: int) -> int:
-    w = Writer(program, x)
+def cube_root(w: Writer, x: int) -> int:
     size = w("abs", x)
     near = w("pow", size, w.number(1.0 / 3.0))
     # a Newton step without the cube of `near`, which has few digits for the smallest numbers
@@ -68,12 +62,11 @@ def cube_root(program: Program, x: int) -> int:
     better = w("sub", near, w("mul", excess, 1.0 / 3.0))
     # 0 and infinity are exact already
     root = w("select", w("and", w("lt", 0.0, size), w("lt", size, math.inf)), better, size)
-    return w("select", w("lt", x, 0.0), w("neg", root), root)
+    return _signed(w, w("lt", x, 0.0), root)
 
 
-def _quadrant(program: Program, x: int) -> tuple[Writer, int, int, int]:
-    """A writer, the number of quarter turns (mod 4), and sine and cosine of the rest of the angle."""
-    w = Writer(program, x)
+def _quadrant(w: Writer, x: int) -> tuple[int, int, int, int]:
+    """The number of quarter turns (mod 4), whether it is odd, sine and cosine of the rest of the angle."""
     turns = w("floor", w("add", w("mul", x, float(2 / _PI)), 0.5))
     rest = x
     for part in _parts(_PI / 2, *((9, 4) if w.single else (30, 4))):
@@ -86,33 +79,30 @@ def _quadrant(program: Program, x: int) -> tuple[Writer, int, int, int]:
     bend = w("mul", w("mul", z, z), w.polynomial(z, even))
     cosine_part = w("add", w("sub", 1.0, w("mul", z, 0.5)), bend)
     quarter = w("sub", turns, w("mul", w("floor", w("mul", turns, 0.25)), 4.0))
-    return w, quarter, sine_part, cosine_part
-
-
-def sine(program: Program, x: int) -> int:
-    w, quarter, s, c = _quadrant(program, x)
     swapped = w("or", w("eq", quarter, 1.0), w("eq", quarter, 3.0))
+    return quarter, swapped, sine_part, cosine_part
+
+
+def sine(w: Writer, x: int) -> int:
+    quarter, swapped, s, c = _quadrant(w, x)
     value = w("select", swapped, c, s)
-    return w("select", w("lt", 1.0, quarter), w("neg", value), value)
+    return _signed(w, w("lt", 1.0, quarter), value)
 
 
-def cosine(program: Program, x: int) -> int:
-    w, quarter, s, c = _quadrant(program, x)
-    swapped = w("or", w("eq", quarter, 1.0), w("eq", quarter, 3.0))
+def cosine(w: Writer, x: int) -> int:
+    quarter, swapped, s, c = _quadrant(w, x)
     value = w("select", swapped, s, c)
     negative = w("or", w("eq", quarter, 1.0), w("eq", quarter, 2.0))
-    return w("select", negative, w("neg", value), value)
+    return _signed(w, negative, value)
 
 
-def tangent(program: Program, x: int) -> int:
-    w, quarter, s, c = _quadrant(program, x)
-    swapped = w("or", w("eq", quarter, 1.0), w("eq", quarter, 3.0))
+def tangent(w: Writer, x: int) -> int:
+    _, swapped, s, c = _quadrant(w, x)
     top, bottom = w("select", swapped, c, s), w("select", swapped, s, c)
     return w("div", w("select", swapped, w("neg", top), top), bottom)
 
 
-def exponential(program: Program, x: int) -> int:
-    w = Writer(program, x)
+def exponential(w: Writer, x: int) -> int:
     turns = w("floor", w("add", w("mul", x, float(1 / _LN2)), 0.5))
     rest = x
     for part in _parts(_LN2, *((9, 3) if w.single else (40, 3))):
@@ -125,15 +115,13 @@ def exponential(program: Program, x: int) -> int:
     return w("select", w("lt", high, x), math.inf, value)
 
 
-def logarithm_to_base_2(program: Program, x: int) -> int:
-    w = Writer(program, x)
+def logarithm_to_base_2(w: Writer, x: int) -> int:
     return w("div", w("log", x), float(_LN2))
 
 
-def power_of_two(program: Program, x: int) -> int:
-    w = Writer(program, x)
+def power_of_two(w: Writer, x: int) -> int:
     turns = w("floor", w("add", x, 0.5))
-    near = exponential(program, w("mul", w("sub", x, turns), float(_LN2)))
+    near = exponential(w, w("mul", w("sub", x, turns), float(_LN2)))
     high, low = (128.0, -150.0) if w.single else (1024.0, -1075.0)
     value = _scaled(w, near, turns, 160.0 if w.single else 1100.0)
     value = w("select", w("lt", x, low), 0.0, value)
@@ -157,15 +145,13 @@ def _scaled(w: Writer, near: int, turns: int, most: float) -> int:
     return w("mul", w("mul", near, factor), other)
 
 
-def logistic(program: Program, x: int) -> int:
-    w = Writer(program, x)
-    return w("div", 1.0, w("add", 1.0, exponential(program, w("neg", x))))
+def logistic(w: Writer, x: int) -> int:
+    return w("div", 1.0, w("add", 1.0, exponential(w, w("neg", x))))
 
 
-def hyperbolic_tangent(program: Program, x: int) -> int:
-    w = Writer(program, x)
+def hyperbolic_tangent(w: Writer, x: int) -> int:
     size = w("abs", x)
-    t = exponential(program, w("mul", size, -2.0))
+    t = exponential(w, w("mul", size, -2.0))
     far = w("div", w("sub", 1.0, t), w("add", 1.0, t))
     # Lambert's continued fraction x / (1 + z/(3 + z/(5 + ...))) as one quotient
     z = w("mul", x, x)
@@ -179,18 +165,16 @@ def hyperbolic_tangent(program: Program, x: int) -> int:
 
 def _half_exponential(w: Writer, size: int) -> int:
     """exp(size) / 2, without overflow of exp(size)."""
-    root = exponential(w.program, w("mul", size, 0.5))
+    root = exponential(w, w("mul", size, 0.5))
     return w("mul", w("mul", root, 0.5), root)
 
 
-def hyperbolic_cosine(program: Program, x: int) -> int:
-    w = Writer(program, x)
+def hyperbolic_cosine(w: Writer, x: int) -> int:
     half = _half_exponential(w, w("abs", x))
     return w("add", half, w("div", 0.25, half))
 
 
-def hyperbolic_sine(program: Program, x: int) -> int:
-    w = Writer(program, x)
+def hyperbolic_sine(w: Writer, x: int) -> int:
     size = w("abs", x)
     half = _half_exponential(w, size)
     far = w("sub", half, w("div", 0.25, half))
@@ -198,11 +182,11 @@ def hyperbolic_sine(program: Program, x: int) -> int:
     terms = [1.0 / math.factorial(2 * k + 1) for k in range(5 if w.single else 9)]
     near = w("mul", size, w.polynomial(z, terms))
     value = w("select", w("lt", size, 1.0), near, far)
-    return w("select", w("lt", x, 0.0), w("neg", value), value)
+    return _signed(w, w("lt", x, 0.0), value)
 
 
 def _corrected(w: Writer, t: int, z: int, double: list[float], single: list[float]) -> int:
-    """T + t z P(z)."""
+    """The sum t + t z P(z) of a polynomial P."""
     return w("add", t, w("mul", w("mul", t, z), w.polynomial(z, single if w.single else double)))
 
 
@@ -210,8 +194,7 @@ def _signed(w: Writer, negative: int, value: int) -> int:
     return w("select", negative, w("neg", value), value)
 
 
-def arctangent(program: Program, x: int) -> int:
-    w = Writer(program, x)
+def arctangent(w: Writer, x: int) -> int:
     size = w("abs", x)
     flat, steep = w("lt", size, _FLAT), w("lt", 1 / _FLAT, size)
     top = w("select", flat, size, w("select", steep, -1.0, w("sub", size, 1.0)))
@@ -222,16 +205,15 @@ def arctangent(program: Program, x: int) -> int:
     return _signed(w, w("lt", x, 0.0), angle)
 
 
-def _minus(program: Program, x: int) -> int:
+def _minus(w: Writer, x: int) -> int:
     """Whether x has a minus sign: the sign of zero appears in its reciprocal only; float32 suffices."""
-    x = program.apply("to_f32", x)
-    w = Writer(program, x)
+    x = w("to_f32", x)
+    w = Writer(w.program, x)
     return w("lt", w("add", x, w("div", 1.0, x)), 0.0)
 
 
-def angle_of_point(program: Program, y: int, x: int) -> int:
+def angle_of_point(w: Writer, y: int, x: int) -> int:
     """The angle (rad) of the point (x, y) from the x axis, in [-pi, pi]; -0.0 is a small negative number."""
-    w = Writer(program, y)
     width, height = w("abs", x), w("abs", y)
     upright = w("lt", width, height)
     small, large = w("select", upright, width, height), w("select", upright, height, width)
@@ -245,11 +227,11 @@ def angle_of_point(program: Program, y: int, x: int) -> int:
     # the ratio of two zeros or two infinities is taken as 1
     t = w("select", w("eq", width, height), 0.0, t)
     rest = _corrected(w, t, w("mul", t, t), _ARCTANGENT, _ARCTANGENT_SINGLE)
-    left = _minus(program, x)
+    left = _minus(w, x)
     axis = w("select", upright, math.pi / 2, w("select", left, math.pi, 0.0))
     turn = w("select", flat, axis, w("select", left, 3 * math.pi / 4, math.pi / 4))
     angle = w("add", turn, _signed(w, w("ne", upright, left), rest))
-    return _signed(w, _minus(program, y), angle)
+    return _signed(w, _minus(w, y), angle)
 
 
 def _half_arcsine(w: Writer, x: int) -> tuple[int, int]:
@@ -261,15 +243,13 @@ def _half_arcsine(w: Writer, x: int) -> tuple[int, int]:
     return outer, _corrected(w, t, z, _ARCSINE, _ARCSINE_SINGLE)
 
 
-def arcsine(program: Program, x: int) -> int:
-    w = Writer(program, x)
+def arcsine(w: Writer, x: int) -> int:
     outer, part = _half_arcsine(w, x)
     angle = w("select", outer, w("sub", math.pi / 2, w("add", part, part)), part)
     return _signed(w, w("lt", x, 0.0), angle)
 
 
-def arccosine(program: Program, x: int) -> int:
-    w = Writer(program, x)
+def arccosine(w: Writer, x: int) -> int:
     outer, part = _half_arcsine(w, x)
     negative = w("lt", x, 0.0)
     turn = w("select", outer, w("select", negative, math.pi, 0.0), math.pi / 2)

@@ -26,8 +26,8 @@ from gaitsweep.engine.kernel.source import name_all, statements
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
 # Threads of a block, each of which may have 255 registers, the maximum. With 168 or 128 registers more
-# threads run at once, but spill more: a body of 15 joints makes 0.58 and 0.4 times the steps. Unless it
-# is told that one block at a time is enough, the compiler may choose so few by itself, even 32.
+# threads run at once, but spill more: a body of 15 joints makes 0.58 and 0.4 times the steps. Without the
+# bound of one block at a time the compiler may choose so few by itself, even 32.
 THREADS = 128
 # The parameters of a poll, by name.
 _OF_POLL = {

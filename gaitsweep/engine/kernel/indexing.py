@@ -13,7 +13,7 @@ import numpy as np
 from jax.lax import GatherScatterMode
 
 from gaitsweep.engine.kernel import arithmetic
-from gaitsweep.engine.kernel.trace import Nodes, Tracer, kind_of, refuse
+from gaitsweep.engine.kernel.trace import Build, Nodes, Tracer, Writer, kind_of, refuse
 
 # A selection among more indices than this would be too expensive for a model's step.
 MAX_INDICES = 64
@@ -25,8 +25,6 @@ _FILLING: dict[str, Callable[[np.dtype], float]] = {
     "u": lambda dtype: np.iinfo(dtype).max,
     "b": lambda dtype: True,
 }
-
-Combine = Callable[[Tracer, int, int], int]
 
 
 def _gather(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
@@ -62,7 +60,7 @@ def _filled(tracer: Tracer, equation: Any, operand: Nodes, starts: list[int], cu
         least, most = (program.constant(i, "int") for i in (0, many - size))
         inside = program.apply("and", inside, program.apply("le", least, at))
         inside = program.apply("and", inside, program.apply("le", at, most))
-    return tracer.each(lambda node: program.apply("select", inside, node, fill), cut)
+    return tracer.apply("select", np.asarray(inside), cut, np.asarray(fill))
 
 
 def _dynamic_slice(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
@@ -116,9 +114,7 @@ def _selected(
         chosen = here(last[axis])
         for i in range(last[axis] - 1, -1, -1):
             up_to = program.apply("le", at, program.constant(i, "int"))
-            chosen = tracer.each(
-                lambda yes, no, c=up_to: program.apply("select", c, yes, no), here(i), chosen
-            )
+            chosen = tracer.apply("select", np.asarray(up_to), here(i), chosen)
         return chosen
 
     return along(0, ())
@@ -126,14 +122,12 @@ def _selected(
 
 def _refuse_many(tracer: Tracer, starts: list[int], last: Sequence[int]) -> None:
     moving = [many + 1 for at, many in zip(starts, last, strict=True) if tracer.program.value(at) is None]
-    if int(np.prod(moving)) > MAX_INDICES:
-        raise refuse(
-            f"the scalar kernel selects among at most {MAX_INDICES} indices computed at run time, not "
-            f"{int(np.prod(moving))}"
-        )
+    if (count := int(np.prod(moving))) > MAX_INDICES:
+        most = f"at most {MAX_INDICES} indices computed at run time"
+        raise refuse(f"the scalar kernel selects among {most}, not {count}")
 
 
-def _scatter(combine: Combine) -> Callable[[Tracer, Any, list[Nodes]], list[Nodes]]:
+def _scatter(combine: Build) -> Callable[[Tracer, Any, list[Nodes]], list[Nodes]]:
     """Updates in sequence, each combined with the current element at its index."""
 
     def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
@@ -166,10 +160,8 @@ def _scatter(combine: Combine) -> Callable[[Tracer, Any, list[Nodes]], list[Node
                 for at, i in zip(starts, index, strict=True):
                     here = program.apply("and", here, program.apply("eq", at, program.constant(i, "int")))
                 cut = tuple(slice(i, i + size) for i, size in zip(index, sizes, strict=True))
-                total[cut] = tracer.each(
-                    lambda old, node, c=here: program.apply("select", c, combine(tracer, old, node), old),
-                    total[cut],
-                    new,
+                total[cut] = tracer.write(
+                    lambda w, old, node, c=here: w("select", c, combine(w, old, node), old), total[cut], new
                 )
         return [total]
 
@@ -178,7 +170,8 @@ def _scatter(combine: Combine) -> Callable[[Tracer, Any, list[Nodes]], list[Node
 
 def _clipped(tracer: Tracer, at: int, last: int) -> int:
     least, most = (tracer.program.constant(i, "int") for i in (0, last))
-    return arithmetic.minimum(tracer.program, arithmetic.maximum(tracer.program, at, least), most)
+    w = Writer(tracer.program, at)
+    return arithmetic.minimum(w, arithmetic.maximum(w, at, least), most)
 
 
 def _possible_indices(tracer: Tracer, at: int, last: int) -> Sequence[int]:
@@ -189,18 +182,14 @@ def _possible_indices(tracer: Tracer, at: int, last: int) -> Sequence[int]:
     return [int(known)] if 0 <= known <= last else []
 
 
-def _applied(op: str) -> Combine:
-    return lambda tracer, old, new: tracer.program.apply(op, old, new)
-
-
 RULES = {
     "gather": _gather,
     "dynamic_slice": _dynamic_slice,
     "dynamic_update_slice": _dynamic_update_slice,
-    "scatter": _scatter(lambda tracer, old, new: new),
-    "scatter-add": _scatter(_applied("add")),
-    "scatter-sub": _scatter(_applied("sub")),
-    "scatter-mul": _scatter(_applied("mul")),
-    "scatter-min": _scatter(lambda tracer, old, new: arithmetic.minimum(tracer.program, old, new)),
-    "scatter-max": _scatter(lambda tracer, old, new: arithmetic.maximum(tracer.program, old, new)),
+    "scatter": _scatter(lambda w, old, new: new),
+    "scatter-add": _scatter(lambda w, old, new: w("add", old, new)),
+    "scatter-sub": _scatter(lambda w, old, new: w("sub", old, new)),
+    "scatter-mul": _scatter(lambda w, old, new: w("mul", old, new)),
+    "scatter-min": _scatter(arithmetic.minimum),
+    "scatter-max": _scatter(arithmetic.maximum),
 }

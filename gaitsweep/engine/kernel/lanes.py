@@ -66,7 +66,7 @@ class KernelLanes(Lanes):
         self.chunk = self.kernel.chunk
         self._dtype = np.dtype(spec.numerics.carried)
         record, carry = self.chunk.record, self.chunk.carry
-        # what the host reads after each chunk
+        # slots that the host reads after each chunk
         counts = {"filled": record.filled, "samples": record.samples}
         self.seen: dict[str, Leaf] = {**record.results(carry), **counts}
 

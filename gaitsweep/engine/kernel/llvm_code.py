@@ -261,7 +261,7 @@ class _Writer:
         return found
 
     def _branch(self, flag: Any, yes: list[ast.stmt], no: list[ast.stmt]) -> None:
-        """Lines for where the flag of some lane is true, and for where that of none is."""
+        """Write the lines `yes` where the flag of some lane is true, and the lines `no` where none is."""
         before = self.names
         with self.builder.if_else(some_lane(self.builder, flag)) as (then, otherwise):
             for branch, lines in ((then, yes), (otherwise, no)):

@@ -32,7 +32,7 @@ def _select(condition: Any, yes: Any, no: Any) -> Any:
 
 
 def _fused(a: Any, b: Any, c: Any) -> Any:
-    """A * b + c, rounded once."""
+    """The sum a * b + c, rounded once."""
     try:
         return type(c)(float(Fraction(float(a)) * Fraction(float(b)) + Fraction(float(c))))
     except (OverflowError, ValueError):  # infinite or NaN

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
@@ -51,6 +52,17 @@ class _LaneState:
         return self.trajectory.carry.halt
 
 
+def _with_tangent(function: Callable[..., ReturnState], args: Any, tangents: Any) -> _LaneState:
+    """A trajectory as a function of two trees, and its tangent along `tangents` of their float leaves."""
+
+    def moved(*numbers: Any) -> Any:
+        trajectory = function(*map(with_float_leaves, args, numbers))
+        return float_leaves(trajectory), trajectory
+
+    _, rate, trajectory = jax.jvp(moved, tuple(map(float_leaves, args)), tangents, has_aux=True)
+    return _LaneState(trajectory, rate)
+
+
 class _Lane:
     """One return and its derivative along one direction, as the functions from which a chunk is compiled.
 
@@ -68,16 +80,7 @@ class _Lane:
         (params, along), trajectory = held, lane.trajectory
         if not lane.rate:
             return _LaneState(self.crossing.attempt(params, trajectory), [])
-
-        def moved(numbers: Any, moving: Any) -> Any:
-            after = self.crossing.attempt(
-                with_float_leaves(params, numbers), with_float_leaves(trajectory, moving)
-            )
-            return float_leaves(after), after
-
-        before = float_leaves(params), float_leaves(trajectory)
-        _, rate, after = jax.jvp(moved, before, (along, lane.rate), has_aux=True)
-        return _LaneState(after, rate)
+        return _with_tangent(self.crossing.attempt, (params, trajectory), (along, lane.rate))
 
     def poll(self, held: Any, lane: _LaneState, ends: _Ends) -> Any:
         status = jnp.where(self.crossing.ended(lane.trajectory), Status.complete, Status.running)
@@ -139,19 +142,8 @@ class KernelReturns:
         along, rate = (
             [dot for dot in jax.tree.leaves(dots) if dot.dtype != jax.dtypes.float0] for dots in tangents
         )
-
-        def begun(numbers: Any, moving: Any) -> Any:
-            trajectory = self.crossing.begin(
-                with_float_leaves(params, numbers), with_float_leaves(state, moving)
-            )
-            return float_leaves(trajectory), trajectory
-
-        _, rate, trajectory = jax.jvp(
-            begun, (float_leaves(params), float_leaves(state)), (along, rate), has_aux=True
-        )
-        ends = self._ends_of(
-            self._differentiated, vector(((params, along), _LaneState(trajectory, rate))), self._rates
-        )
+        lane = _with_tangent(self.crossing.begin, (params, state), (along, rate))
+        ends = self._ends_of(self._differentiated, vector(((params, along), lane)), self._rates)
         *numbers, t = _split(ends, [*float_leaves(state), jnp.zeros(())])
         return self._function(params, state), (t, tangent_of(state, numbers), np.zeros((), jax.dtypes.float0))
 
@@ -164,7 +156,7 @@ class KernelReturns:
 
 
 class _Kernel:
-    """Returns compiled for the CPU's cores, from what lanes hold and carry."""
+    """Returns compiled for the CPU's cores."""
 
     def __init__(self, crossing: PoincareReturn, held: Any, carry: Any) -> None:
         self._chunk = chunk_of(_Lane(crossing), held, carry)  # type: ignore[arg-type]
@@ -177,7 +169,7 @@ class _Kernel:
         slots = np.asarray(slots)
         lanes, back = _different(slots.reshape(-1, slots.shape[-1]))
         tiles = -(-len(lanes) // cpu_program.TILE)
-        # the last tile is filled up with its own last lane, which costs nothing
+        # the last tile is filled up by repeating its last lane, which costs nothing
         order = np.minimum(np.arange(tiles * cpu_program.TILE), len(lanes) - 1)
         room = np.zeros((tiles, self._slots, cpu_program.TILE))
         room[:, : lanes.shape[1]] = lanes[order].reshape(tiles, cpu_program.TILE, -1).transpose(0, 2, 1)

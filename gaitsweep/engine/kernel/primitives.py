@@ -10,7 +10,7 @@ import numpy as np
 
 from gaitsweep.engine import rarity
 from gaitsweep.engine.kernel import arithmetic, arrays, control, elementary, indexing
-from gaitsweep.engine.kernel.trace import Nodes, Rule, Tracer, kind_of, refuse
+from gaitsweep.engine.kernel.trace import Build, Nodes, Rule, Tracer, kind_of, refuse
 
 
 def rule_for(name: str) -> Rule:
@@ -25,19 +25,19 @@ def rule_for(name: str) -> Rule:
     raise refuse(f"the scalar kernel does not know JAX's operation '{name}'")
 
 
-def _elementwise(build: Callable[..., int]) -> Rule:
+def _elementwise(build: Build) -> Rule:
     def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-        return [tracer.each(lambda *nodes: build(tracer.program, *nodes), *args)]
+        return [tracer.write(build, *args)]
 
     return rule
 
 
-def _parametric(build: Callable[..., int], read: Callable[[dict[str, Any]], Any]) -> Rule:
+def _parametric(build: Build, read: Callable[[dict[str, Any]], Any]) -> Rule:
     """A rule for each element, with one parameter of the equation as the last argument."""
 
     def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
         parameter = read(equation.params)
-        return [tracer.each(lambda at: build(tracer.program, at, parameter), args[0])]
+        return [tracer.write(lambda w, at: build(w, at, parameter), args[0])]
 
     return rule
 
@@ -58,16 +58,14 @@ def _name(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
 
 def _clamp(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     low, x, high = args
-    program = tracer.program
-    floored = tracer.each(lambda a, b: arithmetic.maximum(program, a, b), x, low)
-    return [tracer.each(lambda a, b: arithmetic.minimum(program, a, b), floored, high)]
+    return [tracer.write(arithmetic.minimum, tracer.write(arithmetic.maximum, x, low), high)]
 
 
 def _select_n(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     which, *cases = args
     program = tracer.program
     if len(cases) == 2 and kind_of(equation.invars[0].aval.dtype) == "bool":
-        return [tracer.each(lambda c, no, yes: program.apply("select", c, yes, no), which, *cases)]
+        return [tracer.apply("select", which, *cases[::-1])]
 
     def choose(at: int, *nodes: int) -> int:
         chosen = nodes[-1]
@@ -79,7 +77,7 @@ def _select_n(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     return [tracer.each(choose, which, *cases)]
 
 
-def _reduction(build: Callable[..., int], neutral: float | None = None) -> Rule:
+def _reduction(build: Build, neutral: float | None = None) -> Rule:
     """A reduction along axes; `neutral` is the result for no elements."""
 
     def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
@@ -94,14 +92,14 @@ def _reduction(build: Callable[..., int], neutral: float | None = None) -> Rule:
             return [np.full(shape, tracer.program.constant(neutral, kind), np.int64)]
         total = flat[..., 0]
         for i in range(1, flat.shape[-1]):
-            total = tracer.each(lambda a, b: build(tracer.program, a, b), total, flat[..., i])
+            total = tracer.write(build, total, flat[..., i])
         return [np.asarray(total, np.int64)]
 
     return rule
 
 
-def _arg_reduction(better: str) -> Rule:
-    """The first index of the largest or smallest element along one axis."""
+def _arg_reduction(order: str) -> Rule:
+    """The first index of the largest ("lt") or smallest ("gt") element along one axis."""
 
     def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
         (axis,) = equation.params["axes"]
@@ -111,24 +109,23 @@ def _arg_reduction(better: str) -> Rule:
         place = np.full(best.shape, program.constant(0, "int"), np.int64)
         for i in range(1, moved.shape[-1]):
             new = moved[..., i]
-            order = "lt" if better == "max" else "gt"
-            wins = tracer.each(lambda a, b, order=order: arithmetic.outdone(program, a, b, order), best, new)
+            wins = tracer.write(lambda w, a, b: arithmetic.outdone(w, a, b, order), best, new)
             here = np.full(best.shape, program.constant(i, "int"), np.int64)
-            place = tracer.each(lambda c, a, b: program.apply("select", c, a, b), wins, here, place)
-            best = tracer.each(lambda c, a, b: program.apply("select", c, a, b), wins, new, best)
+            place = tracer.apply("select", wins, here, place)
+            best = tracer.apply("select", wins, new, best)
         return [place]
 
     return rule
 
 
-def _cumulative(build: Callable[..., int]) -> Rule:
+def _cumulative(build: Build) -> Rule:
     def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
         moved = np.moveaxis(args[0], equation.params["axis"], 0)
         if equation.params["reverse"]:
             moved = moved[::-1]
         rows = list(moved[:1])
         for row in moved[1:]:
-            rows.append(tracer.each(lambda a, b: build(tracer.program, a, b), rows[-1], row))
+            rows.append(tracer.write(build, rows[-1], row))
         result = np.array(rows, np.int64).reshape(moved.shape)
         if equation.params["reverse"]:
             result = result[::-1]
@@ -137,8 +134,8 @@ def _cumulative(build: Callable[..., int]) -> Rule:
     return rule
 
 
-def _op(name: str) -> Callable[..., int]:
-    return lambda program, *nodes: program.apply(name, *nodes)
+def _op(name: str) -> Build:
+    return lambda w, *nodes: w(name, *nodes)
 
 
 _ELEMENTWISE: dict[str, Rule] = {
@@ -147,8 +144,8 @@ _ELEMENTWISE: dict[str, Rule] = {
         "log", "log1p", "expm1", "asinh", "acosh", "atanh", "erf", "erfc",
     )},
     "add_any": _elementwise(_op("add")),
-    "gt": _elementwise(lambda program, a, b: program.apply("lt", b, a)),
-    "ge": _elementwise(lambda program, a, b: program.apply("le", b, a)),
+    "gt": _elementwise(lambda w, a, b: w("lt", b, a)),
+    "ge": _elementwise(lambda w, a, b: w("le", b, a)),
     "lt_to": _elementwise(arithmetic.before),
     "eq_to": _elementwise(arithmetic.alike),
     "le_to": _elementwise(arithmetic.not_after),
@@ -158,12 +155,12 @@ _ELEMENTWISE: dict[str, Rule] = {
     "min": _elementwise(arithmetic.minimum),
     "and": _elementwise(arithmetic.logical("and")),
     "or": _elementwise(arithmetic.logical("or")),
-    "xor": _elementwise(arithmetic.exclusive_or),
+    "xor": _elementwise(arithmetic.logical("xor")),
     "not": _elementwise(arithmetic.logical("not")),
     "sign": _elementwise(arithmetic.sign),
     "ceil": _elementwise(arithmetic.ceiling),
     "round": _parametric(arithmetic.rounded, lambda params: params["rounding_method"]),
-    "square": _elementwise(lambda program, a: program.apply("mul", a, a)),
+    "square": _elementwise(lambda w, a: w("mul", a, a)),
     "one_minus_square": _elementwise(arithmetic.one_minus_square),
     "rsqrt": _elementwise(elementary.reciprocal_root),
     "cbrt": _elementwise(elementary.cube_root),
@@ -202,9 +199,9 @@ _REDUCTIONS: dict[str, Rule] = {
     "reduce_min": _reduction(arithmetic.minimum),
     "reduce_and": _reduction(arithmetic.logical("and"), True),
     "reduce_or": _reduction(arithmetic.logical("or"), False),
-    "reduce_xor": _reduction(arithmetic.exclusive_or, False),
-    "argmax": _arg_reduction("max"),
-    "argmin": _arg_reduction("min"),
+    "reduce_xor": _reduction(arithmetic.logical("xor"), False),
+    "argmax": _arg_reduction("lt"),
+    "argmin": _arg_reduction("gt"),
     "cumsum": _cumulative(_op("add")),
     "cumprod": _cumulative(_op("mul")),
     "cummax": _cumulative(arithmetic.maximum),

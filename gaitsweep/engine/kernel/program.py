@@ -36,8 +36,8 @@ class Node:
 class Program:
     """Nodes in topological order; a node is identified by its index.
 
-    Equal operations share one node, and operations are simplified (`gaitsweep.engine.kernel.simplify`), unless
-    `simplify` is False: a product with 0 becomes 0, also where the other factor would be NaN.
+    Equal operations share one node, and operations are simplified (`gaitsweep.engine.kernel.simplify`),
+    unless `simplify` is False: a product with 0 becomes 0, also where the other factor would be NaN.
     """
 
     def __init__(self, *, simplify: bool = True) -> None:

@@ -1,8 +1,8 @@
 """Allocation of a straight-line program's values to a CPU's registers, and their reloads.
 
-A compiler keeps what it has once loaded, and spills many values of a long program. Here the value whose next
-use is farthest away gives way (Belady's rule): it is loaded again from where it is in memory, or stored once
-if it is nowhere.
+A compiler keeps loaded values in registers, and spills many values of a long program. Here the value whose
+next use is farthest away gives way (Belady's rule): it is loaded again from its place in memory, or stored
+once if it has none.
 
 Source: L. A. Belady, "A study of replacement algorithms for a virtual-storage computer", IBM Systems
 Journal 5 (1966), 78-101.
@@ -49,7 +49,7 @@ def steps(  # noqa: C901 - one pass over the program, whose cases share all of i
         for a in arguments(program, order[place]):
             uses.setdefault(a, []).append(place)
     computed = {at: place for place, at in enumerate(order)}
-    # written at the end: what is not computed here, or takes the place of what is needed later
+    # written at the end: nodes that are not computed here, or overwrite values that are needed later
     last = [at for at in overwrites if at not in computed]
     needed_at_end = set(last)
     for at, taken in overwrites.items():

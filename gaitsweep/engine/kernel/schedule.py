@@ -31,10 +31,10 @@ def scheduled(program: Program, wanted: Sequence[int], given: Container[int]) ->
 
 
 def depth_first(program: Program, wanted: Sequence[int], given: Container[int]) -> list[int]:
-    """The nodes, neither `given` nor constants, that `wanted` need, each as soon as what it needs is there.
+    """The nodes, neither `given` nor constants, that `wanted` need, each directly after its arguments.
 
-    One of `wanted` after another is worked out, the last first. A poll of the chain that settles spills a
-    quarter of the bytes that it does in the program's own order, if inputs can be read again.
+    The nodes of `wanted` are computed one after another, the last first. A poll of the chain that settles
+    spills a quarter of the bytes that it does in the program's own order, if inputs can be read again.
     """
     placed: dict[int, None] = {}
     for last in reversed(wanted):

@@ -122,11 +122,12 @@ def _select_truth(program: Program, condition: int, yes: int, no: int) -> int | 
     negated = program.apply("not", condition)
     if program.value(yes) is not None:
         return program.apply("or", condition, no) if program.value(yes) else program.apply("and", negated, no)
-    if program.value(no) is not None:
-        return (
-            program.apply("or", negated, yes) if program.value(no) else program.apply("and", condition, yes)
-        )
-    return program.apply("or", program.apply("and", condition, yes), program.apply("and", negated, no))
+    if program.value(no):
+        return program.apply("or", negated, yes)
+    both = program.apply("and", condition, yes)
+    return (
+        both if program.value(no) is False else program.apply("or", both, program.apply("and", negated, no))
+    )
 
 
 def _joined(neutral: bool) -> Rule:

@@ -28,6 +28,35 @@ class _Refusal(UnsupportedError):
     """A rule cannot translate an equation, whose place in the source it does not know; see `refuse`."""
 
 
+class Writer:
+    """Writes operations whose constants have the kind of a given node."""
+
+    def __init__(self, program: Program, like: int) -> None:
+        self.program = program
+        self.kind: Kind = program.nodes[like].kind
+
+    def number(self, value: float) -> int:
+        return self.program.constant(value, self.kind)
+
+    def __call__(self, op: str, *args: int | float) -> int:
+        return self.program.apply(op, *(self.number(a) if isinstance(a, float) else a for a in args))
+
+    def polynomial(self, x: int, coefficients: list[float]) -> int:
+        """A polynomial by Horner's scheme; `coefficients` are in order of rising power."""
+        total = self.number(coefficients[-1])
+        for c in reversed(coefficients[:-1]):
+            total = self("add", self("mul", total, x), c)
+        return total
+
+    @property
+    def single(self) -> bool:
+        return self.kind == "f32"
+
+
+# Writes the operations of one element, from its nodes.
+Build = Callable[..., int]
+
+
 class Tracer:
     """Translates jaxprs into one program."""
 
@@ -82,6 +111,14 @@ class Tracer:
         columns = [np.broadcast_to(a, shape).ravel().tolist() for a in arrays]
         return np.array([function(*row) for row in zip(*columns, strict=True)], np.int64).reshape(shape)
 
+    def apply(self, op: str, *arrays: Nodes) -> Nodes:
+        """An operation, element by element, with broadcasting."""
+        return self.each(lambda *nodes: self.program.apply(op, *nodes), *arrays)
+
+    def write(self, build: Build, *arrays: Nodes) -> Nodes:
+        """Several operations that `build` writes, element by element, with broadcasting."""
+        return self.each(lambda *nodes: build(Writer(self.program, nodes[0]), *nodes), *arrays)
+
     def known(self, nodes: Nodes) -> np.ndarray | None:
         """The values of an array of constants; None if a node is not a constant."""
         values = [self.program.value(at) for at in nodes.ravel().tolist()]
@@ -108,7 +145,7 @@ def kind_of(dtype: Any) -> Kind:
 
 
 def _place(equation: Any) -> str:
-    """The line of the model's source that an equation comes from, in words, if JAX knows it."""
+    """The line of the model's source that an equation comes from, if JAX knows it."""
     try:
         from jax._src import source_info_util
 

@@ -17,12 +17,18 @@ from gaitsweep.contract import Quantity, State
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.fork import refuse_fork
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
+from gaitsweep.engine.shapes import Integer
 
 # Batch sizes for which programs are compiled. A larger batch is split; a smaller one is filled up to the next
 # size by repeating its last point, which costs kernels nothing.
 BATCH_SIZES = (1, 8, 64)
 
 Values = Mapping[str, Any]  # a parameter's name: a number, or one for each point (n,)
+Coordinates = Float[Array, " coordinates"]
+# the image of one point: its coordinates, its state, its `ReturnStatus`, its observables
+Image = tuple[Coordinates, State, Integer, dict[str, Real[Array, ""]]]
+# coordinates of many points
+ManyCoordinates = Float[np.ndarray, "... coordinates"]
 
 
 class _Batch:
@@ -89,14 +95,10 @@ class Map(abc.ABC):
         return ()
 
     @abc.abstractmethod
-    def follow(
-        self, values: Values, at: Float[Array, " coordinates"], modes: State
-    ) -> tuple[Float[Array, " coordinates"], State, Int[Array, ""], dict[str, Real[Array, ""]]]:
-        """The image of one point, in JAX: its coordinates, its state, its `ReturnStatus`, its observables."""
+    def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
+        """The image of one point, in JAX."""
 
-    def conserved_values(
-        self, values: Values, at: Float[Array, " coordinates"]
-    ) -> Float[Array, " conserved"]:
+    def conserved_values(self, values: Values, at: Coordinates) -> Float[Array, " conserved"]:
         """The values (k,) of the `conserved` quantities at one point, in JAX."""
         return jnp.zeros((len(self.conserved),))
 
@@ -113,10 +115,8 @@ class Map(abc.ABC):
         """Mask of the coordinates that are angles, (size,)."""
         return np.array([quantity.circular for quantity in self.coordinates])
 
-    def difference(
-        self, a: Float[np.ndarray, "... coordinates"], b: Float[np.ndarray, "... coordinates"]
-    ) -> Float[np.ndarray, "... coordinates"]:
-        """A - b of coordinates (..., size); differences of angles are wrapped."""
+    def difference(self, a: ManyCoordinates, b: ManyCoordinates) -> ManyCoordinates:
+        """The difference a - b of coordinates (..., size); differences of angles are wrapped."""
         return wrap_difference(a - b, self.circular)
 
     def images(self, points: Points, values: Values) -> MapEvaluation:
@@ -161,7 +161,7 @@ class Map(abc.ABC):
 def _program(mapping: Map, over: str | None, derivatives: bool) -> Any:
     """The map of a batch of points, compiled for each batch size."""
 
-    def one(values: Any, at: Float[Array, " coordinates"], modes: State) -> Any:
+    def one(values: Any, at: Coordinates, modes: State) -> Any:
         size = at.size
 
         def moved(x: Float[Array, " variables"]) -> Any:
@@ -193,8 +193,8 @@ def _put(
 
 
 def wrap_difference(
-    difference: Float[np.ndarray, "... coordinates"], circular: Bool[np.ndarray, " coordinates"]
-) -> Float[np.ndarray, "... coordinates"]:
-    """Differences, with those of angles (rad) wrapped to [-pi, pi]."""
+    difference: ManyCoordinates, circular: Bool[np.ndarray, " coordinates"]
+) -> ManyCoordinates:
+    """Differences; differences of angles (rad) are wrapped to [-pi, pi]."""
     turns = np.round(difference / (2.0 * np.pi))
     return np.where(circular, difference - 2.0 * np.pi * turns, difference)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Hashable
+from functools import partial
 from typing import Any
 
 import jax
@@ -47,16 +48,16 @@ class ReturnState:
     """A trajectory between two crossings.
 
     `carry` is the engine's; `stages` are the stages of the current step where it is computed stage by stage
-    (else None); `limit` is the largest number of attempts.
+    (else empty); `limit` is the largest number of attempts.
     """
 
     carry: Carry
-    stages: Stages | None
+    stages: Stages | tuple[()]
     limit: Float[Array, ""]
 
 
 class PoincareReturn:
-    """The functions of one return, which every engine iterates in its own way.
+    """The functions of one return; each engine iterates them differently.
 
     With located events, forward-mode derivatives are exact through all events, event times included. With
     fixed steps no event is located, and `differentiable` is False.
@@ -70,12 +71,15 @@ class PoincareReturn:
         self.model, self.numerics = model, numerics
         self.refusal = derivative_refusal(numerics.method, model)
         self.differentiable = self.refusal is None
+        self._begin: Callable[[Params, Carry], tuple[Carry, Any]]
+        self._attempt: Callable[[Params, Any], tuple[Carry, Any]]
         if self.differentiable and numerics.method == "rk4":
             assert isinstance(model, HybridModel)
-            self._evaluate = stagewise(model, numerics)
+            self._begin, self._attempt = partial(begin, model), stagewise(model, numerics)
         else:
-            self._evaluate = None
-            self._advance = advance(model, numerics, sensitivities=self.differentiable)
+            step = advance(model, numerics, sensitivities=self.differentiable)
+            self._begin = lambda params, carry: (carry, ())
+            self._attempt = lambda params, pair: (step(params, pair[0]), ())
 
     def begin(self, params: Params, state: State) -> ReturnState:
         """The trajectory that starts from a state just after the jump of a crossing."""
@@ -85,17 +89,11 @@ class PoincareReturn:
         carry = start(self.model, params, state, dt=dt, stop=stop, share=self.numerics.factor)
         limit = ATTEMPTS_PER_STEP * (carry.stop / dt * self.numerics.steps_in_longest + 1000.0)
         limit = jnp.where(limit < jnp.inf, limit, 0.0)  # also NaN, which no number of attempts exceeds
-        if self._evaluate is None:
-            return ReturnState(carry, None, limit)
-        assert isinstance(self.model, HybridModel)
-        return ReturnState(*begin(self.model, params, carry), limit)
+        return ReturnState(*self._begin(params, carry), limit)
 
     def attempt(self, params: Params, trajectory: ReturnState) -> ReturnState:
         """The trajectory after one more attempt, or one more stage of an attempt."""
-        if self._evaluate is None:
-            return dataclasses.replace(trajectory, carry=self._advance(params, trajectory.carry))
-        assert trajectory.stages is not None
-        return ReturnState(*self._evaluate(params, (trajectory.carry, trajectory.stages)), trajectory.limit)
+        return ReturnState(*self._attempt(params, (trajectory.carry, trajectory.stages)), trajectory.limit)
 
     def ended(self, trajectory: ReturnState) -> Bool[Array, ""]:
         """Whether the return has ended, by a crossing or otherwise."""
@@ -108,11 +106,8 @@ class PoincareReturn:
         numbers = [carry.t, carry.unit, *float_leaves(carry.state)]
         sound = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in numbers]))
         stuck = stalled(self.model, carry) | (carry.attempts > trajectory.limit)
-        missed = jnp.where(
-            stuck,
-            ReturnStatus.stalled,
-            jnp.where(carry.halt == Halt.FELL, ReturnStatus.fell, ReturnStatus.late),
-        )
+        late = jnp.where(carry.halt == Halt.FELL, ReturnStatus.fell, ReturnStatus.late)
+        missed = jnp.where(stuck, ReturnStatus.stalled, late)
         crossed = jnp.where(carry.halt == Halt.CROSSING, ReturnStatus.crossed, missed)
         return jnp.where(sound, crossed, ReturnStatus.lost).astype(jnp.int32)
 
@@ -147,10 +142,8 @@ def crossing_of(model: Model, numerics: ResolvedNumerics, engine: str = "auto") 
         return end.carry.t, end.carry.state, crossing.status(end)
 
     if crossing.refusal is not None:
-        return _without_derivative(
-            by_xla,
-            f"The return map of {model.name} by {numerics.method} has no derivative: {crossing.refusal}",
-        )
+        which = f"The return map of {model.name} by {numerics.method}"
+        return _without_derivative(by_xla, f"{which} has no derivative: {crossing.refusal}")
     if engine == "xla" or (engine == "auto" and jax.default_backend() != "cpu"):
         return by_xla
     made: dict[Hashable, Crossing] = {}
@@ -162,7 +155,7 @@ def crossing_of(model: Model, numerics: ResolvedNumerics, engine: str = "auto") 
         shapes = jax.tree.map(
             lambda x: jax.ShapeDtypeStruct(jnp.shape(x), jnp.result_type(x)), (params, state)
         )
-        key = (jax.tree.structure(shapes), tuple((x.shape, x.dtype) for x in jax.tree.leaves(shapes)))
+        key = jax.tree.structure(shapes), tuple(jax.tree.leaves(shapes))
         if key not in made:
             try:
                 made[key] = KernelReturns(crossing, *shapes)

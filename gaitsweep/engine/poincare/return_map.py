@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import dataclasses
 import graphlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, Real
+from jaxtyping import Array, Float, Int
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Chart, Model, Params, Quantity, State
@@ -23,8 +23,9 @@ from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.fork import refuse_fork
 from gaitsweep.engine.leaves import float_leaves, is_float, with_float_leaves
 from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
-from gaitsweep.engine.poincare.maps import Map, Points, Values
+from gaitsweep.engine.poincare.maps import Coordinates, Image, Map, Points, Values
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus, crossing_of
+from gaitsweep.engine.shapes import Integer
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import functions_of, names_in, resolve
 
@@ -49,10 +50,10 @@ class AllVariables(Chart):
     def coordinates(self) -> tuple[Quantity, ...]:
         return tuple(Quantity(name, "", f"{name} of the state") for name in self.names)
 
-    def to_coordinates(self, params: Params, state: State) -> Float[Array, " coordinates"]:
+    def to_coordinates(self, params: Params, state: State) -> Coordinates:
         return jnp.concatenate([jnp.ravel(leaf).astype(jnp.float64) for leaf in float_leaves(state)])
 
-    def from_coordinates(self, params: Params, at: Float[Array, " coordinates"], modes: State) -> State:
+    def from_coordinates(self, params: Params, at: Coordinates, modes: State) -> State:
         leaves = float_leaves(modes)
         cuts = np.cumsum([leaf.size for leaf in leaves])[:-1]
         pieces = jnp.split(at, cuts.tolist())
@@ -66,7 +67,7 @@ class BatchedReturnMap(Map):
     Args:
         model: the model.
         settings: (name, number or formula) of the parameters that are not at their defaults.
-        numerics: what the model recommends, where not given. With located events (tsit5, rk4, propagator6,
+        numerics: by default the recommendations of the model. With located events (tsit5, rk4, propagator6,
             propagator) the map has derivatives; in steps of fixed length it is a staircase of that step's
             size, and derivatives are refused.
         engine: kernel, xla, or auto: kernel where the model and the machine allow it.
@@ -113,10 +114,7 @@ class BatchedReturnMap(Map):
         return resolve(settings, known, functions_of(jnp))
 
     def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
-        unknown = [name for name in values if name not in self._written]
-        if unknown:
-            near = near_miss.suggestion(unknown[0], list(self._written))
-            raise ArgumentError(f"{unknown[0]} is not a parameter of {self.model.name}{near}")
+        self._refuse_unknown(values)
         numbers = {name: text for name, text in self._written.items() if not isinstance(text, str)}
         return {
             name: np.broadcast_to(np.asarray(value, np.float64), (n,)).copy()
@@ -134,9 +132,7 @@ class BatchedReturnMap(Map):
             status = jnp.where(status == ReturnStatus.crossed, found, status)
         return total, state, status
 
-    def follow(
-        self, values: Values, at: Float[Array, " coordinates"], modes: State
-    ) -> tuple[Float[Array, " coordinates"], State, Int[Array, ""], dict[str, Real[Array, ""]]]:
+    def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
         params = self.params(values)
         t, state, status = self.state(params, self.chart.from_coordinates(params, at, modes))
         crossed = status == ReturnStatus.crossed
@@ -145,9 +141,7 @@ class BatchedReturnMap(Map):
         observed = {**self.model.observe(params, state), "time": t}
         return self.chart.to_coordinates(params, state), state, status, observed
 
-    def conserved_values(
-        self, values: Values, at: Float[Array, " coordinates"]
-    ) -> Float[Array, " conserved"]:
+    def conserved_values(self, values: Values, at: Coordinates) -> Float[Array, " conserved"]:
         return self.chart.conserved_values(self.params(values), at)
 
     def settled(
@@ -176,16 +170,20 @@ class BatchedReturnMap(Map):
 
     @cached_property
     def _written(self) -> dict[str, float | str]:
-        written: dict[str, Any] = {q.name: q.default for q in self.model.parameters}
-        for name, setting in self.settings:
-            if name not in written:
-                near = near_miss.suggestion(name, list(written))
-                raise ArgumentError(f"{name} is not a parameter of {self.model.name}{near}")
-            written[name] = setting
+        settings = dict(self.settings)
+        self._refuse_unknown(settings)
+        written: dict[str, Any] = {**{q.name: q.default for q in self.model.parameters}, **settings}
         missing = [name for name, value in written.items() if value is None]
         if missing:
             raise ArgumentError(f"{missing[0]} of {self.model.name} has no default: set it in settings.")
         return written
+
+    def _refuse_unknown(self, names: Iterable[str]) -> None:
+        known = [q.name for q in self.model.parameters]
+        for name in names:
+            if name not in known:
+                near = near_miss.suggestion(name, known)
+                raise ArgumentError(f"{name} is not a parameter of {self.model.name}{near}")
 
     @cached_property
     def _order(self) -> tuple[str, ...]:
@@ -201,12 +199,12 @@ class BatchedReturnMap(Map):
 
 @cached_by_content(maxsize=16)
 def _settler(mapping: BatchedReturnMap, cycles: int) -> Callable[..., Any]:
-    def one(values: Any, starts: Any) -> tuple[State, Int[Array, ""]]:
+    def one(values: Any, starts: Any) -> tuple[State, Integer]:
         params = mapping.params(values)
         # a loop requires constant dtypes, so none may be weak
         begun = jax.tree.map(lambda x: jnp.asarray(x, jnp.result_type(x)), mapping.model.init(params, starts))
 
-        def turn(_: Any, loop: tuple[State, Int[Array, ""]]) -> tuple[State, Int[Array, ""]]:
+        def turn(_: Any, loop: tuple[State, Integer]) -> tuple[State, Integer]:
             state, status = loop
             _, moved, found = mapping.state(params, state)
             going = (status == ReturnStatus.crossed) & (found == ReturnStatus.crossed)

@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import final
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Real
+from jaxtyping import Array, Float
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import Carry, Halt
 from gaitsweep.engine.recorders.recorder import (
     BUFFER,
     SPARE_CYCLES,
+    Beginning,
     LaneRecord,
     PollResult,
     Readings,
     Recorder,
+    RunningRows,
+    attempts_until,
     counted,
 )
+from gaitsweep.engine.shapes import Number
 from gaitsweep.row_outcome import RowOutcome
 
 # Largest number of jumps at one instant for an ordinary crossing.
@@ -27,6 +32,7 @@ FEW_JUMPS = 2
 BATCH = 4096
 
 
+@final
 @dataclasses.dataclass(frozen=True)
 class CrossingRecorder(Recorder):
     """Records the number, t (s) and observables of every crossing of the section; the start is crossing 0.
@@ -45,11 +51,14 @@ class CrossingRecorder(Recorder):
     def names(self) -> tuple[str, ...]:
         return ("crossing", "t", *(f"{q.name}_n" for q in self.model.observables))
 
-    def stop(self, params: Params) -> Float[Array, ""]:
+    def stop(self, params: Params) -> Number:
         period = self.model.period(params)
         if self.duration is not None:
             return jnp.full_like(period, self.duration)
         return 4.0 * ((self.crossings or 0) + self.after_cycles + SPARE_CYCLES) * period
+
+    def max_attempts(self, params: Params, dt: Number | float) -> Number:
+        return attempts_until(self.stop(params), dt)
 
     def readings(self, rows: RowOutcome) -> Readings | None:
         if not self.gaits:
@@ -57,10 +66,8 @@ class CrossingRecorder(Recorder):
         samples = rows.samples
         return Readings(rows.place, samples[:, 1], samples[:, 2:], samples[:, 0] > 0.0, BATCH)
 
-    def begin(
-        self, params: Params, carry: Carry
-    ) -> tuple[LaneRecord, Float[Array, " width"], Bool[Array, ""]]:
-        record, _, _ = super().begin(params, carry)
+    def begin(self, params: Params, carry: Carry) -> Beginning:
+        record, _, _ = self.unsampled(params, carry)
         keep = jnp.asarray(self.after_cycles == 0)
         return counted(record, keep), self._sample(carry, record), keep
 
@@ -72,31 +79,21 @@ class CrossingRecorder(Recorder):
         most = None if self.crossings is None else self.after_cycles + self.crossings
         crossed = (carry.halt == Halt.CROSSING) & (record.filled < BUFFER)
         counts = crossed if most is None else crossed & (record.cycles < most)
-        recorded = dataclasses.replace(
-            record,
-            cycles=jnp.where(counts, record.cycles + 1, record.cycles),
-            last=jnp.where(counts, self.observables(params, carry.state), record.last),
-        )
+        recorded = self.crossed(params, carry, record, counts)
         keep = counts & (recorded.cycles >= self.after_cycles)
         late = Status.complete if self.duration is not None else Status.time_limit
         status = jnp.where(carry.halt == Halt.TIME, late, Status.running)
         if most is not None:
             # crossings in a long chain of jumps may belong to a stall, which is known only once time advances
-            told = (crossed & (carry.chain <= FEW_JUMPS)) | (carry.chain == 0)
-            status = jnp.where((recorded.cycles >= most) & told, Status.complete, status)
+            decided = (crossed & (carry.chain <= FEW_JUMPS)) | (carry.chain == 0)
+            status = jnp.where((recorded.cycles >= most) & decided, Status.complete, status)
         waits = (carry.halt == Halt.CROSSING) & ~crossed
         halt = jnp.where(waits, carry.halt, jnp.zeros_like(carry.halt))
         sample = self._sample(carry, recorded)
         recorded = dataclasses.replace(counted(recorded, keep), status=status.astype(jnp.int32))
         return PollResult(dataclasses.replace(carry, halt=halt), recorded, sample, keep)
 
-    def share(
-        self,
-        cycles: Real[np.ndarray, " rows"],
-        samples: Real[np.ndarray, " rows"],
-        t: Float[np.ndarray, " rows"],
-        typical: float,
-    ) -> Float[np.ndarray, " rows"]:
+    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
         if self.crossings is None:
-            return t / (self.duration or 1.0)
-        return cycles / (self.after_cycles + self.crossings)
+            return rows.t / (self.duration or 1.0)
+        return rows.cycles / (self.after_cycles + self.crossings)

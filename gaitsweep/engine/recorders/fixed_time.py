@@ -3,53 +3,64 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import final
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Real
+from jaxtyping import Float
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import Carry, Halt
-from gaitsweep.engine.recorders.recorder import LaneRecord, PollResult, Recorder, counted
+from gaitsweep.engine.recorders.recorder import (
+    Beginning,
+    LaneRecord,
+    PollResult,
+    Readings,
+    Recorder,
+    RunningRows,
+    attempts_until,
+    counted,
+    readings_at_the_end,
+)
+from gaitsweep.engine.shapes import Number
 from gaitsweep.row_outcome import RowOutcome
 
 
+@final
 @dataclasses.dataclass(frozen=True)
 class FixedTimeRecorder(Recorder):
     """The state at `duration` (s), a record, and the last crossing before it, at which the gait is read."""
 
     model: Model
     duration: float
-    readings = Recorder.readings_at_the_end
 
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(q.name for q in self.model.observables)
 
-    def stop(self, params: Params) -> Float[Array, ""]:
+    def stop(self, params: Params) -> Number:
         return jnp.full_like(self.model.period(params), self.duration)
+
+    def max_attempts(self, params: Params, dt: Number | float) -> Number:
+        return attempts_until(self.stop(params), dt)
+
+    def begin(self, params: Params, carry: Carry) -> Beginning:
+        return self.unsampled(params, carry)
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
         crossed, ends = carry.halt == Halt.CROSSING, carry.halt == Halt.TIME
         now = self.observables(params, carry.state)
         status = jnp.where(ends, Status.complete, Status.running)
-        recorded = dataclasses.replace(
-            record,
-            status=status.astype(jnp.int32),
-            cycles=jnp.where(crossed, record.cycles + 1, record.cycles),
-            last=jnp.where(crossed, now, record.last),
-        )
+        recorded = counted(self.crossed(params, carry, record, crossed), ends)
+        recorded = dataclasses.replace(recorded, status=status.astype(jnp.int32))
         carry = dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt))
-        return PollResult(carry, counted(recorded, ends), now, ends)
+        return PollResult(carry, recorded, now, ends)
 
-    def share(
-        self,
-        cycles: Real[np.ndarray, " rows"],
-        samples: Real[np.ndarray, " rows"],
-        t: Float[np.ndarray, " rows"],
-        typical: float,
-    ) -> Float[np.ndarray, " rows"]:
-        return t / self.duration
+    def readings(self, rows: RowOutcome) -> Readings:
+        return readings_at_the_end(rows)
+
+    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+        return rows.t / self.duration
 
 
 def end_values(rows: RowOutcome) -> Float[np.ndarray, "rows observables"]:

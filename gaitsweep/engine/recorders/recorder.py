@@ -21,6 +21,7 @@ from gaitsweep.contract import HybridModel, Model, Params, State, Status
 from gaitsweep.dynamics.declarations import Variable
 from gaitsweep.dynamics.declared_model import Declared
 from gaitsweep.engine.advance import Carry, Halt, fired_last, select, stalled
+from gaitsweep.engine.shapes import Flag, GuardFlags, Integer, Number, Observed
 from gaitsweep.row_outcome import RowNumber, RowOutcome
 
 # Attempts between two polls of a trajectory. Results depend on it (a failed row ends at a multiple of it), so
@@ -44,19 +45,17 @@ class LaneRecord:
     """The progress and the results of the row in a lane.
 
     `status` is a `Status`; `cycles` the number of crossings, without the start; `last` (n,) the observables
-    at the last crossing; `window` (w, ...) numbers of the last w crossings, and `memory` what else of earlier
-    crossings a recorder remembers; `filled` the samples in the buffer that wait for the host, at most
-    `BUFFER`; `samples` the samples kept so far; `numbers` those that the recorder declares, by name; `fired`
-    the guards whose jumps stalled the row, a bit each.
+    at the last crossing; `memory` what a recorder remembers of earlier crossings; `filled` the samples in the
+    buffer that wait for the host, at most `BUFFER`; `samples` the samples kept so far; `numbers` those that
+    the recorder declares, by name; `fired` the guards whose jumps stalled the row, a bit each.
     """
 
-    status: Int[Array, ""]
-    cycles: Int[Array, ""]
-    last: Float[Array, " observables"]
-    window: Float[Array, "window ..."]
+    status: Integer
+    cycles: Integer
+    last: Observed
     memory: Any
-    filled: Int[Array, ""]
-    samples: Int[Array, ""]
+    filled: Integer
+    samples: Integer
     numbers: dict[str, Real[Array, ""]]
     fired: Int[Array, " words"]
 
@@ -72,7 +71,7 @@ class PollResult(NamedTuple):
     carry: Carry
     record: LaneRecord
     sample: Float[Array, " width"]
-    keep: Bool[Array, ""]
+    keep: Flag
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,10 +88,25 @@ class Readings:
     batch: int | None = None
 
 
-class Recorder(abc.ABC):
-    """The base class of recorders: tests of failure, the count of crossings, buffers."""
+class RunningRows(NamedTuple):
+    """The progress of running rows (n,): crossings, samples, and times in s."""
 
-    # Numbers of each row beside those of the engine, which `record` may set: the period of the attractor in
+    cycles: Real[np.ndarray, " rows"]
+    samples: Real[np.ndarray, " rows"]
+    t: Float[np.ndarray, " rows"]
+
+
+# The record of a trajectory at its start (crossing 0), its first sample, and whether to keep it.
+Beginning = tuple[LaneRecord, Float[Array, " width"], Flag]
+
+
+class Recorder(abc.ABC):
+    """The base class of recorders: tests of failure, the count of crossings, buffers.
+
+    A recorder defines the abstract members; it overrides no other one.
+    """
+
+    # Numbers of each row in addition to the engine's, which `record` may set: the period of the attractor in
     # crossings, 0 if unknown, and the index of the observable that kept the row from settling.
     numbers: ClassVar[tuple[RowNumber, ...]] = (
         RowNumber("period", np.int8),
@@ -101,21 +115,12 @@ class Recorder(abc.ABC):
     model: Model
 
     @property
-    def window(self) -> int:
-        return 0
-
-    @property
+    @abc.abstractmethod
     def names(self) -> tuple[str, ...]:
-        """The names of the numbers in a sample, in their order; none where the kind keeps no samples."""
-        return ()
-
-    @property
-    def width(self) -> int:
-        """Numbers in a sample."""
-        return len(self.names)
+        """The names of the numbers in a sample, in their order; none where the recorder keeps no samples."""
 
     @abc.abstractmethod
-    def stop(self, params: Params) -> Float[Array, ""]:
+    def stop(self, params: Params) -> Number:
         """The first time (s) at which the trajectory halts."""
 
     @abc.abstractmethod
@@ -125,25 +130,51 @@ class Recorder(abc.ABC):
         Where the sample is kept, the record counts it already (`counted`), and the buffer has room for it.
         """
 
-    def max_attempts(self, params: Params, dt: Float[Array, ""] | float) -> Float[Array, ""]:
-        return ATTEMPTS_PER_STEP * (self.stop(params) / dt + 1000.0)
+    @abc.abstractmethod
+    def max_attempts(self, params: Params, dt: Number | float) -> Number:
+        """The attempts beyond which a row ends, for a longest step of `dt` (s); see `attempts_until`."""
 
-    def observables(self, params: Params, state: State) -> Float[Array, " observables"]:
+    @abc.abstractmethod
+    def begin(self, params: Params, carry: Carry) -> Beginning:
+        """The beginning of a trajectory; see `unsampled`."""
+
+    @abc.abstractmethod
+    def readings(self, rows: RowOutcome) -> Readings | None:
+        """Places at which the gaits of ended rows are read; None where this recorder keeps no gaits."""
+
+    @abc.abstractmethod
+    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+        """The progress of running rows (n,), 0 to 1, for the progress bar.
+
+        Args:
+            rows: their crossings, samples and times so far.
+            typical: the mean number of cycles of the ended rows, 0 if there are none.
+        """
+
+    @property
+    def width(self) -> int:
+        """Numbers in a sample."""
+        return len(self.names)
+
+    def observables(self, params: Params, state: State) -> Observed:
         observed = self.model.observe(params, state)
         return jnp.stack([observed[q.name] for q in self.model.observables])
 
-    def begin(
-        self, params: Params, carry: Carry
-    ) -> tuple[LaneRecord, Float[Array, " width"], Bool[Array, ""]]:
-        """The record of a trajectory at its start (crossing 0), its first sample, and whether to keep it."""
+    def crossed(self, params: Params, carry: Carry, record: LaneRecord, crosses: Flag) -> LaneRecord:
+        """The record after a crossing if `crosses`: one more cycle, and its observables."""
+        cycles = jnp.where(crosses, record.cycles + 1, record.cycles)
+        last = jnp.where(crosses, self.observables(params, carry.state), record.last)
+        return dataclasses.replace(record, cycles=cycles, last=last)
+
+    def unsampled(self, params: Params, carry: Carry) -> Beginning:
+        """The beginning of a trajectory whose start is not a sample, with a record without memory."""
         last = self.observables(params, carry.state)
         count = jnp.zeros((), jnp.int32)
         record = LaneRecord(
             status=count,
             cycles=count,
             last=last,
-            window=jnp.broadcast_to(last, (self.window, *last.shape)),
-            memory=jnp.zeros((0,), last.dtype),
+            memory=(),
             filled=count,
             samples=count,
             numbers={
@@ -154,34 +185,7 @@ class Recorder(abc.ABC):
         )
         return record, jnp.zeros((self.width,), last.dtype), jnp.asarray(False)
 
-    def readings(self, rows: RowOutcome) -> Readings | None:
-        """Places at which the gaits of ended rows are read; None where this recorder keeps no gaits."""
-        return None
-
-    def readings_at_the_end(self, rows: RowOutcome) -> Readings:
-        """The readings of rows that are labelled where they end."""
-        crossed = (rows.cycles > 0) | (rows.status == Status.at_rest)
-        readable = ~Status.FAILED.among(rows.status) & (rows.status != Status.running) & crossed
-        return Readings(np.arange(rows.row.size), rows.t_end, rows.last, readable)
-
-    @abc.abstractmethod
-    def share(
-        self,
-        cycles: Real[np.ndarray, " rows"],
-        samples: Real[np.ndarray, " rows"],
-        t: Float[np.ndarray, " rows"],
-        typical: float,
-    ) -> Float[np.ndarray, " rows"]:
-        """The progress of running rows (n,), 0 to 1, for the progress bar.
-
-        Args:
-            cycles, samples, t: what each has so far; times in s.
-            typical: the mean number of cycles of the ended rows, 0 if there are none.
-        """
-
-    def poll(
-        self, params: Params, carry: Carry, record: LaneRecord, dt: Float[Array, ""] | float
-    ) -> PollResult:
+    def poll(self, params: Params, carry: Carry, record: LaneRecord, dt: Number | float) -> PollResult:
         """Test for failure, then record; an ended row is unchanged."""
         running = record.status == Status.running
         recorded_carry, recorded, sample, keep = self.record(params, carry, record)
@@ -194,7 +198,7 @@ class Recorder(abc.ABC):
         moved = dataclasses.replace(recorded_carry, halt=halt.astype(carry.halt.dtype))
         return PollResult(select(running, moved, carry), new, sample, keep & running)
 
-    def _illness(self, params: Params, carry: Carry, dt: Float[Array, ""] | float) -> Int[Array, ""]:
+    def _illness(self, params: Params, carry: Carry, dt: Number | float) -> Integer:
         moving = carry.state
         if isinstance(self.model, HybridModel):  # modes may have any value, also infinity
             names = dict.fromkeys([*self.model.flow(params, carry.state), *_variables(self.model)])
@@ -202,7 +206,7 @@ class Recorder(abc.ABC):
         leaves = [x for x in jax.tree.leaves(moving) if jnp.issubdtype(x.dtype, jnp.floating)]
         flat = jnp.concatenate([jnp.zeros((1,)), *(jnp.ravel(leaf) for leaf in leaves)])
         limit = self.max_attempts(params, dt)
-        # no comparison with a limit that is NaN comes true, so such a row would not end
+        # a comparison with NaN is never true, so a row with such a limit would not end
         unknown = jnp.isnan(limit) | jnp.isnan(self.model.free_after(params))
         unknown = unknown | ~(jnp.abs(carry.unit) < jnp.inf)
         endless = (carry.attempts > limit) | (limit == jnp.inf)
@@ -214,19 +218,31 @@ class Recorder(abc.ABC):
         return jnp.where(unknown, Status.not_a_number, status).astype(jnp.int32)
 
 
+def attempts_until(time: Number, dt: Number | float) -> Number:
+    """The attempts that are allowed until a time (s), with longest steps of `dt` (s)."""
+    return ATTEMPTS_PER_STEP * (time / dt + 1000.0)
+
+
+def readings_at_the_end(rows: RowOutcome) -> Readings:
+    """The readings of rows that are labelled where they end."""
+    crossed = (rows.cycles > 0) | (rows.status == Status.at_rest)
+    readable = ~Status.FAILED.among(rows.status) & (rows.status != Status.running) & crossed
+    return Readings(np.arange(rows.row.size), rows.t_end, rows.last, readable)
+
+
 def _variables(model: Model) -> list[str]:
     """The declared variables of a model; those that only jumps change are not in its `flow`."""
     declared = model.declarations if isinstance(model, Declared) else {}
     return [name for name, each in declared.items() if isinstance(each, Variable)]
 
 
-def counted(record: LaneRecord, keep: Bool[Array, ""]) -> LaneRecord:
+def counted(record: LaneRecord, keep: Flag) -> LaneRecord:
     """The record with one more sample in its buffer if `keep`."""
     more = keep.astype(record.filled.dtype)
     return dataclasses.replace(record, filled=record.filled + more, samples=record.samples + more)
 
 
-def _packed(fired: Bool[Array, " guards"]) -> Int[Array, " words"]:
+def _packed(fired: GuardFlags) -> Int[Array, " words"]:
     """The guards (n,) that fired, as integers of `GUARDS_A_WORD` bits; (0,) without guards."""
     bits = jnp.asarray([1 << (i % GUARDS_A_WORD) for i in range(fired.size)], jnp.int64)
     words = [

@@ -4,17 +4,30 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from typing import final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Real
+from jaxtyping import Array, Float, Int
 
 from gaitsweep.circular import wrapped_difference
 from gaitsweep.contract import HybridModel, Model, Params, Status
 from gaitsweep.engine.advance import Carry, Halt
 from gaitsweep.engine.rarity import unlikely
-from gaitsweep.engine.recorders.recorder import SPARE_CYCLES, LaneRecord, PollResult, Recorder
+from gaitsweep.engine.recorders.recorder import (
+    SPARE_CYCLES,
+    Beginning,
+    LaneRecord,
+    PollResult,
+    Readings,
+    Recorder,
+    RunningRows,
+    attempts_until,
+    readings_at_the_end,
+)
+from gaitsweep.engine.shapes import Flag, Integer, Number, Observed
+from gaitsweep.row_outcome import RowOutcome
 
 # Crossings over which a settled state must be constant.
 SETTLE_WINDOW = 10
@@ -59,24 +72,27 @@ _WITHIN = {2: (1,), 3: (1,), 4: (2,), 5: (1,), 6: (2, 3), 7: (1,), 8: (4,)}
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Memory:
-    """Memory of a row beside its last crossings.
+    """Memory of a row.
 
-    `moves` (2, p) the largest distances from the state 1, ..., p crossings earlier, over the current span of
-    crossings and the one before it; `span` (2, n) the least and largest values of the observables, without
-    the start's (see `first_span`); `calm` successive crossings at which the state stood still; `orbit` the
-    period found by the last tests and the crossing of the first of these, both 0 if none; `fastest` (m,) the
-    largest rates of the flow; `rest` when the current span of rest began (s), its largest rate and that of
-    the span before it, -1 if there was none.
+    `window` (w, n + 2) the last `SETTLE_WINDOW` crossings: their observables, their time (s) and their
+    distance from the crossing before them, in units of the bound; `moves` (2, p) the largest distances from
+    the state 1, ..., p crossings earlier, over the current span of crossings and the one before it; `span`
+    (2, n) the least and largest values of the observables, without the start's (see `first_span`); `calm`
+    successive crossings at which the state stood still; `orbit` the period found by the last tests and the
+    crossing of the first of these, both 0 if none; `fastest` (m,) the largest rates of the flow; `rest` when
+    the current span of rest began (s), its largest rate and that of the span before it, -1 if there was none.
     """
 
+    window: Float[Array, "window numbers"]
     moves: Float[Array, "2 lags"]
     span: Float[Array, "2 unscaled"]
-    calm: Int[Array, ""]
+    calm: Integer
     orbit: Int[Array, " 2"]
     fastest: Float[Array, " rates"]
     rest: Float[Array, " 3"]
 
 
+@final
 @dataclasses.dataclass(frozen=True)
 class SettleRecorder(Recorder):
     """Ends a row at a fixed point of the return map, at an orbit of period 2 to `MOST_PERIOD`, or at rest.
@@ -86,48 +102,47 @@ class SettleRecorder(Recorder):
     about to leave (`LEAVING`) has to do so for as many more crossings. Settled with period p: see `_period`;
     the orbit is found again for `HOLD` more crossings. Crossings that accumulate do not settle. At rest: all
     rates of the flow vanish (`REST`). `tolerance` is one for all observables, or one for each. `max_time`
-    (s) is by default four nominal periods for each of `max_cycles`. In the record's window a crossing has its
-    observables, its time (s) and its distance from the crossing before it, in units of the bound.
+    (s) is by default four nominal periods for each of `max_cycles`.
     """
 
     model: Model
     max_cycles: int = 150
     tolerance: float | tuple[float, ...] = TOLERANCE
     max_time: float | None = None
-    readings = Recorder.readings_at_the_end
 
     @property
-    def window(self) -> int:
-        return SETTLE_WINDOW
+    def names(self) -> tuple[str, ...]:
+        return ()
 
-    def stop(self, params: Params) -> Float[Array, ""]:
+    def stop(self, params: Params) -> Number:
         period = self.model.period(params)
         if self.max_time is not None:
             return jnp.full_like(period, self.max_time)
         return 4.0 * (self.max_cycles + SPARE_CYCLES) * period
 
-    def begin(
-        self, params: Params, carry: Carry
-    ) -> tuple[LaneRecord, Float[Array, " width"], Bool[Array, ""]]:
-        record, sample, keep = super().begin(params, carry)
-        dtype = record.last.dtype
-        more = jnp.zeros((self.window, 2), dtype)
+    def max_attempts(self, params: Params, dt: Number | float) -> Number:
+        return attempts_until(self.stop(params), dt)
+
+    def begin(self, params: Params, carry: Carry) -> Beginning:
+        record, sample, keep = self.unsampled(params, carry)
+        last, dtype = record.last, record.last.dtype
+        seen = jnp.broadcast_to(last, (SETTLE_WINDOW, *last.shape))
         none = jnp.zeros((), jnp.int32)
         memory = Memory(
+            window=jnp.concatenate([seen, jnp.zeros((SETTLE_WINDOW, 2), dtype)], axis=1),
             moves=jnp.zeros((2, MOST_PERIOD), dtype),
-            span=first_span(self.model, record.last),
+            span=first_span(self.model, last),
             calm=none,
             orbit=jnp.stack([none, none]),
             fastest=jnp.zeros_like(self._rates(params, carry)[0]),
             rest=jnp.asarray([0.0, 0.0, -1.0], dtype),
         )
-        window = jnp.concatenate([record.window, more], axis=1)
-        return dataclasses.replace(record, window=window, memory=memory), sample, keep
+        return dataclasses.replace(record, memory=memory), sample, keep
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
         crossed, memory = unlikely(carry.halt == Halt.CROSSING), record.memory
         now = self.observables(params, carry.state)
-        before, times, steps = record.window[:, :-2], record.window[:, -2], record.window[:, -1]
+        before, times, steps = memory.window[:, :-2], memory.window[:, -2], memory.window[:, -1]
         cycles = record.cycles + 1
         # a row with NaN in its window does not settle
         free = carry.t >= self.model.free_after(params)
@@ -160,14 +175,14 @@ class SettleRecorder(Recorder):
         status = jnp.where(crossed, ended, jnp.where(rests, Status.at_rest, timed))
         after = jnp.where(tested, jnp.stack([jnp.zeros_like(moves), moves]), memory.moves.at[0].set(moves))
         first = jnp.concatenate([now, jnp.stack([carry.t.astype(now.dtype), distances[0]])])
-        window = jnp.concatenate([first[None, :], record.window[:-1]])
+        window = jnp.concatenate([first[None, :], memory.window[:-1]])
         recorded = dataclasses.replace(
             record,
             status=status.astype(jnp.int32),
             cycles=jnp.where(crossed, cycles, record.cycles),
             last=jnp.where(crossed | rests, now, record.last),
-            window=jnp.where(crossed, jnp.where(free, window, jnp.nan), record.window),
             memory=Memory(
+                window=jnp.where(crossed, jnp.where(free, window, jnp.nan), memory.window),
                 moves=jnp.where(crossed, after, memory.moves),
                 span=jnp.where(crossed, span, memory.span),
                 calm=jnp.where(crossed, calm, memory.calm).astype(jnp.int32),
@@ -196,7 +211,7 @@ class SettleRecorder(Recorder):
 
     def _rest(
         self, params: Params, carry: Carry, memory: Memory
-    ) -> tuple[Float[Array, " rates"], Float[Array, " 3"], Bool[Array, ""]]:
+    ) -> tuple[Float[Array, " rates"], Float[Array, " 3"], Flag]:
         """`Memory.fastest` and `Memory.rest` after a poll, and whether the row is at rest."""
         rates, sizes = self._rates(params, carry)
         if rates.size == 0:
@@ -215,7 +230,7 @@ class SettleRecorder(Recorder):
         restless = jnp.stack([carry.t, 0.0 * largest, 0.0 * largest - 1.0])
         return fastest, jnp.where(slow, goes_on, restless), rests
 
-    def _period(self, newest: Float[Array, " lags"], before: Float[Array, " lags"]) -> Int[Array, ""]:
+    def _period(self, newest: Float[Array, " lags"], before: Float[Array, " lags"]) -> Integer:
         """The period, 2 to `MOST_PERIOD` crossings, of the periodic orbit that the state has reached; else 0.
 
         `newest` and `before` (p,) are the largest distances from the state p crossings earlier, in units of
@@ -242,14 +257,11 @@ class SettleRecorder(Recorder):
             found = jnp.where(holds, p, found)
         return found
 
-    def share(
-        self,
-        cycles: Real[np.ndarray, " rows"],
-        samples: Real[np.ndarray, " rows"],
-        t: Float[np.ndarray, " rows"],
-        typical: float,
-    ) -> Float[np.ndarray, " rows"]:
-        return np.minimum(cycles / (typical or 0.4 * self.max_cycles), 0.95)
+    def readings(self, rows: RowOutcome) -> Readings:
+        return readings_at_the_end(rows)
+
+    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+        return np.minimum(rows.cycles / (typical or 0.4 * self.max_cycles), 0.95)
 
 
 def tolerances(model: Model, given: float | Mapping[str, float]) -> float | tuple[float, ...]:
@@ -259,9 +271,7 @@ def tolerances(model: Model, given: float | Mapping[str, float]) -> float | tupl
     return tuple(given.get(quantity.name, TOLERANCE) for quantity in model.observables)
 
 
-def _accumulate(
-    cycles: Int[Array, ""], t: Float[Array, ""], times: Float[Array, " window"]
-) -> Bool[Array, ""]:
+def _accumulate(cycles: Integer, t: Number, times: Float[Array, " window"]) -> Flag:
     """Whether the time between crossings tends to 0: the latest is at `t`, those before at `times` (w,).
 
     The lengths a > b > c of three successive spans tend to c - (b - c)^2 / ((a - b) - (b - c)).
@@ -279,15 +289,13 @@ def _unscaled(model: Model) -> list[int]:
     return [i for i, q in enumerate(model.observables) if not q.circular and q.scale is None]
 
 
-def first_span(model: Model, like: Float[Array, " observables"]) -> Float[Array, "2 unscaled"]:
+def first_span(model: Model, like: Observed) -> Float[Array, "2 unscaled"]:
     """The least and largest values (2, n) of no crossing, of the observables without a scale."""
     none = jnp.full((len(_unscaled(model)),), jnp.inf, like.dtype)
     return jnp.stack([none, -none])
 
 
-def widened(
-    span: Float[Array, "2 unscaled"], model: Model, now: Float[Array, " observables"]
-) -> Float[Array, "2 unscaled"]:
+def widened(span: Float[Array, "2 unscaled"], model: Model, now: Observed) -> Float[Array, "2 unscaled"]:
     """The span (2, n) with the observables of one more crossing; NaN and infinities are left out."""
     if span.size == 0:
         return span
@@ -302,7 +310,7 @@ def bounds(
     tolerance: float | tuple[float, ...],
     latest: Float[Array, "crossings observables"],
     span: Float[Array, "2 unscaled"],
-) -> Float[Array, " observables"]:
+) -> Observed:
     """The largest change of each observable (n,) of a settled state over the window, in its unit; above 0.
 
     It is `SETTLE_WINDOW` times its tolerance times its scale: 1 rad for angles, `Quantity.scale` if defined,
@@ -321,7 +329,7 @@ def bounds(
     return share * scales.at[np.asarray(unscaled)].set(own)
 
 
-def slowest(moved: Float[Array, "crossings observables"]) -> Int[Array, ""]:
+def slowest(moved: Float[Array, "crossings observables"]) -> Integer:
     """The number of the observable with the largest change (w, n), in units of its bound; -1 if unknown."""
     most = jnp.max(moved, axis=0)
     return jnp.where(jnp.any(jnp.isnan(most)), -1, jnp.argmax(most))
@@ -330,7 +338,7 @@ def slowest(moved: Float[Array, "crossings observables"]) -> Int[Array, ""]:
 def change(
     model: Model, difference: Float[Array, "crossings observables"]
 ) -> Float[Array, "crossings observables"]:
-    """Differences of observables, with those of angles wrapped to [-pi, pi)."""
+    """Differences of observables; differences of angles are wrapped to [-pi, pi)."""
     circular = jnp.asarray([q.circular for q in model.observables])
     return jnp.where(circular[None, :], wrapped_difference(difference), difference)
 

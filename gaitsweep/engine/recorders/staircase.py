@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import final
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Real
+from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import Carry, Halt
 from gaitsweep.engine.recorders.recorder import (
     ATTEMPTS_PER_STEP,
     BUFFER,
+    Beginning,
     LaneRecord,
     PollResult,
     Readings,
     Recorder,
+    RunningRows,
+    attempts_until,
     counted,
 )
 from gaitsweep.engine.recorders.settle import (
@@ -29,13 +33,17 @@ from gaitsweep.engine.recorders.settle import (
     widened,
 )
 from gaitsweep.engine.recorders.stairs import StepSchedule
+from gaitsweep.engine.shapes import Integer, Number
 from gaitsweep.row_outcome import RowOutcome
 
-_HEAD = ("stair", "crossing", "t", "settled", "slowest")  # what stands before the observables
+_HEAD = ("stair", "crossing", "t", "settled", "slowest")  # the numbers of a sample before its observables
+# The last crossing and those before it, in which a stair has to settle.
+_WINDOW = SETTLE_WINDOW + 1
 # Stairs whose gaits are read in one call: a fixed number, since XLA's last bits depend on it.
 BATCH = 1024
 
 
+@final
 @dataclasses.dataclass(frozen=True)
 class StepRecorder(Recorder):
     """The end of each stair: stair, crossings, t, settled, slowest, the observables at the last crossing.
@@ -52,10 +60,6 @@ class StepRecorder(Recorder):
     tolerance: float | tuple[float, ...] = TOLERANCE
 
     @property
-    def window(self) -> int:
-        return SETTLE_WINDOW + 1  # the last crossing and those before it
-
-    @property
     def names(self) -> tuple[str, ...]:
         return (*_HEAD, *(f"{q.name}_n" for q in self.model.observables))
 
@@ -64,45 +68,39 @@ class StepRecorder(Recorder):
         observed = samples[:, len(_HEAD) :]
         return Readings(rows.place, self.stairs.middle(samples[:, 0]), observed, _readable(samples), BATCH)
 
-    def stop(self, params: Params) -> Float[Array, ""]:
+    def stop(self, params: Params) -> Number:
         return jnp.full_like(self.model.period(params), self.stairs.first)
 
-    def max_attempts(self, params: Params, dt: Float[Array, ""] | float) -> Float[Array, ""]:
+    def max_attempts(self, params: Params, dt: Number | float) -> Number:
         # a stair shorter than a step costs attempts of its own
         rest = (self.stairs.duration - self.stairs.first) / dt + 2 * self.stairs.count
-        return super().max_attempts(params, dt) + ATTEMPTS_PER_STEP * rest
+        return attempts_until(self.stop(params), dt) + ATTEMPTS_PER_STEP * rest
 
-    def begin(
-        self, params: Params, carry: Carry
-    ) -> tuple[LaneRecord, Float[Array, " width"], Bool[Array, ""]]:
-        record, sample, keep = super().begin(params, carry)
-        memory = first_span(self.model, record.last)
-        return dataclasses.replace(record, window=self._emptied(record), memory=memory), sample, keep
+    def begin(self, params: Params, carry: Carry) -> Beginning:
+        record, sample, keep = self.unsampled(params, carry)
+        memory = _emptied(record), first_span(self.model, record.last)
+        return dataclasses.replace(record, memory=memory), sample, keep
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
-        crossed = carry.halt == Halt.CROSSING
+        crossed, (seen, span) = carry.halt == Halt.CROSSING, record.memory
         due = (carry.halt == Halt.TIME) & (record.filled < BUFFER)
         waits = (carry.halt == Halt.TIME) & ~due
-        cycles = jnp.where(crossed, record.cycles + 1, record.cycles)
-        last = jnp.where(crossed, self.observables(params, carry.state), record.last)
-        slot = self._slot(cycles)[:, None]
-        span = jnp.where(crossed, widened(record.memory, self.model, last), record.memory)
-        window = jnp.where(slot & crossed, last, record.window)
-        recorded = dataclasses.replace(record, cycles=cycles, last=last, window=window, memory=span)
-        # what a stair has not crossed yet is NaN, which is near nothing
-        moved = jnp.abs(change(self.model, last[None, :] - record.window))
-        bound = bounds(self.model, self.tolerance, record.window, record.memory)[None, :]
+        recorded = self.crossed(params, carry, record, crossed)
+        cycles, last = recorded.cycles, recorded.last
+        slot = _slot(cycles)
+        widest = jnp.where(crossed, widened(span, self.model, last), span)
+        window = jnp.where(slot & crossed, last, seen)
+        # crossings that a stair has not had yet are NaN, which is near no number
+        moved = jnp.abs(change(self.model, last[None, :] - seen))
+        bound = bounds(self.model, self.tolerance, seen, span)[None, :]
         settled = jnp.all(moved < bound)
         head = (record.samples, cycles, carry.t, settled, jnp.where(settled, -1, slowest(moved / bound)))
         sample = jnp.concatenate([jnp.stack([x.astype(last.dtype) for x in head]), last])
 
         recorded = counted(recorded, due)
         status = jnp.where(due & (recorded.samples >= self.stairs.count), Status.complete, Status.running)
-        recorded = dataclasses.replace(
-            recorded,
-            status=status.astype(jnp.int32),
-            window=jnp.where(due, self._emptied(recorded), recorded.window),
-        )
+        memory = jnp.where(due, _emptied(recorded), window), widest
+        recorded = dataclasses.replace(recorded, status=status.astype(jnp.int32), memory=memory)
         halt = jnp.where(waits, Halt.TIME, Halt.GOING).astype(carry.halt.dtype)
         end = self.stairs.end(recorded.samples.astype(carry.t.dtype))
         # the new value may fire a guard where the trajectory stands, so it begins as a start does, by an
@@ -118,21 +116,18 @@ class StepRecorder(Recorder):
         )
         return PollResult(carry, recorded, sample, due)
 
-    def share(
-        self,
-        cycles: Real[np.ndarray, " rows"],
-        samples: Real[np.ndarray, " rows"],
-        t: Float[np.ndarray, " rows"],
-        typical: float,
-    ) -> Float[np.ndarray, " rows"]:
-        return t / self.stairs.duration
+    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+        return rows.t / self.stairs.duration
 
-    def _slot(self, cycles: Int[Array, ""]) -> Bool[Array, " window"]:
-        return jnp.arange(self.window) == cycles % self.window
 
-    def _emptied(self, record: LaneRecord) -> Float[Array, "window observables"]:
-        """The window where a stair begins: its crossing 0 is the last one before it."""
-        return jnp.where(self._slot(record.cycles)[:, None], record.last, jnp.nan)
+def _slot(cycles: Integer) -> Bool[Array, "window 1"]:
+    """The place of a crossing in the window."""
+    return (jnp.arange(_WINDOW) == cycles % _WINDOW)[:, None]
+
+
+def _emptied(record: LaneRecord) -> Float[Array, "window observables"]:
+    """The window where a stair begins: its crossing 0 is the last one before it."""
+    return jnp.where(_slot(record.cycles), record.last, jnp.nan)
 
 
 def _readable(samples: Float[np.ndarray, "records width"]) -> Bool[np.ndarray, " records"]:

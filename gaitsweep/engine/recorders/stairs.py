@@ -34,7 +34,7 @@ class StepSchedule:
 
     @property
     def lengths(self) -> list[int]:
-        """Stairs of each pass; the first value is no part of pass 0's."""
+        """Stairs of each pass; pass 0 does not count the first value."""
         pairs = itertools.pairwise(self.values)
         return [max(1, math.ceil(abs(b - a) / self.step - _ROUNDING)) for a, b in pairs]
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import final
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Real
+from jaxtyping import Float
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import Carry, Halt
@@ -14,13 +15,19 @@ from gaitsweep.engine.recorders.recorder import (
     ATTEMPTS_PER_STEP,
     BUFFER,
     SPARE_CYCLES,
+    Beginning,
     LaneRecord,
     PollResult,
     Recorder,
+    RunningRows,
+    attempts_until,
     counted,
 )
+from gaitsweep.engine.shapes import Number
+from gaitsweep.row_outcome import RowOutcome
 
 
+@final
 @dataclasses.dataclass(frozen=True)
 class TraceRecorder(Recorder):
     """Records the signals every `every` seconds for `duration` seconds, after `after_cycles` crossings."""
@@ -38,16 +45,20 @@ class TraceRecorder(Recorder):
     def names(self) -> tuple[str, ...]:
         return ("t", *(q.name for q in self.model.signals))
 
-    def stop(self, params: Params) -> Float[Array, ""]:
+    def stop(self, params: Params) -> Number:
         """The time of the first sample (s), or the time limit of the first `after_cycles` crossings."""
         period = self.model.period(params)
         if self.after_cycles == 0:
             return jnp.zeros_like(period)
         return 4.0 * (self.after_cycles + SPARE_CYCLES) * period
 
-    def max_attempts(self, params: Params, dt: Float[Array, ""] | float) -> Float[Array, ""]:
+    def max_attempts(self, params: Params, dt: Number | float) -> Number:
         # an interval shorter than a step needs an attempt of its own
-        return super().max_attempts(params, dt) + ATTEMPTS_PER_STEP * (self.duration / dt + self.samples)
+        first = attempts_until(self.stop(params), dt)
+        return first + ATTEMPTS_PER_STEP * (self.duration / dt + self.samples)
+
+    def begin(self, params: Params, carry: Carry) -> Beginning:
+        return self.unsampled(params, carry)
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
         crossed = carry.halt == Halt.CROSSING
@@ -59,12 +70,7 @@ class TraceRecorder(Recorder):
         signals = self.model.signal(params, carry.state)
         index = record.samples.astype(carry.t.dtype)
         sample = jnp.stack([index * self.every, *(signals[q.name] for q in self.model.signals)])
-        recorded = dataclasses.replace(
-            record,
-            cycles=cycles,
-            last=jnp.where(crossed, self.observables(params, carry.state), record.last),
-        )
-        recorded = counted(recorded, due)
+        recorded = counted(self.crossed(params, carry, record, crossed), due)
         done = due & (recorded.samples >= self.samples)
         status = jnp.where(lost, Status.time_limit, jnp.where(done, Status.complete, Status.running))
         waits = (carry.halt == Halt.TIME) & ~due & ~lost
@@ -75,11 +81,8 @@ class TraceRecorder(Recorder):
         recorded = dataclasses.replace(recorded, status=status.astype(jnp.int32))
         return PollResult(carry, recorded, sample, due)
 
-    def share(
-        self,
-        cycles: Real[np.ndarray, " rows"],
-        samples: Real[np.ndarray, " rows"],
-        t: Float[np.ndarray, " rows"],
-        typical: float,
-    ) -> Float[np.ndarray, " rows"]:
-        return (cycles + samples) / (self.after_cycles + self.samples)
+    def readings(self, rows: RowOutcome) -> None:
+        return None
+
+    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+        return (rows.cycles + rows.samples) / (self.after_cycles + self.samples)

@@ -3,30 +3,39 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import final
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Real
+from jaxtyping import Array, Float
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import Carry, Halt
 from gaitsweep.engine.recorders.recorder import (
     ATTEMPTS_PER_STEP,
     BUFFER,
+    Beginning,
     LaneRecord,
     PollResult,
+    Readings,
     Recorder,
+    RunningRows,
+    attempts_until,
     counted,
+    readings_at_the_end,
 )
+from gaitsweep.engine.shapes import Number
+from gaitsweep.row_outcome import RowOutcome
 
 
+@final
 @dataclasses.dataclass(frozen=True)
 class WindowsRecorder(Recorder):
     """Records every crossing with its observables, and the signals inside windows of equal length.
 
     The first window begins at `first` s; `more` others begin at `second` s, `second + spacing` s and so on.
     Each has `samples` samples, `every` s apart, and ends before the next one begins. The row ends with the
-    last sample. A record is a crossing, or a sample, whose `crossing` is -1; what it has no number for is 0.
+    last sample. A record is a crossing, or a sample, whose `crossing` is -1; its other numbers are 0.
     """
 
     model: Model
@@ -36,7 +45,6 @@ class WindowsRecorder(Recorder):
     second: float = 0.0
     spacing: float = 0.0
     more: int = 0
-    readings = Recorder.readings_at_the_end
 
     @property
     def total(self) -> int:
@@ -60,18 +68,17 @@ class WindowsRecorder(Recorder):
         inside = (sample - window * self.samples) * self.every
         return jnp.where(window < 0.5, self.first, self.second + (window - 1.0) * self.spacing) + inside
 
-    def stop(self, params: Params) -> Float[Array, ""]:
+    def stop(self, params: Params) -> Number:
         """The time of the first sample, s."""
         return jnp.full_like(self.model.period(params), self.first)
 
-    def max_attempts(self, params: Params, dt: Float[Array, ""] | float) -> Float[Array, ""]:
+    def max_attempts(self, params: Params, dt: Number | float) -> Number:
         # an interval shorter than a step needs an attempt of its own
-        return super().max_attempts(params, dt) + ATTEMPTS_PER_STEP * (self.duration / dt + self.total)
+        first = attempts_until(self.stop(params), dt)
+        return first + ATTEMPTS_PER_STEP * (self.duration / dt + self.total)
 
-    def begin(
-        self, params: Params, carry: Carry
-    ) -> tuple[LaneRecord, Float[Array, " width"], Bool[Array, ""]]:
-        record, _, _ = super().begin(params, carry)
+    def begin(self, params: Params, carry: Carry) -> Beginning:
+        record, _, _ = self.unsampled(params, carry)
         head = jnp.stack([record.cycles.astype(record.last.dtype), carry.t])
         first = jnp.concatenate([head, record.last, jnp.zeros(len(self.model.signals), record.last.dtype)])
         keep = jnp.asarray(True)
@@ -83,11 +90,10 @@ class WindowsRecorder(Recorder):
         timed = (carry.halt == Halt.TIME) & room
         # every crossing has a record, the start among them
         index = (record.samples - record.cycles - 1).astype(carry.t.dtype)
-        cycles = jnp.where(crossed, record.cycles + 1, record.cycles)
-        last = jnp.where(crossed, self.observables(params, carry.state), record.last)
-        recorded = counted(dataclasses.replace(record, cycles=cycles, last=last), crossed | timed)
+        recorded = counted(self.crossed(params, carry, record, crossed), crossed | timed)
+        last = recorded.last
         signals = self.model.signal(params, carry.state)
-        number = jnp.where(crossed, cycles.astype(last.dtype), -1.0)
+        number = jnp.where(crossed, recorded.cycles.astype(last.dtype), -1.0)
         seen = [signals[q.name] for q in self.model.signals]
         # a scheme whose steps cannot be shortened gives the state at the end of the step nearest to that time
         t = jnp.where(timed, self.time(index), carry.t)
@@ -101,11 +107,8 @@ class WindowsRecorder(Recorder):
         recorded = dataclasses.replace(recorded, status=status.astype(jnp.int32))
         return PollResult(carry, recorded, sample, crossed | timed)
 
-    def share(
-        self,
-        cycles: Real[np.ndarray, " rows"],
-        samples: Real[np.ndarray, " rows"],
-        t: Float[np.ndarray, " rows"],
-        typical: float,
-    ) -> Float[np.ndarray, " rows"]:
-        return t / max(self.duration, 1e-300)
+    def readings(self, rows: RowOutcome) -> Readings:
+        return readings_at_the_end(rows)
+
+    def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
+        return rows.t / max(self.duration, 1e-300)

@@ -54,15 +54,13 @@ def fixed_step_scheme(name: str, model: Model) -> FixedStepDynamics | None:
 
 
 def refusal(name: str, model: Model, precision: str) -> str | None:
-    """The reason why a method does not suit a model and a precision, in words after the field's name."""
+    """The reason why a method does not suit a model and a precision; it follows the field's name."""
     linear = isinstance(model, HybridModel) and model.linear
     if not isinstance(model, HybridModel) and METHODS[name].step is not None:
         return f"is {name}, which needs a flow, but {model.name} has only steps. Allowed: {_OWN}."
     if METHODS[name].step is None and fixed_step_scheme(name, model) is None:
-        located = ", ".join(
-            other for other, method in METHODS.items() if method.step and (linear or not method.linear_only)
-        )
-        return f"is {name}, a step that {model.name} does not have. Allowed: {located}."
+        located = [k for k, each in METHODS.items() if each.step and (linear or not each.linear_only)]
+        return f"is {name}, a step that {model.name} does not have. Allowed: {', '.join(located)}."
     if (reason := _steps_alone(name, model)) is not None:
         return reason
     if precision == "mixed" and fixed_step_scheme(name, model) is None:
@@ -75,11 +73,9 @@ def refusal(name: str, model: Model, precision: str) -> str | None:
         if not method.linear_only and (method.step or fixed_step_scheme(other, model) is not None)
     )
     if not linear:
-        return (
-            f"is {name}, which needs a flow that is linear in the state between events, but "
-            f"{model.name} does "
-            f"not declare that of its flow. Allowed: {general}."
-        )
+        lacks = f"{model.name} does not declare that of its flow"
+        needs = "needs a flow that is linear in the state between events"
+        return f"is {name}, which {needs}, but {lacks}. Allowed: {general}."
     if precision != "float64":
         return f"is {name}, which needs numerics.precision float64. Allowed in {precision}: {general}."
     return None
@@ -93,7 +89,7 @@ def derivative_refusal(name: str, model: Model) -> str | None:
     """
     if fixed_step_scheme(name, model) is None:
         return None
-    # so a derivative of the steps lacks what the time of a landing does, however short they are
+    # so a derivative of the steps lacks the effect of event times, however short they are
     reason = "steps have a fixed length, and an event is met at the end of one"
     if isinstance(model, HybridModel) and _steps_alone("rk4", model) is None:
         return f"{reason}. Use rk4."

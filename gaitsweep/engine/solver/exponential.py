@@ -16,9 +16,9 @@ import math
 from collections.abc import Callable
 
 import jax
-from jaxtyping import Array, Float
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
+from gaitsweep.engine.shapes import Number
 from gaitsweep.engine.solver.method import Step, euler_update
 
 # The factors of the Taylor terms, s_1, s_2, ...
@@ -65,7 +65,7 @@ def exponential(shares: Shares) -> Callable[[HybridModel], Step]:
     """
 
     def method(model: HybridModel) -> Step:
-        def step(params: Params, state: State, h: Float[Array, ""]) -> State:
+        def step(params: Params, state: State, h: Number) -> State:
             def flow(moving: Rates) -> Rates:
                 return model.flow(params, dataclasses.replace(state, **moving))
 

@@ -6,14 +6,13 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
-from jaxtyping import Array, Float
-
 from gaitsweep.contract import HybridModel, Params, Rates, State
+from gaitsweep.engine.shapes import Number
 
 # The state after a time h (s), with unchanged modes.
-Step = Callable[[Params, State, Float[Array, ""]], State]
+Step = Callable[[Params, State, Number], State]
 # The same, with an estimate of the local error by field.
-Estimate = Callable[[Params, State, Float[Array, ""]], tuple[State, Rates]]
+Estimate = Callable[[Params, State, Number], tuple[State, Rates]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,7 +36,7 @@ class Method:
     limits: tuple[tuple[float, float], ...] = ()
 
 
-def euler_update(state: State, rates: Rates, h: Float[Array, ""] | float) -> State:
+def euler_update(state: State, rates: Rates, h: Number | float) -> State:
     """The state after a time `h` (s) at constant `rates`; fields without a rate are unchanged."""
     moved = {name: getattr(state, name) + h * rate for name, rate in rates.items()}
     return dataclasses.replace(state, **moved)

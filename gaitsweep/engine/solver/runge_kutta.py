@@ -6,9 +6,8 @@ Comput. Math. Appl. 62 (2011) 770-775.
 
 from __future__ import annotations
 
-from jaxtyping import Array, Float
-
 from gaitsweep.contract import HybridModel, Params, Rates, State
+from gaitsweep.engine.shapes import Number
 from gaitsweep.engine.solver.method import Estimate, Step, euler_update
 
 # a_ij, one row for each stage after the first; the last row has the weights of the solution of order 5.
@@ -18,14 +17,7 @@ STAGES: tuple[tuple[float, ...], ...] = (
     (2.8971530571054935, -6.359448489975075, 4.3622954328695815),
     (5.325864828439257, -11.748883564062828, 7.4955393428898365, -0.09249506636175525),
     (5.86145544294642, -12.92096931784711, 8.159367898576159, -0.071584973281401, -0.028269050394068383),
-    (
-        0.09646076681806523,
-        0.01,
-        0.4798896504144996,
-        1.379008574103742,
-        -3.290069515436081,
-        2.324710524099774,
-    ),
+    (0.09646076681806523, 0.01, 0.4798896504144996, 1.379008574103742, -3.290069515436081, 2.324710524099774),
 )
 # Weights of the difference between the solutions of order 5 and 4.
 DIFFERENCE = (
@@ -42,7 +34,7 @@ DIFFERENCE = (
 def rk4(model: HybridModel) -> Step:
     """The classic Runge-Kutta step of order 4; stable if dt times the fastest rate is below 2.7."""
 
-    def step(params: Params, state: State, h: Float[Array, ""]) -> State:
+    def step(params: Params, state: State, h: Number) -> State:
         k1 = model.flow(params, state)
         k2 = model.flow(params, euler_update(state, k1, 0.5 * h))
         k3 = model.flow(params, euler_update(state, k2, 0.5 * h))
@@ -56,7 +48,7 @@ def rk4(model: HybridModel) -> Step:
 def tsit5(model: HybridModel) -> Estimate:
     """The step of order 5, with an estimate of its error."""
 
-    def step(params: Params, state: State, h: Float[Array, ""]) -> tuple[State, Rates]:
+    def step(params: Params, state: State, h: Number) -> tuple[State, Rates]:
         rates = [model.flow(params, state)]
         at = state
         for weights in STAGES:

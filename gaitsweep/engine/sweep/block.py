@@ -56,7 +56,7 @@ class Block:
         return int(np.count_nonzero(~self.ended))
 
     def keep(
-        self, rows: Int[np.ndarray, " lanes"], output: ChunkOutput, lanes: Int[np.ndarray, " told"]
+        self, rows: Int[np.ndarray, " lanes"], output: ChunkOutput, lanes: Int[np.ndarray, " changed"]
     ) -> None:
         """Append the new samples of the lanes `lanes` (n,); `rows` are the rows of all lanes."""
         if lanes.size:
@@ -65,7 +65,7 @@ class Block:
             self._samples[1].append((np.repeat(rows[lanes], filled), output.kept[lanes][new]))
 
     def end(
-        self, rows: Int[np.ndarray, " lanes"], output: ChunkOutput, lanes: Int[np.ndarray, " told"]
+        self, rows: Int[np.ndarray, " lanes"], output: ChunkOutput, lanes: Int[np.ndarray, " changed"]
     ) -> None:
         """Store the final values of the rows in the lanes `lanes` (n,)."""
         self.ends.put(rows[lanes], {name: values[lanes] for name, values in output.numbers.items()})

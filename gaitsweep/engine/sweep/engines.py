@@ -54,7 +54,7 @@ def choose(
 def _obstacle(
     device: Device, model: Model, recorder: Recorder, numerics: ResolvedNumerics, drive: RowDrive | None
 ) -> str | None:
-    """The reason why a scalar kernel is not available, in words, or None."""
+    """The reason why a scalar kernel is not available, or None."""
     if model.host_parameters:
         return f"{model.name} computes on the host with {', '.join(model.host_parameters)}"
     if device.platform not in KERNEL_POLLS_PER_CHUNK:
@@ -62,8 +62,7 @@ def _obstacle(
     if device.platform == "gpu":
         from gaitsweep.engine.kernel.card import missing
 
-        absent = missing()
-        if absent is not None:
+        if (absent := missing()) is not None:
             return absent
     from gaitsweep.engine.kernel.lanes import kernel_of
     from gaitsweep.engine.kernel.trace import UnsupportedError
@@ -94,9 +93,8 @@ def groups_on(device: Device, spec: SweepSpec) -> Sequence[Lanes]:
 
 def polls_per_chunk(spec: SweepSpec) -> int:
     """Initial polls of the recorder between two returns to the host."""
-    return (
-        KERNEL_POLLS_PER_CHUNK[spec.devices[0].platform] if spec.engine == "kernel" else xla.POLLS_PER_CHUNK
-    )
+    platform = spec.devices[0].platform
+    return KERNEL_POLLS_PER_CHUNK[platform] if spec.engine == "kernel" else xla.POLLS_PER_CHUNK
 
 
 def default_lanes(engine: str, n_rows: int, platform: str) -> int:

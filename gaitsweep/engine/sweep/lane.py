@@ -1,4 +1,4 @@
-"""The functions of one trajectory, which each engine vectorises in its own way."""
+"""The functions of one trajectory; each engine vectorises them differently."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from gaitsweep.contract import Model, Params
 from gaitsweep.engine.advance import Carry, advance, start
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics, step_of
 from gaitsweep.engine.recorders.recorder import LaneRecord, PollResult, Recorder
+from gaitsweep.engine.shapes import Flag, Number
 
 # The parameters at a time (s), from the values of a row: a ramp or a staircase. Its optional attribute
 # `times` lists the times (s) at which the step length has to be evaluated.
-RowDrive = Callable[[Mapping[str, Float[Array, " ..."]], Float[Array, ""]], Params]
+RowDrive = Callable[[Mapping[str, Float[Array, " ..."]], Number], Params]
 
 Values = Mapping[str, Real[np.ndarray, "rows ..."]]
 Device = Any  # a jax.Device, which type checkers do not accept as a type
@@ -76,8 +77,8 @@ class OneLane:
         self._advance = advance(model, numerics, drive=drive)
 
     def open(
-        self, values: Mapping[str, Float[Array, " ..."]], starts: Mapping[str, Float[Array, ""]]
-    ) -> tuple[Params, Carry, LaneRecord, Float[Array, " width"], Bool[Array, ""]]:
+        self, values: Mapping[str, Float[Array, " ..."]], starts: Mapping[str, Number]
+    ) -> tuple[Params, Carry, LaneRecord, Float[Array, " width"], Flag]:
         """A trajectory's constants, carry, record, its first sample (width,), and whether to keep it."""
         zero = jnp.zeros((), self.numerics.carried)
         params = self.at(values, zero)
@@ -89,7 +90,7 @@ class OneLane:
         held = values if self.driven else params
         return held, carry, *self.recorder.begin(params, carry)
 
-    def _longest_step(self, values: Mapping[str, Float[Array, " ..."]], params: Params) -> Float[Array, ""]:
+    def _longest_step(self, values: Mapping[str, Float[Array, " ..."]], params: Params) -> Number:
         """The longest step of a row (s); for a moving parameter, the smallest over its values."""
         dt = step_of(self.model, self.numerics, params)
         for t in getattr(self.at, "times", ()) if self.driven else ():

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Int, Real
 
 from gaitsweep.contract import Status
+from gaitsweep.engine.recorders.recorder import RunningRows
 from gaitsweep.engine.sweep.block import Block
 from gaitsweep.engine.sweep.chunk_sizer import ChunkSizer
 from gaitsweep.engine.sweep.engines import groups_on, polls_per_chunk
@@ -212,11 +213,11 @@ class LaneScheduler:
         busy = group.block_of >= 0
         running = busy & (output.numbers["status"] == Status.running)
         ended = busy & ~running
-        told = np.flatnonzero(busy & (ended | (output.filled > 0)))
-        told = told[np.argsort(group.block_of[told], kind="stable")]
-        numbers, first = np.unique(group.block_of[told], return_index=True)
+        changed = np.flatnonzero(busy & (ended | (output.filled > 0)))
+        changed = changed[np.argsort(group.block_of[changed], kind="stable")]
+        numbers, first = np.unique(group.block_of[changed], return_index=True)
         # without any row `split` gives an empty part all the same
-        for number, lanes in zip(numbers, np.split(told, first[1:]), strict=False):
+        for number, lanes in zip(numbers, np.split(changed, first[1:]), strict=False):
             block = self.open[number]
             block.keep(group.row_of, output, lanes[output.filled[lanes] > 0])
             block.end(group.row_of, output, lanes[ended[lanes]])
@@ -230,7 +231,8 @@ class LaneScheduler:
         typical = self.cycles / self.done if self.done else 0.0
         if running.any() and self.done:
             typical = max(typical, float(np.mean(cycles[running])))
-        share = self.spec.recorder.share(cycles, output.samples, output.numbers["t_end"], typical)
+        rows = RunningRows(cycles, output.samples, output.numbers["t_end"])
+        share = self.spec.recorder.share(rows, typical)
         group.share = float(np.sum(share[running]))
         group.attempts = int(np.sum(attempts[running]))
         if self.spec.engine == "kernel":

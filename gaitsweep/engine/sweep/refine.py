@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 UNKNOWN = -1  # not simulated
-ALONE = -2  # simulated, with a label that is lent to no other cell
+ALONE = -2  # simulated, with a label that no other cell gets
 _NONE = np.iinfo(np.int32).max
 
 Sides = dict[int, int]  # cells along the side of a box, by refined axis

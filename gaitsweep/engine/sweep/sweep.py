@@ -123,7 +123,7 @@ class _Disk:
         cards: number of GPUs that end rows.
     """
 
-    # what may wait for each card
+    # blocks that may wait for each card
     MOST = 8
     # threads for each card that label and encode, since that takes as long as the rows do on a card
     ENCODING = 2
@@ -132,7 +132,7 @@ class _Disk:
         self._thread, self._written = ThreadPoolExecutor(1), written
         self._most = self.MOST * cards
         self._encoding = ThreadPoolExecutor(self.ENCODING * cards)
-        # what is being written, and what is called when it is on disk
+        # writes in progress, each with the function to call when it is on disk
         self._waiting: deque[tuple[Future[None], Callable[[], None]]] = deque()
         self._longest_s = 1.0  # s of writing a block; the first time it loads libraries
 
