@@ -17,11 +17,12 @@ class UserError(Exception):
     """
 
     exit_code: ClassVar[int] = REFUSED
+    subject: ClassVar[str] = ""  # the words that the message continues, if it is not a complete sentence
 
     @property
     def sentence(self) -> str:
         """The message as a complete sentence."""
-        return str(self)
+        return f"{self.subject}{self}"
 
     def _render_traceback_(self) -> list[str]:
         """The lines that IPython shows in a notebook instead of a traceback."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -19,7 +18,7 @@ from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import STATUSES, Column, gaits, observed
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints, gait_numbers, unknowns
-from gaitsweep.kinds.run_kind import BlockProgress, Cost, path_values, table_columns
+from gaitsweep.kinds.run_kind import BlockProgress, Cost, table_columns
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Real, Text
 
@@ -34,6 +33,7 @@ class Continuation(FollowsFixedPoints):
     """Follow the stable and unstable fixed points of each row's return map along one parameter."""
 
     stores_starting_points: ClassVar[bool] = True
+    idle_without: ClassVar = {"crossing": ("crossing",)}
 
     kind: Literal["continuation"] = Field(
         init=False,
@@ -52,16 +52,6 @@ class Continuation(FollowsFixedPoints):
         description="whether to follow the branches that cross at branch points too, in both directions",
     )
 
-    def values_between(self) -> Iterator[float]:
-        return path_values(sorted(self.path))
-
-    def hashed(self, fields: dict[str, Any]) -> dict[str, Any]:
-        """The fields, without `crossing` if it is false, so that older results keep their hashes."""
-        return {name: each for name, each in fields.items() if name != "crossing" or each}
-
-    def first_values(self) -> Mapping[str, float]:
-        return {self.parameter: self.path[0]}
-
     def columns(self, model: Model) -> list[Column]:
         return [
             Column("point"),
@@ -76,15 +66,11 @@ class Continuation(FollowsFixedPoints):
             *map(Column, ("multiplier_im", "unstable", "stable", "special", "corrections", "end", "status")),
         ]
 
-    def check_steps(self) -> list[Diagnostic]:
-        if self.path[0] == self.path[1]:
-            return [
-                Diagnostic(
-                    ("run", "path", 1),
-                    f"is {self.path[1]:g}, like the start of the branch; give another end.",
-                )
-            ]
-        return super().check_steps()
+    def check_ranges(self, rows: Design) -> list[Diagnostic]:
+        if self.path[0] != self.path[1]:
+            return []
+        text = f"is {self.path[1]:g}, like the start of the branch; give another end."
+        return [Diagnostic(("run", "path", 1), text)]
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         """A row's branch is likely followed along its whole range, at most to `most` points.

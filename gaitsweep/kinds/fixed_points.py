@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import abc
+import dataclasses
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import jax
 import numpy as np
-from jaxtyping import Int
+import pandas as pd
+from jaxtyping import Bool, Float, Int
 from pydantic import Field
 
 from gaitsweep import near_miss
@@ -20,16 +23,23 @@ from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.engine.sweep.labels import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.kinds.run_kind import RunKind, StartingPoints
+from gaitsweep.kinds.run_kind import BlockProgress, RunKind
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
+
+
+@dataclasses.dataclass(frozen=True)
+class StartingPoints:
+    """Whether each row has a starting point (n,), and the observables there (n, k)."""
+
+    found: Bool[np.ndarray, " sampled"]
+    observed: Float[np.ndarray, "sampled observables"]
 
 
 class FollowsFixedPoints(RunKind):
     """A run kind that begins at a fixed point of each row's return map and follows it by its arclength."""
 
-    compared: ClassVar = "starting_points"
-    own_blocks: ClassVar[bool] = True
+    stores_starting_points: ClassVar[bool] = False  # whether the first record of a row is its starting point
 
     settle: CountOrZero = Field(
         default=100, description="cycles simulated before the search for the first fixed point"
@@ -48,18 +58,24 @@ class FollowsFixedPoints(RunKind):
     )
     most: Count = Field(default=300, description="largest number of points of a branch")
 
-    def first_values(self) -> Mapping[str, float]:
-        """The values of parameters that the run sets at the start of a row."""
-        return {}
-
     def recorder(self, model: Model) -> CrossingRecorder:
         # the rows are followed to where their branches begin; `block_table` does the rest
         return CrossingRecorder(model, 1, self.settle)
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
-        return [*self.check_steps(), *self._check_map(rows.model, method)]
+        return [*self.check_ranges(rows), *self._check_steps(), *self._check_map(rows.model, method)]
 
-    def check_steps(self) -> list[Diagnostic]:
+    @abc.abstractmethod
+    def check_ranges(self, rows: Design) -> list[Diagnostic]:
+        """Diagnostics about the ranges of the parameters."""
+
+    @abc.abstractmethod
+    def block_table(
+        self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
+    ) -> pd.DataFrame:
+        """The records of rows first..last-1; `on_progress` is called before each step of a row."""
+
+    def _check_steps(self) -> list[Diagnostic]:
         """Diagnostics about the lengths of the steps."""
         if not self.shortest <= self.step <= self.longest:
             text = (
@@ -80,7 +96,7 @@ class FollowsFixedPoints(RunKind):
                 wrong.append(Diagnostic(("run", "fix", index), text))
         try:
             refusal = derivative_refusal(method, model)
-        except ValueError:  # the check of the method says so
+        except ValueError:  # which the check of the method reports
             return wrong
         if refusal is not None:
             text = f"is {method}, with which a return map has no derivative: {refusal}"
@@ -109,7 +125,7 @@ class FollowsFixedPoints(RunKind):
         following = rows.following(*(each.parameter for each in self.movements))
         mapping = BatchedReturnMap(rows.model, tuple(following.items()), spec.numerics, spec.engine)
         values = {name: each for name, each in parameters.items() if name not in following}
-        return mapping, {**values, **self.first_values()}, starts
+        return mapping, values, starts
 
 
 def gait_numbers(

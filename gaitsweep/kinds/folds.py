@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 import numpy as np
@@ -25,7 +25,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.expression import ExpressionError
 from gaitsweep.kinds.columns import STATUSES, Column, gaits, observed
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints, gait_numbers, unknowns
-from gaitsweep.kinds.run_kind import BlockProgress, Cost, Movement, path_values, table_columns
+from gaitsweep.kinds.run_kind import BlockProgress, Cost, table_columns
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.numbers import Count, Positive, Real, Text
 
@@ -62,19 +62,6 @@ class Folds(FollowsFixedPoints):
         default=100, description="largest number of points of a curve in each of its two directions"
     )
 
-    @property
-    def movements(self) -> tuple[Movement, ...]:
-        return tuple(
-            Movement(
-                name, tuple(self.within.get(name, ())), ("run", "parameters", k), ("run", "within", name)
-            )
-            for k, name in enumerate(self.parameters)
-        )
-
-    def places(self) -> Iterator[Mapping[str, float]]:
-        along = [list(path_values(self.within[name])) for name in self.parameters]
-        yield from (dict(zip(self.parameters, at, strict=True)) for at in itertools.product(*along))
-
     def columns(self, model: Model) -> list[Column]:
         return [
             Column("point"),
@@ -88,11 +75,10 @@ class Folds(FollowsFixedPoints):
             *map(Column, ("special", "corrections", "end", "status")),
         ]
 
-    def check(self, rows: Design, method: str) -> list[Diagnostic]:
-        wrong = [*self._check_ranges()]
-        return wrong or [*self._check_starts(rows), *super().check(rows, method)]
+    def check_ranges(self, rows: Design) -> list[Diagnostic]:
+        return [*self._check_within()] or [*self._check_starts(rows)]
 
-    def _check_ranges(self) -> Iterator[Diagnostic]:
+    def _check_within(self) -> Iterator[Diagnostic]:
         first, second = self.parameters
         if first == second:
             text = f"is {second}, like the first; a curve of folds needs two different parameters."
@@ -115,7 +101,7 @@ class Folds(FollowsFixedPoints):
         """Diagnostics for rows that begin outside the ranges."""
         try:
             parameters, _ = rows.values_in(np.arange(rows.n_rows))
-        except (ExpressionError, JobError):  # the checks of formulas say so
+        except (ExpressionError, JobError):  # which the checks of formulas report
             return
         for name in self.parameters:
             low, high = self.within[name]

@@ -41,10 +41,7 @@ _READ: weakref.WeakKeyDictionary[ModuleType, dict[Path, Stamp]] = weakref.WeakKe
 class ModelError(UserError, LookupError):
     """A model is not available; the message continues a sentence that begins with "The model"."""
 
-    @property
-    def sentence(self) -> str:
-        """The message as a complete sentence."""
-        return f"The model {self}"
+    subject = "The model "
 
 
 def __getattr__(name: str) -> Any:
