@@ -17,7 +17,7 @@ class UserError(Exception):
     """
 
     exit_code: ClassVar[int] = REFUSED
-    subject: ClassVar[str] = ""  # of a message that is only the rest of a sentence
+    subject: ClassVar[str] = ""  # the words that the message continues, if it is not a complete sentence
 
     @property
     def sentence(self) -> str:

@@ -16,7 +16,7 @@ from gaitsweep.view.report import SCHEMES, document, figure_of
 if TYPE_CHECKING:
     from gaitsweep.claims.reproduce import JobRun
 
-# Of words and of the bars beside them, on white and on the dark scheme's paper: at least 4.5 : 1 each.
+# Colours of words and bars on the light and the dark background, each with a contrast of at least 4.5 : 1.
 _COLOURS = {
     ClaimVerdict.reproduced: ("#0B5CAD", "#56B4E9"),
     ClaimVerdict.not_reproduced: ("#A84300", "#FF9D5C"),

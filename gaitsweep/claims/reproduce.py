@@ -196,7 +196,7 @@ def _judge(
     except ExpressionError as error:  # the question is wrong, not the answer
         return None, ClaimVerdict.not_run, f"a condition cannot be evaluated: {error.sentence}"
     except (UserError, ArithmeticError, LookupError, ValueError) as error:
-        # the tables are there, and do not show it: rows that fell have no cycles to take a mean of
+        # the tables exist but lack the value: rows that fell have no cycles for a mean
         missed = ClaimVerdict.open_constants if claim.open else ClaimVerdict.not_reproduced
         reason = error.sentence if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
         return None, missed, reason
@@ -254,7 +254,7 @@ def _source(file: Path, job: PaperJob) -> tuple[str, str]:
             return str(data.get("model", "")), "defaults"
         config = file.parent / str(data["config"])
         return str(read_document(config).data.get("model", "")), config.stem
-    except UserError:  # its run says what is wrong, and fails alone
+    except UserError:  # its run reports the error, and fails alone
         return "", ""
 
 

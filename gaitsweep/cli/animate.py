@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-import sys
 import time
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from gaitsweep.cli.options import Trust, print_message
 
 
 def animate(
@@ -57,13 +58,7 @@ def animate(
             "--still", metavar="T", help="Draw a PNG of six poses over the cycle that begins at T, s."
         ),
     ] = None,
-    trust: Annotated[
-        bool,
-        typer.Option(
-            "--trust",
-            help="Allow running the code of your own model from DIR, or from the folder named in DIR.",
-        ),
-    ] = False,
+    trust: Trust = False,
 ) -> None:
     """Draw the walking model of one row of a trace, as a movie or a strip of poses."""
     from gaitsweep.cli.progress import shown_progress
@@ -87,7 +82,7 @@ def animate(
                 size=pixels,
                 renderer=renderer,
                 trust=trust,
-                on_message=_print_message,
+                on_message=print_message,
             )
         )
         return
@@ -109,13 +104,9 @@ def animate(
             renderer=renderer,
             trust=trust,
             on_progress=on_progress,
-            on_message=_print_message,
+            on_message=print_message,
         )
     print(path)
-
-
-def _print_message(sentence: str) -> None:
-    print(sentence, file=sys.stderr)
 
 
 def _size(text: str) -> tuple[int, int]:

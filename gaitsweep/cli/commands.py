@@ -18,6 +18,7 @@ from gaitsweep.cli import again, analyse, models
 from gaitsweep.cli.animate import animate
 from gaitsweep.cli.examples import examples
 from gaitsweep.cli.explore import explore
+from gaitsweep.cli.options import ClusterAsForRun, Directory, Out, Settings, print_message
 from gaitsweep.errors import UserError
 from gaitsweep.shipped import config_file
 from gaitsweep.shipped import job_file as shipped_or_own
@@ -47,14 +48,6 @@ JobFile = Annotated[
         help="Job file, or builtin:NAME of a shipped job (see `gaitsweep examples`).",
     ),
 ]
-Out = Annotated[
-    Path | None, typer.Option("--out", metavar="DIR", help="Result directory; by default results/NAME.")
-]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Override a field of the job; may be repeated."),
-]
-Directory = Annotated[Path, typer.Argument(metavar="DIR", help="Result directory.")]
 
 
 def _print_version(asked: bool) -> None:
@@ -152,27 +145,19 @@ def run(
 
     def on_message(sentence: str) -> None:
         messages.append(sentence)
-        _print_message(sentence)
+        print_message(sentence)
 
-    try:
-        with _shown_progress() as on_progress:
-            if rows is not None:
-                from gaitsweep.runs.row_range import run_rows
+    with _running(
+        job.name, out, cluster=cluster, collect=collect, limit=block_limit, on_message=on_message
+    ) as (on_progress, workers):
+        if rows is not None:
+            from gaitsweep.runs.row_range import run_rows
 
-                path = run_rows(job, rows, out, on_progress=on_progress, on_message=on_message, strict=strict)
-            else:
-                with _workers(cluster, collect=collect, limit=block_limit, on_message=on_message) as workers:
-                    path = run_job(
-                        job,
-                        out,
-                        on_progress=on_progress,
-                        on_message=on_message,
-                        strict=strict,
-                        cluster=workers,
-                    )
-    except KeyboardInterrupt as error:
-        print(_stopped(job.name, out), file=sys.stderr)
-        raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None  # SIGTERM brings its own
+            path = run_rows(job, rows, out, on_progress=on_progress, on_message=on_message, strict=strict)
+        else:
+            path = run_job(
+                job, out, on_progress=on_progress, on_message=on_message, strict=strict, cluster=workers
+            )
     snapshot = Snapshot.of(path)
     outcome = show.outcome(snapshot)
     print(outcome)
@@ -186,18 +171,32 @@ def run(
 
 
 @contextlib.contextmanager
-def _workers(
-    where: str | None, *, collect: bool = False, limit: float | None = None, on_message: Callable[[str], None]
-) -> Iterator[Cluster | None]:
-    """The workers of a cluster, or None without `--cluster`."""
-    if where is None:
-        yield None
-        return
-    from gaitsweep.runs.cluster.connection import connection_to
-    from gaitsweep.runs.cluster.dispatch import Cluster
+def _running(
+    name: str,
+    out: Path | None,
+    unit: str = "rows",
+    *,
+    cluster: str | None,
+    collect: bool = False,
+    limit: float | None = None,
+    on_message: Callable[[str], None] = print_message,
+) -> Iterator[tuple[Progress, Cluster | None]]:
+    """The progress callback and the workers of a run; a run that was stopped ends with a sentence."""
+    try:
+        with _shown_progress(unit) as on_progress, contextlib.ExitStack() as stack:
+            workers = None
+            if cluster is not None:
+                from gaitsweep.runs.cluster.connection import connection_to
+                from gaitsweep.runs.cluster.dispatch import Cluster
 
-    with Cluster(connection_to(where), collect=collect, limit=limit, on_message=on_message) as workers:
-        yield workers
+                connection = connection_to(cluster)
+                workers = stack.enter_context(
+                    Cluster(connection, collect=collect, limit=limit, on_message=on_message)
+                )
+            yield on_progress, workers
+    except KeyboardInterrupt as error:
+        print_message(_stopped(name, out))
+        raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None  # SIGTERM brings its own
 
 
 @contextlib.contextmanager
@@ -221,10 +220,6 @@ def _leans_on_others(job: Job) -> bool:
     return not shipped or any(getattr(figure, "with_table", None) is not None for figure in job.figures)
 
 
-def _print_message(sentence: str) -> None:
-    print(sentence, file=sys.stderr)
-
-
 def _stopped(name: str, out: Path | None) -> str:
     from gaitsweep.runs.execute import RESULTS
     from gaitsweep.table import Snapshot, TableError
@@ -245,14 +240,13 @@ def plot(directory: Directory) -> None:
     from gaitsweep.table import Snapshot
 
     job = Snapshot.of(directory).job
-    if "search" in job:
-        from gaitsweep.fitting.search import draw_again
-
-        for path in draw_again(directory):
-            print(path)
-        return
     try:
-        paths = draw_figures(directory)
+        if "search" in job:
+            from gaitsweep.fitting.search import draw_again
+
+            paths = draw_again(directory)
+        else:
+            paths = draw_figures(directory)
     except FigureError as error:
         for path in error.drawn:
             print(path)
@@ -330,7 +324,7 @@ def _size_of(job_file: Path) -> str:
         return f"{load_sensitivity(job_file).design.n_rows} sets"
     job = load_job(job_file)
     for remark in remarks_on_rows(job.design, job.model):
-        _print_message(f"Warning: {job_file}: {remark}")
+        print_message(f"Warning: {job_file}: {remark}")
     return f"{job.design.n_rows} row{'s' * (job.design.n_rows != 1)}"
 
 
@@ -381,7 +375,7 @@ def reproduce(
 
     with _shown_progress() as on_progress:
         found = run_and_judge(
-            table_of_claims, out, quick=quick, on_progress=on_progress, on_message=_print_message
+            table_of_claims, out, quick=quick, on_progress=on_progress, on_message=print_message
         )
     counts = found.counts
     reproduced = counts[ClaimVerdict.reproduced.value]
@@ -415,10 +409,7 @@ def search(
     ],
     out: Out = None,
     settings: Settings = None,
-    cluster: Annotated[
-        str | None,
-        typer.Option("--cluster", metavar="WHERE", help="Dask workers that compute the rows, as for `run`."),
-    ] = None,
+    cluster: ClusterAsForRun = None,
     dry_run: Annotated[
         bool,
         typer.Option("--dry-run", help="Print the resources that the search would need, without running it."),
@@ -436,12 +427,8 @@ def search(
         return
     from gaitsweep.fitting.search import run_search
 
-    try:
-        with _shown_progress("sets") as on_progress, _workers(cluster, on_message=_print_message) as workers:
-            found = run_search(job, out, on_progress=on_progress, on_message=_print_message, cluster=workers)
-    except KeyboardInterrupt as error:
-        print(_stopped(job.name, out), file=sys.stderr)
-        raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None
+    with _running(job.name, out, "sets", cluster=cluster) as (on_progress, workers):
+        found = run_search(job, out, on_progress=on_progress, on_message=print_message, cluster=workers)
     print(show_search.outcome(found))
 
 
@@ -457,10 +444,7 @@ def sensitivity(
     ],
     out: Out = None,
     settings: Settings = None,
-    cluster: Annotated[
-        str | None,
-        typer.Option("--cluster", metavar="WHERE", help="Dask workers that compute the rows, as for `run`."),
-    ] = None,
+    cluster: ClusterAsForRun = None,
 ) -> None:
     """Measure how much results depend on each constant: write a table, the indices and their figure."""
     from gaitsweep.cli import show_sensitivity
@@ -469,14 +453,8 @@ def sensitivity(
     job = load_sensitivity(job_file, list(settings or ()))
     from gaitsweep.fitting.sensitivity import run_sensitivity
 
-    try:
-        with _shown_progress("sets") as on_progress, _workers(cluster, on_message=_print_message) as workers:
-            found = run_sensitivity(
-                job, out, on_progress=on_progress, on_message=_print_message, cluster=workers
-            )
-    except KeyboardInterrupt as error:
-        print(_stopped(job.name, out), file=sys.stderr)
-        raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None
+    with _running(job.name, out, "sets", cluster=cluster) as (on_progress, workers):
+        found = run_sensitivity(job, out, on_progress=on_progress, on_message=print_message, cluster=workers)
     print(show_sensitivity.outcome(found))
 
 

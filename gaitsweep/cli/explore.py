@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from gaitsweep.cli.options import Directory, Trust, print_message
+
 
 def explore(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Result directory.")],
+    directory: Directory,
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FILE", help="Output file; by default DIR/explore.html.")
     ] = None,
@@ -32,23 +33,13 @@ def explore(
         float | None,
         typer.Option("--max-size", metavar="MB", help="Largest size of the page; 10 MB by default."),
     ] = None,
-    trust: Annotated[
-        bool,
-        typer.Option(
-            "--trust",
-            help="Allow running the code of your own model from DIR, or from the folder named in DIR.",
-        ),
-    ] = False,
+    trust: Trust = False,
 ) -> None:
     """Write explore.html into a result directory: a click on a start shows the model walking from it."""
     from gaitsweep.cli.progress import shown_progress
     from gaitsweep.view.explorer.explorer import write_explorer
 
-    with shown_progress("starts") as shown:
-
-        def on_progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
-            shown(done, total, rate, fraction, note)
-
+    with shown_progress("starts") as on_progress:
         path = write_explorer(
             directory,
             out,
@@ -58,6 +49,6 @@ def explore(
             max_size=max_size,
             trust=trust,
             on_progress=on_progress,
-            on_message=lambda sentence: print(sentence, file=sys.stderr),
+            on_message=print_message,
         )
     print(path)

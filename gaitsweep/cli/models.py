@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import keyword
 import re
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gaitsweep.cli.new_files import NewFilesError, write_folder
+from gaitsweep.cli.options import NewFolder, print_message
 from gaitsweep.errors import REFUSED, ArgumentError
 from gaitsweep.shipped import EXAMPLES
 
@@ -59,14 +59,7 @@ def new_model(
     name: Annotated[
         str, typer.Argument(metavar="NAME", help="Name in lower case, valid in Python: my_hopper.")
     ],
-    to: Annotated[
-        Path,
-        typer.Option(
-            "--to",
-            metavar="DIR",
-            help="Folder that will contain the folder NAME; by default the current one.",
-        ),
-    ] = Path(),
+    to: NewFolder = Path(),
 ) -> None:
     """Write a template of your own model, a hopper, into a folder NAME: model, job, test and README."""
     _write(to / name, name, {Path(each).name: each for each in _FILES})
@@ -77,14 +70,7 @@ def new_paper(
     name: Annotated[
         str, typer.Argument(metavar="NAME", help="Name in lower case, valid in Python: goswami1998.")
     ],
-    to: Annotated[
-        Path,
-        typer.Option(
-            "--to",
-            metavar="DIR",
-            help="Folder that will contain the folder NAME; by default the current one.",
-        ),
-    ] = Path(),
+    to: NewFolder = Path(),
 ) -> None:
     """Write a template of a paper's package: model, jobs, figures, analyses, measures, claims, test."""
     _write(to / name, name, _PAPER)
@@ -150,14 +136,14 @@ def check_model(
         )
     found = faults(kind)
     for words in found:
-        print(f"The model is {name}, {words}", file=sys.stderr)
+        print_message(f"The model is {name}, {words}")
     if found:
         raise typer.Exit(REFUSED)
     from gaitsweep.runs.trial import trial  # of a model without faults
 
     tried = trial(kind)
     for words in tried.faults:
-        print(f"The model is {name}, {words}", file=sys.stderr)
+        print_message(f"The model is {name}, {words}")
     if tried.faults:
         raise typer.Exit(REFUSED)
     print(f"{name}: valid, {show.extent_of(kind())}")
@@ -169,7 +155,7 @@ def check_model(
         _step_against_c(name, model, steps or _STEPS)
     else:
         for caveat in model.caveats():
-            print(f"Warning: {caveat}", file=sys.stderr)
+            print_message(f"Warning: {caveat}")
 
 
 def _step_against_c(name: str, model: MjcfModel, steps: int) -> None:
@@ -178,10 +164,10 @@ def _step_against_c(name: str, model: MjcfModel, steps: int) -> None:
     from gaitsweep.dynamics.mjx.refusals import cautions
 
     for caution in cautions(model.mjx_body.mj_model):
-        print(f"Warning: {caution}", file=sys.stderr)
+        print_message(f"Warning: {caution}")
     found = compare(model, steps)
     for parting in found.partings:
-        print(parting, file=sys.stderr)
+        print_message(str(parting))
     agree = found.starts - len(found.partings)
     print(
         f"{name}: {agree} of {found.starts} motions of {steps} steps agree with MuJoCo C within 1e-5; the "

@@ -228,7 +228,7 @@ class RangeAxis:
             if np.any(np.less_equal(low, 0.0)) or np.any(np.less_equal(high, 0.0)):
                 raise ExpressionError("the ends of a logspace must be above 0.")
             between = np.exp(np.log(low) + (np.log(high) - np.log(low)) * fraction)
-        # The ends exactly as written, whatever rounding makes of low + (high - low).
+        # the ends exactly as written, although low + (high - low) may be rounded
         return np.where(fraction == 0.0, low, np.where(fraction == 1.0, high, between))
 
 

@@ -21,8 +21,8 @@ from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.numbers import bound
 
 MOST_CHECKED = 1_000_000  # combinations of a formula's axes that are checked before a job runs
-MOST_CELLS = 200_000  # points of an axis that are looked at for whether they are drawn as cells
-MOST_WORK = 20_000_000  # the same times the letters of all formulas that are worked out for each of them
+MOST_CELLS = 200_000  # points of an axis, at most, for which it is tested whether they are drawn as cells
+MOST_WORK = 20_000_000  # these combinations times the letters of all formulas that are evaluated for each
 
 
 @dataclasses.dataclass(frozen=True)

@@ -11,7 +11,7 @@ import io
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,6 +38,7 @@ from gaitsweep.fitting.targets import MISS, scores
 from gaitsweep.job import JobError
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
+from gaitsweep.runs.executor import write_blocks
 from gaitsweep.runs.makers import continue_directory
 from gaitsweep.runs.prepare import naming_the_file
 from gaitsweep.runs.progress import Progress
@@ -143,7 +144,7 @@ def run_search(
         )
         if cluster is not None:
             population.run_elsewhere = ClusterRows(path, cluster)
-        _Search(job, population, directory, on_progress, side_by_side).go_on()
+        write_blocks(directory, _Search(job, population, directory, on_progress, side_by_side).blocks())
         table = load(path)
         near = identifiability(table, job)
         reported = len(directory.notes)
@@ -197,11 +198,10 @@ class _Search:
         )
         self.known = pd.DataFrame()  # the sets that are on disk
         self.best = np.inf
-        self.spent = float(directory.manifest.get("timings", {}).get("run_s", 0.0))
         self.side_by_side = side_by_side
 
-    def go_on(self) -> None:
-        """Give the scores of the stored sets to the optimiser, and measure the others.
+    def blocks(self) -> Iterator[tuple[int, pd.DataFrame]]:
+        """Give the scores of the stored sets to the optimiser, and yield the batches that are not on disk.
 
         A batch is chosen when all but the `side_by_side - 1` before it are known, on disk or not, so the sets
         do not depend on where a search was stopped.
@@ -219,13 +219,13 @@ class _Search:
         with Batches[dict[str, Measured] | None](threads, self._report) as self.batches:
             for number in range(self.directory.n_blocks):
                 if len(chosen) == self.side_by_side:
-                    self._end(*chosen.popleft())
+                    yield from self._end(*chosen.popleft())
                 first, stop = self.directory.rows_of(number)
                 sets = sets_at(self.job.free, self.optimiser.ask(stop - first))
                 chosen.append((number, sets))
                 self.batches.begin(partial(self._measured, sets) if number in missing else lambda _: None)
             while chosen:
-                self._end(*chosen.popleft())
+                yield from self._end(*chosen.popleft())
 
     def _measured(
         self, sets: Mapping[str, np.ndarray], on_progress: Callable[[SweepProgress], None]
@@ -250,19 +250,15 @@ class _Search:
         ]
         return np.all(near, axis=0)
 
-    def _end(self, number: int, sets: Mapping[str, np.ndarray]) -> None:
-        """Write a batch that is not on disk, and give its scores to the optimiser."""
+    def _end(self, number: int, sets: Mapping[str, np.ndarray]) -> Iterator[tuple[int, pd.DataFrame]]:
+        """Yield a batch that is not on disk, and give its scores to the optimiser."""
         measured = self.batches.oldest()
         first, stop = self.directory.rows_of(number)
         if measured is None:
             frame = self._known(number, first, stop, sets)
         else:
             frame = self._frame(number, first, sets, measured)
-            self.directory.write_part(number, frame)
-            seconds = self.spent + time.perf_counter() - self.began
-            self.directory.update_manifest(
-                timings={"run_s": seconds}, counts=self.directory.counts(), complete=False
-            )
+            yield number, frame
         misses = frame[[f"{MISS}{name}" for name in self.job.counted]].to_numpy()
         batch_scores = frame["score"].to_numpy()
         self.optimiser.tell(batch_scores, misses)

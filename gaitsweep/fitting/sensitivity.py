@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +25,7 @@ from gaitsweep.job.numerics import rows_of_a_part
 from gaitsweep.plot.sensitivity import sensitivity_figure
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
+from gaitsweep.runs.executor import write_blocks
 from gaitsweep.runs.makers import continue_directory
 from gaitsweep.runs.prepare import RunContext, naming_the_file
 from gaitsweep.runs.progress import Progress
@@ -137,7 +138,7 @@ def run_sensitivity(
             if cluster is not None:
                 population.run_elsewhere = ClusterRows(path, cluster)
                 together = max(1, _ROWS_OF_A_BATCH // (block * rows))
-            _measure(job, population, directory, missing, together, on_progress)
+            write_blocks(directory, _blocks(job, population, directory, missing, together, on_progress))
         if not directory.manifest.get("complete"):
             directory.tidy_digests()
             directory.update_manifest(counts=directory.counts(), complete=True)
@@ -151,18 +152,17 @@ def run_sensitivity(
     return result
 
 
-def _measure(
+def _blocks(
     job: SensitivityJob,
     population: Population,
     directory: ResultDirectory,
     missing: list[int],
     together: int,
     on_progress: Progress,
-) -> None:
-    """Write the missing parts; the sets of `together` parts are one batched run."""
+) -> Iterator[tuple[int, pd.DataFrame]]:
+    """Measure the sets of the missing blocks; those of `together` blocks are one batched run."""
     n, sets, began = job.design.n_rows, job.design.sets, time.perf_counter()
     before = directory.rows_done
-    spent = directory.manifest.get("timings", {}).get("run_s", 0.0)
     on_progress(before, n, 0.0, before / n, "compiling")
     for place in range(0, len(missing), together):
         parts = [directory.rows_of(number) for number in missing[place : place + together]]
@@ -178,9 +178,7 @@ def _measure(
         records = _records(rows, chosen, population.measure(chosen, on_sweep_progress))
         for number, (first, last) in zip(missing[place : place + together], parts, strict=True):
             begin = int(np.searchsorted(rows, first))
-            part = records.iloc[begin : begin + last - first].reset_index(drop=True)
-            directory.write_part(number, part)
-        directory.update_manifest(timings={"run_s": spent + time.perf_counter() - began})
+            yield number, records.iloc[begin : begin + last - first].reset_index(drop=True)
 
 
 def _records(

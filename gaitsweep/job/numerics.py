@@ -13,8 +13,8 @@ from gaitsweep.schema import former_names
 from gaitsweep.schema.numbers import Count, Flag, LaneCount, Positive, checked, read_real, read_whole, word
 from gaitsweep.schema.strict_model import StrictModel
 
-# A part costs some milliseconds whatever its rows, and they add up on a card; but an unfinished block of more
-# rows than _LARGE is much to hold in memory, and the worker of a cluster loses it as a whole.
+# Each part takes some milliseconds, however few its rows, which add up on a GPU. But an unfinished block of
+# more than _LARGE rows takes much memory, and a worker of a cluster loses it as a whole.
 _SMALL, _LARGE, _PARTS, _MOST_PARTS = 1024, 32_768, 64, 500
 METHOD_NAMES = ("auto", "tsit5", "rk4", "propagator6", "propagator", "semi_implicit")
 

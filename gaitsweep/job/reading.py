@@ -18,7 +18,7 @@ from gaitsweep.job.config import Config
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec, read_settings
 from gaitsweep.job.step_lengths import check_numerics, check_steps
 from gaitsweep.kinds import parameter_written
-from gaitsweep.kinds.run_kind import table_columns
+from gaitsweep.kinds.run_kind import Checked, RunKind, table_columns
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, found, from_pydantic
 from gaitsweep.schema.numbers import SCOPE, Scope
 
@@ -97,7 +97,9 @@ def read_job(
             config.refuse([Diagnostic(movement.named, f"is {movement.parameter}, which {why}")])
     moving = job.run.moved
     if moving is not None:
-        first = {moving: job.run.turns[0]} if job.run.turns else {}  # a trace may lack it: its check says so
+        first = (
+            {moving: job.run.turns[0]} if job.run.turns else {}
+        )  # a trace may lack it, which its check reports
         design = dataclasses.replace(design, settings={**design.settings, **first})
     numerics = job.numerics.resolve(spec.model, job.engine.contraction)
     config.refuse(_check_whole(design, spec, job, numerics))
@@ -173,14 +175,15 @@ def _scope(design: Design | None, spec: ModelSpec | None, moved: str | None) -> 
             continue
         try:
             fixed[name] = evaluate(setting, {used: fixed[used] for used in names_in(setting)})
-        except ExpressionError:  # `check_ranges` says so
+        except ExpressionError:  # which `check_ranges` reports
             moving[name] = "has no value"
     return Scope(fixed, moving)
 
 
 def _check_whole(design: Design, spec: ModelSpec, job: Any, numerics: ResolvedNumerics) -> list[Diagnostic]:
     """Diagnostics about sections that are valid by themselves but do not fit together."""
-    run, moving = job.run, job.run.moved
+    run: RunKind = job.run
+    moving = run.moved
     diagnostics: list[Diagnostic] = []
     for movement in run.movements:
         parameter = movement.parameter
@@ -190,7 +193,8 @@ def _check_whole(design: Design, spec: ModelSpec, job: Any, numerics: ResolvedNu
                 text = f"is {parameter}{moves}: {name} is compiled into the body of a row"
                 text += " and cannot move while the row runs."
                 diagnostics.append(Diagnostic(movement.named, text))
-    diagnostics.extend(run.check(design, numerics.method))
+    if isinstance(run, Checked):
+        diagnostics.extend(run.check(design, numerics.method))
     diagnostics.extend(check_numerics(spec.model, job.numerics, numerics))
     columns = table_columns(design, run)
     places = [(name, path, "varies") for group in design.groups for name, path in group.paths.items()]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
-from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -32,12 +31,12 @@ from gaitsweep.job.numerics import NumericsSpec
 from gaitsweep.kinds import RunKind
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
 
-# Sets of parameters whose steps are looked at before a job runs. Where there are more, these are spread
-# evenly over all of them, and each row's own step is looked at when its block begins.
+# Largest number of sets of parameters whose steps are checked before a job runs. Of more sets, so many evenly
+# spaced ones are checked then, and the step of each row when its block begins.
 MOST_SETS = 1_000_000
-# Of steps that the model recommends, which need no check: sets that say between what they lie.
+# Number of sets for the range of the steps that a model recommends, which need no check.
 MOST_RECOMMENDED = 65_536
-# Of those, sets for which a simulator's compiler has to work out numbers, or eigenvalues have to be found.
+# Number of sets if each needs a simulator's compiler, or eigenvalues.
 FEW_SETS = 64
 _CHUNK = 65_536
 # The largest tolerance on event times, as a share of the nominal period: well below the longest step.
@@ -148,34 +147,14 @@ def longer_than_right(design: Design, run: RunKind, numerics: ResolvedNumerics) 
     return dt > longest * _ROUNDING
 
 
-def values_with_right_steps(
-    design: Design,
-    run: RunKind,
-    numerics: ResolvedNumerics,
-    steps: RowSteps,
-    rows_in: Callable[[int, int], np.ndarray] | None = None,
-) -> Callable[[int, int], tuple[dict[str, np.ndarray], dict[str, np.ndarray]]]:
-    """`Design.values`, with a check of the rows' steps if `check_steps` checked only some of them.
-
-    `rows_in(first, last)` gives the rows of the job (last - first,) if only some of them are simulated.
-    """
-    sampled = numerics.dt is not None and steps.sampled and not design.model.host_parameters
-    if rows_in is None and not sampled:
-        return design.values
-
-    def values(first: int, last: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        rows = np.arange(first, last, dtype=np.int64) if rows_in is None else rows_in(first, last)
-        if not sampled:
-            return design.values_in(rows)
-        dt, longest = _steps(design, run, numerics, rows)
-        wrong = np.flatnonzero(dt > longest * _ROUNDING)
-        if wrong.size:
-            row, right = int(rows[wrong[0]]), _rounded_down(float(longest[wrong[0]]))
-            text = f"is {numerics.dt:g} s, too long for row {row}: use at most {right:g} s, or remove it."
-            raise JobError([Diagnostic(("numerics", "dt"), text)])
-        return design.values_in(rows)
-
-    return values
+def refuse_long_steps(design: Design, run: RunKind, numerics: ResolvedNumerics, rows: np.ndarray) -> None:
+    """Raise JobError if the step of a row, of `rows` (n,), is too long for its parameters."""
+    dt, longest = _steps(design, run, numerics, rows)
+    wrong = np.flatnonzero(dt > longest * _ROUNDING)
+    if wrong.size:
+        row, right = int(rows[wrong[0]]), _rounded_down(float(longest[wrong[0]]))
+        text = f"is {numerics.dt:g} s, too long for row {row}: use at most {right:g} s, or remove it."
+        raise JobError([Diagnostic(("numerics", "dt"), text)])
 
 
 def _matters(design: Design, name: str, steps: RowSteps) -> bool:

@@ -15,7 +15,7 @@ from gaitsweep.engine.recorders.recorder import unpacked
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.table.outcomes import outcomes
 
-UNKNOWN_GAIT = "unknown"  # of a row whose label is no index of a gait; the label follows
+UNKNOWN_GAIT = "unknown"  # gait of a row whose label is not the index of a gait; the label follows
 STATUSES = [status.name for status in Status if status is not Status.running]
 
 

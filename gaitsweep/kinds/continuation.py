@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -11,15 +10,14 @@ import pandas as pd
 from jaxtyping import Int
 from pydantic import Field
 
-from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.continuation import continuation
-from gaitsweep.contract import Model, Status
+from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.kinds.columns import STATUSES, Column, gaits, observed
-from gaitsweep.kinds.fixed_points import FollowsFixedPoints, gait_numbers, unknowns
-from gaitsweep.kinds.run_kind import BlockProgress, Cost, path_values, table_columns
+from gaitsweep.kinds.columns import Column, observed
+from gaitsweep.kinds.fixed_points import FollowsFixedPoints
+from gaitsweep.kinds.run_kind import BlockProgress, Cost
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Real, Text
 
@@ -34,6 +32,7 @@ class Continuation(FollowsFixedPoints):
     """Follow the stable and unstable fixed points of each row's return map along one parameter."""
 
     stores_starting_points: ClassVar[bool] = True
+    idle_without: ClassVar = {"crossing": ("crossing",)}
 
     kind: Literal["continuation"] = Field(
         init=False,
@@ -52,16 +51,6 @@ class Continuation(FollowsFixedPoints):
         description="whether to follow the branches that cross at branch points too, in both directions",
     )
 
-    def values_between(self) -> Iterator[float]:
-        return path_values(sorted(self.path))
-
-    def hashed(self, fields: dict[str, Any]) -> dict[str, Any]:
-        """The fields, without `crossing` if it is false, so that older results keep their hashes."""
-        return {name: each for name, each in fields.items() if name != "crossing" or each}
-
-    def first_values(self) -> Mapping[str, float]:
-        return {self.parameter: self.path[0]}
-
     def columns(self, model: Model) -> list[Column]:
         return [
             Column("point"),
@@ -76,15 +65,11 @@ class Continuation(FollowsFixedPoints):
             *map(Column, ("multiplier_im", "unstable", "stable", "special", "corrections", "end", "status")),
         ]
 
-    def check_steps(self) -> list[Diagnostic]:
-        if self.path[0] == self.path[1]:
-            return [
-                Diagnostic(
-                    ("run", "path", 1),
-                    f"is {self.path[1]:g}, like the start of the branch; give another end.",
-                )
-            ]
-        return super().check_steps()
+    def check_ranges(self, rows: Design) -> list[Diagnostic]:
+        if self.path[0] != self.path[1]:
+            return []
+        text = f"is {self.path[1]:g}, like the start of the branch; give another end."
+        return [Diagnostic(("run", "path", 1), text)]
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         """A row's branch is likely followed along its whole range, at most to `most` points.
@@ -92,38 +77,16 @@ class Continuation(FollowsFixedPoints):
         With `crossing` it likely has one branch point, from which two halves of another branch lead on.
         """
         branches = 3.0 if self.crossing else 1.0
-        points = branches * min(
-            POINTS_SHARE / self.longest + math.log2(self.longest / self.step), float(self.most)
-        )
-        likely, most = (
-            (self.settle + count * CYCLES_A_NUMBER * (unknowns(rows) + 1)) * cycle
-            for count in (points, branches * self.most)
-        )
-        return Cost(likely, most, max(points, 1.0))
+        points = branches * (POINTS_SHARE / self.longest + math.log2(self.longest / self.step))
+        return self.cost_of_points(rows, cycle, points, branches * self.most, CYCLES_A_NUMBER)
 
     def block_table(
         self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
     ) -> pd.DataFrame:
         """The branches of rows first..last-1; `on_progress` is called before each of their steps."""
         mapping, values, table = self.followed(rows, spec, np.arange(first, last), on_progress)
-        row = table["row"].to_numpy(np.int64)
-        axes = {name: each[row] for name, each in rows.columns(first, last).items()}
-        renamed = {q.name: f"{q.name}_n" for q in rows.model.observables}
         found = table["stable"].notna().to_numpy()
-        moved = {name: np.broadcast_to(each, (last - first,))[row] for name, each in values.items()}
-        moved[self.parameter] = table[self.parameter].to_numpy(float)
-        codes = np.full(len(table), -1)
-        if found.any():
-            held = {name: each[found] for name, each in moved.items()}
-            seen = {q.name: table.loc[found, q.name].to_numpy(float) for q in rows.model.observables}
-            codes[found] = gait_numbers(mapping, held, seen, int(found.sum()))
-        table["gait"] = gaits(rows.model, codes)
-        status = np.where(found, Status.complete.name, Status.no_fixed_point.name)
-        table = table.rename(columns=renamed).assign(row=row + first, **axes)
-        table["status"] = pd.Categorical(status, categories=STATUSES)
-        table = table.reindex(columns=table_columns(rows, self))
-        for name in ("special", "end"):
-            table[name] = pd.Categorical(table[name].astype(object).fillna(""))
+        table = self.records(rows, first, mapping, values, table, found, found, {})
         # missing numbers would be read as such, and those of other blocks are flags
         return table if found.any() else table.assign(stable=pd.Series([None] * len(table), dtype=object))
 
@@ -153,7 +116,7 @@ class Continuation(FollowsFixedPoints):
             begin=begin,
             towards=1 if end > begin else -1,
             fix=self.fix,
-            steps=ArclengthSteps(self.step, self.longest, self.shortest, self.most, on_progress),
+            steps=self.steps(on_progress),
             shown=(),
             with_points=with_points,
             crossing=self.crossing,

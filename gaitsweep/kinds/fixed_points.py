@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import abc
+import dataclasses
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import jax
 import numpy as np
-from jaxtyping import Int
+import pandas as pd
+from jaxtyping import Bool, Float, Int
 from pydantic import Field
 
 from gaitsweep import near_miss
+from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.newton import newton
-from gaitsweep.contract import Model
+from gaitsweep.contract import Model, Status
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
@@ -20,16 +24,24 @@ from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.engine.sweep.labels import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.kinds.run_kind import RunKind, StartingPoints
+from gaitsweep.kinds.columns import STATUSES, gaits
+from gaitsweep.kinds.run_kind import BlockProgress, Cost, RunKind, table_columns
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
+
+
+@dataclasses.dataclass(frozen=True)
+class StartingPoints:
+    """Whether each row has a starting point (n,), and the observables there (n, k)."""
+
+    found: Bool[np.ndarray, " sampled"]
+    observed: Float[np.ndarray, "sampled observables"]
 
 
 class FollowsFixedPoints(RunKind):
     """A run kind that begins at a fixed point of each row's return map and follows it by its arclength."""
 
-    compared: ClassVar = "starting_points"
-    own_blocks: ClassVar[bool] = True
+    stores_starting_points: ClassVar[bool] = False  # whether the first record of a row is its starting point
 
     settle: CountOrZero = Field(
         default=100, description="cycles simulated before the search for the first fixed point"
@@ -48,18 +60,24 @@ class FollowsFixedPoints(RunKind):
     )
     most: Count = Field(default=300, description="largest number of points of a branch")
 
-    def first_values(self) -> Mapping[str, float]:
-        """The values of parameters that the run sets at the start of a row."""
-        return {}
-
     def recorder(self, model: Model) -> CrossingRecorder:
         # the rows are followed to where their branches begin; `block_table` does the rest
         return CrossingRecorder(model, 1, self.settle)
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
-        return [*self.check_steps(), *self._check_map(rows.model, method)]
+        return [*self.check_ranges(rows), *self._check_steps(), *self._check_map(rows.model, method)]
 
-    def check_steps(self) -> list[Diagnostic]:
+    @abc.abstractmethod
+    def check_ranges(self, rows: Design) -> list[Diagnostic]:
+        """Diagnostics about the ranges of the parameters."""
+
+    @abc.abstractmethod
+    def block_table(
+        self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
+    ) -> pd.DataFrame:
+        """The records of rows first..last-1; `on_progress` is called before each step of a row."""
+
+    def _check_steps(self) -> list[Diagnostic]:
         """Diagnostics about the lengths of the steps."""
         if not self.shortest <= self.step <= self.longest:
             text = (
@@ -80,7 +98,7 @@ class FollowsFixedPoints(RunKind):
                 wrong.append(Diagnostic(("run", "fix", index), text))
         try:
             refusal = derivative_refusal(method, model)
-        except ValueError:  # the check of the method says so
+        except ValueError:  # which the check of the method reports
             return wrong
         if refusal is not None:
             text = f"is {method}, with which a return map has no derivative: {refusal}"
@@ -109,20 +127,82 @@ class FollowsFixedPoints(RunKind):
         following = rows.following(*(each.parameter for each in self.movements))
         mapping = BatchedReturnMap(rows.model, tuple(following.items()), spec.numerics, spec.engine)
         values = {name: each for name, each in parameters.items() if name not in following}
-        return mapping, {**values, **self.first_values()}, starts
+        return mapping, values, starts
+
+    def steps(self, on_step: Callable[[], None]) -> ArclengthSteps:
+        """The lengths of the steps, before each of which `on_step` is called."""
+        return ArclengthSteps(self.step, self.longest, self.shortest, self.most, on_step)
+
+    def cost_of_points(
+        self, rows: Design, cycle: float, points: float, most: float, cycles_of_point: float
+    ) -> Cost:
+        """The cost of a row with likely `points`, and at most `most`.
+
+        Args:
+            rows: the job's rows.
+            cycle: attempts in a cycle.
+            points: the likely number of points without a limit.
+            most: the limit.
+            cycles_of_point: cycles of a point, for each number of the map's state and one more.
+        """
+        points, each = min(points, most), cycles_of_point * (_unknowns(rows) + 1)
+        likely, longest = ((self.settle + count * each) * cycle for count in (points, most))
+        return Cost(likely, longest, max(points, 1.0))
+
+    def records(
+        self,
+        rows: Design,
+        first: int,
+        mapping: BatchedReturnMap,
+        values: Values,
+        table: pd.DataFrame,
+        found: Bool[np.ndarray, " records"],
+        sound: Bool[np.ndarray, " records"],
+        renamed: Mapping[str, str],
+    ) -> pd.DataFrame:
+        """The records of a block, from the branches of its rows.
+
+        Args:
+            rows: the job's rows.
+            first: the first row of the block.
+            mapping: the return map.
+            values: parameters of the block's rows (n,), by name.
+            table: the branches; its `row` counts from 0.
+            found: mask of the records that have a point.
+            sound: mask of the records of rows with the status `complete`.
+            renamed: new names of columns, besides those of observables.
+        """
+        model, row = rows.model, table["row"].to_numpy(np.int64)
+        codes = np.full(len(table), -1)
+        if found.any():
+            moving = {each.parameter for each in self.movements}
+            at = {name: each[row[found]] for name, each in values.items() if name not in moving}
+            at |= {name: table.loc[found, name].to_numpy(float) for name in moving}
+            seen = {q.name: table.loc[found, q.name].to_numpy(float) for q in model.observables}
+            codes[found] = _gait_numbers(mapping, at, seen, int(found.sum()))
+        status = np.where(sound, Status.complete.name, Status.no_fixed_point.name)
+        table = table.rename(columns={**renamed, **{q.name: f"{q.name}_n" for q in model.observables}})
+        table = table.assign(
+            row=row + first,
+            gait=gaits(model, codes),
+            status=pd.Categorical(status, categories=STATUSES),
+            **rows.at(row + first, rows.names),
+        )
+        table = table.reindex(columns=table_columns(rows, self))
+        texts = {name: table[name].astype(object).fillna("") for name in ("special", "end")}
+        return table.assign(**{name: pd.Categorical(text) for name, text in texts.items()})
 
 
-def gait_numbers(
+def _gait_numbers(
     mapping: BatchedReturnMap, values: Values, observed: Mapping[str, Any], n: int
 ) -> Int[np.ndarray, " points"]:
     """The code of the gait of each of n fixed points, (n,), from parameters and observables (n,)."""
     model = mapping.model
     label = jax.jit(jax.vmap(lambda v, o: model.label(mapping.params(v), o)["gait"]))
-    seen = {q.name: np.asarray(observed[q.name], float) for q in model.observables}
-    return gait_codes(np.asarray(label(mapping.complete(values, n), seen)))
+    return gait_codes(np.asarray(label(mapping.complete(values, n), dict(observed))))
 
 
-def unknowns(rows: Design) -> int:
+def _unknowns(rows: Design) -> int:
     """The number of coordinates of the rows' return map."""
     chart = rows.model.chart()
     if chart is not None:

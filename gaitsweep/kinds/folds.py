@@ -5,27 +5,23 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Int
 from pydantic import Field
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.fold_curves import fold_curves
 from gaitsweep.analysis.continuation.newton import NewtonOutcome
-from gaitsweep.contract import Model, Status
+from gaitsweep.contract import Model
 from gaitsweep.design import Design
-from gaitsweep.engine.poincare.maps import Values
-from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.expression import ExpressionError
-from gaitsweep.kinds.columns import STATUSES, Column, gaits, observed
-from gaitsweep.kinds.fixed_points import FollowsFixedPoints, gait_numbers, unknowns
-from gaitsweep.kinds.run_kind import BlockProgress, Cost, Movement, path_values, table_columns
+from gaitsweep.kinds.columns import Column, observed
+from gaitsweep.kinds.fixed_points import FollowsFixedPoints
+from gaitsweep.kinds.run_kind import BlockProgress, Cost
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.numbers import Count, Positive, Real, Text
 
@@ -62,19 +58,6 @@ class Folds(FollowsFixedPoints):
         default=100, description="largest number of points of a curve in each of its two directions"
     )
 
-    @property
-    def movements(self) -> tuple[Movement, ...]:
-        return tuple(
-            Movement(
-                name, tuple(self.within.get(name, ())), ("run", "parameters", k), ("run", "within", name)
-            )
-            for k, name in enumerate(self.parameters)
-        )
-
-    def places(self) -> Iterator[Mapping[str, float]]:
-        along = [list(path_values(self.within[name])) for name in self.parameters]
-        yield from (dict(zip(self.parameters, at, strict=True)) for at in itertools.product(*along))
-
     def columns(self, model: Model) -> list[Column]:
         return [
             Column("point"),
@@ -88,11 +71,10 @@ class Folds(FollowsFixedPoints):
             *map(Column, ("special", "corrections", "end", "status")),
         ]
 
-    def check(self, rows: Design, method: str) -> list[Diagnostic]:
-        wrong = [*self._check_ranges()]
-        return wrong or [*self._check_starts(rows), *super().check(rows, method)]
+    def check_ranges(self, rows: Design) -> list[Diagnostic]:
+        return [*self._check_within()] or [*self._check_starts(rows)]
 
-    def _check_ranges(self) -> Iterator[Diagnostic]:
+    def _check_within(self) -> Iterator[Diagnostic]:
         first, second = self.parameters
         if first == second:
             text = f"is {second}, like the first; a curve of folds needs two different parameters."
@@ -115,7 +97,7 @@ class Folds(FollowsFixedPoints):
         """Diagnostics for rows that begin outside the ranges."""
         try:
             parameters, _ = rows.values_in(np.arange(rows.n_rows))
-        except (ExpressionError, JobError):  # the checks of formulas say so
+        except (ExpressionError, JobError):  # which the checks of formulas report
             return
         for name in self.parameters:
             low, high = self.within[name]
@@ -130,14 +112,8 @@ class Folds(FollowsFixedPoints):
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         """A row's curve likely crosses its ranges once, with at most `most` points in each direction."""
-        points = min(
-            POINTS_SHARE * (1.0 / self.longest + math.log2(self.longest / self.step)), 2.0 * self.most
-        )
-        likely, most = (
-            (self.settle + count * DERIVATIVES_A_POINT * (unknowns(rows) + 1)) * cycle
-            for count in (points, 2.0 * self.most)
-        )
-        return Cost(likely, most, max(points, 1.0))
+        points = POINTS_SHARE * (1.0 / self.longest + math.log2(self.longest / self.step))
+        return self.cost_of_points(rows, cycle, points, 2.0 * self.most, DERIVATIVES_A_POINT)
 
     def block_table(
         self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
@@ -147,7 +123,7 @@ class Folds(FollowsFixedPoints):
         points, _ = mapping.settled(starts, values, self.settle)
         curves = []
         for row in range(last - first):
-            mine = {name: np.broadcast_to(each, (last - first,))[[row]] for name, each in values.items()}
+            mine = {name: each[[row]] for name, each in values.items()}
             counted = itertools.count(1)
 
             def on_step(row: int = row, counted: Iterator[int] = counted) -> None:
@@ -161,40 +137,18 @@ class Folds(FollowsFixedPoints):
                 within=self.within,
                 begin={name: mine[name] for name in self.parameters},
                 fix=self.fix,
-                steps=ArclengthSteps(self.step, self.longest, self.shortest, self.most, on_step),
+                steps=self.steps(on_step),
             )
             curves.append(curve.assign(row=row))
         table = pd.concat(curves, ignore_index=True)
-        row = table["row"].to_numpy(np.int64)
-        table["gait"] = gaits(rows.model, self._gaits(mapping, values, table, last - first))
-        without = table["special"].isna() if "special" in table else np.ones(len(table), bool)
-        table.loc[without, self.parameters] = np.nan  # there they are where the row begins
-        axes = {name: each[row] for name, each in rows.columns(first, last).items()}
+        found = table["special"].notna().to_numpy() if "special" in table else np.zeros(len(table), bool)
+        failed = table["end"].isin([outcome.name for outcome in NewtonOutcome]).to_numpy(bool)
         renamed = {name: f"{name}_fold" for name in self.parameters}
-        renamed |= {q.name: f"{q.name}_n" for q in rows.model.observables}
-        failed = table["end"].isin([outcome.name for outcome in NewtonOutcome])
-        status = np.where(failed, Status.no_fixed_point.name, Status.complete.name)
-        table = table.rename(columns=renamed).assign(row=row + first, **axes)
-        table["status"] = pd.Categorical(status, categories=STATUSES)
-        table = table.reindex(columns=table_columns(rows, self))
-        for name in ("special", "end"):
-            table[name] = pd.Categorical(table[name].astype(object).fillna(""))
+        table = self.records(rows, first, mapping, values, table, found, ~failed, renamed)
+        # without a fold, the parameters are those at which the row begins
+        table.loc[~found, list(renamed.values())] = np.nan
         whole = ("unstable", "side", "corrections")
         return table.assign(**{name: table[name].astype(float).fillna(0).astype(np.int64) for name in whole})
-
-    def _gaits(
-        self, mapping: BatchedReturnMap, values: Values, table: pd.DataFrame, n: int
-    ) -> Int[np.ndarray, " records"]:
-        """The number of the gait of each record, -1 where there is no fold."""
-        codes = np.full(len(table), -1)
-        found = table["special"].notna().to_numpy() if "special" in table else codes >= 0
-        if found.any():
-            row = table["row"].to_numpy(np.int64)[found]
-            there = {name: np.broadcast_to(each, (n,))[row] for name, each in values.items()}
-            there |= {name: table.loc[found, name].to_numpy(float) for name in self.parameters}
-            seen = {q.name: table.loc[found, q.name].to_numpy(float) for q in mapping.model.observables}
-            codes[found] = gait_numbers(mapping, there, seen, int(found.sum()))
-        return codes
 
 
 def _fold_column(model: Model, name: str) -> Column:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import ClassVar, Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -19,6 +19,8 @@ from gaitsweep.schema.numbers import Flag, NotNegative, Positive, Real, Text
 
 class Ramp(RunKind):
     """Move one parameter slowly along a path and record every section crossing."""
+
+    idle_without: ClassVar = {"gaits": ("gaits",)}
 
     kind: Literal["ramp"] = Field(
         init=False, description="ramp: move a parameter slowly and record every section crossing"
@@ -48,10 +50,6 @@ class Ramp(RunKind):
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         crossings = self.schedule().duration / period
         return Cost(crossings * cycle, crossings * cycle, max(crossings, 1.0))
-
-    def hashed(self, fields: dict[str, Any]) -> dict[str, Any]:
-        # a ramp without gaits is the one that it was before there were any
-        return {name: value for name, value in fields.items() if name != "gaits" or value}
 
 
 def moving_columns(parameter: str, schedule: RampSchedule, repeats: bool) -> list[Column]:

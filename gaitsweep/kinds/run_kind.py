@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import abc
 import dataclasses
 import inspect
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 from pydantic import ValidationError
 
 from gaitsweep.contract import Model
@@ -61,12 +62,12 @@ class Cost:
     records: float = 1.0
 
 
-class RunKind(StrictModel):
+class RunKind(StrictModel, abc.ABC):
     """The task of each row of a job.
 
     A kind has a field `kind: Literal["its_name"]` and defines `recorder`, `columns` and `cost`. A kind that
-    moves a parameter has the fields `parameter` and `path`, and defines `schedule`. A kind that does not use
-    the sweep engine sets `own_blocks` and defines `block_table`.
+    moves a parameter has the fields `parameter` and `path`; one that moves several has `parameters` and their
+    ranges `within`. What else a kind may have is in `Scheduled`, `Checked`, `Refinable` and `MakesTables`.
 
     In Python it is created without `kind`, as in `Settle(max_cycles=150)`; NumPy arrays and numbers are
     accepted.
@@ -76,13 +77,13 @@ class RunKind(StrictModel):
     """
 
     # how the self-check compares a sample of rows with the same rows at finer steps: by their fixed point
-    # where they settle, by where they end, by their first crossings, or by `starting_points`
-    compared: ClassVar[Literal["settled", "ends", "crossings", "starting_points"]] = "crossings"
-    # whether the first record of a row is its starting point
-    stores_starting_points: ClassVar[bool] = False
+    # where they settle, by where they end, or by their first crossings
+    compared: ClassVar[Literal["settled", "ends", "crossings"]] = "crossings"
     one_a_row: ClassVar[bool] = False  # whether the table has one record for each row
-    own_blocks: ClassVar[bool] = False  # whether `block_table` makes the table, not the sweep engine
     figures: ClassVar[tuple[str, ...]] = ()  # kinds of figures that it feeds, beside those that name it
+    # the fields that decide nothing while the field of their key is not set, so that older results, from
+    # before there were such fields, keep their hashes
+    idle_without: ClassVar[Mapping[str, tuple[str, ...]]] = {}
 
     def __init__(self, **fields: Any) -> None:
         kind = self.kind_name
@@ -125,33 +126,43 @@ class RunKind(StrictModel):
 
     @property
     def movements(self) -> tuple[Movement, ...]:
-        """The parameters that move; one if the kind has a field `parameter`."""
-        if self.moved is None:
-            return ()
-        return (Movement(self.moved, self.turns, ("run", "parameter"), ("run", "path")),)
+        """The parameters that move: that of the field `parameter`, or those of `parameters`."""
+        if self.moved is not None:
+            return (Movement(self.moved, self.turns, ("run", "parameter"), ("run", "path")),)
+        within: Mapping[str, Sequence[float]] = getattr(self, "within", {})
+        return tuple(
+            Movement(name, tuple(within.get(name, ())), ("run", "parameters", k), ("run", "within", name))
+            for k, name in enumerate(getattr(self, "parameters", ()))
+        )
 
     def places(self) -> Iterator[Mapping[str, float]]:
         """Values of the moving parameters at which the length of steps is chosen."""
-        if self.moved is None:
-            yield {}
-        else:
-            yield from ({self.moved: value} for value in self.values_between())
+        names = [movement.parameter for movement in self.movements]
+        along = [path_values(movement.values) for movement in self.movements]
+        return (dict(zip(names, at, strict=True)) for at in itertools.product(*along))
 
-    def values_between(self) -> Iterator[float]:
-        """Values of the moving parameter: those of its path, and three in each pass."""
-        return path_values(self.turns)
-
+    @abc.abstractmethod
     def recorder(self, model: Model) -> Recorder:
         """Recorder of each trajectory, which also decides when the trajectory ends."""
-        raise NotImplementedError
 
-    def schedule(self) -> Schedule | None:
-        """Schedule of the moving parameter, or None."""
-        return None
-
+    @abc.abstractmethod
     def columns(self, model: Model) -> list[Column]:
         """The columns of the table after `row` and the axes, in order."""
-        raise NotImplementedError
+
+    @abc.abstractmethod
+    def cost(self, rows: Design, cycle: float, period: float) -> Cost:
+        """Estimated attempts and records of a row.
+
+        Args:
+            rows: the job's rows.
+            cycle: attempts in a cycle.
+            period: length of a cycle, s.
+        """
+
+    def hashed(self, fields: Mapping[str, Any]) -> dict[str, Any]:
+        """The fields that decide the numbers of the table."""
+        idle = {name for key, names in self.idle_without.items() if not getattr(self, key) for name in names}
+        return {name: value for name, value in fields.items() if name not in idle}
 
     def all_columns(self, model: Model) -> list[Column]:
         """The columns, and those of the recorder's numbers that have a quantity."""
@@ -177,17 +188,18 @@ class RunKind(StrictModel):
         found |= {column.name: column.of(records) for column in self.all_columns(model)}
         return pd.DataFrame(found)
 
-    def block_table(
-        self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
-    ) -> pd.DataFrame:
-        """The records of rows first..last-1 if `own_blocks`; `on_progress` is called repeatedly meanwhile."""
-        raise NotImplementedError
 
-    def starting_points(
-        self, rows: Design, spec: SweepSpec, sample: Int[np.ndarray, " sampled"], share: float
-    ) -> tuple[StartingPoints, StartingPoints]:
-        """Starts of sampled rows (n,), at their own step and a fraction of it, for the self-check."""
-        raise NotImplementedError
+@runtime_checkable
+class Scheduled(Protocol):
+    """A run kind that moves a parameter while a row runs."""
+
+    def schedule(self) -> Schedule | None:
+        """Schedule of the moving parameter, or None if these fields move none."""
+
+
+@runtime_checkable
+class Checked(Protocol):
+    """A run kind with checks beyond those of its fields' types."""
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
         """Diagnostics of the fields, by themselves and for these rows.
@@ -196,25 +208,31 @@ class RunKind(StrictModel):
             rows: the job's rows.
             method: the integration method that the job uses.
         """
-        return []
+        ...
+
+
+@runtime_checkable
+class Refinable(Protocol):
+    """A run kind that may simulate only the rows at the boundaries between gaits."""
 
     def refined(self, rows: Design) -> Grid | None:
         """Refinement of the boundaries between gaits, or None if all rows are simulated."""
-        return None
 
-    def cost(self, rows: Design, cycle: float, period: float) -> Cost:
-        """Estimated attempts and records of a row.
 
-        Args:
-            rows: the job's rows.
-            cycle: attempts in a cycle.
-            period: length of a cycle, s.
-        """
-        raise NotImplementedError
+@runtime_checkable
+class MakesTables(Protocol):
+    """A run kind that makes its table without the sweep engine."""
 
-    def hashed(self, fields: dict[str, Any]) -> dict[str, Any]:
-        """The fields that decide the numbers of the table."""
-        return fields
+    def block_table(
+        self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
+    ) -> pd.DataFrame:
+        """The records of rows first..last-1; `on_progress` is called repeatedly meanwhile."""
+        ...
+
+
+def refinement(run: RunKind, rows: Design) -> Grid | None:
+    """The refinement of a run's boundaries between gaits, or None if all rows are simulated."""
+    return run.refined(rows) if isinstance(run, Refinable) else None
 
 
 def path_values(path: Sequence[float]) -> Iterator[float]:
@@ -222,14 +240,6 @@ def path_values(path: Sequence[float]) -> Iterator[float]:
     yield path[0]
     for a, b in itertools.pairwise(path):
         yield from (a + (b - a) * share for share in (0.25, 0.5, 0.75, 1.0))
-
-
-@dataclasses.dataclass(frozen=True)
-class StartingPoints:
-    """Whether each row has a starting point (n,), and the observables there (n, k)."""
-
-    found: Bool[np.ndarray, " sampled"]
-    observed: Float[np.ndarray, "sampled observables"]
 
 
 def table_columns(rows: Design, run: RunKind) -> list[str]:

@@ -28,9 +28,8 @@ from gaitsweep.schema.numbers import (
 )
 
 MOST_COARSE = 1024  # cells a side
-# Of the cycles that a settling row may take, the share that one takes on the whole; the chain's own is 0.37.
+# Mean share of the allowed cycles that a settling row takes; a chain of three modules takes 0.37.
 LIKELY_SHARE = 0.4
-_REFINING = ("refine", "over", "coarse")  # fields that say which rows are simulated
 
 
 def _power_of_two(value: Any) -> int:
@@ -46,6 +45,8 @@ class Settle(RunKind):
 
     compared: ClassVar = "settled"
     one_a_row: ClassVar[bool] = True
+    # without refinement every row runs, whatever the other two fields are
+    idle_without: ClassVar = {"refine": ("refine", "over", "coarse")}
 
     kind: Literal["settle"] = Field(
         init=False,
@@ -139,10 +140,6 @@ class Settle(RunKind):
         if self.max_time is not None:
             cycles = min(cycles, self.max_time / period)
         return Cost(LIKELY_SHARE * cycles * cycle, cycles * cycle)
-
-    def hashed(self, fields: dict[str, Any]) -> dict[str, Any]:
-        # a run of every row is the same one whatever a refined one would do
-        return {k: v for k, v in fields.items() if self.refine is not None or k not in _REFINING}
 
 
 def check_tolerance(tolerance: float | Mapping[str, float], model: Model) -> list[Diagnostic]:

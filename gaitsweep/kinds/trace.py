@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -22,6 +22,8 @@ _MOVING = ("parameter", "path", "rate", "initial_dwell")  # fields that say how 
 
 class Trace(RunKind):
     """Record the signals of each row at equal intervals of time; a parameter may move meanwhile."""
+
+    idle_without: ClassVar = {"parameter": _MOVING}
 
     kind: Literal["trace"] = Field(init=False, description="trace: record a time series of each row")
     duration: Positive = Field(description="length of the recording, in s")
@@ -83,6 +85,3 @@ class Trace(RunKind):
         samples = self.recorder(rows.model).samples
         attempts = (self.after_cycles + self.duration / period) * cycle + samples
         return Cost(attempts, attempts, float(samples))
-
-    def hashed(self, fields: dict[str, Any]) -> dict[str, Any]:
-        return {k: v for k, v in fields.items() if self.parameter is not None or k not in _MOVING}

@@ -21,7 +21,7 @@ from gaitsweep.engine.sweep.lane import ChunkOutput
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.job import Job
-from gaitsweep.kinds.run_kind import table_columns
+from gaitsweep.kinds.run_kind import MakesTables, refinement, table_columns
 from gaitsweep.runs.prepare import RunContext, nominal_period, prepare
 from gaitsweep.table.parts import part_bytes
 
@@ -71,9 +71,8 @@ def estimate(job: Job) -> Estimate:
     cost = job.run.cost(context.design, pace.attempts / pace.crossings, 1.0 / pace.crossings)
     slots = pace.at_a_time
     # the last rows of a sweep leave lanes idle, so a sweep takes a whole number of its rows' rounds at least
-    simulated = (
-        math.ceil(REFINED_SHARE * spec.n_rows) if job.run.refined(context.design) is not None else spec.n_rows
-    )
+    share = 1.0 if refinement(job.run, context.design) is None else REFINED_SHARE
+    simulated = math.ceil(share * spec.n_rows)
     rounds, rounds_most = (max(rows / slots, 1.0) for rows in (simulated, spec.n_rows))
     columns = table_columns(context.design, job.run)
     a_record = _bytes_of_record(context.design, job)
@@ -174,7 +173,7 @@ def _host_s(context: RunContext, pool: LaneScheduler) -> float:
 
     It is 0 for a kind that makes its own table, where this work is part of the steps.
     """
-    if context.job.run.own_blocks:
+    if isinstance(context.job.run, MakesTables):
         return 0.0
     group, block = pool.groups[0], next(iter(pool.open.values()))
     block.ends.status[:] = Status.settled

@@ -20,6 +20,7 @@ from gaitsweep.engine.sweep.sweep import Timings
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
 from gaitsweep.job.checks import remarks_on_rows
+from gaitsweep.kinds.run_kind import refinement
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.executor import Executor, ThisProcess
 from gaitsweep.runs.makers import continue_directory
@@ -228,7 +229,7 @@ def _run_missing(
     on_wait()
     try:
         with executor.serve(context, directory, on_wait):
-            if (grid := context.job.run.refined(context.design)) is not None:
+            if (grid := refinement(context.job.run, context.design)) is not None:
                 refine(context, grid, directory, on_progress, timings, executor)
             else:
                 stored = _Open(directory, spent_so_far)

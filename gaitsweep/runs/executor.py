@@ -5,13 +5,14 @@ from __future__ import annotations
 import abc
 import contextlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
 
 import pandas as pd
 
 from gaitsweep.engine.sweep.sweep import OpenRows, Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.kinds.run_kind import MakesTables
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.table import ResultDirectory
 
@@ -42,7 +43,7 @@ def compute_blocks(
     """
     spec, kind = context.spec, context.job.run
     timings = Timings() if timings is None else timings
-    if not kind.own_blocks:
+    if not isinstance(kind, MakesTables):
         sweep(
             spec,
             blocks,
@@ -66,6 +67,20 @@ def compute_blocks(
         write(number, encode(number, kind.block_table(context.design, spec, first, last, report)))
         done += last - first
         report()
+
+
+def write_blocks(directory: ResultDirectory, blocks: Iterable[tuple[int, pd.DataFrame]]) -> None:
+    """Write each block of a source, with the counts of rows and the time spent so far.
+
+    Args:
+        directory: the result directory.
+        blocks: the numbers and the records of blocks; the source continues once a block is on disk.
+    """
+    spent, began = directory.manifest.get("timings", {}).get("run_s", 0.0), time.perf_counter()
+    for number, frame in blocks:
+        directory.write_part(number, frame)
+        seconds = spent + time.perf_counter() - began
+        directory.update_manifest(timings={"run_s": seconds}, counts=directory.counts(), complete=False)
 
 
 class Executor(abc.ABC):

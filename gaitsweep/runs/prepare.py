@@ -18,20 +18,22 @@ import pandas as pd
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.kernel.columns import over_rows
+from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
+from gaitsweep.engine.sweep.lane import Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.errors import UserError
 from gaitsweep.expression import functions_of, resolve
 from gaitsweep.job import Job
-from gaitsweep.job.step_lengths import RowSteps, row_steps, values_with_right_steps
-from gaitsweep.kinds.run_kind import Schedule
+from gaitsweep.job.step_lengths import RowSteps, refuse_long_steps, row_steps
+from gaitsweep.kinds.run_kind import RunKind, Schedule, Scheduled
 from gaitsweep.models.own_modules import modules_beside
 from gaitsweep.models.traced_program import traced_program
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.table import WriteError, reason
 
-# Rows in which a nominal period is looked for.
+# Number of rows of which the nominal period is computed.
 _LOOKED_AT = 4
 
 
@@ -94,7 +96,8 @@ def prepare(job: Job) -> RunContext:
         raise RunError(str(error)) from error
     rows = job.design
     numerics = job.integration
-    recorder, schedule, moved = job.run.recorder(rows.model), job.run.schedule(), job.run.moved
+    recorder, moved = job.run.recorder(rows.model), job.run.moved
+    schedule = job.run.schedule() if isinstance(job.run, Scheduled) else None
     drive = None if schedule is None or moved is None else Drive(rows, moved, schedule)
     try:
         engine, note = choose(job.engine.name, devices[0], rows.model, recorder, numerics, drive)
@@ -111,7 +114,7 @@ def prepare(job: Job) -> RunContext:
         block=job.block,
         lanes=lanes,
         devices=devices,
-        values=values_with_right_steps(rows, job.run, numerics, steps),
+        values=row_values(rows, job.run, numerics, steps),
         drive=drive,
         engine=engine,
     )
@@ -122,6 +125,29 @@ def prepare(job: Job) -> RunContext:
     if digest := rows.model.data_digest:
         job_hash = hashlib.sha256((job_hash + digest).encode()).hexdigest()
     return RunContext(job, rows, spec, note, job_hash, steps)
+
+
+def row_values(
+    design: Design,
+    run: RunKind,
+    numerics: ResolvedNumerics,
+    steps: RowSteps,
+    rows_in: Callable[[int, int], np.ndarray] | None = None,
+) -> Callable[[int, int], tuple[Values, Values]]:
+    """Function `(first, last) -> (parameters, starts)` of rows first..last-1 of a run.
+
+    It checks the rows' steps if only some of them were checked when the job was read. `rows_in(first, last)`
+    gives the rows of the job (last - first,) if only some of them are simulated.
+    """
+    unchecked = numerics.dt is not None and steps.sampled and not design.model.host_parameters
+
+    def values(first: int, last: int) -> tuple[Values, Values]:
+        rows = np.arange(first, last, dtype=np.int64) if rows_in is None else rows_in(first, last)
+        if unchecked:
+            refuse_long_steps(design, run, numerics, rows)
+        return design.values_in(rows)
+
+    return values
 
 
 def nominal_period(design: Design) -> float:

@@ -32,7 +32,7 @@ def version_of(package: str) -> str:
 
 @functools.cache
 def machine() -> str:
-    """System, processor and number of cores of the machine that runs the rows or hands them out."""
+    """System, processor and number of cores of the machine that runs the rows or dispatches them."""
     processor = platform.processor() or platform.machine()
     try:  # Linux, whose own name of the processor says only x86_64
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()

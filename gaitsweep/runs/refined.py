@@ -19,11 +19,10 @@ from gaitsweep.contract import Status, names_gait
 from gaitsweep.engine.sweep.refine import ALONE, UNKNOWN, Grid, inferred, wanted
 from gaitsweep.engine.sweep.sweep import Timings
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
-from gaitsweep.job.step_lengths import values_with_right_steps
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.executor import Executor
-from gaitsweep.runs.prepare import RunContext
-from gaitsweep.runs.progress import Progress as Progress
+from gaitsweep.runs.prepare import RunContext, row_values
+from gaitsweep.runs.progress import Progress
 from gaitsweep.table import ResultDirectory, load
 
 FOLDER = "refinement"
@@ -31,8 +30,7 @@ FOLDER = "refinement"
 
 def some_rows(context: RunContext, n_rows: int, rows_in: Callable[[int, int], np.ndarray]) -> RunContext:
     """Return the context of a run in which only `n_rows` rows are simulated, those of `rows_in`."""
-    numerics, steps = context.spec.numerics, context.steps
-    values = values_with_right_steps(context.design, context.job.run, numerics, steps, rows_in)
+    values = row_values(context.design, context.job.run, context.spec.numerics, context.steps, rows_in)
     spec = dataclasses.replace(context.spec, n_rows=n_rows, values=values)
     return dataclasses.replace(context, spec=spec, rows_in=rows_in)
 

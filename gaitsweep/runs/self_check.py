@@ -33,7 +33,7 @@ from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.errors import UserError
 from gaitsweep.kinds.columns import gaits
-from gaitsweep.kinds.run_kind import StartingPoints
+from gaitsweep.kinds.fixed_points import FollowsFixedPoints, StartingPoints
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.prepare import RunContext, nominal_period
 from gaitsweep.runs.self_check_report import HALF_THE_STEP, TOLERANCES
@@ -93,7 +93,7 @@ class SelfCheck:
     def take_largest(self, quantities: tuple[Quantity, ...], change: np.ndarray, size: np.ndarray) -> None:
         """Update the largest changes from changes (n, quantities), where known; `size` has the same shape."""
         size = np.broadcast_to(size, change.shape)
-        # what did not change is no change of any size, also of none: an interval of crossings at one instant
+        # an unchanged value has the share 0 also where the size is 0, as of crossings at one instant
         share = np.divide(change, size, out=np.where(change > 0.0, np.inf, 0.0), where=size > 0.0)
         share[np.isnan(size)] = 0.0
         for i, quantity in enumerate(quantities):
@@ -230,8 +230,8 @@ def self_check(
     check.finer = f"{FINER:.2g} of the step"
     if context.spec.numerics.adaptive:
         check.finer = f"tolerances {1.0 / tolerance_scale(FINER):.0f} times finer"
-    if compared == "starting_points":
-        return check, _compare_starting_points(context, rows, check)
+    if isinstance(context.job.run, FollowsFixedPoints):
+        return check, _compare_starting_points(context, context.job.run, rows, check)
     again = None
     if compared in ("settled", "ends"):
         again, resting = _compare_ends(context, rows, check, on_progress)
@@ -258,9 +258,11 @@ def compare_stored(
         stored: returns the stored records of rows (n,).
         on_progress: progress callback.
     """
+    run = context.job.run
     if isinstance(again.result, StartingPoints):
-        differs = _other_beginnings(context, again.result, again.rows, stored(again.rows))
-    elif context.job.run.one_a_row:
+        assert isinstance(run, FollowsFixedPoints)
+        differs = _other_beginnings(context.model, run, again.result, again.rows, stored(again.rows))
+    elif run.one_a_row:
         differs = _other_ends(context, again, stored(again.rows), on_progress)
     else:
         recorder = _beginning(context)
@@ -272,14 +274,13 @@ def compare_stored(
 
 
 def _other_beginnings(
-    context: RunContext, once: StartingPoints, rows: np.ndarray, stored: pd.DataFrame
+    model: Model, run: FollowsFixedPoints, once: StartingPoints, rows: np.ndarray, stored: pd.DataFrame
 ) -> np.ndarray:
     """Return a mask of the rows (n,) whose branches begin at another fixed point, or at none."""
-    model = context.model
     first = stored.drop_duplicates("row").set_index("row").reindex(rows)
     sound = (first["status"] == Status.complete.name).to_numpy(bool)
     differs = sound != once.found
-    if context.job.run.stores_starting_points and once.found.any():
+    if run.stores_starting_points and once.found.any():
         before = first[[f"{q.name}_n" for q in model.observables]].to_numpy(float)
         size = sizes(model.observables, once.observed[once.found])
         off = changes(model, once.observed, before) > ROUNDING * size
@@ -459,9 +460,11 @@ def _with_starts(context: RunContext, rows: np.ndarray, ends: np.ndarray) -> np.
     return np.concatenate([over_rows(observed)(model.on_host(values), starts), ends])
 
 
-def _compare_starting_points(context: RunContext, rows: np.ndarray, check: SelfCheck) -> Again:
+def _compare_starting_points(
+    context: RunContext, run: FollowsFixedPoints, rows: np.ndarray, check: SelfCheck
+) -> Again:
     model, spec = context.model, context.spec
-    once, finer = context.job.run.starting_points(context.design, spec, rows, FINER)
+    once, finer = run.starting_points(context.design, spec, rows, FINER)
     both = once.found & finer.found
     check.status_differs = int(np.sum(once.found != finer.found))
     change = changes(model, once.observed, finer.observed)

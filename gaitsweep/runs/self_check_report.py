@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-# What is made finer where the steps of a return map are halved.
+# The finer steps in manifests of older versions, which halved the step.
 HALF_THE_STEP = "half the step"
 # A settled row may move by this many times the tolerance of settling.
 TOLERANCES = 10.0

@@ -22,8 +22,8 @@ from gaitsweep.models.own_modules import folder_of_class
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.table import ResultDirectory, load_parts
 
-# Fields of the manifest: rows whose label is no index of a gait, rows that begin beyond an event's surface,
-# rows whose nominal period is no time.
+# Fields of the manifest: rows whose label is not the index of a gait, rows that begin beyond an event's
+# surface, rows whose nominal period is not a positive time.
 MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD = "mislabelled", "starts_beyond", "without_period"
 # Rows whose starts are examined, at most and at a time.
 _MOST_STARTS = 100_000
@@ -116,8 +116,8 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
     sentences = []
     for name, about in (manifest.get(WITHOUT_PERIOD) or {}).items():
         sentences.append(
-            f"Warning: the model's function period gave {name} in {_rows(about)}, where it gives seconds "
-            "above 0: limits of time and of steps follow from it."
+            f"Warning: the model's function period gave {name} in {_rows(about)}, but must give "
+            "seconds above 0: limits of time and of steps follow from it."
         )
     for name, about in (manifest.get(STARTS_BEYOND) or {}).items():
         sentences.append(
@@ -127,8 +127,8 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
     for name, about in (manifest.get(MISLABELLED) or {}).items():
         label = name.removeprefix(UNKNOWN_GAIT).strip(" ()")
         sentences.append(
-            f"Warning: the model's function label gave gait {label} in {_rows(about)}, which is no index of "
-            f"its gaits; their gait is {name!r} in the table."
+            f"Warning: the model's function label gave gait {label} in {_rows(about)}, which is not an index "
+            f"of its gaits; their gait is {name!r} in the table."
         )
     return sentences
 

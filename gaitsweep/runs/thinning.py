@@ -1,4 +1,4 @@
-"""Even selection of the rows of a large table for its figures, which say so."""
+"""Even selection of the rows of a large table for its figures, which name the selection."""
 
 from __future__ import annotations
 

@@ -57,8 +57,8 @@ def trial(kind: type[Model]) -> Trial:
     manifest = table.attrs["manifest"]
     faults = [
         f"but its function label gives gait {name.removeprefix(UNKNOWN_GAIT).strip(' ()')}"
-        f"{written(values, about['row'])}, where it gives an index into its gaits: "
-        f"0 to {len(model.gaits) - 1}."
+        f"{written(values, about['row'])}, which is not an index of its gaits: "
+        f"allowed are 0 to {len(model.gaits) - 1}."
         for name, about in manifest.get(MISLABELLED, {}).items()
     ]
     if set(manifest["counts"]) == {Status.not_a_number.name}:

@@ -30,7 +30,7 @@ class Scope:
 
     fixed: Mapping[str, float] = field(default_factory=dict)
     moving: Mapping[str, str] = field(default_factory=dict)  # name -> "varies in this job"
-    known: bool = True  # False while the model is unknown: then names are let pass, another diagnostic stands
+    known: bool = True  # False while the model is unknown, which is reported: then all names are accepted
 
 
 SCOPE: ContextVar[Scope | None] = ContextVar("SCOPE", default=None)

@@ -22,7 +22,7 @@ from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.numbers import not_text
 from gaitsweep.shipped import job_folders, shipped_as
 
-# What PyYAML's own reader, in Python, takes a second for; libyaml, where PyYAML has it, reads what is longer.
+# Size that PyYAML's reader in Python parses in a second; longer files need libyaml, if PyYAML has it.
 _SHORT = 64 * 1024  # bytes
 _LARGEST = 2 * 1024 * 1024 if hasattr(yaml, "CSafeLoader") else 4 * _SHORT
 _MOST_NODES = 100_000  # values of a file, with all that its aliases stand for
@@ -126,7 +126,7 @@ class Document:
         return dataclasses.replace(diagnostic, file=self.file, line=place)
 
     def _place(self, path: diagnostics.Path) -> int | str | None:
-        # Where the file wrote a field and an override changed it inside, what is wrong is the override's.
+        # an error in a field of the file that an override changed inside is located at the override
         for inner in self.overridden:  # few, where `places` may be many
             if inner in self.places and len(inner) > len(path) > 1 and inner[: len(path)] == path:
                 return self.places[inner]

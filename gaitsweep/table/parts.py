@@ -80,7 +80,7 @@ def checked_part(
     job_hash: str,
     quantities: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> EncodedPart:
-    """Encode a block's records as `part_bytes` does, after a check that all its rows are there.
+    """Encode a block's records as `part_bytes` does, after a check that no row is missing.
 
     Args:
         frame, number, job_hash, quantities: as for `part_bytes`.

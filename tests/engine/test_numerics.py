@@ -24,8 +24,9 @@ from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.solver import METHODS
 from gaitsweep.engine.solver.runge_kutta import DIFFERENCE, STAGES
 from gaitsweep.job import Job, JobError
-from gaitsweep.job.step_lengths import row_steps, values_with_right_steps
+from gaitsweep.job.step_lengths import row_steps
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from gaitsweep.runs.prepare import row_values
 from tests.support.sweeping import run_rows, scalars
 from toy_model import Toy, bounce_times
 
@@ -210,9 +211,7 @@ def test_a_step_is_compared_as_rows_begin_where_only_some_sets_were_looked_at() 
     numerics = dataclasses.replace(job.integration, dt=27e-3)
 
     def values(*rows: int) -> np.ndarray:
-        given = values_with_right_steps(
-            job.design, job.run, numerics, steps, lambda a, b: np.array(rows)[a:b]
-        )
+        given = row_values(job.design, job.run, numerics, steps, lambda a, b: np.array(rows)[a:b])
         return given(0, len(rows))[0]["m_B"]
 
     assert values(1, 0).tolist() == [0.9, 0.9]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 import asyncio
 import contextlib
 import json
@@ -51,13 +52,14 @@ _SETTINGS = {
 }
 
 
-class Connection:
+class Connection(abc.ABC):
     """A connection to a scheduler, which may be lost and come back."""
 
     def __init__(self, where: str) -> None:
         """Keep the user's text `where`; `why` is the reason why the last try to connect failed."""
         self.where, self.why = where, ""
         self._client: Client | None = None
+        self._closing = contextlib.ExitStack()  # what `close` closes, the last first
 
     @property
     def client(self) -> Client:
@@ -70,16 +72,19 @@ class Connection:
     def alive(self) -> bool:
         return self._client is not None and self._client.status == "running"
 
+    @abc.abstractmethod
     def try_to_connect(self) -> bool:
         """Connect, or connect again; return False if the scheduler does not answer.
 
         Raises:
             RunError: the scheduler cannot be reached by another try either.
         """
-        raise NotImplementedError
 
     def close(self) -> None:
-        """Close the connection."""
+        """Close the connection, but not a client of the user's."""
+        self._closing.close()
+
+    def _disconnect(self) -> None:
         client, self._client = self._client, None
         if client is not None:
             with contextlib.suppress(Exception):  # it may be gone
@@ -106,10 +111,12 @@ class RemoteScheduler(Connection):
         from distributed import Client
         from distributed.utils import LoopRunner, sync
 
-        super().close()
+        self._disconnect()
         if self._loop is None:  # one for all tries: a client that does not connect leaves its own behind
             self._loop = LoopRunner()
             self._loop.start()
+            self._closing.callback(self._loop.stop)
+            self._closing.callback(self._disconnect)
         loop: Any = self._loop.loop
         try:
             address = self._address()
@@ -126,19 +133,13 @@ class RemoteScheduler(Connection):
             if "certificate" in self.why:  # it does not become another one
                 raise RunError(f"The scheduler {self.where} cannot be reached: {self.why}.") from error
             return False
-        except (RuntimeError, TypeError, ValueError) as error:  # such as settings of TLS that are not there
+        except (RuntimeError, TypeError, ValueError) as error:  # such as missing settings of TLS
             raise RunError(
                 f"The scheduler {self.where} cannot be reached: {str(error).rstrip('.')}."
             ) from error
         except ImportError as error:  # the versions of Dask do not fit together
             raise RunError(f"The scheduler {self.where} refuses this client: {error}.") from error
         return True
-
-    def close(self) -> None:
-        super().close()
-        loop, self._loop = self._loop, None
-        if loop is not None:
-            loop.stop()
 
     def _address(self) -> str:
         if "://" in self.where:
@@ -237,9 +238,6 @@ class GivenClient(Connection):
             raise RunError(f"The client of {self.where} is closed: make a new one, and run the job again.")
         return self.alive  # it connects again by itself
 
-    def close(self) -> None:
-        pass
-
 
 class LocalWorkers(Connection):
     """Workers on this machine, children of this process, with a scheduler that no other machine reaches.
@@ -252,8 +250,6 @@ class LocalWorkers(Connection):
     def __init__(self, count: int) -> None:
         super().__init__(f"local:{count}")
         self._count = count
-        self._cluster: SpecCluster | None = None
-        self._scratch: tempfile.TemporaryDirectory[str] | None = None
 
     def try_to_connect(self) -> bool:
         import dask.config
@@ -266,7 +262,8 @@ class LocalWorkers(Connection):
                 f"--cluster {self.where} needs the package cryptography, which is not installed: "
                 "pip install 'gaitsweep[cluster]'."
             ) from error
-        self._scratch = tempfile.TemporaryDirectory(prefix="gaitsweep-workers-")
+        scratch = tempfile.TemporaryDirectory(prefix="gaitsweep-workers-", ignore_cleanup_errors=True)
+        self._closing.callback(scratch.cleanup)
         options: dict[str, Any] = {
             "host": _LOOPBACK,
             "protocol": "tls://",
@@ -274,7 +271,7 @@ class LocalWorkers(Connection):
             "nthreads": max(1, usable_cores() // self._count),
             "memory_limit": 0,
             "dashboard_address": f"{_LOOPBACK}:0",
-            "local_directory": self._scratch.name,
+            "local_directory": scratch.name,
             # a heartbeat may meet the scheduler while it closes, at the end
             "silence_logs": logging.CRITICAL,
             "resources": _resources(),
@@ -295,7 +292,7 @@ class LocalWorkers(Connection):
         resource_tracker.ensure_running()
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            self._cluster = SpecCluster(
+            cluster = SpecCluster(
                 workers=workers,
                 scheduler={"cls": Scheduler, "options": {**scheduler, "port": 0, "allowed_failures": _NEVER}},
                 security=security,
@@ -306,18 +303,15 @@ class LocalWorkers(Connection):
             raise RunError(f"The workers of {self.where} do not start: {error}.") from error
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        self._client = Client(self._cluster, set_as_default=False, name="gaitsweep")
+        self._closing.callback(_close_quietly, cluster)
+        self._client = Client(cluster, set_as_default=False, name="gaitsweep")
+        self._closing.callback(self._disconnect)
         return True
 
-    def close(self) -> None:
-        super().close()
-        cluster, self._cluster = self._cluster, None
-        if cluster is not None:
-            with contextlib.suppress(Exception):
-                cluster.close(timeout=10)
-        if self._scratch is not None:
-            with contextlib.suppress(OSError):
-                self._scratch.cleanup()
+
+def _close_quietly(cluster: SpecCluster) -> None:
+    with contextlib.suppress(Exception):
+        cluster.close(timeout=10)
 
 
 def connection_to(where: str) -> Connection:

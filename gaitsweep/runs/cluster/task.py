@@ -31,7 +31,7 @@ from gaitsweep.table.part_writer import PartWriter
 
 MOST_DEATHS = 3  # of workers that began a block, after which it is given up
 _POLL = 0.2  # s between two checks whether the task is still wanted
-# A worker computes one block at a time, with all the cores that it offers, whatever Dask starts in it.
+# A worker computes one block at a time with all of its cores, however many tasks Dask starts in it.
 _ONE_BLOCK = threading.Lock()
 _log = logging.getLogger("distributed.worker.gaitsweep")
 

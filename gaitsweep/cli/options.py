@@ -1,0 +1,42 @@
+"""Arguments and options that several commands share, and their messages."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Directory = Annotated[Path, typer.Argument(metavar="DIR", help="Result directory.")]
+Out = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="Result directory; by default results/NAME.")
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Override a field of the job; may be repeated."),
+]
+ClusterAsForRun = Annotated[
+    str | None,
+    typer.Option("--cluster", metavar="WHERE", help="Dask workers that compute the rows, as for `run`."),
+]
+NewFolder = Annotated[
+    Path,
+    typer.Option(
+        "--to",
+        metavar="DIR",
+        help="Folder that will contain the folder NAME; by default the current one.",
+    ),
+]
+Trust = Annotated[
+    bool,
+    typer.Option(
+        "--trust",
+        help="Allow running the code of your own model from DIR, or from the folder named in DIR.",
+    ),
+]
+
+
+def print_message(sentence: str) -> None:
+    """Print a note or a warning on standard error."""
+    print(sentence, file=sys.stderr)
