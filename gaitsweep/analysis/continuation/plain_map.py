@@ -8,11 +8,11 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, Real
+from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from gaitsweep.contract import Quantity, State
-from gaitsweep.engine.poincare.maps import Map, Points, Values
+from gaitsweep.engine.poincare.maps import Coordinates, Image, Map, Points, Values
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 
 
@@ -28,7 +28,7 @@ class PlainMap(Map):
         invariants: (name, function `(values, at) -> number`) of each conserved quantity.
     """
 
-    function: Callable[[Mapping[str, Any], Float[Array, " coordinates"]], Float[Array, " coordinates"]]
+    function: Callable[[Mapping[str, Any], Coordinates], Coordinates]
     names: tuple[str, ...]
     defaults: tuple[tuple[str, float], ...] = ()
     angles: tuple[str, ...] = ()
@@ -46,19 +46,18 @@ class PlainMap(Map):
         """Points at these coordinates (n, size)."""
         return Points(np.asarray(at, np.float64), None)
 
-    def follow(
-        self, values: Values, at: Float[Array, " coordinates"], modes: State
-    ) -> tuple[Float[Array, " coordinates"], State, Int[Array, ""], dict[str, Real[Array, ""]]]:
+    def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
         image = self.function(values, at)
         sound = jnp.all(jnp.isfinite(image))
         status = jnp.where(sound, ReturnStatus.crossed, ReturnStatus.lost).astype(jnp.int32)
         return image, modes, status, {name: image[k] for k, name in enumerate(self.names)}
 
-    def conserved_values(
-        self, values: Values, at: Float[Array, " coordinates"]
-    ) -> Float[Array, " conserved"]:
+    def conserved_values(self, values: Values, at: Coordinates) -> Float[Array, " conserved"]:
         return jnp.stack([jnp.zeros(()), *(function(values, at) for _, function in self.invariants)])[1:]
 
     def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
         held = {**dict(self.defaults), **values}
         return {name: np.broadcast_to(np.asarray(v, np.float64), (n,)).copy() for name, v in held.items()}
+
+    def refined(self) -> None:
+        return None

@@ -90,25 +90,25 @@ class Map(abc.ABC):
         """The coordinates, in order; angles are marked circular."""
 
     @property
+    @abc.abstractmethod
     def conserved(self) -> tuple[Quantity, ...]:
         """The quantities that the map conserves."""
-        return ()
 
     @abc.abstractmethod
     def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
         """The image of one point, in JAX."""
 
+    @abc.abstractmethod
     def conserved_values(self, values: Values, at: Coordinates) -> Float[Array, " conserved"]:
         """The values (k,) of the `conserved` quantities at one point, in JAX."""
-        return jnp.zeros((len(self.conserved),))
 
     @abc.abstractmethod
     def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
         """All parameters that `follow` reads, (n,) each: the given values, then the defaults."""
 
+    @abc.abstractmethod
     def refined(self) -> Map | None:
         """The same map with a finer integration; None where it has no numerical error."""
-        return None
 
     @property
     def circular(self) -> Bool[np.ndarray, " coordinates"]:
