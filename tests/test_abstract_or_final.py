@@ -10,7 +10,7 @@ from tests.support import ROOT
 
 # Bases that users derive from: their optional members have defaults.
 BASES_OF_USERS = {
-    *("Model", "HybridModel", "FixedStepDynamics", "Chart"),
+    *("Model", "HybridModel", "SteppedModel", "Chart"),
     *("Declared", "DeclaredModel", "MjcfModel"),
 }
 # Variants of a paper's model, which replace what differs.
