@@ -32,6 +32,7 @@ from gaitsweep.engine.sweep.sweep import SAFE_WITHIN
 from gaitsweep.table import Snapshot, TableError
 
 ROOT = Path(__file__).resolve().parents[2]
+OWN_MODULES = str(ROOT), str(ROOT / "tests" / "support" / "models")
 SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 EXIT = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGKILL: -9}
 
@@ -129,7 +130,7 @@ class Run:
             [sys.executable, "-c", WORKER, str(job_file), "--out", str(out)],
             env={
                 **os.environ,
-                "PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "tests" / "support" / "models"))),
+                "PYTHONPATH": os.pathsep.join([*OWN_MODULES, os.environ.get("PYTHONPATH", "")]),
                 "JAX_PLATFORMS": "cpu",
             },
             text=True,

@@ -170,7 +170,7 @@ def by_command_line(count: int, seed: int, folder: Path) -> list[Answer]:
 
 def run_one(kind: str, mutant: Mutant, arguments: list[str], folder: Path) -> Answer:
     """The answer of one command: its exit code is 0, 1 or 2, and it prints no traceback."""
-    place = {**os.environ, "PYTHONPATH": str(ROOT)}
+    place = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
     command = [sys.executable, "-m", "gaitsweep", *arguments]
     with tempfile.TemporaryFile(dir=folder) as output:
         began = time.perf_counter()

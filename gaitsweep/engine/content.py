@@ -259,10 +259,14 @@ def _code(code: types.CodeType) -> tuple[bytes, tuple[str, ...]]:
 
 @functools.lru_cache(maxsize=4096)
 def _in_packages(file: str) -> bool:
-    path = Path(file).resolve()
-    if {"site-packages", "dist-packages"} & set(path.parts):
-        return True
-    return Path(sysconfig.get_paths()["stdlib"]).resolve() in path.parents
+    folders = Path(file).resolve().parents
+    return Path(sysconfig.get_paths()["stdlib"]).resolve() in folders or any(map(_holds_packages, folders))
+
+
+@functools.lru_cache(maxsize=4096)
+def _holds_packages(folder: Path) -> bool:
+    """Whether packages are installed in a folder, also by `pip install --target`."""
+    return folder.name in ("site-packages", "dist-packages") or any(folder.glob("*.dist-info"))
 
 
 def is_users(module: str) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
-from gaitsweep.engine.content import cached_by_content, content_of
+from gaitsweep.engine.content import cached_by_content, content_of, is_users
 
 GAIN = 1.0
 TABLE = np.array([1.0, 2.0])
@@ -212,3 +212,15 @@ def test_a_file_that_a_function_reads_as_it_is_traced(tmp_path: Path) -> None:
     changed = {name for name, digest in digests().items() if before[name] != digest}
     assert "flow" in changed
     assert "period" not in changed
+
+
+def test_installed_packages_are_no_modules_of_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also packages that `pip install --target` has put in a folder of any name."""
+    for folder, installed in (("target", True), ("project", False)):
+        module = types.ModuleType(f"module_in_{folder}")
+        module.__file__ = str(tmp_path / folder / "package" / "__init__.py")
+        (tmp_path / folder / "package").mkdir(parents=True)
+        if installed:
+            (tmp_path / folder / "package-1.0.dist-info").mkdir()
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+        assert is_users(module.__name__) is not installed

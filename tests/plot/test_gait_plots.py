@@ -181,3 +181,5 @@ def test_a_ramp() -> None:
     assert 0.5 <= min(ends) < max(ends) <= 1.0
     with pytest.raises(PlotError, match="o parameter moves"):
         plot.draw("gait_ramp", crossings_of("trot"))
+    with pytest.raises(PlotError, match="3 successive cycles"):
+        plot.draw("gait_ramp", table.loc[table["t"] < table["t"].min() + 0.1])

@@ -65,7 +65,7 @@ def gait_ramp(
         table: a ramp, or a trace with a moving parameter, of a model with the nine gaits.
 
     Raises:
-        PlotError: the table does not have a column, or no parameter moves.
+        PlotError: the table does not have a column, no parameter moves, or no row has a gait.
     """
     parameter = moved_parameter(table)
     if parameter is None or parameter not in table.columns or "pass" not in table.columns:
@@ -74,13 +74,15 @@ def gait_ramp(
         column(table, panels)
     values = [None] if panels is None else sorted(table[panels].dropna().unique())
     along = gaits_along(table, cycles=cycles)
-    if x == "speed" and "speed" not in along.columns and len(along):
+    if not len(along):
+        raise PlotError(f"No row has {cycles} successive cycles, in which its gait could be read.")
+    if x == "speed" and "speed" not in along.columns:
         raise PlotError("x is speed, but the table has neither speed_n nor the signal x: use another x.")
-    along = along.loc[np.isfinite(along[parameter if x == "parameter" else x])] if len(along) else along
+    along = along.loc[np.isfinite(along[parameter if x == "parameter" else x])]
     parts = [table if value is None else rows_where(table, table[str(panels)] == value) for value in values]
     rows = [np.unique(part["row"].to_numpy(int)) for part in parts]
     heights = [max(len(each), 1) for each in rows]
-    present = set(along["gait"].astype(str)) if len(along) else set()
+    present = set(along["gait"].astype(str))
     with style.canvas(style.PAGE, 0.42 * sum(heights) + 0.35 * len(parts) + 0.9, title) as figure:
         grid = figure.subplots(len(parts), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
         for axes, value, each in zip(grid, values, rows, strict=True):
