@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -80,6 +81,7 @@ class Measure(StrictModel):
     """A number that is measured of a set of constants."""
 
     on_map: ClassVar[bool] = False  # whether it is measured on the return map, not of rows
+    reads_angles: ClassVar[bool] = False  # whether its value is an angle where `of` is one
     runs: ClassVar[tuple[type[RunKind], ...]] = ()  # what may be done with its rows, if it says so itself
 
     at: At = Field(description="parameters and starts of its rows by name; lists multiply")
@@ -89,26 +91,24 @@ class Measure(StrictModel):
         """Parameters and starts of each of its rows."""
         return [dict(zip(self.at, values, strict=True)) for values in itertools.product(*self.at.values())]
 
-    def of_sets(self, rows: SetRows, model: Model) -> Measured:
-        """Measure n sets from the last records of their rows, (n, conditions) each."""
-        raise NotImplementedError
-
-    def unit(self, model: Model) -> str:
-        """Return the unit of its value."""
-        raise NotImplementedError
-
     def circular(self, model: Model) -> bool:
         """Return whether its value is an angle."""
-        return False
+        read = getattr(self, "of_", "")
+        angles = (q.name for q in model.observables if q.circular)
+        return self.reads_angles and any(read in (name, f"{name}_end") for name in angles)
+
+    @abc.abstractmethod
+    def unit(self, model: Model) -> str:
+        """Return the unit of its value."""
 
     @property
+    @abc.abstractmethod
     def own_run(self) -> RunKind | None:
         """Run kind of its rows; None where it is the job's own run."""
-        return None
 
+    @abc.abstractmethod
     def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
         """Return a field and its error, for the table's columns and the model; None if it is valid."""
-        return None
 
 
 class RowMeasure(Measure):
@@ -124,6 +124,10 @@ class RowMeasure(Measure):
     @property
     def own_run(self) -> RunKind | None:
         return self.run
+
+    @abc.abstractmethod
+    def of_sets(self, rows: SetRows, model: Model) -> Measured:
+        """Measure n sets from the last records of their rows, (n, conditions) each."""
 
 
 def _read_gaits(value: Any) -> tuple[str, ...]:
@@ -169,6 +173,8 @@ _AMONG: Any = Field(
 class Value(RowMeasure):
     """The mean of a column over rows, that of angles on the circle; no value if one of them is not sound."""
 
+    reads_angles: ClassVar[bool] = True
+
     kind: Literal["value"] = Field(description="value: a column of a row's last record")
     of_: Text = Field(alias="of", description="the column, such as an observable, or a formula of columns")
     among: Among | None = _AMONG
@@ -194,9 +200,6 @@ class Value(RowMeasure):
 
     def unit(self, model: Model) -> str:
         return unit_of(self.of_, model)
-
-    def circular(self, model: Model) -> bool:
-        return any(self.of_ in (q.name, f"{q.name}_end") and q.circular for q in model.observables)
 
     def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
         return wrong_column(self.of_, columns) or _wrong_ranges(self.among, columns)
@@ -378,6 +381,9 @@ class Failures(RowMeasure):
     def unit(self, model: Model) -> str:
         return "1"
 
+    def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
+        return None
+
 
 class FixedPoint(Measure):
     """A fixed point of the return map near where a start leads: its multiplier, or an observable there.
@@ -386,6 +392,8 @@ class FixedPoint(Measure):
     """
 
     on_map: ClassVar[bool] = True
+    reads_angles: ClassVar[bool] = True
+
     kind: Literal["fixed_point"] = Field(
         description="fixed_point: of the return map, by Newton's method: a multiplier or an observable"
     )
@@ -417,8 +425,9 @@ class FixedPoint(Measure):
     def unit(self, model: Model) -> str:
         return {q.name: q.unit for q in model.observables}.get(self.of_, "1")
 
-    def circular(self, model: Model) -> bool:
-        return any(q.name == self.of_ and q.circular for q in model.observables)
+    @property
+    def own_run(self) -> RunKind | None:
+        return None
 
     def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
         lists = [name for name, values in self.at.items() if len(values) > 1]

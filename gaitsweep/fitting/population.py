@@ -18,7 +18,7 @@ from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
-from gaitsweep.fitting.measures import FixedPoint, Measure, Measured
+from gaitsweep.fitting.measures import FixedPoint, Measure, Measured, RowMeasure
 from gaitsweep.fitting.ramp_measures import RampMeasure, crossings_of
 from gaitsweep.job import Job, JobError
 from gaitsweep.job.step_lengths import longer_than_right
@@ -316,8 +316,9 @@ class Population:
 
     def _select(self, measure: Measure, places: Sequence[int], rows: Values, model: Model) -> Measured:
         """Select the conditions at `places` from rows, and measure each set."""
-        if not isinstance(measure, RampMeasure):
+        if isinstance(measure, RowMeasure):
             return measure.of_sets({name: column[:, places] for name, column in rows.items()}, model)
+        assert isinstance(measure, RampMeasure)
         per_set = self.own_rows_of_a_set
         seen = crossings_of(rows, per_set * (1 + int(rows["row"][-1]) // per_set))
         sets = [[seen[first + place] for place in places] for first in range(0, len(seen), per_set)]

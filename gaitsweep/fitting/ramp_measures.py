@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, ClassVar, Literal, NamedTuple
@@ -46,9 +47,13 @@ class RampMeasure(Measure):
     def own_run(self) -> Ramp:
         return self.run.model_copy(update={"gaits": True})
 
+    @abc.abstractmethod
     def of_rows(self, rows: Sequence[Sequence[Crossings]], model: Model) -> Measured:
         """Measure n sets, each with a row for every condition."""
-        raise NotImplementedError
+
+    @abc.abstractmethod
+    def wrong_names(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
+        """Return as `wrong` does, for the names of gaits and columns."""
 
     def _in_pass(self, row: Crossings, number: int | None) -> Mapping[str, np.ndarray]:
         """Return the crossings at which the parameter moves, of one pass or of all."""
@@ -65,7 +70,7 @@ class RampMeasure(Measure):
         number, passes = getattr(self, "pass_", None), len(self.run.path) - 1
         if number is not None and number >= passes:
             return "pass", f"is {number}, but the path has {passes} passes, of which the first is 0."
-        return None
+        return self.wrong_names(columns, model)
 
 
 class Transition(RampMeasure):
@@ -119,9 +124,7 @@ class Transition(RampMeasure):
             return "s"
         return unit_of(self.of_, model)
 
-    def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
-        if (bad := super().wrong(columns, model)) is not None:
-            return bad
+    def wrong_names(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
         for key, gaits in (("gait", self.gait), ("to", self.to)):
             for gait in gaits:
                 if (bad := wrong_gait(gait, model.gaits)) is not None:
@@ -171,9 +174,7 @@ class GaitSequence(RampMeasure):
     def unit(self, model: Model) -> str:
         return "1"
 
-    def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
-        if (bad := super().wrong(columns, model)) is not None:
-            return bad
+    def wrong_names(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
         for gait in itertools.chain.from_iterable(self.gaits):
             if (bad := wrong_gait(gait, model.gaits)) is not None:
                 return "gaits", bad[1]

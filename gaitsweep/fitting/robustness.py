@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -14,6 +14,7 @@ from gaitsweep.fitting.fit_job import FitJob
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measures import At, Measure
 from gaitsweep.fitting.targets import Target, TargetValue
+from gaitsweep.kinds import RunKind
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.numbers import Count, Positive, Seed, Text
 
@@ -44,6 +45,13 @@ class ShareKept(Measure):
 
     def unit(self, model: Model) -> str:
         return "1"
+
+    @property
+    def own_run(self) -> RunKind | None:
+        return None
+
+    def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
+        return None
 
 
 def robust_target(robust: Robust) -> Target:

@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pandas as pd
 
-from gaitsweep.contract import Status
+from gaitsweep.contract import Model, Status
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.kinds.continuation import Continuation
 from gaitsweep.kinds.run_kind import BlockProgress
@@ -43,6 +43,8 @@ class ReplayGroup(abc.ABC):
         self.table, self.records, self.context = table, records, context
         self.row_of = table["row"].to_numpy(np.int64)
         self.rows = np.array(list(dict.fromkeys(self.row_of[records].tolist())), np.int64)
+        # a model, its parameters and states: where the rows begin, if not as in their job
+        self._start: tuple[Model, dict[str, np.ndarray], dict[str, np.ndarray]] | None = None
         self._mine: dict[int, list[int]] = {}
         for record in records.tolist():
             self._mine.setdefault(int(self.row_of[record]), []).append(record)
@@ -53,6 +55,10 @@ class ReplayGroup(abc.ABC):
 
     def replayer(self) -> Replayer:
         """Simulator of its rows."""
+        if self._start is not None:
+            model, parameters, starts = self._start
+            spec = dataclasses.replace(self.context.spec, model=model, drive=None)
+            return Replayer(spec, self.rows, parameters, starts)
         run = self.context.job.run
         begun = {run.moved: run.turns[0]} if run.moved and run.turns else {}
         return Replayer(self.context.spec, self.rows, *self.context.design.values_in(self.rows), begun)
@@ -65,9 +71,9 @@ class ReplayGroup(abc.ABC):
     def stretches(self, record: int, replayed: ReplayedRow, period: float) -> list[Stretch]:
         """The stretches of motion shown for a record; `period` is its row's nominal period, s."""
 
+    @abc.abstractmethod
     def around(self, record: int, replayed: ReplayedRow) -> Crossings:
         """The crossings drawn beside a record."""
-        return replayed.crossings
 
     def number(self, record: int, column: str) -> float:
         """A number of a record."""
@@ -263,11 +269,6 @@ class ReplayBranches(ReplayGroup):
         held[run.parameter] = np.array(moved, float)[kept]
         self._start = states_at(mapping, [points[k] for k in kept], held)
 
-    def replayer(self) -> Replayer:
-        model, parameters, starts = self._start
-        spec = dataclasses.replace(self.context.spec, model=model, drive=None)
-        return Replayer(spec, self.rows, parameters, starts)
-
     def windows(self, period: float) -> Windows:
         longest = float(np.nanmax(np.asarray(self.table["time"], float)[self.records]))
         return Windows(longest + 0.1 * period)
@@ -275,6 +276,9 @@ class ReplayBranches(ReplayGroup):
     def stretches(self, record: int, replayed: ReplayedRow, period: float) -> list[Stretch]:
         t = replayed.crossings.t
         return [Stretch("the steady gait", 0.0, float(t[1]), loops=True)] if len(t) > 1 else []
+
+    def around(self, record: int, replayed: ReplayedRow) -> Crossings:
+        return replayed.crossings
 
 
 def _up_to(end: float, replayed: ReplayedRow, name: str, period: float) -> list[Stretch]:
