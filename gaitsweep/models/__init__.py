@@ -95,6 +95,13 @@ def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
     Raises:
         ModelError: the name is unknown (with the near miss), the module cannot be imported, or the attribute
             is missing or not a model.
+
+    Example:
+        >>> import gaitsweep as gs
+        >>> gs.models.find("multilegged").__name__
+        'Multilegged'
+        >>> gs.models.find("gaitsweep.examples.hopper:Hopper").name
+        'hopper'
     """
     if name in _SESSION:
         return _as_model(name, _SESSION[name])
