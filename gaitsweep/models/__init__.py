@@ -98,10 +98,9 @@ def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
 
     Example:
         >>> import gaitsweep as gs
-        >>> gs.models.find("multilegged").__name__
-        'Multilegged'
-        >>> gs.models.find("gaitsweep.examples.hopper:Hopper").name
-        'hopper'
+        >>> hopper = gs.models.find("gaitsweep.examples.hopper:Hopper")()
+        >>> {each.name: each.default for each in hopper.parameters}
+        {'push': 2.6, 'restitution': 0.7, 'omega': 12.0, 'g': 9.81}
     """
     if name in _SESSION:
         return _as_model(name, _SESSION[name])
