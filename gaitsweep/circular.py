@@ -16,5 +16,12 @@ T = TypeVar("T", "float", "np.ndarray", "jax.Array", "pd.Series")
 
 
 def wrapped_difference(difference: T) -> T:
-    """Differences of angles by the shorter way, rad, in [-pi, pi)."""
+    """Differences of angles by the shorter way, rad, in [-pi, pi).
+
+    Example:
+        >>> import numpy as np, gaitsweep as gs
+        >>> degrees = np.array([350.0 - 10.0, 90.0 - 0.0])
+        >>> np.rad2deg(gs.analyses.wrapped_difference(np.deg2rad(degrees))).round(6).tolist()
+        [-20.0, 90.0]
+    """
     return (difference + math.pi) % TURN - math.pi

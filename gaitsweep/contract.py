@@ -78,6 +78,15 @@ class Status(ResultCode):
     """The result code of a row, with its sentence and its verdict.
 
     Tables store the numbers: existing numbers must not change, and new ones are added at the end.
+
+    Example:
+        >>> import gaitsweep as gs
+        >>> gs.Status.cycle_limit.sentence
+        'The row reached run.max_cycles without settling.'
+        >>> gs.Status.cycle_limit.verdict.name
+        'undecided'
+        >>> gs.Status.FAILED.among(["settled", "fell"]).tolist()
+        [False, True]
     """
 
     running = 0, "The row has not ended yet."

@@ -94,6 +94,16 @@ def evaluate(
 
     Raises:
         ExpressionError: with a sentence that quotes the expression and names the near miss.
+
+    Example:
+        >>> import gaitsweep as gs
+        >>> round(gs.expression.evaluate("2*(1-beta)*pi", {"beta": 0.75}), 4)
+        1.5708
+        >>> gs.expression.evaluate("sqrt(x)", {"x": [1.0, 4.0]}).tolist()
+        [1.0, 2.0]
+        >>> gs.expression.evaluate("2*bta", {"beta": 0.75})
+        Traceback (most recent call last):
+        gaitsweep.expression.ExpressionError: in "2*bta", bta is not a known name; did you mean beta? ...
     """
     if not isinstance(expression, str):
         return _number(expression)

@@ -31,7 +31,13 @@ def nearest(word: str, allowed: Iterable[str]) -> str | None:
 
 
 def suggestion(word: str, allowed: Iterable[str]) -> str:
-    """The end of an error message, "; did you mean kappa? Allowed: beta, kappa."."""
+    """The end of an error message, "; did you mean kappa? Allowed: beta, kappa.".
+
+    Example:
+        >>> import gaitsweep as gs
+        >>> gs.near_miss.suggestion("kapa", ["beta", "kappa"])
+        '; did you mean kappa? Allowed: beta, kappa.'
+    """
     names = list(allowed)
     near = nearest(word, names)
     question = f"; did you mean {near}?" if near is not None else "."

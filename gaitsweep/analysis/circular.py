@@ -23,7 +23,16 @@ def is_circular(table: pd.DataFrame, name: str) -> bool:
 
 
 def mean_direction(angles: Float[np.ndarray, " angles"]) -> float:
-    """The circular mean of angles, rad, in [0, 2 pi); NaN if there are none."""
+    """The circular mean of angles, rad, in [0, 2 pi); NaN if there are none.
+
+    Example:
+        The mean of 350 and 30 degrees is 10 degrees, not 190:
+
+        >>> import numpy as np, gaitsweep as gs
+        >>> mean = gs.analyses.mean_direction(np.deg2rad([350.0, 30.0]))
+        >>> np.rad2deg(mean).round(6).item()
+        10.0
+    """
     if not len(angles):
         return float("nan")
     return float(np.mod(np.angle(np.exp(1j * np.asarray(angles, float)).sum()), TURN))
@@ -46,5 +55,11 @@ def branch_cut(angles: Float[np.ndarray, " angles"]) -> float:
 
 
 def unwrap_from(angles: Float[np.ndarray, " angles"], origin: float) -> Float[np.ndarray, " angles"]:
-    """Angles (rad) in the turn that begins at `origin`."""
+    """Angles (rad) in the turn that begins at `origin`.
+
+    Example:
+        >>> import numpy as np, gaitsweep as gs
+        >>> np.rad2deg(gs.analyses.unwrap_from(np.deg2rad([350.0, 10.0]), -np.pi)).round(6).tolist()
+        [-10.0, 10.0]
+    """
     return origin + np.mod(np.asarray(angles, float) - origin, TURN)

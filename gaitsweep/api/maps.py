@@ -114,6 +114,19 @@ class PoincareMap:
 
         Raises:
             ArgumentError: the map has no derivative.
+
+        Example:
+            The hopper has two 1:1 gaits, one stable and one unstable. The product of the multipliers of each
+            is the hopper's restitution:
+
+            >>> import gaitsweep as gs
+            >>> from gaitsweep.examples.hopper import Hopper
+            >>> hops = gs.return_map(Hopper(), omega=3.7)
+            >>> gaits = [hops.fixed_points(near) for near in ([0.4, 8.3], [5.9, 8.3])]
+            >>> [abs(hops.multipliers(gait)).max().round(4).item() for gait in gaits]
+            [0.8367, 1.6567]
+            >>> [hops.multipliers(gait).prod().real.round(4).item() for gait in gaits]
+            [0.7, 0.7]
         """
         return floquet.multipliers(self.jacobian(x))
 
@@ -163,6 +176,17 @@ class PoincareMap:
 
         Raises:
             ArgumentError: the map has no derivative, or `fix` names a quantity that it does not conserve.
+
+        Example:
+            In the hopper's 1:1 gait its oscillator turns once a hop, so the launch is pi g / omega:
+
+            >>> import numpy as np, gaitsweep as gs
+            >>> from gaitsweep.examples.hopper import Hopper
+            >>> gait = gs.return_map(Hopper(), omega=3.7).fixed_points([0.4, 8.3])
+            >>> gait.converged.tolist(), gait.points.at.round(4).tolist()
+            ([True], [[0.3971, 8.3295]])
+            >>> round(np.pi * 9.81 / 3.7, 4)
+            8.3295
         """
         self._require_derivative()
         points, conserved = self._points(x)[0], self.conserved if fix is None else fix
@@ -193,6 +217,18 @@ class PoincareMap:
         Raises:
             ArgumentError: the map has no derivative, the parameter is not the model's, or its value is
                 outside the range.
+
+        Example:
+            The hopper's 1:1 gait, with a launch of pi g / omega, ends in a fold. There its leg adds all of
+            `push` to replace the speed that a landing takes, (1 - restitution) launch:
+
+            >>> import numpy as np, gaitsweep as gs
+            >>> from gaitsweep.examples.hopper import Hopper
+            >>> branch = gs.return_map(Hopper(), omega=3.7).continue_([0.4, 8.3], "omega", (3.5, 3.7))
+            >>> branch.loc[branch["special"] == "fold", "omega"].round(4).tolist()
+            [3.556]
+            >>> round((1.0 - 0.7) * np.pi * 9.81 / 2.6, 4)
+            3.556
         """
         self._require_derivative()
         if parameter not in self._parameters:
@@ -276,6 +312,18 @@ def return_map(
     Raises:
         ArgumentError: a name that the model does not have.
         JobError: all other errors.
+
+    Example:
+        The hopper's map is known: a hop lasts 2 launch / g, and its phase grows by omega times that.
+
+        >>> import numpy as np, gaitsweep as gs
+        >>> from gaitsweep.examples.hopper import Hopper
+        >>> hops = gs.return_map(Hopper(), omega=3.7)
+        >>> hops.coordinates
+        ['phase', 'launch']
+        >>> phase = 3.7 * 2.0 * 2.5 / 9.81
+        >>> np.allclose(hops([0.0, 2.5]), [phase, 0.7 * 2.5 + 2.6 * (1.0 + np.cos(phase)) / 2.0])
+        True
     """
     fields = {"numerics": numerics, "engine": {"name": engine}}
     run = ReturnMap(crossings=1)

@@ -32,7 +32,19 @@ _SHOWN_ROWS = 5
 
 
 class Result:
-    """A run's table, in a result directory or in memory."""
+    """A run's table, in a result directory or in memory.
+
+    Example:
+        >>> import gaitsweep as gs
+        >>> from gaitsweep.examples.hopper import Hopper
+        >>> result = gs.sweep(Hopper(), launch_0=[2.5, 5.0, 7.0], phase_0=2.0)
+        >>> result.manifest["counts"]
+        {'settled': 3}
+        >>> result.table["gait"].tolist()
+        ['1:1', '2:1', '3:1']
+        >>> result.table.attrs["quantities"]["launch"]["unit"]
+        'm/s'
+    """
 
     def __init__(self, path: Path | None = None, table: pd.DataFrame | None = None) -> None:
         """Keep the directory, or the table of a result in memory."""

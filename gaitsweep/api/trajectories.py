@@ -58,6 +58,18 @@ def sweep(
         ArgumentError: a name that the model does not have; `out` for a class of this session.
         JobError: all other errors.
         TableError, RunError: as for `gaitsweep.run`.
+
+    Example:
+        The hopper settles on hops that last one, two or three turns of its oscillator:
+
+        >>> import numpy as np, gaitsweep as gs
+        >>> from gaitsweep.examples.hopper import Hopper
+        >>> table = gs.sweep(Hopper(), launch_0=[2.5, 5.0, 7.0], phase_0=2.0).table
+        >>> table["gait"].tolist()
+        ['1:1', '2:1', '3:1']
+        >>> flight = 2.0 * table["launch_end"] / 9.81  # s
+        >>> (12.0 * flight / (2.0 * np.pi)).round(1).tolist()  # the oscillator has 12 rad/s
+        [1.0, 2.0, 3.0]
     """
     fields = {"numerics": numerics, "engine": _engine(engine), "verify": verify}
     job = job_of(model, values, run=Settle() if run is None else run, params=params, start=start, **fields)
@@ -93,6 +105,19 @@ def simulate(
     Raises:
         ArgumentError: a name that the model does not have, or an array.
         JobError: all other errors.
+
+    Example:
+        The hopper's flight, with a height of launch t - g t^2 / 2:
+
+        >>> import gaitsweep as gs
+        >>> from gaitsweep.examples.hopper import Hopper
+        >>> flight = gs.simulate(Hopper(), launch_0=2.0, duration=0.2, every=0.1)
+        >>> list(flight.columns)
+        ['t', 'phase', 'launch', 'height']
+        >>> flight["height"].round(3).tolist()
+        [0.0, 0.151, 0.204]
+        >>> flight.attrs["units"]["height"]
+        'm'
     """
     fields = {"numerics": numerics, "engine": _engine(engine), "verify": 0}
 

@@ -64,6 +64,17 @@ def read_vary(raw: Any, quantities: Mapping[str, Quantity], refuse: Callable[[st
         raw: the mapping as written: axes by name; `zip` and `sample` with a group or a list of groups.
         quantities: the model's parameters and starts; empty while the model is unknown.
         refuse: function from a name to the reason why it cannot vary (the end of a message), or None.
+
+    Example:
+        Groups multiply, and the axes of a `zip` vary together:
+
+        >>> from gaitsweep.design.vary import read_vary
+        >>> plain = {"beta": [0.5, 0.6], "zip": {"x": [1.0, 2.0, 3.0], "y": {"linspace": [0.0, 1.0, 3]}}}
+        >>> vary = read_vary(plain, quantities={}, refuse=lambda name: None)
+        >>> [(group.names, group.length) for group in vary.groups]
+        [(('beta',), 2), (('x', 'y'), 3)]
+        >>> vary.diagnostics
+        []
     """
     vary = Vary(quantities)
     if raw is None:

@@ -238,6 +238,20 @@ def parameter(
         count: how many there are (`NAME_1`, `NAME_2`, ... in a job, an array (count,) in `params`): a number,
             or the name of a field of the model's structure. None: one scalar.
         low, high, open_ends, circular, symbol, source: as of `Quantity`.
+
+    Example:
+        >>> import gaitsweep as gs
+        >>> class Relaxation(gs.DeclaredModel):
+        ...     k = gs.parameter("1/s", "rate of relaxation", 20.0, count=2, low=0.0)
+        ...     x = gs.variable("1", "distance from rest", (0.1, 0.2), count=2)
+        ...
+        ...     def flow(self, p, s):
+        ...         return {"x": -p.k * s.x}
+        ...
+        ...     def period(self, p):
+        ...         return 1.0
+        >>> [each.name for each in Relaxation().parameters]
+        ['k_1', 'k_2']
     """
     quantity = _quantity(unit, meaning, default, low, high, open_ends, circular, symbol, source)
     return Parameter(count, quantity)
@@ -270,6 +284,22 @@ def variable(
         symbol, scale: as of `Quantity`.
         observed: whether it is recorded at crossings of the section; by default if it has a start.
         signal: whether traces record it.
+
+    Example:
+        >>> import gaitsweep as gs
+        >>> class Rotor(gs.DeclaredModel):
+        ...     phase = gs.variable("rad", "phase", 1.5, circular=True)
+        ...     turned = gs.variable("rad", "angle turned through")
+        ...
+        ...     def flow(self, p, s):
+        ...         return {"phase": 1.0, "turned": 1.0}
+        ...
+        ...     def period(self, p):
+        ...         return 6.28
+        >>> [each.name for each in Rotor().initial_conditions]
+        ['phase_0']
+        >>> [each.name for each in Rotor().observables], [each.name for each in Rotor().signals]
+        (['phase'], ['phase', 'turned'])
     """
     quantity = _quantity(unit, meaning, None, low, high, open_ends, circular, symbol, "", scale)
     given = start if start is None or isinstance(start, (int, float, str)) else tuple(start)

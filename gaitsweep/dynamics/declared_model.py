@@ -240,6 +240,40 @@ class DeclaredModel(Declared, HybridModel):
 
     `params` of its functions has the parameters as attributes, `state` the variables and modes;
     `state.replace(NAME=value)` is a state that differs in some of them.
+
+    Example:
+        A rimless wheel rolls down a slope on spokes that are 0.6 rad apart. An impact keeps the share
+        cos(0.6) of its rate, so the rate of its gait follows from the energy that a step gains (McGeer 1990,
+        Int. J. Robotics Research 9:62):
+
+        >>> import jax.numpy as jnp, numpy as np, gaitsweep as gs
+        >>> class Wheel(gs.DeclaredModel):
+        ...     slope = gs.parameter("rad", "slope of the ground, downwards", 0.08)
+        ...     angle = gs.variable("rad", "angle of the spoke on the ground from the vertical")
+        ...     rate = gs.variable("1", "rate of the angle, in sqrt(g / l)", 0.5)
+        ...
+        ...     def complete(self, p, s):
+        ...         return s.replace(angle=p.slope - 0.3)
+        ...
+        ...     def flow(self, p, s):
+        ...         return {"angle": s.rate, "rate": jnp.sin(s.angle)}
+        ...
+        ...     @gs.event("spoke lands", section=True)
+        ...     def landing(self, p, s):
+        ...         return s.angle - p.slope - 0.3
+        ...
+        ...     @landing.jump
+        ...     def impact(self, p, s):
+        ...         return s.replace(angle=p.slope - 0.3, rate=jnp.cos(0.6) * s.rate)
+        ...
+        ...     def period(self, p):
+        ...         return 2.0
+        >>> slope = np.array([0.06, 0.08])
+        >>> rate = gs.sweep(Wheel(), slope=slope, run=gs.Settle(tolerance=1e-6)).table["rate_end"]
+        >>> rate.round(4).tolist()
+        [0.3892, 0.4493]
+        >>> (2.0 / np.tan(0.6) * np.sqrt(np.sin(0.3) * np.sin(slope))).round(4).tolist()
+        [0.3892, 0.4493]
     """
 
     # Names of the variables that are coordinates of the section, for return maps: those that neither the

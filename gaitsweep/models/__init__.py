@@ -95,6 +95,12 @@ def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
     Raises:
         ModelError: the name is unknown (with the near miss), the module cannot be imported, or the attribute
             is missing or not a model.
+
+    Example:
+        >>> import gaitsweep as gs
+        >>> hopper = gs.models.find("gaitsweep.examples.hopper:Hopper")()
+        >>> {each.name: each.default for each in hopper.parameters}
+        {'push': 2.6, 'restitution': 0.7, 'omega': 12.0, 'g': 9.81}
     """
     if name in _SESSION:
         return _as_model(name, _SESSION[name])

@@ -261,6 +261,17 @@ def load(
     Raises:
         TableError: it is not a result directory, has no complete part yet, has a damaged file, or lacks a
             column or a row.
+
+    Example:
+        >>> import tempfile, gaitsweep as gs
+        >>> from gaitsweep.examples.hopper import Hopper
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     result = gs.sweep(Hopper(), launch_0=[2.5, 5.0, 7.0], phase_0=2.0, out=folder)
+        ...     table = gs.load(folder, columns=["launch_0", "status"], rows=slice(1, 3))
+        >>> table["launch_0"].tolist(), table["status"].tolist()
+        ([5.0, 7.0], ['settled', 'settled'])
+        >>> table.attrs["complete"], table.attrs["rows_missing"]
+        (True, 0)
     """
     _, table = load_with_snapshot(path, columns, rows)
     return table

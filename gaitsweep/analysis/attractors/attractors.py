@@ -76,6 +76,15 @@ def attractors(
 
     Raises:
         AnalysisError: the table does not have a column or any observable, or a number is not above 0.
+
+    Example:
+        Six rows settle at three phase differences; 0.005 and 6.28 rad are neighbours on the circle:
+
+        >>> import pandas as pd, gaitsweep as gs
+        >>> psi = [0.005, 6.28, 2.0, 2.001, 2.002, 4.0]
+        >>> found = gs.analyses.attractors(pd.DataFrame({"status": "settled", "psi_1_end": psi}))
+        >>> found.summary["rows"].tolist()
+        [3, 2, 1]
     """
     columns = list(columns) if columns is not None else state_columns(table)
     if not columns:

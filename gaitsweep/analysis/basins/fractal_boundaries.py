@@ -43,6 +43,19 @@ def basin_entropy(grid: BasinGrid, labels: Shaped[np.ndarray, " rows"], box: int
         box: cells along a side.
 
     Source: Daza et al. 2016, Sci. Rep. 6:31416, eq. 3 to 6.
+
+    Example:
+        Each box of 2 by 2 cells of a checkerboard has two outcomes in equal shares, so both entropies are
+        ln 2:
+
+        >>> import numpy as np, pandas as pd
+        >>> from gaitsweep.analysis.basins.fractal_boundaries import basin_entropy
+        >>> from gaitsweep.analysis.basins.grid import find_grid
+        >>> x, y = (each.ravel() for each in np.indices((8, 8)))
+        >>> grid = find_grid(pd.DataFrame({"x": x, "y": y}), ["x", "y"])
+        >>> entropy = basin_entropy(grid, (x + y) % 2, box=2)
+        >>> round(entropy.basin, 4), round(entropy.boundary, 4), entropy.crossed
+        (0.6931, 0.6931, 1.0)
     """
     if box > min(grid.lengths):
         return Entropy(float("nan"), float("nan"), float("nan"))
@@ -150,6 +163,17 @@ def uncertainty_exponent(uncertainty: Uncertainty, level: float = 0.95) -> Expon
 
     Source: Grebogi et al. 1983, Phys. Lett. A 99:415; McDonald et al. 1985, Physica D 17:125. The interval is
     this project's own; `tests/analysis/test_basin_measures.py` measures how often it covers.
+
+    Example:
+        A fraction that falls with the square root of eps has the exponent 0.5:
+
+        >>> import numpy as np, pandas as pd
+        >>> from gaitsweep.analysis.basins.fractal_boundaries import Uncertainty, uncertainty_exponent
+        >>> eps = np.array([0.01, 0.02, 0.04, 0.08])
+        >>> fractions = pd.DataFrame({"steps": [1, 2, 4, 8], "eps": eps, "uncertain": np.sqrt(eps)})
+        >>> exponent = uncertainty_exponent(Uncertainty(fractions, 1e-6 * np.eye(4)))
+        >>> round(exponent.value, 3), exponent.sizes
+        (0.5, 4)
     """
     f = uncertainty.fractions["uncertain"].to_numpy(float)
     used = np.flatnonzero((f > 0.0) & (f < 1.0))

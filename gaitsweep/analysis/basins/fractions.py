@@ -86,7 +86,14 @@ def panels_of(
 def proportion_interval(
     hits: int, of: int, level: float = LEVEL, kind: str = "wilson"
 ) -> tuple[float, float]:
-    """The wilson or clopper_pearson interval of a proportion: `hits` out of `of` independent draws."""
+    """The wilson or clopper_pearson interval of a proportion: `hits` out of `of` independent draws.
+
+    Example:
+        >>> import gaitsweep as gs
+        >>> low, high = gs.analyses.proportion_interval(50, 100)
+        >>> round(low, 4), round(high, 4)
+        (0.4038, 0.5962)
+    """
     found = scipy.stats.binomtest(hits, of).proportion_ci(level, _METHODS[kind])
     return float(found.low), float(found.high)
 

@@ -70,6 +70,18 @@ def basins(
 
     Raises:
         AnalysisError: the table does not have a column, no axis is left, or an argument is not allowed.
+
+    Example:
+        Two basins with a straight boundary at x = 0 have equal shares, and the boundary's dimension is 1:
+
+        >>> import numpy as np, pandas as pd, gaitsweep as gs
+        >>> x, y = (each.ravel() for each in np.meshgrid(np.arange(-31.5, 32.0), np.arange(64.0)))
+        >>> gait = np.where(x < 0.0, "walk", "trot")
+        >>> measured = gs.basins(pd.DataFrame({"x": x, "y": y, "status": "settled", "gait": gait}))
+        >>> measured.fractions["fraction"].tolist()
+        [0.5, 0.5]
+        >>> measured.panels["boundary_dimension"].round(2).tolist()
+        [1.0]
     """
     by, axes = panels_and_axes(table, by, axes)
     if not axes:

@@ -50,6 +50,19 @@ def hysteresis(
 
     Raises:
         AnalysisError: a column is not there, or has to be named.
+
+    Example:
+        A speed rises in four stairs and falls again; x jumps from 0 to 1 between 3 and 4, and back between
+        2 and 1:
+
+        >>> import pandas as pd, gaitsweep as gs
+        >>> table = pd.DataFrame({"row": 0, "pass": [0, 0, 0, 0, 1, 1, 1, 1], "stair": range(8)})
+        >>> table["speed"], table["x_n"] = [1, 2, 3, 4, 4, 3, 2, 1], [0, 0, 0, 1, 1, 1, 1, 0]
+        >>> found = gs.hysteresis(table, "x", "speed")
+        >>> found.transition_points[["direction", "low", "high"]].to_numpy().tolist()
+        [['rising', 3.0, 4.0], ['falling', 1.0, 2.0]]
+        >>> found.loops["area"].tolist()
+        [2.0]
     """
     run = table.attrs.get("job", {}).get("run", {})
     parameter = parameter or run.get("parameter")
