@@ -101,8 +101,8 @@ def test_no_such_gait() -> None:
 def test_every_gait_is_found_from_any_start(gait: str, noise: float) -> None:
     onsets = np.stack([_steps(gait, begin=begin, noise=noise) for begin in np.linspace(-0.7, 0.7, 21)])
     found = _gaits(onsets)
-    assert (found["gait"] == gait).all()
-    assert found["steady"].all()
+    assert np.all(found["gait"] == gait)
+    assert np.all(found["steady"])
     close = {"atol": 1e-9 if not noise else 0.01}
     np.testing.assert_allclose(found["period"], 0.5, rtol=1e-9 if not noise else 0.01)
     np.testing.assert_allclose(found["delta_1"], 0.2 * signs(gait)[0], **close)
@@ -229,7 +229,7 @@ def test_onsets_in_a_trace() -> None:
     np.testing.assert_allclose(first, 0.7 * (np.arange(len(first)) + phases["RF"]), atol=1e-6)
     found = gait_of(onsets)
     assert list(found["row"]) == [2, 4]
-    assert (found["gait"] == "LT-gallop").all()
+    assert np.all(found["gait"] == "LT-gallop")
     stance = trace.assign(**{name: (trace[name] <= 0.0).astype(float) for name in columns})
     lifted = onsets_in(stance, {leg: f"u_{leg}" for leg in LEGS}, level=0.5, falling=True)
     assert gait_of(lifted).loc[0, "gait"] == "LT-gallop"

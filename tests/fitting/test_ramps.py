@@ -108,7 +108,7 @@ def test_a_ramp_leaves_a_gait_past_its_fold() -> None:
         numerics={"method": "rk4", "dt": 0.05},
     )
     table = found.table
-    assert (table["status"] == "complete").all()
+    assert np.all(table["status"] == "complete")
     expected = np.array([fold_under_a_ramp(a) for a in table["a"]])
     np.testing.assert_allclose(table["down"], expected, atol=0.012)
     np.testing.assert_allclose(table["up"], -table["down"], atol=2e-3 + 1e-9)  # a crossing's step of r

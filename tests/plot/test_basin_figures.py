@@ -140,7 +140,7 @@ def test_jobs_ask_for_them(tmp_path: Path) -> None:
     ]
     result = gs.run(gs.Job(**given, figures=figures), tmp_path / "out")
     assert [figure.name for figure in result.figures] == ["basin_measures.png", "shock.png"]
-    assert load(result.path)["status"].isin(["settled", "inferred"]).all()
+    assert np.all(load(result.path)["status"].isin(["settled", "inferred"]))
     for wrong, said in (
         ({"kind": "basin_measures", "axes": ["theta_3"]}, "did you mean theta_1|did you mean theta_2"),
         ({"kind": "shock", "x": "theta_1", "y": "theta"}, "did you mean theta"),

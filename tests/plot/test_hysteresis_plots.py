@@ -70,7 +70,7 @@ def test_arrows_are_along_a_row_that_stands_on_a_branch() -> None:
     axes, strip = plot.hysteresis(table, y="delta_13").axes
     arrows = [patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)]
     assert len(arrows) == 2
-    assert all(patch.get_path().vertices[:, 1].max() < 3.5 for patch in arrows)
+    assert all(np.max(patch.get_path().vertices[:, 1]) < 3.5 for patch in arrows)
     assert all(text.endswith("1 of 2 rows") for text in labels(strip))
 
 

@@ -157,7 +157,7 @@ def test_parts_of_different_versions_are_joined(tmp_path: Path) -> None:
     assert table["gait"].astype(object).fillna("nan").tolist() == told
     for name, known in {"speed": [1.5] * 4, "note": ["x"] * 4, "flag": [True] * 4}.items():
         assert table[name][4:8].tolist() == known
-        assert table[name].drop(range(4, 8)).isna().all()
+        assert np.all(table[name].drop(range(4, 8)).isna())
     assert table["count"].dropna().tolist() == [3, 3]
 
 
