@@ -177,7 +177,7 @@ def test_newtons_basins_are_wada() -> None:
     """Every boundary point of Newton's basins is one of all three: Daza et al. 2015, Sci. Rep. 5:16579."""
     found = wada(grid_table((99, 99), lambda x, y: newton(3.1 * x - 1.5, 3.1 * y - 1.5), circular=False))
     assert np.max(found.merging["distance"]) < 5.0
-    shares = found.boxes[found.boxes["basins"] == 3]["share"].to_numpy()
+    shares = found.boxes.loc[found.boxes["basins"] == 3, "share"].to_numpy()
     assert (np.diff(shares) > 0).all()
     assert shares[-1] > 0.9
 
@@ -194,7 +194,7 @@ def test_stripes_and_discs_are_not_wada(label, distance: float) -> None:
     found = wada(grid_table((99, 99), label, circular=False))
     assert np.min(found.merging["within"]) == 0.0
     assert np.max(found.merging["distance"]) >= distance
-    assert np.all(found.boxes[found.boxes["basins"] == 3]["share"].eq(0.0))
+    assert found.boxes.loc[found.boxes["basins"] == 3, "share"].eq(0.0).all()
 
 
 def test_bounds_of_entropies() -> None:
@@ -246,11 +246,11 @@ def test_panels_are_measured_apart() -> None:
     table = grid_table((16, 16), lambda x, y, p: x < p, panels=[1.0, 3.0])
     found = basins(table, by="p")
     for number, p in enumerate([1.0, 3.0]):
-        alone = basins(table[table["p"] == p].drop(columns="p"))
+        alone = basins(table.loc[table["p"] == p].drop(columns="p"))
         pd.testing.assert_frame_equal(
             found.panels.drop(columns="p").iloc[[number]].reset_index(drop=True), alone.panels
         )
-        mine = found.fractions[found.fractions["p"] == p].drop(columns="p").reset_index(drop=True)
+        mine = found.fractions.loc[found.fractions["p"] == p].drop(columns="p").reset_index(drop=True)
         pd.testing.assert_frame_equal(mine, alone.fractions)
         np.testing.assert_array_equal(found.rows.loc[table["p"] == p, "shock"], alone.rows["shock"])
 
@@ -269,7 +269,7 @@ def test_a_grid_is_found_where_there_is_one() -> None:
     uneven = table.assign(psi_1=table["psi_1"] ** 2)
     assert find_grid(uneven, ["psi_1", "psi_2"]) is None
     assert basins(uneven).panels["grid"].tolist() == [False]
-    open_ended = table[table["psi_1"] < 5]
+    open_ended = table.loc[table["psi_1"] < 5]
     part = find_grid(open_ended, ["psi_1", "psi_2"])
     assert part is not None
     assert part.wraps == (False, True)

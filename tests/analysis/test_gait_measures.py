@@ -62,7 +62,7 @@ def test_gaits_by_threshold_come_from_onsets() -> None:
         crossings_of("RT-gallop", 0.08, row=2),
     ]
     table = pd.concat(parts, ignore_index=True)
-    table["speed_n"] = table["row"].map({0: 0.4, 1: 1.2, 2: 2.0})
+    table["speed_n"] = np.array([0.4, 1.2, 2.0])[table["row"]]
     found = gaits_by_threshold(table, (0.05, 0.07, 0.09)).set_index("threshold")
     assert list(found["gaits"]) == [3, 3, 2]
     assert list(found["trot"]) == [0, 1, 2]

@@ -103,15 +103,15 @@ def test_every_gait_is_found_from_any_start(gait: str, noise: float) -> None:
     found = _gaits(onsets)
     assert np.all(found["gait"] == gait)
     assert np.all(found["steady"])
-    close = {"atol": 1e-9 if not noise else 0.01}
+    atol = 1e-9 if not noise else 0.01
     np.testing.assert_allclose(found["period"], 0.5, rtol=1e-9 if not noise else 0.01)
-    np.testing.assert_allclose(found["delta_1"], 0.2 * signs(gait)[0], **close)
-    np.testing.assert_allclose(found["delta_2"], 0.2 * signs(gait)[1], **close)
-    np.testing.assert_allclose(found["antiphase"], 0.5, **close)
+    np.testing.assert_allclose(found["delta_1"], 0.2 * signs(gait)[0], atol=atol)
+    np.testing.assert_allclose(found["delta_2"], 0.2 * signs(gait)[1], atol=atol)
+    np.testing.assert_allclose(found["antiphase"], 0.5, atol=atol)
     wanted = ideal_phases(gait, 0.2)
     for leg in LEGS:
         off = found[f"phase_{leg}"] - wanted[leg]
-        np.testing.assert_allclose((off + 0.5) % 1.0 - 0.5, 0.0, **close)
+        np.testing.assert_allclose((off + 0.5) % 1.0 - 0.5, 0.0, atol=atol)
     np.testing.assert_array_equal(found["row"], np.arange(21))
 
 
@@ -225,7 +225,7 @@ def test_onsets_in_a_trace() -> None:
     trace.loc[5000, "u_LF"] = np.nan
     other = trace.assign(row=2, t=trace["t"] - 100.0).sample(frac=1.0, random_state=0)
     onsets = onsets_in(pd.concat([trace, other]), {leg: f"u_{leg}" for leg in LEGS})
-    first = onsets[(onsets["row"] == 4) & (onsets["leg"] == "RF")]["t"].to_numpy()
+    first = onsets.loc[(onsets["row"] == 4) & (onsets["leg"] == "RF"), "t"].to_numpy()
     np.testing.assert_allclose(first, 0.7 * (np.arange(len(first)) + phases["RF"]), atol=1e-6)
     found = gait_of(onsets)
     assert list(found["row"]) == [2, 4]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 from typing import Any, ClassVar
 
 import jax
@@ -306,7 +307,7 @@ def test_wrong_fields_are_refused(change: dict[str, Any], sentence: str) -> None
 
 def test_the_estimate_counts_ramps() -> None:
     """The ramp lasts 1503 s, the rows at rest 10 s."""
-    fields = {
+    fields: dict[str, Any] = {
         "name": "ramps",
         "model": "cusp_flow:CuspFlow",
         "run": {"kind": "fixed_time", "duration": 10.0},
@@ -315,13 +316,13 @@ def test_the_estimate_counts_ramps() -> None:
     }
     rest = {"kind": "value", "of": "x", "at": {"x_0": 1.0}, "wanted": 1.0, "error": 0.05}
     down = {**transition(), "wanted": 0.0, "error": 1.0}
-    steps = {}
+    needs = {}
     for name, targets in {"rest": {"rest": rest}, "both": {"rest": rest, "down": down}}.items():
-        asked = {**fields, "search": {**fields["search"], "targets": targets}}  # type: ignore[dict-item]
-        needs = estimate_search(read_search(asked, Path.cwd()))
-        steps[name], rows = needs.steps, needs.rows_of_a_set
-    assert rows == 2
-    assert 0.8 < (steps["both"] - steps["rest"]) / (steps["rest"] * 1503.0 / 10.0) < 1.25
+        asked = {**fields, "search": {**fields["search"], "targets": targets}}
+        needs[name] = estimate_search(read_search(asked, Path.cwd()))
+    assert needs["both"].rows_of_a_set == 2
+    alone = needs["rest"].steps
+    assert 0.8 < (needs["both"].steps - alone) / (alone * 1503.0 / 10.0) < 1.25
 
 
 def test_a_sensitivity_takes_ramps() -> None:
