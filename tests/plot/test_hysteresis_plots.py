@@ -204,9 +204,8 @@ def test_return_map_marks_fixed_points_and_ghosts(form: str) -> None:
         assert y == (x if form == "next" else 0.0)
     assert [to_hex(line.get_markerfacecolor()) == "#ffffff" for line in points] == [False, True, False]
     ghost = [line for line in right.lines if line.get_marker() == "^"]
-    assert [np.asarray(line.get_xdata())[0] for line in ghost] == pytest.approx(
-        [delta(-1 / np.sqrt(3))], abs=0.02
-    )
+    (passed,) = (np.asarray(line.get_xdata())[0] for line in ghost)
+    assert passed == pytest.approx(delta(-1 / np.sqrt(3)), abs=0.02)
     assert right.texts[0].get_text().startswith("+0.0")
     assert texts(figure) == [
         "one step of one start",
@@ -246,9 +245,8 @@ def test_branches_are_solid_where_stable_and_open_where_not() -> None:
         for line in axes.lines
         if line.get_marker() == "o" and to_hex(line.get_markerfacecolor()) == "#ffffff"
     ]
-    assert [np.asarray(line.get_xdata()).tolist() for line in unstable] == [
-        [f for f in values if abs(f) < FOLD]
-    ]
+    (places,) = (np.asarray(line.get_xdata()).tolist() for line in unstable)
+    assert places == [f for f in values if abs(f) < FOLD]
 
 
 def test_gait_map_names_the_set_of_each_cell() -> None:

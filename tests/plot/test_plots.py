@@ -57,9 +57,8 @@ def test_basin_has_the_legends_colours_in_every_panel_whatever_the_gaits_are_cal
     table = settle_table()
     names = {"direct": "hop", "source": "skip", "retrograde": "jump"}
     table["gait"] = table["gait"].cat.rename_categories(names)
-    table = table.loc[
-        (table["psi_3"] > 2.0) | (table["psi_1"] > TURN / 2)
-    ]  # the first panel begins with a jump
+    # the first panel begins with a jump
+    table = table.loc[(table["psi_3"] > 2.0) | (table["psi_1"] > TURN / 2)]
     figure = plot.basin(table, x="psi_1", y="psi_2", panels="psi_3")
     rendered(figure)
     key = {text.split()[0]: patch.get_facecolor() for text, patch in _key(figure)}
