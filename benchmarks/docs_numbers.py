@@ -314,14 +314,14 @@ def _command(text: str) -> tuple[str, ...]:
     Raises:
         ValueError: neither gaitsweep nor a module of benchmarks/ nor a file of tests.
     """
-    words = tuple(shlex.split(text))
-    module = words[2] if words[:2] == ("python", "-m") and len(words) > 2 else ""
+    words = shlex.split(text)
+    module = words[2] if words[:2] == ["python", "-m"] and len(words) > 2 else ""
     tested = module == "pytest" and re.fullmatch(r"tests(/[a-z_]+)+\.py", words[-1])
-    if words[:1] != ("gaitsweep",) and not tested and not re.fullmatch(r"benchmarks(\.[a-z_]+)+", module):
+    if words[:1] != ["gaitsweep"] and not tested and not re.fullmatch(r"benchmarks(\.[a-z_]+)+", module):
         raise ValueError(
             f"{text}: only `gaitsweep ...`, `python -m benchmarks...` and `python -m pytest ... FILE` are run"
         )
-    return words
+    return tuple(words)
 
 
 def _line(number: int, text: str, section: str) -> Line:

@@ -386,9 +386,8 @@ def _options() -> dict[str, str]:
 
 def model_of(xml: str) -> gs.MjcfModel:
     """A model of an MJCF, whose actuators follow sines."""
-    compiled = (
-        mujoco.MjModel.from_xml_string if xml.lstrip().startswith("<") else mujoco.MjModel.from_xml_path
-    )
+    source = mujoco.MjModel  # pyright: ignore[reportAttributeAccessIssue] (a compiled module without a stub)
+    compiled = source.from_xml_string if xml.lstrip().startswith("<") else source.from_xml_path
     number = compiled(xml).nu
     members = {
         "body_file": xml,

@@ -92,11 +92,11 @@ def ours_of(subject: Subject, job: Job, crossing: int) -> list[Found]:
     with tempfile.TemporaryDirectory() as folder:
         table = gs.run(job, Path(folder) / "run").table
     columns = {name: name if name == "t" else f"{name}_n" for name in subject.observables}
-    last = table[table["crossing"] == crossing].set_index("row")
+    last = table.loc[table["crossing"] == crossing].set_index("row")
     found = []
-    for row, status in table.groupby("row")["status"].last().items():
+    for row, status in table.groupby("row")["status"].last().to_dict().items():
         if status == "complete":
-            seen = {name: float(last[column][row]) for name, column in columns.items()}
+            seen = {name: float(last.loc[row, column]) for name, column in columns.items()}
             found.append(Found("complete", seen))
         else:
             # every status but a fall says that the row was lost

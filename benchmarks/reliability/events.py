@@ -23,7 +23,7 @@ import sys
 import time
 import warnings
 import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Hashable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from typing import Any
@@ -70,7 +70,7 @@ def numbers(solution: Solution, row: pd.DataFrame) -> tuple[str, float]:
         return status, np.inf
     error = 0.0
     if "crossing" in row:
-        row = row[row["crossing"] > 0]
+        row = row.loc[row["crossing"] > 0]
     for name, right in solution.columns.items():
         if name not in row:
             continue
@@ -145,7 +145,7 @@ def verdicts_on(family: Family, cases: list[Case], engine: str) -> list[Verdict]
     for group in in_groups(cases):
         try:
             table, spoken = run_together(family, [cases[i] for i in group], engine)
-            rows: dict[int, pd.DataFrame] = {int(row): each for row, each in table.groupby("row")}
+            rows: dict[Hashable, pd.DataFrame] = dict(iter(table.groupby("row")))
         except UserError:
             spoken, rows = "", {}  # each is asked alone
         for place, i in enumerate(group):

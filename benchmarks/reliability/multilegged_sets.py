@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +29,8 @@ def draw(random: np.random.Generator, n: int) -> list[Values]:
 
 def reference(values: Values, nudge: bool, crossings: int) -> Found:
     """Matrix exponentials between located events; moved by 1e-9 rad at the start where `nudge` says so."""
-    p = Parameters(**{name: value for name, value in values.items() if name not in PSI})
+    constants: dict[str, Any] = {name: value for name, value in values.items() if name not in PSI}
+    p = Parameters(**constants)
     psi = np.array([values[name] for name in PSI]) + (1e-9 if nudge else 0.0)
     try:
         last = multilegged_exact.run(p, psi, crossings).crossings[crossings]

@@ -133,7 +133,7 @@ def shrunk(data: dict[str, Any]) -> dict[str, Any]:
     """A job with at most two points an axis, and runs of a few cycles."""
     data = copy.deepcopy(data)
     for name, axis in (data.get("vary") or {}).items():
-        groups = axis if isinstance(axis, list) and name in ("zip", "sample") else [axis]
+        groups: list[Any] = axis if isinstance(axis, list) and name in ("zip", "sample") else [axis]
         for group in groups:
             if name == "sample":
                 group["n"] = 3

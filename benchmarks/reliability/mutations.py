@@ -166,7 +166,7 @@ def by_command_line(count: int, seed: int, folder: Path) -> list[Answer]:
             checks.append(("check", mutant, ["check", str(mutant.path)]))
     commands = [*checks, *runs]
     with ThreadPoolExecutor(min(os.cpu_count() or 1, AT_A_TIME)) as pool:
-        return list(pool.map(lambda each: run_one(*each, folder), commands))
+        return list(pool.map(lambda each: run_one(*each, folder=folder), commands))
 
 
 def run_one(kind: str, mutant: Mutant, arguments: list[str], folder: Path) -> Answer:

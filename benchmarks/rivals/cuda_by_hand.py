@@ -18,11 +18,13 @@ from collections.abc import Callable, Iterator
 from ctypes import byref, c_char_p, c_int, c_size_t, c_uint, c_void_p
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .by_hand import LEGS, PATIENCE, Found, Starts, Table, missing, timed
-from .starts import Array, Parameters, Row, reference_crossings
+from .starts import Parameters, Row, reference_crossings
 
 NAME = "CUDA C++ by hand, a thread a trajectory"
 SOURCE = Path(__file__).with_name("multilegged.cu")
@@ -139,7 +141,7 @@ class Card:
         cuda, rows = self.cuda, len(starts.z)
         # filled with NaN (all bits set) by the device
         found = Found(np.empty((rows, crossings, LEGS)), np.empty(rows, np.int64))
-        arrays: list[Array] = [starts.z, starts.modes, found.crossings, found.attempts]
+        arrays: list[NDArray[Any]] = [starts.z, starts.modes, found.crossings, found.attempts]
         pointers = [c_void_p() for _ in arrays]
         try:
             for pointer, array in zip(pointers, arrays, strict=True):

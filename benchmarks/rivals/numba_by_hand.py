@@ -21,7 +21,8 @@ from .starts import Array, Parameters, Row
 Four = tuple[float, float, float, float]
 State = tuple[Four, Four, Four, Four]  # x, v, q, y
 Modes = tuple[Four, Four, Four]  # slope and foot of each leg, and 1 for a leg in contact, 0 for others
-Guards = tuple[float, ...]  # q of each leg, then its gap, signed so that both rise to an event
+# q of each leg, then its gap, signed so that both rise to an event
+Guards = tuple[float, float, float, float, float, float, float, float]
 # Table 1; `rate` is 1/tau, `stance` and `swing` the lengths of the segments (rad), `steep` in m/rad.
 Table = namedtuple("Table", "kappa sigma K D omega rate g m m_B a stance swing steep")
 
@@ -111,7 +112,7 @@ def guards(state: State, modes: Modes) -> Guards:
 
 @compiled
 def halved(of: Guards) -> Guards:
-    return times(alike(0.5), of[:LEGS]) + times(alike(0.5), of[LEGS:])
+    return times(alike(0.5), of[:4]) + times(alike(0.5), of[4:])
 
 
 @compiled
@@ -230,7 +231,7 @@ def run(starts: Starts, crossings: int, dt: float = 4e-3) -> Found:
     rest = (p.omega, 1.0 / p.tau, p.g, p.m, p.m_B, p.a, 2.0 * p.beta * math.pi, swing, p.a / swing)
     contact, segment = starts.modes[:, :LEGS], starts.modes[:, LEGS:]
     slope, foot = p.slopes[segment], (p.slopes * (p.corners - p.origins))[segment]
-    z = np.concatenate([starts.z, slope, foot, contact], axis=1)
+    z = np.concatenate([starts.z, slope, foot, contact], axis=1, dtype=float)
     found = Found.empty(len(z), crossings)
     filled = found.crossings, found.attempts
     sweep(Table(*springs, *rest), z, segment.astype(int), dt, PATIENCE * crossings, *filled)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
     BeforeValidator,
@@ -96,6 +96,25 @@ class Job(StrictModel):
     figures: list[Annotated[FigureKind, OneOf(FIGURES)]] = Field(
         default_factory=list, max_length=200, description="figures to draw from the table"
     )
+
+    if TYPE_CHECKING:
+
+        def __init__(  # what a field is read from, for type checkers, which would expect what it holds
+            self,
+            *,
+            name: str,
+            model: str,
+            structure: Mapping[str, Any] = ...,
+            config: str | Path | None = ...,
+            params: Mapping[str, Any] = ...,
+            start: Mapping[str, Any] = ...,
+            vary: Mapping[str, Any] = ...,
+            run: RunKind | Mapping[str, Any],
+            numerics: NumericsSpec | Mapping[str, Any] | Literal["auto"] = ...,
+            engine: EngineChoice | Mapping[str, Any] = ...,
+            verify: int = ...,
+            figures: Sequence[FigureKind | Mapping[str, Any]] = ...,
+        ) -> None: ...
 
     _design: Design = PrivateAttr()
     _integration: ResolvedNumerics = PrivateAttr()

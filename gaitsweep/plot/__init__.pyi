@@ -1,3 +1,5 @@
+from typing import Any
+
 from gaitsweep.plot import style as style
 from gaitsweep.plot.basins.cells import cell_edges as cell_edges
 from gaitsweep.plot.basins.cells import filled as filled
@@ -45,3 +47,5 @@ from gaitsweep.schema.numbers import Positive as Positive
 from gaitsweep.schema.numbers import Real as Real
 from gaitsweep.schema.numbers import Text as Text
 from gaitsweep.schema.numbers import word as word
+
+def __getattr__(name: str) -> Any: ...  # kinds of figures of extensions

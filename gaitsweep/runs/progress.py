@@ -13,7 +13,7 @@ _ENOUGH = 0.01  # share done before a time left is printed: from the first few s
 class Progress(Protocol):
     """Callback that reports the progress of a run."""
 
-    def __call__(self, done: int, total: int, rate: float, fraction: float, note: str) -> None:
+    def __call__(self, done: int, total: int, rate: float, fraction: float, note: str, /) -> None:
         """Report progress.
 
         Args:

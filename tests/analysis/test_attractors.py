@@ -161,7 +161,7 @@ def test_the_chains_solution_lines_and_its_locked_state() -> None:
     found = attractors(table)
     assert len(found.summary) == 4
     assert agreement(table, found.column) > 0.95
-    own = found.column[table["gait"] == "locked"].unique()
+    own = found.column.loc[table["gait"] == "locked"].unique()
     assert len(own) == 1
     alone = found.summary.set_index("attractor").loc[own[0]]
     assert (alone["rows"], alone["kind"]) == (20, "point")
@@ -245,7 +245,7 @@ def landscape(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
 @pytest.mark.slow
 def test_a_simulated_tables_attractors_are_its_gaits(landscape: pd.DataFrame) -> None:
     """Two closed lines, pi apart: found from the states alone, and followed as the lines move."""
-    part = landscape[landscape["shift"] == 0.4]
+    part = landscape.loc[landscape["shift"] == 0.4]
     part.attrs = landscape.attrs
     found = attractors(part)
     assert agreement(part, found.column) == 1.0

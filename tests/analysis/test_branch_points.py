@@ -212,7 +212,7 @@ def test_with_a_conserved_quantity() -> None:
         np.testing.assert_allclose(found["r"], 0.0, atol=1e-8)
         u = (table["x"] - table["y"]).to_numpy()
         np.testing.assert_allclose(u * (table["r"] - u**2), 0.0, atol=1e-8)
-        assert table["branch"].nunique() == 3
+        assert len(set(table["branch"])) == 3
 
 
 @pytest.mark.slow

@@ -92,11 +92,11 @@ def test_figure_where_two_gaits_are_stable() -> None:
     figure = draw(table, x="r", y="up")
     named = [text.get_text() for text in figure.legends[0].get_texts()]
     assert named == ["walk stable", "trot stable", "walk and trot: both stable"]
-    both = figure.axes[0].collections[-1].get_paths()[0].vertices
+    both = np.asarray(figure.axes[0].collections[-1].get_paths()[0].vertices)
     assert [float(both[:, 0].min()), float(both[:, 0].max())] == [1.0, 2.0]
     more = table.query("gait == 'walk'").assign(row=lambda t: t["row"] + 4)
     beside = draw(pd.concat([table, more.assign(r=more["r"] + 1.5)]), x="r", y="up")
-    walk = beside.axes[0].collections[0].get_paths()[0].vertices
+    walk = np.asarray(beside.axes[0].collections[0].get_paths()[0].vertices)
     assert [float(walk[:, 0].min()), float(walk[:, 0].max())] == [0.0, 3.5]
     with pytest.raises(PlotError, match=r"walk at up = 0: stable in separate ranges of r"):
         draw(pd.concat([table, more.assign(r=more["r"] + 5.0)]), x="r", y="up")

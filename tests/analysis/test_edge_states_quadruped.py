@@ -57,7 +57,7 @@ def test_between_walk_and_trot_of_the_quadruped() -> None:
     print(table[["f", "delta_13", "outcome", "residual", "growth", "label_1", "label_2", "met"]])
     assert table["outcome"].tolist() == ["fixed", "fixed", "third", *["fixed"] * 5]
     assert table["met"][2] in (1, 2)
-    assert table[["label_1", "label_2"]][5:].to_numpy().tolist() == [[0, 1], [1, 2], [2, 3]]
+    assert table[["label_1", "label_2"]].to_numpy()[5:].tolist() == [[0, 1], [1, 2], [2, 3]]
     np.testing.assert_allclose(table["delta_13"][5:], [2.637, 2.590, 2.586], atol=1e-3)
 
     edges = np.flatnonzero(found.table["outcome"].isin(["fixed", "periodic"]))

@@ -60,7 +60,7 @@ def test_all_gaits_in_crossings() -> None:
     table = pd.concat([crossings_of(gait, row=row) for row, gait in enumerate(CHART)])
     found = gaits_in(table)
     assert list(found["gait"]) == list(CHART)
-    assert found["steady"].all()
+    assert np.all(found["steady"])
     np.testing.assert_allclose(found["delta_1"], [0.2 * signs(gait)[0] for gait in CHART], atol=1e-9)
     assert list(gaits_in(table, thresholds=(0.3, 0.1))["gait"]) == ["trot"] * 9
 

@@ -107,13 +107,13 @@ def test_rows_that_go_to_and_fro_lose_no_branch() -> None:
     """An irregular row has its largest jump anywhere; one that turns back once may go on to a third gait."""
     table = staircase_table(3)
     wandering = table["row"] == 0
-    wild = np.where(np.arange(wandering.sum()) % 3 == 0, 0.4, 5.9)
+    wild = np.where(np.arange(np.sum(wandering)) % 3 == 0, 0.4, 5.9)
     table.loc[wandering, "delta_13_n"] = wild
-    assert len(jumps(table[wandering], "delta_13", "f")) > 10
+    assert len(jumps(table.loc[wandering], "delta_13", "f")) > 10
     assert largest_jumps(table, "delta_13", "f")["row"].tolist() == [1, 1, 2, 2]
     found = transition_points(table, "delta_13", "f")
     assert found.drop(columns="of").equals(
-        transition_points(table[~wandering], "delta_13", "f").drop(columns="of")
+        transition_points(table.loc[~wandering], "delta_13", "f").drop(columns="of")
     )
     assert found[["rows", "of"]].to_numpy().tolist() == [[2, 3], [2, 3]]
     table.loc[(table["row"] == 1) & (table["stair"] == 16), "delta_13_n"] -= 0.3
@@ -143,15 +143,15 @@ def test_loop_area_against_the_closed_form(centre: float) -> None:
 def test_a_row_that_fell_gives_no_jump_of_its_fall() -> None:
     table = ramp_table(2, steps=1000)
     end = (table["row"] == 1) & (table["crossing"] > 500)
-    table = table[~(end & (table["crossing"] > 508))]
+    table = table.loc[~(end & (table["crossing"] > 508))]
     falling = table.loc[end, "crossing"].to_numpy() - 500
     table.loc[end, "delta_13_n"] += 0.2 * falling  # what eight crossings before a fall may look like
     table.loc[table["row"] == 1, "status"] = "fell"
     found = jumps(table, "delta_13", "f")
     assert found["row"].tolist() == [0, 0]
     area = loop_area(table, "delta_13", "f").set_index("row")["area"]
-    assert area[0] > 0.4
-    assert np.isnan(area[1])
+    assert area.loc[0] > 0.4
+    assert np.isnan(area.loc[1])
     assert transition_points(table, "delta_13", "f")["of"].tolist() == [2, 2]
 
 
@@ -163,7 +163,7 @@ def test_holds_without_a_crossing_are_passed_over() -> None:
     assert found.iloc[0][["low", "high"]].tolist() == pytest.approx([0.2, 0.4])
     nothing = table.assign(delta_13_n=np.nan)
     nothing.attrs = table.attrs
-    for empty in (nothing, table[:0], ramp_table(steps=10)[:1]):
+    for empty in (nothing, table.iloc[:0], ramp_table(steps=10).iloc[:1]):
         assert list(jumps(empty, "delta_13", "f").columns) == list(found.columns)
         assert not len(jumps(empty, "delta_13", "f"))
         assert not len(transition_points(empty, "delta_13", "f"))
@@ -222,7 +222,7 @@ def test_edges_by_gait_of_several_sets_of_rows() -> None:
         fold = (FOLD if edge["gait"] == "walk" else -FOLD) - 4 * (edge["beta"] - 0.75)
         assert edge["low"] < fold < edge["high"]
     assert len(found) == 4
-    assert not len(transition_points_by_gait(table[:0], "f", "delta_13"))
+    assert not len(transition_points_by_gait(table.iloc[:0], "f", "delta_13"))
     assert not len(
         transition_points_by_gait(table.assign(gait=pd.Categorical(["none"] * len(table))), "f", "delta_13")
     )

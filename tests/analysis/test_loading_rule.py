@@ -101,7 +101,7 @@ def test_together_is_before_the_first_of_a_pair_and_late_before_each() -> None:
     trace = trace_of("D-walk", 0.2, duration=10.0)
     trace.insert(1, "sigma", 0.5)
     for leg in ("LF", "RF"):
-        onset = trace["t"][(trace[f"u_f_{leg}"] > 0.0) & (trace[f"u_f_{leg}"].shift() <= 0.0)].to_numpy()
+        onset = trace["t"].loc[(trace[f"u_f_{leg}"] > 0.0) & (trace[f"u_f_{leg}"].shift() <= 0.0)].to_numpy()
         until = np.append(onset, np.inf)[np.searchsorted(onset, trace["t"], side="right")] - trace["t"]
         stands = np.isfinite(until) & (trace[f"u_f_{leg}"] <= 0.0)
         trace[f"F_{leg}"] = np.where(stands, 10.0 + 100.0 * until, 10.0)  # N, falling by 100 N/s

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.collections import QuadMesh
 
 from gaitsweep import plot
 from gaitsweep.analysis.records import AnalysisError
@@ -39,9 +40,9 @@ def test_shares_stand_beside_the_conditions() -> None:
         assert shares[name].tolist() == [False, True, False]
     assert shares["source_hold"].tolist() == [False, True, True]  # above m it is left, for N = 3
     # Wilson's interval of 2 in 4 by hand, z = 1.96: 0.5 -+ 0.35
-    assert shares["source_low"][1] == pytest.approx(0.15, abs=1e-3)
-    assert shares["source_high"][1] == pytest.approx(0.85, abs=1e-3)
-    assert shares["direct_high"][0] == pytest.approx(1.96**2 / (4 + 1.96**2), abs=1e-3)
+    assert shares.loc[1, "source_low"] == pytest.approx(0.15, abs=1e-3)
+    assert shares.loc[1, "source_high"] == pytest.approx(0.85, abs=1e-3)
+    assert shares.loc[0, "direct_high"] == pytest.approx(1.96**2 / (4 + 1.96**2), abs=1e-3)
 
 
 def test_sets_are_counted_by_the_conditions() -> None:
@@ -58,7 +59,7 @@ def test_sets_are_counted_by_the_conditions() -> None:
 def test_the_chain_of_a_table_follows_its_jobs_formulas() -> None:
     some = table(kappa=[50.0] * 6 + [200.0] * 6)
     some.attrs["job"] = {"params": {"a": 0.5, "m_1": "m_B - 0.1", "kappa_end": "1.1*kappa"}}
-    chains = chains_of(some, some[["m_B", "kappa"]])
+    chains = chains_of(some, some.loc[:, ["m_B", "kappa"]])
     assert np.asarray(chains.m_1) == pytest.approx(some["m_B"] - 0.1)
     assert np.asarray(chains.m_end) == pytest.approx(some["m_B"])
     assert np.asarray(chains.kappa_end) == pytest.approx(1.1 * some["kappa"])
@@ -92,7 +93,9 @@ def test_values_in_equal_ratios_have_logarithmic_axes() -> None:
     some.attrs["job"] = {"vary": {"kappa": {"logspace": [20, 320, 3]}}}
     direct, *_ = plot.draw("gait_shares", some, x="m_B", y="kappa").axes
     assert (direct.get_xscale(), direct.get_yscale()) == ("linear", "log")
-    corners = np.asarray(direct.collections[0].get_coordinates())
+    mesh = direct.collections[0]
+    assert isinstance(mesh, QuadMesh)
+    corners = np.asarray(mesh.get_coordinates())
     assert corners[:, 0, 1] == pytest.approx([10.0, 40.0, 160.0, 640.0])
     (axes,) = plot.draw("gait_shares", some, x="kappa").axes
     assert axes.get_xscale() == "log"
@@ -108,6 +111,7 @@ def test_a_map_of_scattered_sets_shows_the_nearest_one() -> None:
     rows = rows.assign(status="settled", **{f"psi_{i}_end": 0.0 for i in (1, 2, 3)})
     direct, *_ = plot.draw("gait_shares", rows, x="m_B", y="kappa").axes
     mesh = direct.collections[0]
+    assert isinstance(mesh, QuadMesh)
     corners = np.asarray(mesh.get_coordinates())
     for (m_B, kappa), name in zip(sets, gait, strict=True):
         column = min(np.searchsorted(corners[0, :, 0], m_B) - 1, 239)

@@ -48,7 +48,7 @@ def test_the_order_over_speed() -> None:
     assert not found.loc[0.0, "in_order"]
     assert np.isnan(found.loc[0.0, "speed_walk"])
     swapped = table().replace({"speed_end": {0.4: 1.1}})
-    assert not repertoire(swapped, ["com_x"])["in_order"].any()
+    assert not np.any(repertoire(swapped, ["com_x"])["in_order"])
 
 
 def test_a_missing_column_is_named() -> None:

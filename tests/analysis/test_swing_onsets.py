@@ -101,17 +101,17 @@ def test_no_such_gait() -> None:
 def test_every_gait_is_found_from_any_start(gait: str, noise: float) -> None:
     onsets = np.stack([_steps(gait, begin=begin, noise=noise) for begin in np.linspace(-0.7, 0.7, 21)])
     found = _gaits(onsets)
-    assert (found["gait"] == gait).all()
-    assert found["steady"].all()
-    close = {"atol": 1e-9 if not noise else 0.01}
+    assert np.all(found["gait"] == gait)
+    assert np.all(found["steady"])
+    atol = 1e-9 if not noise else 0.01
     np.testing.assert_allclose(found["period"], 0.5, rtol=1e-9 if not noise else 0.01)
-    np.testing.assert_allclose(found["delta_1"], 0.2 * signs(gait)[0], **close)
-    np.testing.assert_allclose(found["delta_2"], 0.2 * signs(gait)[1], **close)
-    np.testing.assert_allclose(found["antiphase"], 0.5, **close)
+    np.testing.assert_allclose(found["delta_1"], 0.2 * signs(gait)[0], atol=atol)
+    np.testing.assert_allclose(found["delta_2"], 0.2 * signs(gait)[1], atol=atol)
+    np.testing.assert_allclose(found["antiphase"], 0.5, atol=atol)
     wanted = ideal_phases(gait, 0.2)
     for leg in LEGS:
         off = found[f"phase_{leg}"] - wanted[leg]
-        np.testing.assert_allclose((off + 0.5) % 1.0 - 0.5, 0.0, **close)
+        np.testing.assert_allclose((off + 0.5) % 1.0 - 0.5, 0.0, atol=atol)
     np.testing.assert_array_equal(found["row"], np.arange(21))
 
 
@@ -225,11 +225,11 @@ def test_onsets_in_a_trace() -> None:
     trace.loc[5000, "u_LF"] = np.nan
     other = trace.assign(row=2, t=trace["t"] - 100.0).sample(frac=1.0, random_state=0)
     onsets = onsets_in(pd.concat([trace, other]), {leg: f"u_{leg}" for leg in LEGS})
-    first = onsets[(onsets["row"] == 4) & (onsets["leg"] == "RF")]["t"].to_numpy()
+    first = onsets.loc[(onsets["row"] == 4) & (onsets["leg"] == "RF"), "t"].to_numpy()
     np.testing.assert_allclose(first, 0.7 * (np.arange(len(first)) + phases["RF"]), atol=1e-6)
     found = gait_of(onsets)
     assert list(found["row"]) == [2, 4]
-    assert (found["gait"] == "LT-gallop").all()
+    assert np.all(found["gait"] == "LT-gallop")
     stance = trace.assign(**{name: (trace[name] <= 0.0).astype(float) for name in columns})
     lifted = onsets_in(stance, {leg: f"u_{leg}" for leg in LEGS}, level=0.5, falling=True)
     assert gait_of(lifted).loc[0, "gait"] == "LT-gallop"

@@ -28,11 +28,11 @@ def test_a_grid() -> None:
     result = gs.sweep(TOY, launch_1=np.linspace(1, 2, 3), restitution=[0.2, 0.5], run=SETTLE)
     table, found = result.table, result.to_xarray()
     assert dict(found.sizes) == {"launch_1": 3, "restitution": 2}
-    for record in table.itertuples():
-        here = found.sel(launch_1=record.launch_1, restitution=record.restitution)
-        assert float(here["launch_1_end"]) == record.launch_1_end
+    for record in table.to_dict("records"):
+        here = found.sel(launch_1=record["launch_1"], restitution=record["restitution"])
+        assert float(here["launch_1_end"]) == record["launch_1_end"]
         meanings = found["gait"].attrs["flag_meanings"].split()
-        assert meanings[list(found["gait"].attrs["flag_values"]).index(int(here["gait"]))] == record.gait
+        assert meanings[list(found["gait"].attrs["flag_values"]).index(int(here["gait"]))] == record["gait"]
     assert found["launch_1"].attrs["units"] == "m/s"
     assert found["status"].attrs["flag_meanings"].split() == list(table["status"].cat.categories)
     assert found["cycles"].dtype == np.int64
@@ -61,7 +61,7 @@ def test_rows_of_different_lengths() -> None:
     run = gs.ReturnMap(crossings=4)
     result = gs.sweep(TOY, ceiling=[0.3, 1000.0], launch_1=1.0, kick=3.0, run=run, verify=0)
     lengths = result.table["row"].value_counts()
-    assert lengths[0] < lengths[1]
+    assert lengths.loc[0] < lengths.loc[1]
     found = result.to_xarray()
     missing = np.isnan(found["launch_1_n"].to_numpy())
     assert missing[0].sum() >= lengths[1] - lengths[0]

@@ -21,9 +21,9 @@ def test_transition_points_and_area(kind: str) -> None:
     table = staircase_table(1, hold=400) if kind == "staircase" else ramp_table()
     found = gs.hysteresis(table)
     assert set(found.transition_points["observable"]) == set(found.loops["observable"]) == {"delta_13"}
-    for point in found.transition_points.itertuples():
-        fold = FOLD if point.direction == "rising" else -FOLD
-        assert abs(0.5 * (point.low + point.high) - fold) < 0.1
+    for point in found.transition_points.to_dict("records"):
+        fold = FOLD if point["direction"] == "rising" else -FOLD
+        assert abs(0.5 * (point["low"] + point["high"]) - fold) < 0.1
     assert found.loops["area"].to_numpy() == pytest.approx(AREA * SCALE, rel=0.15)
     named = gs.hysteresis(table, "delta_13", "f")
     assert_frame_equal(named.transition_points, found.transition_points)
@@ -33,9 +33,9 @@ def test_settled_rows() -> None:
     """Each branch is lost at its fold, within a step of the parameter."""
     points = gs.hysteresis(SETTLED, parameter="f", start="delta_13").transition_points
     assert points["gait"].tolist() == ["trot", "walk"]
-    for point, fold in zip(points.itertuples(), (-FOLD, FOLD), strict=True):
-        assert point.low <= fold <= point.high
-        assert point.high - point.low == pytest.approx(0.1)
+    for point, fold in zip(points.to_dict("records"), (-FOLD, FOLD), strict=True):
+        assert point["low"] <= fold <= point["high"]
+        assert point["high"] - point["low"] == pytest.approx(0.1)
 
 
 def test_what_has_to_be_named() -> None:

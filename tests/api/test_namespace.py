@@ -58,8 +58,9 @@ PUBLIC = (
 
 
 def test_names() -> None:
-    assert dir(gs) == sorted(gs.__all__) == sorted(set(gs.__all__))
-    for name in gs.__all__:
+    names = vars(gs)["__all__"]
+    assert dir(gs) == sorted(names) == sorted(set(names))
+    for name in names:
         assert getattr(gs, name) is not None
     with pytest.raises(AttributeError, match="nothing"):
         _ = gs.nothing  # pyright: ignore[reportAttributeAccessIssue]

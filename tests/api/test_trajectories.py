@@ -173,7 +173,7 @@ def test_one_trajectory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.chdir(tmp_path)
     one = gs.simulate(toy_model.Toy(), launch_1=1.5, duration=1.0, every=0.1)
     trace = gs.sweep(toy_model.Toy(), launch_1=1.5, run=gs.Trace(duration=1.0, every=0.1), verify=0).table
-    assert_frame_equal(one, trace[one.columns.tolist()], check_exact=True)
+    assert_frame_equal(one, trace.loc[:, one.columns.tolist()], check_exact=True)
     assert one.attrs["units"] == {"t": "s", "height_1": "m", "speed_1": "m/s"}
     assert one.attrs["status"] == "complete"
     assert len(gs.simulate(toy_model.Toy(), duration=1.0)) > 20  # samples of a hundredth of a cycle

@@ -156,7 +156,7 @@ def test_slip_is_that_of_the_rows_own_body(tmp_path: Path) -> None:
     table["q_3"], table["q_6"] = np.where(turned, np.cos(0.005), 1.0), np.where(turned, np.sin(0.005), 0.0)
     moved = []
     for row in (0, 1):
-        part = table[table["row"] == row]
+        part = table.loc[table["row"] == row]
         part.attrs = table.attrs
         moved.append(measures.foot_slip(part, take="max"))
     squares = (np.array(moved) / (2.0 * np.sin(0.005))) ** 2

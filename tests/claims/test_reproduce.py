@@ -69,14 +69,14 @@ def test_every_claim_has_a_verdict(
         "of_lost": "not run",
         "long": "not run",
     }
-    assert found["ours"]["all_settle"] == "1"
+    assert found.loc["all_settle", "ours"] == "1"
     assert found[["simulated", "model", "constants"]].loc["all_settle"].tolist() == [
         True,
         "multilegged_reduced",
         "defaults",
     ]
-    assert "no column nothing" in found["why"]["not_there"]
-    assert found["command"]["all_settle"].startswith("gaitsweep run ")
+    assert "no column nothing" in found.loc["not_there", "why"]
+    assert found.loc["all_settle", "command"].startswith("gaitsweep run ")
     told = capsys.readouterr().out
     assert "1 of 5 claims reproduced, 2 not reproduced, 2 not run." in told
     assert "far_off (not reproduced): 1; paper: 0\n" in told

@@ -12,15 +12,17 @@ from pydantic import ValidationError
 import gaitsweep as gs
 import toy_model
 from gaitsweep.fitting.measure_kinds import MEASURES
-from gaitsweep.fitting.measures import Measure
+from gaitsweep.fitting.measures import RowMeasure
 from gaitsweep.fitting.search_job import read_search
 from gaitsweep.schema.diagnostics import JobError
 
 TOY = toy_model.Toy()
 
 
-def measure(kind: str, **fields: Any) -> Measure:
-    return MEASURES[kind].model_validate({"kind": kind, "at": {"mass": [1, 2, 3, 4]}, **fields})
+def measure(kind: str, **fields: Any) -> RowMeasure:
+    made = MEASURES[kind].model_validate({"kind": kind, "at": {"mass": [1, 2, 3, 4]}, **fields})
+    assert isinstance(made, RowMeasure)
+    return made
 
 
 def rows(**columns: list[list[Any]]) -> dict[str, np.ndarray]:
@@ -71,9 +73,7 @@ def test_a_coexistence_is_the_length_of_the_range_with_all_gaits() -> None:
     gaits = [["rest", "rest", "rest", "hop", "hop", "rest"], ["hop"] * 6]
     status = [["complete"] * 6, ["complete"] * 6]
     seen = {"gait": np.array(gaits), "status": np.array(status)}
-    both = MEASURES["coexistence"].model_validate(
-        {"kind": "coexistence", "at": at, "along": "mass", "gaits": ["rest", "hop"]}
-    )
+    both = measure("coexistence", at=at, along="mass", gaits=["rest", "hop"])
     # masses 1 and 2 stand for 1 to 1.5 and 1.5 to 3
     assert both.of_sets(seen, TOY).values == pytest.approx([2.0, 0.0])
     seen["status"][0, 3] = "fell"

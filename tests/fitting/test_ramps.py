@@ -108,7 +108,7 @@ def test_a_ramp_leaves_a_gait_past_its_fold() -> None:
         numerics={"method": "rk4", "dt": 0.05},
     )
     table = found.table
-    assert (table["status"] == "complete").all()
+    assert np.all(table["status"] == "complete")
     expected = np.array([fold_under_a_ramp(a) for a in table["a"]])
     np.testing.assert_allclose(table["down"], expected, atol=0.012)
     np.testing.assert_allclose(table["up"], -table["down"], atol=2e-3 + 1e-9)  # a crossing's step of r
@@ -306,7 +306,7 @@ def test_wrong_fields_are_refused(change: dict[str, Any], sentence: str) -> None
 
 def test_the_estimate_counts_ramps() -> None:
     """The ramp lasts 1503 s, the rows at rest 10 s."""
-    fields = {
+    fields: dict[str, Any] = {
         "name": "ramps",
         "model": "cusp_flow:CuspFlow",
         "run": {"kind": "fixed_time", "duration": 10.0},
@@ -315,13 +315,13 @@ def test_the_estimate_counts_ramps() -> None:
     }
     rest = {"kind": "value", "of": "x", "at": {"x_0": 1.0}, "wanted": 1.0, "error": 0.05}
     down = {**transition(), "wanted": 0.0, "error": 1.0}
-    steps = {}
+    needs = {}
     for name, targets in {"rest": {"rest": rest}, "both": {"rest": rest, "down": down}}.items():
-        asked = {**fields, "search": {**fields["search"], "targets": targets}}  # type: ignore[dict-item]
-        needs = estimate_search(read_search(asked, Path.cwd()))
-        steps[name], rows = needs.steps, needs.rows_of_a_set
-    assert rows == 2
-    assert 0.8 < (steps["both"] - steps["rest"]) / (steps["rest"] * 1503.0 / 10.0) < 1.25
+        asked = {**fields, "search": {**fields["search"], "targets": targets}}
+        needs[name] = estimate_search(read_search(asked, Path.cwd()))
+    assert needs["both"].rows_of_a_set == 2
+    alone = needs["rest"].steps
+    assert 0.8 < (needs["both"].steps - alone) / (alone * 1503.0 / 10.0) < 1.25
 
 
 def test_a_sensitivity_takes_ramps() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 
 import gaitsweep as gs
@@ -30,14 +31,20 @@ def table() -> pd.DataFrame:
     return made
 
 
+def labels(axes: Axes) -> list[str]:
+    legend = axes.get_legend()
+    assert legend is not None
+    return [text.get_text() for text in legend.get_texts()]
+
+
 def test_measures_over_panels() -> None:
     figure = draw("basin_measures", table(), panels="p")
     rendered(figure)
     shares, entropies, uncertain = figure.axes
-    assert [text.get_text() for text in shares.get_legend().get_texts()] == ["0", "1", "2"]
+    assert labels(shares) == ["0", "1", "2"]
     assert len(uncertain.lines) == 3
-    assert "exponent" in uncertain.get_legend().get_texts()[0].get_text()
-    np.testing.assert_allclose(entropies.lines[0].get_xdata(), [2.0, 3.0, 4.5])
+    assert "exponent" in labels(uncertain)[0]
+    np.testing.assert_allclose(np.asarray(entropies.lines[0].get_xdata()), [2.0, 3.0, 4.5])
 
 
 def test_many_panels_are_told_apart_by_a_bar() -> None:
@@ -58,14 +65,14 @@ def test_measures_of_attractors() -> None:
     """Grouped and followed from the settled states: the same shares as the labels'."""
     rendered(draw("basin_measures", table(), hue="attractor", panels="p"))
     figure = draw("basin_measures", table(), axes=["psi_1", "psi_2", "p"], hue="attractor")
-    names = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
-    assert names == ["A1", "A2", "A3"]
+    assert labels(figure.axes[0]) == ["A1", "A2", "A3"]
 
 
 def test_the_shock_is_drawn_as_it_is_measured() -> None:
     figure = draw("shock", table(), x="psi_1", y="psi_2", panels="p")
     rendered(figure)
     drawn = figure.axes[0].collections[-1].get_array()
+    assert drawn is not None
     assert float(drawn.min()) == pytest.approx(TURN / 24)
     assert "smallest" in figure.axes[-1].get_ylabel()
 
@@ -75,13 +82,13 @@ def test_the_shock_is_drawn_as_it_is_measured() -> None:
 def test_poor_tables(kind: str) -> None:
     named = {"x": "psi_1", "y": "psi_2"} if kind == "shock" else {"axes": ["psi_1", "psi_2"]}
     whole = table()
-    one = whole[whole["p"] == 2.0]
+    one = whole.loc[whole["p"] == 2.0]
     for poor in (
         whole.iloc[:0],
         one.iloc[:1],
         one.iloc[:37],
         one.sample(60, random_state=0),
-        one[one["gait"] == "1"],
+        one.loc[one["gait"] == "1"],
         one.assign(status="fell"),
     ):
         rendered(draw(kind, poor, **named))
@@ -98,13 +105,13 @@ def test_cells_of_equal_ratios(kind: str) -> None:
         vary={"stiffness": axis, "launch_1": {"linspace": [1.0, 4.0, 7]}},
     )  # fmt: skip
     made = table_of(job)
-    made = made[made["stiffness"].round(6) != 16.0]
+    made = made.loc[made["stiffness"].round(6) != 16.0]
     figure = draw(kind, made, x="stiffness", y="launch_1")
     rendered(figure)
     axes = figure.axes[0]
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "linear")
     (cells,) = (each for each in axes.collections if isinstance(each, QuadMesh))
-    across = cells.get_coordinates()[0, :, 0]
+    across = np.asarray(cells.get_coordinates())[0, :, 0]
     np.testing.assert_allclose(across, 2.0 ** np.arange(-0.5, 9.0))
     drawn = np.asarray(cells.get_array())
     np.testing.assert_array_equal(drawn[:, :, 3].any(axis=0), np.arange(9) != 4)
@@ -140,7 +147,7 @@ def test_jobs_ask_for_them(tmp_path: Path) -> None:
     ]
     result = gs.run(gs.Job(**given, figures=figures), tmp_path / "out")
     assert [figure.name for figure in result.figures] == ["basin_measures.png", "shock.png"]
-    assert load(result.path)["status"].isin(["settled", "inferred"]).all()
+    assert np.all(load(result.path)["status"].isin(["settled", "inferred"]))
     for wrong, said in (
         ({"kind": "basin_measures", "axes": ["theta_3"]}, "did you mean theta_1|did you mean theta_2"),
         ({"kind": "shock", "x": "theta_1", "y": "theta"}, "did you mean theta"),

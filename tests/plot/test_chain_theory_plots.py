@@ -83,14 +83,14 @@ def test_wave_speed_shows_measured_waves_on_the_theorys_curves() -> None:
         assert dots[:, 1] == pytest.approx([expected] * 2, abs=1e-6)
     rendered(figure)
     with pytest.raises(plot.PlotError, match="two cycles"):
-        plot.wave_speed(table[table["t"] < 12.0], x="omega")
+        plot.wave_speed(table.loc[table["t"] < 12.0], x="omega")
 
 
 def test_footprints_of_the_chain_mark_the_link_whose_lag_is_free() -> None:
     figure = plot.footprints(walking([Branch("direct", 3), Branch("B", 2), Branch("B", 3)]))
     panels = [axes for axes in figure.axes if axes.get_yticklabels()]
     for axes, free in zip(panels, (2, 0, 1), strict=True):
-        links = {(line.get_ydata()[0], line.get_color()) for line in axes.lines}
+        links = {(np.asarray(line.get_ydata())[0], line.get_color()) for line in axes.lines}
         assert {link for link, colour in links if colour == "#CC79A7"} <= {free}
         assert {link for link, colour in links if colour != "#CC79A7"} == {0, 1, 2} - {free}
     assert "the lag of this link is free" in [text.get_text() for text in figure.legends[0].get_texts()]

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch, Rectangle
 
 from gaitsweep import plot
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import COLOURS, MARKERS, ORDER
@@ -15,6 +16,11 @@ from tests.support.gait_traces import crossings_of, ends, trace_of, traces
 from tests.support.plot_tables import rendered
 
 DELTA = np.linspace(-0.25, 0.25, 21)
+
+
+def span(bar: Patch) -> tuple[float, float]:
+    assert isinstance(bar, Rectangle)
+    return bar.get_x(), bar.get_x() + bar.get_width()
 
 
 def texts(figure: Figure) -> list[str]:
@@ -43,7 +49,9 @@ def test_gaits_over_speed() -> None:
     names = [label.get_text() for label in axes.get_yticklabels()]
     assert names == ["D-walk", "L-walk", "trot"]
     drawn = {
-        to_hex(line.get_color()): len(line.get_xdata()) for line in axes.lines if line.get_marker() in "v^o"
+        to_hex(line.get_color()): np.size(line.get_xdata())
+        for line in axes.lines
+        if str(line.get_marker()) in "v^o"
     }
     assert drawn[COLOURS["D-walk"].lower()] == (DELTA < -0.07).sum()
     assert drawn[COLOURS["trot"].lower()] == (np.abs(DELTA) <= 0.07).sum()
@@ -163,7 +171,7 @@ def test_a_ramp() -> None:
     colours = [{to_hex(patch.get_facecolor()) for patch in axes.patches} for axes in figure.axes]
     assert colours == [{COLOURS["trot"].lower()}, {COLOURS["LT-gallop"].lower()}]
     bars = figure.axes[0].patches
-    spans = np.array([[bar.get_x(), bar.get_x() + bar.get_width()] for bar in bars])
+    spans = np.array([span(bar) for bar in bars])
     assert spans.min() >= 1.0
     assert spans.max() <= 2.0
     assert [axes.get_yticklabels()[0].get_text() for axes in figure.axes] == ["row 0", "row 1"]
@@ -177,7 +185,7 @@ def test_a_ramp() -> None:
         COLOURS["trot"].lower(),
         COLOURS["LT-gallop"].lower(),
     }
-    ends = [bar.get_x() for bar in bars] + [bar.get_x() + bar.get_width() for bar in bars]
+    ends = [end for bar in bars for end in span(bar)]
     assert 0.5 <= min(ends) < max(ends) <= 1.0
     with pytest.raises(PlotError, match="o parameter moves"):
         plot.draw("gait_ramp", crossings_of("trot"))

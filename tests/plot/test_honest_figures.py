@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
 from gaitsweep import plot
@@ -32,7 +33,7 @@ def figures() -> list[tuple[str, pd.DataFrame, dict[str, Any]]]:
         ("hysteresis", staircase_table(hold=5), {"y": "delta_13"}),
         ("return_map", map_table(starts=5, crossings=5), {"y": "delta_13"}),
         ("branches", map_table(starts=5, crossings=5), {"y": "delta_13", "x": "f"}),
-        ("shock", settle_table()[:16], {"x": "psi_1", "y": "psi_2"}),
+        ("shock", settle_table().iloc[:16], {"x": "psi_1", "y": "psi_2"}),
     ]
 
 
@@ -97,7 +98,7 @@ def joined(axes: Axes) -> list[tuple[float, float, float, float]]:
 
 def test_cycles_are_not_joined_over_crossings_that_are_not_there() -> None:
     table = crossing_table()
-    holed = table[table["crossing"] != 3]
+    holed = table.loc[table["crossing"] != 3]
     for each in (holed, table.assign(psi_1_n=table["psi_1_n"].where(table["crossing"] != 3))):
         pieces = joined(plot.cycles(each, y=["psi_1"]).axes[0])
         assert pieces
@@ -123,7 +124,7 @@ def test_holds_on_two_branches_are_not_joined() -> None:
 
 def test_hysteresis_names_only_the_ways_that_are_there() -> None:
     table = ramp_table(steps=60)
-    up = table[table["pass"] == 0]
+    up = table.loc[table["pass"] == 0]
     figure = plot.hysteresis(up, y="delta_13")
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["$f$ rises"]
 
@@ -194,7 +195,8 @@ def test_no_area_of_stability_goes_over_a_value_at_which_there_is_none() -> None
         for k, mass in enumerate([1.0, 2.0, 3.0, 4.0, 5.0])
     ]
     areas = plot.stable_ranges(followed(*rows), y="mass").axes[0].collections
-    heights = [sorted({round(float(y), 9) for y in path.vertices[:, 1]}) for path in areas[0].get_paths()]
+    corners = [np.asarray(path.vertices) for path in areas[0].get_paths()]
+    heights = [sorted({round(float(y), 9) for y in each[:, 1]}) for each in corners]
     assert heights == [[1.0, 2.0], [4.0, 5.0]]
 
 
@@ -211,20 +213,27 @@ def test_rows_that_have_not_settled_are_open_among_speeds() -> None:
     assert faces[(0.1, 0.9)] != "white"
 
 
+def cells_of(axes: Axes) -> tuple[np.ndarray, np.ndarray]:
+    """The corners of the cells of a map of five by five, and their colours."""
+    mesh = axes.collections[0]
+    assert isinstance(mesh, QuadMesh)
+    return np.asarray(mesh.get_coordinates()), np.asarray(mesh.get_facecolor()).reshape(5, 5, 4)
+
+
 @pytest.mark.slow
 def test_cells_that_are_not_there_stay_white_at_their_own_size() -> None:
     """Two of five columns are missing in one panel, and one row in all: their neighbours do not grow."""
     table = settle_table(5)
     first = table["psi_3"] == table["psi_3"].min()
     columns, rows = np.unique(table["psi_1"]), np.unique(table["psi_2"])
-    kept = table[~((first & table["psi_1"].isin(columns[1:3])) | (table["psi_2"] == rows[2]))]
+    kept = table.loc[~((first & table["psi_1"].isin(columns[1:3].tolist())) | (table["psi_2"] == rows[2]))]
     figure = plot.basin(kept, x="psi_1", y="psi_2", panels="psi_3")
     rendered(figure)
     for number, axes in enumerate(figure.axes):
-        mesh = axes.collections[0]
-        np.testing.assert_allclose(np.diff(mesh.get_coordinates()[0, :, 0]), 2 * np.pi / 5)
-        np.testing.assert_allclose(np.diff(mesh.get_coordinates()[:, 0, 1]), 2 * np.pi / 5)
-        drawn = mesh.get_facecolor().reshape(5, 5, 4)[:, :, 3] > 0
+        corners, colours = cells_of(axes)
+        np.testing.assert_allclose(np.diff(corners[0, :, 0]), 2 * np.pi / 5)
+        np.testing.assert_allclose(np.diff(corners[:, 0, 1]), 2 * np.pi / 5)
+        drawn = colours[:, :, 3] > 0
         there = np.ones((5, 5), bool)
         there[2] = False
         if number == 0:
@@ -235,8 +244,8 @@ def test_cells_that_are_not_there_stay_white_at_their_own_size() -> None:
 def test_a_gait_map_does_not_stretch_its_cells_either() -> None:
     table = settle_table(5)
     rows = np.unique(table["psi_2"])
-    figure = plot.gait_map(table[table["psi_2"] != rows[2]], x="psi_1", y="psi_2")
+    figure = plot.gait_map(table.loc[table["psi_2"] != rows[2]], x="psi_1", y="psi_2")
     rendered(figure)
-    mesh = figure.axes[0].collections[0]
-    np.testing.assert_allclose(np.diff(mesh.get_coordinates()[:, 0, 1]), 2 * np.pi / 5)
-    assert not mesh.get_facecolor().reshape(5, 5, 4)[2, :, 3].any()
+    corners, colours = cells_of(figure.axes[0])
+    np.testing.assert_allclose(np.diff(corners[:, 0, 1]), 2 * np.pi / 5)
+    assert not colours[2, :, 3].any()

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.collections import Collection
 from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from mpl_toolkits.mplot3d import Axes3D
 
 from gaitsweep import models, plot
 from gaitsweep.extension import gait_styles
@@ -22,6 +24,11 @@ from tests.support.plot_tables import AXES, POINTS, TURN, crossing_table, render
 
 def texts(figure: Figure) -> list[str]:
     return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+
+
+def faces(part: Collection) -> np.ndarray:
+    """The colours of the faces of a collection: (faces, 4)."""
+    return np.asarray(part.get_facecolor())
 
 
 def test_basin_names_axes_panels_and_shares() -> None:
@@ -40,7 +47,7 @@ def test_basin_names_axes_panels_and_shares() -> None:
         gait_styles()[gait][0].lower() for gait in ("direct", "source", "retrograde")
     ]
     assert figure.get_suptitle() == "Slices"
-    cells = figure.axes[0].collections[0].get_facecolor().reshape(4, 4, 4)
+    cells = faces(figure.axes[0].collections[0]).reshape(4, 4, 4)
     assert (cells[:, 0] == to_rgba(gait_styles()["direct"][0])).all()
     assert (cells[:, 1:3] == to_rgba(gait_styles()["retrograde"][0])).all()
 
@@ -50,11 +57,12 @@ def test_basin_has_the_legends_colours_in_every_panel_whatever_the_gaits_are_cal
     table = settle_table()
     names = {"direct": "hop", "source": "skip", "retrograde": "jump"}
     table["gait"] = table["gait"].cat.rename_categories(names)
-    table = table[(table["psi_3"] > 2.0) | (table["psi_1"] > TURN / 2)]  # the first panel begins with a jump
+    # the first panel begins with a jump
+    table = table.loc[(table["psi_3"] > 2.0) | (table["psi_1"] > TURN / 2)]
     figure = plot.basin(table, x="psi_1", y="psi_2", panels="psi_3")
     rendered(figure)
     key = {text.split()[0]: patch.get_facecolor() for text, patch in _key(figure)}
-    first, second = (axes.collections[0].get_facecolor().reshape(4, -1, 4) for axes in figure.axes[:2])
+    first, second = (faces(axes.collections[0]).reshape(4, -1, 4) for axes in figure.axes[:2])
     assert tuple(first[0, 2]) == tuple(second[0, 2]) == key["jump"]
     assert tuple(second[0, 0]) == key["hop"]
     assert tuple(first[0, 3]) == tuple(second[0, 3]) == key["skip"]
@@ -69,12 +77,12 @@ def test_basin_hatches_rows_that_failed_and_leaves_missing_cells_white() -> None
     table = settle_table()
     table.loc[table["row"] == 0, "status"] = "fell"
     table.loc[table["row"] == 2, "status"] = "cycle_limit"
-    table = table[table["row"] < 15]  # the first panel, its last cell missing
+    table = table.loc[table["row"] < 15]  # the first panel, its last cell missing
     figure = plot.basin(table, x="psi_1", y="psi_2")
     rendered(figure)
     assert {"not settled  7 %", "failed  7 %"} < set(texts(figure))
     assert len([patch for patch in figure.axes[0].patches if patch.get_hatch()]) == 2
-    cells = figure.axes[0].collections[0].get_facecolor().reshape(4, 4, 4)
+    cells = faces(figure.axes[0].collections[0]).reshape(4, 4, 4)
     assert cells[3, 3, 3] == 0.0
     assert tuple(cells[0, 0]) == to_rgba(COLOURS["failed"])
 
@@ -106,6 +114,7 @@ def test_solution_set_has_three_panels_lines_points_and_counts() -> None:
     figure = plot.draw("solution_set", table, axes=AXES, points=POINTS)
     rendered(figure)
     space, low, high = figure.axes
+    assert isinstance(space, Axes3D)
     assert [space.get_xlabel(), space.get_ylabel(), space.get_zlabel()] == [
         rf"$\psi_{{{i}}}$ (rad)" for i in (1, 2, 3)
     ]
@@ -121,8 +130,8 @@ def test_solution_set_has_three_panels_lines_points_and_counts() -> None:
     reached = np.concatenate([np.array(line.get_xydata()) for line in low.lines])
     assert len(low.lines) == len(high.lines) == len(space.lines)
     assert np.linalg.norm(reached - [3.97, 5.29], axis=1).min() < 2.2  # pieces are lines: their ends
-    direct = [part for part in low.collections if len(part.get_offsets()) == 11]
-    assert to_hex(direct[0].get_facecolor()[0]) == gait_styles()["direct"][0].lower()
+    direct = [part for part in low.collections if len(np.asarray(part.get_offsets())) == 11]
+    assert to_hex(faces(direct[0])[0]) == gait_styles()["direct"][0].lower()
 
 
 def test_solution_set_takes_the_theory_from_the_jobs_parameters() -> None:
@@ -155,7 +164,7 @@ def test_cycles_break_lines_where_an_angle_wraps() -> None:
     rendered(figure)
     axes = figure.axes[0]
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("cycle", r"$\psi_{1}$ (rad)")
-    longest = max(axes.lines, key=lambda line: len(line.get_xdata()))
+    longest = max(axes.lines, key=lambda line: np.size(line.get_xdata()))
     assert np.isnan(longest.get_ydata()).sum() == 1  # of the start at 5.9
     steps = np.abs(np.diff(np.asarray(longest.get_ydata(), float)))
     assert np.nanmax(steps) < np.pi
@@ -166,12 +175,12 @@ def test_cycles_break_lines_where_an_angle_wraps() -> None:
 def test_cycles_mark_where_a_row_failed() -> None:
     table = crossing_table()
     table.loc[table["row"] == 1, "status"] = "fell"
-    table = table[~((table["row"] == 1) & (table["crossing"] > 2))]
+    table = table.loc[~((table["row"] == 1) & (table["crossing"] > 2))]
     table.loc[table["row"] == 2, "psi_1_n"] = np.nan
     figure = plot.cycles(table, y=["psi_1"])
     rendered(figure)
     crosses = [line for line in figure.axes[0].lines if line.get_marker() == "x"]
-    assert [line.get_xdata().tolist() for line in crosses] == [[2.0]]
+    assert [np.asarray(line.get_xdata()).tolist() for line in crosses] == [[2.0]]
 
 
 def test_footprints_put_leg_1_on_top_and_count_cycles() -> None:
@@ -185,7 +194,7 @@ def test_footprints_put_leg_1_on_top_and_count_cycles() -> None:
     assert [above.get_xlabel() for above in first.child_axes] == ["cycles of 15.00 s"]
     bars = first.collections[0].get_paths()[0].get_extents()
     assert (bars.x0, bars.x1) == pytest.approx((0.0, 12.0), abs=0.06)
-    assert to_hex(first.collections[0].get_facecolor()[0]) == "#000000"
+    assert to_hex(faces(first.collections[0])[0]) == "#000000"
     assert {line.get_color() for line in first.lines} == {
         gait_styles()["retrograde"][0]
     }  # each leg after the one before it
@@ -203,15 +212,16 @@ def test_footprints_of_a_window() -> None:
 def test_footprints_show_a_window_and_name_limbs_as_movies_do() -> None:
     table = trace_table(rows=1)
     table.attrs["job"] = {"model": "waist_quadruped", "structure": {}, "run": {"kind": "trace"}}
-    axes = plot.draw("footprints", table, window=[20.0, 40.0], guides=False).axes[0]
+    figure = plot.draw("footprints", table, window=[20.0, 40.0], guides=False)
+    axes = figure.axes[0]
     assert axes.get_xlim() == (20.0, 40.0)
     limbs = models.find("waist_quadruped")().limbs
     assert [tick.get_text() for tick in axes.get_yticklabels()] == [limb.name for limb in limbs]
-    bars = [to_hex(bar.get_facecolor()[0]) for bar in axes.collections]
+    bars = [to_hex(faces(bar)[0]) for bar in axes.collections]
     assert bars == [colour.lower() for colour in limb_colours(limbs)]
     assert len(set(bars)) == 4
     above = axes.child_axes[0]
-    rendered(above.figure)
+    rendered(figure)
     assert above.get_xlim() == pytest.approx((0.0, 20.0 / 15.0))
     beyond = plot.draw("footprints", table, window=[60.0, 70.0]).axes[0]
     assert [text.get_text() for text in beyond.texts] == ["recorded from 0 to 49.95 s only"]

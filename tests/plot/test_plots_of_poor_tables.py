@@ -33,7 +33,7 @@ def test_tables_of_little_use_do_not_crash(whole: str) -> None:
     settle, crossing, trace = settle_table(), crossing_table(), trace_table()
     settle["status"] = settle["status"].cat.add_categories(["diverged"])
     if whole == "none of its rows":
-        settle, crossing, trace = settle[:0], crossing[:0], trace[:0]
+        settle, crossing, trace = settle.iloc[:0], crossing.iloc[:0], trace.iloc[:0]
     else:
         settle["status"], crossing["status"], trace["status"] = "diverged", "diverged", "fell"
     if whole == "no numbers":

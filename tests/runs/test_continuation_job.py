@@ -90,7 +90,7 @@ def test_branches_that_cross_a_symmetric_gait() -> None:
     found = table[table["special"] != ""]
     assert found["special"].tolist() == ["supercritical_pitchfork"]
     np.testing.assert_allclose(found["a"], 0.0, atol=1e-8)
-    own, across = table[table["branch"] == 0], table[table["branch"] > 0]
+    own, across = table.loc[table["branch"] == 0], table.loc[table["branch"] > 0]
     np.testing.assert_allclose(own["x_n"], 0.0, atol=1e-8)
     assert not own.loc[own["a"] > 1e-3, "stable"].any()
     assert sorted(across.drop_duplicates(["branch"])["gait"]) == ["left", "right"]

@@ -49,7 +49,7 @@ def test_both_folds_and_their_cusp(tmp_path: Path) -> None:
         assert set(curve["unstable"]) == {0}
         assert np.all(np.diff(curve["point"]) == 1)
         assert (curve["end"].iloc[0], curve["end"].iloc[-1]) == ("range", "range")
-        tip = curve[curve["special"] == "cusp"]
+        tip = curve.loc[curve["special"] == "cusp"]
         np.testing.assert_allclose(tip[["r_fold", "a_fold"]].to_numpy(float), [[0.0, 0.0]], atol=1e-6)
         away = curve[curve["special"] != "cusp"]
         # where r is below 0 the right equilibrium meets the middle one, and both lie above the curve

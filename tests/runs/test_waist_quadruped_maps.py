@@ -28,10 +28,10 @@ def test_branches_over_beta_end_where_holds_lose_the_gaits(tmp_path: Path) -> No
     small = "vary.beta={values: [0.7480, 0.7490, 0.7500, 0.7515, 0.7530]}"
     table = gs.run(job, tmp_path / "out", overrides=[small, "verify=0"]).table
     found = branches(table, "delta_13", "beta", BANDWIDTH)
-    stable = {beta: part["value"].to_numpy() for beta, part in found[found["stable"]].groupby("beta")}
+    stable = {beta: part["value"].to_numpy() for beta, part in found.loc[found["stable"]].groupby("beta")}
     assert stable[0.7480].min() > 3.0, "the trot alone"
     assert stable[0.7530].max() < 2.7, "the walk alone"
-    middle = found[found["beta"] == 0.75].sort_values("value")
+    middle = found.loc[found["beta"] == 0.75].sort_values("value")
     assert middle["stable"].tolist() == [True, False, True]
     # by the fixed points of holds, and the slopes by the map's own derivative (test_return_map_jacobian.py)
     np.testing.assert_allclose(middle["value"].iloc[[0, 2]], [2.739, 3.066], atol=2e-3)
@@ -51,12 +51,12 @@ def test_the_map_does_not_depend_on_how_long_ago_the_start_let_go(tmp_path: Path
     job = SWEEPS / "waist_quadruped_return_map.yaml"
     changed = ["run.after_cycles=16", "run.crossings=94", "vary.f={values: [2.6]}", "verify=0"]
     table = gs.run(job, tmp_path / "out", overrides=changed).table
-    held = table[table["crossing"] == 17]["delta_13_n"].to_numpy()
-    wanted = np.sort(table["delta_13"].unique())
+    held = table.loc[table["crossing"] == 17, "delta_13_n"].to_numpy()
+    wanted = np.unique(table["delta_13"])
     np.testing.assert_allclose(np.sort(held), wanted, atol=0.1)
     read = []
     for first in (40, 45, 50):
-        part = table[(table["crossing"] >= first) & (table["crossing"] < first + 60)]
+        part = table.loc[(table["crossing"] >= first) & (table["crossing"] < first + 60)]
         points = fixed_points(part, "delta_13", bandwidth=OF_THE_MAP).sort_values("value")
         assert points["stable"].tolist() == [True, False, True]
         read.append(points[points["stable"]])

@@ -42,8 +42,8 @@ def test_tables_of_before_get_the_column_when_they_are_loaded(tmp_path: Path, ol
             directory.write_part(number, frame.drop(columns="outcome") if number in older else frame)
     expected = load(now)
     pd.testing.assert_frame_equal(load(before), expected)
-    pd.testing.assert_frame_equal(load(before, ["outcome", "row"]), expected[["outcome", "row"]])
-    pd.testing.assert_frame_equal(pd.concat(load_parts(before, ["outcome"])), expected[["outcome"]])
+    pd.testing.assert_frame_equal(load(before, ["outcome", "row"]), expected.loc[:, ["outcome", "row"]])
+    pd.testing.assert_frame_equal(pd.concat(load_parts(before, ["outcome"])), expected.loc[:, ["outcome"]])
     pd.testing.assert_frame_equal(
         load(before, ["row"], rows=[1, 5]), expected.loc[[1, 5], ["row"]].reset_index(drop=True)
     )

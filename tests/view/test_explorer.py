@@ -325,7 +325,7 @@ def test_a_value_without_rows_and_keys_beside_the_map(tmp_path: Path) -> None:
         run={"kind": "settle", "max_cycles": 40},
     )  # fmt: skip
     table = gs.run(job, tmp_path / "part").table
-    part = table[table["restitution"] < 0.8]
+    part = table.loc[table["restitution"] < 0.8]
     part.attrs = table.attrs
     file = explorer_of(part, tmp_path / "part.html")
     with browser() as page:
@@ -544,7 +544,7 @@ def test_walks_are_those_of_the_same_starts(basins: Path) -> None:
         first, last = walk["motions"]
         assert (first["name"], last["name"]) == ("the first cycles", "the gait")
         length = (first["samples"] - 1) * first["sample"]
-        start = {name: float(row[name]) for name in ("psi_1", "psi_2", "psi_3")}
+        start: dict[str, Any] = {name: float(row[name]) for name in ("psi_1", "psi_2", "psi_3")}
         alone = gs.simulate(model, **start, duration=length * (1.0 + 1e-9), every=first["sample"])
         signals = {name: alone[name].to_numpy(float) for name in map(str, alone.columns)}
         # contacts are those of each sample
@@ -606,7 +606,7 @@ def test_the_page_in_a_browser(basins: Path, tmp_path: Path) -> None:
 
         assert page.evaluate(chosen) == 3
         # a click on a cell chooses its row, whose numbers are those of the table
-        row = int(table.index[(table["psi_3"] == PSI_3[0])][2 * SIDE + 4])
+        row = int(np.flatnonzero(table["psi_3"] == PSI_3[0])[2 * SIDE + 4])
         start = table.iloc[row]
         page.click(*at(start["psi_1"], start["psi_2"]))
         page.wait(f"{chosen} === {row}")

@@ -50,7 +50,7 @@ def test_statuses_and_gaits_add_up_to_the_rows(toy: Path) -> None:
     statuses = {row[0]: row for row in table_under(text, "Outcomes of rows")}
     assert len(statuses) > 3
     for status, row in statuses.items():
-        rows = len(table) if status == "all" else int((table["status"].astype(str) == status).sum())
+        rows = len(table) if status == "all" else int(np.sum(table["status"].astype(str) == status))
         assert int(row[1]) == rows
         if status != "all":
             assert row[3] == gs.Status[status].sentence
@@ -113,7 +113,7 @@ def test_info_and_report_say_why_sets_failed(
     )
     assert main(["search", "job.yaml"]) == 0
     table = gs.load("results/toy_search")
-    failed = table[table["status"].astype(str) == "failed"]
+    failed = table.loc[table["status"].astype(str) == "failed"]
     assert 0 < len(failed) < len(table)
     capsys.readouterr()
     assert main(["info", "results/toy_search"]) == 0
@@ -153,7 +153,7 @@ def test_texts_of_a_report_have_contrast(toy: Path, scheme: str) -> None:
 
 def test_what_kept_rows_from_settling_is_told(toy: Path, capsys: Capture) -> None:
     table = gs.load(toy)
-    unsettled = table[table["status"].astype(str) == "cycle_limit"]
+    unsettled = table.loc[table["status"].astype(str) == "cycle_limit"]
     found = unsettled["slowest"].value_counts()
     assert found.sum() == len(unsettled) > 0
     assert main(["info", str(toy)]) == 0

@@ -74,8 +74,8 @@ def _bounces(case: Case) -> Solution:
         speed, above = p["rest"] * root, 0.0
         y = p["y_0"] + p["lift"] * t
         rows.append((t, y, speed + p["lift"], y))
-    columns = dict(zip(("t", "h_n", "v_n", "y_n"), np.array(rows).T, strict=True))
-    first = dict(zip(("h", "v", "y"), rows[0][1:], strict=True))
+    columns: dict[str, np.ndarray] = dict(zip(("t", "h_n", "v_n", "y_n"), np.array(rows).T, strict=True))
+    first: dict[str, float] = dict(zip(("h", "v", "y"), rows[0][1:], strict=True))
     return Solution(COMPLETE, columns, 1.0, {}, first)
 
 
@@ -423,7 +423,7 @@ def _draw_balls(random: np.random.Generator) -> Case:
         h = np.stack([found[f"h_{i + 1}_n"] for i in range(m)])
         v = np.stack([found[f"v_{i + 1}_n"] for i in range(m)])
         # no ball at the floor when the clock strikes, and none that hops very low
-        if len(found["t"]) == 2 and h.min() > floor + 0.02 and np.abs(v).max() < 6.0 and _lively(case):
+        if np.size(found["t"]) == 2 and h.min() > floor + 0.02 and np.abs(v).max() < 6.0 and _lively(case):
             return case
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -102,7 +103,6 @@ class Chain(DeclaredModel):
     Cells beyond `m` stay at 0. The event fires again at once while another cell is full.
     """
 
-    longest_chain = 10 * MOST_CELLS
     drive = parameter("1", "drive", 1.2)
     eps = parameter("1", "pulse", 0.05)
     m = parameter("1", "cells that charge", 2.0)
@@ -132,6 +132,10 @@ class Chain(DeclaredModel):
     @tick.jump
     def again(self, p, s):
         return s.replace(clock=0.0)
+
+    @property
+    def longest_chain(self) -> int:
+        return 10 * MOST_CELLS
 
     def period(self, p):
         return p.interval
@@ -396,7 +400,7 @@ class Henon(DeclaredModel):
     x = variable("1", "x", 0.0)
     y = variable("1", "y", 0.0)
 
-    def flow(self, p, s):
+    def flow(self, p, s) -> dict[str, Any]:
         return {"clock": 1.0}
 
     @event("the next point", section=True)
@@ -424,7 +428,7 @@ def _henon(case: Case) -> Solution:
             found.append((x, y))
     if not np.isfinite(found).all():
         return Solution(frozenset({"diverged"}), after={"x": found[0][0], "y": found[0][1]})
-    columns = dict(zip(("x_n", "y_n"), np.array(found).T, strict=True))
+    columns: dict[str, np.ndarray] = dict(zip(("x_n", "y_n"), np.array(found).T, strict=True))
     columns["t"] = p["turn"] * np.arange(1.0, case.run.crossings + 1.0)
     return Solution(COMPLETE, columns, p["turn"], {}, {"x": found[0][0], "y": found[0][1]})
 

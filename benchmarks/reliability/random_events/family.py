@@ -135,9 +135,9 @@ class System:
             def height(t: float, guard: int = int(guard)) -> float:
                 return float(self.guards(way(np.array([t])))[0, guard])
 
-            ends = moments[first], moments[first + 1]
+            ends, rtol = (moments[first], moments[first + 1]), np.float64(1e-15)
             found[guard] = (
-                ends[1] if height(ends[1]) == 0.0 else brentq(height, *ends, xtol=1e-300, rtol=1e-15)
+                ends[1] if height(ends[1]) == 0.0 else brentq(height, *ends, xtol=1e-300, rtol=rtol)
             )
         t = found.min()
         return float(t), way(np.array([t]))[0], found <= t + ONE_INSTANT * self.look
@@ -152,12 +152,12 @@ class System:
         ever = np.zeros_like(fired)
         while fired.any():
             before = self.guards(state[None])[0]
-            for guard in np.flatnonzero(fired):
+            for guard in np.flatnonzero(fired).tolist():
                 if self.guards(state[None])[0, guard] < -ON_SURFACE:
                     continue
                 state = self.jumps[guard](state)
                 ever[guard] = True
-                closed += int(guard) in self.sections
+                closed += guard in self.sections
             fired = (before < -ON_SURFACE) & (self.guards(state[None])[0] > ON_SURFACE)
         return state, closed, ever
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -73,7 +74,7 @@ class Teeth(DeclaredModel):
     phi = variable("rad", "angle", 0.1, observed=False)
     counted = variable("1", "teeth counted", 0.0)
 
-    def flow(self, p, s):
+    def flow(self, p, s) -> dict[str, Any]:
         return {"phi": 1.0}
 
     @event("a tooth passes")
@@ -107,7 +108,7 @@ def _teeth(case: Case) -> Solution:
 def _draw_teeth(random: np.random.Generator) -> Case:
     teeth = float(int(10.0 ** random.uniform(0.5, 2.5)))
     # between two teeth
-    phi = TURN / teeth * (int(random.integers(teeth)) + float(random.uniform(0.1, 0.9)))
+    phi = TURN / teeth * (int(random.integers(int(teeth))) + float(random.uniform(0.1, 0.9)))
     return Case({"teeth": teeth, "phi_0": float(phi)}, gs.ReturnMap(crossings=2))
 
 
@@ -120,7 +121,7 @@ class Bump(DeclaredModel):
     seen = variable("s", "clock when the bump was last met", 0.0)
     counted = variable("1", "how often it was met", 0.0)
 
-    def flow(self, p, s):
+    def flow(self, p, s) -> dict[str, Any]:
         return {"clock": 1.0}
 
     @event("the bump")
@@ -313,7 +314,7 @@ class Switch(DeclaredModel):
     seen = variable("s", "clock when the guard last rose", 0.0)
     counted = variable("1", "how often it rose", 0.0)
 
-    def flow(self, p, s):
+    def flow(self, p, s) -> dict[str, Any]:
         return {"clock": 1.0}
 
     @event("the guard jumps")
@@ -402,7 +403,7 @@ def _grazes(case: Case) -> float:
     p, found = case.values, _wavy(case).columns
     closest = np.inf
     begun, phi, x = 0.0, p["phi_0"], p["x_0"]
-    for t in found["t"]:
+    for t in np.atleast_1d(found["t"]):
         passed = np.linspace(0.0, t - begun, 20001)
         height = x + p["speed"] * passed - 1.0 - p["size"] * np.sin(phi + p["omega"] * passed)
         top = (height[1:-1] > height[:-2]) & (height[1:-1] > height[2:])

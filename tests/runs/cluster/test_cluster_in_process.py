@@ -130,10 +130,10 @@ def test_a_worker_that_cannot_write_is_refused_and_the_others_go_on(
     """As one whose disk is full: its blocks are written by another."""
     write = PartWriter.write
 
-    def full(self: PartWriter, number: int, frame: pd.DataFrame) -> None:
+    def full(self: PartWriter, number: int, data: bytes) -> None:
         if distributed.get_worker().name == 1:
             raise WriteError(f"Part {number} could not be written: the disk is full.")
-        write(self, number, frame)
+        write(self, number, data)
 
     monkeypatch.setattr(PartWriter, "write", full)
     with pytest.warns(UserWarning, match="The worker 1 is refused: Part .* the disk is full"):
@@ -144,7 +144,7 @@ def test_a_worker_that_cannot_write_is_refused_and_the_others_go_on(
 def test_all_workers_that_cannot_write_end_the_run(
     client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(self: PartWriter, number: int, frame: pd.DataFrame) -> None:
+    def full(self: PartWriter, number: int, data: bytes) -> None:
         raise WriteError("The disk is full.")
 
     with monkeypatch.context() as patched, warnings.catch_warnings():
