@@ -25,8 +25,8 @@ from gaitsweep.claims import (
     value,
 )
 from gaitsweep.dynamics.matsuoka import EXTENSOR, FLEXOR, leg_feedback
-from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import body_oscillation
-from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_along
+from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import body_oscillation, oscillation_along
+from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import after_dwell, gait_bouts, gaits_along
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS, gaits_in
 from gaitsweep.papers.fukuoka2015.analysis.loading_rule import (
     REPEATS,
@@ -34,8 +34,6 @@ from gaitsweep.papers.fukuoka2015.analysis.loading_rule import (
     loading_rule,
     pairs_in,
 )
-from gaitsweep.papers.fukuoka2015.analysis.oscillation_along import oscillation_along
-from gaitsweep.papers.fukuoka2015.analysis.speed_transitions import after_dwell
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import HIP, KNEE
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import (
     CHART,

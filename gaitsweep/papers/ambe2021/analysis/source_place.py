@@ -8,7 +8,7 @@ import pandas as pd
 from gaitsweep.analyses import AnalysisError, axes_of, wrapped_difference
 from gaitsweep.contract import Status
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chains_of, one_chain, parameters_of
-from gaitsweep.papers.ambe2021.theory.conserved import drift, drift_on_ground
+from gaitsweep.papers.ambe2021.theory.solution_sets import drift, drift_on_ground
 
 
 def source_place(table: pd.DataFrame) -> pd.DataFrame:

@@ -13,7 +13,7 @@ from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from gaitsweep.contract import Outcome
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, profile_parameters_of
-from gaitsweep.papers.ambe2021.theory.conserved import drift, worst_case_cycles
+from gaitsweep.papers.ambe2021.theory.solution_sets import drift, worst_case_cycles
 from gaitsweep.plot import (
     GaitColumn,
     PlannedTable,

@@ -14,8 +14,11 @@ from pydantic import Field
 
 from gaitsweep.analyses import in_order
 from gaitsweep.contract import Outcome
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, profile_parameters_of
-from gaitsweep.papers.ambe2021.multilegged.largest_distance import largest_distance
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
+    chain_of,
+    largest_distance,
+    profile_parameters_of,
+)
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.gaits import SHORTEST, segments
 from gaitsweep.plot import (

@@ -19,8 +19,7 @@ from matplotlib.patches import Patch, Rectangle
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of
 from gaitsweep.papers.ambe2021.theory.chain import Chain, touchdown_phase
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, gait_of
-from gaitsweep.papers.ambe2021.theory.order import jumps, touchdown_order
-from gaitsweep.papers.ambe2021.theory.reset_sets import reset_sets
+from gaitsweep.papers.ambe2021.theory.order import jumps, reset_sets, touchdown_order
 from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches, places, rule_of, solution
 from gaitsweep.plot import (
     CountOrZero,

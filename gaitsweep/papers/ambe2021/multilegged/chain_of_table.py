@@ -1,4 +1,4 @@
-"""Input of the theory from a table: the chain's parameters, and the relative phases on section 1."""
+"""The chain of a table: its parameters, its relative phases, and its distance from the theory's solutions."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analyses import AnalysisError
+from gaitsweep.contract import Status
 from gaitsweep.expression import ExpressionError, evaluate, names_in
 from gaitsweep.papers.ambe2021.multilegged.profile import SPRINGS, profile_parameters
 from gaitsweep.papers.ambe2021.theory.chain import Chain
+from gaitsweep.papers.ambe2021.theory.gaits import NONE_BEYOND
 
 # defaults that follow from other parameters
 _FORMULAS = {"m_1": "m_B", "m_end": "m_B", "kappa_1": "kappa", "kappa_end": "kappa", "a_1": "a", "a_end": "a"}
@@ -134,3 +136,26 @@ def relative_phases(part: pd.DataFrame, N: int) -> np.ndarray:
     aloft = down - lifted[np.searchsorted(lifted, down) - 1]
     down = down[aloft > 0.5 * aloft.max()]
     return np.mod(np.diff(phase[down[-1]]), 2.0 * np.pi)
+
+
+def largest_distance(table: pd.DataFrame) -> tuple[float, int] | None:
+    """The largest distance of settled states from the nearest analytic solution on section 1, and its row.
+
+    Only states that have a gait count: the others are no solutions of the theory.
+
+    Args:
+        table: a settle table of the chain, with the column `distance` (rad).
+
+    Returns:
+        The distance, rad, and the row; None where the table has no such state.
+    """
+    if not {"distance", "gait", "status", "row"} <= set(table.columns):
+        return None
+    distance = np.asarray(table["distance"], float)
+    settled = Status.SOUND.among(table["status"])
+    labelled = ~np.isin(np.asarray(table["gait"], str), ["locked", "none"])
+    counts = settled & labelled & (distance <= NONE_BEYOND)
+    if not counts.any():
+        return None
+    place = int(np.argmax(np.where(counts, distance, -np.inf)))
+    return float(distance[place]), int(np.asarray(table["row"])[place])

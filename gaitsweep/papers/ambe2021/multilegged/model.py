@@ -21,15 +21,13 @@ from gaitsweep import Skeleton
 from gaitsweep.analyses import AnalysisError
 from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended, Simultaneous
 from gaitsweep.dynamics import TWO_PI, lagged_reset, wrapped
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, relative_phases
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, largest_distance, relative_phases
 from gaitsweep.papers.ambe2021.multilegged.chart import MultileggedChart
 from gaitsweep.papers.ambe2021.multilegged.drawing import skeleton
-from gaitsweep.papers.ambe2021.multilegged.largest_distance import largest_distance
+from gaitsweep.papers.ambe2021.multilegged.mechanics import fastest_motions, neighbour_force, obstacle_problem
 from gaitsweep.papers.ambe2021.multilegged.profile import SPRINGS, profile_parameters
-from gaitsweep.papers.ambe2021.spring_chain import fastest_motions, neighbour_force
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, classify, free_link, nearest_set
-from gaitsweep.papers.ambe2021.theory.obstacle import obstacle_problem
 
 STANCE, TAKEOFF, LANDING = 0, 1, 2
 # Leg 1 is initially compressed by a picometre (1e-7 N), so that it touches in spite of rounding. Another leg

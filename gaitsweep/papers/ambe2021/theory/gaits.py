@@ -19,8 +19,8 @@ from gaitsweep.papers.ambe2021.theory.chain import (
     touchdown_phase,
 )
 from gaitsweep.papers.ambe2021.theory.order import meetings
-from gaitsweep.papers.ambe2021.theory.section import TWO_PI
 from gaitsweep.papers.ambe2021.theory.solution_sets import (
+    TWO_PI,
     Branch,
     LagRule,
     branches,

@@ -1,26 +1,407 @@
-"""Measures of Ambe, Aoi, Tsuchiya and Matsuno (2021): relative phases, gaits and waves in simulations."""
+"""The measures of Ambe, Aoi, Tsuchiya and Matsuno (2021): its equations, its theory, its simulations."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+import gaitsweep as gs
 from gaitsweep.analyses import wrapped_difference
-from gaitsweep.claims import Condition, MeasureError, masked, measure, numbers, one_row, records
+from gaitsweep.claims import Condition, MeasureError, defaults, masked, measure, numbers, one_row, records
+from gaitsweep.expression import evaluate
 from gaitsweep.papers.ambe2021.analysis.gait_shares import GAITS, gait_shares
 from gaitsweep.papers.ambe2021.analysis.source_place import source_drift, source_place
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import passages, springs_of, waves
-from gaitsweep.papers.ambe2021.measures.equations import chain_defaults
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import relative_phases
-from gaitsweep.papers.ambe2021.multilegged.model import LANDING, STANCE, TAKEOFF
-from gaitsweep.papers.ambe2021.theory.chain import Chain, wavelength
+from gaitsweep.papers.ambe2021.multilegged.mechanics import obstacle_problem
+from gaitsweep.papers.ambe2021.multilegged.model import LANDING, PARAMETERS, STANCE, TAKEOFF, Multilegged
+from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
+from gaitsweep.papers.ambe2021.theory.chain import (
+    Chain,
+    end_resets,
+    lag,
+    touchdown_phase,
+    wave_speed,
+    wavelength,
+)
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS as LABELS
-from gaitsweep.papers.ambe2021.theory.gaits import free_link, nearest_set
-from gaitsweep.papers.ambe2021.theory.reset_sets import TABLE_2
+from gaitsweep.papers.ambe2021.theory.gaits import free_link, gait_of, nearest_set
+from gaitsweep.papers.ambe2021.theory.order import TABLE_2, jumps, order_sets, reset_sets, touchdown_residuals
+from gaitsweep.papers.ambe2021.theory.solution_sets import (
+    Branch,
+    LagRule,
+    branches,
+    lag_rules,
+    places,
+    rule_of,
+    solution,
+)
+from gaitsweep.papers.ambe2021.theory.stability import (
+    characteristic_polynomial,
+    eigenvalues,
+    linear_map,
+    multipliers,
+)
+
+
+@functools.cache
+def chain_defaults() -> dict[str, float]:
+    """The default parameters of `multilegged`, those of Table 1, with its N."""
+    return {"N": 3.0, **defaults(PARAMETERS)}
+
+
+@measure
+def chain_parameter(*, formula: str) -> float:
+    """Value of a formula over the default parameters of `multilegged`, in the formula's unit."""
+    return float(evaluate(formula, chain_defaults()))
+
+
+@measure
+def equation_of_motion(*, N: int = 3, states: int = 20) -> float:
+    """Largest difference of the model's accelerations from eq. (1) at random states (m/s2)."""
+    values, random = chain_defaults(), np.random.default_rng(1)
+    model = Multilegged(N=N)
+    params = model.params(_arrays(values))
+    start = _arrays({f"psi_{i}": 1.0 for i in range(1, N + 1)} | {"phi_1": float("nan")})
+    rest, acceleration = model.init(params, start), jax.jit(lambda state: model.flow(params, state)["v"])
+    largest = 0.0
+    for _ in range(states):
+        x, v = random.uniform(0.5, 1.1, N + 1), random.uniform(-1.0, 1.0, N + 1)
+        phi, y = random.uniform(0.0, 2 * np.pi, N + 1), random.uniform(0.0, 0.5, N + 1)
+        length, rate = _printed_leg(phi, values)
+        contact = length >= x  # eq. (2)
+        segment = np.digitize(phi, [2 * values["beta"] * np.pi, (1 + values["beta"]) * np.pi])
+        leaves = {"x": x, "v": v, "phi": phi, "y": y, "contact": contact, "segment": segment}
+        state = dataclasses.replace(rest, **{name: jnp.asarray(leaf) for name, leaf in leaves.items()})
+        theirs = _printed_acceleration(x, v, length, rate * (values["omega"] + y), contact, values)
+        largest = max(largest, float(np.abs(np.asarray(acceleration(state)) - theirs).max()))
+    return largest
+
+
+def _arrays(values: Mapping[str, float]) -> dict[str, jax.Array]:
+    return {name: jnp.asarray(value) for name, value in values.items()}
+
+
+def _printed_leg(phi: np.ndarray, values: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Leg lengths (m) and their derivative by the phase (m/rad), eq. (3)."""
+    beta, slope = values["beta"], values["a"] / ((1 - values["beta"]) * np.pi)
+    takeoff, landing = phi - 2 * beta * np.pi, 2 * np.pi - phi
+    segments = [phi <= 2 * beta * np.pi, phi < (1 + beta) * np.pi]
+    length = values["L"] - slope * np.select(segments, [0.0 * phi, takeoff], landing)
+    return length, np.select(segments, [0.0 * phi, 0.0 * phi - slope], slope)
+
+
+def _printed_acceleration(
+    x: np.ndarray,
+    v: np.ndarray,
+    length: np.ndarray,
+    rate: np.ndarray,
+    p: np.ndarray,
+    values: Mapping[str, float],
+) -> np.ndarray:
+    """Accelerations of the masses, eq. (1)."""
+    masses = np.full(len(x), values["m"])
+    masses[[0, -1]] = values["m_B"]
+    force = -masses * values["g"] - p * (values["K"] * (x - length) + values["D"] * (v - rate))
+    for i in range(len(x)):
+        for j in (i - 1, i + 1):
+            if 0 <= j < len(x):
+                force[i] -= values["kappa"] * (x[i] - x[j]) + values["sigma"] * (v[i] - v[j])
+    return force / masses
+
+
+@measure
+def leg_length_error(table: pd.DataFrame) -> float:
+    """Largest difference of the traced leg lengths from eq. (3) of the traced phases (m)."""
+    values, largest = chain_defaults(), 0.0
+    for leg in range(1, springs_of(table) + 2):
+        length, _ = _printed_leg(numbers(table, f"phase_{leg}"), values)
+        largest = max(largest, float(np.abs(length - numbers(table, f"l_{leg}")).max()))
+    return largest
+
+
+@measure
+def contact_as_printed(table: pd.DataFrame) -> float:
+    """Share of the traced contacts that are those of eq. (2) (1)."""
+    legs = range(1, springs_of(table) + 2)
+    right = [
+        (numbers(table, f"contact_{i}") > 0.5) == (numbers(table, f"l_{i}") >= numbers(table, f"x_{i}"))
+        for i in legs
+    ]
+    return float(np.mean(right))
+
+
+@measure
+def air_in_swing(table: pd.DataFrame) -> float:
+    """Share of takeoff and landing in which a leg is in the air, the smallest of all legs and rows (1)."""
+    beta, shares = chain_defaults()["beta"], []
+    for _, part in table.groupby("row"):
+        for leg in range(1, springs_of(table) + 2):
+            swing = part[part[f"phase_{leg}"] > 2 * beta * np.pi]
+            shares.append(float(np.mean(numbers(pd.DataFrame(swing), f"contact_{leg}") < 0.5)))
+    return min(shares)
+
+
+@measure
+def phase_gain(table: pd.DataFrame, *, row: int = 0) -> float:
+    """Gain of leg 1's phase on omega t from just before a touchdown to ten tau after it (rad)."""
+    part, values = one_row(table, row), chain_defaults()
+    t, contact = numbers(part, "t"), numbers(part, "contact_1") > 0.5
+    phase = np.unwrap(numbers(part, "phase_1"))
+    down = np.flatnonzero(~contact[:-1] & contact[1:] & (np.mod(phase[:-1], 2 * np.pi) > 1.8 * np.pi))
+    if not len(down) or t[down[0]] + 10 * values["tau"] > t[-1]:
+        raise MeasureError("Leg 1 does not touch down early enough in the recorded time.")
+    after = int(np.searchsorted(t, t[down[0]] + 10 * values["tau"]))
+    gained = phase[after] - phase[down[0]] - values["omega"] * (t[after] - t[down[0]])
+    return float(gained)
+
+
+@measure
+def force_balance_error(*, N: int = 3, cases: int = 50) -> float:
+    """Largest residual of the force balance, eq. (8), of heights and loads at random leg lengths (N)."""
+    values, random = chain_defaults(), np.random.default_rng(1)
+    masses, heights = _masses(N + 1), _equilibrium(N + 1)
+    largest = 0.0
+    for _ in range(cases):
+        length = values["L"] - random.uniform(0.0, values["a"], N + 1)
+        x, load = (np.asarray(each)[0] for each in heights(length[None]))
+        pull = values["kappa"] * np.diff(x)
+        sides = np.append(pull, 0.0) - np.append(0.0, pull) + load - masses * values["g"]
+        in_the_air = np.where(x > length + 1e-12, np.abs(load), 0.0)
+        largest = max(largest, float(np.abs(sides).max()), float(in_the_air.max()), -float(load.min()))
+    return largest
+
+
+def _masses(legs: int) -> np.ndarray:
+    values = chain_defaults()
+    return np.array([values["m_B"], *[values["m"]] * (legs - 2), values["m_B"]])
+
+
+def _equilibrium(legs: int) -> Callable[[np.ndarray], tuple[jax.Array, jax.Array]]:
+    """Heights and loads from leg lengths (n, legs), by eq. (8)."""
+    values, masses = chain_defaults(), jnp.asarray(_masses(legs))
+    kappa, g = jnp.full(legs - 1, values["kappa"]), jnp.asarray(values["g"])
+    return jax.jit(jax.vmap(lambda length: obstacle_problem(length, masses, kappa, g)))
+
+
+@measure
+def height_error(table: pd.DataFrame) -> float:
+    """Median distance of traced heights from those of force balance, eq. (8), at the same legs (m)."""
+    legs = range(1, springs_of(table) + 2)
+    lengths = np.asarray(table[[f"l_{i}" for i in legs]], float)
+    solved, _ = _equilibrium(len(legs))(lengths)
+    return float(np.median(np.abs(np.asarray(solved) - np.asarray(table[[f"x_{i}" for i in legs]], float))))
+
+
+_INSIDE = (0.1, 0.3, 0.45, 0.7, 0.9)  # shares of a set's range, off its middle, where two legs of A coincide
+
+
+def springs_or(N: int, table: pd.DataFrame | None) -> int:
+    """The number of springs of a trace's chain, or N without a trace; the trace only has the figure."""
+    return N if table is None else springs_of(table)
+
+
+@functools.cache
+def _sets(N: int) -> list[tuple[Branch, float]]:
+    """Each set of a chain at a few free phases."""
+    return [(branch, _at(N, *branch, share)[2]) for branch in branches(N) for share in _INSIDE]
+
+
+def _at(N: int, kind: str, k: int, share: float) -> tuple[Branch, LagRule, float]:
+    """A set of solutions, its rule, and the free phase at a share of its range (rad)."""
+    branch = _branch(kind, k)
+    rule = rule_of(N, branch, Chain())
+    return branch, rule, float(rule.low + share * (rule.high - rule.low))
+
+
+def _branch(kind: str, k: int) -> Branch:
+    if kind not in ("A", "B", "direct"):
+        raise MeasureError(f"kind is {kind}. Allowed: A, B, direct.")
+    return Branch(kind, k)
+
+
+@measure
+def set_range(*, kind: str, k: int = 3, N: int = 3) -> list[float]:
+    """Ends of the free phase on the section of leg k: psi_{k-1}, or psi_N of the direct wave (rad)."""
+    rule = rule_of(N, _branch(kind, k), Chain())
+    ends = [float(rule.low), float(rule.high)]
+    return [2 * np.pi - ends[1], 2 * np.pi - ends[0]] if kind == "direct" else ends
+
+
+@measure
+def set_phase(*, kind: str, k: int, link: int, N: int = 9, at: float = 0.45) -> float:
+    """The relative phase of one link on the section of leg k, at a share of the set's range (rad)."""
+    _, rule, s = _at(N, kind, k, at)
+    return float(solution(rule, jnp.asarray(s), touchdown_phase(Chain()), k)[link - 1])
+
+
+@measure
+def reduced_map_error(*, N: int = 3, kinds: Sequence[str] = ("A", "B", "direct"), step: int = 1) -> float:
+    """Largest change in a cycle of the reduced chain from the solutions of sets of these kinds (rad).
+
+    Args:
+        N: springs.
+        kinds: A, B or direct.
+        step: every so many of the sets, for long chains.
+    """
+    chosen = [(branch, s) for branch, s in _sets(N) if branch.kind in kinds][::step]
+    circle = touchdown_phase(Chain())
+    psi = np.stack([np.asarray(_solution(N, branch, s, circle)) for branch, s in chosen])
+    mapping, points = _reduced_map(N, psi)
+    return float(np.abs(wrapped_difference(mapping(points).at - points.at)).max())
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1))
+def _solution(N: int, branch: Branch, s: float, circle: jax.Array) -> jax.Array:
+    return solution(rule_of(N, branch, Chain()), jnp.asarray(s), circle, 1)
+
+
+def _reduced_map(N: int, psi: np.ndarray) -> tuple[gs.PoincareMap, Any]:
+    """The simulated return map of the reduced chain, and its points at psi (n, N) on section 1."""
+    mapping = gs.return_map(MultileggedReduced(N=N), numerics={"method": "propagator"})
+    return mapping, mapping.settled({f"psi_{i + 1}": psi[:, i] for i in range(N)}, 0)
+
+
+@measure
+def reduced_multipliers(*, kind: str, k: int, N: int = 3) -> list[float]:
+    """Eigenvalues of the simulated return map of the reduced chain at a solution, in falling order (1)."""
+    branch, _, s = _at(N, kind, k, 0.45)
+    psi = _solution(N, branch, s, touchdown_phase(Chain()))
+    mapping, points = _reduced_map(N, np.asarray(psi)[None])
+    found = mapping.multipliers(points)
+    return sorted((float(each) for each in np.real(np.ravel(found))), reverse=True)
+
+
+@measure
+def theory_eigenvalues(*, kind: str, k: int, N: int) -> list[float]:
+    """Eigenvalues of the linear map of a cycle, eq. (21), in falling order (1)."""
+    branch, _, s = _at(N, kind, k, 0.45)
+    found = eigenvalues(linear_map(N, branch, s))
+    return sorted((float(each) for each in np.real(found)), reverse=True)
+
+
+@measure
+def linear_map_error(*, N: int) -> float:
+    """Largest difference of the coefficients of det(lambda - P_k) from those of eqs. (22) and (26) (1)."""
+    largest = 0.0
+    for branch, s in _sets(N):
+        found = characteristic_polynomial(linear_map(N, branch, s))
+        largest = max(largest, float(np.abs(found - np.poly(multipliers(N, branch))).max()))
+    return largest
+
+
+@measure
+def touchdown_relation_error(*, N: int = 9) -> float:
+    """Largest difference of the two sides of eq. (14) over the legs of all sets (m)."""
+    return max(float(np.abs(touchdown_residuals(N, branch, s)).max()) for branch, s in _sets(N))
+
+
+@measure
+def table_2(*, number: int) -> list[str]:
+    """Whether the legs in front of and behind a leg of the set S are reset before it: no, yes or none."""
+    words = {None: "none", False: "no", True: "yes"}
+    return [words[each] for beside, known in TABLE_2.items() if known == number for each in beside]
+
+
+@measure
+def order_sets_agree(*, N: int = 9) -> float:
+    """Share of solutions at which T_1, T_2 of eq. (18) are the legs of S_3, or S_1, S_7 at the ends (1)."""
+    agree = []
+    for branch, s in _sets(N):
+        sets = reset_sets(N, branch, s)
+        alone = {i for i, each in enumerate(sets, 1) if not each.front and not each.rear}
+        first = {i for i in alone if i <= branch.k - 2}
+        last = {i for i in alone if i >= branch.k + 2}
+        agree.append(order_sets(N, branch, s) == (frozenset(first), frozenset(last)))
+    return float(np.mean(agree))
+
+
+@measure
+def chain_of_sets(table: pd.DataFrame | None = None, *, N: int = 9) -> float:
+    """Largest gap between the end of a set and the beginning of the next in the chain of sets (rad)."""
+    N = springs_or(N, table)
+    rules, circle, gaps = lag_rules(N, Chain()), float(touchdown_phase(Chain())), []
+    for i in range(2 * N - 2):
+        one, other = (jax.tree.map(lambda leaf, at=at: leaf[at], rules) for at in (i, i + 1))
+        ends = [np.asarray(places(one, s)) for s in (one.low, one.high)]
+        starts = [np.asarray(places(other, s)) for s in (other.low, other.high)]
+        away = [np.abs((a - b + circle / 2) % circle - circle / 2).max() for a in ends for b in starts]
+        gaps.append(min(away))
+    return float(max(gaps))
+
+
+@measure
+def ends_of_chain(*, N: int) -> list[str]:
+    """The gaits of the first and of the last set of the chain of sets."""
+    return [LABELS[gait_of(branches(N)[at])] for at in (0, -1)]
+
+
+@measure
+def jump_sizes(table: pd.DataFrame | None = None, *, N: int = 9) -> list[float]:
+    """Smallest and largest size of the jumps of all sets on their own sections (rad)."""
+    N = springs_or(N, table)
+    sizes = [np.abs(jump.change).max() for branch in branches(N) for jump in jumps(N, branch)]
+    if not sizes:
+        raise MeasureError(f"The sets of a chain of {N + 1} legs have no jumps.")
+    return [float(min(sizes)), float(max(sizes))]
+
+
+@measure
+def wave_numbers(*, which: str, beta: float = 0.8) -> float:
+    """The theory's wavelength (legs), speed printed or exact (legs/s), or lag (rad), at a duty factor."""
+    chain = Chain(beta=beta)
+    speeds = wave_speed(chain_defaults()["omega"], chain)
+    found = {
+        "wavelength": wavelength(chain),
+        "printed": speeds.printed,
+        "exact": speeds.exact,
+        "lag": lag(chain),
+    }
+    if which not in found:
+        raise MeasureError(f"which is {which}. Allowed: {', '.join(found)}.")
+    return float(found[which])
+
+
+@measure
+def end_touchdown(*, end: str, m_1: float = 0.9, m_end: float = 0.9) -> float:
+    """Touchdown phase of the first or the last leg with its neighbour in stance (rad)."""
+    head, tail = end_resets(Chain(m_1=m_1, m_end=m_end))
+    return float(2 * np.pi - (head if end == "head" else tail))
+
+
+@measure
+def line_range(*, k: int, N: int = 3) -> list[float]:
+    """Ends of psi_{k-1} over the solution sets A and B together (rad)."""
+    return [set_range(kind="A", k=k, N=N)[0], set_range(kind="B", k=k, N=N)[1]]
+
+
+@measure
+def slopes_of_fig10(table: pd.DataFrame | None = None, *, k: int, N: int = 3) -> list[float]:
+    """Slopes of psi_k over psi_{k-1} along the solution sets A and B (1)."""
+    N = springs_or(N, table)
+    slopes = []
+    for kind in ("A", "B"):
+        rule = rule_of(N, _branch(kind, k), Chain())
+        ends = [rule.low + share * (rule.high - rule.low) for share in (0.6, 0.8)]
+        low, high = (np.asarray(solution(rule, s, touchdown_phase(Chain()), k)) for s in ends)
+        slopes.append(float((high[k - 1] - low[k - 1]) / (high[k - 2] - low[k - 2])))
+    return slopes
+
+
+@measure
+def shorter_set(*, k: int, N: int = 3) -> float:
+    """Range of psi_{k-1} over the solution set A, over that over the set B (1)."""
+    (a, b), (c, d) = set_range(kind="A", k=k, N=N), set_range(kind="B", k=k, N=N)
+    return (b - a) / (d - c)
 
 
 @measure
