@@ -16,12 +16,22 @@ from scipy.sparse.csgraph import connected_components
 
 import gaitsweep as gs
 from gaitsweep.analyses import wrapped_difference
-from gaitsweep.claims import Condition, MeasureError, defaults, masked, measure, numbers, one_row, records
+from gaitsweep.claims import (
+    Condition,
+    MeasureError,
+    defaults,
+    masked,
+    measure,
+    numbers,
+    one_row,
+    records,
+    value,
+)
 from gaitsweep.expression import evaluate
 from gaitsweep.papers.ambe2021.analysis.gait_shares import GAITS, gait_shares
 from gaitsweep.papers.ambe2021.analysis.source_place import source_drift, source_place
-from gaitsweep.papers.ambe2021.analysis.travelling_wave import passages, springs_of, waves
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import relative_phases
+from gaitsweep.papers.ambe2021.analysis.travelling_wave import passages, waves
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import psi_columns, relative_phases, springs_of
 from gaitsweep.papers.ambe2021.multilegged.mechanics import obstacle_problem
 from gaitsweep.papers.ambe2021.multilegged.model import LANDING, PARAMETERS, STANCE, TAKEOFF, Multilegged
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
@@ -35,7 +45,14 @@ from gaitsweep.papers.ambe2021.theory.chain import (
 )
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS as LABELS
 from gaitsweep.papers.ambe2021.theory.gaits import free_link, gait_of, nearest_set
-from gaitsweep.papers.ambe2021.theory.order import TABLE_2, jumps, order_sets, reset_sets, touchdown_residuals
+from gaitsweep.papers.ambe2021.theory.order import (
+    TABLE_2,
+    jumps,
+    order_sets,
+    reset_sets,
+    sets_of_order,
+    touchdown_residuals,
+)
 from gaitsweep.papers.ambe2021.theory.solution_sets import (
     Branch,
     LagRule,
@@ -66,15 +83,15 @@ def chain_parameter(*, formula: str) -> float:
 
 
 @measure
-def equation_of_motion(*, N: int = 3, states: int = 20) -> float:
+def equation_of_motion() -> float:
     """Largest difference of the model's accelerations from eq. (1) at random states (m/s2)."""
-    values, random = chain_defaults(), np.random.default_rng(1)
+    values, random, N = chain_defaults(), np.random.default_rng(1), 3
     model = Multilegged(N=N)
     params = model.params(_arrays(values))
     start = _arrays({f"psi_{i}": 1.0 for i in range(1, N + 1)} | {"phi_1": float("nan")})
     rest, acceleration = model.init(params, start), jax.jit(lambda state: model.flow(params, state)["v"])
     largest = 0.0
-    for _ in range(states):
+    for _ in range(20):
         x, v = random.uniform(0.5, 1.1, N + 1), random.uniform(-1.0, 1.0, N + 1)
         phi, y = random.uniform(0.0, 2 * np.pi, N + 1), random.uniform(0.0, 0.5, N + 1)
         length, rate = _printed_leg(phi, values)
@@ -166,13 +183,13 @@ def phase_gain(table: pd.DataFrame, *, row: int = 0) -> float:
 
 
 @measure
-def force_balance_error(*, N: int = 3, cases: int = 50) -> float:
+def force_balance_error() -> float:
     """Largest residual of the force balance, eq. (8), of heights and loads at random leg lengths (N)."""
-    values, random = chain_defaults(), np.random.default_rng(1)
-    masses, heights = _masses(N + 1), _equilibrium(N + 1)
+    values, random, legs = chain_defaults(), np.random.default_rng(1), 4
+    masses, heights = _masses(legs), _equilibrium(legs)
     largest = 0.0
-    for _ in range(cases):
-        length = values["L"] - random.uniform(0.0, values["a"], N + 1)
+    for _ in range(50):
+        length = values["L"] - random.uniform(0.0, values["a"], legs)
         x, load = (np.asarray(each)[0] for each in heights(length[None]))
         pull = values["kappa"] * np.diff(x)
         sides = np.append(pull, 0.0) - np.append(0.0, pull) + load - masses * values["g"]
@@ -407,8 +424,7 @@ def shorter_set(*, k: int, N: int = 3) -> float:
 @measure
 def last_change(table: pd.DataFrame) -> float:
     """Largest change of a relative phase over the last cycle of any row (rad)."""
-    names = [name for name in table.columns if name.startswith("psi_") and name.endswith("_n")]
-    return float(np.abs(wrapped_difference(_last_steps(table, names))).max())
+    return float(np.abs(wrapped_difference(_last_steps(table, psi_columns(table, "_n")))).max())
 
 
 def _last_steps(table: pd.DataFrame, names: list[str]) -> np.ndarray:
@@ -423,7 +439,7 @@ def _last_steps(table: pd.DataFrame, names: list[str]) -> np.ndarray:
 def distinct_ends(table: pd.DataFrame, *, within: float = 0.02) -> list[float]:
     """Number of values of each relative phase over all rows, taken as one if within `within` rad (1)."""
     counts = []
-    for name in [name for name in table.columns if name.startswith("psi_") and name.endswith("_n")]:
+    for name in psi_columns(table, "_n"):
         parts = (part.sort_values(by="crossing") for _, part in table.groupby("row"))
         ends = np.sort([numbers(part, name)[-1] for part in parts])
         counts.append(float(1 + np.count_nonzero(np.diff(ends) > within)))
@@ -446,11 +462,8 @@ def free_range(table: pd.DataFrame, *, gait: str, phase: str) -> list[float]:
 
 def _settled(table: pd.DataFrame, gait: str) -> pd.DataFrame:
     """The settled relative phases of the rows of one gait, columns psi_1_end, ..."""
-    rows = masked(table, (table["gait"] == gait) & (table["status"] == "settled"))
-    if rows.empty:
-        raise MeasureError(f"No row has settled in the gait {gait}.")
-    names = [name for name in table.columns if name.startswith("psi_") and name.endswith("_end")]
-    return pd.DataFrame(rows[names])
+    rows = records(table, f"gait == '{gait}' and status == 'settled'")
+    return pd.DataFrame(rows[psi_columns(table, "_end")])
 
 
 @measure
@@ -578,7 +591,8 @@ def directions(table: pd.DataFrame, *, row: int) -> list[str]:
 @measure
 def unequal_intervals(table: pd.DataFrame, *, row: int) -> float:
     """Largest difference of the intervals between swings of a row's wave, over their mean (1)."""
-    return wave_column(table, row=row, column="spread", over="lag")
+    found = waves(one_row(table, row))
+    return float(numbers(found, "spread")[0] / numbers(found, "lag")[0])
 
 
 @measure
@@ -618,12 +632,8 @@ def _order(table: pd.DataFrame, row: int, legs: Sequence[int]) -> list[int]:
 @measure
 def reset_set_numbers(table: pd.DataFrame, *, row: int, k: int) -> list[float]:
     """The number 1 to 8 of the set S of each leg, by the simulated order of a cycle from leg k on (1)."""
-    legs = range(1, springs_of(table) + 2)
-    turn = {
-        leg: place for place, leg in enumerate(_order(table, row, [k, *(leg for leg in legs if leg != k)]))
-    }
-    beside = [[turn[j] < turn[i] if j in turn else None for j in (i - 1, i + 1)] for i in legs]
-    return [float(TABLE_2[front, rear]) for front, rear in beside]
+    others = [leg for leg in range(1, springs_of(table) + 2) if leg != k]
+    return [float(each.number) for each in sets_of_order(_order(table, row, [k, *others]))]
 
 
 @measure
@@ -679,8 +689,7 @@ def period_in_phase(table: pd.DataFrame) -> list[float]:
 def drift_of_sum(table: pd.DataFrame, *, row: int, cycles: int = 20) -> float:
     """Mean change of E, the sum of the relative phases, in a cycle over the last cycles of a row (rad)."""
     part = masked(table, table["row"] == row).sort_values(by="crossing").tail(cycles + 1)
-    names = [name for name in part.columns if name.startswith("psi_") and name.endswith("_n")]
-    E = np.sum([numbers(part, name) for name in names], axis=0)
+    E = np.sum([numbers(part, name) for name in psi_columns(part, "_n")], axis=0)
     return float(np.mean(wrapped_difference(np.diff(E))))
 
 
@@ -734,17 +743,6 @@ def mirror_error(table: pd.DataFrame) -> float:
 
 
 @measure
-def wave_column(table: pd.DataFrame, *, row: int, column: str, over: str | None = None) -> float:
-    """A column of the measured wave of a row of a trace, or its ratio to another column.
-
-    Args:
-        column, over: such as wavelength, speed, wavelength_27, speed_28, speed_exact.
-    """
-    found = waves(one_row(table, row))
-    return float(numbers(found, column)[0] / (1.0 if over is None else numbers(found, over)[0]))
-
-
-@measure
 def worst_ratio(table: pd.DataFrame, *, column: str, over: str, where: Condition | None = None) -> float:
     """The ratio of two columns of measured waves that is farthest from 1, over rows of a condition (1)."""
     found = records(waves(table), where)
@@ -785,9 +783,7 @@ def no_gaits(table: pd.DataFrame, *, where: Condition, less: Condition) -> float
 @measure
 def gaits_left(table: pd.DataFrame, *, where: Condition) -> list[str]:
     """The gaits in which the settled rows of a condition end, in the order of the gaits."""
-    ends = set(records(records(table, where), "status == 'settled'", True)["gait"].astype(str))
-    if not ends:
-        raise MeasureError(f"No row of {where} has settled.")
+    ends = set(records(records(table, where), "status == 'settled'")["gait"].astype(str))
     return [gait for gait in LABELS if gait in ends]
 
 
@@ -800,10 +796,8 @@ def distance_share(table: pd.DataFrame) -> float:
 @measure
 def distance_over_lag(table: pd.DataFrame, *, low: float, high: float) -> float:
     """Largest distance from the analytic solutions at one tau over that at another (1)."""
-    largest = []
-    for tau in (low, high):
-        rows = masked(table, (table["status"] == "settled") & (table["tau"] == tau))
-        if rows.empty:
-            raise MeasureError(f"No row has settled at tau = {tau} s.")
-        largest.append(numbers(rows, "distance").max())
-    return float(largest[0] / largest[1])
+    at_low, at_high = (
+        value(masked(table, table["tau"] == tau), column="distance", where="status == 'settled'", take="max")
+        for tau in (low, high)
+    )
+    return at_low / at_high

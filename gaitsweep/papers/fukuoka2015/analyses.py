@@ -11,17 +11,18 @@ import gaitsweep as gs
 from gaitsweep.cli import Directory, Kept, print_table
 
 app = typer.Typer()
+Window = Annotated[
+    tuple[float, float],
+    typer.Option(
+        "--window", metavar="S S", help="Beginning and end of the analysed time, s; by default all."
+    ),
+]
 
 
 @app.command()
 def gaits(
     directory: Directory,
-    window: Annotated[
-        tuple[float, float],
-        typer.Option(
-            "--window", metavar="S S", help="Beginning and end of the analysed time, s; by default all."
-        ),
-    ] = (-math.inf, math.inf),
+    window: Window = (-math.inf, math.inf),
     threshold: Annotated[
         float | None,
         typer.Option(
@@ -95,15 +96,7 @@ def loading_rule(
 
 
 @app.command()
-def gait_thresholds(
-    directory: Directory,
-    window: Annotated[
-        tuple[float, float],
-        typer.Option(
-            "--window", metavar="S S", help="Beginning and end of the analysed time, s; by default all."
-        ),
-    ] = (-math.inf, math.inf),
-) -> None:
+def gait_thresholds(directory: Directory, window: Window = (-math.inf, math.inf)) -> None:
     """Count the rows with each gait for several thresholds, the shifts by size, and gaits by touchdowns."""
     from gaitsweep.papers.fukuoka2015.analysis.gait_summaries import gaits_by_threshold, shift_sizes
     from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in

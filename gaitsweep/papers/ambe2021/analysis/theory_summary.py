@@ -6,14 +6,7 @@ import re
 
 import numpy as np
 
-from gaitsweep.papers.ambe2021.theory.chain import (
-    Chain,
-    lag,
-    shift,
-    touchdown_phase,
-    wave_speed,
-    wavelength,
-)
+from gaitsweep.papers.ambe2021.theory.chain import Chain, lag, shift, touchdown_phase, wave_speed, wavelength
 from gaitsweep.papers.ambe2021.theory.order import jumps, order_sets, reset_sets, touchdown_order
 from gaitsweep.papers.ambe2021.theory.solution_sets import (
     Branch,

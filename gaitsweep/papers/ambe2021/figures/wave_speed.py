@@ -43,10 +43,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
 
 @figure_kind("trace", check=_check)
 def wave_speed(
-    table: pd.DataFrame,
-    *,
-    x: Annotated[Text, "parameter along the horizontal axis"],
-    title: Title = None,
+    table: pd.DataFrame, *, x: Annotated[Text, "parameter along the horizontal axis"], title: Title = None
 ) -> Figure:
     """Wavelength and speed of the waves in a trace over a parameter, and the theory's curves.
 

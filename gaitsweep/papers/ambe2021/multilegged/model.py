@@ -68,13 +68,7 @@ PARAMETERS = (
     _positive("tau", "s", "time constant of the phase reset", 0.5, r"\tau", _TABLE_1),
     _positive("g", "m/s2", "gravitational acceleration", 9.8, "g", _TABLE_1),
     Quantity(
-        "clamp",
-        "1",
-        "1: the ground cannot pull; 0: eq. (1) exactly",
-        0.0,
-        low=0.0,
-        high=1.0,
-        symbol="c",
+        "clamp", "1", "1: the ground cannot pull; 0: eq. (1) exactly", 0.0, low=0.0, high=1.0, symbol="c"
     ),
 )
 
@@ -122,12 +116,7 @@ class State:
 
 
 def ground_force(
-    gap: jax.Array,
-    gap_rate: jax.Array,
-    contact: jax.Array,
-    K: jax.Array,
-    D: jax.Array,
-    clamp: jax.Array,
+    gap: jax.Array, gap_rate: jax.Array, contact: jax.Array, K: jax.Array, D: jax.Array, clamp: jax.Array
 ) -> jax.Array:
     """The force of the ground on each leg, N, shape (n,); zero without contact.
 
@@ -253,9 +242,7 @@ class Multilegged(HybridModel):
         steps = jnp.stack([phi_1, *(start[f"psi_{i}"] for i in range(1, self.N + 1))])
         phi = wrapped(jnp.cumsum(steps))
         segment = jnp.where(
-            phi <= 2.0 * p.beta * jnp.pi,
-            STANCE,
-            jnp.where(phi < (1.0 + p.beta) * jnp.pi, TAKEOFF, LANDING),
+            phi <= 2.0 * p.beta * jnp.pi, STANCE, jnp.where(phi < (1.0 + p.beta) * jnp.pi, TAKEOFF, LANDING)
         )
         length, _ = self._leg(p, phi, segment)
         x, load = obstacle_problem(length, p.masses, p.kappa, p.g)

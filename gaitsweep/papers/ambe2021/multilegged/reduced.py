@@ -221,9 +221,7 @@ class NextEventSteps(FixedStepDynamics):
         ahead = jnp.where(jnp.any(due), 0.0, ahead)
         corner = to_corner <= ahead
         moved = dataclasses.replace(
-            s,
-            phi=jnp.where(corner, corner_at, s.phi + ahead),
-            late=s.late + dt - ahead / p.omega,
+            s, phi=jnp.where(corner, corner_at, s.phi + ahead), late=s.late + dt - ahead / p.omega
         )
         return after_events(moved, corner, due, lifts)
 

@@ -177,6 +177,13 @@ def wave_speed(omega: Scalar, chain: Chain = TABLE_1) -> Speeds:
     return Speeds(printed=waves * omega / TWO_PI, exact=waves * omega / touchdown_phase(chain))
 
 
+def leg_length(phi: np.ndarray, chain: Chain) -> np.ndarray:
+    """Length of a leg less the longest (m) at phases from 0 to 2 pi (rad); eq. (3)."""
+    beta, a = float(chain.beta), float(chain.a)
+    past = np.where(phi < (1.0 + beta) * np.pi, phi - 2.0 * beta * np.pi, 2.0 * np.pi - phi)
+    return -a * np.maximum(past, 0.0) / ((1.0 - beta) * np.pi)
+
+
 class Takeoffs(NamedTuple):
     """Phases (rad) of neighbours in takeoff, relative to its beginning, when a leg touches down with D.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -9,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.analyses import wrapped_difference
-from gaitsweep.papers.ambe2021.theory.chain import TABLE_1, Chain, reset, shift, touchdown_phase
+from gaitsweep.papers.ambe2021.theory.chain import TABLE_1, Chain, leg_length, reset, shift, touchdown_phase
 from gaitsweep.papers.ambe2021.theory.solution_sets import (
     Branch,
     LagRule,
@@ -155,15 +156,14 @@ def reset_sets(
 
     Source: Table 2, and the definitions below eq. (14).
     """
-    leg = branch.k if section is None else section
-    order = touchdown_order(N, branch, s, chain, leg)
-    turn = {each: place for place, each in enumerate(order)}
-    sets = []
-    for i in range(1, N + 2):
-        front = None if i == 1 else turn[i - 1] < turn[i]
-        rear = None if i == N + 1 else turn[i + 1] < turn[i]
-        sets.append(ResetSet(TABLE_2[front, rear], front, rear))
-    return tuple(sets)
+    return sets_of_order(touchdown_order(N, branch, s, chain, section))
+
+
+def sets_of_order(order: Sequence[int]) -> tuple[ResetSet, ...]:
+    """The set of each leg, 1 .. N+1, for legs that touch down in this order."""
+    turn = {leg: place for place, leg in enumerate(order)}
+    beside = [[turn[j] < turn[i] if j in turn else None for j in (i - 1, i + 1)] for i in sorted(order)]
+    return tuple(ResetSet(TABLE_2[front, rear], front, rear) for front, rear in beside)
 
 
 def touchdown_residuals(N: int, branch: Branch, s: float, chain: Chain = TABLE_1) -> np.ndarray:
@@ -192,17 +192,7 @@ def touchdown_residuals(N: int, branch: Branch, s: float, chain: Chain = TABLE_1
             if reset is not None
         ]
         mass = chain.m_1 if i == 1 else chain.m_end if i == N + 1 else chain.m
-        mean = sum(_length(phase, chain) for phase in beside) / len(beside)
-        found.append(
-            _length(circle, chain) - (mean - float(mass) * float(chain.g) / len(beside) / float(chain.kappa))
-        )
+        mean = sum(leg_length(np.array(beside), chain)) / len(beside)
+        sag = float(mass) * float(chain.g) / len(beside) / float(chain.kappa)
+        found.append(leg_length(np.array(circle), chain) - (mean - sag))
     return np.array(found)
-
-
-def _length(phi: float, chain: Chain) -> float:
-    """A leg's length less the longest, m; eq. (3)."""
-    beta, a = float(chain.beta), float(chain.a)
-    if phi <= 2.0 * beta * np.pi:
-        return 0.0
-    past = phi - 2.0 * beta * np.pi if phi < (1.0 + beta) * np.pi else 2.0 * np.pi - phi
-    return -a * past / ((1.0 - beta) * np.pi)

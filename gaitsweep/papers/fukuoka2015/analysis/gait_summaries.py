@@ -1,4 +1,4 @@
-"""Summaries of the gaits in a table: their measures, repertoires of parameter sets, effect of the threshold."""
+"""Summaries of the gaits in a table: measures, repertoires of parameter sets, effect of the threshold."""
 
 from __future__ import annotations
 
