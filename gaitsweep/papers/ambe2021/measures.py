@@ -605,7 +605,7 @@ def one_swing_share(table: pd.DataFrame, *, row: int, of: Sequence[int]) -> floa
         of: legs that follow one another in a wave; a wavelength is the next smaller whole number of legs.
     """
     part, beta, width = one_row(table, row), chain_defaults()["beta"], int(wavelength())
-    # in stance a foot leaves the ground for a moment after a touchdown, which is no swing
+    # a foot may leave the ground for a moment after its touchdown: this is part of the stance
     air = np.stack(
         [
             (numbers(part, f"contact_{leg}") < 0.5) & (numbers(part, f"phase_{leg}") > 2 * beta * np.pi)

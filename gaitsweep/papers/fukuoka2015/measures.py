@@ -396,7 +396,7 @@ def _of_gait(table: pd.DataFrame, gait: str) -> pd.DataFrame:
 
 
 def _footfalls(part: pd.DataFrame) -> dict[str, float]:
-    """By how much each leg touches down after LF in one row of a trace, cycles."""
+    """Lags of the legs' touchdowns behind those of LF in one row of a trace, cycles."""
     t, lands = part["t"].to_numpy(float), {}
     for leg in LEGS:
         # the first stance may have begun before the trace

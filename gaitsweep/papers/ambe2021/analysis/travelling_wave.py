@@ -29,7 +29,7 @@ PASSED = np.pi  # rad, the phase whose passage is timed: in stance, and far from
 
 
 class Passages(NamedTuple):
-    """When the legs of one row pass the middle of stance: `period` (s) and `leads` (N,), s.
+    """Times between the legs' passages of mid-stance in one row: `period` (s) and `leads` (N,), s.
 
     `leads[i]` is the time from the passage of leg i + 2 to the next one of leg i + 1, in [0, period): short
     in a direct wave, nearly a period in a retrograde one.

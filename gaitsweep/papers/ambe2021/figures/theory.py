@@ -165,20 +165,16 @@ def _order(N: int, chain: Chain, k: int, at: float, title: str | None) -> Figure
     stance = 2 * float(chain.beta) * np.pi / circle
     with style.canvas(style.PAGE, 1.5 + 0.2 * (N + 1), title) as figure:
         left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
-        for leg in range(1, N + 2):
-            for turn in (-1, 0, 1):
-                left.barh(leg, stance, left=when[leg - 1] + turn, height=0.6, color="#444444")
-            left.plot(
-                when[leg - 1], leg, "o", ms=8.5, mfc="white", mec="black", mew=0.8, zorder=4, clip_on=False
-            )
-            left.text(
-                when[leg - 1], leg, str(order.index(leg) + 1), ha="center", va="center", fontsize=6, zorder=5
-            )
-            left.text(1.03, leg, f"$S_{{{sets[leg - 1].number}}}$", va="center", fontsize=8)
+        legs = range(1, N + 2)
+        for turn in (-1, 0, 1):
+            left.barh(legs, stance, left=when + turn, height=0.6, color="#444444")
+        left.plot(when, legs, "o", ms=8.5, mfc="white", mec="black", mew=0.8, zorder=4, clip_on=False)
+        look = {"ha": "center", "va": "center", "fontsize": 6, "zorder": 5}
+        for leg, at_leg, each in zip(legs, when, sets, strict=True):
+            left.text(at_leg, leg, str(order.index(leg) + 1), **look)
+            left.text(1.03, leg, f"$S_{{{each.number}}}$", va="center", fontsize=8)
         left.set_xlim(0, 1)
-        left.set_yticks(
-            range(1, N + 2), [f"Leg {leg}" + (" = k" if leg == k else "") for leg in range(1, N + 2)]
-        )
+        left.set_yticks(legs, [f"Leg {leg}" + (" = k" if leg == k else "") for leg in legs])
         left.set_ylim(N + 1.6, 0.4)
         left.set_xlabel("time after the touchdown of leg k (cycles)")
         left.set_title("order of touchdowns, and the set S of each leg", loc="left")
@@ -202,14 +198,11 @@ def _resets(axes: Any, N: int, order: tuple[int, ...]) -> None:
         for link in range(1, N + 1):
             front, rear = link in gone, link + 1 in gone
             colour = "#BBBBBB" if front and rear else _FRONT if front else _REAR if rear else "white"
-            own = leg in (link, link + 1)
-            axes.add_patch(
-                Rectangle((column - 0.5, link - 0.5), 1, 1, fc=colour, ec="#DDDDDD", lw=0.5, zorder=1)
-            )
-            if own:
-                axes.add_patch(
-                    Rectangle((column - 0.45, link - 0.45), 0.9, 0.9, fc="none", ec="black", lw=1.3, zorder=3)
-                )
+            cell = {"fc": colour, "ec": "#DDDDDD", "lw": 0.5, "zorder": 1}
+            axes.add_patch(Rectangle((column - 0.5, link - 0.5), 1, 1, **cell))
+            if leg in (link, link + 1):
+                frame = {"fc": "none", "ec": "black", "lw": 1.3, "zorder": 3}
+                axes.add_patch(Rectangle((column - 0.45, link - 0.45), 0.9, 0.9, **frame))
         gone.add(leg)
     axes.set_xlim(-0.5, len(order) - 0.5)
     axes.set_ylim(N + 0.5, 0.5)
@@ -229,15 +222,8 @@ def _free_phase(N: int, chain: Chain, k: int, at: float, title: str | None) -> F
             rule = rule_of(N, Branch(kind, k), chain)  # pyright: ignore[reportArgumentType]
             ends = np.array([float(rule.low) + 1e-9, float(rule.high) - 1e-9])
             psi = np.stack([np.asarray(solution(rule, jnp.asarray(s), circle, k)) for s in ends])
-            axes.plot(
-                psi[:, k - 2],
-                psi[:, k - 1],
-                color=colour,
-                lw=2.4,
-                label=f"solution set {kind}",
-                marker="o",
-                ms=4,
-            )
+            label = f"solution set {kind}"
+            axes.plot(psi[:, k - 2], psi[:, k - 1], "o-", color=colour, lw=2.4, ms=4, label=label)
             if kind == "A":
                 for value, text, height in zip(ends, (r"$\psi_A$", r"$\psi_B$"), (0.03, 0.12), strict=True):
                     label = f"{text} = {style.in_pi(value, fractions=False)}"

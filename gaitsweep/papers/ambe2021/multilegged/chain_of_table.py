@@ -157,7 +157,7 @@ def relative_phases(part: pd.DataFrame, N: int) -> np.ndarray:
 def largest_distance(table: pd.DataFrame) -> tuple[float, int] | None:
     """The largest distance of settled states from the nearest analytic solution on section 1, and its row.
 
-    Only states that have a gait count: the others are no solutions of the theory.
+    States without a gait do not count, since they are not solutions of the theory.
 
     Args:
         table: a settle table of the chain, with the column `distance` (rad).

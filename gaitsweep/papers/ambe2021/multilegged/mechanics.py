@@ -120,7 +120,7 @@ def _from_the_first(steps: jax.Array) -> jax.Array:
 
 
 def _highest_chord(h: jax.Array, run: jax.Array) -> jax.Array:
-    """For each i, the maximum at i of the chords of h from j < i to k > i; -inf at both ends."""
+    """Maximum at each i of the chords of h from j < i to k > i; -inf at both ends."""
     ahead = run[:, None, :]  # (i, 1, k): from i to k
     behind = -run[:, :, None]  # (i, j, 1): from j to i
     inside = (ahead > 0) & (behind > 0)

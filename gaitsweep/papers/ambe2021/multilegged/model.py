@@ -325,7 +325,7 @@ class Multilegged(HybridModel):
         return ~before.landed & (kicked[0] | wraps[0])
 
     def _transitions(self, s: State, fired: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
-        """For each leg: end of its segment, the segment after, wrap of its phase, phase reset."""
+        """End of each leg's segment, the segment after it, wrap of its phase, and phase reset."""
         corner, touched = fired[: self.N + 1], fired[self.N + 1 :]
         following = jnp.where(s.segment == LANDING, STANCE, s.segment + 1)
         segment = jnp.where(corner, following, s.segment)

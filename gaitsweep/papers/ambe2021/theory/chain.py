@@ -57,7 +57,7 @@ class Chain(NamedTuple):
         return any(jnp.ndim(each) > 0 for each in (self.m, self.kappa, self.a))
 
     def equal_inner_legs(self, what: str) -> None:
-        """Raises an ArgumentError if the chain has a profile, `what` being unknown for it."""
+        """Raise an ArgumentError if the chain has a profile, for which `what` is unknown."""
         if self.has_profile:
             raise ArgumentError(f"{what} requires a chain with equal inner legs, but this one has a profile.")
 

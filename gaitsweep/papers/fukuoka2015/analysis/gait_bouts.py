@@ -16,7 +16,7 @@ from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import Steadiness, gait_
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import FAMILIES, STRICT, THRESHOLD, family
 
 # The period is not steady while a parameter moves, so only the shifts are tested. Complete cycles of all legs
-# are not required, since of two onsets between crossings, as in a trot, the first is not known.
+# are not required, since the first of two onsets between crossings, as in a trot, is not known.
 PASSING = Steadiness(variation=math.inf, skipped=0.3, cycles=0)
 
 

@@ -39,7 +39,7 @@ _BAR = 0.62
 
 
 def check_gaits(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
-    """Return why gaits cannot be read of a table, or None."""
+    """Refusal of a table whose gaits cannot be determined."""
     if not has_swing_onsets(table):
         yield figure.needs(table, "the swing onsets of four legs (as from planar_quadruped)")
 
