@@ -64,8 +64,8 @@ FAULTS = {
     "ambe2021": (
         Fault("reset backwards", "dynamics/phase_oscillator.py",
               "(TWO_PI - phi) / tau", "(phi - TWO_PI) / tau"),
-        Fault("springs doubled", "papers/ambe2021/spring_chain.py",
-              "pull = kappa * (", "pull = 2.0 * kappa * ("),
+        Fault("springs doubled", _CHAIN + "mechanics.py",
+              "pull = kappa * (x[:-1]", "pull = 2.0 * kappa * (x[:-1]"),
         Fault("swing doubled", _CHAIN + "model.py", "slope = p.a / (", "slope = 2.0 * p.a / ("),
         Fault("head as heavy as inner legs", _CHAIN + "model.py",
               '"mass of the head\'s segment", "m_B"', '"mass of the head\'s segment", "m"'),

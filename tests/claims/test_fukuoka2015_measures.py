@@ -72,7 +72,7 @@ def test_the_orders_of_the_paper() -> None:
 
 
 def test_a_gait_that_no_row_has_is_refused() -> None:
-    with pytest.raises(MeasureError, match="No row"):
+    with pytest.raises(MeasureError, match="gait == 'L-walk'"):
         measures.swing_order(trace("trot"), gait="L-walk")
 
 

@@ -15,7 +15,7 @@ import typer
 import gaitsweep as gs
 from gaitsweep.cli.commands import app
 from gaitsweep.fitting.schema import schema
-from gaitsweep.papers.ambe2021 import analytic
+from gaitsweep.papers.ambe2021 import theory
 from gaitsweep.plot import FIGURES
 from tests.support.browser import browser, program
 
@@ -53,7 +53,7 @@ def test_every_public_name_is_in_the_api_reference(site: Path) -> None:
     names = {f"gaitsweep.{name}" for name in gs.__all__}
     functions = (name for name in gs.analyses.__all__ if callable(getattr(gs.analyses, name)))
     names |= {f"gaitsweep.analyses.{name}" for name in functions} - {"gaitsweep.analyses.basins"}
-    names |= {f"gaitsweep.papers.ambe2021.analytic.{name}" for name in analytic.__all__}
+    names |= {f"gaitsweep.papers.ambe2021.theory.{name}" for name in theory.__all__}
     names |= {f"gaitsweep.plot.{kind}" for kind in FIGURES}
     # these two are the functions of the package itself
     assert names - {"gaitsweep.analyses.hysteresis"} <= documented(site)

@@ -18,7 +18,7 @@ from gaitsweep.dynamics.tree.external_force import PointForce, YieldingForce
 from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import places
 from gaitsweep.papers.ambe2021.multilegged import model as multilegged
-from gaitsweep.papers.ambe2021.spring_chain import neighbour_force
+from gaitsweep.papers.ambe2021.multilegged.mechanics import neighbour_force
 from gaitsweep.papers.aoi2011.waist_quadruped import mechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WAIST
 from gaitsweep.papers.aoi2011.waist_quadruped.model import WaistQuadruped

@@ -16,12 +16,24 @@ from gaitsweep.papers.ambe2021.theory.chain import (
     wave_speed,
     wavelength,
 )
-from gaitsweep.papers.ambe2021.theory.conserved import drift, line_length, worst_case_cycles
 from gaitsweep.papers.ambe2021.theory.gaits import locked_state, segments
-from gaitsweep.papers.ambe2021.theory.order import jumps, order_sets, touchdown_order
-from gaitsweep.papers.ambe2021.theory.reset_sets import reset_sets, touchdown_residuals
-from gaitsweep.papers.ambe2021.theory.section import touches_early
-from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches, lag_rules, rule_of
+from gaitsweep.papers.ambe2021.theory.order import (
+    jumps,
+    order_sets,
+    reset_sets,
+    touchdown_order,
+    touchdown_residuals,
+)
+from gaitsweep.papers.ambe2021.theory.solution_sets import (
+    Branch,
+    branches,
+    drift,
+    lag_rules,
+    line_length,
+    rule_of,
+    touches_early,
+    worst_case_cycles,
+)
 from gaitsweep.papers.ambe2021.theory.stability import (
     characteristic_polynomial,
     eigenvalues,

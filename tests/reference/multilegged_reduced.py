@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitsweep.papers.ambe2021.multilegged.mechanics import obstacle_problem
 from gaitsweep.papers.ambe2021.theory.chain import Chain, amplitudes, springs, touchdown_phase
-from gaitsweep.papers.ambe2021.theory.obstacle import obstacle_problem
 
 Array = NDArray[np.float64]
 TURN = 2.0 * np.pi

@@ -8,8 +8,17 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.papers.ambe2021.theory.chain import Chain, touchdown_phase
-from gaitsweep.papers.ambe2021.theory.section import TWO_PI, Leg, phases_from_relative, relative
-from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, LagRule, branches, lag_rules, solution
+from gaitsweep.papers.ambe2021.theory.solution_sets import (
+    TWO_PI,
+    Branch,
+    LagRule,
+    Leg,
+    branches,
+    lag_rules,
+    phases_from_relative,
+    relative,
+    solution,
+)
 
 
 @partial(jax.jit, static_argnames=("N", "samples", "section"))

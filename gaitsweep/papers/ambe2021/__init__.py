@@ -18,13 +18,9 @@ extension = gs.Extension(
     analyses=("gaitsweep.papers.ambe2021.analyses",),
     functions={
         "gait_shares": "gaitsweep.papers.ambe2021.analysis.gait_shares:gait_shares",
-        "multilegged_theory": "gaitsweep.papers.ambe2021.analytic",
+        "multilegged_theory": "gaitsweep.papers.ambe2021.theory",
     },
-    measures=(
-        "gaitsweep.papers.ambe2021.measures.equations",
-        "gaitsweep.papers.ambe2021.measures.simulation",
-        "gaitsweep.papers.ambe2021.measures.theory",
-    ),
+    measures=("gaitsweep.papers.ambe2021.measures",),
     jobs=JOBS,
     configs=CONFIGS,
     claims=CLAIMS,

@@ -342,7 +342,7 @@ def gait_lost_at(
 
 
 def _first_middle(points: pd.DataFrame, without: str) -> float:
-    """The middle of the first interval; raises an error with the sentence `without` if there is none."""
+    """The middle of the first interval; an AnalysisError with the sentence `without` if there is none."""
     if points.empty:
         raise AnalysisError(without)
     return float((points["low"].iloc[0] + points["high"].iloc[0]) / 2.0)
@@ -536,7 +536,7 @@ def sideways_share(table: pd.DataFrame) -> float:
 def foot_slip(table: pd.DataFrame, *, take: str = "median") -> float:
     """Distance (m) that a foot moves along the ground in a stance: `median` or `max` of all stances.
 
-    A foot that bounces is still in its stance; where it is off the ground counts for nothing.
+    A foot that bounces is still in its stance; the time off the ground does not count.
     """
     require(table, "row", "t", *(f"q_{i}" for i in range(16)))
     design = stored_job(table.attrs).design
@@ -605,7 +605,7 @@ def order_of_footfalls(table: pd.DataFrame, *, row: int, apart: float = 0.2) -> 
 
 
 def _touchdowns(table: pd.DataFrame, row: int, foot: int) -> np.ndarray:
-    """Times (s) at which a swing of a foot ends; breaks of a stance are no swings."""
+    """Times (s) at which a swing of a foot ends; breaks of a stance do not count as swings."""
     require(table, "row", "t", f"contact_{foot}")
     part = table.loc[table["row"].to_numpy() == row].sort_values("t")
     t, down = part["t"].to_numpy(float), part[f"contact_{foot}"].to_numpy(float) > 0.5

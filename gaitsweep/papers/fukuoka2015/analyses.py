@@ -11,17 +11,18 @@ import gaitsweep as gs
 from gaitsweep.cli import Directory, Kept, print_table
 
 app = typer.Typer()
+Window = Annotated[
+    tuple[float, float],
+    typer.Option(
+        "--window", metavar="S S", help="Beginning and end of the analysed time, s; by default all."
+    ),
+]
 
 
 @app.command()
 def gaits(
     directory: Directory,
-    window: Annotated[
-        tuple[float, float],
-        typer.Option(
-            "--window", metavar="S S", help="Beginning and end of the analysed time, s; by default all."
-        ),
-    ] = (-math.inf, math.inf),
+    window: Window = (-math.inf, math.inf),
     threshold: Annotated[
         float | None,
         typer.Option(
@@ -95,18 +96,10 @@ def loading_rule(
 
 
 @app.command()
-def gait_thresholds(
-    directory: Directory,
-    window: Annotated[
-        tuple[float, float],
-        typer.Option(
-            "--window", metavar="S S", help="Beginning and end of the analysed time, s; by default all."
-        ),
-    ] = (-math.inf, math.inf),
-) -> None:
+def gait_thresholds(directory: Directory, window: Window = (-math.inf, math.inf)) -> None:
     """Count the rows with each gait for several thresholds, the shifts by size, and gaits by touchdowns."""
+    from gaitsweep.papers.fukuoka2015.analysis.gait_summaries import gaits_by_threshold, shift_sizes
     from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
-    from gaitsweep.papers.fukuoka2015.analysis.threshold_effect import gaits_by_threshold, shift_sizes
 
     table = gs.load(directory)
     print_table(gaits_by_threshold(table, window=window))
@@ -128,17 +121,17 @@ def gait_measures(
     ] = None,
 ) -> None:
     """Print speed, period, flight, pitch, power of the joints and cost of transport of each gait."""
-    from gaitsweep.papers.fukuoka2015.analysis import gait_measures as measures
+    from gaitsweep.papers.fukuoka2015.analysis import gait_summaries
 
-    print_table(measures.gait_measures(gs.load(directory), by or None))
+    print_table(gait_summaries.gait_measures(gs.load(directory), by or None))
 
 
 @app.command()
 def speed_transitions(directory: Directory, by: Kept = None) -> None:
     """Print the speeds at which gaits change as the speed rises and falls, and the hysteresis between."""
-    from gaitsweep.papers.fukuoka2015.analysis import speed_transitions as transitions
+    from gaitsweep.papers.fukuoka2015.analysis import gait_bouts
 
-    print_table(transitions.speed_transitions(gs.load(directory), by or ()), 3)
+    print_table(gait_bouts.speed_transitions(gs.load(directory), by or ()), 3)
 
 
 @app.command()
@@ -149,8 +142,7 @@ def body_oscillation(
     ] = False,
 ) -> None:
     """Print the amplitude of pitch at once and twice the gait frequency for each family of gaits."""
-    from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import family_oscillation
-    from gaitsweep.papers.fukuoka2015.analysis.oscillation_along import oscillation_along
+    from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import family_oscillation, oscillation_along
 
     if along:
         print_table(oscillation_along(gs.load(directory)))
@@ -169,6 +161,6 @@ def repertoire(
     ],
 ) -> None:
     """Print the gaits of each parameter set of the planar quadruped, with their median speeds."""
-    from gaitsweep.papers.fukuoka2015.analysis import repertoire as analysis
+    from gaitsweep.papers.fukuoka2015.analysis import gait_summaries
 
-    print_table(analysis.repertoire(gs.load(directory), sets))
+    print_table(gait_summaries.repertoire(gs.load(directory), sets))

@@ -25,8 +25,8 @@ from gaitsweep.claims import (
     value,
 )
 from gaitsweep.dynamics.matsuoka import EXTENSOR, FLEXOR, leg_feedback
-from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import body_oscillation
-from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_along
+from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import body_oscillation, oscillation_along
+from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import after_dwell, gait_bouts, gaits_along
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS, gaits_in
 from gaitsweep.papers.fukuoka2015.analysis.loading_rule import (
     REPEATS,
@@ -34,8 +34,6 @@ from gaitsweep.papers.fukuoka2015.analysis.loading_rule import (
     loading_rule,
     pairs_in,
 )
-from gaitsweep.papers.fukuoka2015.analysis.oscillation_along import oscillation_along
-from gaitsweep.papers.fukuoka2015.analysis.speed_transitions import after_dwell
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import HIP, KNEE
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import (
     CHART,
@@ -55,39 +53,27 @@ SAME_LEAD = {"RT-gallop": "R-canter", "LT-gallop": "L-canter"}
 
 @measure
 def gait_share(
-    table: pd.DataFrame,
-    *,
-    gaits: Sequence[str],
-    where: Condition | None = None,
-    begin: float = -math.inf,
-    threshold: float = THRESHOLD,
+    table: pd.DataFrame, *, gaits: Sequence[str], where: Condition | None = None, begin: float = -math.inf
 ) -> float:
     """Share of the rows with one of the gaits, by their swing onsets after the time `begin` (1)."""
-    found = _gaits(records(table, where), begin, threshold)
+    found = gaits_in(records(table, where), window=(begin, math.inf))
     return float(np.mean(found["gait"].isin(gaits).to_numpy()))
 
 
 @measure
-def gaits_shown(
-    table: pd.DataFrame, *, speeds: int = 1, begin: float = -math.inf, threshold: float = THRESHOLD
-) -> float:
+def gaits_shown(table: pd.DataFrame, *, speeds: int = 1) -> float:
     """Number of the nine gaits that occur at so many values of the swept parameters or more (1)."""
-    found = _gaits(table, begin, threshold)
+    found = gaits_in(table)
     axes = [name for name in axes_of(table) if name not in REPEATS]
     places = found.loc[found["gait"].isin(CHART)].drop_duplicates(["gait", *axes])
     return float((places["gait"].astype(str).value_counts() >= speeds).sum())
 
 
 @measure
-def nearest_speed(
-    table: pd.DataFrame, *, gait: str, speed: float, column: str = "speed_end", where: Condition | None = None
-) -> float:
+def nearest_speed(table: pd.DataFrame, *, gait: str, speed: float, where: Condition | None = None) -> float:
     """Speed nearest to `speed` at which a row has the gait at its end (m/s)."""
-    part = records(table, where)
-    require(part, "gait", column)
-    speeds = part.loc[part["gait"].astype(str) == gait, column].to_numpy(float)
-    if not len(speeds):
-        raise MeasureError(f"No row of the table has the gait {gait}.")
+    require(table, "gait", "speed_end")
+    speeds = numbers(_of_gait(records(table, where), gait), "speed_end")
     return float(speeds[np.abs(speeds - speed).argmin()])
 
 
@@ -166,11 +152,7 @@ def most_frequent_order(
 
 @measure
 def acceleration(
-    table: pd.DataFrame,
-    *,
-    between: Sequence[float],
-    falling: bool = False,
-    where: Condition | None = None,
+    table: pd.DataFrame, *, between: Sequence[float], falling: bool = False, where: Condition | None = None
 ) -> float:
     """Slope of the speed over time in one pass of a ramp, of the cycles between two speeds (m/s2)."""
     part = _passes(records(table, where))
@@ -224,11 +206,8 @@ def gallops_by_their_canter_or_trot(table: pd.DataFrame, *, where: Condition | N
 @measure
 def swing_order(table: pd.DataFrame, *, gait: str) -> str:
     """Order in which the legs of a gait begin to swing, from LF; legs within the threshold joined by +."""
-    found = gaits_in(table)
-    found = found.loc[found["gait"].astype(str) == gait]
-    if found.empty:
-        raise MeasureError(f"No row of the table has the gait {gait}.")
-    return _most([_order({leg: float(row[f"phase_{leg}"]) for leg in LEGS}) for _, row in found.iterrows()])
+    rows = _of_gait(gaits_in(table), gait).to_dict("records")
+    return _most([_order({leg: float(row[f"phase_{leg}"]) for leg in LEGS}) for row in rows])
 
 
 @measure
@@ -273,11 +252,8 @@ def pair_measure(
     table: pd.DataFrame, *, gait: str, pair: int, measure: str, where: Condition | None = None
 ) -> float:
     """Mean load, fore less hind (N), pitch, nose down (rad), or shift (cycles) of a pair in a gait."""
-    pairs = pairs_in(records(table, where))
-    mine = pairs.loc[(pairs["gait"].astype(str) == gait) & (pairs["pair_number"] == pair)]
-    if mine.empty:
-        raise MeasureError(f"No row of the table has the gait {gait}.")
-    return float(mine[measure].mean())
+    pairs = _of_gait(pairs_in(records(table, where)), gait)
+    return float(pairs.loc[pairs["pair_number"] == pair, measure].mean())
 
 
 @measure
@@ -325,9 +301,7 @@ def body_cycles_along(
     bouts = oscillation_along(records(table, where))
     found = []
     for name in families:
-        mine = bouts.loc[bouts["family"] == name]
-        if mine.empty:
-            raise MeasureError(f"No row of the table has the family {name}.")
+        mine = records(bouts, f"family == '{name}'")
         found.append(float(mine["body_cycles"].to_numpy()[np.argmax(mine["windows"].to_numpy())]))
     return found
 
@@ -413,15 +387,16 @@ def chart_order(*, gait: str) -> str:
 
 def _rows_of(table: pd.DataFrame, gait: str) -> list[pd.DataFrame]:
     """The records of each row of a trace with a gait, in order of time."""
-    found = gaits_in(table)
-    rows = found.loc[found["gait"].astype(str) == gait, "row"]
-    if rows.empty:
-        raise MeasureError(f"No row of the table has the gait {gait}.")
-    return [one_row(table, row) for row in rows]
+    return [one_row(table, row) for row in _of_gait(gaits_in(table), gait)["row"]]
+
+
+def _of_gait(table: pd.DataFrame, gait: str) -> pd.DataFrame:
+    """The records with a gait, one at least."""
+    return records(table, f"gait == '{gait}'")
 
 
 def _footfalls(part: pd.DataFrame) -> dict[str, float]:
-    """By how much each leg touches down after LF in one row of a trace, cycles."""
+    """Lags of the legs' touchdowns behind those of LF in one row of a trace, cycles."""
     t, lands = part["t"].to_numpy(float), {}
     for leg in LEGS:
         # the first stance may have begun before the trace
@@ -445,14 +420,6 @@ def _stance_time(trace: pd.DataFrame) -> float:
         for row, samples in trace.groupby("row")
     ]
     return float(np.mean(times))
-
-
-def _gaits(table: pd.DataFrame, begin: float, threshold: float) -> pd.DataFrame:
-    """The gaits of the rows; a table of ends has its own threshold unless another one is given."""
-    found = gaits_in(table, window=(begin, math.inf), thresholds=(THRESHOLD, threshold))
-    if threshold != THRESHOLD:
-        found["gait"] = found[f"gait_at_{threshold:g}"]
-    return found
 
 
 def _passes(table: pd.DataFrame) -> pd.DataFrame:

@@ -10,8 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analyses import LEVEL, axes_of, fractions, proportion_interval
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chains_of, parameters_of
+from gaitsweep.analyses import LEVEL, fractions, proportion_interval
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
+    chains_of,
+    parameters_of,
+    set_columns,
+    springs_of,
+)
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.conditions import source_conditions, wave_conditions
 
@@ -37,8 +42,7 @@ def gait_shares(
     Raises:
         AnalysisError: the table does not have a column, or the job's parameters cannot be read.
     """
-    swept = [name for name in axes_of(table) if not name.startswith(("psi_", "phi_"))]
-    names = swept if parameters is None else list(parameters)
+    names = set_columns(table) if parameters is None else list(parameters)
     counted = fractions(table, by=names, level=level, interval="wilson")
     wide = counted.pivot(index=names, columns="outcome", values=["fraction", "low", "high"])
     sets = pd.DataFrame(wide.index.to_frame(index=False))
@@ -98,11 +102,6 @@ def _hold(N: int, chains: Chain, L: np.ndarray) -> tuple[jax.Array, ...]:
         return direct.hold, jnp.any(jnp.stack(sources)), retrograde.hold
 
     return jax.vmap(one)(chains, jnp.asarray(L))
-
-
-def springs_of(table: pd.DataFrame) -> int:
-    """N of a settle table of the chain."""
-    return sum(f"psi_{i}_end" in table for i in range(1, table.shape[1]))
 
 
 def _conditions(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, np.ndarray]:

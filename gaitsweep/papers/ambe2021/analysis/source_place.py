@@ -5,10 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analyses import AnalysisError, axes_of, wrapped_difference
+from gaitsweep.analyses import AnalysisError, wrapped_difference
 from gaitsweep.contract import Status
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chains_of, one_chain, parameters_of
-from gaitsweep.papers.ambe2021.theory.conserved import drift, drift_on_ground
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
+    chains_of,
+    one_chain,
+    parameters_of,
+    psi_columns,
+    set_columns,
+)
+from gaitsweep.papers.ambe2021.theory.solution_sets import drift, drift_on_ground
 
 
 def source_place(table: pd.DataFrame) -> pd.DataFrame:
@@ -29,7 +35,7 @@ def source_place(table: pd.DataFrame) -> pd.DataFrame:
         AnalysisError: the table is not of the chain.
     """
     phases = _phases(table, "_end")
-    names = _parameters(table)
+    names = set_columns(table)
     settled = Status.SOUND.among(table["status"])
     source = np.where(settled & (np.asarray(table["gait"], str) == "source"), table["k"], 0)
     meeting = np.where(settled & (np.asarray(table["gait"], str) == "none"), _meetings(phases), 0)
@@ -66,7 +72,7 @@ def source_drift(table: pd.DataFrame, cycles: int = 20) -> pd.DataFrame:
         AnalysisError: the table is not of the chain, or a row has fewer than two crossings.
     """
     _phases(table, "_n")
-    names, records = _parameters(table), []
+    names, records = set_columns(table), []
     for row, part in table.groupby("row", sort=True):
         part = part.sort_values(by="crossing").tail(cycles + 1)
         psi = _phases(part, "_n")
@@ -91,18 +97,12 @@ def source_drift(table: pd.DataFrame, cycles: int = 20) -> pd.DataFrame:
 
 def _phases(table: pd.DataFrame, suffix: str) -> np.ndarray:
     """The relative phases of each record, (n, N), rad."""
-    names = [f"psi_{i}{suffix}" for i in range(1, table.shape[1])]
-    names = [name for name in names if name in table.columns]
+    names = psi_columns(table, suffix)
     if not names:
         raise AnalysisError(
             f"A source needs a table of the multi-legged chain with the columns psi_1{suffix}, ..."
         )
     return table[names].to_numpy(float)
-
-
-def _parameters(table: pd.DataFrame) -> list[str]:
-    """The columns that vary and are no starts."""
-    return [name for name in axes_of(table) if not name.startswith(("psi_", "phi_"))]
 
 
 def _meetings(psi: np.ndarray) -> np.ndarray:

@@ -6,18 +6,16 @@ import re
 
 import numpy as np
 
-from gaitsweep.papers.ambe2021.theory import conserved
-from gaitsweep.papers.ambe2021.theory.chain import (
-    Chain,
-    lag,
-    shift,
-    touchdown_phase,
-    wave_speed,
-    wavelength,
+from gaitsweep.papers.ambe2021.theory.chain import Chain, lag, shift, touchdown_phase, wave_speed, wavelength
+from gaitsweep.papers.ambe2021.theory.order import jumps, order_sets, reset_sets, touchdown_order
+from gaitsweep.papers.ambe2021.theory.solution_sets import (
+    Branch,
+    branches,
+    drift,
+    line_length,
+    rule_of,
+    worst_case_cycles,
 )
-from gaitsweep.papers.ambe2021.theory.order import jumps, order_sets, touchdown_order
-from gaitsweep.papers.ambe2021.theory.reset_sets import reset_sets
-from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches, rule_of
 from gaitsweep.papers.ambe2021.theory.stability import eigenvalues, linear_map
 
 
@@ -37,9 +35,9 @@ def theory_summary(N: int, omega: float, chain: Chain) -> str:
         "wavelength (legs), eq. (27)": wavelength(chain),
         "wave speed (legs/s), eq. (28) as printed": speeds.printed,
         "wave speed (legs/s), exact": speeds.exact,
-        "length of the line in E (rad)": conserved.line_length(N, chain),
-        "drift of E (rad a cycle), eqs. (30)-(32)": conserved.drift(chain),
-        "cycles to drift along all of it": conserved.worst_case_cycles(N, chain),
+        "length of the line in E (rad)": line_length(N, chain),
+        "drift of E (rad a cycle), eqs. (30)-(32)": drift(chain),
+        "cycles to drift along all of it": worst_case_cycles(N, chain),
     }
     lines = [f"{name:42} {float(value):.6g}" for name, value in rows.items()]
     lines += [

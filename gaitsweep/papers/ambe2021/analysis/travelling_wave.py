@@ -19,6 +19,7 @@ from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     one_chain,
     parameters_of,
     relative_phases,
+    springs_of,
 )
 from gaitsweep.papers.ambe2021.theory.chain import Chain, Speeds, wave_speed, wavelength
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, free_link, gait_of, nearest_set
@@ -28,7 +29,7 @@ PASSED = np.pi  # rad, the phase whose passage is timed: in stance, and far from
 
 
 class Passages(NamedTuple):
-    """When the legs of one row pass the middle of stance: `period` (s) and `leads` (N,), s.
+    """Times between the legs' passages of mid-stance in one row: `period` (s) and `leads` (N,), s.
 
     `leads[i]` is the time from the passage of leg i + 2 to the next one of leg i + 1, in [0, period): short
     in a direct wave, nearly a period in a retrograde one.
@@ -57,7 +58,7 @@ def waves(table: pd.DataFrame) -> pd.DataFrame:
     Source: eqs. (27), (28).
     """
     N = springs_of(table)
-    if "t" not in table.columns or N < 2:
+    if not {"t", "phase_3"} <= set(table.columns):
         raise AnalysisError("Waves need a trace of the multi-legged chain with the columns t, phase_1, ...")
     records = []
     for row, part in table.groupby("row", sort=True):
@@ -72,11 +73,6 @@ def waves(table: pd.DataFrame) -> pd.DataFrame:
     return pd.concat(
         [pd.DataFrame(records)[["row"]], given, pd.DataFrame(records).drop(columns="row")], axis=1
     )
-
-
-def springs_of(table: pd.DataFrame) -> int:
-    """The number of springs N of the chain of a trace, from its signals phase_1 .. phase_{N+1}."""
-    return sum(f"phase_{i}" in table.columns for i in range(1, len(table.columns))) - 1
 
 
 def _wave(row: int, part: pd.DataFrame, N: int, chain: Chain, omega: float) -> dict[str, object]:

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from gaitsweep.contract import Outcome
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, profile_parameters_of
-from gaitsweep.papers.ambe2021.theory.conserved import drift, worst_case_cycles
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, profile_parameters_of, springs_of
+from gaitsweep.papers.ambe2021.theory.solution_sets import drift, worst_case_cycles
 from gaitsweep.plot import (
     GaitColumn,
     PlannedTable,
@@ -130,8 +130,7 @@ def _pairs(table: pd.DataFrame, kept: pd.DataFrame, ends: list[str], hue: str, b
     moving = [name for name in profile if len(table[name].unique()) > 1]
     if moving:
         raise PlotError(f"{moving[0]} varies, but the law needs a single profile of the inner legs.")
-    springs = sum(f"psi_{i}_end" in table for i in range(1, table.shape[1]))
-    chain = chain_of(table)
+    springs, chain = springs_of(table), chain_of(table)
     groups = kept.groupby([*ends, kept[hue].astype(str)])["cycles"].agg(["median", "max"])
     pairs = groups.reset_index()
     chains = [

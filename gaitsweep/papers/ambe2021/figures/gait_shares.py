@@ -14,9 +14,14 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
 from gaitsweep import near_miss
-from gaitsweep.papers.ambe2021.analysis.gait_shares import GAITS, existence, springs_of
+from gaitsweep.papers.ambe2021.analysis.gait_shares import GAITS, existence
 from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares as shares_of
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chains_of, has_profile, parameters_of
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
+    chains_of,
+    has_profile,
+    parameters_of,
+    springs_of,
+)
 from gaitsweep.plot import (
     TEXT_COLUMNS,
     AlongAxis,
@@ -176,22 +181,18 @@ def _edges(axes: Axes, table: pd.DataFrame, x: str, y: str | None) -> None:
     along = _along(low, 401, axes.get_xscale())
     sets = pd.DataFrame({x: along})
     values = parameters_of(table, sets)
-    for name, draw in ((x, axes.axvline), *(((y, axes.axhline),) if y else ())):
-        if name == "m_B":
-            draw(0.5 * float(np.ravel(values["m"])[0]), **_EDGE)
-            draw(float(np.ravel(values["m"])[0]), **_EDGE)
-    sag = values["m"] * values["g"] / values["kappa"]
-    if y == "a":
-        axes.plot(along, np.broadcast_to(sag, along.shape), **_EDGE)
-        axes.axhline(float(np.ravel(values["L"])[0]), **_EDGE)
-    elif y == "kappa":
-        stiff = values["m"] * values["g"] / values["a"]
-        axes.plot(along, np.broadcast_to(stiff, along.shape), **_EDGE)
-    elif x == "kappa":
-        axes.axvline(float(np.ravel(values["m"] * values["g"] / values["a"])[0]), **_EDGE)
-    elif x == "a":
-        axes.axvline(float(np.ravel(sag)[0]), **_EDGE)
-        axes.axvline(float(np.ravel(values["L"])[0]), **_EDGE)
+    m, g = values["m"], values["g"]
+    limits = {
+        "m_B": (0.5 * m, m),
+        "kappa": (m * g / values["a"],),
+        "a": (m * g / values["kappa"], values["L"]),
+    }
+    for limit in limits.get(y or "", ()):
+        axes.plot(along, np.broadcast_to(limit, along.shape), **_EDGE)
+    # kappa and a limit each other, so that one of them along y is enough
+    if x == "m_B" or y not in ("kappa", "a"):
+        for limit in limits.get(x, ()):
+            axes.axvline(float(np.ravel(limit)[0]), **_EDGE)
     axes.set_xlim(low)
     axes.set_ylim(high)
 

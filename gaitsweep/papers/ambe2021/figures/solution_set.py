@@ -14,8 +14,11 @@ from pydantic import Field
 
 from gaitsweep.analyses import in_order
 from gaitsweep.contract import Outcome
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, profile_parameters_of
-from gaitsweep.papers.ambe2021.multilegged.largest_distance import largest_distance
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
+    chain_of,
+    largest_distance,
+    profile_parameters_of,
+)
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.gaits import SHORTEST, segments
 from gaitsweep.plot import (
@@ -37,6 +40,7 @@ from gaitsweep.plot import (
 
 _Three = Field(min_length=3, max_length=3)
 _PSI = ("psi_1", "psi_2", "psi_3")
+Planes = list[tuple[Any, list[int]]]  # the axes of each projection, and the two observables along them
 
 
 @figure_kind("settle")
@@ -73,32 +77,32 @@ def solution_set(
     shown = outcome(table, hue)
     lines, remark = _theory(table, list(axes)) if theory else (np.zeros((0, 2, 3)), None)
     with style.canvas(style.PAGE, 4.3, title) as figure:
-        space, low, high = _panels(figure)
-        kept = _scatter(table, names, hue, shown, space, low, high)
-        for start, stop in lines:
-            space.plot(*np.stack([start, stop]).T, color="black", lw=0.9, zorder=5)
-            for panel, (i, j) in ((low, (0, 1)), (high, (1, 2))):
-                panel.plot([start[i], stop[i]], [start[j], stop[j]], color="black", lw=0.9, zorder=5)
+        space, planes = _panels(figure)
+        kept = _scatter(table, names, hue, shown, space, planes)
+        for ends in lines:
+            space.plot(*ends.T, color="black", lw=0.9, zorder=5)
+            for plane, pair in planes:
+                plane.plot(*ends[:, pair].T, color="black", lw=0.9, zorder=5)
         for number, (name, place) in enumerate(points.items()):
-            _mark(name, np.asarray(place, float), space, low, high, number)
-        _label(table, names, space, low, high)
+            _mark(name, np.asarray(place, float), space, planes, number)
+        _label(table, names, space, planes)
         if not kept:
-            style.message(low, "no row has settled")
+            style.message(planes[0][0], "no row has settled")
         _legend(figure, table, hue, shown, _named(table) if len(lines) else None, remark)
     return figure
 
 
-def _panels(figure: Figure) -> tuple[Any, Any, Any]:
+def _panels(figure: Figure) -> tuple[Any, Planes]:
     grid = figure.add_gridspec(2, 2, width_ratios=(1.45, 1.0))
     space: Any = figure.add_subplot(grid[:, 0], projection="3d")
     space.view_init(elev=22.0, azim=-58.0)
     space.set_box_aspect((1, 1, 0.95), zoom=0.95)  # pyright: ignore
     space.computed_zorder = False  # else matplotlib hides the lines behind the points
-    return space, figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1])
+    return space, [(figure.add_subplot(grid[0, 1]), [0, 1]), (figure.add_subplot(grid[1, 1]), [1, 2])]
 
 
 def _scatter(
-    table: pd.DataFrame, names: list[str], hue: str, shown: pd.Series, space: Any, low: Any, high: Any
+    table: pd.DataFrame, names: list[str], hue: str, shown: pd.Series, space: Any, planes: Planes
 ) -> int:
     """The settled rows in all three panels; how many there are."""
     order = in_order(table, hue, shown)
@@ -110,46 +114,42 @@ def _scatter(
             continue
         place = mine[names].to_numpy(float)
         place = np.where([is_angle(table, each) for each in names], np.mod(place, 2 * np.pi), place)
-        look = {
-            "color": colour[name],
-            "marker": marker[name],
-            "linewidths": 0.8 if marker[name] == "x" else 0,
-            "clip_on": False,
-        }
+        width = 0.8 if marker[name] == "x" else 0
+        look = {"color": colour[name], "marker": marker[name], "linewidths": width, "clip_on": False}
         size = float(np.clip(3e3 / len(mine), 9.0, 16.0))  # larger than the width of the lines over them
         space.scatter(*place.T, s=size, depthshade=False, **look)
-        low.scatter(place[:, 0], place[:, 1], s=size, rasterized=True, **look)
-        high.scatter(place[:, 1], place[:, 2], s=size, rasterized=True, **look)
+        for plane, pair in planes:
+            plane.scatter(*place[:, pair].T, s=size, rasterized=True, **look)
         kept += len(mine)
     return kept
 
 
-def _mark(name: str, place: np.ndarray, space: Any, low: Any, high: Any, number: int) -> None:
+def _mark(name: str, place: np.ndarray, space: Any, planes: Planes, number: int) -> None:
     """A named point: an open ring, its name beside it, on changing sides so that neighbours stay readable."""
     ring = {"facecolors": "none", "edgecolors": "black", "s": 34, "linewidths": 1.1, "zorder": 8}
     text = {"fontsize": 9, "fontweight": "bold", "zorder": 9}
     space.scatter(*place[:, None], depthshade=False, **ring)
     space.text(place[0] - 0.45, place[1], place[2] + 0.2, name, ha="center", **text)
-    for panel, (i, j) in ((low, (0, 1)), (high, (1, 2))):
-        panel.scatter(place[i], place[j], **ring)
-        side = [(5, 4), (5, -11), (-11, 4)][number % 3]
-        panel.annotate(name, (place[i], place[j]), side, textcoords="offset points", **text)
+    side = [(5, 4), (5, -11), (-11, 4)][number % 3]
+    for plane, pair in planes:
+        plane.scatter(*place[pair], **ring)
+        plane.annotate(name, place[pair], side, textcoords="offset points", **text)
 
 
-def _label(table: pd.DataFrame, names: list[str], space: Any, low: Any, high: Any) -> None:
+def _label(table: pd.DataFrame, names: list[str], space: Any, planes: Planes) -> None:
     labels = [axis_label(table, name) for name in names]
     for which, name, label in zip("xyz", names, labels, strict=True):
         getattr(space, f"set_{which}label")(label, labelpad=-2)
         if is_angle(table, name):
             style.angle_axis(space, which, steps=2)
     space.tick_params(pad=-1)
-    for panel, pair in ((low, (0, 1)), (high, (1, 2))):
+    for plane, pair in planes:
         for which, i in zip("xy", pair, strict=True):
-            getattr(panel, f"set_{which}label")(labels[i])
+            getattr(plane, f"set_{which}label")(labels[i])
             if is_angle(table, names[i]):
-                style.angle_axis(panel, which)
+                style.angle_axis(plane, which)
         if all(is_angle(table, names[i]) for i in pair):
-            panel.set_aspect("equal")
+            plane.set_aspect("equal")
 
 
 def _legend(

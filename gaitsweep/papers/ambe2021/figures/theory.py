@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import re
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
@@ -16,11 +15,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of
-from gaitsweep.papers.ambe2021.theory.chain import Chain, touchdown_phase
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, springs_of
+from gaitsweep.papers.ambe2021.theory.chain import Chain, leg_length, touchdown_phase
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, gait_of
-from gaitsweep.papers.ambe2021.theory.order import jumps, touchdown_order
-from gaitsweep.papers.ambe2021.theory.reset_sets import reset_sets
+from gaitsweep.papers.ambe2021.theory.order import jumps, reset_sets, touchdown_order
 from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches, places, rule_of, solution
 from gaitsweep.plot import (
     CountOrZero,
@@ -72,9 +70,7 @@ def chain_theory(
         PlotError: the table is not of the chain, show, k or at are out of range, or show is touchdowns for a
             chain with a profile.
     """
-    names = [str(name) for name in table.columns]
-    legs = [name for name in names if re.fullmatch(r"phase_\d+|psi_\d+_end|psi_\d+_n", name)]
-    N = len(legs) - any(name.startswith("phase_") for name in legs)
+    N = springs_of(table)
     if N < 2:
         raise PlotError(
             "The theory needs a table of the multi-legged chain with the columns psi_1_end, ... or "
@@ -84,13 +80,7 @@ def chain_theory(
 
 
 def theory_figure(
-    N: int,
-    chain: Chain,
-    *,
-    show: str,
-    k: int | None = None,
-    at: float = 0.3,
-    title: str | None = None,
+    N: int, chain: Chain, *, show: str, k: int | None = None, at: float = 0.3, title: str | None = None
 ) -> Figure:
     """The figure `chain_theory` of N + 1 legs, without a table; arguments and errors as there."""
     k = max(3, (N + 3) // 2) if k is None else k
@@ -128,11 +118,11 @@ def _touchdowns(N: int, chain: Chain, k: int, at: float, title: str | None) -> F
                 if np.ptp(ends) > 1e-6:
                     along = np.linspace(ends[0], ends[1], 200)
                     axes.plot(
-                        along, _length(along, chain), color=colour, lw=5, alpha=0.55, solid_capstyle="butt"
+                        along, leg_length(along, chain), color=colour, lw=5, alpha=0.55, solid_capstyle="butt"
                     )
                 else:
-                    axes.plot(ends[:1], _length(ends[:1], chain), marker, color=colour, ms=8, zorder=4)
-            axes.plot([circle], _length(np.array([circle]), chain), "o", color=_TOUCHING, ms=7, zorder=5)
+                    axes.plot(ends[:1], leg_length(ends[:1], chain), marker, color=colour, ms=8, zorder=4)
+            axes.plot([circle], leg_length(np.array([circle]), chain), "o", color=_TOUCHING, ms=7, zorder=5)
             axes.set_title(f"touchdown of leg {leg}:\n{text}", loc="left")
             axes.set_xlabel("phase (rad)")
             style.angle_axis(axes, "x")
@@ -151,8 +141,8 @@ def _segments(axes: Any, chain: Chain) -> None:
     """The curve of leg length, eq. (3), its three segments named."""
     beta = float(chain.beta)
     ends = np.array([0.0, 2 * beta * np.pi, (1 + beta) * np.pi, 2 * np.pi])
-    axes.plot(ends, _length(ends, chain), color="#888888", lw=1.0)
-    low = 1.22 * _length(np.array([(1 + beta) * np.pi]), chain)[0]
+    axes.plot(ends, leg_length(ends, chain), color="#888888", lw=1.0)
+    low = 1.22 * leg_length(np.array([(1 + beta) * np.pi]), chain)[0]
     for name, left, right, turn in (("stance", 0, 1, 0), ("takeoff", 1, 2, 90), ("landing", 2, 3, 90)):
         middle = 0.5 * (ends[left] + ends[right])
         height = 0.5 * low if name == "stance" else 0.995 * low
@@ -161,13 +151,6 @@ def _segments(axes: Any, chain: Chain) -> None:
     for end in ends[1:3]:
         axes.axvline(end, color="#CCCCCC", lw=0.6, zorder=0)
     axes.set_ylim(1.25 * low, -0.18 * low)
-
-
-def _length(phi: np.ndarray, chain: Chain) -> np.ndarray:
-    """A leg's length less L (m), eq. (3)."""
-    beta, slope = float(chain.beta), float(chain.a) / ((1 - float(chain.beta)) * np.pi)
-    past = np.minimum(phi - 2 * beta * np.pi, 2 * np.pi - phi)
-    return -slope * np.maximum(past, 0.0)
 
 
 def _order(N: int, chain: Chain, k: int, at: float, title: str | None) -> Figure:
@@ -182,20 +165,16 @@ def _order(N: int, chain: Chain, k: int, at: float, title: str | None) -> Figure
     stance = 2 * float(chain.beta) * np.pi / circle
     with style.canvas(style.PAGE, 1.5 + 0.2 * (N + 1), title) as figure:
         left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
-        for leg in range(1, N + 2):
-            for turn in (-1, 0, 1):
-                left.barh(leg, stance, left=when[leg - 1] + turn, height=0.6, color="#444444")
-            left.plot(
-                when[leg - 1], leg, "o", ms=8.5, mfc="white", mec="black", mew=0.8, zorder=4, clip_on=False
-            )
-            left.text(
-                when[leg - 1], leg, str(order.index(leg) + 1), ha="center", va="center", fontsize=6, zorder=5
-            )
-            left.text(1.03, leg, f"$S_{{{sets[leg - 1].number}}}$", va="center", fontsize=8)
+        legs = range(1, N + 2)
+        for turn in (-1, 0, 1):
+            left.barh(legs, stance, left=when + turn, height=0.6, color="#444444")
+        left.plot(when, legs, "o", ms=8.5, mfc="white", mec="black", mew=0.8, zorder=4, clip_on=False)
+        look = {"ha": "center", "va": "center", "fontsize": 6, "zorder": 5}
+        for leg, at_leg, each in zip(legs, when, sets, strict=True):
+            left.text(at_leg, leg, str(order.index(leg) + 1), **look)
+            left.text(1.03, leg, f"$S_{{{each.number}}}$", va="center", fontsize=8)
         left.set_xlim(0, 1)
-        left.set_yticks(
-            range(1, N + 2), [f"Leg {leg}" + (" = k" if leg == k else "") for leg in range(1, N + 2)]
-        )
+        left.set_yticks(legs, [f"Leg {leg}" + (" = k" if leg == k else "") for leg in legs])
         left.set_ylim(N + 1.6, 0.4)
         left.set_xlabel("time after the touchdown of leg k (cycles)")
         left.set_title("order of touchdowns, and the set S of each leg", loc="left")
@@ -219,14 +198,11 @@ def _resets(axes: Any, N: int, order: tuple[int, ...]) -> None:
         for link in range(1, N + 1):
             front, rear = link in gone, link + 1 in gone
             colour = "#BBBBBB" if front and rear else _FRONT if front else _REAR if rear else "white"
-            own = leg in (link, link + 1)
-            axes.add_patch(
-                Rectangle((column - 0.5, link - 0.5), 1, 1, fc=colour, ec="#DDDDDD", lw=0.5, zorder=1)
-            )
-            if own:
-                axes.add_patch(
-                    Rectangle((column - 0.45, link - 0.45), 0.9, 0.9, fc="none", ec="black", lw=1.3, zorder=3)
-                )
+            cell = {"fc": colour, "ec": "#DDDDDD", "lw": 0.5, "zorder": 1}
+            axes.add_patch(Rectangle((column - 0.5, link - 0.5), 1, 1, **cell))
+            if leg in (link, link + 1):
+                frame = {"fc": "none", "ec": "black", "lw": 1.3, "zorder": 3}
+                axes.add_patch(Rectangle((column - 0.45, link - 0.45), 0.9, 0.9, **frame))
         gone.add(leg)
     axes.set_xlim(-0.5, len(order) - 0.5)
     axes.set_ylim(N + 0.5, 0.5)
@@ -246,15 +222,8 @@ def _free_phase(N: int, chain: Chain, k: int, at: float, title: str | None) -> F
             rule = rule_of(N, Branch(kind, k), chain)  # pyright: ignore[reportArgumentType]
             ends = np.array([float(rule.low) + 1e-9, float(rule.high) - 1e-9])
             psi = np.stack([np.asarray(solution(rule, jnp.asarray(s), circle, k)) for s in ends])
-            axes.plot(
-                psi[:, k - 2],
-                psi[:, k - 1],
-                color=colour,
-                lw=2.4,
-                label=f"solution set {kind}",
-                marker="o",
-                ms=4,
-            )
+            label = f"solution set {kind}"
+            axes.plot(psi[:, k - 2], psi[:, k - 1], "o-", color=colour, lw=2.4, ms=4, label=label)
             if kind == "A":
                 for value, text, height in zip(ends, (r"$\psi_A$", r"$\psi_B$"), (0.03, 0.12), strict=True):
                     label = f"{text} = {style.in_pi(value, fractions=False)}"
@@ -289,15 +258,15 @@ def _sets(N: int, chain: Chain, k: int, at: float, title: str | None) -> Figure:
             breaks = [jump.s for jump in jumps(N, branch, chain, 1)]
             cuts = [low, *breaks, high]
             psi_of = jax.jit(jax.vmap(lambda s, rule=rule: solution(rule, s, circle, 1)))
+            begin, way = (high, -rate) if branch.kind == "direct" else (low, rate)
             for start, stop in itertools.pairwise(cuts):
                 s = np.linspace(start + 1e-7, stop - 1e-7, 60)
-                x = place + rate * ((high - s) if branch.kind == "direct" else (s - low))
+                x = place + way * (s - begin)
                 psi = np.asarray(psi_of(jnp.asarray(s)))
                 for link in range(N):
                     axes.plot(x, psi[:, link], color=shades[link], lw=1.3)
             for s in breaks:
-                x = place + rate * ((high - s) if branch.kind == "direct" else (s - low))
-                axes.axvline(x, color="#D55E00", lw=0.7, ls=":", zorder=0)
+                axes.axvline(place + way * (s - begin), color="#D55E00", lw=0.7, ls=":", zorder=0)
                 jumped = True
             width = rate * (high - low)
             gait = GAITS[gait_of(branch)]

@@ -43,10 +43,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
 
 @figure_kind("trace", check=_check)
 def wave_speed(
-    table: pd.DataFrame,
-    *,
-    x: Annotated[Text, "parameter along the horizontal axis"],
-    title: Title = None,
+    table: pd.DataFrame, *, x: Annotated[Text, "parameter along the horizontal axis"], title: Title = None
 ) -> Figure:
     """Wavelength and speed of the waves in a trace over a parameter, and the theory's curves.
 
@@ -72,16 +69,9 @@ def wave_speed(
                 axes.plot(theory[x], theory[curve], line, color="black", lw=0.9, label=text)
             for gait in names:
                 mine = found[np.asarray(found["gait"] == gait)]
+                look = {"s": 30, "linewidths": 1.2, "zorder": 4, "label": f"simulated: {gait}"}
                 open_ring = {"facecolors": "none", "edgecolors": colour[gait], "marker": marker[gait]}
-                axes.scatter(
-                    mine[x],
-                    mine[name],
-                    s=30,
-                    linewidths=1.2,
-                    label=f"simulated: {gait}",
-                    zorder=4,
-                    **open_ring,
-                )
+                axes.scatter(mine[x], mine[name], **look, **open_ring)
             axes.set_xlabel(axis_label(table, x))
             axes.set_ylabel(label)
             axes.set_ylim(bottom=0)

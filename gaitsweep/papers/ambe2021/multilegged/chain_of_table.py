@@ -1,18 +1,21 @@
-"""Input of the theory from a table: the chain's parameters, and the relative phases on section 1."""
+"""The chain of a table: its parameters, its relative phases, and its distance from the theory's solutions."""
 
 from __future__ import annotations
 
 import graphlib
+import re
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analyses import AnalysisError
+from gaitsweep.analyses import AnalysisError, axes_of
+from gaitsweep.contract import Status
 from gaitsweep.expression import ExpressionError, evaluate, names_in
 from gaitsweep.papers.ambe2021.multilegged.profile import SPRINGS, profile_parameters
 from gaitsweep.papers.ambe2021.theory.chain import Chain
+from gaitsweep.papers.ambe2021.theory.gaits import NONE_BEYOND
 
 # defaults that follow from other parameters
 _FORMULAS = {"m_1": "m_B", "m_end": "m_B", "kappa_1": "kappa", "kappa_end": "kappa", "a_1": "a", "a_end": "a"}
@@ -63,20 +66,14 @@ def parameters_of(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Any]:
 
     Arguments and errors are as for `chains_of`.
     """
-    job = table.attrs.get("job")
-    given: dict[str, Any] = dict(job.get("params") or {}) if isinstance(job, Mapping) else {}
-    profile = _profile_defaults(table)
-    known = {*Chain._fields, "m_B", "L", *profile}
-    given |= {str(name): sets[name].to_numpy(float) for name in sets.columns if len(sets) and name in known}
+    defaults = {"m_B": 0.9, "L": 1.0} | Chain()._asdict() | _FORMULAS | _profile_defaults(table)
+    settings: dict[str, Any] = defaults | _job(table, "params")
+    settings |= {str(name): sets[name].to_numpy(float) for name in sets if len(sets) and name in defaults}
     if (legs := _profiled(table)) is not None:
-        given["N"] = legs - 1
-    plain = {name: value for name, value in Chain()._asdict().items() if name not in _FORMULAS}
-    values: dict[str, Any] = {"m_B": 0.9, "L": 1.0, **plain}
-    settings = _FORMULAS | profile | {name: value for name, value in given.items() if name in known}
-    formulas = {name: text for name, text in settings.items() if isinstance(text, str)}
-    values |= {name: value for name, value in settings.items() if name not in formulas}
+        settings["N"] = legs - 1
     # formulas may use each other in any order, and the other parameters of the job
-    values |= {name: value for name, value in given.items() if not isinstance(value, str)}
+    formulas = {name: settings[name] for name in defaults if isinstance(settings[name], str)}
+    values = {name: value for name, value in settings.items() if not isinstance(value, str)}
     uses = {name: names_in(text) & set(formulas) for name, text in formulas.items()}
     try:
         order = list(graphlib.TopologicalSorter(uses).static_order())
@@ -102,15 +99,36 @@ def profile_parameters_of(table: pd.DataFrame) -> tuple[str, ...]:
 
 def _profiled(table: pd.DataFrame) -> int | None:
     """The number of legs of a chain with a profile; None without one."""
-    job = table.attrs.get("job")
-    structure = (job.get("structure") or {}) if isinstance(job, Mapping) else {}
+    structure = _job(table, "structure")
     return int(structure.get("N", SPRINGS)) + 1 if structure.get("profile") else None
+
+
+def _job(table: pd.DataFrame, section: str) -> dict[str, Any]:
+    """A section of the table's job, by name; empty without one."""
+    job = table.attrs.get("job")
+    return dict(job.get(section) or {}) if isinstance(job, Mapping) else {}
 
 
 def _profile_defaults(table: pd.DataFrame) -> dict[str, Any]:
     legs = _profiled(table)
     added = () if legs is None else profile_parameters(legs - 1)
     return {quantity.name: quantity.default for quantity in added}
+
+
+def springs_of(table: pd.DataFrame) -> int:
+    """N of a table of the chain: of a trace from phase_1, ..., of others from psi_1_end or psi_1_n, ..."""
+    legs = sum(bool(re.fullmatch(r"phase_\d+", str(name))) for name in table)
+    return legs - 1 if legs else len(psi_columns(table, "_(end|n)"))
+
+
+def psi_columns(table: pd.DataFrame, suffix: str) -> list[str]:
+    """The columns of the relative phases whose names end with a suffix, a regular expression."""
+    return [str(name) for name in table if re.fullmatch(rf"psi_\d+{suffix}", str(name))]
+
+
+def set_columns(table: pd.DataFrame) -> list[str]:
+    """The swept axes of a table, except the phases of the start."""
+    return [name for name in axes_of(table) if not name.startswith(("psi_", "phi_"))]
 
 
 def relative_phases(part: pd.DataFrame, N: int) -> np.ndarray:
@@ -134,3 +152,26 @@ def relative_phases(part: pd.DataFrame, N: int) -> np.ndarray:
     aloft = down - lifted[np.searchsorted(lifted, down) - 1]
     down = down[aloft > 0.5 * aloft.max()]
     return np.mod(np.diff(phase[down[-1]]), 2.0 * np.pi)
+
+
+def largest_distance(table: pd.DataFrame) -> tuple[float, int] | None:
+    """The largest distance of settled states from the nearest analytic solution on section 1, and its row.
+
+    States without a gait do not count, since they are not solutions of the theory.
+
+    Args:
+        table: a settle table of the chain, with the column `distance` (rad).
+
+    Returns:
+        The distance, rad, and the row; None where the table has no such state.
+    """
+    if not {"distance", "gait", "status", "row"} <= set(table.columns):
+        return None
+    distance = np.asarray(table["distance"], float)
+    settled = Status.SOUND.among(table["status"])
+    labelled = ~np.isin(np.asarray(table["gait"], str), ["locked", "none"])
+    counts = settled & labelled & (distance <= NONE_BEYOND)
+    if not counts.any():
+        return None
+    place = int(np.argmax(np.where(counts, distance, -np.inf)))
+    return float(distance[place]), int(np.asarray(table["row"])[place])

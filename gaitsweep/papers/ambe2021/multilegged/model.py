@@ -21,15 +21,13 @@ from gaitsweep import Skeleton
 from gaitsweep.analyses import AnalysisError
 from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended, Simultaneous
 from gaitsweep.dynamics import TWO_PI, lagged_reset, wrapped
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, relative_phases
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, largest_distance, relative_phases
 from gaitsweep.papers.ambe2021.multilegged.chart import MultileggedChart
 from gaitsweep.papers.ambe2021.multilegged.drawing import skeleton
-from gaitsweep.papers.ambe2021.multilegged.largest_distance import largest_distance
+from gaitsweep.papers.ambe2021.multilegged.mechanics import fastest_motions, neighbour_force, obstacle_problem
 from gaitsweep.papers.ambe2021.multilegged.profile import SPRINGS, profile_parameters
-from gaitsweep.papers.ambe2021.spring_chain import fastest_motions, neighbour_force
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, classify, free_link, nearest_set
-from gaitsweep.papers.ambe2021.theory.obstacle import obstacle_problem
 
 STANCE, TAKEOFF, LANDING = 0, 1, 2
 # Leg 1 is initially compressed by a picometre (1e-7 N), so that it touches in spite of rounding. Another leg
@@ -70,13 +68,7 @@ PARAMETERS = (
     _positive("tau", "s", "time constant of the phase reset", 0.5, r"\tau", _TABLE_1),
     _positive("g", "m/s2", "gravitational acceleration", 9.8, "g", _TABLE_1),
     Quantity(
-        "clamp",
-        "1",
-        "1: the ground cannot pull; 0: eq. (1) exactly",
-        0.0,
-        low=0.0,
-        high=1.0,
-        symbol="c",
+        "clamp", "1", "1: the ground cannot pull; 0: eq. (1) exactly", 0.0, low=0.0, high=1.0, symbol="c"
     ),
 )
 
@@ -124,12 +116,7 @@ class State:
 
 
 def ground_force(
-    gap: jax.Array,
-    gap_rate: jax.Array,
-    contact: jax.Array,
-    K: jax.Array,
-    D: jax.Array,
-    clamp: jax.Array,
+    gap: jax.Array, gap_rate: jax.Array, contact: jax.Array, K: jax.Array, D: jax.Array, clamp: jax.Array
 ) -> jax.Array:
     """The force of the ground on each leg, N, shape (n,); zero without contact.
 
@@ -255,9 +242,7 @@ class Multilegged(HybridModel):
         steps = jnp.stack([phi_1, *(start[f"psi_{i}"] for i in range(1, self.N + 1))])
         phi = wrapped(jnp.cumsum(steps))
         segment = jnp.where(
-            phi <= 2.0 * p.beta * jnp.pi,
-            STANCE,
-            jnp.where(phi < (1.0 + p.beta) * jnp.pi, TAKEOFF, LANDING),
+            phi <= 2.0 * p.beta * jnp.pi, STANCE, jnp.where(phi < (1.0 + p.beta) * jnp.pi, TAKEOFF, LANDING)
         )
         length, _ = self._leg(p, phi, segment)
         x, load = obstacle_problem(length, p.masses, p.kappa, p.g)
@@ -340,7 +325,7 @@ class Multilegged(HybridModel):
         return ~before.landed & (kicked[0] | wraps[0])
 
     def _transitions(self, s: State, fired: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
-        """For each leg: end of its segment, the segment after, wrap of its phase, phase reset."""
+        """End of each leg's segment, the segment after it, wrap of its phase, and phase reset."""
         corner, touched = fired[: self.N + 1], fired[self.N + 1 :]
         following = jnp.where(s.segment == LANDING, STANCE, s.segment + 1)
         segment = jnp.where(corner, following, s.segment)

@@ -24,6 +24,7 @@ from jaxtyping import Array, Bool, Float, Real
 from gaitsweep.contract import Chart, FixedStepDynamics, Quantity, Rates, Recommended, Simultaneous
 from gaitsweep.dynamics import TWO_PI, wrapped
 from gaitsweep.papers.ambe2021.multilegged.chart import ReducedChart
+from gaitsweep.papers.ambe2021.multilegged.mechanics import balance, balance_and_rate, obstacle_problem
 from gaitsweep.papers.ambe2021.multilegged.model import (
     LANDING,
     STANCE,
@@ -34,7 +35,6 @@ from gaitsweep.papers.ambe2021.multilegged.model import (
     corner_of,
     first_touchdown,
 )
-from gaitsweep.papers.ambe2021.theory.obstacle import balance, balance_and_rate, obstacle_problem
 
 _UNREAD = ("sigma", "K", "D", "tau", "clamp")
 # A leg closer than this to the ground (m) touches it, so that simultaneous touchdowns stay simultaneous in
@@ -221,9 +221,7 @@ class NextEventSteps(FixedStepDynamics):
         ahead = jnp.where(jnp.any(due), 0.0, ahead)
         corner = to_corner <= ahead
         moved = dataclasses.replace(
-            s,
-            phi=jnp.where(corner, corner_at, s.phi + ahead),
-            late=s.late + dt - ahead / p.omega,
+            s, phi=jnp.where(corner, corner_at, s.phi + ahead), late=s.late + dt - ahead / p.omega
         )
         return after_events(moved, corner, due, lifts)
 

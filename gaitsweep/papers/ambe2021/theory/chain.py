@@ -57,7 +57,7 @@ class Chain(NamedTuple):
         return any(jnp.ndim(each) > 0 for each in (self.m, self.kappa, self.a))
 
     def equal_inner_legs(self, what: str) -> None:
-        """Raises an ArgumentError if the chain has a profile, `what` being unknown for it."""
+        """Raise an ArgumentError if the chain has a profile, for which `what` is unknown."""
         if self.has_profile:
             raise ArgumentError(f"{what} requires a chain with equal inner legs, but this one has a profile.")
 
@@ -175,6 +175,13 @@ def wave_speed(omega: Scalar, chain: Chain = TABLE_1) -> Speeds:
     """
     waves = wavelength(chain)
     return Speeds(printed=waves * omega / TWO_PI, exact=waves * omega / touchdown_phase(chain))
+
+
+def leg_length(phi: np.ndarray, chain: Chain) -> np.ndarray:
+    """Length of a leg less the longest (m) at phases from 0 to 2 pi (rad); eq. (3)."""
+    beta, a = float(chain.beta), float(chain.a)
+    past = np.where(phi < (1.0 + beta) * np.pi, phi - 2.0 * beta * np.pi, 2.0 * np.pi - phi)
+    return -a * np.maximum(past, 0.0) / ((1.0 - beta) * np.pi)
 
 
 class Takeoffs(NamedTuple):

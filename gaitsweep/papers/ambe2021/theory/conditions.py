@@ -18,15 +18,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.papers.ambe2021.theory.chain import (
-    Chain,
-    Scalar,
-    amplitudes,
-    masses,
-    reset,
-    springs,
-    takeoffs,
-)
+from gaitsweep.papers.ambe2021.theory.chain import Chain, Scalar, amplitudes, masses, reset, springs, takeoffs
 
 
 class Conditions(NamedTuple):

@@ -10,17 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.analyses import wrapped_difference
-from gaitsweep.papers.ambe2021.theory.chain import (
-    TABLE_1,
-    Chain,
-    amplitudes,
-    shift,
-    springs,
-    touchdown_phase,
-)
+from gaitsweep.papers.ambe2021.theory.chain import TABLE_1, Chain, amplitudes, shift, springs, touchdown_phase
 from gaitsweep.papers.ambe2021.theory.order import meetings
-from gaitsweep.papers.ambe2021.theory.section import TWO_PI
 from gaitsweep.papers.ambe2021.theory.solution_sets import (
+    TWO_PI,
     Branch,
     LagRule,
     branches,

@@ -1,7 +1,8 @@
-"""The touchdown order of legs along a solution, the sets T_1 and T_2, and jumps between orders."""
+"""The touchdown order of legs along a solution: sets T_1, T_2 and S_1 to S_8, and jumps between orders."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -9,14 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.analyses import wrapped_difference
-from gaitsweep.papers.ambe2021.theory.chain import TABLE_1, Chain, reset, shift, touchdown_phase
-from gaitsweep.papers.ambe2021.theory.section import Leg, touches_early
+from gaitsweep.papers.ambe2021.theory.chain import TABLE_1, Chain, leg_length, reset, shift, touchdown_phase
 from gaitsweep.papers.ambe2021.theory.solution_sets import (
     Branch,
     LagRule,
+    Leg,
+    phases_on_section,
     places,
     rule_of,
     solution,
+    touches_early,
 )
 
 APART = 1e-6  # rad of the free phase, distance from a jump at which psi is evaluated on both sides
@@ -118,3 +121,78 @@ def jumps(N: int, branch: Branch, chain: Chain = TABLE_1, section: int | None = 
             change = np.asarray(above - below) - 2.0 * APART * np.asarray(rule.slope)
             found.append(Jump(float(s), number, wrapped_difference(change)))
     return tuple(sorted(found, key=lambda jump: jump.s))
+
+
+# whether the neighbours in front (i - 1) and behind (i + 1) are reset; None where there is no such leg
+TABLE_2: dict[tuple[bool | None, bool | None], int] = {
+    (None, False): 1,
+    (None, True): 2,
+    (False, False): 3,
+    (True, True): 4,
+    (False, True): 5,
+    (True, False): 6,
+    (False, None): 7,
+    (True, None): 8,
+}
+
+
+class ResetSet(NamedTuple):
+    """The set S of a leg: its number 1 .. 8, and whether its neighbours are reset before it touches down."""
+
+    number: int
+    front: bool | None
+    rear: bool | None
+
+
+def reset_sets(
+    N: int, branch: Branch, s: float, chain: Chain = TABLE_1, section: int | None = None
+) -> tuple[ResetSet, ...]:
+    """The set of each leg, 1 .. N+1, at the free phase s.
+
+    Args:
+        N, branch, chain: as in `solution_set`.
+        s: the free phase, rad.
+        section: the leg at whose touchdown the cycle begins; by default the set's k.
+
+    Source: Table 2, and the definitions below eq. (14).
+    """
+    return sets_of_order(touchdown_order(N, branch, s, chain, section))
+
+
+def sets_of_order(order: Sequence[int]) -> tuple[ResetSet, ...]:
+    """The set of each leg, 1 .. N+1, for legs that touch down in this order."""
+    turn = {leg: place for place, leg in enumerate(order)}
+    beside = [[turn[j] < turn[i] if j in turn else None for j in (i - 1, i + 1)] for i in sorted(order)]
+    return tuple(ResetSet(TABLE_2[front, rear], front, rear) for front, rear in beside)
+
+
+def touchdown_residuals(N: int, branch: Branch, s: float, chain: Chain = TABLE_1) -> np.ndarray:
+    """The left side minus the right side of eq. (14) for each leg of a solution, m, shape (N+1,).
+
+    The neighbours' phases are those that psi on section k gives with the resets of each leg's set S.
+
+    Args:
+        N, branch, s, chain: as in `reset_sets`; springs and amplitudes of the chain have to be uniform.
+
+    Raises:
+        ArgumentError: the chain has a profile.
+
+    Source: eqs. (3), (13), (14).
+    """
+    chain.equal_inner_legs("the balance of eq. (14)")
+    circle = float(touchdown_phase(chain))
+    theta = places(rule_of(N, branch, chain), s)
+    phi = np.asarray(phases_on_section(theta, touchdown_phase(chain), branch.k))  # on section k
+    found = []
+    for i, each in enumerate(reset_sets(N, branch, s, chain), start=1):
+        gone = circle - phi[i - 1]  # from the touchdown of leg k to that of leg i, rad
+        beside = [
+            (phi[j - 1] + gone - (circle if reset else 0.0))
+            for j, reset in ((i - 1, each.front), (i + 1, each.rear))
+            if reset is not None
+        ]
+        mass = chain.m_1 if i == 1 else chain.m_end if i == N + 1 else chain.m
+        mean = sum(leg_length(np.array(beside), chain)) / len(beside)
+        sag = float(mass) * float(chain.g) / len(beside) / float(chain.kappa)
+        found.append(leg_length(np.array(circle), chain) - (mean - sag))
+    return np.array(found)

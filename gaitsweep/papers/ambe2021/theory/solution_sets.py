@@ -1,7 +1,11 @@
 """The analytic periodic solutions: source waves with any boundary leg, and the direct wave.
 
-Each is a line of solutions with one free relative phase s. The places of neighbouring legs on the circle of
-`section.py` differ by
+Section j is just before the touchdown of leg j. Along a periodic solution every leg touches down at the same
+phase C (eq. 15) and is reset to 0: the phases move on circles of circumference C instead of 2 pi, and a
+solution is given by the legs' places theta_i on that circle. The touchdown order, with the sets T_1 and T_2
+of eq. (18), and psi on any section follow from the places exactly.
+
+Each set is a line of solutions with one free relative phase s. The places of neighbouring legs differ by
 
     direct region (legs 1 .. k-1):     +delta a leg,
     retrograde region (legs k .. N+1): -delta a leg,       delta = 2 (1-beta) pi - (3 m_B - m) b,
@@ -12,6 +16,9 @@ which is eq. (17), since the places determine the order of touchdowns. In set B 
 -(delta + psi_B - s) (eq. 20). The direct wave (24, 25) is the mirror image of set B with k = 2: all
 differences are +delta, the last one -s. Sets A and B of k = 2 are the retrograde wave. If an end has a
 different spring or amplitude, the lags follow from eq. (12) with it (`chain.py`).
+
+The sets follow one another along a line, on which E, the sum of the relative phases, is conserved if head and
+tail are alike; else the chain drifts along it.
 """
 
 from __future__ import annotations
@@ -23,8 +30,57 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep import ArgumentError
-from gaitsweep.papers.ambe2021.theory.chain import Chain, Scalar, reset, takeoffs
-from gaitsweep.papers.ambe2021.theory.section import Leg, phases_on_section, relative
+from gaitsweep.papers.ambe2021.theory.chain import (
+    TABLE_1,
+    Chain,
+    Scalar,
+    amplitudes,
+    end_resets,
+    masses,
+    reset,
+    takeoffs,
+)
+
+TWO_PI = 2.0 * jnp.pi
+Leg = int | jax.Array  # 1 .. N+1
+
+
+def phases_on_section(theta: jax.Array, touchdown: jax.Array, leg: Leg) -> jax.Array:
+    """Phases of the legs (rad, in (0, touchdown]) just before `leg` touches down, from their places.
+
+    Args:
+        theta: places of the legs, rad, shape (N+1,), up to a common shift and multiples of `touchdown`.
+        touchdown: touchdown phase, rad.
+        leg: 1 .. N+1.
+    """
+    behind = jnp.mod(theta[leg - 1] - theta, touchdown)
+    return touchdown - behind
+
+
+def relative(phi: jax.Array) -> jax.Array:
+    """psi_i = phi_{i+1} - phi_i in [0, 2 pi), rad, shape (N,), from phases of shape (N+1,); eq. (7)."""
+    return jnp.mod(phi[1:] - phi[:-1], TWO_PI)
+
+
+def phases_from_relative(psi: jax.Array, touchdown: jax.Array, leg: Leg) -> jax.Array:
+    """The phase of each leg in [0, 2 pi), rad, shape (N+1,), from psi, with `leg` at `touchdown`."""
+    phi = jnp.concatenate([jnp.zeros_like(psi[:1]), jnp.cumsum(psi)])
+    return jnp.mod(phi - phi[leg - 1] + touchdown, TWO_PI).at[leg - 1].set(touchdown)
+
+
+def touches_early(psi: jax.Array, touchdown: jax.Array, threshold: jax.Array, leg: Leg) -> jax.Array:
+    """The union of the sets T_1 and T_2, a bool for each leg (N+1,).
+
+    Args:
+        psi: relative phases on the section of the boundary leg `leg`, rad, shape (N,).
+        touchdown, threshold: 2 pi - m_B b and 2 beta pi + (2 m_B - m) b, rad.
+
+    Source: eq. (18); T_1 are legs up to k-2, T_2 legs from k+2.
+    """
+    phi = phases_from_relative(psi, touchdown, leg)
+    number = jnp.arange(1, phi.shape[0] + 1)
+    outside = (number <= leg - 2) | (number >= leg + 2)
+    return outside & (threshold < phi) & (phi <= touchdown)
 
 
 class Branch(NamedTuple):
@@ -118,3 +174,54 @@ def solution(rule: LagRule, s: jax.Array, circle: jax.Array, section: Leg) -> ja
         section: leg, 1 .. N+1.
     """
     return relative(phases_on_section(places(rule, s), circle, section))
+
+
+def drift(chain: Chain) -> jax.Array:
+    """Change of E in a cycle, rad, if neighbours of both ends are in stance when these touch down.
+
+    E is phi_{N+1} - phi_1; in a cycle it changes by the phase reset of the last leg less that of the first:
+    (1 - beta) pi g (m_end/(kappa_end a_end) - m_1/(kappa_1 a_1)), or (m_end - m_1) b if only masses differ.
+    If it is positive (a heavier tail, with a softer spring or smaller amplitude), the chain drifts along its
+    line of solutions to the retrograde wave, else to the direct wave. It is zero for equal m/(kappa a).
+
+    It holds everywhere on the line and for every profile of the inner legs: only the ends' resets count. So
+    no profile holds the source of a wave at a leg; equal ends leave it where it is, unequal ones take it
+    along the whole chain.
+
+    Source: eqs. (30) to (32), with different springs and amplitudes of the ends.
+    """
+    head, tail = end_resets(chain)
+    return tail - head
+
+
+def drift_on_ground(N: int, chain: Chain, K: Scalar) -> jax.Array:
+    """Change of E in a cycle, rad, on a ground of stiffness K, N/m, if the legs near both ends stand.
+
+    An end touches down while its neighbour bears both their weights and has sunk by (m_1 + m_2) g/K, so its
+    reset is (1 - beta) pi g (m_1/kappa_1 + (m_1 + m_2)/K)/a_1. Equal ends with unequal neighbours then drift:
+    the theory of rigid legs leaves out this small term, but nothing else decides where a source goes.
+
+    Source: eqs. (30) to (32), with the springs of the ground from eq. (1).
+    """
+    m, a = masses(N, chain), amplitudes(N, chain)
+    sunk = (m[-1] + m[-2]) / a[-1] - (m[0] + m[1]) / a[0]
+    return drift(chain) + (1.0 - chain.beta) * jnp.pi * chain.g * sunk / K
+
+
+def line_length(N: int, chain: Chain = TABLE_1) -> jax.Array:
+    """The change of E along the line of all solutions, from its direct to its retrograde end, rad.
+
+    Along B and the direct wave E changes as much as the free phase, along A twice as much.
+    """
+    rules = lag_rules(N, chain)
+    rate = jnp.abs(jnp.sum(rules.slope, axis=1))
+    return jnp.sum(rate * (rules.high - rules.low))
+
+
+def worst_case_cycles(N: int, chain: Chain) -> jax.Array:
+    """Cycles of the drift along the whole line for unequal ends; infinite for equal ends.
+
+    The transient to the line, about 50 cycles for Table 1, is not included.
+    """
+    rate = jnp.abs(drift(chain))
+    return jnp.where(rate > 0.0, line_length(N, chain) / jnp.where(rate > 0.0, rate, 1.0), jnp.inf)

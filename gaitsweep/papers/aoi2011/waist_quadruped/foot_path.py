@@ -11,7 +11,7 @@ from gaitsweep.dynamics import TWO_PI
 
 # Segments of the path: stance, first and second part of the swing, and after it without a landing.
 STANCE, EARLY, LATE, BEYOND = 0, 1, 2, 3
-# Curves of the swing; what they are is said at `FootPath.target`.
+# Curves of the swing; `FootPath.target` has their equations.
 SWINGS = ("cycloid", "sine", "ellipse", "two_cycloids")
 
 

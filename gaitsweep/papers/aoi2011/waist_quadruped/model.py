@@ -30,7 +30,6 @@ from gaitsweep.dynamics.tree import rates
 from gaitsweep.near_miss import suggestion
 from gaitsweep.papers.aoi2011.waist_quadruped.chart import LandingChart
 from gaitsweep.papers.aoi2011.waist_quadruped.drawing import WaistDrawing
-from gaitsweep.papers.aoi2011.waist_quadruped.fast_modes import fastest_motion
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import EARLY, LATE, STANCE, SWINGS
 from gaitsweep.papers.aoi2011.waist_quadruped.in_mjx import WaistMjxBody
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import (
@@ -61,7 +60,12 @@ from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
     phase_rates,
     transitions,
 )
-from gaitsweep.papers.aoi2011.waist_quadruped.semi_implicit import SemiImplicit, WaistBody, WaistTreeBody
+from gaitsweep.papers.aoi2011.waist_quadruped.semi_implicit import (
+    SemiImplicit,
+    WaistBody,
+    WaistTreeBody,
+    fastest_motion,
+)
 from gaitsweep.papers.aoi2011.waist_quadruped.state import Params, State
 
 BODIES = ("tree", "mjx")

@@ -30,15 +30,12 @@ def _desired(i: int, j: int, default: float | str) -> Quantity:
     )  # fmt: skip
 
 
-def _of_body(name: str, unit: str, meaning: str, both: str, symbol: str) -> tuple[Quantity, Quantity]:
-    return (
-        _positive(
-            f"front_{name}", unit, f"{meaning} of the front body", both, f"{symbol}_\\mathrm{{FB}}", _TABLE_1
-        ),
-        _positive(
-            f"rear_{name}", unit, f"{meaning} of the rear body", both, f"{symbol}_\\mathrm{{RB}}", _TABLE_1
-        ),
-    )
+def _of_body(name: str, unit: str, meaning: str, both: str, symbol: str) -> tuple[Quantity, ...]:
+    return tuple(
+        _positive(f"{body}_{name}", unit, f"{meaning} of the {body} body", both,
+                  f"{symbol}_\\mathrm{{{body[0].upper()}B}}", _TABLE_1)
+        for body in ("front", "rear")
+    )  # fmt: skip
 
 
 def _flag(name: str, meaning: str, default: float, symbol: str) -> Quantity:
@@ -180,31 +177,19 @@ OBSERVABLES = (
     _difference(3, 4),
     Quantity("speed", "m/s", "mean speed along x, the first direction, in the last cycle", symbol="v"),
     Quantity("period", "s", "duration of the last cycle", symbol="T"),
-    Quantity(
-        "stride", "m", "distance along x in the last cycle", symbol="S", source="eq. (3)", scale=math.inf
-    ),
+    Quantity("stride", "m", "distance along x in the last cycle", symbol="S", source="eq. (3)",
+             scale=math.inf),
     *(
-        Quantity(
-            f"duty_{i + 1}",
-            "1",
-            f"share of the last cycle with foot {i + 1} on the ground",
-            symbol=rf"\beta_{i + 1}",
-            source="eq. (3)",
-            scale=math.inf,
-        )
+        Quantity(f"duty_{i + 1}", "1", f"share of the last cycle with foot {i + 1} on the ground",
+                 symbol=rf"\beta_{i + 1}", source="eq. (3)", scale=math.inf)
         for i in LIMBS
     ),
     *(
-        Quantity(
-            f"touchdowns_{i + 1}",
-            "1",
-            f"touchdowns of foot {i + 1} in the last cycle",
-            symbol=f"n_{i + 1}",
-            scale=math.inf,
-        )
+        Quantity(f"touchdowns_{i + 1}", "1", f"touchdowns of foot {i + 1} in the last cycle",
+                 symbol=f"n_{i + 1}", scale=math.inf)
         for i in LIMBS
     ),
-)
+)  # fmt: skip
 SIGNALS = (
     *(Quantity(f"phase_{i + 1}", "rad", f"phase phi_{i + 1} of limb {i + 1}", circular=True) for i in LIMBS),
     *(Quantity(f"contact_{i + 1}", "1", f"1 while foot {i + 1} is on the ground") for i in LIMBS),

@@ -14,7 +14,7 @@ from gaitsweep.papers.aoi2011.waist_quadruped.state import Params, State
 
 
 class Transitions(NamedTuple):
-    """For each limb (4,): contact, segment and lifted after the events, landing, wrap of the phase.
+    """Flags of each limb (4,): contact, segment and lifted after the events, landing, wrap of the phase.
 
     `late`: the limb has passed phi_AEP without a landing.
     """

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analyses import axes_of, require
+from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_along
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, family
 
@@ -53,3 +54,53 @@ def family_oscillation(trace: pd.DataFrame) -> pd.DataFrame:
     names = list(found.columns)
     axes = [name for name in names[1 : names.index("gait")] if name not in ("seed", "pair")]
     return found.groupby([*axes, "family"]).agg(once=("once", "mean"), twice=("twice", "mean"))
+
+
+def oscillation_along(trace: pd.DataFrame, cycles: int = 4) -> pd.DataFrame:
+    """The pitch at once and twice the gait frequency in each gait bout along a row whose speed changes.
+
+    Args:
+        trace: row, t (s), pitch (rad), x (m) and u_f_LF, ...
+        cycles: number of cycles in a window.
+
+    Returns:
+        One record a bout, in order: row, pass, family, speed_begin and speed_end (m/s), windows, once and
+        twice (median amplitudes over the windows, rad), body_cycles (oscillations a gait cycle: 2 if twice is
+        larger than once, else 1), and agree (share of windows with that number).
+
+    Raises:
+        AnalysisError: the table does not have a column.
+    """
+    require(trace, "row", "t", "pitch", "x")
+    along = gaits_along(trace, cycles=cycles)
+    parts = np.full((len(along), 2), np.nan)
+    for row, samples in trace.groupby("row"):
+        samples = samples.sort_values("t")
+        t, pitch = (samples[name].to_numpy(float) for name in ("t", "pitch"))
+        for number in np.flatnonzero(along["row"].to_numpy() == row):
+            begin, end = along["begin"].iloc[number], along["end"].iloc[number]
+            inside = (t >= begin) & (t < end)
+            phase = cycles * (t[inside] - begin) / (end - begin)
+            level = pitch[inside] - np.polyval(np.polyfit(phase, pitch[inside], 1), phase)
+            parts[number] = harmonics(phase, level)
+    along = along.assign(once=parts[:, 0], twice=parts[:, 1])
+    if "pass" not in along.columns:
+        along["pass"] = 0
+    records = []
+    for _, mine in along.groupby(["row", "pass"], sort=True):
+        for bout in gait_bouts(mine).to_dict("records"):
+            own = mine.loc[mine["t"].between(bout["begin"], bout["end"]) & (mine["family"] == bout["family"])]
+            two = own["twice"] > own["once"]
+            count = 2 if own["twice"].median() > own["once"].median() else 1
+            records.append(
+                {
+                    "row": mine["row"].iloc[0],
+                    "pass": int(mine["pass"].iloc[0]),
+                    **{name: bout[name] for name in ("family", "speed_begin", "speed_end", "windows")},
+                    "once": own["once"].median(),
+                    "twice": own["twice"].median(),
+                    "body_cycles": count,
+                    "agree": float((two == (count == 2)).mean()),
+                }
+            )
+    return pd.DataFrame(records)

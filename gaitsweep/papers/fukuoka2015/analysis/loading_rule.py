@@ -279,9 +279,8 @@ class _Stances:
             stands = (samples[FLEXORS[leg]].to_numpy(float) <= 0.0).astype(float)
             sums |= {f"F_{leg}": load, f"time_{leg}": stands}
             sums |= {f"F_{leg}_standing": load * stands, f"pitch_{leg}": pitch * stands}
-        step = np.diff(self._t)
         self._sums = {
-            name: np.concatenate([[0.0], np.cumsum(0.5 * step * (value[1:] + value[:-1]))])
+            name: scipy.integrate.cumulative_trapezoid(value, self._t, initial=0)
             for name, value in sums.items()
         }
 

@@ -37,8 +37,8 @@ class Steadiness:
 
     `length`: least resultant length of delta_1, delta_2 and the fore legs' shift; `variation`: largest
     coefficient of variation of the period; `skipped`: largest share of a row's intervals between onsets of a
-    leg that are below half or above one and a half of the period, which count for nothing else; `cycles`:
-    fewest of every leg; `apart`: how far the pairs may be from antiphase, in cycles.
+    leg that are below half or above one and a half of the period, which are left out of all else; `cycles`:
+    smallest number of cycles of a leg; `apart`: how far the pairs may be from antiphase, in cycles.
     """
 
     length: float = 0.95

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -39,7 +39,7 @@ _BAR = 0.62
 
 
 def check_gaits(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
-    """Return why gaits cannot be read of a table, or None."""
+    """Refusal of a table whose gaits cannot be determined."""
     if not has_swing_onsets(table):
         yield figure.needs(table, "the swing onsets of four legs (as from planar_quadruped)")
 
@@ -75,28 +75,27 @@ def gait_key(gaits: Iterable[str]) -> list[Line2D]:
     ]
 
 
-def footfalls(axes: Axes, samples: pd.DataFrame, legs: Sequence[str] = LEGS) -> None:
+def footfalls(axes: Axes, samples: pd.DataFrame) -> None:
     """A bar for each leg while it is on the ground, the first leg on top; flight phases in light grey.
 
     Args:
         axes: the axes, over time in s.
         samples: a part of one row of a trace: t and contact_1, ... in the order of `LEGS`.
-        legs: the legs, from top to bottom.
 
     Raises:
         PlotError: a contact is not in the table.
     """
-    missing = [CONTACTS[leg] for leg in legs if CONTACTS[leg] not in samples.columns]
+    missing = [contact for contact in CONTACTS.values() if contact not in samples.columns]
     if missing:
         raise PlotError(f"The table has no column {missing[0]}: footfalls need a trace.")
     t = samples["t"].to_numpy(float)
-    down = samples[[CONTACTS[leg] for leg in legs]].to_numpy(float)
-    for row, leg in enumerate(legs):
+    down = samples[list(CONTACTS.values())].to_numpy(float)
+    for row, leg in enumerate(LEGS):
         starts, stops = contact_intervals(t, down[:, row])
         bars = list(zip(starts, stops - starts, strict=True))
         axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=LEG_COLOURS[leg], linewidth=0)
     shade_flights(axes, t, down)
-    name_limbs(axes, [LIMBS[leg] for leg in legs])
+    name_limbs(axes, list(LIMBS.values()))
 
 
 def shade_flights(axes: Axes, t: np.ndarray, down: np.ndarray) -> None:

@@ -20,7 +20,7 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS, PAIRS
 LATE = 0.15  # of a cycle
 BREAK = 0.06  # s
 RECENT, SHORT = 1.5, 0.5  # cycles of LF
-STILL = 1.0e-6  # rad, of the root mean square of a pitch that is no oscillation
+STILL = 1.0e-6  # rad; a pitch with a smaller root mean square does not oscillate
 LF = LEGS.index("LF")
 (FORE_1, HIND_1), (FORE_2, HIND_2) = ((LEGS.index(fore), LEGS.index(hind)) for fore, hind in PAIRS)
 
@@ -123,7 +123,7 @@ class Cycle:
     when a second one or the end of a cycle without any came last; the integrals `stance` and `late` of its
     current cycle; the means `stance_load`, `late_load` (N), `stance_pitch`, `late_pitch` (rad) of its last
     cycle. For LF's current cycle: `begin_x` m, `pitch_sum` rad s, `pitch_low`, `pitch_high` rad, `pitch_sums`
-    (6,) as `_pitch_products` says, `aloft` s without a foot on the ground; for its last cycle: `speed` m/s,
+    (6,) of `_pitch_products`, `aloft` s without a foot on the ground; for its last cycle: `speed` m/s,
     `flight` (a share), `pitch_mean`, `pitch_range` rad; the `average` over its last cycles; `closed`: LF's
     cycle ended in the last step. `work` (2,) J is the positive work of hips and of knees in LF's current
     cycle, `power` (2,) W its mean rate in the last one.
@@ -227,7 +227,7 @@ def followed(
     rise = after - before
     whole = c.onset[LF] > 0.0  # the first cycle is incomplete
     onset = c.clock - dt * jnp.where(begins, after / jnp.where(begins, rise, 1.0), 0.0)
-    # the touch of a foot may make a flexor silent again for some steps: that is no cycle
+    # the touch of a foot may make a flexor silent again for some steps, which does not end a cycle
     whole_cycle = begins & (c.clock - c.onset > SHORT * c.period[LF])
     stance_load, stance_pitch = c.stance.means()
     late_load, late_pitch = c.late.means()
@@ -251,8 +251,8 @@ def _pitch_products(c: Cycle, pitch: jax.Array) -> jax.Array:
     """Products (6,) of the pitch less the last cycle's mean, at the beginning of a step.
 
     They are those with 1, with itself, and with the cosine and the sine of the phase in LF's cycle and of
-    twice that phase, for a cycle as long as the last one. A cycle is no whole number of steps, so that sums
-    of a large mean would not cancel.
+    twice that phase, for a cycle as long as the last one. A cycle is not a whole number of steps, so sums of
+    a large mean would not cancel.
     """
     lasted = jnp.where(c.period[LF] > 0.0, c.period[LF], 1.0)
     angle = TWO_PI * (c.clock - c.onset[LF]) / lasted
@@ -266,7 +266,7 @@ def _closed(c: Cycle, x: jax.Array, pitch: jax.Array, share: jax.Array) -> Cycle
     """The measurements of LF's cycle at its end; `share` is its weight in the averages."""
     lasted = jnp.where(c.closed & (c.period[LF] > 0.0), c.period[LF], 1.0)
     apart, square, *waves = c.pitch_sums / lasted
-    before = c.pitch_mean  # what `pitch_sums` are counted from
+    before = c.pitch_mean  # the reference of `pitch_sums`
     once = jnp.all(c.irregular < c.clock - RECENT * lasted)
     known = jnp.stack([jnp.ones_like(lasted), jnp.where(once, 1.0, 0.0)])[:, None]
     of_pitch = jnp.stack([before + apart, before * before + 2.0 * before * apart + square, *waves])
