@@ -282,7 +282,7 @@ def _columns_of_run(
 ) -> list[str]:
     """Return the columns of the run of a measure at `path`; errors are added to `wrong`."""
     if run.moved in fit.free:
-        text = f"is {run.moved}, which is free: a ramp moves what is no constant of a set."
+        text = f"is {run.moved}, which is free, but a ramp cannot move a free constant."
         wrong.append(Diagnostic((*path, "parameter"), text))
         return []
     try:

@@ -21,7 +21,6 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from gaitsweep import near_miss
-from gaitsweep.contract import Status
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.batches import Batches
@@ -42,6 +41,7 @@ from gaitsweep.runs.executor import write_blocks
 from gaitsweep.runs.makers import continue_directory
 from gaitsweep.runs.prepare import naming_the_file
 from gaitsweep.runs.progress import Progress
+from gaitsweep.runs.status_sentences import SetStatus
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.table import ResultDirectory, Snapshot, TableError, load
 
@@ -299,7 +299,7 @@ class _Search:
             **{name: target.shown(measured[name].values, model) for name, target in targets.items()},
             **{f"{MISS}{name}": miss for name, miss in misses.items()},
             "score": scores(misses, targets),
-            "status": pd.Categorical.from_codes(failed.astype(int), [Status.complete.name, "failed"]),
+            "status": SetStatus.column(failed),
             "why": pd.Series(why, dtype="str"),
         }
         return pd.DataFrame(frame)

@@ -86,8 +86,8 @@ class SearchOptions(StrictModel):
     )
     width: Positive | None = Field(
         default=None,
-        description="standard deviation with which the strategies of cma begin, a share of the ranges, .2 by "
-        "default; a small one stays near `known` sets",
+        description="standard deviation with which the strategies of cma begin, a share of the ranges, 0.2 "
+        "by default; a small one stays near `known` sets",
     )
     seed: Seed = Field(default=0, description="seed of all that is drawn")
     finalists: CountOrZero = Field(

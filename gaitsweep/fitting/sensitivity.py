@@ -29,6 +29,7 @@ from gaitsweep.runs.executor import write_blocks
 from gaitsweep.runs.makers import continue_directory
 from gaitsweep.runs.prepare import RunContext, naming_the_file
 from gaitsweep.runs.progress import Progress
+from gaitsweep.runs.status_sentences import SetStatus
 from gaitsweep.runs.summary import quantities_of
 from gaitsweep.table import ResultDirectory, load, replace_file
 from gaitsweep.table.files import writing
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
 
 INDICES_FILE = "indices.parquet"
 FIGURE = "sensitivity.png"
-_STATUSES = ["complete", "failed"]
 # Rows of a batch on a cluster, at most: its job, which contains each set, is sent to every worker.
 _ROWS_OF_A_BATCH = 2**15
 
@@ -78,9 +78,9 @@ class HalfStep:
 class Sensitivity:
     """Result of a sensitivity analysis.
 
-    `table`: one record a set: `row`, `status` (complete, or failed where an output has no value), `why`, the
-    parameters and the outputs. `indices`: one record an index, see `gaitsweep.fitting.indices.indices`.
-    `half_step` compares some sets with half the step; `path` is the result directory, None in memory.
+    `table`: one record a set: `row`, `status` (a `SetStatus`), `why`, the parameters and the outputs.
+    `indices`: one record an index, see `gaitsweep.fitting.indices.indices`. `half_step` compares some sets with
+    half the step; `path` is the result directory, None in memory.
     """
 
     table: pd.DataFrame
@@ -194,7 +194,7 @@ def _records(
     return pd.DataFrame(
         {
             "row": rows.astype(np.int64),
-            "status": pd.Categorical(["failed" if reason else "complete" for reason in why], _STATUSES),
+            "status": SetStatus.column(np.array(why) != ""),
             **sets,
             **{name: output.values for name, output in measured.items()},
             "why": why,
@@ -287,7 +287,7 @@ def _analysed(job: SensitivityJob, table: pd.DataFrame, model: Model) -> Sensiti
         name: Output(table[name].to_numpy(float), measure.unit(model), measure.circular(model))
         for name, measure in job.outputs.items()
     }
-    failed = (table["status"].astype(str) == "failed").to_numpy()
+    failed = SetStatus.FAILED.among(table)
     if failed.any():
         outputs[FAILURES] = Output(failed.astype(float))
     index_table = indices(job.design, outputs, job.analysis.seed)

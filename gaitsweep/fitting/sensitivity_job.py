@@ -295,7 +295,7 @@ def _around(name: str, value: float, share: float, wrong: list[Diagnostic]) -> F
     """Return the range from `share` below a value to `share` above it."""
     if not np.isfinite(value) or value == 0.0:
         has = "is 0 in this job" if value == 0.0 else "has no value in this job"
-        text = f"{has}, of which a share is no range: give [low, high]."
+        text = f"{has}, so a share of it has no width: give [low, high]."
         wrong.append(Diagnostic(("sensitivity", "parameters", name), text))
         return None
     low, high = sorted((value * (1.0 - share), value * (1.0 + share)))
