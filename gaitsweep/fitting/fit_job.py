@@ -6,7 +6,7 @@ import copy
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -14,9 +14,19 @@ from gaitsweep import effort, near_miss
 from gaitsweep.design.design import inside, must
 from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.fitting.free_parameters import FreeParameter
-from gaitsweep.fitting.measure_kinds import MEASURES
-from gaitsweep.fitting.measures import Measure
+from gaitsweep.fitting.measures import (
+    Coexistence,
+    Edge,
+    Failures,
+    FixedPoint,
+    Measure,
+    Order,
+    Prominence,
+    Share,
+    Value,
+)
 from gaitsweep.fitting.population import Population, job_with_run
+from gaitsweep.fitting.ramp_measures import GaitSequence, Transition
 from gaitsweep.job import Job
 from gaitsweep.job.config import Config
 from gaitsweep.job.load import laid_over
@@ -34,9 +44,14 @@ from gaitsweep.schema.diagnostics import (
     wrong_kind,
 )
 from gaitsweep.schema.diagnostics import Path as FieldPath
-from gaitsweep.schema.strict_model import StrictModel, kind_of
+from gaitsweep.schema.strict_model import Registry, StrictModel, kind_of
 from gaitsweep.shipped import job_file
 
+T = TypeVar("T", bound=StrictModel)
+MEASURES: Registry[Measure] = Registry(
+    "measure",
+    [Value, Edge, Share, Coexistence, Order, Prominence, Failures, FixedPoint, Transition, GaitSequence],
+)
 # Fields of a job that have no place beside sets of constants.
 _WITHOUT = ("vary", "figures")
 
@@ -296,6 +311,24 @@ def _columns_of_run(
         refuse(wrong)
         raise
     return table_columns(job.design, job.run)
+
+
+def read_settings(
+    part: type[T],
+    field: str,
+    beside: Sequence[str],
+    written: Mapping[str, Any],
+    wrong: list[Diagnostic],
+) -> T | None:
+    """Read the settings of a search or an analysis, which stand in `field` beside the fields `beside`.
+
+    Errors are added to `wrong`.
+    """
+    rest = {key: value for key, value in written.items() if key not in beside}
+    for key in [key for key in rest if key not in part.model_fields]:
+        wrong.append(unknown_field((field, str(key)), field, [*beside, *part.model_fields]))
+        del rest[key]
+    return read_model(part, rest, (field,), wrong)
 
 
 def read_file(path: str | Path, overrides: Sequence[str], read: Any) -> Any:

@@ -100,7 +100,8 @@ def identifiability(table: pd.DataFrame, search: Search) -> Identifiability:
         table: the measured sets.
         search: the search.
     """
-    sound = table[SetStatus.COMPLETE.among(table)].sort_values(["score", "row"], kind="stable")
+    complete = np.flatnonzero(SetStatus.COMPLETE.among(table))
+    sound = table.iloc[complete].sort_values(["score", "row"], kind="stable")
     if not len(sound):
         nothing = tuple(Constant(name, None, None, None, 1.0, np.full(PARTS, np.nan)) for name in search.free)
         return Identifiability(sound, 0, nothing)

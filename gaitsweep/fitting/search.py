@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import threading
 import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import partial
 from pathlib import Path
+from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +26,6 @@ from matplotlib.figure import Figure
 from gaitsweep import near_miss
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.errors import ArgumentError
-from gaitsweep.fitting.batches import Batches
 from gaitsweep.fitting.cluster_rows import ClusterRows
 from gaitsweep.fitting.free_parameters import sets_at
 from gaitsweep.fitting.identifiability import Identifiability, identifiability
@@ -51,6 +53,10 @@ if TYPE_CHECKING:
 FINALISTS = "finalists.parquet"
 # Packages whose versions decide which sets are chosen.
 _DECIDING = ("numpy", "scipy", "cma", "pymoo")
+# Seconds between two polls of the running batches.
+_POLL = 0.1
+# The measures of a batch by name; None of a batch that is on disk.
+_Batch = dict[str, Measured] | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -173,6 +179,53 @@ def draw_again(path: Path) -> list[Path]:
     return draw_search(path, search, table, identifiability(table, search))
 
 
+class _Batches:
+    """Batches of sets that are measured side by side, each in a thread, and end in the order of their begin.
+
+    A batch lasts as long as its slowest row. Near its end most lanes of a GPU would be idle, so other batches
+    run meanwhile.
+
+    Args:
+        threads: batches that run at a time; others wait.
+        on_progress: progress callback, called about ten times a second during `oldest` with the progress of
+            each running batch; an exception that it raises is raised by `oldest`.
+    """
+
+    def __init__(self, threads: int, on_progress: Callable[[list[SweepProgress]], None]) -> None:
+        self._threads, self._on_progress = ThreadPoolExecutor(threads), on_progress
+        self._under_way: deque[tuple[Future[_Batch], list[SweepProgress]]] = deque()
+        self._stopped = threading.Event()
+
+    def __enter__(self) -> _Batches:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stopped.set()
+        self._threads.shutdown(cancel_futures=True)
+
+    def begin(self, measure: Callable[[Callable[[SweepProgress], None]], _Batch]) -> None:
+        """Measure a batch in a thread; `measure` receives a progress callback."""
+        done: list[SweepProgress] = []
+
+        def on_progress(now: SweepProgress) -> None:
+            if self._stopped.is_set():  # nobody reads its result
+                raise InterruptedError
+            done[:] = [now]
+
+        self._under_way.append((self._threads.submit(measure, on_progress), done))
+
+    def oldest(self) -> _Batch:
+        """Wait for the batch that began first, and return its result."""
+        future, _ = self._under_way[0]
+        while not future.done():
+            wait([future], timeout=_POLL)
+            self._on_progress([done[0] for _, done in self._under_way if done])
+        self._under_way.popleft()
+        return future.result()
+
+
 class _Search:
     """Batches of a search, on disk and to come."""
 
@@ -216,7 +269,7 @@ class _Search:
         chosen: deque[tuple[int, dict[str, np.ndarray]]] = deque()
         # a cluster takes one batch at a time
         threads = 1 if self.population.run_elsewhere is not None else self.side_by_side
-        with Batches[dict[str, Measured] | None](threads, self._report) as self.batches:
+        with _Batches(threads, self._report) as self.batches:
             for number in range(self.directory.n_blocks):
                 if len(chosen) == self.side_by_side:
                     yield from self._end(*chosen.popleft())

@@ -17,13 +17,13 @@ from pydantic import Field
 from gaitsweep import near_miss
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.errors import ArgumentError
-from gaitsweep.fitting.fit_job import FitJob, read_file, read_fit_job, read_free, read_measure
+from gaitsweep.fitting.fit_job import FitJob, read_file, read_fit_job, read_free, read_measure, read_settings
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.optimisers import METHODS, missing_package
 from gaitsweep.fitting.robustness import ROBUST, Robust, own_constants, robust_target, wrong_robust
 from gaitsweep.fitting.targets import MISS, Target, TargetValue
 from gaitsweep.runs.prepare import RunContext
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, read_model, refuse, unknown_field
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, read_model, refuse
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Seed, Text, word
 from gaitsweep.schema.strict_model import StrictModel, plain
 from gaitsweep.table import TableError, load
@@ -230,12 +230,7 @@ def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Searc
         raise JobError([Diagnostic(("search",), f"{text}: it has free, targets, budget, and method.")])
     free = read_free(search.get("free"), ("search", "free"), wrong)
     targets = _read_targets(search.get("targets"), free, wrong)
-    rest = {key: value for key, value in search.items() if key not in ("free", "targets")}
-    for key in [key for key in rest if key not in SearchOptions.model_fields]:
-        allowed = ["free", "targets", *SearchOptions.model_fields]
-        wrong.append(unknown_field(("search", str(key)), "search", allowed))
-        del rest[key]
-    options = read_model(SearchOptions, rest, ("search",), wrong)
+    options = read_settings(SearchOptions, "search", ("free", "targets"), search, wrong)
     every = targets
     if options is not None and options.robust is not None:
         wrong.extend(wrong_robust(options.robust, free, targets))

@@ -79,8 +79,8 @@ class Sensitivity:
     """Result of a sensitivity analysis.
 
     `table`: one record a set: `row`, `status` (a `SetStatus`), `why`, the parameters and the outputs.
-    `indices`: one record an index, see `gaitsweep.fitting.indices.indices`. `half_step` compares some sets with
-    half the step; `path` is the result directory, None in memory.
+    `indices`: one record an index, see `gaitsweep.fitting.indices.indices`. `half_step` compares some sets
+    with half the step; `path` is the result directory, None in memory.
     """
 
     table: pd.DataFrame

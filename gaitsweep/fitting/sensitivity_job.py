@@ -23,6 +23,7 @@ from gaitsweep.fitting.fit_job import (
     read_fit_job,
     read_free,
     read_measure,
+    read_settings,
     wrong_constants,
     wrong_measures,
 )
@@ -31,7 +32,7 @@ from gaitsweep.fitting.measures import Measure
 from gaitsweep.fitting.population import Population
 from gaitsweep.job import Job
 from gaitsweep.job.model_spec import ModelSpec
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, read_model, refuse, unknown_field
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, refuse
 from gaitsweep.schema.numbers import Count, Seed, word
 from gaitsweep.schema.strict_model import StrictModel
 
@@ -231,12 +232,7 @@ def _read_analysis(
     written: Mapping[str, Any], ranges: Mapping[str, FreeParameter], k: int, wrong: list[Diagnostic]
 ) -> Analysis | None:
     """Read the settings of an analysis of k parameters, some with ranges; errors are added to `wrong`."""
-    rest = {key: value for key, value in written.items() if key not in ("parameters", "outputs")}
-    for key in [key for key in rest if key not in Analysis.model_fields]:
-        allowed = ["parameters", "outputs", *Analysis.model_fields]
-        wrong.append(unknown_field(("sensitivity", str(key)), "sensitivity", allowed))
-        del rest[key]
-    analysis = read_model(Analysis, rest, ("sensitivity",), wrong)
+    analysis = read_settings(Analysis, "sensitivity", ("parameters", "outputs"), written, wrong)
     if analysis is None:
         return None
     method, n, path = analysis.method, analysis.n, ("sensitivity", "n")
