@@ -12,8 +12,7 @@ import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.continuation import floquet
-from gaitsweep.analysis.continuation.newton import newton
+from gaitsweep.analysis.continuation.newton import multipliers, newton
 from gaitsweep.contract import Model, Status, names_gait
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
@@ -404,7 +403,7 @@ class FixedPoint(Measure):
             else:
                 names = [quantity.name for quantity in mapping.conserved]
                 conserved = images.conserved_jacobian[known][:, [names.index(name) for name in self.fix]]
-                size = np.abs(floquet.multipliers(images.jacobian[known], conserved))
+                size = np.abs(multipliers(images.jacobian[known], conserved))
                 measured[known] = size[:, 0] if self.of_ == _MULTIPLIER else (size > 1.0).sum(axis=1)
         why = np.where(np.isnan(measured), "no fixed point found", "")
         return Measured(measured, why)

@@ -15,13 +15,15 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import squareform
 
 import gaitsweep as gs
-from gaitsweep.analysis.attractors.attractors import agreement, attractors, with_attractors
-from gaitsweep.analysis.attractors.linkage import (
+from gaitsweep.analysis.attractors.attractors import (
     MOST_CELLS,
+    agreement,
+    attractors,
     cells,
     components,
     linking_distance,
     spanning_tree,
+    with_attractors,
 )
 from gaitsweep.analysis.attractors.state_space import Space
 from gaitsweep.analysis.basins.attractor_matching import follow_attractors

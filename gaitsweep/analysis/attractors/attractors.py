@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import scipy
 from jaxtyping import Bool, Float, Int
 
-from gaitsweep.analysis.attractors.linkage import cells, components, linking_distance, spanning_tree
 from gaitsweep.analysis.attractors.state_space import Space, extent, state_columns
 from gaitsweep.analysis.records import AnalysisError, require
 from gaitsweep.contract import Status
@@ -28,6 +28,9 @@ WINDOW = (
     1.0 / 16.0
 )  # radius of the neighbourhood that gives the direction of a line, as a share of its extent
 BENT = 0.05  # variance across a line over that along it, at a corner; 0.25 at a right angle, 0 if straight
+MOST_CELLS = 8192  # the time of the spanning tree grows with their square
+GAP = 3.0  # least ratio of successive link lengths at a gap between attractors
+
 _KINDS = ("point", "line", "surface", "space")
 
 
@@ -251,3 +254,82 @@ def _bend(
         if spread[-1] > 0.0:
             bend[place] = spread[:-1].sum() / spread[-1]
     return bend
+
+
+@dataclasses.dataclass(frozen=True)
+class Cells:
+    """States binned into cells: `of` (n,) the cell of each state, `first` (m,) one state of each, `side`."""
+
+    of: Int[np.ndarray, " states"]
+    first: Int[np.ndarray, " cells"]
+    side: float
+
+
+def cells(space: Space, points: Float[np.ndarray, "states coordinates"], grain: float) -> Cells:
+    """Bin states (n, d) into cells of side `grain`, doubled until there are at most `MOST_CELLS`."""
+    side = grain
+    while True:
+        count = np.maximum(np.round(space.periods / side), 1.0)
+        width = np.where(space.periods > 0.0, space.periods / count, side)
+        places = pd.DataFrame(np.floor(points / width).astype(np.int64))
+        of = places.groupby(list(places)).ngroup().to_numpy()
+        first = np.unique(of, return_index=True)[1]
+        if first.size <= MOST_CELLS:
+            return Cells(of, first, side)
+        side *= 2.0
+
+
+def spanning_tree(
+    space: Space, points: Float[np.ndarray, "states coordinates"]
+) -> tuple[Int[np.ndarray, "links 2"], Float[np.ndarray, " links"]]:
+    """The minimum spanning tree of states (m, d) by Prim's algorithm, in memory O(m) and time O(m^2).
+
+    Returns:
+        The links as pairs of indices, outwards from the first state, (m - 1, 2), and their lengths, (m - 1,).
+    """
+    count = len(points)
+    near = np.full(count, np.inf)
+    source = np.zeros(count, np.int64)
+    outside = np.ones(count, bool)
+    links, lengths = np.zeros((max(count - 1, 0), 2), np.int64), np.zeros(max(count - 1, 0))
+    newest = 0
+    for step in range(count - 1):
+        outside[newest] = False
+        apart = space.distance(points, points[newest])
+        closer = outside & (apart < near)
+        near[closer], source[closer] = apart[closer], newest
+        near[newest] = np.inf
+        newest = int(np.argmin(np.where(outside, near, np.inf)))
+        links[step], lengths[step] = (source[newest], newest), near[newest]
+    return links, lengths
+
+
+def linking_distance(lengths: Float[np.ndarray, " links"], grain: float, rows: int) -> float:
+    """The length above which a tree's links are cut: within the widest gap in their lengths, as a ratio.
+
+    A gap counts where the longer link is at least `GAP` times the shorter one, and where cutting there leaves
+    at most as many attractors as the square root of the rows (at least two). Without such a gap there is one
+    attractor, and the length is inf. Scaling all lengths scales the result.
+
+    Args:
+        lengths: of the links between cells, (m - 1,).
+        grain: the least length; shorter links, and those between rows of one cell, count as this long.
+        rows: number of rows in all cells.
+    """
+    sorted_lengths = np.sort(np.maximum(lengths, grain))[::-1]
+    if rows > lengths.size + 1:
+        sorted_lengths = np.append(sorted_lengths, grain)
+    most = max(2, int(np.ceil(np.sqrt(rows))))
+    ratios = (sorted_lengths[:-1] / sorted_lengths[1:])[: most - 1]
+    if not ratios.size or ratios.max() < GAP:
+        return np.inf
+    widest = int(np.argmax(ratios))
+    return float(np.sqrt(sorted_lengths[widest] * sorted_lengths[widest + 1]))
+
+
+def components(count: int, links: Int[np.ndarray, "links 2"]) -> Int[np.ndarray, " nodes"]:
+    """The component (count,) of each of `count` nodes joined by links (k, 2), numbered in their order."""
+    graph = scipy.sparse.coo_array(
+        (np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(count, count)
+    )
+    return scipy.sparse.csgraph.connected_components(graph, directed=False)[1].astype(np.int64)

@@ -18,9 +18,9 @@ from gaitsweep.analysis.basins.fractal_boundaries import (
     uncertainty_exponent,
     uncertainty_fraction,
 )
-from gaitsweep.analysis.basins.fractions import LEVEL, fractions, panels_and_axes, panels_of
+from gaitsweep.analysis.basins.fractions import LEVEL, fractions, panels_and_axes
 from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
-from gaitsweep.analysis.records import AnalysisError, in_order, outcome_labels
+from gaitsweep.analysis.records import AnalysisError, in_order, outcome_labels, panels_of
 
 
 @dataclasses.dataclass(frozen=True)

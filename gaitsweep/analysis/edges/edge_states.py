@@ -10,15 +10,84 @@ and Lucarini 2023, arXiv:2308.16251).
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
+import jax
 import numpy as np
 import pandas as pd
-from jaxtyping import Int
+from jaxtyping import Bool, Float, Int
 
-from gaitsweep.analysis.edges.attractor_mappers import AttractorMapper
-from gaitsweep.analysis.edges.edge_tracking import EdgeLimits, EdgeOutcome, Tracking
+from gaitsweep.analysis.continuation.newton import sizes
+from gaitsweep.analysis.edges.attractor_mappers import (
+    UNDECIDED,
+    AttractorMapper,
+    ProximityMapper,
+    advanced,
+    fates,
+)
+from gaitsweep.contract import ResultCode
 from gaitsweep.engine.poincare.maps import Map, Points, Values
+from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.errors import ArgumentError
+
+# Attractors at a smaller relative distance from each other are the same.
+SAME = 1e-3
+# Offset of the cuts from even parts of the line, as a share of a part: half-way between mirror images a
+# trajectory may stay on the edge for ever.
+UNEVEN = 0.0557
+
+
+class EdgeOutcome(ResultCode):
+    """Outcomes of the search for an edge state, with a sentence each."""
+
+    fixed = 0, "The edge state is a fixed point of the map."
+    periodic = 1, "The edge state is a cycle of the map."
+    wandering = 2, "The edge trajectory did not settle in the rounds allowed."
+    jump = 3, "The edge trajectory stays at a point that is not fixed: the map is discontinuous there."
+    same = 4, "Both points lead to the same attractor, so there may be no edge between them."
+    third = 5, "The line between the two points meets the basin of a third attractor."
+    undecided = 6, "A trajectory reached no attractor in the cycles allowed."
+    fell = 7, "A trajectory fell."
+    lost = 8, "A trajectory did not return to the section, or diverged."
+    together = 9, "The two trajectories converged: the mapper separates them, not the map."
+
+
+@dataclasses.dataclass(frozen=True)
+class EdgeLimits:
+    """Tolerances and limits of edge tracking; distances are the largest relative one of any coordinate.
+
+    Args:
+        bisection_distance: the distance between two points at which their bisection ends.
+        separation_distance: the distance at which they are bisected again. The line between them then misses
+            the edge state by the order of its square.
+        residual_tolerance: the residual of the map below which a state is fixed.
+        cuts: points tried at once on the line between the two: 1 bisects. More points take fewer rounds and
+            more evaluations, and find an edge beside a third basin more often.
+        max_cycles: cycles within which a trajectory has to reach an attractor, and two have to separate.
+        max_period: the longest period of a periodic edge state; longer ones count as wandering.
+        max_rounds: the largest number of bisections followed by tracking.
+        settle_cycles: cycles after which a start is at its attractor; used only without a mapper.
+    """
+
+    bisection_distance: float = 1e-7
+    separation_distance: float = 1e-5
+    residual_tolerance: float = 1e-6
+    cuts: int = 1
+    max_cycles: int = 1000
+    max_period: int = 4
+    max_rounds: int = 20
+    settle_cycles: int = 200
+
+    def __post_init__(self) -> None:
+        near, far = self.bisection_distance, self.separation_distance
+        if not 1e-13 <= near < far:
+            raise ArgumentError(
+                f"bisection_distance is {near:g} and separation_distance is {far:g}. Allowed: "
+                "bisection_distance from 1e-13 on (resolution of float64), separation_distance above it."
+            )
+        for name in ("cuts", "max_cycles", "max_period", "max_rounds", "settle_cycles"):
+            if getattr(self, name) < 1:
+                raise ArgumentError(f"{name} is {getattr(self, name)}. Allowed: whole numbers from 1 on.")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,3 +163,245 @@ def _table(mapping: Map, values: Values, search: Tracking) -> pd.DataFrame:
         "evaluations": search.evaluations,
     }
     return pd.DataFrame(columns)
+
+
+class Recurrence:
+    """The closest return of each of n trajectories after 1, 2, ... cycles.
+
+    `gaps` (n, longest) the distances of these returns; `states` the n points of each, by number of cycles.
+
+    Args:
+        distance: function of two arrays of coordinates (n, size) that gives their distances (n,).
+        begun: the initial points.
+        longest: the largest number of cycles.
+    """
+
+    def __init__(
+        self,
+        distance: Callable[
+            [Float[np.ndarray, "... coordinates"], Float[np.ndarray, "... coordinates"]],
+            Float[np.ndarray, " ..."],
+        ],
+        begun: Points,
+        longest: int,
+    ) -> None:
+        self._distance, self._longest, self._past = distance, longest, [begun]
+        self.gaps, self.states = np.full((len(begun), longest), np.inf), [begun] * longest
+
+    def add(self, on: Int[np.ndarray, " some"], now: Points) -> Int[np.ndarray, " nearer"]:
+        """Add the points one cycle later, for the trajectories `on` that still run.
+
+        Returns:
+            Those that moved less than in any cycle before.
+        """
+        calmer = on[:0]
+        for k, before in enumerate(self._past):
+            gap = self._distance(now.at[on], before.at[on])
+            nearer = gap < self.gaps[on, k]
+            which = on[nearer]
+            self.gaps[which, k] = gap[nearer]
+            self.states[k] = self.states[k].merged(which, before[which])
+            calmer = which if k == 0 else calmer
+        self._past = [now, *self._past][: self._longest]
+        return calmer
+
+
+class Tracking:
+    """The state of the searches of n pairs: both points, `one` and `other`, and the results so far."""
+
+    def __init__(
+        self,
+        mapping: Map,
+        one: Points,
+        other: Points,
+        values: dict[str, Float[np.ndarray, " pairs"]],
+        mapper: AttractorMapper | None,
+        limits: EdgeLimits,
+    ) -> None:
+        n = len(one)
+        self.mapping, self.one, self.other, self.values, self.limits = mapping, one, other, values, limits
+        self.going = np.ones(n, bool)
+        self.outcome = np.full(n, EdgeOutcome.wandering)
+        self.labels = np.full((n, 2), UNDECIDED)
+        self.met = np.full(n, UNDECIDED)
+        self.edge = self._begun = self._between(np.arange(n))
+        self.residual, self.growth = np.full(n, np.nan), np.full(n, np.nan)
+        self.period, self.rounds = np.ones(n, int), np.zeros(n, int)
+        self.bisections, self.evaluations = np.zeros(n, int), np.zeros(n, int)
+        self.mapper = self._at_their_ends() if mapper is None else self._decided(mapper)
+
+    def round(self) -> None:
+        """Bisect all pairs that still run, then follow them until they separate."""
+        self._narrow()
+        self._follow()
+
+    def _at_their_ends(self) -> AttractorMapper:
+        """A mapper for each pair from the final states of its own two trajectories."""
+        n = len(self.one)
+        points, rows = _joined(self.one, self.other), np.tile(np.arange(n), 2)
+        ends, going = points.at.copy(), np.arange(2 * n)
+        for _ in range(self.limits.settle_cycles):
+            if not going.size:
+                break
+            images = advanced(self.mapping, points, self._of(rows[going]))
+            np.add.at(self.evaluations, rows[going], 1)
+            for place in np.flatnonzero(~images.sound):
+                self._end(int(rows[going][place]), -1 - images.status[place])
+            points, going = images.points[images.sound], going[images.sound]
+            ends[going] = points.at
+        ends = ends.reshape(2, n, -1).swapaxes(0, 1)
+        distance = self._distance(ends[:, 1], ends[:, 0])
+        self.labels = np.where(self.going[:, None], np.array([0, 1]), UNDECIDED)
+        self._stop(np.flatnonzero(self.going & (distance <= SAME)), EdgeOutcome.same)
+        return ProximityMapper(self.mapping, ends)
+
+    def _decided(self, mapper: AttractorMapper) -> AttractorMapper:
+        """Map the starts to attractors, and end the pairs without an edge between them."""
+        n = len(self.one)
+        rows = np.tile(np.arange(n), 2)
+        found = self._fates(_joined(self.one, self.other), rows, mapper)
+        self.labels = found.reshape(2, n).T
+        for label in self.labels.T:
+            for row in np.flatnonzero(self.going & (label < 0)):
+                self._end(int(row), label[row])
+        self._stop(np.flatnonzero(self.going & (self.labels[:, 0] == self.labels[:, 1])), EdgeOutcome.same)
+        return mapper
+
+    def _narrow(self) -> None:
+        while True:
+            width = self._distance(self.other.at, self.one.at)
+            rows = np.flatnonzero(self.going & (width > self.limits.bisection_distance))
+            if not rows.size:
+                break
+            self._divide(rows)
+
+    def _divide(self, rows: Int[np.ndarray, " rows"]) -> None:
+        """Map points on the line, and keep two neighbours that lead to the two attractors."""
+        cuts = self.limits.cuts
+        share = (np.arange(1, cuts + 1) - UNEVEN) / (cuts + 1)
+        tried = self._between(np.repeat(rows, cuts), np.tile(share, rows.size))
+        labels = np.zeros((rows.size, cuts + 2), int)
+        labels[:, 0], labels[:, -1] = self.labels[rows].T
+        labels[:, 1:-1] = self._fates(tried, np.repeat(rows, cuts), self.mapper).reshape(rows.size, cuts)
+        self.bisections[rows] += 1
+        passes = (labels[:, :-1] == labels[:, :1]) & (labels[:, 1:] == labels[:, -1:])
+        first = np.argmax(passes, axis=1)
+        for place in np.flatnonzero(~np.any(passes, axis=1)):
+            strange = 1 + int(np.argmax(labels[place, 1:-1] != labels[place, 0]))
+            came = tried[[place * cuts + strange - 1]]
+            self.edge = self.edge.merged(rows[[place]], came)
+            self._end(int(rows[place]), labels[place, strange])
+        here = np.any(passes, axis=1)
+        lower, upper = here & (first > 0), here & (first < cuts)
+        at = np.arange(rows.size) * cuts + first
+        self.one = self.one.merged(rows[lower], tried[at[lower] - 1])
+        self.other = self.other.merged(rows[upper], tried[at[upper]])
+
+    def _follow(self) -> None:
+        """Follow both points, and the one between them, until the two separate; then classify the edge."""
+        limits, rows = self.limits, np.flatnonzero(self.going)
+        if not rows.size:
+            return
+        n = len(self.one)
+        begun = middle = self._between(np.arange(n))
+        width, taken = self._distance(self.other.at, self.one.at), np.zeros(n, int)
+        calm_width, calm_from = width.copy(), taken.copy()
+        course = Recurrence(self._distance, begun, limits.max_period)
+        for _ in range(limits.max_cycles):
+            near = self._distance(self.other.at, self.one.at) <= limits.separation_distance
+            on = np.flatnonzero(self.going & near)
+            if not on.size:
+                break
+            lanes = np.tile(on, 3)
+            points = _joined(_joined(self.one[on], self.other[on]), middle[on])
+            images = advanced(self.mapping, points, self._of(lanes))
+            np.add.at(self.evaluations, lanes, 1)
+            taken[on] += 1
+            one, other, between = (images.points[np.arange(on.size) + k * on.size] for k in range(3))
+            self.one, self.other = self.one.merged(on, one), self.other.merged(on, other)
+            middle = middle.merged(on, between)
+            for place in np.flatnonzero(~images.sound):
+                self._end(int(lanes[place]), -1 - images.status[place])
+            calmer = course.add(on, middle)
+            calm_width[calmer] = self._distance(self.other.at, self.one.at)[calmer]
+            calm_from[calmer] = taken[calmer]
+        begins_calm = calm_from < taken
+        calm_width, calm_from = np.where(begins_calm, (calm_width, calm_from), (width, np.zeros(n)))
+        distance = self._distance(self.other.at, self.one.at)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            growth = (distance / calm_width) ** (1.0 / np.maximum(taken - calm_from, 1.0))
+        self.growth[rows] = growth[rows]
+        self._conclude(rows, begun, course, distance <= width, taken == 1)
+
+    def _conclude(
+        self,
+        rows: Int[np.ndarray, " rows"],
+        begun: Points,
+        course: Recurrence,
+        together: Bool[np.ndarray, " pairs"],
+        at_once: Bool[np.ndarray, " pairs"],
+    ) -> None:
+        """End the pairs `rows` that have found a fixed point, a cycle or a jump of the map."""
+        stayed = self._distance(begun.at, self._begun.at) <= self.limits.residual_tolerance
+        self._begun = self._begun.merged(rows, begun[rows])
+        self.edge, self.residual[rows] = self.edge.merged(rows, begun[rows]), course.gaps[rows, 0]
+        self.rounds[rows] += 1
+        self._stop(rows[self.going[rows] & together[rows]], EdgeOutcome.together)
+        for k in range(self.limits.max_period):
+            found = rows[self.going[rows] & (course.gaps[rows, k] <= self.limits.residual_tolerance)]
+            self.edge = self.edge.merged(found, course.states[k][found])
+            self.residual[found], self.period[found] = course.gaps[found, k], k + 1
+            self._stop(found, EdgeOutcome.fixed if k == 0 else EdgeOutcome.periodic)
+        # at a discontinuity the two separate at once, and the line between them crosses it again
+        jumps = self.going & at_once & stayed & (self.rounds > 1)
+        self._stop(rows[jumps[rows]], EdgeOutcome.jump)
+
+    def _fates(
+        self, points: Points, rows: Int[np.ndarray, " rows"], mapper: AttractorMapper
+    ) -> Int[np.ndarray, " rows"]:
+        labels, cycles = fates(self.mapping, points, self.values, rows, mapper, self.limits.max_cycles)
+        np.add.at(self.evaluations, rows, cycles)
+        return labels
+
+    def _between(
+        self, rows: Int[np.ndarray, " rows"], share: Float[np.ndarray, " rows"] | None = None
+    ) -> Points:
+        """Points on the lines between the two, half-way or at `share`, with the modes of the nearer point."""
+        share = np.full(rows.size, 0.5) if share is None else share
+        one, other = self.one[rows], self.other[rows]
+        at = one.at + share[:, None] * self.mapping.difference(other.at, one.at)
+        nearer = share > 0.5
+        like = jax.tree.map(
+            lambda a, b: np.where(nearer.reshape(-1, *[1] * (np.ndim(a) - 1)), b, a), one.modes, other.modes
+        )
+        return Points(at, like)
+
+    def _distance(
+        self, a: Float[np.ndarray, "... coordinates"], b: Float[np.ndarray, "... coordinates"]
+    ) -> Float[np.ndarray, " ..."]:
+        with np.errstate(invalid="ignore"):
+            away = np.abs(self.mapping.difference(a, b)) / sizes(b)
+        return np.nan_to_num(np.max(away, axis=1), nan=np.inf)
+
+    def _of(self, rows: Int[np.ndarray, " rows"]) -> dict[str, Float[np.ndarray, " rows"]]:
+        return {name: each[rows] for name, each in self.values.items()}
+
+    def _end(self, row: int, label: int) -> None:
+        """End a pair with a trajectory whose label is that of neither attractor."""
+        if not self.going[row]:
+            return
+        self.met[row] = label
+        if label >= 0:
+            outcome = EdgeOutcome.third
+        elif label == UNDECIDED:
+            outcome = EdgeOutcome.undecided
+        else:
+            outcome = EdgeOutcome.fell if -1 - label == ReturnStatus.fell else EdgeOutcome.lost
+        self._stop(np.array([row]), outcome)
+
+    def _stop(self, rows: Int[np.ndarray, " rows"], outcome: EdgeOutcome) -> None:
+        self.outcome[rows], self.going[rows] = outcome, False
+
+
+def _joined(some: Points, others: Points) -> Points:
+    return jax.tree.map(lambda a, b: np.concatenate([np.asarray(a), np.asarray(b)]), some, others)
