@@ -17,10 +17,12 @@ import pandas as pd
 import scipy
 from jaxtyping import Bool, Float, Int
 
-from gaitsweep.analysis.attractors.state_space import Space, extent, state_columns
+from gaitsweep.analysis.attractors.state_space import Space, StateArray, extent, state_columns
 from gaitsweep.analysis.records import AnalysisError, require
 from gaitsweep.contract import Status
 
+Links = Int[np.ndarray, "links 2"]  # pairs of states
+Groups = Int[np.ndarray, " states"]  # a number for each state
 GRAINS_OF_A_POINT = 10.0  # largest extent of a point attractor, in grains
 CYCLES_OF_A_GRAIN = 10.0  # cycles in which a row settled to the tolerance of `run` may still move by a grain
 _GRAIN = 0.01  # rad; for tables without a tolerance
@@ -175,13 +177,13 @@ def _orbits(table: pd.DataFrame) -> Int[np.ndarray, " rows"]:
 
 def _cut_at_corners(
     space: Space,
-    states: Float[np.ndarray, "states coordinates"],
-    flat: Float[np.ndarray, "states coordinates"],
-    group: Int[np.ndarray, " states"],
-    links: Int[np.ndarray, "links 2"],
+    states: StateArray,
+    flat: StateArray,
+    group: Groups,
+    links: Links,
     gaps: Float[np.ndarray, " links"],
     side: float,
-) -> Int[np.ndarray, " states"]:
+) -> Groups:
     """The groups (m,) of states, lines split at their corners; `gaps`: of the `links`, 0 where cut."""
     pieces = np.zeros(len(flat), np.int64)
     for number in range(group.max(initial=-1) + 1):
@@ -193,11 +195,7 @@ def _cut_at_corners(
 
 
 def _described(
-    space: Space,
-    states: Float[np.ndarray, "states coordinates"],
-    flat: Float[np.ndarray, "states coordinates"],
-    side: float,
-    columns: Sequence[str],
+    space: Space, states: StateArray, flat: StateArray, side: float, columns: Sequence[str]
 ) -> dict[str, object]:
     """The medoid of an attractor's states (m, d), its extent, dimension and kind."""
     middle = states[space.medoid(states)] * space.scales
@@ -206,7 +204,7 @@ def _described(
     return {**dict(zip(columns, middle, strict=True)), **shape}
 
 
-def _dimension(flat: Float[np.ndarray, "states coordinates"], side: float) -> int:
+def _dimension(flat: StateArray, side: float) -> int:
     """The box-counting dimension of unrolled states (m, d), rounded; 0 for a point."""
     whole = extent(flat)
     if whole <= GRAINS_OF_A_POINT * side:
@@ -217,13 +215,7 @@ def _dimension(flat: Float[np.ndarray, "states coordinates"], side: float) -> in
     return max(1, round(float(slope)))
 
 
-def _smooth_pieces(
-    space: Space,
-    states: Float[np.ndarray, "states coordinates"],
-    flat: Float[np.ndarray, "states coordinates"],
-    grain: float,
-    gap: float,
-) -> Int[np.ndarray, " states"]:
+def _smooth_pieces(space: Space, states: StateArray, flat: StateArray, grain: float, gap: float) -> Groups:
     """The smooth piece (m,) of each state of one line; at a corner its neighbours are bent."""
     window = WINDOW * extent(flat)
     whole = np.zeros(len(states), np.int64)
@@ -242,9 +234,7 @@ def _smooth_pieces(
     return np.argmin([space.nearest_distance(states, states[mine]) for mine in kept], axis=0)
 
 
-def _bend(
-    space: Space, states: Float[np.ndarray, "states coordinates"], window: float
-) -> Float[np.ndarray, " states"]:
+def _bend(space: Space, states: StateArray, window: float) -> Float[np.ndarray, " states"]:
     """The variance of each state's neighbours across their main direction over that along it, (m,)."""
     around = space.tree(states).query_ball_point(states, window)
     bend = np.zeros(len(states))
@@ -260,12 +250,12 @@ def _bend(
 class Cells:
     """States binned into cells: `of` (n,) the cell of each state, `first` (m,) one state of each, `side`."""
 
-    of: Int[np.ndarray, " states"]
+    of: Groups
     first: Int[np.ndarray, " cells"]
     side: float
 
 
-def cells(space: Space, points: Float[np.ndarray, "states coordinates"], grain: float) -> Cells:
+def cells(space: Space, points: StateArray, grain: float) -> Cells:
     """Bin states (n, d) into cells of side `grain`, doubled until there are at most `MOST_CELLS`."""
     side = grain
     while True:
@@ -279,9 +269,7 @@ def cells(space: Space, points: Float[np.ndarray, "states coordinates"], grain: 
         side *= 2.0
 
 
-def spanning_tree(
-    space: Space, points: Float[np.ndarray, "states coordinates"]
-) -> tuple[Int[np.ndarray, "links 2"], Float[np.ndarray, " links"]]:
+def spanning_tree(space: Space, points: StateArray) -> tuple[Links, Float[np.ndarray, " links"]]:
     """The minimum spanning tree of states (m, d) by Prim's algorithm, in memory O(m) and time O(m^2).
 
     Returns:
@@ -327,7 +315,7 @@ def linking_distance(lengths: Float[np.ndarray, " links"], grain: float, rows: i
     return float(np.sqrt(sorted_lengths[widest] * sorted_lengths[widest + 1]))
 
 
-def components(count: int, links: Int[np.ndarray, "links 2"]) -> Int[np.ndarray, " nodes"]:
+def components(count: int, links: Links) -> Int[np.ndarray, " nodes"]:
     """The component (count,) of each of `count` nodes joined by links (k, 2), numbered in their order."""
     graph = scipy.sparse.coo_array(
         (np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(count, count)

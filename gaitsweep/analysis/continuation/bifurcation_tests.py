@@ -19,10 +19,11 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Complex, Float
 
-from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
+from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem, PerBranch
 from gaitsweep.analysis.continuation.newton import multipliers, residuals, sizes
 from gaitsweep.engine.poincare.maps import Points
 
+Vector = Float[np.ndarray, " unknowns"]  # the unknowns of one branch
 # A zero is found when the test function is below this share of its larger value at the step's ends.
 NEAR = 1e-7
 # The search also ends with an interval this short, as a share of the step: where the map has a corner, the
@@ -44,7 +45,7 @@ ASIDE = 0.01
 # A determinant this small, as a share of its larger value at the step's ends, has a zero and no jump.
 SMALL = 1e-3
 
-Test = Callable[[ContinuationProblem, BranchPoints], Float[np.ndarray, " branches"]]
+Test = Callable[[ContinuationProblem, BranchPoints], PerBranch]
 
 
 def multipliers_of(
@@ -56,22 +57,22 @@ def multipliers_of(
     )
 
 
-def fold_test(problem: ContinuationProblem, branch_points: BranchPoints) -> Float[np.ndarray, " branches"]:
+def fold_test(problem: ContinuationProblem, branch_points: BranchPoints) -> PerBranch:
     """The derivative of the parameter over arclength, (n,): zero at a fold."""
     return branch_points.tangent[:, -1]
 
 
-def branch_test(problem: ContinuationProblem, branch_points: BranchPoints) -> Float[np.ndarray, " branches"]:
+def branch_test(problem: ContinuationProblem, branch_points: BranchPoints) -> PerBranch:
     """The determinant of [F_x F_p] bordered by the tangent, (n,): zero at a branch point, not at a fold."""
     return np.linalg.det(problem.bordered(branch_points.images, problem.weights * branch_points.tangent))
 
 
-def flip_test(problem: ContinuationProblem, branch_points: BranchPoints) -> Float[np.ndarray, " branches"]:
+def flip_test(problem: ContinuationProblem, branch_points: BranchPoints) -> PerBranch:
     """The product of the multipliers plus one, (n,): zero at a flip."""
     return np.prod(1.0 + multipliers_of(problem, branch_points), axis=1).real
 
 
-def pair_test(problem: ContinuationProblem, branch_points: BranchPoints) -> Float[np.ndarray, " branches"]:
+def pair_test(problem: ContinuationProblem, branch_points: BranchPoints) -> PerBranch:
     """The product of 1 - m_i m_k over pairs of multipliers, (n,): zero where a pair crosses the unit circle.
 
     It is also zero at a neutral saddle: two real multipliers on both sides of the circle with product 1.
@@ -236,15 +237,11 @@ class _Branching:
     null: Float[np.ndarray, "2 unknowns"]
     bent: Float[np.ndarray, "2 unknowns"]
     rows: Float[np.ndarray, " equations"]
-    scale: Float[np.ndarray, " unknowns"]
+    scale: Vector
 
     @classmethod
     def at(
-        cls,
-        problem: ContinuationProblem,
-        like: BranchPoints,
-        scale: Float[np.ndarray, " unknowns"],
-        z: Float[np.ndarray, " unknowns"],
+        cls, problem: ContinuationProblem, like: BranchPoints, scale: Vector, z: Vector
     ) -> _Branching | None:
         """The equations at z; None where the map has no derivatives."""
         size, m = like.points.at.shape[1], len(z) - 1
@@ -272,7 +269,7 @@ class _Branching:
         bent = w @ (several[::2] - several[1::2]) / (2.0 * ALONG)
         return cls(miss[0], J[0], w, float(values[-1]), null, bent, rows, scale)
 
-    def step(self) -> tuple[Float[np.ndarray, " unknowns"], float]:
+    def step(self) -> tuple[Vector, float]:
         """Newton's step (m + 1,) and beta; infinite where the system is singular."""
         m = len(self.w)
         matrix = np.zeros((m + 2, m + 2))
@@ -292,9 +289,7 @@ class _Branching:
         pair = np.array([[np.sqrt(high), np.sqrt(-low)], [-np.sqrt(high), np.sqrt(-low)]])
         return pair @ vectors.T @ self.null / np.sqrt(high - low)
 
-    def rate(
-        self, through: Float[np.ndarray, " unknowns"], flat: Float[np.ndarray, " unknowns"], size: int
-    ) -> float:
+    def rate(self, through: Vector, flat: Vector, size: int) -> float:
         """A number with the sign of d(multiplier)/d(parameter) on the branch that goes `through`.
 
         Its eigenvector is the tangent of the branch that is `flat`.
@@ -304,9 +299,7 @@ class _Branching:
         return float(change * norm * np.sign(through[-1]))
 
 
-def _aside(
-    problem: ContinuationProblem, here: BranchPoints, tangent: Float[np.ndarray, " unknowns"]
-) -> BranchPoints | None:
+def _aside(problem: ContinuationProblem, here: BranchPoints, tangent: Vector) -> BranchPoints | None:
     """Points (2,) on both sides of a branch point, on the branch with this tangent (m,); None if not found.
 
     The equations are singular at the branch point itself, so they are linearised where the step leads.
@@ -338,10 +331,7 @@ class Special:
 
 
 def bifurcations(
-    problem: ContinuationProblem,
-    here: BranchPoints,
-    there: BranchPoints,
-    length: Float[np.ndarray, " branches"],
+    problem: ContinuationProblem, here: BranchPoints, there: BranchPoints, length: PerBranch
 ) -> list[list[Special] | None]:
     """The bifurcations on a step of each of n branches, from `here` to `there`, in order.
 

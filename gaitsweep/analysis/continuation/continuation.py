@@ -13,9 +13,9 @@ from typing import Any
 import jax
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
-from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
+from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem, Converged, PerBranch
 from gaitsweep.analysis.continuation.bifurcation_tests import Special, bifurcations, multipliers_of
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, NewtonOutcome, newton
 from gaitsweep.engine.poincare.maps import Map, Points, Values
@@ -376,7 +376,7 @@ def _jumps(here: BranchPoints, there: BranchPoints) -> list[str]:
 
 def _jump_over(
     problem: ContinuationProblem, here: BranchPoints, longest: float
-) -> tuple[BranchPoints, Bool[np.ndarray, " branches"]]:
+) -> tuple[BranchPoints, Converged]:
     """Branch points beyond a discontinuity of the map or of its derivative, and whether found (n,).
 
     Where a trajectory grazes an event the map has no derivative, and may jump. No short step converges there,
@@ -403,7 +403,7 @@ def _jump_over(
 
 def _beyond(
     problem: ContinuationProblem, here: BranchPoints, length: float
-) -> tuple[BranchPoints, Bool[np.ndarray, " branches"]]:
+) -> tuple[BranchPoints, Converged]:
     """Fixed points by damped Newton steps where the parameter is a `length` ahead; which converged (n,)."""
     change = length * here.tangent
     parameter = here.parameter + change[:, -1]
@@ -422,9 +422,7 @@ def _beyond(
     return here.merged(good, branch_points), found.converged
 
 
-def _distance(
-    problem: ContinuationProblem, a: BranchPoints, b: BranchPoints
-) -> Float[np.ndarray, " branches"]:
+def _distance(problem: ContinuationProblem, a: BranchPoints, b: BranchPoints) -> PerBranch:
     """The weighted distance between branch points, (n,)."""
     apart = np.zeros_like(problem.weights)
     size = a.points.at.shape[1]

@@ -41,6 +41,8 @@ from gaitsweep.contract import State
 from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values
 from gaitsweep.errors import ArgumentError
 
+Vector = Float[np.ndarray, " unknowns"]  # coordinates, drifts and both parameters
+FoldVector = Float[np.ndarray, " fold_unknowns"]  # without the parameters
 # Steps of the central differences: along v in scaled coordinates, of parameters as shares of their ranges.
 ALONG, SHARE = 1e-4, 1e-5
 # Tolerances on the scaled residuals of F and on g, and most corrections of a step.
@@ -62,11 +64,11 @@ class FoldPoint:
     """
 
     point: Points
-    unknowns: Float[np.ndarray, " unknowns"]
+    unknowns: Vector
     matrix: Float[np.ndarray, "equations unknowns"]
-    tangent: Float[np.ndarray, " unknowns"]
-    v: Float[np.ndarray, " fold_unknowns"]
-    w: Float[np.ndarray, " fold_unknowns"]
+    tangent: Vector
+    v: FoldVector
+    w: FoldVector
     curvature: float
     multipliers: Complex[np.ndarray, " multipliers"]
     observed: dict[str, float]
@@ -83,9 +85,9 @@ class _Equations:
     width: Float[np.ndarray, " 2"]
     values: dict[str, Any]
     held: ConservedConstraints
-    scale: Float[np.ndarray, " fold_unknowns"]
+    scale: FoldVector
 
-    def parameters(self, unknowns: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " 2"]:
+    def parameters(self, unknowns: Vector) -> Float[np.ndarray, " 2"]:
         """The two parameters (2,) of these unknowns."""
         return self.low + self.width * unknowns[-2:]
 
@@ -256,10 +258,10 @@ def _on_curve(
 def _differentiated(
     equations: _Equations,
     like: Points,
-    unknowns: Float[np.ndarray, " unknowns"],
-    b: Float[np.ndarray, " fold_unknowns"],
-    c: Float[np.ndarray, " fold_unknowns"],
-    before: Float[np.ndarray, " unknowns"] | None,
+    unknowns: Vector,
+    b: FoldVector,
+    c: FoldVector,
+    before: Vector | None,
     corrections: int = 0,
 ) -> FoldPoint:
     """A point of the curve with the derivatives of its equations, bordered by `b` and `c` (m,).
@@ -296,10 +298,8 @@ def _differentiated(
 
 
 def _null_vectors(
-    A: Float[np.ndarray, "fold_unknowns fold_unknowns"],
-    b: Float[np.ndarray, " fold_unknowns"],
-    c: Float[np.ndarray, " fold_unknowns"],
-) -> tuple[Float[np.ndarray, " fold_unknowns"], Float[np.ndarray, " fold_unknowns"], float]:
+    A: Float[np.ndarray, "fold_unknowns fold_unknowns"], b: FoldVector, c: FoldVector
+) -> tuple[FoldVector, FoldVector, float]:
     """V and w (m,) with length 1, and g, of the Jacobian A (m, m) bordered by `b` and `c`."""
     m = len(A)
     full = np.zeros((m + 1, m + 1))

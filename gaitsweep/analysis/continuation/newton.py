@@ -19,6 +19,9 @@ from gaitsweep.contract import ResultCode
 from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values, wrap_difference
 from gaitsweep.errors import ArgumentError
 
+Unknowns = Float[np.ndarray, "points unknowns"]  # coordinates and drifts
+Drifts = Float[np.ndarray, "points constrained"]
+Searches = Int[np.ndarray, " searches"]  # numbers of searches
 # Most halvings of a step that leaves the domain of the map or raises the residual.
 HALVINGS = 6
 # Condition number of the scaled Jacobian from which Newton's equations count as singular.
@@ -43,7 +46,7 @@ class ConservedConstraints:
     """The conserved quantities that a search holds constant: their indices in the map, and values (n, k)."""
 
     which: tuple[int, ...]
-    values: Float[np.ndarray, "points constrained"]
+    values: Drifts
     circular: Bool[np.ndarray, " constrained"]
 
     @classmethod
@@ -73,9 +76,7 @@ class ConservedConstraints:
     def __getitem__(self, rows: np.ndarray) -> ConservedConstraints:
         return dataclasses.replace(self, values=self.values[rows])
 
-    def residuals(
-        self, kept: Float[np.ndarray, "points conserved"]
-    ) -> Float[np.ndarray, "points constrained"]:
+    def residuals(self, kept: Float[np.ndarray, "points conserved"]) -> Drifts:
         """The residuals of the constraints, (n, k)."""
         return wrap_difference(kept[:, self.which] - self.values, self.circular)
 
@@ -90,7 +91,7 @@ class FixedPoints:
     """
 
     points: Points
-    drift: Float[np.ndarray, "points constrained"]
+    drift: Drifts
     residual: Float[np.ndarray, " points"]
     iterations: Int[np.ndarray, " points"]
     outcome: Int[np.ndarray, " points"]
@@ -108,12 +109,8 @@ def sizes(at: Float[np.ndarray, "... coordinates"]) -> Float[np.ndarray, "... co
 
 
 def residuals(
-    mapping: Map,
-    points: Points,
-    drift: Float[np.ndarray, "points constrained"],
-    images: MapEvaluation,
-    held: ConservedConstraints,
-) -> Float[np.ndarray, "points unknowns"]:
+    mapping: Map, points: Points, drift: Drifts, images: MapEvaluation, held: ConservedConstraints
+) -> Unknowns:
     """The residuals of Newton's equations, (n, size + k): zero at a fixed point."""
     moved = mapping.difference(images.points.at, points.at)
     spread = along(images.conserved_jacobian[:, held.which])
@@ -199,7 +196,7 @@ class _Search:
         self.outcome = np.where(self.images.sound, NewtonOutcome.not_converged, NewtonOutcome.left)
         self._mark_converged()
 
-    def step(self, rows: Int[np.ndarray, " searches"]) -> None:
+    def step(self, rows: Searches) -> None:
         """One Newton step of the searches `rows`, each shortened until the map is defined at its end."""
         self.iterations[rows] += 1
         step, _ = _steps(
@@ -225,7 +222,7 @@ class _Search:
         )
         self.outcome[rows] = np.where(self._regular(rows), NewtonOutcome.converged, NewtonOutcome.singular)
 
-    def _regular(self, rows: Int[np.ndarray, " searches"]) -> Bool[np.ndarray, " searches"]:
+    def _regular(self, rows: Searches) -> Bool[np.ndarray, " searches"]:
         """Whether the equations of the searches `rows` are regular."""
         if not rows.size:
             return np.zeros(0, bool)
@@ -234,7 +231,7 @@ class _Search:
         ]
 
     def _accepted(
-        self, rows: Int[np.ndarray, " searches"], step: Float[np.ndarray, "searches unknowns"], last: bool
+        self, rows: Searches, step: Float[np.ndarray, "searches unknowns"], last: bool
     ) -> Bool[np.ndarray, " searches"]:
         """Mask of accepted steps, by images alone: if the residual falls; the last wherever defined."""
         trial, drift = _moved(self.mapping, self.points[rows], self.drift[rows], self.images[rows], step)
@@ -252,12 +249,8 @@ class _Search:
 
 
 def _steps(
-    mapping: Map,
-    points: Points,
-    drift: Float[np.ndarray, "points constrained"],
-    images: MapEvaluation,
-    held: ConservedConstraints,
-) -> tuple[Float[np.ndarray, "points unknowns"], Bool[np.ndarray, " points"]]:
+    mapping: Map, points: Points, drift: Drifts, images: MapEvaluation, held: ConservedConstraints
+) -> tuple[Unknowns, Bool[np.ndarray, " points"]]:
     """The next step (n, size + k), an iterate of the map where singular, and whether it is regular."""
     matrix, miss = matrices(images, held), residuals(mapping, points, drift, images, held)
     size = points.at.shape[1]
@@ -273,21 +266,15 @@ def _steps(
 
 
 def _moved(
-    mapping: Map,
-    points: Points,
-    drift: Float[np.ndarray, "points constrained"],
-    images: MapEvaluation,
-    step: Float[np.ndarray, "points unknowns"],
-) -> tuple[Points, Float[np.ndarray, "points constrained"]]:
+    mapping: Map, points: Points, drift: Drifts, images: MapEvaluation, step: Unknowns
+) -> tuple[Points, Drifts]:
     """Points and drifts after a step; computed from the image, so that they have its discrete modes."""
     size = points.at.shape[1]
     back = mapping.difference(points.at, images.points.at)
     return Points(images.points.at + back + step[:, :size], images.points.modes), drift + step[:, size:]
 
 
-def norms(
-    miss: Float[np.ndarray, "points unknowns"], at: Float[np.ndarray, "points coordinates"]
-) -> Float[np.ndarray, " points"]:
+def norms(miss: Unknowns, at: Float[np.ndarray, "points coordinates"]) -> Float[np.ndarray, " points"]:
     """The largest relative residual of each row, (n,); infinite where it is NaN."""
     scale = np.ones_like(miss)
     scale[:, : at.shape[1]] = sizes(at)

@@ -30,6 +30,8 @@ from gaitsweep.engine.poincare.maps import Map, Points, Values
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.errors import ArgumentError
 
+Rows = Int[np.ndarray, " rows"]  # numbers of pairs
+Coordinates = Float[np.ndarray, "... coordinates"]
 # Attractors at a smaller relative distance from each other are the same.
 SAME = 1e-3
 # Offset of the cuts from even parts of the line, as a share of a part: half-way between mirror images a
@@ -179,7 +181,7 @@ class Recurrence:
     def __init__(
         self,
         distance: Callable[
-            [Float[np.ndarray, "... coordinates"], Float[np.ndarray, "... coordinates"]],
+            [Coordinates, Coordinates],
             Float[np.ndarray, " ..."],
         ],
         begun: Points,
@@ -275,7 +277,7 @@ class Tracking:
                 break
             self._divide(rows)
 
-    def _divide(self, rows: Int[np.ndarray, " rows"]) -> None:
+    def _divide(self, rows: Rows) -> None:
         """Map points on the line, and keep two neighbours that lead to the two attractors."""
         cuts = self.limits.cuts
         share = (np.arange(1, cuts + 1) - UNEVEN) / (cuts + 1)
@@ -335,7 +337,7 @@ class Tracking:
 
     def _conclude(
         self,
-        rows: Int[np.ndarray, " rows"],
+        rows: Rows,
         begun: Points,
         course: Recurrence,
         together: Bool[np.ndarray, " pairs"],
@@ -356,16 +358,12 @@ class Tracking:
         jumps = self.going & at_once & stayed & (self.rounds > 1)
         self._stop(rows[jumps[rows]], EdgeOutcome.jump)
 
-    def _fates(
-        self, points: Points, rows: Int[np.ndarray, " rows"], mapper: AttractorMapper
-    ) -> Int[np.ndarray, " rows"]:
+    def _fates(self, points: Points, rows: Rows, mapper: AttractorMapper) -> Rows:
         labels, cycles = fates(self.mapping, points, self.values, rows, mapper, self.limits.max_cycles)
         np.add.at(self.evaluations, rows, cycles)
         return labels
 
-    def _between(
-        self, rows: Int[np.ndarray, " rows"], share: Float[np.ndarray, " rows"] | None = None
-    ) -> Points:
+    def _between(self, rows: Rows, share: Float[np.ndarray, " rows"] | None = None) -> Points:
         """Points on the lines between the two, half-way or at `share`, with the modes of the nearer point."""
         share = np.full(rows.size, 0.5) if share is None else share
         one, other = self.one[rows], self.other[rows]
@@ -376,14 +374,12 @@ class Tracking:
         )
         return Points(at, like)
 
-    def _distance(
-        self, a: Float[np.ndarray, "... coordinates"], b: Float[np.ndarray, "... coordinates"]
-    ) -> Float[np.ndarray, " ..."]:
+    def _distance(self, a: Coordinates, b: Coordinates) -> Float[np.ndarray, " ..."]:
         with np.errstate(invalid="ignore"):
             away = np.abs(self.mapping.difference(a, b)) / sizes(b)
         return np.nan_to_num(np.max(away, axis=1), nan=np.inf)
 
-    def _of(self, rows: Int[np.ndarray, " rows"]) -> dict[str, Float[np.ndarray, " rows"]]:
+    def _of(self, rows: Rows) -> dict[str, Float[np.ndarray, " rows"]]:
         return {name: each[rows] for name, each in self.values.items()}
 
     def _end(self, row: int, label: int) -> None:
@@ -399,7 +395,7 @@ class Tracking:
             outcome = EdgeOutcome.fell if -1 - label == ReturnStatus.fell else EdgeOutcome.lost
         self._stop(np.array([row]), outcome)
 
-    def _stop(self, rows: Int[np.ndarray, " rows"], outcome: EdgeOutcome) -> None:
+    def _stop(self, rows: Rows, outcome: EdgeOutcome) -> None:
         self.outcome[rows], self.going[rows] = outcome, False
 
 

@@ -17,6 +17,9 @@ from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.transitions.smoothing import Smooth, local_polynomial
 from gaitsweep.circular import TURN
 
+Pairs = Float[np.ndarray, " pairs"]  # a number for each pair
+RowOfPair = Real[np.ndarray, " pairs"]
+PairFlags = Bool[np.ndarray, " pairs"]
 NEAR = 0.01  # rad a crossing; a slower drift holds a row for long
 SURE = 2.0  # standard errors from zero of a significant drift
 _A_BANDWIDTH = 5  # points of the curve in a bandwidth
@@ -44,10 +47,10 @@ _STEP = (1.0 / 3.0, 2.0)  # of the lines' difference: what the two points in the
 class Points(NamedTuple):
     """Pairs of a map, (n,) each: value, change, row and share."""
 
-    value: Float[np.ndarray, " pairs"]
-    change: Float[np.ndarray, " pairs"]
-    row: Real[np.ndarray, " pairs"]
-    share: Float[np.ndarray, " pairs"]
+    value: Pairs
+    change: Pairs
+    row: RowOfPair
+    share: Pairs
 
 
 class Drift(NamedTuple):
@@ -80,13 +83,7 @@ class Drift(NamedTuple):
         return found
 
 
-def drifts_of(
-    value: Float[np.ndarray, " pairs"],
-    change: Float[np.ndarray, " pairs"],
-    row: Real[np.ndarray, " pairs"],
-    bandwidth: float,
-    circular: bool,
-) -> list[Drift]:
+def drifts_of(value: Pairs, change: Pairs, row: RowOfPair, bandwidth: float, circular: bool) -> list[Drift]:
     """Smooth the change over the value by local lines, on each piece of the data.
 
     The curve closes around the circle if the data have no break.
@@ -133,12 +130,7 @@ def drifts_of(
 
 
 def breaks(
-    value: Float[np.ndarray, " pairs"],
-    change: Float[np.ndarray, " pairs"],
-    share: Float[np.ndarray, " pairs"],
-    first: Bool[np.ndarray, " pairs"],
-    bandwidth: float,
-    step: float,
+    value: Pairs, change: Pairs, share: Pairs, first: PairFlags, bandwidth: float, step: float
 ) -> Bool[np.ndarray, " gaps"]:
     """Whether there is a break, a gap or a jump, after each of the points sorted by value, bool (n - 1,).
 
@@ -160,9 +152,7 @@ def breaks(
     return _gaps(value, first, bandwidth, step) | _jumps(value, change, share, bandwidth, step)
 
 
-def _gaps(
-    value: Float[np.ndarray, " pairs"], first: Bool[np.ndarray, " pairs"], bandwidth: float, step: float
-) -> Bool[np.ndarray, " gaps"]:
+def _gaps(value: Pairs, first: PairFlags, bandwidth: float, step: float) -> Bool[np.ndarray, " gaps"]:
     spacing = np.diff(value)
     suspect = np.flatnonzero(spacing > step)
     wide = np.zeros(len(spacing), bool)
@@ -187,11 +177,7 @@ def _gaps(
 
 
 def _jumps(
-    value: Float[np.ndarray, " pairs"],
-    change: Float[np.ndarray, " pairs"],
-    share: Float[np.ndarray, " pairs"],
-    bandwidth: float,
-    step: float,
+    value: Pairs, change: Pairs, share: Pairs, bandwidth: float, step: float
 ) -> Bool[np.ndarray, " gaps"]:
     found = np.zeros(len(value) - 1, bool)
     difference = np.abs(np.diff(change))
@@ -219,14 +205,7 @@ def _jumps(
 
 
 def _line(
-    value: Float[np.ndarray, " pairs"],
-    change: Float[np.ndarray, " pairs"],
-    share: Float[np.ndarray, " pairs"],
-    k: int,
-    way: int,
-    place: float,
-    bandwidth: float,
-    step: float,
+    value: Pairs, change: Pairs, share: Pairs, k: int, way: int, place: float, bandwidth: float, step: float
 ) -> tuple[float, float, float] | None:
     """The line through point k and some beyond it, at a place: value, error, largest residual."""
     last = int(np.searchsorted(value, value[k] + way * bandwidth, "right" if way > 0 else "left"))
@@ -333,9 +312,7 @@ def _twofold(points: Points, smooth: Smooth, bandwidth: float) -> Bool[np.ndarra
     return found
 
 
-def _beside_own_branch(
-    away: Float[np.ndarray, " pairs"], beside: Float[np.ndarray, " pairs"]
-) -> Float[np.ndarray, " pairs"]:
+def _beside_own_branch(away: Pairs, beside: Pairs) -> Pairs:
     """The changes without the common slope of those above a curve and those below it."""
     tilt = 0.0
     for _ in range(3):
@@ -350,9 +327,7 @@ def _beside_own_branch(
     return beside - tilt * away
 
 
-def once_a_place(
-    value: Float[np.ndarray, " pairs"], row: Real[np.ndarray, " pairs"], step: float
-) -> Float[np.ndarray, " pairs"]:
+def once_a_place(value: Pairs, row: RowOfPair, step: float) -> Pairs:
     """The weight (n,) of each pair: each visit of a row to a position has the weight one.
 
     Where a row stays, its values fluctuate or alternate, with changes of -1 or -2 times their deviation:
@@ -470,9 +445,7 @@ def _confirmed(drift: Drift, place: float, falls: bool) -> bool:
     return not bridged
 
 
-def _remains(
-    drift: Drift, mine: Bool[np.ndarray, " pairs"], away: Float[np.ndarray, " pairs"], width: float
-) -> tuple[float, float, float] | None:
+def _remains(drift: Drift, mine: PairFlags, away: Pairs, width: float) -> tuple[float, float, float] | None:
     """Value at a zero of the line through the points of one side, its error, and their mean size."""
     if not mine.any():
         return None
