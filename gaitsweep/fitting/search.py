@@ -26,7 +26,7 @@ from matplotlib.figure import Figure
 from gaitsweep import near_miss
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.errors import ArgumentError
-from gaitsweep.fitting.cluster_rows import ClusterRows
+from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
 from gaitsweep.fitting.free_parameters import sets_at
 from gaitsweep.fitting.identifiability import Identifiability, identifiability
 from gaitsweep.fitting.measures import Measured
@@ -40,8 +40,6 @@ from gaitsweep.job import JobError
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.executor import write_blocks
-from gaitsweep.runs.makers import continue_directory
-from gaitsweep.runs.prepare import naming_the_file
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.status_sentences import SetStatus
 from gaitsweep.schema.diagnostics import Diagnostic
@@ -118,10 +116,6 @@ def run_search(
     on_progress = on_progress or (lambda *_, **__: None)
     population = job.fit.population()
     context = population.prepared(job.fit.structures[0])
-    if context.note is not None:
-        on_message(context.note)
-    for caveat in context.model.caveats():
-        on_message(f"Warning: {caveat}")
     platform = context.spec.devices[0].platform
     together = job.sets_together(context, population.rows_of_a_set)
     versions = {name: provenance.version_of(name) for name in _DECIDING}
@@ -133,21 +127,9 @@ def run_search(
         side_by_side=side_by_side,
         versions=versions,
     )
-    with (
-        naming_the_file(),
-        ResultDirectory.open(path, job.resolved(), job_hash, job.options.budget, together) as directory,
-    ):
-        for note in directory.notes:
-            on_message(note)
-        continue_directory(context, directory, on_message)
-        directory.update_manifest(
-            engine=context.engine,
-            device=context.device,
-            precision=context.spec.numerics.precision,
-            method=context.spec.numerics.method,
-            quantities=_quantities(job, population),
-            versions=provenance.versions() | versions,
-        )
+    budget = job.options.budget
+    with open_directory(path, job.resolved(), job_hash, budget, together, context, on_message) as directory:
+        describe(context, directory, _quantities(job, population), versions)
         if cluster is not None:
             population.run_elsewhere = ClusterRows(path, cluster)
         write_blocks(directory, _Search(job, population, directory, on_progress, side_by_side).blocks())

@@ -17,7 +17,15 @@ from pydantic import Field
 from gaitsweep import near_miss
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.errors import ArgumentError
-from gaitsweep.fitting.fit_job import FitJob, read_file, read_fit_job, read_free, read_measure, read_settings
+from gaitsweep.fitting.fit_job import (
+    FitJob,
+    by_name,
+    read_file,
+    read_fit_job,
+    read_free,
+    read_measure,
+    read_settings,
+)
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.optimisers import METHODS, missing_package
 from gaitsweep.fitting.robustness import ROBUST, Robust, own_constants, robust_target, wrong_robust
@@ -204,7 +212,7 @@ def read_search(data: Mapping[str, Any], folder: Path) -> SearchJob:
     search = read_search_field(data, wrong)
     robust = search.options.robust
     measures = {name: target.measure for name, target in search.targets.items() if target.value is not robust}
-    fit = read_fit_job("search", data, folder, search.free, measures, "targets", wrong)
+    fit = read_fit_job("search", data, folder, search.free, measures, wrong)
     if (package := missing_package(search.options.method)) is not None:
         raise ArgumentError(
             f"search.method {search.options.method} needs the package {package}: "
@@ -320,15 +328,10 @@ def _read_targets(
     value: Any, free: Mapping[str, FreeParameter], wrong: list[Diagnostic]
 ) -> dict[str, Target]:
     path = ("search", "targets")
-    if not isinstance(value, Mapping) or not value:
-        begin = "is missing: it" if value is None else f"is {found(value)}, but"
-        wrong.append(
-            Diagnostic(path, f"{begin} takes targets by name, each with kind, at, wanted and error.")
-        )
-        return {}
     targets = {}
-    for name, fields in value.items():
-        target_path = (*path, str(name))
+    takes = "targets by name, each with kind, at, wanted and error"
+    for name, fields in by_name(value, takes, path, wrong):
+        target_path = (*path, name)
         if not isinstance(fields, Mapping):
             wrong.append(Diagnostic(target_path, f"is {found(fields)}, but takes fields (key: value)."))
             continue
@@ -336,14 +339,14 @@ def _read_targets(
         target_value = read_model(TargetValue, aims, target_path, wrong)
         measured = {key: field for key, field in fields.items() if key not in aims}
         measure = read_measure(measured, target_path, wrong, beside=TargetValue)
-        if not str(name).isidentifier():
+        if not name.isidentifier():
             wrong.append(
                 Diagnostic(target_path, "has a name that is not of letters, digits and _: take another.")
             )
-        elif str(name) in (*_COLUMNS, *free) or str(name).startswith(MISS) or str(name).endswith("_half"):
+        elif name in (*_COLUMNS, *free) or name.startswith(MISS) or name.endswith("_half"):
             wrong.append(
                 Diagnostic(target_path, "has the name of another column of the table: take another.")
             )
         if target_value is not None and measure is not None:
-            targets[str(name)] = Target(str(name), measure, target_value)
+            targets[name] = Target(name, measure, target_value)
     return targets

@@ -19,6 +19,7 @@ from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.designs import METHODS, SensitivityDesign, design_of
 from gaitsweep.fitting.fit_job import (
     FitJob,
+    by_name,
     read_file,
     read_fit_job,
     read_free,
@@ -153,7 +154,7 @@ def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
     ranges, shares = _read_parameters(written.get("parameters"), wrong)
     outputs = _read_outputs(written.get("outputs"), {*ranges, *shares}, wrong)
     analysis = _read_analysis(written, ranges, len(ranges) + len(shares), wrong)
-    fit = read_fit_job("sensitivity", data, folder, ranges, outputs, "outputs", wrong)
+    fit = read_fit_job("sensitivity", data, folder, ranges, outputs, wrong)
     assert analysis is not None  # else it was refused
     base = _own_values(fit).job_of({})
     for name in shares:
@@ -171,7 +172,7 @@ def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
             free[name] = around
     refuse(wrong)
     fit = dataclasses.replace(fit, free=free)
-    refuse([*wrong_constants(fit), *wrong_measures(fit, "outputs")])
+    refuse([*wrong_constants(fit), *wrong_measures(fit)])
     if analysis.method != "one_at_a_time" and importlib.util.find_spec("SALib") is None:
         raise ArgumentError(
             f"sensitivity.method {analysis.method} needs the package SALib: pip install 'gaitsweep[search]'."
@@ -184,13 +185,10 @@ def _read_parameters(
 ) -> tuple[dict[str, FreeParameter], dict[str, float]]:
     """Read the parameters with a range, and those with a share of the job's value."""
     path = ("sensitivity", "parameters")
-    if not isinstance(value, Mapping) or not value:
-        text = f"is {found(value)}, but takes ranges by name, such as kappa: 10% or kappa: [1, 2]."
-        wrong.append(Diagnostic(path, text))
-        return {}, {}
     ranges, shares = {}, {}
-    for key, written in value.items():
-        name, parameter_path = str(key), (*path, str(key))
+    takes = "ranges by name, such as kappa: 10% or kappa: [1, 2]"
+    for name, written in by_name(value, takes, path, wrong):
+        parameter_path = (*path, name)
         if isinstance(written, list | Mapping):
             read = read_free({name: written}, path, wrong)
             if name in read and read[name].choices is not None:
@@ -213,13 +211,10 @@ def _read_parameters(
 
 def _read_outputs(value: Any, parameters: Iterable[str], wrong: list[Diagnostic]) -> dict[str, Measure]:
     path = ("sensitivity", "outputs")
-    if not isinstance(value, Mapping) or not value:
-        wrong.append(Diagnostic(path, f"is {found(value)}, but takes measures by name."))
-        return {}
     taken = {*COLUMNS, FAILURES, *parameters}
     outputs = {}
-    for key, fields in value.items():
-        name, output_path = str(key), (*path, str(key))
+    for name, fields in by_name(value, "measures by name", path, wrong):
+        output_path = (*path, name)
         if name in taken or not name.isidentifier():
             text = "names a column of the table: take another name of letters, digits and _."
             wrong.append(Diagnostic(output_path, text))
