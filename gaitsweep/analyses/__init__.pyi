@@ -1,5 +1,5 @@
-from gaitsweep.analysis.attractors.attractors import agreement as agreement
-from gaitsweep.analysis.attractors.attractors import attractors as attractors
+from gaitsweep.analysis.basins.attractors import agreement as agreement
+from gaitsweep.analysis.basins.attractors import attractors as attractors
 from gaitsweep.analysis.basins.fractions import LEVEL as LEVEL
 from gaitsweep.analysis.basins.fractions import fractions as fractions
 from gaitsweep.analysis.basins.fractions import proportion_interval as proportion_interval

@@ -121,7 +121,7 @@ def summary(
 @app.command()
 def attractors(directory: Directory) -> None:
     """Group the settled rows by attractor, and print how well the gaits agree with the groups."""
-    from gaitsweep.analysis.attractors import attractors as analysis
+    from gaitsweep.analysis.basins import attractors as analysis
 
     table = result_table(directory)
     found = analysis.attractors(table)

@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float, Shaped
 
-from gaitsweep.analysis.attractors.attractors import with_attractors
-from gaitsweep.analysis.attractors.state_space import Space
+from gaitsweep.analysis.basins.attractors import with_attractors
 from gaitsweep.analysis.basins.fractal_boundaries import (
     BOX,
     Uncertainty,
@@ -20,6 +19,7 @@ from gaitsweep.analysis.basins.fractal_boundaries import (
 )
 from gaitsweep.analysis.basins.fractions import LEVEL, fractions, panels_and_axes
 from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
+from gaitsweep.analysis.basins.state_space import Space
 from gaitsweep.analysis.records import AnalysisError, in_order, outcome_labels, panels_of
 
 

@@ -17,14 +17,14 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Int
 
-from gaitsweep.analysis.continuation.newton import sizes
-from gaitsweep.analysis.edges.attractor_mappers import (
+from gaitsweep.analysis.basins.attractor_mappers import (
     UNDECIDED,
     AttractorMapper,
     ProximityMapper,
     advanced,
     fates,
 )
+from gaitsweep.analysis.continuation.newton import sizes
 from gaitsweep.contract import ResultCode
 from gaitsweep.engine.poincare.maps import Map, Points, Values
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus

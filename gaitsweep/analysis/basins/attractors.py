@@ -17,7 +17,7 @@ import pandas as pd
 import scipy
 from jaxtyping import Bool, Float, Int
 
-from gaitsweep.analysis.attractors.state_space import Space, StateArray, extent, state_columns
+from gaitsweep.analysis.basins.state_space import Space, StateArray, extent, state_columns
 from gaitsweep.analysis.records import AnalysisError, require
 from gaitsweep.contract import Status
 
