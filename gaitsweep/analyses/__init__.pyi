@@ -1,5 +1,5 @@
-from gaitsweep.analysis.attractors.attractors import agreement as agreement
-from gaitsweep.analysis.attractors.attractors import attractors as attractors
+from gaitsweep.analysis.basins.attractors import agreement as agreement
+from gaitsweep.analysis.basins.attractors import attractors as attractors
 from gaitsweep.analysis.basins.fractions import LEVEL as LEVEL
 from gaitsweep.analysis.basins.fractions import fractions as fractions
 from gaitsweep.analysis.basins.fractions import proportion_interval as proportion_interval
@@ -15,11 +15,11 @@ from gaitsweep.analysis.records import in_order as in_order
 from gaitsweep.analysis.records import require as require
 from gaitsweep.analysis.transitions.hysteresis import Hysteresis as Hysteresis
 from gaitsweep.analysis.transitions.hysteresis import hysteresis as hysteresis
-from gaitsweep.analysis.transitions.return_map import fixed_points as fixed_points
-from gaitsweep.analysis.transitions.transition_points import transition_points as transition_points
-from gaitsweep.analysis.transitions.transition_points import (
+from gaitsweep.analysis.transitions.hysteresis import transition_points as transition_points
+from gaitsweep.analysis.transitions.hysteresis import (
     transition_points_by_gait as transition_points_by_gait,
 )
+from gaitsweep.analysis.transitions.return_map import fixed_points as fixed_points
 from gaitsweep.circular import TURN as TURN
 from gaitsweep.circular import wrapped_difference as wrapped_difference
 from gaitsweep.fitting.conflicts import Conflicts as Conflicts

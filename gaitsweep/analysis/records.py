@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool
+from jaxtyping import Bool, Int
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Outcome, Status
@@ -44,6 +46,18 @@ def axes_of(table: pd.DataFrame) -> list[str]:
     names = [str(name) for name in table.columns]
     ends = [names.index(name) for name in _AFTER_AXES if name in names]
     return [name for name in names[: min(ends, default=0)] if name != "row"]
+
+
+def panels_of(
+    table: pd.DataFrame, by: Sequence[str]
+) -> Iterator[tuple[dict[str, object], Int[np.ndarray, " rows"]]]:
+    """Each combination of the values of `by`, in order, and the indices of its rows; one without `by`."""
+    if not by:
+        yield {}, np.arange(len(table))
+        return
+    for key, rows in table.groupby(list(by), sort=True, observed=True).indices.items():
+        values = key if isinstance(key, tuple) else (key,)
+        yield dict(zip(by, values, strict=True)), np.sort(rows)
 
 
 def sound(table: pd.DataFrame, *columns: str) -> Bool[np.ndarray, " records"]:

@@ -14,9 +14,8 @@ from jaxtyping import Float, Inexact
 from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.continuation import floquet
 from gaitsweep.analysis.continuation.continuation import continuation
-from gaitsweep.analysis.continuation.newton import FixedPoints, newton
+from gaitsweep.analysis.continuation.newton import FixedPoints, multipliers, newton
 from gaitsweep.api.keywords import AnyModel, job_of
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
@@ -128,7 +127,7 @@ class PoincareMap:
             >>> [hops.multipliers(gait).prod().real.round(4).item() for gait in gaits]
             [0.7, 0.7]
         """
-        return floquet.multipliers(self.jacobian(x))
+        return multipliers(self.jacobian(x))
 
     def settled(self, starts: Mapping[str, Any] | None = None, cycles: int = 1) -> Points:
         """Return the section points of start values after a number of crossings.

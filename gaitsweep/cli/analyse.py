@@ -121,7 +121,7 @@ def summary(
 @app.command()
 def attractors(directory: Directory) -> None:
     """Group the settled rows by attractor, and print how well the gaits agree with the groups."""
-    from gaitsweep.analysis.attractors import attractors as analysis
+    from gaitsweep.analysis.basins import attractors as analysis
 
     table = result_table(directory)
     found = analysis.attractors(table)
@@ -156,7 +156,7 @@ def wada(directory: Directory, by: Kept = None) -> None:
 @app.command()
 def hysteresis(directory: Directory, observable: Observable, parameter: Parameter) -> None:
     """Print the jumps of a ramp or staircase between branches, and the areas of its hysteresis loops."""
-    from gaitsweep.analysis.transitions.transition_points import loop_area, transition_points
+    from gaitsweep.analysis.transitions.hysteresis import loop_area, transition_points
 
     table = result_table(directory)
     print_table(transition_points(table, observable, parameter))
@@ -170,7 +170,7 @@ def gait_transitions(
     start: Annotated[str, typer.Option("--start", metavar="NAME", help="Start that selects the branch.")],
 ) -> None:
     """Print the parameter values at which gaits are lost, from settled rows along a parameter."""
-    from gaitsweep.analysis.transitions.transition_points import transition_points_by_gait
+    from gaitsweep.analysis.transitions.hysteresis import transition_points_by_gait
 
     print_table(transition_points_by_gait(result_table(directory), parameter, start))
 

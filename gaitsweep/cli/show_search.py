@@ -13,6 +13,7 @@ from gaitsweep.fitting.estimate import SearchEstimate
 from gaitsweep.fitting.identifiability import NEAR
 from gaitsweep.fitting.search import SearchResult
 from gaitsweep.fitting.targets import MISS
+from gaitsweep.runs.status_sentences import SetStatus
 
 # Reasons that are shown where all sets failed.
 _REASONS = 3
@@ -39,8 +40,7 @@ def estimate(needs: SearchEstimate) -> str:
 
 def outcome(found: SearchResult) -> str:
     """Format the result of a search: sets by status, the best one, its targets, and each constant's range."""
-    status = [str(each) for each in found.table["status"]]
-    counts = ", ".join(f"{status.count(name)} {name}" for name in ("complete", "failed"))
+    counts = ", ".join(f"{status.among(found.table).sum()} {status}" for status in SetStatus)
     lines = [f"{len(found.table)} sets: {counts}."]
     if found.path is not None:
         lines.append(f"Table: {found.path / 'table'}")

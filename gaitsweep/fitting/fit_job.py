@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -14,9 +14,19 @@ from gaitsweep import effort, near_miss
 from gaitsweep.design.design import inside, must
 from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.fitting.free_parameters import FreeParameter
-from gaitsweep.fitting.measure_kinds import MEASURES
-from gaitsweep.fitting.measures import Measure
+from gaitsweep.fitting.measures import (
+    Coexistence,
+    Edge,
+    Failures,
+    FixedPoint,
+    Measure,
+    Order,
+    Prominence,
+    Share,
+    Value,
+)
 from gaitsweep.fitting.population import Population, job_with_run
+from gaitsweep.fitting.ramp_measures import GaitSequence, Transition
 from gaitsweep.job import Job
 from gaitsweep.job.config import Config
 from gaitsweep.job.load import laid_over
@@ -34,9 +44,14 @@ from gaitsweep.schema.diagnostics import (
     wrong_kind,
 )
 from gaitsweep.schema.diagnostics import Path as FieldPath
-from gaitsweep.schema.strict_model import StrictModel, kind_of
+from gaitsweep.schema.strict_model import Registry, StrictModel, kind_of
 from gaitsweep.shipped import job_file
 
+T = TypeVar("T", bound=StrictModel)
+MEASURES: Registry[Measure] = Registry(
+    "measure",
+    [Value, Edge, Share, Coexistence, Order, Prominence, Failures, FixedPoint, Transition, GaitSequence],
+)
 # Fields of a job that have no place beside sets of constants.
 _WITHOUT = ("vary", "figures")
 
@@ -60,6 +75,10 @@ class FitJob:
     @property
     def name(self) -> str:
         return str(self.given.get("name"))
+
+    def path_of(self, measure: str) -> tuple[str, str, str]:
+        """Return the path of a measure in the job."""
+        return self.field, "targets" if self.field == "search" else "outputs", measure
 
     @property
     def structure(self) -> tuple[str, ...]:
@@ -149,25 +168,28 @@ class FitJob:
         return Population(self.job_of, self.structure, self.measures)
 
 
+def by_name(value: Any, takes: str, path: FieldPath, wrong: list[Diagnostic]) -> Iterator[tuple[str, Any]]:
+    """Yield names and entries of a field that takes such; if it has none, an error is added to `wrong`."""
+    if isinstance(value, Mapping) and value:
+        yield from ((str(name), entry) for name, entry in value.items())
+    else:
+        begin = "is missing: it" if value is None else f"is {found(value)}, but"
+        wrong.append(Diagnostic(path, f"{begin} takes {takes}."))
+
+
 def read_free(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> dict[str, FreeParameter]:
     """Read the free constants by name; errors are added to `wrong`."""
-    if not isinstance(value, Mapping) or not value:
-        begin = "is missing: it" if value is None else f"is {found(value)}, but"
-        wrong.append(
-            Diagnostic(path, f"{begin} takes constants by name, such as kappa: {{low: 1, high: 2}}.")
-        )
-        return {}
     read = {}
-    for name, written in value.items():
+    for name, written in by_name(value, "constants by name, such as kappa: {low: 1, high: 2}", path, wrong):
         if isinstance(written, list) and len(written) == 2:  # [low, high] is short for it
             written = {"low": written[0], "high": written[1]}
         if not isinstance(written, Mapping):
             allowed = near_miss.allowing(FreeParameter.model_fields)
             text = f"is {found(written)}, but takes [low, high], or fields. {allowed}"
-            wrong.append(Diagnostic((*path, str(name)), text))
+            wrong.append(Diagnostic((*path, name), text))
             continue
-        if (part := read_model(FreeParameter, written, (*path, str(name)), wrong)) is not None:
-            read[str(name)] = part
+        if (part := read_model(FreeParameter, written, (*path, name), wrong)) is not None:
+            read[name] = part
     return read
 
 
@@ -219,7 +241,6 @@ def read_fit_job(
     folder: Path,
     free: dict[str, FreeParameter],
     measures: dict[str, Measure],
-    listed: str,
     wrong: list[Diagnostic],
 ) -> FitJob:
     """Read a job whose free constants and measures have been read.
@@ -230,7 +251,6 @@ def read_fit_job(
         folder: folder to which its paths are relative.
         free: the free constants by name.
         measures: the measures by name.
-        listed: the field of `field` that has the measures.
         wrong: the errors so far.
 
     Raises:
@@ -254,7 +274,7 @@ def read_fit_job(
     fit = FitJob(field, written, folder, free, measures, spec, config.raw)
     wrong.extend(_wrong_run(fit))
     wrong.extend(wrong_constants(fit))
-    wrong.extend(wrong_measures(fit, listed))
+    wrong.extend(wrong_measures(fit))
     refuse(wrong)
     for structure in fit.structures:
         try:
@@ -263,16 +283,16 @@ def read_fit_job(
             raise _at_the_choices(error, fit) from None
         of_the_job = table_columns(job.design, job.run)
         for name, measure in measures.items():
-            columns = of_the_job
+            path, columns = fit.path_of(name), of_the_job
             if (run := measure.own_run) is not None:
-                columns = _columns_of_run(fit, structure, run, (field, listed, name, "run"), wrong)
+                columns = _columns_of_run(fit, structure, run, (*path, "run"), wrong)
             method = job.integration.method
             if measure.on_map and (refusal := derivative_refusal(method, job.design.model)) is not None:
                 text = f"is fixed_point, but by {method} a return map has no derivative: {refusal}"
-                wrong.append(Diagnostic((field, listed, name, "kind"), text))
+                wrong.append(Diagnostic((*path, "kind"), text))
             if (bad := measure.wrong(columns, job.design.model)) is not None:
                 key, text = bad
-                wrong.append(Diagnostic((field, listed, name, key), text))
+                wrong.append(Diagnostic((*path, key), text))
         refuse(wrong)
     return fit
 
@@ -282,7 +302,7 @@ def _columns_of_run(
 ) -> list[str]:
     """Return the columns of the run of a measure at `path`; errors are added to `wrong`."""
     if run.moved in fit.free:
-        text = f"is {run.moved}, which is free: a ramp moves what is no constant of a set."
+        text = f"is {run.moved}, which is free, but a ramp cannot move a free constant."
         wrong.append(Diagnostic((*path, "parameter"), text))
         return []
     try:
@@ -296,6 +316,24 @@ def _columns_of_run(
         refuse(wrong)
         raise
     return table_columns(job.design, job.run)
+
+
+def read_settings(
+    part: type[T],
+    field: str,
+    beside: Sequence[str],
+    written: Mapping[str, Any],
+    wrong: list[Diagnostic],
+) -> T | None:
+    """Read the settings of a search or an analysis, which stand in `field` beside the fields `beside`.
+
+    Errors are added to `wrong`.
+    """
+    rest = {key: value for key, value in written.items() if key not in beside}
+    for key in [key for key in rest if key not in part.model_fields]:
+        wrong.append(unknown_field((field, str(key)), field, [*beside, *part.model_fields]))
+        del rest[key]
+    return read_model(part, rest, (field,), wrong)
 
 
 def read_file(path: str | Path, overrides: Sequence[str], read: Any) -> Any:
@@ -369,8 +407,8 @@ def _free_field(fit: FitJob) -> str:
     return "free" if fit.field == "search" else "parameters"
 
 
-def wrong_measures(fit: FitJob, listed: str) -> list[Diagnostic]:
-    """Diagnostics of the conditions of measures, in the field `listed`."""
+def wrong_measures(fit: FitJob) -> list[Diagnostic]:
+    """Diagnostics of the conditions of measures."""
     wrong = []
     for name, measure in fit.measures.items():
         lacking = sorted(fit.without_default - set(measure.at))
@@ -378,9 +416,9 @@ def wrong_measures(fit: FitJob, listed: str) -> list[Diagnostic]:
             text = (
                 f"does not set {' and '.join(lacking)}, which the job does not fix and which has no default."
             )
-            wrong.append(Diagnostic((fit.field, listed, name, "at"), text))
+            wrong.append(Diagnostic((*fit.path_of(name), "at"), text))
         for condition, values in measure.at.items():
-            path = (fit.field, listed, name, "at", condition)
+            path = (*fit.path_of(name), "at", condition)
             if (unknown := fit.spec.unknown(condition, "vary")) is not None:
                 wrong.append(Diagnostic(path, unknown))
             elif condition in fit.structure:

@@ -11,6 +11,7 @@ import pandas as pd
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.search_job import Search
 from gaitsweep.fitting.targets import MISS
+from gaitsweep.runs.status_sentences import SetStatus
 
 # Where no set fits all targets, the near-best sets are those within this factor of the least score.
 NEAR = 1.1
@@ -99,8 +100,8 @@ def identifiability(table: pd.DataFrame, search: Search) -> Identifiability:
         table: the measured sets.
         search: the search.
     """
-    measured = np.flatnonzero((table["status"].astype(str) == "complete").to_numpy())
-    sound = table.iloc[measured].sort_values(["score", "row"], kind="stable")
+    complete = np.flatnonzero(SetStatus.COMPLETE.among(table))
+    sound = table.iloc[complete].sort_values(["score", "row"], kind="stable")
     if not len(sound):
         nothing = tuple(Constant(name, None, None, None, 1.0, np.full(PARTS, np.nan)) for name in search.free)
         return Identifiability(sound, 0, nothing)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -177,24 +178,8 @@ def _elementary_effects(design: SensitivityDesign, y: np.ndarray, seed: int) -> 
     from SALib.analyze import morris
 
     used = np.repeat(whole, k + 1)
-    with _seeded(seed):
-        analysis = morris.analyze(
-            unit_cube(k),
-            design.shares[used],
-            y[used],
-            num_resamples=_RESAMPLES,
-            conf_level=LEVEL,
-            num_levels=LEVELS,
-            seed=seed,
-        )
-    return {
-        name: {
-            "mu_star": _Index(float(analysis["mu_star"][i]), float(analysis["mu_star_conf"][i]), rows, note),
-            "mu": _Index(float(analysis["mu"][i]), np.nan, rows, note),
-            "sigma": _Index(float(analysis["sigma"][i]), np.nan, rows, note),
-        }
-        for i, name in enumerate(names)
-    }
+    arguments = (design.shares[used], y[used])
+    return _by_salib(morris, "morris", names, arguments, seed, rows, note, num_levels=LEVELS)
 
 
 def _variance_shares(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str, dict[str, _Index]]:
@@ -205,22 +190,7 @@ def _variance_shares(design: SensitivityDesign, y: np.ndarray, seed: int) -> dic
         return {name: _missing(INDICES["sobol"], why, y.size) for name in names}
     from SALib.analyze import sobol
 
-    with _seeded(seed):
-        analysis = sobol.analyze(
-            unit_cube(len(names)),
-            y,
-            calc_second_order=False,
-            num_resamples=_RESAMPLES,
-            conf_level=LEVEL,
-            seed=seed,
-        )
-    return {
-        name: {
-            index: _Index(float(analysis[index][i]), float(analysis[f"{index}_conf"][i]), y.size)
-            for index in INDICES["sobol"]
-        }
-        for i, name in enumerate(names)
-    }
+    return _by_salib(sobol, "sobol", names, (y,), seed, y.size, "", calc_second_order=False)
 
 
 def _given_data(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str, dict[str, _Index]]:
@@ -245,19 +215,38 @@ def _given_data(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str
         return {name: _missing(INDICES["rbd_fast"], why, rows) for name in names}
     from SALib.analyze import rbd_fast
 
+    of = _by_salib(rbd_fast, "rbd_fast", names, (design.shares[used], y[used]), seed, rows, note)
+    return {name: {**by_index, "ST": total} for name, by_index in of.items()}
+
+
+def _by_salib(
+    package: Any,
+    method: str,
+    names: Sequence[str],
+    arguments: Sequence[np.ndarray],
+    seed: int,
+    rows: int,
+    note: str,
+    **options: Any,
+) -> dict[str, dict[str, _Index]]:
+    """Compute the indices of each parameter by a package of SALib, with their intervals if it gives them."""
     with _seeded(seed):
-        analysis = rbd_fast.analyze(
-            unit_cube(k),
-            design.shares[used],
-            y[used],
+        analysis = package.analyze(
+            unit_cube(len(names)),
+            *arguments,
             num_resamples=_RESAMPLES,
             conf_level=LEVEL,
             seed=seed,
+            **options,
         )
+    nothing = np.full(len(names), np.nan)
     return {
         name: {
-            "S1": _Index(float(analysis["S1"][i]), float(analysis["S1_conf"][i]), rows, note),
-            "ST": total,
+            index: _Index(
+                float(analysis[index][i]), float(analysis.get(f"{index}_conf", nothing)[i]), rows, note
+            )
+            for index in INDICES[method]
+            if index in analysis
         }
         for i, name in enumerate(names)
     }

@@ -12,8 +12,7 @@ import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.continuation import floquet
-from gaitsweep.analysis.continuation.newton import newton
+from gaitsweep.analysis.continuation.newton import multipliers, newton
 from gaitsweep.contract import Model, Status, names_gait
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
@@ -180,8 +179,7 @@ class Value(RowMeasure):
     among: Among | None = _AMONG
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
-        status = rows["status"]
-        unsound = ~Status.SOUND.among(status)
+        unsound = ~Status.SOUND.among(rows["status"])
         seen = column(self.of_, rows)
         if self.among is None:
             turning = self.circular(model)
@@ -191,10 +189,7 @@ class Value(RowMeasure):
             counts = within(self.among, rows)
             unsound, nothing = unsound & counts, ~counts.any(axis=1)
             values = _mean(seen, counts, self.circular(model))
-        first = status[np.arange(len(status)), unsound.argmax(axis=1)]
-        why = np.where(
-            unsound.any(axis=1), first, np.where(np.isfinite(values), "", f"{self.of_} is missing")
-        )
+        why = _why_none(self.of_, rows["status"], unsound, np.isfinite(values))
         why = np.where(nothing, _no_row(self.among), why)
         return Measured(np.where(why == "", values, np.nan), why)
 
@@ -230,9 +225,8 @@ class Edge(RowMeasure):
         return {q.name: q.unit for q in model.parameters}.get(self.along, "1")
 
     def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
-        if (bad := _wrong_list(self.along, self.at, "an edge", " from the gait's side")) is not None:
-            return bad
-        return wrong_gait(self.gait, model.gaits)
+        wrong = _wrong_list(self.along, self.at, "an edge", " from the gait's side")
+        return wrong or wrong_gaits("gait", [self.gait], model)
 
 
 class Share(RowMeasure):
@@ -254,10 +248,7 @@ class Share(RowMeasure):
         return "1"
 
     def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
-        for gait in self.gait:
-            if (bad := wrong_gait(gait, model.gaits)) is not None:
-                return bad
-        return _wrong_ranges(self.among, columns)
+        return wrong_gaits("gait", self.gait, model) or _wrong_ranges(self.among, columns)
 
 
 class Coexistence(RowMeasure):
@@ -287,11 +278,9 @@ class Coexistence(RowMeasure):
         return {q.name: q.unit for q in model.parameters}.get(self.along, "1")
 
     def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
-        for gait in (gait for group in self.gaits for gait in group):
-            if (bad := wrong_gait(gait, model.gaits)) is not None:
-                return "gaits", bad[1]
         alone = {name: values for name, values in self.at.items() if name == self.along}
-        return _wrong_list(self.along, alone, "a coexistence")
+        wrong = wrong_gaits("gaits", itertools.chain(*self.gaits), model)
+        return wrong or _wrong_list(self.along, alone, "a coexistence")
 
 
 class Order(RowMeasure):
@@ -322,10 +311,9 @@ class Order(RowMeasure):
         return unit_of(self.of_, model)
 
     def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
-        every = [gait for group in self.gaits for gait in group]
-        for gait in every:
-            if (bad := wrong_gait(gait, model.gaits)) is not None:
-                return "gaits", bad[1]
+        every = list(itertools.chain(*self.gaits))
+        if (wrong := wrong_gaits("gaits", every, model)) is not None:
+            return wrong
         if twice := [gait for gait in every if every.count(gait) > 1]:
             return "gaits", f"has {twice[0]} twice."
         return wrong_column(self.of_, columns)
@@ -345,26 +333,24 @@ class Prominence(RowMeasure):
     along: Text = Field(description="the parameter, whose list stands in `at`")
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
-        status = rows["status"]
-        unsound = ~Status.SOUND.among(status)
+        unsound = ~Status.SOUND.among(rows["status"])
         curve = column(self.of_, rows)
         least = 1 + curve[:, 1:-1].argmin(axis=1)
         places = np.arange(curve.shape[1])
         sides = [places < least[:, None], places > least[:, None]]
         peaks = [np.where(side, curve, -np.inf).max(axis=1) for side in sides]
-        first = status[np.arange(len(status)), unsound.argmax(axis=1)]
-        finite = np.isfinite(curve).all(axis=1)
         with np.errstate(invalid="ignore"):  # of curves that are not finite
             values = np.minimum(*peaks) - curve[np.arange(len(curve)), least]
-        why = np.where(unsound.any(axis=1), first, np.where(finite, "", f"{self.of_} is missing"))
+        finite = np.asarray(np.isfinite(curve).all(axis=1))
+        why = _why_none(self.of_, rows["status"], unsound, finite)
         return Measured(np.where(why == "", values, np.nan), why)
 
     def unit(self, model: Model) -> str:
         return unit_of(self.of_, model)
 
     def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
-        if (bad := _wrong_list(self.along, self.at, "a prominence")) is not None:
-            return bad
+        if (wrong := _wrong_list(self.along, self.at, "a prominence")) is not None:
+            return wrong
         if len(self.at[self.along]) < 3:
             return "at", f"has fewer than three values of {self.along}, which a prominence takes."
         return wrong_column(self.of_, columns)
@@ -417,7 +403,7 @@ class FixedPoint(Measure):
             else:
                 names = [quantity.name for quantity in mapping.conserved]
                 conserved = images.conserved_jacobian[known][:, [names.index(name) for name in self.fix]]
-                size = np.abs(floquet.multipliers(images.jacobian[known], conserved))
+                size = np.abs(multipliers(images.jacobian[known], conserved))
                 measured[known] = size[:, 0] if self.of_ == _MULTIPLIER else (size > 1.0).sum(axis=1)
         why = np.where(np.isnan(measured), "no fixed point found", "")
         return Measured(measured, why)
@@ -485,6 +471,12 @@ def _mean(seen: np.ndarray, counts: np.ndarray, circular: bool = False) -> np.nd
     return per_row * np.where(counts, seen, 0.0).sum(axis=1)
 
 
+def _why_none(of: str, status: np.ndarray, unsound: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Return why sets (n,) have no value of `of`: a row that is not sound, or a missing number; else ""."""
+    first = status[np.arange(len(status)), unsound.argmax(axis=1)]
+    return np.where(unsound.any(axis=1), first, np.where(known, "", f"{of} is missing"))
+
+
 def unit_of(formula: str, model: Model) -> str:
     """Return the unit of a column, "" for a formula."""
     units = {q.name: q.unit for q in model.label_fields} | {"t_end": "s"}
@@ -543,9 +535,10 @@ def _unknown(name: str, allowed: Iterable[str]) -> str:
     return f"is {name}, which is unknown{near_miss.suggestion(name, list(allowed))}"
 
 
-def wrong_gait(gait: str, gaits: Sequence[str]) -> tuple[str, str] | None:
-    """Check the name of a gait; return as `Measure.wrong` does."""
-    return None if gait in gaits else ("gait", _unknown(gait, gaits))
+def wrong_gaits(field: str, gaits: Iterable[str], model: Model) -> tuple[str, str] | None:
+    """Check the names of gaits in a field; return as `Measure.wrong` does."""
+    unknown = [gait for gait in gaits if gait not in model.gaits]
+    return (field, _unknown(unknown[0], model.gaits)) if unknown else None
 
 
 def _always(values: np.ndarray) -> Measured:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from gaitsweep.fitting.measures import (
     column,
     unit_of,
     wrong_column,
-    wrong_gait,
+    wrong_gaits,
 )
 from gaitsweep.kinds import Ramp, RunKind
 from gaitsweep.schema.numbers import Count, CountOrZero, Text
@@ -125,10 +125,9 @@ class Transition(RampMeasure):
         return unit_of(self.of_, model)
 
     def wrong_names(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
-        for key, gaits in (("gait", self.gait), ("to", self.to)):
-            for gait in gaits:
-                if (bad := wrong_gait(gait, model.gaits)) is not None:
-                    return key, bad[1]
+        wrong = wrong_gaits("gait", self.gait, model) or wrong_gaits("to", self.to, model)
+        if wrong is not None:
+            return wrong
         if both := [gait for gait in self.to if gait in self.gait]:
             return "to", f"has {both[0]}, which is in gait too."
         if self.of_ is None:
@@ -136,7 +135,7 @@ class Transition(RampMeasure):
         circular = [q.name for q in model.observables if q.circular]
         if self.of_.removesuffix(_SUFFIX) in circular:
             return "of", f"is {self.of_}, an angle, which has no middle between two crossings."
-        return wrong_column(self.of_, _names(columns))
+        return wrong_column(self.of_, [name.removesuffix(_SUFFIX) for name in columns])
 
 
 class GaitSequence(RampMeasure):
@@ -175,10 +174,7 @@ class GaitSequence(RampMeasure):
         return "1"
 
     def wrong_names(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
-        for gait in itertools.chain.from_iterable(self.gaits):
-            if (bad := wrong_gait(gait, model.gaits)) is not None:
-                return "gaits", bad[1]
-        return None
+        return wrong_gaits("gaits", itertools.chain(*self.gaits), model)
 
 
 def crossings_of(table: Mapping[str, np.ndarray], n_rows: int) -> list[Crossings]:
@@ -193,10 +189,6 @@ def crossings_of(table: Mapping[str, np.ndarray], n_rows: int) -> list[Crossings
 def _by_their_names(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Return columns, with observables also by their own names."""
     return {**columns, **{name.removesuffix(_SUFFIX): values for name, values in columns.items()}}
-
-
-def _names(columns: Iterable[str]) -> list[str]:
-    return [name.removesuffix(_SUFFIX) for name in columns]
 
 
 def _bouts(codes: np.ndarray, least: int) -> list[tuple[int, int, int]]:

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import threading
 import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import partial
 from pathlib import Path
+from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,11 +24,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from gaitsweep import near_miss
-from gaitsweep.contract import Status
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.errors import ArgumentError
-from gaitsweep.fitting.batches import Batches
-from gaitsweep.fitting.cluster_rows import ClusterRows
+from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
 from gaitsweep.fitting.free_parameters import sets_at
 from gaitsweep.fitting.identifiability import Identifiability, identifiability
 from gaitsweep.fitting.measures import Measured
@@ -39,9 +40,8 @@ from gaitsweep.job import JobError
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.executor import write_blocks
-from gaitsweep.runs.makers import continue_directory
-from gaitsweep.runs.prepare import naming_the_file
 from gaitsweep.runs.progress import Progress
+from gaitsweep.runs.status_sentences import SetStatus
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.table import ResultDirectory, Snapshot, TableError, load
 
@@ -51,6 +51,10 @@ if TYPE_CHECKING:
 FINALISTS = "finalists.parquet"
 # Packages whose versions decide which sets are chosen.
 _DECIDING = ("numpy", "scipy", "cma", "pymoo")
+# Seconds between two polls of the running batches.
+_POLL = 0.1
+# The measures of a batch by name; None of a batch that is on disk.
+_Batch = dict[str, Measured] | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,10 +116,6 @@ def run_search(
     on_progress = on_progress or (lambda *_, **__: None)
     population = job.fit.population()
     context = population.prepared(job.fit.structures[0])
-    if context.note is not None:
-        on_message(context.note)
-    for caveat in context.model.caveats():
-        on_message(f"Warning: {caveat}")
     platform = context.spec.devices[0].platform
     together = job.sets_together(context, population.rows_of_a_set)
     versions = {name: provenance.version_of(name) for name in _DECIDING}
@@ -127,21 +127,9 @@ def run_search(
         side_by_side=side_by_side,
         versions=versions,
     )
-    with (
-        naming_the_file(),
-        ResultDirectory.open(path, job.resolved(), job_hash, job.options.budget, together) as directory,
-    ):
-        for note in directory.notes:
-            on_message(note)
-        continue_directory(context, directory, on_message)
-        directory.update_manifest(
-            engine=context.engine,
-            device=context.device,
-            precision=context.spec.numerics.precision,
-            method=context.spec.numerics.method,
-            quantities=_quantities(job, population),
-            versions=provenance.versions() | versions,
-        )
+    budget = job.options.budget
+    with open_directory(path, job.resolved(), job_hash, budget, together, context, on_message) as directory:
+        describe(context, directory, _quantities(job, population), versions)
         if cluster is not None:
             population.run_elsewhere = ClusterRows(path, cluster)
         write_blocks(directory, _Search(job, population, directory, on_progress, side_by_side).blocks())
@@ -171,6 +159,53 @@ def draw_again(path: Path) -> list[Path]:
         raise JobError(wrong)
     table = load(path)
     return draw_search(path, search, table, identifiability(table, search))
+
+
+class _Batches:
+    """Batches of sets that are measured side by side, each in a thread, and end in the order of their begin.
+
+    A batch lasts as long as its slowest row. Near its end most lanes of a GPU would be idle, so other batches
+    run meanwhile.
+
+    Args:
+        threads: batches that run at a time; others wait.
+        on_progress: progress callback, called about ten times a second during `oldest` with the progress of
+            each running batch; an exception that it raises is raised by `oldest`.
+    """
+
+    def __init__(self, threads: int, on_progress: Callable[[list[SweepProgress]], None]) -> None:
+        self._threads, self._on_progress = ThreadPoolExecutor(threads), on_progress
+        self._under_way: deque[tuple[Future[_Batch], list[SweepProgress]]] = deque()
+        self._stopped = threading.Event()
+
+    def __enter__(self) -> _Batches:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stopped.set()
+        self._threads.shutdown(cancel_futures=True)
+
+    def begin(self, measure: Callable[[Callable[[SweepProgress], None]], _Batch]) -> None:
+        """Measure a batch in a thread; `measure` receives a progress callback."""
+        done: list[SweepProgress] = []
+
+        def on_progress(now: SweepProgress) -> None:
+            if self._stopped.is_set():  # nobody reads its result
+                raise InterruptedError
+            done[:] = [now]
+
+        self._under_way.append((self._threads.submit(measure, on_progress), done))
+
+    def oldest(self) -> _Batch:
+        """Wait for the batch that began first, and return its result."""
+        future, _ = self._under_way[0]
+        while not future.done():
+            wait([future], timeout=_POLL)
+            self._on_progress([done[0] for _, done in self._under_way if done])
+        self._under_way.popleft()
+        return future.result()
 
 
 class _Search:
@@ -216,7 +251,7 @@ class _Search:
         chosen: deque[tuple[int, dict[str, np.ndarray]]] = deque()
         # a cluster takes one batch at a time
         threads = 1 if self.population.run_elsewhere is not None else self.side_by_side
-        with Batches[dict[str, Measured] | None](threads, self._report) as self.batches:
+        with _Batches(threads, self._report) as self.batches:
             for number in range(self.directory.n_blocks):
                 if len(chosen) == self.side_by_side:
                     yield from self._end(*chosen.popleft())
@@ -299,7 +334,7 @@ class _Search:
             **{name: target.shown(measured[name].values, model) for name, target in targets.items()},
             **{f"{MISS}{name}": miss for name, miss in misses.items()},
             "score": scores(misses, targets),
-            "status": pd.Categorical.from_codes(failed.astype(int), [Status.complete.name, "failed"]),
+            "status": SetStatus.column(failed),
             "why": pd.Series(why, dtype="str"),
         }
         return pd.DataFrame(frame)

@@ -17,6 +17,7 @@ from gaitsweep.fitting.search_job import Search
 from gaitsweep.fitting.targets import FAILED_MISS, MISS
 from gaitsweep.plot.columns import symbol, unit_of
 from gaitsweep.plot.style import PAGE, canvas
+from gaitsweep.runs.status_sentences import SetStatus
 from gaitsweep.table import own_folder, replace_file
 
 # The figures, in their order.
@@ -66,7 +67,7 @@ def search_figure(name: str, search: Search, table: pd.DataFrame, near: Identifi
 def _convergence(table: pd.DataFrame) -> Figure:
     """Draw the score of each set, and the least so far; failed sets are marked on top."""
     numbers = table["row"].to_numpy() + 1
-    failed = table["status"].astype(str).to_numpy() == "failed"
+    failed = SetStatus.FAILED.among(table)
     scores = np.where(failed, np.nan, table["score"].to_numpy())
     with canvas(PAGE / 2, 2.6) as figure:
         axes = figure.add_subplot()

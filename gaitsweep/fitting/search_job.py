@@ -17,13 +17,21 @@ from pydantic import Field
 from gaitsweep import near_miss
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.errors import ArgumentError
-from gaitsweep.fitting.fit_job import FitJob, read_file, read_fit_job, read_free, read_measure
+from gaitsweep.fitting.fit_job import (
+    FitJob,
+    by_name,
+    read_file,
+    read_fit_job,
+    read_free,
+    read_measure,
+    read_settings,
+)
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.optimisers import METHODS, missing_package
 from gaitsweep.fitting.robustness import ROBUST, Robust, own_constants, robust_target, wrong_robust
 from gaitsweep.fitting.targets import MISS, Target, TargetValue
 from gaitsweep.runs.prepare import RunContext
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, read_model, refuse, unknown_field
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, read_model, refuse
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Seed, Text, word
 from gaitsweep.schema.strict_model import StrictModel, plain
 from gaitsweep.table import TableError, load
@@ -86,8 +94,8 @@ class SearchOptions(StrictModel):
     )
     width: Positive | None = Field(
         default=None,
-        description="standard deviation with which the strategies of cma begin, a share of the ranges, .2 by "
-        "default; a small one stays near `known` sets",
+        description="standard deviation with which the strategies of cma begin, a share of the ranges, 0.2 "
+        "by default; a small one stays near `known` sets",
     )
     seed: Seed = Field(default=0, description="seed of all that is drawn")
     finalists: CountOrZero = Field(
@@ -204,7 +212,7 @@ def read_search(data: Mapping[str, Any], folder: Path) -> SearchJob:
     search = read_search_field(data, wrong)
     robust = search.options.robust
     measures = {name: target.measure for name, target in search.targets.items() if target.value is not robust}
-    fit = read_fit_job("search", data, folder, search.free, measures, "targets", wrong)
+    fit = read_fit_job("search", data, folder, search.free, measures, wrong)
     if (package := missing_package(search.options.method)) is not None:
         raise ArgumentError(
             f"search.method {search.options.method} needs the package {package}: "
@@ -230,12 +238,7 @@ def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Searc
         raise JobError([Diagnostic(("search",), f"{text}: it has free, targets, budget, and method.")])
     free = read_free(search.get("free"), ("search", "free"), wrong)
     targets = _read_targets(search.get("targets"), free, wrong)
-    rest = {key: value for key, value in search.items() if key not in ("free", "targets")}
-    for key in [key for key in rest if key not in SearchOptions.model_fields]:
-        allowed = ["free", "targets", *SearchOptions.model_fields]
-        wrong.append(unknown_field(("search", str(key)), "search", allowed))
-        del rest[key]
-    options = read_model(SearchOptions, rest, ("search",), wrong)
+    options = read_settings(SearchOptions, "search", ("free", "targets"), search, wrong)
     every = targets
     if options is not None and options.robust is not None:
         wrong.extend(wrong_robust(options.robust, free, targets))
@@ -325,15 +328,10 @@ def _read_targets(
     value: Any, free: Mapping[str, FreeParameter], wrong: list[Diagnostic]
 ) -> dict[str, Target]:
     path = ("search", "targets")
-    if not isinstance(value, Mapping) or not value:
-        begin = "is missing: it" if value is None else f"is {found(value)}, but"
-        wrong.append(
-            Diagnostic(path, f"{begin} takes targets by name, each with kind, at, wanted and error.")
-        )
-        return {}
     targets = {}
-    for name, fields in value.items():
-        target_path = (*path, str(name))
+    takes = "targets by name, each with kind, at, wanted and error"
+    for name, fields in by_name(value, takes, path, wrong):
+        target_path = (*path, name)
         if not isinstance(fields, Mapping):
             wrong.append(Diagnostic(target_path, f"is {found(fields)}, but takes fields (key: value)."))
             continue
@@ -341,14 +339,14 @@ def _read_targets(
         target_value = read_model(TargetValue, aims, target_path, wrong)
         measured = {key: field for key, field in fields.items() if key not in aims}
         measure = read_measure(measured, target_path, wrong, beside=TargetValue)
-        if not str(name).isidentifier():
+        if not name.isidentifier():
             wrong.append(
                 Diagnostic(target_path, "has a name that is not of letters, digits and _: take another.")
             )
-        elif str(name) in (*_COLUMNS, *free) or str(name).startswith(MISS) or str(name).endswith("_half"):
+        elif name in (*_COLUMNS, *free) or name.startswith(MISS) or name.endswith("_half"):
             wrong.append(
                 Diagnostic(target_path, "has the name of another column of the table: take another.")
             )
         if target_value is not None and measure is not None:
-            targets[str(name)] = Target(str(name), measure, target_value)
+            targets[name] = Target(name, measure, target_value)
     return targets

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from gaitsweep.circular import wrapped_difference
 from gaitsweep.contract import Model
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
-from gaitsweep.fitting.cluster_rows import ClusterRows
+from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
 from gaitsweep.fitting.indices import Output, indices, unwrapped
 from gaitsweep.fitting.measures import Measure, Measured
 from gaitsweep.fitting.population import Population
@@ -26,9 +26,8 @@ from gaitsweep.plot.sensitivity import sensitivity_figure
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.executor import write_blocks
-from gaitsweep.runs.makers import continue_directory
-from gaitsweep.runs.prepare import RunContext, naming_the_file
 from gaitsweep.runs.progress import Progress
+from gaitsweep.runs.status_sentences import SetStatus
 from gaitsweep.runs.summary import quantities_of
 from gaitsweep.table import ResultDirectory, load, replace_file
 from gaitsweep.table.files import writing
@@ -39,7 +38,6 @@ if TYPE_CHECKING:
 
 INDICES_FILE = "indices.parquet"
 FIGURE = "sensitivity.png"
-_STATUSES = ["complete", "failed"]
 # Rows of a batch on a cluster, at most: its job, which contains each set, is sent to every worker.
 _ROWS_OF_A_BATCH = 2**15
 
@@ -78,9 +76,9 @@ class HalfStep:
 class Sensitivity:
     """Result of a sensitivity analysis.
 
-    `table`: one record a set: `row`, `status` (complete, or failed where an output has no value), `why`, the
-    parameters and the outputs. `indices`: one record an index, see `gaitsweep.fitting.indices.indices`.
-    `half_step` compares some sets with half the step; `path` is the result directory, None in memory.
+    `table`: one record a set: `row`, `status` (a `SetStatus`), `why`, the parameters and the outputs.
+    `indices`: one record an index, see `gaitsweep.fitting.indices.indices`. `half_step` compares some sets
+    with half the step; `path` is the result directory, None in memory.
     """
 
     table: pd.DataFrame
@@ -121,19 +119,11 @@ def run_sensitivity(
     n, rows = job.design.n_rows, max(1, population.rows_of_a_set)  # a fixed point has no row
     block = min(n, max(1, rows_of_a_part(context.job.engine.block, n * rows) // rows))
     resolved = job.resolved(context.job, context.engine)
-    if context.note is not None:
-        on_message(context.note)
-    for caveat in context.model.caveats():
-        on_message(f"Warning: {caveat}")
-    with (
-        naming_the_file(),
-        ResultDirectory.open(path, resolved, job.hash(context.job_hash, block), n, block) as directory,
-    ):
-        for note in directory.notes:
-            on_message(note)
-        continue_directory(context, directory, on_message)
+    job_hash = job.hash(context.job_hash, block)
+    with open_directory(path, resolved, job_hash, n, block, context, on_message) as directory:
         if missing := directory.missing_blocks():
-            _describe(job, context, directory)
+            salib = {"SALib": provenance.version_of("SALib")}
+            describe(context, directory, _quantities(job, context.model), salib)
             together = 1
             if cluster is not None:
                 population.run_elsewhere = ClusterRows(path, cluster)
@@ -194,24 +184,11 @@ def _records(
     return pd.DataFrame(
         {
             "row": rows.astype(np.int64),
-            "status": pd.Categorical(["failed" if reason else "complete" for reason in why], _STATUSES),
+            "status": SetStatus.column(np.array(why) != ""),
             **sets,
             **{name: output.values for name, output in measured.items()},
             "why": why,
         }
-    )
-
-
-def _describe(job: SensitivityJob, context: RunContext, directory: ResultDirectory) -> None:
-    """Write the units of the columns and the settings of the run into the manifest."""
-    model = context.model
-    directory.update_manifest(
-        engine=context.engine,
-        device=context.device,
-        precision=context.spec.numerics.precision,
-        method=context.spec.numerics.method,
-        quantities=_quantities(job, model),
-        versions=provenance.versions() | {"SALib": provenance.version_of("SALib")},
     )
 
 
@@ -287,7 +264,7 @@ def _analysed(job: SensitivityJob, table: pd.DataFrame, model: Model) -> Sensiti
         name: Output(table[name].to_numpy(float), measure.unit(model), measure.circular(model))
         for name, measure in job.outputs.items()
     }
-    failed = (table["status"].astype(str) == "failed").to_numpy()
+    failed = SetStatus.FAILED.among(table)
     if failed.any():
         outputs[FAILURES] = Output(failed.astype(float))
     index_table = indices(job.design, outputs, job.analysis.seed)

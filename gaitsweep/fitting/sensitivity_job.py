@@ -19,10 +19,12 @@ from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.designs import METHODS, SensitivityDesign, design_of
 from gaitsweep.fitting.fit_job import (
     FitJob,
+    by_name,
     read_file,
     read_fit_job,
     read_free,
     read_measure,
+    read_settings,
     wrong_constants,
     wrong_measures,
 )
@@ -31,7 +33,7 @@ from gaitsweep.fitting.measures import Measure
 from gaitsweep.fitting.population import Population
 from gaitsweep.job import Job
 from gaitsweep.job.model_spec import ModelSpec
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, read_model, refuse, unknown_field
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, refuse
 from gaitsweep.schema.numbers import Count, Seed, word
 from gaitsweep.schema.strict_model import StrictModel
 
@@ -152,7 +154,7 @@ def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
     ranges, shares = _read_parameters(written.get("parameters"), wrong)
     outputs = _read_outputs(written.get("outputs"), {*ranges, *shares}, wrong)
     analysis = _read_analysis(written, ranges, len(ranges) + len(shares), wrong)
-    fit = read_fit_job("sensitivity", data, folder, ranges, outputs, "outputs", wrong)
+    fit = read_fit_job("sensitivity", data, folder, ranges, outputs, wrong)
     assert analysis is not None  # else it was refused
     base = _own_values(fit).job_of({})
     for name in shares:
@@ -170,7 +172,7 @@ def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
             free[name] = around
     refuse(wrong)
     fit = dataclasses.replace(fit, free=free)
-    refuse([*wrong_constants(fit), *wrong_measures(fit, "outputs")])
+    refuse([*wrong_constants(fit), *wrong_measures(fit)])
     if analysis.method != "one_at_a_time" and importlib.util.find_spec("SALib") is None:
         raise ArgumentError(
             f"sensitivity.method {analysis.method} needs the package SALib: pip install 'gaitsweep[search]'."
@@ -183,13 +185,10 @@ def _read_parameters(
 ) -> tuple[dict[str, FreeParameter], dict[str, float]]:
     """Read the parameters with a range, and those with a share of the job's value."""
     path = ("sensitivity", "parameters")
-    if not isinstance(value, Mapping) or not value:
-        text = f"is {found(value)}, but takes ranges by name, such as kappa: 10% or kappa: [1, 2]."
-        wrong.append(Diagnostic(path, text))
-        return {}, {}
     ranges, shares = {}, {}
-    for key, written in value.items():
-        name, parameter_path = str(key), (*path, str(key))
+    takes = "ranges by name, such as kappa: 10% or kappa: [1, 2]"
+    for name, written in by_name(value, takes, path, wrong):
+        parameter_path = (*path, name)
         if isinstance(written, list | Mapping):
             read = read_free({name: written}, path, wrong)
             if name in read and read[name].choices is not None:
@@ -212,13 +211,10 @@ def _read_parameters(
 
 def _read_outputs(value: Any, parameters: Iterable[str], wrong: list[Diagnostic]) -> dict[str, Measure]:
     path = ("sensitivity", "outputs")
-    if not isinstance(value, Mapping) or not value:
-        wrong.append(Diagnostic(path, f"is {found(value)}, but takes measures by name."))
-        return {}
     taken = {*COLUMNS, FAILURES, *parameters}
     outputs = {}
-    for key, fields in value.items():
-        name, output_path = str(key), (*path, str(key))
+    for name, fields in by_name(value, "measures by name", path, wrong):
+        output_path = (*path, name)
         if name in taken or not name.isidentifier():
             text = "names a column of the table: take another name of letters, digits and _."
             wrong.append(Diagnostic(output_path, text))
@@ -231,12 +227,7 @@ def _read_analysis(
     written: Mapping[str, Any], ranges: Mapping[str, FreeParameter], k: int, wrong: list[Diagnostic]
 ) -> Analysis | None:
     """Read the settings of an analysis of k parameters, some with ranges; errors are added to `wrong`."""
-    rest = {key: value for key, value in written.items() if key not in ("parameters", "outputs")}
-    for key in [key for key in rest if key not in Analysis.model_fields]:
-        allowed = ["parameters", "outputs", *Analysis.model_fields]
-        wrong.append(unknown_field(("sensitivity", str(key)), "sensitivity", allowed))
-        del rest[key]
-    analysis = read_model(Analysis, rest, ("sensitivity",), wrong)
+    analysis = read_settings(Analysis, "sensitivity", ("parameters", "outputs"), written, wrong)
     if analysis is None:
         return None
     method, n, path = analysis.method, analysis.n, ("sensitivity", "n")
@@ -295,7 +286,7 @@ def _around(name: str, value: float, share: float, wrong: list[Diagnostic]) -> F
     """Return the range from `share` below a value to `share` above it."""
     if not np.isfinite(value) or value == 0.0:
         has = "is 0 in this job" if value == 0.0 else "has no value in this job"
-        text = f"{has}, of which a share is no range: give [low, high]."
+        text = f"{has}, so a share of it has no width: give [low, high]."
         wrong.append(Diagnostic(("sensitivity", "parameters", name), text))
         return None
     low, high = sorted((value * (1.0 - share), value * (1.0 + share)))

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from pydantic import Field
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
+from gaitsweep.analysis.continuation.continuation import ArclengthSteps
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.contract import Model, Status
 from gaitsweep.design import Design

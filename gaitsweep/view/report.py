@@ -17,7 +17,7 @@ import yaml
 from gaitsweep.analysis.records import in_order
 from gaitsweep.plot import style
 from gaitsweep.runs.self_check_report import advice, sentence
-from gaitsweep.runs.status_sentences import status_sentence
+from gaitsweep.runs.status_sentences import SetStatus, status_sentence
 from gaitsweep.table import Snapshot, load, replace_file, writing
 
 # Colours of a page by name, light and dark.
@@ -196,7 +196,7 @@ def _number(number: int, total: int) -> str:
 
 def _reasons(snapshot: Snapshot) -> str:
     """Most frequent reasons for failed sets of constants."""
-    if not snapshot.counts.get("failed"):  # no status of rows, which have none of this name
+    if not snapshot.counts.get(SetStatus.FAILED):  # a `Status` of rows has another name
         return ""
     why = _columns(snapshot, "why")["why"].astype(str)
     most = collections.Counter(each for each in why if each).most_common(_REASONS)

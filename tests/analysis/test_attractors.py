@@ -15,16 +15,18 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import squareform
 
 import gaitsweep as gs
-from gaitsweep.analysis.attractors.attractors import agreement, attractors, with_attractors
-from gaitsweep.analysis.attractors.linkage import (
+from gaitsweep.analysis.basins.attractor_matching import follow_attractors
+from gaitsweep.analysis.basins.attractors import (
     MOST_CELLS,
+    agreement,
+    attractors,
     cells,
     components,
     linking_distance,
     spanning_tree,
+    with_attractors,
 )
-from gaitsweep.analysis.attractors.state_space import Space
-from gaitsweep.analysis.basins.attractor_matching import follow_attractors
+from gaitsweep.analysis.basins.state_space import Space
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, classify, locked_state, segments

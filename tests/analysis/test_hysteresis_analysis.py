@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.analysis.transitions.transition_points import (
+from gaitsweep.analysis.transitions.hysteresis import (
     irregular_passes,
     jumps,
     largest_jumps,

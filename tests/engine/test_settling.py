@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
-from gaitsweep.analysis.attractors.attractors import attractors
+from gaitsweep.analysis.basins.attractors import attractors
 from gaitsweep.contract import Quantity, Status
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.settle import SettleRecorder

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 import gaitsweep as gs
 import toy_model
-from gaitsweep.fitting.measure_kinds import MEASURES
+from gaitsweep.fitting.fit_job import MEASURES
 from gaitsweep.fitting.measures import RowMeasure
 from gaitsweep.fitting.search_job import read_search
 from gaitsweep.schema.diagnostics import JobError

@@ -227,7 +227,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "no range": ({"parameters": {"x_1": 3}}, "x_1 is 3, but takes [low, high], or a share"),
     "a range upside down": ({"parameters": {"x_1": [2, 1]}}, "x_1 goes from 2 to 1: low is below high."),
     "out of bounds": ({"parameters": {"x_1": [0, 5]}}, "x_1 goes to 5, but must be from -4 to 4"),
-    "a share of 0": ({"parameters": {"nothing": "10%"}}, "nothing is 0 in this job, of which"),
+    "a share of 0": ({"parameters": {"nothing": "10%"}}, "nothing is 0 in this job"),
     "no share": ({"parameters": {"x_1": "0%"}}, 'x_1 is "0%", but must be above 0% and at most 100%.'),
     "a share out of bounds": (
         {"parameters": {"x_3": "100%"}, "top": {"params": {"x_3": 3}}},

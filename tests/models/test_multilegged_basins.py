@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import gaitsweep as gs
-from gaitsweep.analysis.attractors.attractors import agreement, attractors
+from gaitsweep.analysis.basins.attractors import agreement, attractors
 from gaitsweep.analysis.basins.fractions import fractions
 from gaitsweep.analysis.basins.measures import basins
 from gaitsweep.api.result import run

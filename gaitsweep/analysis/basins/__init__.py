@@ -1,1 +1,1 @@
-"""Measures of basins of attraction."""
+"""Attractors, their basins, and the edge states between basins."""

@@ -12,9 +12,9 @@ import pandas as pd
 import scipy
 from jaxtyping import Float
 
-from gaitsweep.analysis.attractors.attractors import attractors
-from gaitsweep.analysis.attractors.state_space import Space, state_columns
+from gaitsweep.analysis.basins.attractors import attractors
 from gaitsweep.analysis.basins.fractions import fractions
+from gaitsweep.analysis.basins.state_space import Space, state_columns
 from gaitsweep.analysis.records import require
 
 _MOST_STATES = 2000  # states of an attractor that its distances use

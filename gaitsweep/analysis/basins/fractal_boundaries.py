@@ -110,9 +110,7 @@ def uncertainty_fraction(
     if 2 * margin >= min(shape):
         raise AnalysisError(f"sizes has {margin} steps, but the grid is {min(shape)} starts wide: at most "
                             f"{(min(shape) - 1) // 2} steps leave a start with both neighbours.")  # fmt: skip
-    outcome = np.empty(labels.size, int)
-    outcome[grid.place] = pd.factorize(labels)[0]
-    outcome = outcome.reshape(shape)
+    outcome = grid.filled(pd.factorize(labels)[0])
     parts = max(round(BLOCKS ** (1 / len(shape))), 2)
     part = [place * parts // length for place, length in zip(np.indices(shape), shape, strict=True)]
     block = np.asarray(np.ravel_multi_index(tuple(part), (parts,) * len(shape)))

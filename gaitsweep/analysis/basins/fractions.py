@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import pandas as pd
 import scipy
-from jaxtyping import Float, Int, Shaped
+from jaxtyping import Float, Shaped
 
 from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
-from gaitsweep.analysis.records import AnalysisError, axes_of, in_order, outcome_labels, require
+from gaitsweep.analysis.records import AnalysisError, axes_of, in_order, outcome_labels, panels_of, require
 
 LEVEL = 0.95  # of confidence intervals
 _METHODS = {"wilson": "wilson", "clopper_pearson": "exact"}  # as SciPy calls them
@@ -69,18 +69,6 @@ def panels_and_axes(
     axes = [name for name in axes_of(table) if name not in by] if axes is None else list(axes)
     require(table, "status", *axes, *by)
     return by, axes
-
-
-def panels_of(
-    table: pd.DataFrame, by: Sequence[str]
-) -> Iterator[tuple[dict[str, object], Int[np.ndarray, " rows"]]]:
-    """Each combination of the values of `by`, in order, and the indices of its rows; one without `by`."""
-    if not by:
-        yield {}, np.arange(len(table))
-        return
-    for key, rows in table.groupby(list(by), sort=True, observed=True).indices.items():
-        values = key if isinstance(key, tuple) else (key,)
-        yield dict(zip(by, values, strict=True)), np.sort(rows)
 
 
 def proportion_interval(

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
+import scipy
 from jaxtyping import Bool, Float, Int, Real
 
 from gaitsweep.analysis.circular import is_circular
@@ -33,37 +34,29 @@ class BasinGrid:
         self, marked: Bool[np.ndarray, " rows"] | Int[np.ndarray, " rows"], cells: int
     ) -> Real[np.ndarray, " ..."]:
         """The number of marked (n,) rows in each window of `cells` a side, at every position in the grid."""
-        counts = np.zeros(int(np.prod(self.lengths)), np.int64)
-        counts[self.place] = marked
-        counts = counts.reshape(self.lengths)
+        counts = self.filled(np.asarray(marked, np.int64))
         for axis, wrap in enumerate(self.wraps):
             if wrap:
                 counts = np.concatenate([counts, counts.take(range(cells - 1), axis)], axis)
-            sums = np.cumsum(counts, axis)
-            sums = np.concatenate([np.zeros_like(sums.take([0], axis)), sums], axis)
-            size = sums.shape[axis]
-            counts = sums.take(range(cells, size), axis) - sums.take(range(size - cells), axis)
+            counts = np.lib.stride_tricks.sliding_window_view(counts, cells, axis).sum(axis=-1)
         return counts
 
     def shares_nearby(self, marked: Bool[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
         """The share of marked (n,) rows among each cell and its neighbours, corners included, (n,)."""
-        shape = tuple(
-            length if wrap else length + 2 for length, wrap in zip(self.lengths, self.wraps, strict=True)
-        )
-        inner = tuple(slice(None) if wrap else slice(1, -1) for wrap in self.wraps)
-        padded = BasinGrid(np.arange(int(np.prod(shape))), shape, self.steps, self.wraps)
         sums = []
         for values in (np.asarray(marked, np.int64), np.ones(self.place.size, np.int64)):
-            cells = np.zeros(int(np.prod(self.lengths)), np.int64)
-            cells[self.place] = values
-            wide = np.zeros(shape, np.int64)
-            wide[inner] = cells.reshape(self.lengths)
-            around = padded.windows(wide.ravel(), 3)
-            # where an axis wraps, the index of a window is its first cell, one before the middle
+            around = self.filled(values)
             for axis, wrap in enumerate(self.wraps):
-                around = np.roll(around, 1, axis) if wrap else around
+                mode = "wrap" if wrap else "constant"
+                around = scipy.ndimage.convolve1d(around, np.ones(3), axis, mode=mode)
             sums.append(around.ravel()[self.place])
         return sums[0] / sums[1]
+
+    def filled(self, values: Int[np.ndarray, " rows"]) -> Int[np.ndarray, " ..."]:
+        """The grid of the rows' values (n,)."""
+        cells = np.empty(values.size, values.dtype)
+        cells[self.place] = values
+        return cells.reshape(self.lengths)
 
     def sizes(self) -> list[int]:
         """Distances in steps: 1, 2, 4, ... up to an eighth of the shortest axis."""
@@ -73,9 +66,7 @@ class BasinGrid:
 def find_grid(table: pd.DataFrame, axes: Sequence[str]) -> BasinGrid | None:
     """The grid of a table's rows, with exactly one row in each cell; None where they form no grid."""
     places: list[np.ndarray] = []
-    lengths: list[int] = []
-    steps: list[float] = []
-    wraps: list[bool] = []
+    lengths, steps, wraps = [], [], []
     for name in axes:
         values, place = np.unique(table[name].to_numpy(float), return_inverse=True)
         if values.size < 2 or not np.isfinite(values).all():

@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float, Shaped
 
-from gaitsweep.analysis.attractors.attractors import with_attractors
-from gaitsweep.analysis.attractors.state_space import Space
+from gaitsweep.analysis.basins.attractors import with_attractors
 from gaitsweep.analysis.basins.fractal_boundaries import (
     BOX,
     Uncertainty,
@@ -18,9 +17,10 @@ from gaitsweep.analysis.basins.fractal_boundaries import (
     uncertainty_exponent,
     uncertainty_fraction,
 )
-from gaitsweep.analysis.basins.fractions import LEVEL, fractions, panels_and_axes, panels_of
+from gaitsweep.analysis.basins.fractions import LEVEL, fractions, panels_and_axes
 from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
-from gaitsweep.analysis.records import AnalysisError, in_order, outcome_labels
+from gaitsweep.analysis.basins.state_space import Space
+from gaitsweep.analysis.records import AnalysisError, in_order, outcome_labels, panels_of
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,9 +10,9 @@ import pandas as pd
 from jaxtyping import Shaped
 from scipy.spatial import KDTree
 
-from gaitsweep.analysis.basins.fractions import panels_and_axes, panels_of
+from gaitsweep.analysis.basins.fractions import panels_and_axes
 from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
-from gaitsweep.analysis.records import AnalysisError, outcome_labels
+from gaitsweep.analysis.records import AnalysisError, outcome_labels, panels_of
 
 BOX = 8  # steps along a side of the boxes of the grid method; a power of 2, halved by each refinement
 RADIUS = 5.0  # distance in steps within which two boundaries count as the same
@@ -112,8 +112,7 @@ def _refined(grid: BasinGrid, labels: Shaped[np.ndarray, " rows"], box: int) -> 
     Boxes tile the grid from its first start and share the starts on their sides; what is left over at the far
     end of an axis is not tested.
     """
-    outcome = np.empty(grid.lengths, int)
-    outcome.ravel()[grid.place] = pd.factorize(labels)[0]
+    outcome = grid.filled(pd.factorize(labels)[0])
     tiles = [(length - 1) // box for length in grid.lengths]
     outcome = outcome[tuple(slice(tile * box + 1) for tile in tiles)]
     known = range(outcome.max() + 1)

@@ -23,6 +23,9 @@ from jaxtyping import Bool, Float, Int, Shaped
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, norms, residuals, sizes
 from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points
 
+PerBranch = Float[np.ndarray, " branches"]  # a number for each branch
+Unknowns = Float[np.ndarray, "branches unknowns"]  # coordinates, drifts and the parameter
+Converged = Bool[np.ndarray, " branches"]
 # Most corrections of one step; a step that needs more is tried again with half its length.
 MOST_CORRECTIONS = 12
 # Factor by which a correction may raise the residual before the step is given up.
@@ -42,8 +45,8 @@ class BranchPoints:
 
     points: Points
     drift: Float[np.ndarray, "branches constrained"]
-    parameter: Float[np.ndarray, " branches"]
-    tangent: Float[np.ndarray, "branches unknowns"]
+    parameter: PerBranch
+    tangent: Unknowns
     images: MapEvaluation
     corrections: Int[np.ndarray, " branches"]
 
@@ -75,9 +78,9 @@ class ContinuationProblem:
     parameter: str
     low: float
     high: float
-    values: dict[str, Float[np.ndarray, " branches"]]
+    values: dict[str, PerBranch]
     held: ConservedConstraints
-    weights: Float[np.ndarray, "branches unknowns"]
+    weights: Unknowns
 
     @classmethod
     def of(
@@ -85,7 +88,7 @@ class ContinuationProblem:
         mapping: Map,
         parameter: str,
         within: Sequence[float],
-        values: dict[str, Float[np.ndarray, " branches"]],
+        values: dict[str, PerBranch],
         held: ConservedConstraints,
         at: Float[np.ndarray, "branches coordinates"],
     ) -> ContinuationProblem:
@@ -101,13 +104,11 @@ class ContinuationProblem:
         values = {name: each[which] for name, each in self.values.items()}
         return dataclasses.replace(self, values=values, held=self.held[which], weights=self.weights[which])
 
-    def evaluated(self, points: Points, parameter: Float[np.ndarray, " branches"]) -> MapEvaluation:
+    def evaluated(self, points: Points, parameter: PerBranch) -> MapEvaluation:
         """The images with their derivatives at these values (n,) of the parameter."""
         return self.mapping.linearised(points, {**self.values, self.parameter: parameter}, self.parameter)
 
-    def tangents(
-        self, images: MapEvaluation, before: Float[np.ndarray, "branches unknowns"]
-    ) -> Float[np.ndarray, "branches unknowns"]:
+    def tangents(self, images: MapEvaluation, before: Unknowns) -> Unknowns:
         """The unit tangents (n, m) of the branches, oriented along the tangents `before` (n, m)."""
         full = self.bordered(images, self.weights * before)
         last = np.zeros(full.shape[:2])
@@ -119,8 +120,8 @@ class ContinuationProblem:
         self,
         points: Points,
         drift: Float[np.ndarray, "branches constrained"],
-        parameter: Float[np.ndarray, " branches"],
-        sign: Float[np.ndarray, " branches"] | float,
+        parameter: PerBranch,
+        sign: PerBranch | float,
     ) -> BranchPoints:
         """Branches from fixed points, along which the parameter first rises (`sign` 1) or falls (-1)."""
         images = self.evaluated(points, parameter)
@@ -129,17 +130,13 @@ class ContinuationProblem:
         tangent = self.tangents(images, towards)
         return BranchPoints(points, drift, parameter, tangent, images, np.zeros(len(points), int))
 
-    def step(
-        self, branch_points: BranchPoints, length: Float[np.ndarray, " branches"]
-    ) -> tuple[BranchPoints, Bool[np.ndarray, " branches"]]:
+    def step(self, branch_points: BranchPoints, length: PerBranch) -> tuple[BranchPoints, Converged]:
         """The branch points one arclength step of `length` (n,) ahead, and whether each converged (n,)."""
         goal = length[:, None] * branch_points.tangent
         normal = self.weights * branch_points.tangent
         return self._found(branch_points, goal, normal, np.sum(normal * goal, axis=1))
 
-    def at(
-        self, branch_points: BranchPoints, parameter: Float[np.ndarray, " branches"]
-    ) -> tuple[BranchPoints, Bool[np.ndarray, " branches"]]:
+    def at(self, branch_points: BranchPoints, parameter: PerBranch) -> tuple[BranchPoints, Converged]:
         """The branch points near these at a value (n,) of the parameter, and whether each converged (n,)."""
         share = (parameter - branch_points.parameter) / branch_points.tangent[:, -1]
         normal = np.zeros_like(self.weights)
@@ -149,12 +146,8 @@ class ContinuationProblem:
         )
 
     def _found(
-        self,
-        branch_points: BranchPoints,
-        guess: Float[np.ndarray, "branches unknowns"],
-        normal: Float[np.ndarray, "branches unknowns"],
-        goal: Float[np.ndarray, " branches"],
-    ) -> tuple[BranchPoints, Bool[np.ndarray, " branches"]]:
+        self, branch_points: BranchPoints, guess: Unknowns, normal: Unknowns, goal: PerBranch
+    ) -> tuple[BranchPoints, Converged]:
         """Branch points near these + `guess` (n, m) with normal . change = goal; which converged (n,)."""
         points, change, count = self._corrected(branch_points, guess, normal, goal)
         rows = np.flatnonzero(count)
@@ -172,12 +165,8 @@ class ContinuationProblem:
         return branch_points.merged(rows[on], found[on]), count > 0
 
     def _corrected(
-        self,
-        branch_points: BranchPoints,
-        guess: Float[np.ndarray, "branches unknowns"],
-        normal: Float[np.ndarray, "branches unknowns"],
-        goal: Float[np.ndarray, " branches"],
-    ) -> tuple[Points, Float[np.ndarray, "branches unknowns"], Int[np.ndarray, " branches"]]:
+        self, branch_points: BranchPoints, guess: Unknowns, normal: Unknowns, goal: PerBranch
+    ) -> tuple[Points, Unknowns, Int[np.ndarray, " branches"]]:
         """The corrected points, their changes (n, m), and the number of corrections (n,), 0 if lost."""
         n, size = branch_points.points.at.shape
         change, count, going = guess.copy(), np.zeros(n, int), np.ones(n, bool)
@@ -212,7 +201,7 @@ class ContinuationProblem:
         return points, change, count
 
     def bordered(
-        self, images: MapEvaluation, row: Float[np.ndarray, "branches unknowns"]
+        self, images: MapEvaluation, row: Unknowns
     ) -> Float[np.ndarray, "branches unknowns unknowns"]:
         """The Jacobians (n, m, m) of Newton's equations, bordered by a last `row` (n, m)."""
         inner = matrices(images, self.held)
@@ -237,9 +226,7 @@ def _solved(
 
 
 def _broyden_update(
-    weights: Float[np.ndarray, "branches unknowns"],
-    step: Float[np.ndarray, "branches unknowns"],
-    miss: Float[np.ndarray, "branches unknowns"],
+    weights: Unknowns, step: Unknowns, miss: Unknowns
 ) -> Float[np.ndarray, "branches unknowns unknowns"]:
     """Broyden's rank-one update (n, m, m) of Jacobians, from steps (n, m) and the residuals after them."""
     row = np.where(weights > 0.0, weights, 1.0) * step

@@ -14,15 +14,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Complex, Float
 
-from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
-from gaitsweep.analysis.continuation.floquet import multipliers
-from gaitsweep.analysis.continuation.newton import residuals, sizes
+from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem, PerBranch
+from gaitsweep.analysis.continuation.newton import multipliers, residuals, sizes
 from gaitsweep.engine.poincare.maps import Points
 
+Vector = Float[np.ndarray, " unknowns"]  # the unknowns of one branch
 # A zero is found when the test function is below this share of its larger value at the step's ends.
 NEAR = 1e-7
 # The search also ends with an interval this short, as a share of the step: where the map has a corner, the
@@ -44,7 +45,7 @@ ASIDE = 0.01
 # A determinant this small, as a share of its larger value at the step's ends, has a zero and no jump.
 SMALL = 1e-3
 
-Test = Callable[[ContinuationProblem, BranchPoints], Float[np.ndarray, " branches"]]
+Test = Callable[[ContinuationProblem, BranchPoints], PerBranch]
 
 
 def multipliers_of(
@@ -56,22 +57,22 @@ def multipliers_of(
     )
 
 
-def fold_test(problem: ContinuationProblem, branch_points: BranchPoints) -> Float[np.ndarray, " branches"]:
+def fold_test(problem: ContinuationProblem, branch_points: BranchPoints) -> PerBranch:
     """The derivative of the parameter over arclength, (n,): zero at a fold."""
     return branch_points.tangent[:, -1]
 
 
-def branch_test(problem: ContinuationProblem, branch_points: BranchPoints) -> Float[np.ndarray, " branches"]:
+def branch_test(problem: ContinuationProblem, branch_points: BranchPoints) -> PerBranch:
     """The determinant of [F_x F_p] bordered by the tangent, (n,): zero at a branch point, not at a fold."""
     return np.linalg.det(problem.bordered(branch_points.images, problem.weights * branch_points.tangent))
 
 
-def flip_test(problem: ContinuationProblem, branch_points: BranchPoints) -> Float[np.ndarray, " branches"]:
+def flip_test(problem: ContinuationProblem, branch_points: BranchPoints) -> PerBranch:
     """The product of the multipliers plus one, (n,): zero at a flip."""
     return np.prod(1.0 + multipliers_of(problem, branch_points), axis=1).real
 
 
-def pair_test(problem: ContinuationProblem, branch_points: BranchPoints) -> Float[np.ndarray, " branches"]:
+def pair_test(problem: ContinuationProblem, branch_points: BranchPoints) -> PerBranch:
     """The product of 1 - m_i m_k over pairs of multipliers, (n,): zero where a pair crosses the unit circle.
 
     It is also zero at a neutral saddle: two real multipliers on both sides of the circle with product 1.
@@ -84,45 +85,58 @@ def pair_test(problem: ContinuationProblem, branch_points: BranchPoints) -> Floa
 TESTS: tuple[Test, ...] = (fold_test, branch_test, flip_test, pair_test)
 
 
+T = TypeVar("T")
+
+
 def located(
-    problem: ContinuationProblem,
-    before: BranchPoints,
-    length: Float[np.ndarray, " branches"],
-    test: Test,
-    ends: tuple[Float[np.ndarray, " branches"], Float[np.ndarray, " branches"]],
-) -> tuple[BranchPoints, Float[np.ndarray, " branches"]]:
-    """The zero of a test function on a step of each branch, and its arclength (n,); NaN where not found.
+    ends: tuple[float, float],
+    length: float,
+    point_at: Callable[[float], T | None],
+    test: Callable[[T], float],
+    target: float,
+    shortest: float,
+) -> tuple[T, float] | None:
+    """The zero of a test function on a step, and its arclength; None where no point is found.
 
     Args:
-        problem, before, length: the branches, where their steps begin, and the steps' lengths (n,).
-        test: the test function, with its values at both `ends` of the steps, (n,) each.
+        ends: values of the test function at both ends of the step.
+        length: length of the step.
+        point_at: point at an arclength from the step's start; None where there is none.
+        test: the test function.
+        target: value of the test function below which a point is a zero.
+        shortest: the search also ends with an interval this short, as a share of the step.
 
     Source: the Illinois variant of regula falsi.
     """
-    low, high = np.zeros_like(length), length.copy()
-    below, above = (each.copy() for each in ends)
-    target = NEAR * np.maximum(np.abs(below), np.abs(above))
-    best, where = before, np.full(len(length), np.nan)
-    going = below * above <= 0.0
-    for _ in range(MOST_TRIALS):
-        rows = np.flatnonzero(going)
-        if not rows.size:
+    (below, above), low, high = ends, 0.0, length
+    best = None
+    for _ in range(MOST_TRIALS if below * above <= 0.0 else 0):
+        at = low + (high - low) * below / (below - above)
+        point = point_at(at)
+        if point is None:
             break
-        at = low[rows] + (high[rows] - low[rows]) * below[rows] / (below[rows] - above[rows])
-        branch_points, found = problem[rows].step(before[rows], at)
-        value = np.where(found, test(problem[rows], branch_points), np.nan)
-        best = best.merged(rows[found], branch_points[found])
-        where[rows[found]] = at[found]
-        same = value * below[rows] > 0.0
+        best, value = (point, at), test(point)
         # Illinois: the value at the end that stays is halved
-        low[rows[same]], below[rows[same]] = at[same], value[same]
-        above[rows[same]] *= 0.5
-        other = ~same & found
-        high[rows[other]], above[rows[other]] = at[other], value[other]
-        below[rows[other]] *= 0.5
-        short = high[rows] - low[rows] < SHORTEST_INTERVAL * length[rows]
-        going[rows] = found & (np.abs(value) > target[rows]) & ~short
-    return best, where
+        if value * below > 0.0:
+            low, below, above = at, value, 0.5 * above
+        else:
+            high, above, below = at, value, 0.5 * below
+        if not abs(value) > target or high - low < shortest * length:
+            break
+    return best
+
+
+def located_on_branch(
+    problem: ContinuationProblem, before: BranchPoints, length: float, test: Test, ends: tuple[float, float]
+) -> tuple[BranchPoints, float] | None:
+    """The zero of a test function on a step of one branch from `before`, as by `located`."""
+
+    def point_at(arclength: float) -> BranchPoints | None:
+        point, found = problem.step(before, np.array([arclength]))
+        return point if found[0] else None
+
+    target = NEAR * max(abs(ends[0]), abs(ends[1]))
+    return located(ends, length, point_at, lambda point: test(problem, point)[0], target, SHORTEST_INTERVAL)
 
 
 def turn_kind(problem: ContinuationProblem, there: BranchPoints) -> str:
@@ -223,15 +237,11 @@ class _Branching:
     null: Float[np.ndarray, "2 unknowns"]
     bent: Float[np.ndarray, "2 unknowns"]
     rows: Float[np.ndarray, " equations"]
-    scale: Float[np.ndarray, " unknowns"]
+    scale: Vector
 
     @classmethod
     def at(
-        cls,
-        problem: ContinuationProblem,
-        like: BranchPoints,
-        scale: Float[np.ndarray, " unknowns"],
-        z: Float[np.ndarray, " unknowns"],
+        cls, problem: ContinuationProblem, like: BranchPoints, scale: Vector, z: Vector
     ) -> _Branching | None:
         """The equations at z; None where the map has no derivatives."""
         size, m = like.points.at.shape[1], len(z) - 1
@@ -259,7 +269,7 @@ class _Branching:
         bent = w @ (several[::2] - several[1::2]) / (2.0 * ALONG)
         return cls(miss[0], J[0], w, float(values[-1]), null, bent, rows, scale)
 
-    def step(self) -> tuple[Float[np.ndarray, " unknowns"], float]:
+    def step(self) -> tuple[Vector, float]:
         """Newton's step (m + 1,) and beta; infinite where the system is singular."""
         m = len(self.w)
         matrix = np.zeros((m + 2, m + 2))
@@ -279,9 +289,7 @@ class _Branching:
         pair = np.array([[np.sqrt(high), np.sqrt(-low)], [-np.sqrt(high), np.sqrt(-low)]])
         return pair @ vectors.T @ self.null / np.sqrt(high - low)
 
-    def rate(
-        self, through: Float[np.ndarray, " unknowns"], flat: Float[np.ndarray, " unknowns"], size: int
-    ) -> float:
+    def rate(self, through: Vector, flat: Vector, size: int) -> float:
         """A number with the sign of d(multiplier)/d(parameter) on the branch that goes `through`.
 
         Its eigenvector is the tangent of the branch that is `flat`.
@@ -291,9 +299,7 @@ class _Branching:
         return float(change * norm * np.sign(through[-1]))
 
 
-def _aside(
-    problem: ContinuationProblem, here: BranchPoints, tangent: Float[np.ndarray, " unknowns"]
-) -> BranchPoints | None:
+def _aside(problem: ContinuationProblem, here: BranchPoints, tangent: Vector) -> BranchPoints | None:
     """Points (2,) on both sides of a branch point, on the branch with this tangent (m,); None if not found.
 
     The equations are singular at the branch point itself, so they are linearised where the step leads.
@@ -325,10 +331,7 @@ class Special:
 
 
 def bifurcations(
-    problem: ContinuationProblem,
-    here: BranchPoints,
-    there: BranchPoints,
-    length: Float[np.ndarray, " branches"],
+    problem: ContinuationProblem, here: BranchPoints, there: BranchPoints, length: PerBranch
 ) -> list[list[Special] | None]:
     """The bifurcations on a step of each of n branches, from `here` to `there`, in order.
 
@@ -340,9 +343,9 @@ def bifurcations(
     changed = {test: (before < 0.0) != (after < 0.0) for test, (before, after) in ends.items()}
     found: list[list[Special] | None] = [[] for _ in length]
     for k in np.flatnonzero(np.any(list(changed.values()), axis=0)):
-        mine = {test: (ends[test][0][[k]], ends[test][1][[k]]) for test in TESTS if changed[test][k]}
+        mine = {test: (ends[test][0][k], ends[test][1][k]) for test in TESTS if changed[test][k]}
         only = np.array([k])
-        found[k] = _on_step(problem[only], here[only], there[only], length[only], mine)
+        found[k] = _on_step(problem[only], here[only], there[only], length[k], mine)
     return found
 
 
@@ -350,18 +353,18 @@ def _on_step(
     problem: ContinuationProblem,
     here: BranchPoints,
     there: BranchPoints,
-    length: Float[np.ndarray, " 1"],
-    changed: dict[Test, tuple[Float[np.ndarray, " 1"], Float[np.ndarray, " 1"]]],
+    length: float,
+    changed: dict[Test, tuple[float, float]],
 ) -> list[Special] | None:
     """The bifurcations on a step of one branch, as in `bifurcations`, by the tests that `changed` sign."""
     found, turns = [], fold_test in changed
     if branch_test in changed:
         ends = changed[branch_test]
-        near, where = _between(problem, here, there, ends[0] / (ends[0] - ends[1])), np.full(1, np.nan)
-        crossing, beta = branch_point(problem, near)
+        zero = None
+        crossing, beta = branch_point(problem, _between(problem, here, there, ends[0] / (ends[0] - ends[1])))
         if not _is_on_step(problem, here, crossing, length):
-            near, where = located(problem, here, length, branch_test, ends)
-            crossing, beta = branch_point(problem, near) if np.isfinite(where[0]) else (None, np.nan)
+            zero = located_on_branch(problem, here, length, branch_test, ends)
+            crossing, beta = (None, np.nan) if zero is None else branch_point(problem, zero[0])
         if crossing is not None and _is_on_step(problem, here, crossing, length):
             if abs(beta) > IMPERFECT:
                 return None
@@ -370,14 +373,14 @@ def _on_step(
             )
             # a pitchfork where the branch itself turns is no fold
             turns &= abs(crossing.here.tangent[0, -1]) > FLAT * (problem.high - problem.low)
-        elif np.isfinite(where[0]) and abs(branch_test(problem, near)[0]) < SMALL * np.max(np.abs(ends)):
-            found.append(Special("branch_point", float(where[0]), near))
+        elif zero is not None and abs(branch_test(problem, zero[0])[0]) < SMALL * np.max(np.abs(ends)):
+            found.append(Special("branch_point", zero[1], zero[0]))
     for test, kind_of in ((fold_test, turn_kind), (flip_test, _flip_kind), (pair_test, pair_kind)):
         if test in changed and (turns or test is not fold_test):
-            at, where = located(problem, here, length, test, changed[test])
-            kind = kind_of(problem, at) if np.isfinite(where[0]) else ""
-            if kind:
-                found.append(Special(kind, float(where[0]), at))
+            zero = located_on_branch(problem, here, length, test, changed[test])
+            kind = kind_of(problem, zero[0]) if zero is not None else ""
+            if zero is not None and kind:
+                found.append(Special(kind, zero[1], zero[0]))
             if kind == "corner":  # multipliers jump there
                 return found
     counts = [np.sum(np.abs(multipliers_of(problem, each)) > 1.0) for each in (here, there)]
@@ -391,9 +394,9 @@ def _flip_kind(problem: ContinuationProblem, there: BranchPoints) -> str:
 
 
 def _between(
-    problem: ContinuationProblem, here: BranchPoints, there: BranchPoints, share: Float[np.ndarray, " 1"]
+    problem: ContinuationProblem, here: BranchPoints, there: BranchPoints, share: float
 ) -> BranchPoints:
-    """The point at a share (1,) of the chord of a step, with the mean of the tangents at its ends."""
+    """The point at a share of the chord of a step, with the mean of the tangents at its ends."""
     apart = problem.mapping.difference(there.points.at, here.points.at)
     return dataclasses.replace(
         here,
@@ -417,9 +420,9 @@ def _is_on_step(
     problem: ContinuationProblem,
     here: BranchPoints,
     crossing: Crossing | None,
-    length: Float[np.ndarray, " 1"],
+    length: float,
 ) -> bool:
     """Whether a branch point lies on a step of this length, to a twentieth of it."""
     if crossing is None:
         return False
-    return abs(_ahead(problem, here, crossing.here) / length[0] - 0.5) < 0.55
+    return abs(_ahead(problem, here, crossing.here) / length - 0.5) < 0.55

@@ -1,22 +1,54 @@
 """Pseudo-arclength continuation of fixed points, stable and unstable, over a parameter.
 
-Many branches are followed at once, each with its own other parameters and its own step lengths.
+Many branches are followed at once to their ends, each with its own other parameters and its own step lengths;
+bifurcations are located, and jumps of the map are crossed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from functools import partial
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import jax
 import numpy as np
 import pandas as pd
+from jaxtyping import Float, Int
 
-from gaitsweep.analysis.continuation.arclength import ContinuationProblem
-from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps, BranchFollower, BranchTable
+from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem, Converged, PerBranch
+from gaitsweep.analysis.continuation.bifurcation_tests import Special, bifurcations, multipliers_of
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, NewtonOutcome, newton
 from gaitsweep.engine.poincare.maps import Map, Points, Values
 from gaitsweep.errors import ArgumentError
+
+# Least cosine of the angle by which a branch turns in a step; most corrections of a step after which the next
+# one is longer; factors of longer and shorter steps.
+STRAIGHT, FEW = 0.95, 6
+LONGER, SHORTER = 1.4, 0.5
+# A branch is closed where it passes its start within this share of a step, after more than so many points.
+NEAR_HOME, AWAY = 0.75, 4
+# Shares of the longest step that are tried to jump over a discontinuity, where no short step converges.
+JUMPS = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
+# Columns of each point of a branch, beside its parameters, observables and drifts.
+_OF_POINT = (
+    *("multiplier", "multiplier_re", "multiplier_im", "unstable", "stable"),
+    *("special", "corrections", "end"),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class ArclengthSteps:
+    """Lengths of the first, the longest and the shortest arclength step, and the most points of a branch.
+
+    In a length, the parameter is a share of its range, and coordinates are relative to their magnitudes.
+    `on_progress` is called before each step; an exception that it raises stops the continuation.
+    """
+
+    first: float = 0.02
+    longest: float = 0.08
+    shortest: float = 1e-4
+    most: int = 300
+    on_progress: Callable[[], None] = lambda: None
 
 
 def continuation(
@@ -73,17 +105,36 @@ def continuation(
     """
     if not max(within) > min(within):
         raise ArgumentError(f"within is {list(within)}, but must be a range of two different numbers.")
-    follow = partial(
-        _followed,
-        parameter=parameter,
-        within=within,
-        towards=towards,
-        steps=steps,
-        shown=shown,
-        with_points=with_points,
-        crossing=crossing,
-    )
-    branches = follow(mapping, starts, values, begin=begin, fix=fix)
+
+    def followed(mapping: Map, starts: Points, values: Values, begin: Any, fix: Any) -> pd.DataFrame:
+        n = len(starts)
+        at = np.broadcast_to(np.asarray(begin, np.float64), (n,)).copy()
+        held_values = mapping.complete({**values, parameter: at}, n)
+        others = {name: each for name, each in held_values.items() if name != parameter}
+        found = newton(mapping, starts, held_values, fix=fix)
+        held = ConservedConstraints.of(mapping, fix, found.images.conserved_values)
+        ready = np.flatnonzero(found.converged)
+        problem = ContinuationProblem.of(mapping, parameter, within, others, held, found.points.at)[ready]
+        beside = {name: np.asarray(values[name]) for name in (values if shown is None else shown)}
+        table = BranchTable(
+            mapping, parameter, beside, list(found.images.observed), n, held, with_points, crossing
+        )
+        for row in np.flatnonzero(~found.converged):
+            table.failed(int(row), float(at[row]), NewtonOutcome(int(found.outcome[row])).name)
+        if ready.size:
+            branch_points = problem.first(
+                found.points[ready], found.drift[ready], at[ready], float(np.sign(towards))
+            )
+            follower = BranchFollower(problem, branch_points, ready, table, steps or ArclengthSteps())
+            follower.follow()
+            across = follower.crossing() if crossing else None
+            if across is not None:
+                across.follow()
+        return table.table()
+
+    if begin is None:
+        begin = min(within) if towards > 0 else max(within)
+    branches = followed(mapping, starts, values, begin, fix)
     refined = mapping.refined()
     if branches.empty or refined is None:
         return branches
@@ -95,12 +146,12 @@ def continuation(
     def only(value: Any) -> Any:
         return np.broadcast_to(np.asarray(value, np.float64), (n,))[doubtful]
 
-    again = follow(
+    again = followed(
         refined,
         starts[doubtful],
         {name: only(value) for name, value in values.items()},
-        begin=None if begin is None else only(begin),
-        fix={name: only(value) for name, value in fix.items()} if isinstance(fix, Mapping) else fix,
+        only(begin),
+        {name: only(value) for name, value in fix.items()} if isinstance(fix, Mapping) else fix,
     )
     again["row"] = doubtful[np.asarray(again["row"])]
     kept = branches[~branches["row"].isin(doubtful)]
@@ -108,44 +159,273 @@ def continuation(
     return both.iloc[np.argsort(np.asarray(both["row"]), kind="stable")].reset_index(drop=True)
 
 
-def _followed(
-    mapping: Map,
-    starts: Points,
-    values: Values,
-    *,
-    parameter: str,
-    within: Sequence[float],
-    begin: Any,
-    towards: int,
-    fix: Sequence[str] | Mapping[str, object],
-    steps: ArclengthSteps | None,
-    shown: Sequence[str] | None,
-    with_points: bool,
-    crossing: bool,
-) -> pd.DataFrame:
-    """The branches of one map, as for `continuation`."""
-    n = len(starts)
-    begin = (min(within) if towards > 0 else max(within)) if begin is None else begin
-    at = np.broadcast_to(np.asarray(begin, np.float64), (n,)).copy()
-    held_values = mapping.complete({**values, parameter: at}, n)
-    others = {name: each for name, each in held_values.items() if name != parameter}
-    found = newton(mapping, starts, held_values, fix=fix)
-    held = ConservedConstraints.of(mapping, fix, found.images.conserved_values)
-    ready = np.flatnonzero(found.converged)
-    problem = ContinuationProblem.of(mapping, parameter, within, others, held, found.points.at)[ready]
-    beside = {name: np.asarray(values[name]) for name in (values if shown is None else shown)}
-    table = BranchTable(
-        mapping, parameter, beside, list(found.images.observed), n, held, with_points, crossing
-    )
-    for row in np.flatnonzero(~found.converged):
-        table.failed(int(row), float(at[row]), NewtonOutcome(int(found.outcome[row])).name)
-    if ready.size:
-        branch_points = problem.first(
-            found.points[ready], found.drift[ready], at[ready], float(np.sign(towards))
-        )
-        follower = BranchFollower(problem, branch_points, ready, table, steps or ArclengthSteps())
-        follower.follow()
-        across = follower.crossing() if crossing else None
-        if across is not None:
-            across.follow()
-    return table.table()
+class BranchTable:
+    """Collects one record for each point of n branches.
+
+    Args:
+        mapping, parameter: the map and the continuation parameter.
+        values: other parameters shown in the records, a number or one for each branch (n,).
+        observed: the names of the map's observables.
+        n: number of branches.
+        held: the conserved quantities that are constrained.
+        with_points: each record has its `Points` of one point as `at`, coordinates and modes.
+        crossing: records have the number of their `branch`, since a row may have several.
+    """
+
+    def __init__(
+        self,
+        mapping: Map,
+        parameter: str,
+        values: dict[str, Float[np.ndarray, " ..."]],
+        observed: Sequence[str],
+        n: int,
+        held: ConservedConstraints,
+        with_points: bool = False,
+        crossing: bool = False,
+    ) -> None:
+        self.parameter, self._with_points = parameter, with_points
+        self._values = {k: np.broadcast_to(v, (n,)) for k, v in values.items() if k != parameter}
+        self._observed, self._held = list(observed), [mapping.conserved[k].name for k in held.which]
+        self._records: list[list[dict[str, Any]]] = [[] for _ in range(n)]
+        self._crossing, self._rows, self._branches, self._next = crossing, [*range(n)], [0] * n, [1] * n
+
+    def added(self, name: int) -> int:
+        """The name of a further branch of the row that the branch `name` belongs to."""
+        row = self._rows[name]
+        self._rows.append(row)
+        self._branches.append(self._next[row])
+        self._next[row] += 1
+        self._records.append([])
+        return len(self._records) - 1
+
+    def counts(self, rows: Int[np.ndarray, " rows"]) -> Int[np.ndarray, " rows"]:
+        return np.array([len(self._records[row]) for row in rows])
+
+    def end(self, rows: Int[np.ndarray, " rows"], why: str) -> None:
+        for row in rows:
+            self._records[row][-1]["end"] = why
+
+    def failed(self, row: int, parameter: float, why: str) -> None:
+        self._records[row].append({**self._head(row, parameter), "end": why})
+
+    def _head(self, name: int, parameter: float) -> dict[str, Any]:
+        row, branch = self._rows[name], {"branch": self._branches[name]} if self._crossing else {}
+        others = {other: each[row] for other, each in self._values.items()}
+        return {"row": row, "point": len(self._records[name]), **branch, self.parameter: parameter, **others}
+
+    def write(
+        self,
+        rows: Int[np.ndarray, " rows"],
+        problem: ContinuationProblem,
+        branch_points: BranchPoints,
+        special: Sequence[str],
+    ) -> None:
+        if not len(rows):
+            return
+        found = multipliers_of(problem, branch_points)
+        for k, row in enumerate(rows):
+            unstable = int(np.sum(np.abs(found[k]) > 1.0))
+            self._records[row].append(
+                {
+                    **self._head(int(row), float(branch_points.parameter[k])),
+                    **{name: float(each[k]) for name, each in branch_points.images.observed.items()},
+                    **{f"drift_{name}": branch_points.drift[k, i] for i, name in enumerate(self._held)},
+                    "multiplier": float(np.abs(found[k, 0])),
+                    "multiplier_re": float(found[k, 0].real),
+                    "multiplier_im": float(found[k, 0].imag),
+                    "unstable": unstable,
+                    "stable": unstable == 0,
+                    "special": special[k],
+                    "corrections": int(branch_points.corrections[k]),
+                    "end": "",
+                    **({"at": branch_points.points[[k]]} if self._with_points else {}),
+                }
+            )
+
+    def table(self) -> pd.DataFrame:
+        """All records; the columns are the same where no branch has a fixed point."""
+        branch = ["branch"] if self._crossing else []
+        head = ("row", "point", *branch, self.parameter, *self._values, *self._observed)
+        drifts = (f"drift_{name}" for name in self._held)
+        columns = [*head, *drifts, *_OF_POINT, *(["at"] if self._with_points else [])]
+        table = pd.DataFrame([record for branch in self._records for record in branch], columns=columns)
+        if not self._crossing:
+            return table
+        table = table.sort_values(["row", "branch", "point"], kind="stable", ignore_index=True)
+        # one number is left out before each further branch
+        table["point"] = table.groupby("row").cumcount() + table["branch"]
+        return table
+
+
+class BranchFollower:
+    """Follows n branches from their first fixed points to their ends.
+
+    Args:
+        problem: the continuation problem.
+        branch_points: the first fixed point of each branch.
+        names: (n,) the row of each branch in the table.
+        table: the table that collects the points.
+        steps: the step lengths.
+
+    `crossings` has, for each branch point, the place of its branch and points on the one that crosses.
+    """
+
+    def __init__(
+        self,
+        problem: ContinuationProblem,
+        branch_points: BranchPoints,
+        names: Int[np.ndarray, " branches"],
+        table: BranchTable,
+        steps: ArclengthSteps,
+    ) -> None:
+        self.problem, self.names, self.table, self.steps = problem, names, table, steps
+        self.home = self.branch_points = branch_points
+        self.length = np.full(len(names), steps.first)
+        self.going = np.ones(len(names), bool)
+        self.crossings: list[tuple[int, BranchPoints]] = []
+        table.write(names, problem, branch_points, [""] * len(names))
+
+    def follow(self) -> None:
+        """Follow each branch to its end."""
+        while self.going.any():
+            self.steps.on_progress()
+            rows = np.flatnonzero(self.going)
+            problem, here = self.problem[rows], self.branch_points[rows]
+            there, found = problem.step(here, self.length[rows])
+            straight = np.sum(problem.weights * here.tangent * there.tangent, axis=1) > STRAIGHT
+            short = self.length[rows] <= self.steps.shortest
+            taken = found & (straight | short)
+            on = np.flatnonzero(taken)
+            specials = (
+                bifurcations(problem[on], here[on], there[on], self.length[rows[on]]) if on.size else []
+            )
+            taken[on] &= short[on] | np.array([each is not None for each in specials], bool)
+            self._reject(rows[~taken])
+            if taken.any():
+                kept = [each or [] for each, k in zip(specials, on, strict=True) if taken[k]]
+                self._accept(rows[taken], there[taken], kept)
+
+    def crossing(self) -> BranchFollower | None:
+        """A follower of both halves of each branch that crosses at a branch point; None if there is none."""
+        if not self.crossings:
+            return None
+        of = np.repeat([row for row, _ in self.crossings], 2)
+        names = np.array([self.table.added(int(self.names[row])) for row in of])
+        asides = jax.tree.map(lambda *each: np.concatenate(each), *(aside for _, aside in self.crossings))
+        return BranchFollower(self.problem[of], asides, names, self.table, self.steps)
+
+    def _end(self, rows: Int[np.ndarray, " rows"], why: str) -> None:
+        self.table.end(self.names[rows], why)
+        self.going[rows] = False
+
+    def _reject(self, rows: Int[np.ndarray, " rows"]) -> None:
+        """Halve rejected steps; where they become too short, try to jump over a discontinuity of the map."""
+        self.length[rows] *= SHORTER
+        rows = rows[self.length[rows] < self.steps.shortest]
+        if not rows.size:
+            return
+        problem = self.problem[rows]
+        over, crossed = _jump_over(problem, self.branch_points[rows], self.steps.longest)
+        good = np.flatnonzero(crossed)
+        self.branch_points = self.branch_points.merged(rows[good], over[good])
+        self.length[rows] = self.steps.first
+        self.table.write(self.names[rows[good]], problem[good], over[good], ["kink"] * good.size)
+        self._end(rows[~crossed], "lost")
+
+    def _accept(
+        self, rows: Int[np.ndarray, " rows"], there: BranchPoints, specials: list[list[Special]]
+    ) -> None:
+        """Record accepted steps and their bifurcations, and end branches that are complete."""
+        problem, here, names = self.problem[rows], self.branch_points[rows], self.names[rows]
+        for k, found in enumerate(specials):
+            for each in found:
+                if problem.low <= each.here.parameter[0] <= problem.high:
+                    self.table.write(names[[k]], problem[np.array([k])], each.here, [each.kind])
+                    if each.aside is not None:
+                        self.crossings.append((int(rows[k]), each.aside))
+        inside = (there.parameter >= problem.low) & (there.parameter <= problem.high)
+        out = np.flatnonzero(~inside)
+        if out.size:
+            some, over = problem[out], there[out]
+            branch_points, found = some.at(over, np.clip(over.parameter, problem.low, problem.high))
+            good = np.flatnonzero(found)
+            self.table.write(names[out[good]], some[good], branch_points[good], [""] * good.size)
+            self._end(rows[out], "range")
+        kept = np.flatnonzero(inside)
+        if not kept.size:
+            return
+        rows, names, there, problem = rows[kept], names[kept], there[kept], problem[kept]
+        self.table.write(names, problem, there, _jumps(here[kept], there))
+        self.branch_points = self.branch_points.merged(rows, there)
+        home = self.home[rows]
+        closed = _distance(problem, there, home) < NEAR_HOME * self.length[rows]
+        closed &= np.sum(problem.weights * there.tangent * home.tangent, axis=1) > 0.0
+        closed &= self.table.counts(names) > AWAY
+        self._end(rows[closed], "closed")
+        self._end(rows[~closed & (self.table.counts(names) >= self.steps.most)], "most")
+        easy = rows[there.corrections <= FEW]
+        self.length[easy] = np.minimum(LONGER * self.length[easy], self.steps.longest)
+
+
+def _jumps(here: BranchPoints, there: BranchPoints) -> list[str]:
+    """For each step "kink" where the parameter moved against the tangents at both of its ends, else ""."""
+    way = there.parameter - here.parameter
+    against = (way * here.tangent[:, -1] < 0.0) & (way * there.tangent[:, -1] < 0.0)
+    return np.where(against, "kink", "").tolist()
+
+
+def _jump_over(
+    problem: ContinuationProblem, here: BranchPoints, longest: float
+) -> tuple[BranchPoints, Converged]:
+    """Branch points beyond a discontinuity of the map or of its derivative, and whether found (n,).
+
+    Where a trajectory grazes an event the map has no derivative, and may jump. No short step converges there,
+    but a longer one may cross it, either by arclength or at a given value of the parameter.
+    """
+    best, found = here, np.zeros(len(here.parameter), bool)
+    for share in JUMPS:
+        for across in (True, False):
+            rows = np.flatnonzero(~found)
+            if not rows.size:
+                return best, found
+            mine, start = problem[rows], here[rows]
+            length = share * longest
+            there, good = (
+                mine.step(start, np.full(rows.size, length)) if across else _beyond(mine, start, length)
+            )
+            good = good & (np.sum(mine.weights * start.tangent * there.tangent, axis=1) > 0.0)
+            good &= (there.parameter >= problem.low) & (there.parameter <= problem.high)
+            good &= _distance(mine, start, there) < 2.0 * longest
+            best = best.merged(rows[good], there[good])
+            found[rows[good]] = True
+    return best, found
+
+
+def _beyond(
+    problem: ContinuationProblem, here: BranchPoints, length: float
+) -> tuple[BranchPoints, Converged]:
+    """Fixed points by damped Newton steps where the parameter is a `length` ahead; which converged (n,)."""
+    change = length * here.tangent
+    parameter = here.parameter + change[:, -1]
+    size = here.points.at.shape[1]
+    starts = Points(here.points.at + change[:, :size], here.points.modes)
+    fix = {
+        problem.mapping.conserved[k].name: problem.held.values[:, i] for i, k in enumerate(problem.held.which)
+    }
+    values = {**problem.values, problem.parameter: parameter}
+    found = newton(problem.mapping, starts, values, fix=fix, most=10)
+    good = np.flatnonzero(found.converged)
+    if not good.size:
+        return here, found.converged
+    sign = np.sign(here.tangent[good, -1])
+    branch_points = problem[good].first(found.points[good], found.drift[good], parameter[good], sign)
+    return here.merged(good, branch_points), found.converged
+
+
+def _distance(problem: ContinuationProblem, a: BranchPoints, b: BranchPoints) -> PerBranch:
+    """The weighted distance between branch points, (n,)."""
+    apart = np.zeros_like(problem.weights)
+    size = a.points.at.shape[1]
+    apart[:, :size] = problem.mapping.difference(a.points.at, b.points.at)
+    apart[:, -1] = a.parameter - b.parameter
+    return np.sqrt(np.sum(problem.weights * apart**2, axis=1))

@@ -20,14 +20,19 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Complex, Float
 
-from gaitsweep.analysis.continuation.arclength import ContinuationProblem
-from gaitsweep.analysis.continuation.bifurcation_tests import branch_test, fold_test, located
-from gaitsweep.analysis.continuation.branch_follower import JUMPS, ArclengthSteps
-from gaitsweep.analysis.continuation.floquet import multipliers
+from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
+from gaitsweep.analysis.continuation.bifurcation_tests import (
+    branch_test,
+    fold_test,
+    located,
+    located_on_branch,
+)
+from gaitsweep.analysis.continuation.continuation import JUMPS, ArclengthSteps
 from gaitsweep.analysis.continuation.newton import (
     ConservedConstraints,
     NewtonOutcome,
     matrices,
+    multipliers,
     newton,
     residuals,
     sizes,
@@ -36,13 +41,14 @@ from gaitsweep.contract import State
 from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values
 from gaitsweep.errors import ArgumentError
 
+Vector = Float[np.ndarray, " unknowns"]  # coordinates, drifts and both parameters
+FoldVector = Float[np.ndarray, " fold_unknowns"]  # without the parameters
 # Steps of the central differences: along v in scaled coordinates, of parameters as shares of their ranges.
 ALONG, SHARE = 1e-4, 1e-5
 # Tolerances on the scaled residuals of F and on g, and most corrections of a step.
 TOLERANCE, FOLD_TOLERANCE, MOST_CORRECTIONS = 1e-9, 1e-6, 12
 # Steps of the search for the first fold.
 MOST_TO_A_FOLD = 60
-MOST_TRIALS = 30
 # A cusp is found in an interval this short, as a share of its step.
 SHORTEST_INTERVAL = 1e-5
 
@@ -58,11 +64,11 @@ class FoldPoint:
     """
 
     point: Points
-    unknowns: Float[np.ndarray, " unknowns"]
+    unknowns: Vector
     matrix: Float[np.ndarray, "equations unknowns"]
-    tangent: Float[np.ndarray, " unknowns"]
-    v: Float[np.ndarray, " fold_unknowns"]
-    w: Float[np.ndarray, " fold_unknowns"]
+    tangent: Vector
+    v: FoldVector
+    w: FoldVector
     curvature: float
     multipliers: Complex[np.ndarray, " multipliers"]
     observed: dict[str, float]
@@ -79,9 +85,9 @@ class _Equations:
     width: Float[np.ndarray, " 2"]
     values: dict[str, Any]
     held: ConservedConstraints
-    scale: Float[np.ndarray, " fold_unknowns"]
+    scale: FoldVector
 
-    def parameters(self, unknowns: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " 2"]:
+    def parameters(self, unknowns: Vector) -> Float[np.ndarray, " 2"]:
         """The two parameters (2,) of these unknowns."""
         return self.low + self.width * unknowns[-2:]
 
@@ -200,8 +206,7 @@ def _first_fold(
     lengths, ends = [np.array([steps.longest]) for _ in ahead], [""] * len(ahead)
     for _ in range(MOST_TO_A_FOLD):
         for k in (k for k, end in enumerate(ends) if not end):
-            if steps.on_progress is not None:
-                steps.on_progress()
+            steps.on_progress()
             here = ahead[k]
             there, ok = problem.step(here, lengths[k])
             if not ok[0]:
@@ -212,10 +217,10 @@ def _first_fold(
             elif branch_test(problem, here)[0] * branch_test(problem, there)[0] < 0.0:
                 ahead[k] = there  # at a pitchfork, a branch that turns has no fold
             elif fold_test(problem, here)[0] * fold_test(problem, there)[0] < 0.0:
-                values_there = fold_test(problem, here), fold_test(problem, there)
-                fold, where = located(problem, here, lengths[k], fold_test, values_there)
-                if np.isfinite(where[0]):
-                    return _on_curve(problem, fold, parameters, within, values)
+                turns = fold_test(problem, here)[0], fold_test(problem, there)[0]
+                fold = located_on_branch(problem, here, lengths[k][0], fold_test, turns)
+                if fold is not None:
+                    return _on_curve(problem, fold[0], parameters, within, values)
                 ends[k] = "lost"
             else:
                 ahead[k] = there
@@ -224,7 +229,7 @@ def _first_fold(
 
 def _on_curve(
     problem: ContinuationProblem,
-    fold: Any,
+    fold: BranchPoints,
     parameters: Sequence[str],
     within: Mapping[str, Sequence[float]],
     values: dict[str, Float[np.ndarray, " 1"]],
@@ -253,10 +258,10 @@ def _on_curve(
 def _differentiated(
     equations: _Equations,
     like: Points,
-    unknowns: Float[np.ndarray, " unknowns"],
-    b: Float[np.ndarray, " fold_unknowns"],
-    c: Float[np.ndarray, " fold_unknowns"],
-    before: Float[np.ndarray, " unknowns"] | None,
+    unknowns: Vector,
+    b: FoldVector,
+    c: FoldVector,
+    before: Vector | None,
     corrections: int = 0,
 ) -> FoldPoint:
     """A point of the curve with the derivatives of its equations, bordered by `b` and `c` (m,).
@@ -293,10 +298,8 @@ def _differentiated(
 
 
 def _null_vectors(
-    A: Float[np.ndarray, "fold_unknowns fold_unknowns"],
-    b: Float[np.ndarray, " fold_unknowns"],
-    c: Float[np.ndarray, " fold_unknowns"],
-) -> tuple[Float[np.ndarray, " fold_unknowns"], Float[np.ndarray, " fold_unknowns"], float]:
+    A: Float[np.ndarray, "fold_unknowns fold_unknowns"], b: FoldVector, c: FoldVector
+) -> tuple[FoldVector, FoldVector, float]:
     """V and w (m,) with length 1, and g, of the Jacobian A (m, m) bordered by `b` and `c`."""
     m = len(A)
     full = np.zeros((m + 1, m + 1))
@@ -355,8 +358,7 @@ def _followed(
     records = [_record(equations, here, row, 0, "")]
     length, end = steps.first, "most"
     while len(records) < steps.most:
-        if steps.on_progress is not None:
-            steps.on_progress()
+        steps.on_progress()
         there = _stepped(equations, here, length)
         if there is None or there.tangent @ here.tangent < 0.9:
             length *= 0.5
@@ -394,22 +396,16 @@ def _leap(equations: _Equations, here: FoldPoint, longest: float) -> FoldPoint |
 
 
 def _cusp(equations: _Equations, here: FoldPoint, there: FoldPoint, length: float) -> FoldPoint | None:
-    """The cusp on a step of a curve, by the Illinois variant of regula falsi."""
-    low, high, below, above = 0.0, length, here.curvature, there.curvature
-    best = None
-    for _ in range(MOST_TRIALS):
-        at = low + (high - low) * below / (below - above)
-        middle = _stepped(equations, here, at)
-        if middle is None:
-            return best
-        best, value = middle, middle.curvature
-        if value * below > 0.0:
-            low, below, above = at, value, 0.5 * above
-        else:
-            high, above, below = at, value, 0.5 * below
-        if high - low < SHORTEST_INTERVAL * length or value == 0.0:
-            break
-    return best
+    """The cusp on a step of a curve."""
+    cusp = located(
+        (here.curvature, there.curvature),
+        length,
+        lambda arclength: _stepped(equations, here, arclength),
+        lambda point: point.curvature,
+        0.0,
+        SHORTEST_INTERVAL,
+    )
+    return None if cusp is None else cusp[0]
 
 
 def _record(equations: _Equations, here: FoldPoint, row: int, point: int, special: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Fixed points of a map by Newton's method, for many starts at once, stable and unstable ones.
+"""Fixed points of a map by Newton's method, for many starts at once, and their Floquet multipliers.
 
 If the map conserves a quantity, fixed points are not isolated: they form lines, on which Newton's equations
 are singular. The quantity is then constrained to a value, and each constraint adds one unknown, the `drift`:
@@ -12,13 +12,16 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Complex, Float, Int
 
 from gaitsweep import near_miss
 from gaitsweep.contract import ResultCode
 from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values, wrap_difference
 from gaitsweep.errors import ArgumentError
 
+Unknowns = Float[np.ndarray, "points unknowns"]  # coordinates and drifts
+Drifts = Float[np.ndarray, "points constrained"]
+Searches = Int[np.ndarray, " searches"]  # numbers of searches
 # Most halvings of a step that leaves the domain of the map or raises the residual.
 HALVINGS = 6
 # Condition number of the scaled Jacobian from which Newton's equations count as singular.
@@ -43,7 +46,7 @@ class ConservedConstraints:
     """The conserved quantities that a search holds constant: their indices in the map, and values (n, k)."""
 
     which: tuple[int, ...]
-    values: Float[np.ndarray, "points constrained"]
+    values: Drifts
     circular: Bool[np.ndarray, " constrained"]
 
     @classmethod
@@ -73,9 +76,7 @@ class ConservedConstraints:
     def __getitem__(self, rows: np.ndarray) -> ConservedConstraints:
         return dataclasses.replace(self, values=self.values[rows])
 
-    def residuals(
-        self, kept: Float[np.ndarray, "points conserved"]
-    ) -> Float[np.ndarray, "points constrained"]:
+    def residuals(self, kept: Float[np.ndarray, "points conserved"]) -> Drifts:
         """The residuals of the constraints, (n, k)."""
         return wrap_difference(kept[:, self.which] - self.values, self.circular)
 
@@ -90,7 +91,7 @@ class FixedPoints:
     """
 
     points: Points
-    drift: Float[np.ndarray, "points constrained"]
+    drift: Drifts
     residual: Float[np.ndarray, " points"]
     iterations: Int[np.ndarray, " points"]
     outcome: Int[np.ndarray, " points"]
@@ -108,12 +109,8 @@ def sizes(at: Float[np.ndarray, "... coordinates"]) -> Float[np.ndarray, "... co
 
 
 def residuals(
-    mapping: Map,
-    points: Points,
-    drift: Float[np.ndarray, "points constrained"],
-    images: MapEvaluation,
-    held: ConservedConstraints,
-) -> Float[np.ndarray, "points unknowns"]:
+    mapping: Map, points: Points, drift: Drifts, images: MapEvaluation, held: ConservedConstraints
+) -> Unknowns:
     """The residuals of Newton's equations, (n, size + k): zero at a fixed point."""
     moved = mapping.difference(images.points.at, points.at)
     spread = along(images.conserved_jacobian[:, held.which])
@@ -199,7 +196,7 @@ class _Search:
         self.outcome = np.where(self.images.sound, NewtonOutcome.not_converged, NewtonOutcome.left)
         self._mark_converged()
 
-    def step(self, rows: Int[np.ndarray, " searches"]) -> None:
+    def step(self, rows: Searches) -> None:
         """One Newton step of the searches `rows`, each shortened until the map is defined at its end."""
         self.iterations[rows] += 1
         step, _ = _steps(
@@ -225,7 +222,7 @@ class _Search:
         )
         self.outcome[rows] = np.where(self._regular(rows), NewtonOutcome.converged, NewtonOutcome.singular)
 
-    def _regular(self, rows: Int[np.ndarray, " searches"]) -> Bool[np.ndarray, " searches"]:
+    def _regular(self, rows: Searches) -> Bool[np.ndarray, " searches"]:
         """Whether the equations of the searches `rows` are regular."""
         if not rows.size:
             return np.zeros(0, bool)
@@ -234,7 +231,7 @@ class _Search:
         ]
 
     def _accepted(
-        self, rows: Int[np.ndarray, " searches"], step: Float[np.ndarray, "searches unknowns"], last: bool
+        self, rows: Searches, step: Float[np.ndarray, "searches unknowns"], last: bool
     ) -> Bool[np.ndarray, " searches"]:
         """Mask of accepted steps, by images alone: if the residual falls; the last wherever defined."""
         trial, drift = _moved(self.mapping, self.points[rows], self.drift[rows], self.images[rows], step)
@@ -252,12 +249,8 @@ class _Search:
 
 
 def _steps(
-    mapping: Map,
-    points: Points,
-    drift: Float[np.ndarray, "points constrained"],
-    images: MapEvaluation,
-    held: ConservedConstraints,
-) -> tuple[Float[np.ndarray, "points unknowns"], Bool[np.ndarray, " points"]]:
+    mapping: Map, points: Points, drift: Drifts, images: MapEvaluation, held: ConservedConstraints
+) -> tuple[Unknowns, Bool[np.ndarray, " points"]]:
     """The next step (n, size + k), an iterate of the map where singular, and whether it is regular."""
     matrix, miss = matrices(images, held), residuals(mapping, points, drift, images, held)
     size = points.at.shape[1]
@@ -273,23 +266,49 @@ def _steps(
 
 
 def _moved(
-    mapping: Map,
-    points: Points,
-    drift: Float[np.ndarray, "points constrained"],
-    images: MapEvaluation,
-    step: Float[np.ndarray, "points unknowns"],
-) -> tuple[Points, Float[np.ndarray, "points constrained"]]:
+    mapping: Map, points: Points, drift: Drifts, images: MapEvaluation, step: Unknowns
+) -> tuple[Points, Drifts]:
     """Points and drifts after a step; computed from the image, so that they have its discrete modes."""
     size = points.at.shape[1]
     back = mapping.difference(points.at, images.points.at)
     return Points(images.points.at + back + step[:, :size], images.points.modes), drift + step[:, size:]
 
 
-def norms(
-    miss: Float[np.ndarray, "points unknowns"], at: Float[np.ndarray, "points coordinates"]
-) -> Float[np.ndarray, " points"]:
+def norms(miss: Unknowns, at: Float[np.ndarray, "points coordinates"]) -> Float[np.ndarray, " points"]:
     """The largest relative residual of each row, (n,); infinite where it is NaN."""
     scale = np.ones_like(miss)
     scale[:, : at.shape[1]] = sizes(at)
     with np.errstate(invalid="ignore"):
         return np.nan_to_num(np.max(np.abs(miss) / scale, axis=1), nan=np.inf)
+
+
+def multipliers(
+    jacobian: Float[np.ndarray, "*points coordinates coordinates"],
+    gradients: Float[np.ndarray, "*points constrained coordinates"] | None = None,
+) -> Complex[np.ndarray, "*points multipliers"]:
+    """The Floquet multipliers, in descending order of modulus.
+
+    Args:
+        jacobian: of the map at its n fixed points, (n, size, size), or at one, (size, size).
+        gradients: of constrained quantities, (n, k, size): the multipliers are then those of the map
+            restricted to their level set, and k fewer.
+
+    Returns:
+        Complex numbers (n, size - k), or (size,) of one point.
+    """
+    if gradients is not None and gradients.shape[1]:
+        jacobian = np.stack([_restricted(a, g) for a, g in zip(jacobian, gradients, strict=True)])
+    found = np.asarray(np.linalg.eigvals(jacobian), complex)
+    # of two conjugates the one with the positive imaginary part comes first
+    order = np.lexsort((-np.imag(found), -np.round(np.abs(found), 12)), axis=-1)
+    return np.take_along_axis(found, order, axis=-1)
+
+
+def _restricted(
+    matrix: Float[np.ndarray, "coordinates coordinates"],
+    gradients: Float[np.ndarray, "constrained coordinates"],
+) -> Float[np.ndarray, "directions directions"]:
+    """The matrix restricted to the directions normal to all gradients."""
+    k = len(gradients)
+    basis = np.linalg.svd(gradients)[2][k:].T
+    return basis.T @ matrix @ basis

@@ -1,6 +1,6 @@
 """The smoothed drift of a one-dimensional map along a line or around the circle: its zeros and its ghosts.
 
-The drift is smoothed on each piece of the data between gaps and jumps (`map_pieces`). It has a zero where the
+The drift is smoothed on each piece of the data between gaps and jumps (`breaks`). It has a zero where the
 curve changes between significant values of opposite sign, and the points on both sides confirm it.
 """
 
@@ -14,10 +14,12 @@ import scipy
 from jaxtyping import Bool, Float, Real
 
 from gaitsweep.analysis.circular import unwrap_from
-from gaitsweep.analysis.transitions.map_pieces import breaks
 from gaitsweep.analysis.transitions.smoothing import Smooth, local_polynomial
 from gaitsweep.circular import TURN
 
+Pairs = Float[np.ndarray, " pairs"]  # a number for each pair
+RowOfPair = Real[np.ndarray, " pairs"]
+PairFlags = Bool[np.ndarray, " pairs"]
 NEAR = 0.01  # rad a crossing; a slower drift holds a row for long
 SURE = 2.0  # standard errors from zero of a significant drift
 _A_BANDWIDTH = 5  # points of the curve in a bandwidth
@@ -29,15 +31,26 @@ _ASTRAY = (0.02, 4.0)  # largest mean deviation of points from the curve: bandwi
 _TWOFOLD = 3.0  # least ratio of the distance between two branches of points to their widths
 _A_BRANCH, _BRANCHES = 2, 8  # least number of points of each branch, and of both
 _BRIDGED = (3.0, 0.5)  # largest residual at a zero on one side: standard errors, shares of the drift there
+# Breaks in the data.
+_NEIGHBOURS = 12  # spacings on either side that tell how densely the points lie at a place
+_WIDER = 4.0  # times as wide as those spacings, or
+_STARTS_WIDER = (
+    2.0  # as those of the rows' first points: a row leaves an unstable point, and none comes to it
+)
+_WIDEST = 2.0  # bandwidths: with a wider gap, no window has points on both sides
+_A_JUMP = 3.0  # times the largest residual of the lines on both sides
+_SURE = 6.0  # standard errors of the difference of these lines
+_LEAST = 4.0  # points, by their shares, on either side
+_STEP = (1.0 / 3.0, 2.0)  # of the lines' difference: what the two points in the middle differ by
 
 
 class Points(NamedTuple):
     """Pairs of a map, (n,) each: value, change, row and share."""
 
-    value: Float[np.ndarray, " pairs"]
-    change: Float[np.ndarray, " pairs"]
-    row: Real[np.ndarray, " pairs"]
-    share: Float[np.ndarray, " pairs"]
+    value: Pairs
+    change: Pairs
+    row: RowOfPair
+    share: Pairs
 
 
 class Drift(NamedTuple):
@@ -70,13 +83,7 @@ class Drift(NamedTuple):
         return found
 
 
-def drifts_of(
-    value: Float[np.ndarray, " pairs"],
-    change: Float[np.ndarray, " pairs"],
-    row: Real[np.ndarray, " pairs"],
-    bandwidth: float,
-    circular: bool,
-) -> list[Drift]:
+def drifts_of(value: Pairs, change: Pairs, row: RowOfPair, bandwidth: float, circular: bool) -> list[Drift]:
     """Smooth the change over the value by local lines, on each piece of the data.
 
     The curve closes around the circle if the data have no break.
@@ -120,6 +127,106 @@ def drifts_of(
     pieces = zip(*(np.split(each, ends) for each in points), strict=True)
     found = [_piece(Points(*each), bandwidth, step, circular) for each in pieces]
     return sorted(found, key=lambda piece: float(piece.points.value[0]))
+
+
+def breaks(
+    value: Pairs, change: Pairs, share: Pairs, first: PairFlags, bandwidth: float, step: float
+) -> Bool[np.ndarray, " gaps"]:
+    """Whether there is a break, a gap or a jump, after each of the points sorted by value, bool (n - 1,).
+
+    A curve across a break would have values that no trajectory has, and false zeros of the drift.
+
+    A gap is wider than the spacing of the points around it: 4 times their spacing, twice the spacing of the
+    rows' first points, or two bandwidths. Spacings below `step` are no gaps. At a jump, the
+    lines through the points on both sides (4 at least, within a bandwidth) differ, between the two points in
+    the middle, by 6 standard errors and by 3 times their largest residual.
+
+    Args:
+        value, change, share: the points as `Drift` has them, (n,), sorted by value.
+        first: which of them is the first of its row, bool (n,).
+        bandwidth: half the width of the smoothing window, in the unit of the value.
+        step: the distance below which places count as one.
+    """
+    if len(value) < 2:
+        return np.zeros(0, bool)
+    return _gaps(value, first, bandwidth, step) | _jumps(value, change, share, bandwidth, step)
+
+
+def _gaps(value: Pairs, first: PairFlags, bandwidth: float, step: float) -> Bool[np.ndarray, " gaps"]:
+    spacing = np.diff(value)
+    suspect = np.flatnonzero(spacing > step)
+    wide = np.zeros(len(spacing), bool)
+    if not suspect.size:
+        return wide
+    # points of one place (rows that have come to rest) tell nothing of how densely the others lie
+    places = value[np.r_[True, spacing > 0.1 * step]]
+    between = np.diff(places)
+    starts = np.unique(value[first])
+    apart = np.diff(starts)
+    for k in suspect:
+        at = int(np.searchsorted(places, value[k], "right")) - 1
+        around = np.r_[between[max(at - _NEIGHBOURS, 0) : at], between[at + 1 : at + 1 + _NEIGHBOURS]]
+        usual = _WIDER * float(np.quantile(around, 0.9)) if around.size else 0.0
+        middle = 0.5 * (value[k] + value[k + 1])
+        start = int(np.searchsorted(starts, middle)) - 1
+        if 0 <= start < len(apart):
+            beside = np.r_[apart[max(start - 1, 0) : start], apart[start + 1 : start + 2]]
+            usual = max(usual, _STARTS_WIDER * float(beside.max())) if beside.size else usual
+        wide[k] = spacing[k] > min(max(usual, step), _WIDEST * bandwidth)
+    return wide
+
+
+def _jumps(
+    value: Pairs, change: Pairs, share: Pairs, bandwidth: float, step: float
+) -> Bool[np.ndarray, " gaps"]:
+    found = np.zeros(len(value) - 1, bool)
+    difference = np.abs(np.diff(change))
+    # a jump is far larger than what the points around it differ by, from one to the next
+    usual = scipy.ndimage.median_filter(difference, 2 * _NEIGHBOURS + 1, mode="nearest")
+    largest = scipy.ndimage.maximum_filter1d(difference, 3, mode="nearest")
+    for k in map(
+        int, np.flatnonzero((difference > 3.0 * usual) & (difference >= largest) & (difference > 0.0))
+    ):
+        middle = 0.5 * float(value[k] + value[k + 1])
+        below = _line(value, change, share, k, -1, middle, bandwidth, step)
+        above = _line(value, change, share, k + 1, 1, middle, bandwidth, step)
+        if below is None or above is None:
+            continue
+        left, left_error, left_residual = below
+        right, right_error, right_residual = above
+        leap = abs(right - left)
+        error = float(np.hypot(left_error, right_error))
+        found[k] = (
+            leap > _SURE * error
+            and leap > _A_JUMP * max(left_residual, right_residual)
+            and _STEP[0] * leap < difference[k] < _STEP[1] * leap
+        )
+    return found
+
+
+def _line(
+    value: Pairs, change: Pairs, share: Pairs, k: int, way: int, place: float, bandwidth: float, step: float
+) -> tuple[float, float, float] | None:
+    """The line through point k and some beyond it, at a place: value, error, largest residual."""
+    last = int(np.searchsorted(value, value[k] + way * bandwidth, "right" if way > 0 else "left"))
+    mine = np.arange(k, last) if way > 0 else np.arange(k, last - 1, -1)
+    x, y, weight = np.abs(value[mine] - place), change[mine], share[mine]
+    enough = (np.cumsum(weight) >= _LEAST) & (x - x[:1] >= step) & (np.arange(len(x)) >= 3)
+    if not enough.any():
+        return None
+    count = int(np.argmax(enough)) + 1
+    x, y, weight = x[:count], y[:count], weight[:count]
+    middle = np.average(x, weights=weight)
+    spread = float(np.average((x - middle) ** 2, weights=weight))
+    if spread <= 0.0:
+        return None
+    height = float(np.average(y, weights=weight))
+    slope = float(np.average((x - middle) * (y - height), weights=weight)) / spread
+    residual = y - height - slope * (x - middle)
+    effective = float(weight.sum()) ** 2 / float((weight**2).sum())
+    variance = float(np.average(residual**2, weights=weight)) * effective / max(effective - 2.0, 1.0)
+    error = np.sqrt(variance / effective * (1.0 + middle**2 / spread))
+    return height - slope * middle, float(error), float(np.abs(residual).max())
 
 
 def _piece(points: Points, bandwidth: float, step: float, circular: bool) -> Drift:
@@ -205,9 +312,7 @@ def _twofold(points: Points, smooth: Smooth, bandwidth: float) -> Bool[np.ndarra
     return found
 
 
-def _beside_own_branch(
-    away: Float[np.ndarray, " pairs"], beside: Float[np.ndarray, " pairs"]
-) -> Float[np.ndarray, " pairs"]:
+def _beside_own_branch(away: Pairs, beside: Pairs) -> Pairs:
     """The changes without the common slope of those above a curve and those below it."""
     tilt = 0.0
     for _ in range(3):
@@ -222,9 +327,7 @@ def _beside_own_branch(
     return beside - tilt * away
 
 
-def once_a_place(
-    value: Float[np.ndarray, " pairs"], row: Real[np.ndarray, " pairs"], step: float
-) -> Float[np.ndarray, " pairs"]:
+def once_a_place(value: Pairs, row: RowOfPair, step: float) -> Pairs:
     """The weight (n,) of each pair: each visit of a row to a position has the weight one.
 
     Where a row stays, its values fluctuate or alternate, with changes of -1 or -2 times their deviation:
@@ -342,9 +445,7 @@ def _confirmed(drift: Drift, place: float, falls: bool) -> bool:
     return not bridged
 
 
-def _remains(
-    drift: Drift, mine: Bool[np.ndarray, " pairs"], away: Float[np.ndarray, " pairs"], width: float
-) -> tuple[float, float, float] | None:
+def _remains(drift: Drift, mine: PairFlags, away: Pairs, width: float) -> tuple[float, float, float] | None:
     """Value at a zero of the line through the points of one side, its error, and their mean size."""
     if not mine.any():
         return None

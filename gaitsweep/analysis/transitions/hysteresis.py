@@ -1,19 +1,27 @@
-"""Where states are lost as a parameter rises and falls, and the area between the branches."""
+"""Hysteresis: the transition points as a parameter rises and falls, and the area of the loop.
+
+The functions read ramps (a slowly moving parameter), staircases (a parameter held at each value in turn) and
+settled rows. A ramp lags: it jumps after the transition point, and the faster it is, the later. The interval
+of a staircase contains the point if its holds are long enough; those of settled rows always do.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 
+import numpy as np
 import pandas as pd
+from jaxtyping import Bool, Float, Shaped
 
-from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.analysis.transitions.transition_points import (
-    LEAST,
-    loop_area,
-    transition_points,
-    transition_points_by_gait,
-)
+from gaitsweep.analysis.circular import is_circular, mean_direction
+from gaitsweep.analysis.records import AnalysisError, axes_of, panels_of, require, section_column
+from gaitsweep.analysis.transitions.jumps import Course, courses, records_of, rising, stretches
+from gaitsweep.circular import TURN, wrapped_difference
+from gaitsweep.contract import Status
+
+LEAST = 0.15  # least change of a jump, in the observable's unit
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,6 +89,184 @@ def hysteresis(
     return Hysteresis(_joined(points), _joined(loops))
 
 
+def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST) -> pd.DataFrame:
+    """The jumps of each row and pass of a ramp or a staircase.
+
+    Args:
+        table: a ramp or staircase table; NaN records and the last ones before a fall are left out.
+        observable: a section observable (delta_13); angles are unwrapped.
+        parameter: the column of the moving parameter.
+        least: the least change of a jump, in the observable's unit: between two holds, or within 40 crossings
+            of a ramp. A jump is also larger than four times the lower quartile of such changes in the row.
+
+    Returns:
+        One record a jump: row, swept axes, pass, direction (rising or falling, the parameter's), `low` and
+        `high` (the parameter's interval: from the last value before the jump to the first after it; for a
+        ramp, where a tenth and nine tenths of it are completed), before, after, size (after - before).
+
+    Raises:
+        AnalysisError: the table does not have a column.
+    """
+    name = section_column(table, observable)
+    circular, axes = is_circular(table, name), axes_of(table)
+    found = []
+    for course in courses(table, observable, parameter):
+        for start, stop in stretches(course, least):
+            number = int(course.passes[stop if course.settled is not None else (start + stop) // 2])
+            passed = course.parameter[start : stop + 1]
+            before, after = course.value[[start, stop]]
+            found.append(
+                {
+                    **_place(course, axes),
+                    "pass": number,
+                    "direction": "rising" if rising(course, number) else "falling",
+                    "low": passed.min(),
+                    "high": passed.max(),
+                    "before": np.mod(before, TURN) if circular else before,
+                    "after": np.mod(after, TURN) if circular else after,
+                    "size": after - before,
+                }
+            )
+    columns = ["row", *axes, "pass", "direction", "low", "high", "before", "after", "size"]
+    return pd.DataFrame(found, columns=columns)
+
+
+def largest_jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST) -> pd.DataFrame:
+    """The largest of the `jumps` of each row and pass, in the same columns, without `irregular_passes`."""
+    found = jumps(table, observable, parameter, least)
+    apart = _irregular(found, table, observable, parameter, least)
+    keys, apart = (pd.MultiIndex.from_frame(each[["row", "pass"]]) for each in (found, apart))
+    steady = found.loc[~keys.isin(apart)]
+    largest = steady.assign(height=steady["size"].abs()).sort_values("height", kind="stable")
+    return largest.drop_duplicates(["row", "pass"], keep="last").drop(columns="height").sort_index()
+
+
+def irregular_passes(
+    table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST
+) -> pd.DataFrame:
+    """The passes on no branch (row, pass), which reverse direction at least twice, by `least` or more.
+
+    Either their jumps do, or the observable itself, which is smoothed for a ramp.
+
+    Args, raises: as for `jumps`.
+    """
+    return _irregular(jumps(table, observable, parameter, least), table, observable, parameter, least)
+
+
+def _irregular(
+    found: pd.DataFrame, table: pd.DataFrame, observable: str, parameter: str, least: float
+) -> pd.DataFrame:
+    """The `irregular_passes` of a table whose `jumps` are found."""
+    apart = {(row, int(number)) for row, number in found.loc[_oscillating(found), ["row", "pass"]].to_numpy()}
+    for course in courses(table, observable, parameter):
+        for number in np.unique(course.passes):
+            if _reversals(course.value[records_of(course, int(number))], least) >= 2:
+                apart.add((course.first["row"], int(number)))
+    return pd.DataFrame(sorted(apart), columns=["row", "pass"]).astype(int)
+
+
+def transition_points(
+    table: pd.DataFrame,
+    observable: str,
+    parameter: str,
+    least: float = LEAST,
+    by: Sequence[str] = (),
+) -> pd.DataFrame:
+    """The transition point of each pass, over all rows on a branch: their `largest_jumps`.
+
+    Args:
+        table, observable, parameter, least: as for `jumps`.
+        by: swept axes; rows with equal values are pooled.
+
+    Returns:
+        One record for each pass with a jump: by, pass, direction, `low` and `high` (medians over the rows;
+        the outer one for an even number), `lowest` and `highest` (over all rows), size (median), rows (that
+        jump), of (all rows).
+    """
+    by = list(by)
+    largest = largest_jumps(table, observable, parameter, least)
+    require(largest, *by)
+    keys = [*by, "pass", "direction"]
+    points = (
+        largest.groupby(keys, sort=True, observed=True)
+        .agg(
+            low=("low", lambda low: low.quantile(0.5, interpolation="lower")),
+            high=("high", lambda high: high.quantile(0.5, interpolation="higher")),
+            lowest=("low", "min"),
+            highest=("high", "max"),
+            size=("size", "median"),
+            rows=("row", "nunique"),
+        )
+        .reset_index()
+    )
+    if by:
+        rows = table.groupby(by, observed=True).agg(of=("row", "nunique")).reset_index()
+        return points.merge(rows, on=by, how="left")
+    return points.assign(of=table["row"].nunique())
+
+
+def transition_points_by_gait(
+    table: pd.DataFrame, parameter: str, start: str, gait: str = "gait", by: Sequence[str] = ()
+) -> pd.DataFrame:
+    """The transition points of each gait, from settled rows at many values of a parameter on each branch.
+
+    At one value a gait is kept if a row settles in it, and lost if no row from its own starts does. Its own
+    starts are the values of `start` from which it is reached anywhere in the table. Rows that reached their
+    limit of cycles or time are not used, since a ghost of a lost gait may hold them for long. A value without
+    other rows from the gait's own starts is skipped, which widens the interval.
+
+    Args:
+        table: a settle table.
+        parameter: the column of the parameter.
+        start: the column of the start that selects the branch.
+        gait: the column of the gait; `none` is not one.
+        by: other swept axes; each of their combinations has its own transition points.
+
+    Returns:
+        One record a point: by, gait, direction (rising if the gait is lost as the parameter rises), kept and
+        lost (the last value at which it is kept, the first at which it is lost), low and high (the same in
+        order), rows (that settled in it at `kept`).
+    """
+    by = list(by)
+    require(table, "status", parameter, start, gait, *by)
+    columns = [*by, "gait", "direction", "kept", "lost", "low", "high", "rows"]
+    found = []
+    for place, rows in panels_of(table, by):
+        part = table.iloc[rows]
+        labels = part[gait].astype(object)
+        names = list(part[gait].cat.categories) if isinstance(part[gait].dtype, pd.CategoricalDtype) else []
+        names = names or sorted(str(name) for name in labels.dropna().unique())
+        for name in names:
+            if str(name) != "none":
+                edges = _edges_of(part, parameter, start, (labels == name).to_numpy())
+                found += [{**place, "gait": name, **edge} for edge in edges]
+    return pd.DataFrame(found, columns=columns)
+
+
+def loop_area(table: pd.DataFrame, observable: str, parameter: str) -> pd.DataFrame:
+    """The area of each hysteresis loop: between a rising pass and the next falling one.
+
+    A branch is the observable over the parameter (the circular mean of several records at one value), linear
+    between its values; angles differ by the shorter way. The area has the unit parameter x observable. The
+    lag of a ramp adds to it.
+
+    Returns:
+        One record a row and pair of passes: row, swept axes, loop (0, 1, ...), area (of the absolute
+        difference), signed (rising minus falling), low and high (the common range of both passes); NaN if a
+        row lacks one of the passes. Rows with fewer than two records are left out.
+
+    Raises:
+        AnalysisError: the table does not have a column.
+    """
+    name = section_column(table, observable)
+    circular, axes = is_circular(table, name), axes_of(table)
+    found = []
+    for course in courses(table, observable, parameter):
+        for loop in range(int(course.passes.max()) // 2 + 1):
+            found.append({**_place(course, axes), "loop": loop, **_area(course, 2 * loop, circular)})
+    return pd.DataFrame(found, columns=["row", *axes, "loop", "area", "signed", "low", "high"])
+
+
 def _observables(table: pd.DataFrame) -> list[str]:
     """The section observables of a table, by their own names."""
     columns = table.columns[table.columns.str.endswith("_n")]
@@ -93,3 +279,82 @@ def _joined(parts: list[pd.DataFrame]) -> pd.DataFrame:
     joined = pd.concat(full, ignore_index=True) if full else pd.DataFrame({"observable": []})
     joined.insert(0, "observable", joined.pop("observable"))
     return joined
+
+
+def _oscillating(found: pd.DataFrame) -> Bool[np.ndarray, " jumps"]:
+    """Whether each of the `jumps` is of a pass whose jumps reverse direction at least twice, (n,)."""
+    size, one = found["size"].to_numpy(float), found.groupby(["row", "pass"]).ngroup().to_numpy(int)
+    back = (size[1:] * size[:-1] < 0.0) & (one[1:] == one[:-1])
+    turns = np.bincount(one[1:][back], minlength=int(one.max(initial=0)) + 1)
+    return turns[one] >= 2
+
+
+def _reversals(value: Float[np.ndarray, " records"], least: float) -> int:
+    """The number of times that a course turns back, having moved by `least` or more since the last turn."""
+    turns, way = 0, 0
+    low = high = value[0]
+    for each in value:
+        low, high = min(low, each), max(high, each)
+        if way <= 0 and each - low >= least:
+            turns, way, high = turns + (way < 0), 1, each
+        elif way >= 0 and high - each >= least:
+            turns, way, low = turns + (way > 0), -1, each
+    return turns
+
+
+def _place(course: Course, axes: Sequence[str]) -> dict[str, object]:
+    return {name: course.first[name] for name in ("row", *axes)}
+
+
+def _edges_of(
+    part: pd.DataFrame, parameter: str, start: str, reached: Shaped[np.ndarray, " rows"]
+) -> list[dict[str, object]]:
+    """The transition points of one gait, given the rows that ended in it."""
+    undecided = Status.UNDECIDED.among(part["status"])
+    settled = reached & ~undecided
+    own = part[start].isin(part.loc[settled, start].unique()).to_numpy()
+    value = part[parameter].to_numpy(float)
+    known = []
+    for at in np.unique(value[own & np.isfinite(value)]):
+        here = own & (value == at)
+        rows = int(settled[here].sum())
+        if rows or not undecided[here].any():
+            known.append((float(at), rows))
+    edges = []
+    for (low, below), (high, above) in itertools.pairwise(known):
+        if bool(below) == bool(above):
+            continue
+        kept, lost, direction = (low, high, "rising") if below else (high, low, "falling")
+        edge = {"direction": direction, "kept": kept, "lost": lost, "low": low, "high": high}
+        edges.append({**edge, "rows": max(below, above)})
+    return edges
+
+
+def _area(course: Course, first: int, circular: bool) -> dict[str, float]:
+    """The area between passes `first` and `first + 1` of a course."""
+    nothing: dict[str, float] = dict.fromkeys(("area", "signed", "low", "high"), float("nan"))
+    branches = [_branch(course, number, circular) for number in (first, first + 1)]
+    if any(len(at) < 2 for at, _ in branches):
+        return nothing
+    low, high = max(at[0] for at, _ in branches), min(at[-1] for at, _ in branches)
+    if high <= low:
+        return nothing
+    grid = np.unique(np.clip(np.concatenate([at for at, _ in branches]), low, high))
+    here, there = (np.interp(grid, at, value) for at, value in branches)
+    difference = (here - there) if rising(course, first) else (there - here)
+    difference = wrapped_difference(difference) if circular else difference
+    area, signed = np.trapezoid(np.abs(difference), grid), np.trapezoid(difference, grid)
+    return {"area": float(area), "signed": float(signed), "low": float(low), "high": float(high)}
+
+
+def _branch(
+    course: Course, number: int, circular: bool
+) -> tuple[Float[np.ndarray, " records"], Float[np.ndarray, " records"]]:
+    """The parameter's values in a pass, ascending, and the observable at each."""
+    mine = records_of(course, number)
+    at, which = np.unique(course.parameter[mine], return_inverse=True)
+    value = course.value[mine]
+    if not circular or not len(at):
+        return at, np.bincount(which, value) / np.bincount(which) if len(at) else at
+    means = np.array([mean_direction(value[which == i]) for i in range(len(at))])
+    return at, np.unwrap(means)

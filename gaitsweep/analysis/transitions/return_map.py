@@ -17,7 +17,7 @@ import pandas as pd
 from jaxtyping import Int
 
 from gaitsweep.analysis.circular import branch_cut, is_circular, unwrap_from
-from gaitsweep.analysis.records import axes_of, require, section_column, sound
+from gaitsweep.analysis.records import axes_of, panels_of, require, section_column, sound
 from gaitsweep.analysis.transitions.drift import NEAR, Drift, drifts_of, ghosts_of, zeros_of
 from gaitsweep.circular import TURN, wrapped_difference
 
@@ -192,11 +192,10 @@ def _drifts(
     if not len(found):
         return
     width = bandwidth or (BANDWIDTH if circular else _SHARE * float(np.ptp(found["value"])) or BANDWIDTH)
-    parts = found.groupby(names, sort=True, observed=True) if names else [((), found)]
-    for key, part in parts:
+    for place, rows in panels_of(found, names):
+        part = found.iloc[rows]
         value = part["value"].to_numpy()
         value = unwrap_from(value, branch_cut(value)) if circular else value
-        place = dict(zip(names, key if isinstance(key, tuple) else (key,), strict=True))
         change, row = part["change"].to_numpy(), part["row"].to_numpy()
         for piece, curve in enumerate(drifts_of(value, change, row, width, circular)):
             yield place, piece, curve

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int, Real
 
+PerPoint = Float[np.ndarray, " points"]  # a number for each point
 LEAST = (3.0, 6.0)  # least weight of the points in the window of a line and of a parabola
 SPREAD = 0.02  # least variance of these points, in squared bandwidths; 0.2 if evenly spread
 WIDER = (1.0, 1.5, 2.25)  # bandwidths tried for a line where points are few
@@ -31,10 +32,10 @@ class Smooth(NamedTuple):
 
 
 def local_polynomial(
-    x: Float[np.ndarray, " points"],
-    y: Float[np.ndarray, " points"],
+    x: PerPoint,
+    y: PerPoint,
     group: Real[np.ndarray, " points"],
-    share: Float[np.ndarray, " points"],
+    share: PerPoint,
     at: Float[np.ndarray, " positions"],
     bandwidth: float,
     degree: int = 1,
@@ -76,9 +77,7 @@ def local_polynomial(
     return Smooth(np.asarray(at, float), value, slope, value_error, slope_error, points.astype(int))
 
 
-def _enough(
-    distance: Float[np.ndarray, " points"], weight: Float[np.ndarray, " points"], least: float
-) -> bool:
+def _enough(distance: PerPoint, weight: PerPoint, least: float) -> bool:
     """Whether the points have the weight `least`, and do not coincide."""
     if len(distance) < 4 or weight.sum() < least:
         return False
@@ -87,11 +86,7 @@ def _enough(
 
 
 def _fit(
-    distance: Float[np.ndarray, " points"],
-    y: Float[np.ndarray, " points"],
-    group: Real[np.ndarray, " points"],
-    share: Float[np.ndarray, " points"],
-    degree: int,
+    distance: PerPoint, y: PerPoint, group: Real[np.ndarray, " points"], share: PerPoint, degree: int
 ) -> tuple[float, ...]:
     """The value, slope and their standard errors at distance 0, for bandwidth 1."""
     weight = 1.0 - distance**2

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 from pydantic import Field
 
-from gaitsweep.analysis.attractors.attractors import with_attractors
 from gaitsweep.analysis.basins.attractor_matching import follow_attractors
+from gaitsweep.analysis.basins.attractors import with_attractors
 from gaitsweep.analysis.basins.measures import Basins, basins
 from gaitsweep.analysis.records import axes_of
 from gaitsweep.kinds.run_kind import refinement

@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from gaitsweep.analysis.circular import branch_cut, is_circular, unwrap_from
 from gaitsweep.analysis.records import in_order
-from gaitsweep.analysis.transitions.transition_points import transition_points_by_gait
+from gaitsweep.analysis.transitions.hysteresis import transition_points_by_gait
 from gaitsweep.contract import Outcome
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, described, log_axes, outcome, rows_where, symbol, unit_of

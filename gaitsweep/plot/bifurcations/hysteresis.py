@@ -18,13 +18,13 @@ from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.circular import branch_cut, unwrap_from
 from gaitsweep.analysis.records import sound
-from gaitsweep.analysis.transitions.jumps import where_it_moves
-from gaitsweep.analysis.transitions.transition_points import (
+from gaitsweep.analysis.transitions.hysteresis import (
     LEAST,
     irregular_passes,
     largest_jumps,
     transition_points,
 )
+from gaitsweep.analysis.transitions.jumps import where_it_moves
 from gaitsweep.plot import style
 from gaitsweep.plot.bifurcations.passes import DOWN, UP, draw_arrows, draw_row
 from gaitsweep.plot.columns import (

@@ -1,21 +1,26 @@
-"""Computation of the rows of sets of constants by the workers of a cluster."""
+"""Result directory of a search or a sensitivity analysis, and its rows computed by a cluster."""
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import shutil
 import time
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.population import OnProgress
 from gaitsweep.job import Job
+from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import run_job
-from gaitsweep.table import load
+from gaitsweep.runs.makers import continue_directory
+from gaitsweep.runs.prepare import RunContext, naming_the_file
+from gaitsweep.table import ResultDirectory, load
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
@@ -24,6 +29,58 @@ if TYPE_CHECKING:
 BATCH = "batch"
 # Rows of a block of a batch, at least, and the workers that are counted on while their number is not known.
 _FEWEST_ROWS, _WORKERS = 16, 4
+
+
+@contextlib.contextmanager
+def open_directory(
+    path: Path,
+    resolved: Mapping[str, Any],
+    job_hash: str,
+    sets: int,
+    block: int,
+    context: RunContext,
+    on_message: Callable[[str], None],
+) -> Iterator[ResultDirectory]:
+    """Open a result directory of sets of constants to begin or to continue it.
+
+    Args:
+        path: the directory.
+        resolved: the job as plain values.
+        job_hash: hash of the job.
+        sets: number of sets.
+        block: number of sets of a part.
+        context: context of the job of a set.
+        on_message: called with each note and warning, a sentence.
+
+    Raises:
+        RunError, TableError: the directory cannot be continued.
+    """
+    if context.note is not None:
+        on_message(context.note)
+    for caveat in context.model.caveats():
+        on_message(f"Warning: {caveat}")
+    with naming_the_file(), ResultDirectory.open(path, resolved, job_hash, sets, block) as directory:
+        for note in directory.notes:
+            on_message(note)
+        continue_directory(context, directory, on_message)
+        yield directory
+
+
+def describe(
+    context: RunContext,
+    directory: ResultDirectory,
+    quantities: Mapping[str, Any],
+    versions: Mapping[str, str],
+) -> None:
+    """Write the units of the columns, the settings of the run and the versions into the manifest."""
+    directory.update_manifest(
+        engine=context.engine,
+        device=context.device,
+        precision=context.spec.numerics.precision,
+        method=context.spec.numerics.method,
+        quantities=quantities,
+        versions=provenance.versions() | dict(versions),
+    )
 
 
 class ClusterRows:

@@ -14,6 +14,7 @@ from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.errors import ArgumentError
 
+Trajectories = Int[np.ndarray, " trajectories"]  # a number for each trajectory
 # The label of a trajectory that has reached no attractor yet; -1 - w if it ended by the `Way` w.
 UNDECIDED = -1
 # Least number of lanes in a call: fewer take a kernel as long, and every size is compiled separately.
@@ -21,9 +22,7 @@ FEWEST = 8
 
 # (images of n trajectories, the pair of each (n,), cycles since the start) -> the labels (n,) of their
 # attractors, 0 or more, or UNDECIDED.
-AttractorMapper = Callable[
-    [MapEvaluation, Int[np.ndarray, " trajectories"], int], Int[np.ndarray, " trajectories"]
-]
+AttractorMapper = Callable[[MapEvaluation, Trajectories, int], Trajectories]
 
 
 class ProximityMapper:
@@ -63,9 +62,7 @@ class ProximityMapper:
         apart = np.min(np.where(different, np.max(np.abs(away), axis=3), np.inf), axis=(1, 2))
         self._reach = reach * apart
 
-    def __call__(
-        self, images: MapEvaluation, pair: Int[np.ndarray, " trajectories"], cycle: int
-    ) -> Int[np.ndarray, " trajectories"]:
+    def __call__(self, images: MapEvaluation, pair: Trajectories, cycle: int) -> Trajectories:
         which = _of_each(pair, len(self._places), "attractors")
         away = self._mapping.difference(images.points.at[:, None], self._places[which]) / self._scale[which]
         distance = np.max(np.abs(away), axis=2)
@@ -103,9 +100,7 @@ class LabelMapper:
         self._read = [quantity.name for quantity in model.observables]
         self._label = jax.jit(jax.vmap(lambda v, o: model.label(mapping.params(v), o)["gait"]))
 
-    def __call__(
-        self, images: MapEvaluation, pair: Int[np.ndarray, " trajectories"], cycle: int
-    ) -> Int[np.ndarray, " trajectories"]:
+    def __call__(self, images: MapEvaluation, pair: Trajectories, cycle: int) -> Trajectories:
         if cycle < self._after:
             return np.full(len(pair), UNDECIDED)
         which = _of_each(pair, len(next(iter(self._held.values()))), "values")
@@ -120,9 +115,7 @@ class LabelMapper:
         return np.where(self._counts[label], label, UNDECIDED)
 
 
-def _of_each(
-    pair: Int[np.ndarray, " trajectories"], given: int, what: str
-) -> Int[np.ndarray, " trajectories"]:
+def _of_each(pair: Trajectories, given: int, what: str) -> Trajectories:
     """The index of each pair in an argument that has one entry for all pairs, or one for each."""
     if given > 1 and np.max(pair) >= given:
         raise ArgumentError(

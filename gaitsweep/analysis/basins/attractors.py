@@ -14,13 +14,15 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import scipy
 from jaxtyping import Bool, Float, Int
 
-from gaitsweep.analysis.attractors.linkage import cells, components, linking_distance, spanning_tree
-from gaitsweep.analysis.attractors.state_space import Space, extent, state_columns
+from gaitsweep.analysis.basins.state_space import Space, StateArray, extent, state_columns
 from gaitsweep.analysis.records import AnalysisError, require
 from gaitsweep.contract import Status
 
+Links = Int[np.ndarray, "links 2"]  # pairs of states
+Groups = Int[np.ndarray, " states"]  # a number for each state
 GRAINS_OF_A_POINT = 10.0  # largest extent of a point attractor, in grains
 CYCLES_OF_A_GRAIN = 10.0  # cycles in which a row settled to the tolerance of `run` may still move by a grain
 _GRAIN = 0.01  # rad; for tables without a tolerance
@@ -28,6 +30,9 @@ WINDOW = (
     1.0 / 16.0
 )  # radius of the neighbourhood that gives the direction of a line, as a share of its extent
 BENT = 0.05  # variance across a line over that along it, at a corner; 0.25 at a right angle, 0 if straight
+MOST_CELLS = 8192  # the time of the spanning tree grows with their square
+GAP = 3.0  # least ratio of successive link lengths at a gap between attractors
+
 _KINDS = ("point", "line", "surface", "space")
 
 
@@ -181,13 +186,13 @@ def _orbits(table: pd.DataFrame) -> Int[np.ndarray, " rows"]:
 
 def _cut_at_corners(
     space: Space,
-    states: Float[np.ndarray, "states coordinates"],
-    flat: Float[np.ndarray, "states coordinates"],
-    group: Int[np.ndarray, " states"],
-    links: Int[np.ndarray, "links 2"],
+    states: StateArray,
+    flat: StateArray,
+    group: Groups,
+    links: Links,
     gaps: Float[np.ndarray, " links"],
     side: float,
-) -> Int[np.ndarray, " states"]:
+) -> Groups:
     """The groups (m,) of states, lines split at their corners; `gaps`: of the `links`, 0 where cut."""
     pieces = np.zeros(len(flat), np.int64)
     for number in range(group.max(initial=-1) + 1):
@@ -199,11 +204,7 @@ def _cut_at_corners(
 
 
 def _described(
-    space: Space,
-    states: Float[np.ndarray, "states coordinates"],
-    flat: Float[np.ndarray, "states coordinates"],
-    side: float,
-    columns: Sequence[str],
+    space: Space, states: StateArray, flat: StateArray, side: float, columns: Sequence[str]
 ) -> dict[str, object]:
     """The medoid of an attractor's states (m, d), its extent, dimension and kind."""
     middle = states[space.medoid(states)] * space.scales
@@ -212,7 +213,7 @@ def _described(
     return {**dict(zip(columns, middle, strict=True)), **shape}
 
 
-def _dimension(flat: Float[np.ndarray, "states coordinates"], side: float) -> int:
+def _dimension(flat: StateArray, side: float) -> int:
     """The box-counting dimension of unrolled states (m, d), rounded; 0 for a point."""
     whole = extent(flat)
     if whole <= GRAINS_OF_A_POINT * side:
@@ -223,13 +224,7 @@ def _dimension(flat: Float[np.ndarray, "states coordinates"], side: float) -> in
     return max(1, round(float(slope)))
 
 
-def _smooth_pieces(
-    space: Space,
-    states: Float[np.ndarray, "states coordinates"],
-    flat: Float[np.ndarray, "states coordinates"],
-    grain: float,
-    gap: float,
-) -> Int[np.ndarray, " states"]:
+def _smooth_pieces(space: Space, states: StateArray, flat: StateArray, grain: float, gap: float) -> Groups:
     """The smooth piece (m,) of each state of one line; at a corner its neighbours are bent."""
     window = WINDOW * extent(flat)
     whole = np.zeros(len(states), np.int64)
@@ -248,9 +243,7 @@ def _smooth_pieces(
     return np.argmin([space.nearest_distance(states, states[mine]) for mine in kept], axis=0)
 
 
-def _bend(
-    space: Space, states: Float[np.ndarray, "states coordinates"], window: float
-) -> Float[np.ndarray, " states"]:
+def _bend(space: Space, states: StateArray, window: float) -> Float[np.ndarray, " states"]:
     """The variance of each state's neighbours across their main direction over that along it, (m,)."""
     around = space.tree(states).query_ball_point(states, window)
     bend = np.zeros(len(states))
@@ -260,3 +253,80 @@ def _bend(
         if spread[-1] > 0.0:
             bend[place] = spread[:-1].sum() / spread[-1]
     return bend
+
+
+@dataclasses.dataclass(frozen=True)
+class Cells:
+    """States binned into cells: `of` (n,) the cell of each state, `first` (m,) one state of each, `side`."""
+
+    of: Groups
+    first: Int[np.ndarray, " cells"]
+    side: float
+
+
+def cells(space: Space, points: StateArray, grain: float) -> Cells:
+    """Bin states (n, d) into cells of side `grain`, doubled until there are at most `MOST_CELLS`."""
+    side = grain
+    while True:
+        count = np.maximum(np.round(space.periods / side), 1.0)
+        width = np.where(space.periods > 0.0, space.periods / count, side)
+        places = pd.DataFrame(np.floor(points / width).astype(np.int64))
+        of = places.groupby(list(places)).ngroup().to_numpy()
+        first = np.unique(of, return_index=True)[1]
+        if first.size <= MOST_CELLS:
+            return Cells(of, first, side)
+        side *= 2.0
+
+
+def spanning_tree(space: Space, points: StateArray) -> tuple[Links, Float[np.ndarray, " links"]]:
+    """The minimum spanning tree of states (m, d) by Prim's algorithm, in memory O(m) and time O(m^2).
+
+    Returns:
+        The links as pairs of indices, outwards from the first state, (m - 1, 2), and their lengths, (m - 1,).
+    """
+    count = len(points)
+    near = np.full(count, np.inf)
+    source = np.zeros(count, np.int64)
+    outside = np.ones(count, bool)
+    links, lengths = np.zeros((max(count - 1, 0), 2), np.int64), np.zeros(max(count - 1, 0))
+    newest = 0
+    for step in range(count - 1):
+        outside[newest] = False
+        apart = space.distance(points, points[newest])
+        closer = outside & (apart < near)
+        near[closer], source[closer] = apart[closer], newest
+        near[newest] = np.inf
+        newest = int(np.argmin(np.where(outside, near, np.inf)))
+        links[step], lengths[step] = (source[newest], newest), near[newest]
+    return links, lengths
+
+
+def linking_distance(lengths: Float[np.ndarray, " links"], grain: float, rows: int) -> float:
+    """The length above which a tree's links are cut: within the widest gap in their lengths, as a ratio.
+
+    A gap counts where the longer link is at least `GAP` times the shorter one, and where cutting there leaves
+    at most as many attractors as the square root of the rows (at least two). Without such a gap there is one
+    attractor, and the length is inf. Scaling all lengths scales the result.
+
+    Args:
+        lengths: of the links between cells, (m - 1,).
+        grain: the least length; shorter links, and those between rows of one cell, count as this long.
+        rows: number of rows in all cells.
+    """
+    sorted_lengths = np.sort(np.maximum(lengths, grain))[::-1]
+    if rows > lengths.size + 1:
+        sorted_lengths = np.append(sorted_lengths, grain)
+    most = max(2, int(np.ceil(np.sqrt(rows))))
+    ratios = (sorted_lengths[:-1] / sorted_lengths[1:])[: most - 1]
+    if not ratios.size or ratios.max() < GAP:
+        return np.inf
+    widest = int(np.argmax(ratios))
+    return float(np.sqrt(sorted_lengths[widest] * sorted_lengths[widest + 1]))
+
+
+def components(count: int, links: Links) -> Int[np.ndarray, " nodes"]:
+    """The component (count,) of each of `count` nodes joined by links (k, 2), numbered in their order."""
+    graph = scipy.sparse.coo_array(
+        (np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(count, count)
+    )
+    return scipy.sparse.csgraph.connected_components(graph, directed=False)[1].astype(np.int64)

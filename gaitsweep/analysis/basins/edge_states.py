@@ -1,4 +1,11 @@
-"""Edge tracking: pairs of trajectories on both sides of a basin boundary, bisected and followed in batch."""
+"""Edge states: the attractors within a basin boundary, for many pairs of starts at once.
+
+The boundary lies between two points that lead to different attractors. The pair is bisected along the line
+between the points, then both are followed as long as they stay close, which they do along the boundary. Once
+they separate, they are bisected again. The trajectory between them converges to a saddle, a cycle or a
+chaotic set within the boundary (Skufca, Yorke and Eckhardt 2006, Phys. Rev. Lett. 96:174101; Mehling, Boerner
+and Lucarini 2023, arXiv:2308.16251).
+"""
 
 from __future__ import annotations
 
@@ -7,21 +14,24 @@ from collections.abc import Callable
 
 import jax
 import numpy as np
+import pandas as pd
 from jaxtyping import Bool, Float, Int
 
-from gaitsweep.analysis.continuation.newton import sizes
-from gaitsweep.analysis.edges.attractor_mappers import (
+from gaitsweep.analysis.basins.attractor_mappers import (
     UNDECIDED,
     AttractorMapper,
     ProximityMapper,
     advanced,
     fates,
 )
+from gaitsweep.analysis.continuation.newton import sizes
 from gaitsweep.contract import ResultCode
-from gaitsweep.engine.poincare.maps import Map, Points
+from gaitsweep.engine.poincare.maps import Map, Points, Values
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.errors import ArgumentError
 
+Rows = Int[np.ndarray, " rows"]  # numbers of pairs
+Coordinates = Float[np.ndarray, "... coordinates"]
 # Attractors at a smaller relative distance from each other are the same.
 SAME = 1e-3
 # Offset of the cuts from even parts of the line, as a share of a part: half-way between mirror images a
@@ -82,6 +92,81 @@ class EdgeLimits:
                 raise ArgumentError(f"{name} is {getattr(self, name)}. Allowed: whole numbers from 1 on.")
 
 
+@dataclasses.dataclass(frozen=True)
+class EdgeStates:
+    """The results of the searches of n pairs.
+
+    `points` the edge states, as starts for `newton` (where a third basin was met, a start that leads there);
+    `outcome` (n,) an `EdgeOutcome`; `table`, one record a pair: row, the given parameters, the coordinates of
+    the edge state, outcome (the name), period, residual (largest relative change of a coordinate over a
+    period), growth (the factor by which the two separate in a cycle: an estimate of the multiplier across the
+    edge), label_1 and label_2 (of the two attractors), met (the label that ended the search, where it is
+    neither: -1 undecided, -1 - w for the `Way` w), rounds, bisections, evaluations (of the map).
+    """
+
+    points: Points
+    outcome: Int[np.ndarray, " pairs"]
+    table: pd.DataFrame
+
+
+def edge_states(
+    mapping: Map,
+    u1: Points,
+    u2: Points,
+    values: Values,
+    *,
+    mapper: AttractorMapper | None = None,
+    limits: EdgeLimits | None = None,
+) -> EdgeStates:
+    """Find the edge states between the basins of n pairs of points.
+
+    Args:
+        mapping: a return map, or any other.
+        u1, u2: n points each, such as `BatchedReturnMap.settled` gives, with equal conserved quantities.
+        values: parameters, numbers or one for each pair (n,).
+        mapper: a `ProximityMapper`, a `LabelMapper` or any `AttractorMapper` function. By default the pair's
+            own two trajectories after `limits.settle_cycles` cycles are its attractors.
+        limits: tolerances and limits.
+
+    Raises:
+        ValueError: u1 and u2 differ in length, or the map does not have a parameter that is given.
+    """
+    if len(u1) != len(u2):
+        raise ArgumentError(
+            f"u1 has {len(u1)} points and u2 has {len(u2)}, but both must have the same number."
+        )
+    limits = limits or EdgeLimits()
+    n = len(u1)
+    search = Tracking(mapping, u1, u2, mapping.complete(values, n), mapper, limits)
+    for _ in range(limits.max_rounds):
+        if not search.going.any():
+            break
+        search.round()
+    return EdgeStates(search.edge, search.outcome, _table(mapping, values, search))
+
+
+def _table(mapping: Map, values: Values, search: Tracking) -> pd.DataFrame:
+    n = len(search.outcome)
+    reached = search.rounds + search.bisections > 0
+    columns: dict[str, object] = {"row": np.arange(n)}
+    columns |= {name: np.broadcast_to(np.asarray(value, np.float64), (n,)) for name, value in values.items()}
+    for k, quantity in enumerate(mapping.coordinates):
+        columns[quantity.name] = np.where(reached, search.edge.at[:, k], np.nan)
+    columns |= {
+        "outcome": [EdgeOutcome(code).name for code in search.outcome],
+        "period": search.period,
+        "residual": search.residual,
+        "growth": search.growth,
+        "label_1": search.labels[:, 0],
+        "label_2": search.labels[:, 1],
+        "met": search.met,
+        "rounds": search.rounds,
+        "bisections": search.bisections,
+        "evaluations": search.evaluations,
+    }
+    return pd.DataFrame(columns)
+
+
 class Recurrence:
     """The closest return of each of n trajectories after 1, 2, ... cycles.
 
@@ -96,7 +181,7 @@ class Recurrence:
     def __init__(
         self,
         distance: Callable[
-            [Float[np.ndarray, "... coordinates"], Float[np.ndarray, "... coordinates"]],
+            [Coordinates, Coordinates],
             Float[np.ndarray, " ..."],
         ],
         begun: Points,
@@ -192,7 +277,7 @@ class Tracking:
                 break
             self._divide(rows)
 
-    def _divide(self, rows: Int[np.ndarray, " rows"]) -> None:
+    def _divide(self, rows: Rows) -> None:
         """Map points on the line, and keep two neighbours that lead to the two attractors."""
         cuts = self.limits.cuts
         share = (np.arange(1, cuts + 1) - UNEVEN) / (cuts + 1)
@@ -252,7 +337,7 @@ class Tracking:
 
     def _conclude(
         self,
-        rows: Int[np.ndarray, " rows"],
+        rows: Rows,
         begun: Points,
         course: Recurrence,
         together: Bool[np.ndarray, " pairs"],
@@ -273,16 +358,12 @@ class Tracking:
         jumps = self.going & at_once & stayed & (self.rounds > 1)
         self._stop(rows[jumps[rows]], EdgeOutcome.jump)
 
-    def _fates(
-        self, points: Points, rows: Int[np.ndarray, " rows"], mapper: AttractorMapper
-    ) -> Int[np.ndarray, " rows"]:
+    def _fates(self, points: Points, rows: Rows, mapper: AttractorMapper) -> Rows:
         labels, cycles = fates(self.mapping, points, self.values, rows, mapper, self.limits.max_cycles)
         np.add.at(self.evaluations, rows, cycles)
         return labels
 
-    def _between(
-        self, rows: Int[np.ndarray, " rows"], share: Float[np.ndarray, " rows"] | None = None
-    ) -> Points:
+    def _between(self, rows: Rows, share: Float[np.ndarray, " rows"] | None = None) -> Points:
         """Points on the lines between the two, half-way or at `share`, with the modes of the nearer point."""
         share = np.full(rows.size, 0.5) if share is None else share
         one, other = self.one[rows], self.other[rows]
@@ -293,14 +374,12 @@ class Tracking:
         )
         return Points(at, like)
 
-    def _distance(
-        self, a: Float[np.ndarray, "... coordinates"], b: Float[np.ndarray, "... coordinates"]
-    ) -> Float[np.ndarray, " ..."]:
+    def _distance(self, a: Coordinates, b: Coordinates) -> Float[np.ndarray, " ..."]:
         with np.errstate(invalid="ignore"):
             away = np.abs(self.mapping.difference(a, b)) / sizes(b)
         return np.nan_to_num(np.max(away, axis=1), nan=np.inf)
 
-    def _of(self, rows: Int[np.ndarray, " rows"]) -> dict[str, Float[np.ndarray, " rows"]]:
+    def _of(self, rows: Rows) -> dict[str, Float[np.ndarray, " rows"]]:
         return {name: each[rows] for name, each in self.values.items()}
 
     def _end(self, row: int, label: int) -> None:
@@ -316,7 +395,7 @@ class Tracking:
             outcome = EdgeOutcome.fell if -1 - label == ReturnStatus.fell else EdgeOutcome.lost
         self._stop(np.array([row]), outcome)
 
-    def _stop(self, rows: Int[np.ndarray, " rows"], outcome: EdgeOutcome) -> None:
+    def _stop(self, rows: Rows, outcome: EdgeOutcome) -> None:
         self.outcome[rows], self.going[rows] = outcome, False
 
 

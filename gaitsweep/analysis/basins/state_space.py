@@ -14,6 +14,8 @@ from gaitsweep.analysis.circular import is_circular
 from gaitsweep.analysis.records import AnalysisError, axes_of, require
 from gaitsweep.circular import TURN
 
+StateArray = Float[np.ndarray, "states coordinates"]
+Coordinates = Float[np.ndarray, "... coordinates"]
 _CHUNK = 1 << 20  # numbers in a block of distances
 
 
@@ -50,33 +52,29 @@ class Space:
         points[:, closed] = np.where(points[:, closed] >= self.periods[closed], 0.0, points[:, closed])
         return points
 
-    def difference(
-        self, one: Float[np.ndarray, "... coordinates"], other: Float[np.ndarray, "... coordinates"]
-    ) -> Float[np.ndarray, "... coordinates"]:
+    def difference(self, one: Coordinates, other: Coordinates) -> Coordinates:
         """`one - other` (..., d), angles by the shorter way."""
         away = one - other
         turn = np.where(self.periods > 0.0, self.periods, 1.0)
         return np.where(self.periods > 0.0, away - turn * np.round(away / turn), away)
 
-    def distance(
-        self, one: Float[np.ndarray, "... coordinates"], other: Float[np.ndarray, "... coordinates"]
-    ) -> Float[np.ndarray, " ..."]:
+    def distance(self, one: Coordinates, other: Coordinates) -> Float[np.ndarray, " ..."]:
         """Distances (...) between states (..., d)."""
         return np.sqrt(np.sum(self.difference(one, other) ** 2, axis=-1))
 
-    def tree(self, points: Float[np.ndarray, "states coordinates"]) -> scipy.spatial.KDTree:
+    def tree(self, points: StateArray) -> scipy.spatial.KDTree:
         """A k-d tree of states (n, d), periodic in angles."""
         return scipy.spatial.KDTree(points, boxsize=self.periods)
 
     def nearest_distance(
-        self, points: Float[np.ndarray, "states coordinates"], others: Float[np.ndarray, "others coordinates"]
+        self, points: StateArray, others: Float[np.ndarray, "others coordinates"]
     ) -> Float[np.ndarray, " states"]:
         """The distance (n,) of each state (n, d) to the nearest of `others` (m, d); inf if there is none."""
         if not len(others) or not len(points):
             return np.full(len(points), np.inf)
         return np.asarray(self.tree(others).query(points)[0])
 
-    def medoid(self, points: Float[np.ndarray, "states coordinates"]) -> int:
+    def medoid(self, points: StateArray) -> int:
         """The index of the medoid of states (n, d), which has the smallest sum of distances to the others."""
         every = max(1, len(points) // 500)  # 500 candidates locate the middle well enough
         candidates = np.arange(0, len(points), every)
@@ -87,9 +85,7 @@ class Space:
         ]
         return int(candidates[np.argmin(np.concatenate(sums))])
 
-    def unrolled(
-        self, points: Float[np.ndarray, "states coordinates"], links: Int[np.ndarray, "links 2"]
-    ) -> Float[np.ndarray, "states coordinates"]:
+    def unrolled(self, points: StateArray, links: Int[np.ndarray, "links 2"]) -> StateArray:
         """States (m, d) shifted by whole turns so that the links (k, 2) of a tree do not wrap."""
         flat = points.copy()
         for inner, outer in links:
@@ -97,7 +93,7 @@ class Space:
         return flat
 
 
-def extent(points: Float[np.ndarray, "states coordinates"]) -> float:
+def extent(points: StateArray) -> float:
     """The extent of points (m, d) in open space.
 
     It is the distance from the point farthest from the first to the point farthest from there.

@@ -1,1 +1,0 @@
-"""Attractors from settled states."""

@@ -1,1 +1,0 @@
-"""Edge states between basins of attraction."""
