@@ -16,7 +16,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from tests.support.browser import Page, browser, program  # pyright: ignore[reportMissingImports]
+from tests.support.browser import Page, browser, program
 
 
 def opened(page: Page, file: Path) -> tuple[float, float, float]:

@@ -42,7 +42,7 @@ def _gaits(onsets: np.ndarray, **options: Any) -> pd.DataFrame:
 
 
 def _gait(onsets: np.ndarray, **options: object) -> str:
-    return _gaits(onsets[None], **options).loc[0, "gait"]  # pyright: ignore
+    return _gaits(onsets[None], **options).loc[0, "gait"]
 
 
 # The orders in which the legs swing in the paper's Fig. 3; "=": together.

@@ -54,7 +54,7 @@ def test_memory_and_directory_give_one_table(kind: str, tmp_path: Path) -> None:
         "launch_1": {"linspace": [1.0, 2.0, 5]} if kind == "refined" else AXES["launch_1"].tolist(),
         "restitution": [0.2, 0.5],
     }
-    job = gs.Job(name="toy", model="toy_model:Toy", vary=vary, run=run_of(kind), engine={"block": 5})  # pyright: ignore
+    job = gs.Job(name="toy", model="toy_model:Toy", vary=vary, run=run_of(kind), engine={"block": 5})
     stored = gs.run(job, tmp_path / "stored")
     result = gs.sweep(toy_model.Toy(), **vary, run=KINDS[kind], engine={"block": 5})
     assert_frame_equal(result.table, stored.table, check_exact=True)
@@ -207,6 +207,6 @@ def test_every_figure_is_a_method_of_a_result() -> None:
 @pytest.mark.slow
 def test_run_is_called_twice(tmp_path: Path) -> None:
     """No module that a run imports takes the function's place."""
-    job = gs.Job(name="toy", model="toy_model:Toy", vary={"launch_1": [1.0]}, run={"kind": "settle"})  # pyright: ignore
+    job = gs.Job(name="toy", model="toy_model:Toy", vary={"launch_1": [1.0]}, run={"kind": "settle"})
     first = gs.run(job, tmp_path / "a")
     assert_frame_equal(gs.run(job, tmp_path / "b").table, first.table, check_exact=True)

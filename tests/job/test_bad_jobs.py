@@ -570,7 +570,7 @@ def test_several_things_at_once(tmp_path: Path) -> None:
 
 def test_in_python_the_field_is_named() -> None:
     with pytest.raises(JobError) as error:
-        Job(name="a", model="toy_model:Toy", vary={"mas": [1]}, run={"kind": "settle"})  # type: ignore[arg-type]
+        Job(name="a", model="toy_model:Toy", vary={"mas": [1]}, run={"kind": "settle"})
     assert str(error.value).startswith(
         "vary.mas is not a parameter or start value of toy; did you mean mass?"
     )

@@ -32,7 +32,7 @@ def test_a_former_name_is_refused_with_the_name_of_today(
     run: dict[str, Any], numerics: dict[str, Any], words: str, tmp_path: Path
 ) -> None:
     with pytest.raises(JobError) as error:
-        Job(name="x", model="toy_model:Toy", run=run, numerics=numerics)  # pyright: ignore
+        Job(name="x", model="toy_model:Toy", run=run, numerics=numerics)
     assert words in str(error.value)
     file = tmp_path / "job.yaml"
     file.write_text(f"name: x\nmodel: multilegged\nrun: {run}\nnumerics: {numerics}\n")
@@ -43,7 +43,7 @@ def test_a_former_name_is_refused_with_the_name_of_today(
 def test_a_directory_of_an_older_version_opens(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     figures = [{"kind": "hysteresis", "y": "launch_1"}]
     run = {**STAIRS, "dwell": 8.0, "first_dwell": 9.0}
-    job = Job(name="x", model="toy_model:Toy", run=run, figures=figures, verify=0)  # pyright: ignore
+    job = Job(name="x", model="toy_model:Toy", run=run, figures=figures, verify=0)
     table = gs.run(job, tmp_path / "new").table
     former = job.resolved()
     former["run"] = {**STAIRS, "hold": 8.0, "first_hold": 9.0, "tolerance": 1e-3}

@@ -69,7 +69,7 @@ def registered() -> Iterator[None]:
 def job(figures: list[dict[str, Any]] | None = None, **run: Any) -> Job:
     run = {"kind": "doublings", **run}
     vary = {"launch_1": [1.0, 1.5]}
-    return Job(name="x", model="toy_model:Toy", vary=vary, run=run, verify=2, figures=figures or [])  # pyright: ignore[reportArgumentType]
+    return Job(name="x", model="toy_model:Toy", vary=vary, run=run, verify=2, figures=figures or [])
 
 
 @pytest.mark.slow

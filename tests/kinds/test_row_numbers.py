@@ -122,8 +122,8 @@ def test_a_declared_number_is_in_the_table_through_an_interrupt(
         name="x",
         model="toy_model:Toy",
         vary={"launch_1": starts.tolist()},
-        run={"kind": "fastest"},  # pyright: ignore[reportArgumentType]
-        engine={"name": engine, "block": 24, "lanes": 8},  # pyright: ignore[reportArgumentType]
+        run={"kind": "fastest"},
+        engine={"name": engine, "block": 24, "lanes": 8},
         verify=0,
     )
 
