@@ -169,9 +169,9 @@ def air_in_swing(table: pd.DataFrame) -> float:
 
 
 @measure
-def phase_gain(table: pd.DataFrame, *, row: int = 0) -> float:
+def phase_gain(table: pd.DataFrame) -> float:
     """Gain of leg 1's phase on omega t from just before a touchdown to ten tau after it (rad)."""
-    part, values = one_row(table, row), chain_defaults()
+    part, values = one_row(table, 0), chain_defaults()
     t, contact = numbers(part, "t"), numbers(part, "contact_1") > 0.5
     phase = np.unwrap(numbers(part, "phase_1"))
     down = np.flatnonzero(~contact[:-1] & contact[1:] & (np.mod(phase[:-1], 2 * np.pi) > 1.8 * np.pi))
@@ -220,11 +220,6 @@ def height_error(table: pd.DataFrame) -> float:
 
 
 _INSIDE = (0.1, 0.3, 0.45, 0.7, 0.9)  # shares of a set's range, off its middle, where two legs of A coincide
-
-
-def springs_or(N: int, table: pd.DataFrame | None) -> int:
-    """The number of springs of a trace's chain, or N without a trace; the trace only has the figure."""
-    return N if table is None else springs_of(table)
 
 
 @functools.cache
@@ -289,8 +284,9 @@ def _reduced_map(N: int, psi: np.ndarray) -> tuple[gs.PoincareMap, Any]:
 
 
 @measure
-def reduced_multipliers(*, kind: str, k: int, N: int = 3) -> list[float]:
+def reduced_multipliers(*, kind: str, k: int) -> list[float]:
     """Eigenvalues of the simulated return map of the reduced chain at a solution, in falling order (1)."""
+    N = 3
     branch, _, s = _at(N, kind, k, 0.45)
     psi = _solution(N, branch, s, touchdown_phase(Chain()))
     mapping, points = _reduced_map(N, np.asarray(psi)[None])
@@ -343,11 +339,10 @@ def order_sets_agree(*, N: int = 9) -> float:
 
 
 @measure
-def chain_of_sets(table: pd.DataFrame | None = None, *, N: int = 9) -> float:
+def chain_of_sets(table: pd.DataFrame) -> float:
     """Largest gap between the end of a set and the beginning of the next in the chain of sets (rad)."""
-    N = springs_or(N, table)
-    rules, circle, gaps = lag_rules(N, Chain()), float(touchdown_phase(Chain())), []
-    for i in range(2 * N - 2):
+    rules, circle, gaps = lag_rules(springs_of(table), Chain()), float(touchdown_phase(Chain())), []
+    for i in range(len(rules.low) - 1):
         one, other = (jax.tree.map(lambda leaf, at=at: leaf[at], rules) for at in (i, i + 1))
         ends = [np.asarray(places(one, s)) for s in (one.low, one.high)]
         starts = [np.asarray(places(other, s)) for s in (other.low, other.high)]
@@ -363,9 +358,9 @@ def ends_of_chain(*, N: int) -> list[str]:
 
 
 @measure
-def jump_sizes(table: pd.DataFrame | None = None, *, N: int = 9) -> list[float]:
+def jump_sizes(table: pd.DataFrame) -> list[float]:
     """Smallest and largest size of the jumps of all sets on their own sections (rad)."""
-    N = springs_or(N, table)
+    N = springs_of(table)
     sizes = [np.abs(jump.change).max() for branch in branches(N) for jump in jumps(N, branch)]
     if not sizes:
         raise MeasureError(f"The sets of a chain of {N + 1} legs have no jumps.")
@@ -402,12 +397,11 @@ def line_range(*, k: int, N: int = 3) -> list[float]:
 
 
 @measure
-def slopes_of_fig10(table: pd.DataFrame | None = None, *, k: int, N: int = 3) -> list[float]:
+def slopes_of_fig10(table: pd.DataFrame, *, k: int) -> list[float]:
     """Slopes of psi_k over psi_{k-1} along the solution sets A and B (1)."""
-    N = springs_or(N, table)
     slopes = []
     for kind in ("A", "B"):
-        rule = rule_of(N, _branch(kind, k), Chain())
+        rule = rule_of(springs_of(table), _branch(kind, k), Chain())
         ends = [rule.low + share * (rule.high - rule.low) for share in (0.6, 0.8)]
         low, high = (np.asarray(solution(rule, s, touchdown_phase(Chain()), k)) for s in ends)
         slopes.append(float((high[k - 1] - low[k - 1]) / (high[k - 2] - low[k - 2])))
@@ -436,14 +430,11 @@ def _last_steps(table: pd.DataFrame, names: list[str]) -> np.ndarray:
 
 
 @measure
-def distinct_ends(table: pd.DataFrame, *, within: float = 0.02) -> list[float]:
-    """Number of values of each relative phase over all rows, taken as one if within `within` rad (1)."""
-    counts = []
-    for name in psi_columns(table, "_n"):
-        parts = (part.sort_values(by="crossing") for _, part in table.groupby("row"))
-        ends = np.sort([numbers(part, name)[-1] for part in parts])
-        counts.append(float(1 + np.count_nonzero(np.diff(ends) > within)))
-    return counts
+def distinct_ends(table: pd.DataFrame) -> list[float]:
+    """Number of values of each relative phase over all rows, taken as one if within 0.02 rad (1)."""
+    ends = table.sort_values(by="crossing").groupby("row").tail(1)
+    steps = (np.diff(np.sort(numbers(ends, name))) for name in psi_columns(table, "_n"))
+    return [float(1 + np.count_nonzero(each > 0.02)) for each in steps]
 
 
 @measure
@@ -686,11 +677,9 @@ def period_in_phase(table: pd.DataFrame) -> list[float]:
 
 
 @measure
-def drift_of_sum(table: pd.DataFrame, *, row: int, cycles: int = 20) -> float:
+def drift_of_sum(table: pd.DataFrame, *, row: int) -> float:
     """Mean change of E, the sum of the relative phases, in a cycle over the last cycles of a row (rad)."""
-    part = masked(table, table["row"] == row).sort_values(by="crossing").tail(cycles + 1)
-    E = np.sum([numbers(part, name) for name in psi_columns(part, "_n")], axis=0)
-    return float(np.mean(wrapped_difference(np.diff(E))))
+    return float(numbers(source_drift(one_row(table, row)), "drift")[0])
 
 
 @measure
@@ -751,10 +740,9 @@ def worst_ratio(table: pd.DataFrame, *, column: str, over: str, where: Condition
 
 
 @measure
-def smallest_rise(table: pd.DataFrame, *, column: str, along: str = "beta") -> float:
-    """Smallest rise of a column of measured waves from one value of a parameter to the next, in its unit."""
-    found = waves(table)
-    means = found.groupby(along)[[column]].mean()
+def smallest_rise(table: pd.DataFrame, *, column: str) -> float:
+    """Smallest rise of a column of measured waves from one duty factor to the next, in its unit."""
+    means = waves(table).groupby("beta")[[column]].mean()
     return float(np.diff(numbers(pd.DataFrame(means), column)).min())
 
 

@@ -8,8 +8,7 @@ import pandas as pd
 from gaitsweep.analyses import AnalysisError, wrapped_difference
 from gaitsweep.contract import Status
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
-    chains_of,
-    one_chain,
+    chain_of,
     parameters_of,
     psi_columns,
     set_columns,
@@ -79,8 +78,7 @@ def source_drift(table: pd.DataFrame, cycles: int = 20) -> pd.DataFrame:
         if len(psi) < 2:
             raise AnalysisError(f"Row {row} has fewer than two crossings.")
         N, first = psi.shape[1], pd.DataFrame(part.head(1))
-        chain = one_chain(chains_of(table, first), 0)
-        K = first["K"].iloc[0] if "K" in first else parameters_of(table, first).get("K", 1.0e5)
+        chain, K = chain_of(table, first), np.ravel(parameters_of(table, first)["K"])[0]
         rate = float(np.mean(wrapped_difference(np.diff(psi.sum(axis=1)))))
         records.append(
             {"row": row}

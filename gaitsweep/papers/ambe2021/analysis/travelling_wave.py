@@ -15,8 +15,7 @@ import pandas as pd
 
 from gaitsweep.analyses import AnalysisError
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
-    chains_of,
-    one_chain,
+    chain_of,
     parameters_of,
     relative_phases,
     springs_of,
@@ -63,9 +62,8 @@ def waves(table: pd.DataFrame) -> pd.DataFrame:
     records = []
     for row, part in table.groupby("row", sort=True):
         part = part.sort_values("t")
-        first = pd.DataFrame(part.head(1))
-        chain = one_chain(chains_of(table, first), 0)
-        records.append(_wave(int(str(row)), part, N, chain, _omega(table, first)))
+        omega = parameters_of(table, part.head(1))["omega"]
+        records.append(_wave(int(str(row)), part, N, chain_of(table, part), float(np.ravel(omega)[0])))
     varied = [
         name for name in table.columns[1 : list(table.columns).index("t")] if not name.startswith("psi_")
     ]
@@ -99,13 +97,6 @@ def _wave(row: int, part: pd.DataFrame, N: int, chain: Chain, omega: float) -> d
         "speed_28": float(speeds.printed),
         "speed_exact": float(speeds.exact),
     }
-
-
-def _omega(table: pd.DataFrame, first: pd.DataFrame) -> float:
-    if "omega" in first.columns:
-        return float(first["omega"].iloc[0])
-    job = table.attrs.get("job") or {}
-    return float((job.get("params") or {}).get("omega", parameters_of(table, first).get("omega", 0.4)))
 
 
 def links_of_wave(N: int, branch: Branch) -> np.ndarray:

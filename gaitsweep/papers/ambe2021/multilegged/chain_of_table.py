@@ -17,26 +17,26 @@ from gaitsweep.papers.ambe2021.multilegged.profile import SPRINGS, profile_param
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.gaits import NONE_BEYOND
 
+_TABLE_1 = {"m_B": 0.9, "L": 1.0, "K": 1.0e5, "omega": 0.4}  # besides those of a Chain
 # defaults that follow from other parameters
 _FORMULAS = {"m_1": "m_B", "m_end": "m_B", "kappa_1": "kappa", "kappa_end": "kappa", "a_1": "a", "a_end": "a"}
 
 
-def chain_of(table: pd.DataFrame) -> Chain:
+def chain_of(table: pd.DataFrame, part: pd.DataFrame | None = None) -> Chain:
     """The chain of a table: its first row's columns, else its job's parameters, else Table 1's.
+
+    Its fields are floats, and arrays where it has a profile.
+
+    Args:
+        table: its job, in `attrs`, gives the parameters that do not vary.
+        part: the part of the table whose first row counts; by default all of it.
 
     Raises:
         AnalysisError: the job's parameters cannot be read.
     """
-    return one_chain(chains_of(table, table.head(1)), 0)
-
-
-def one_chain(chains: Chain, at: int) -> Chain:
-    """The chain number `at` of several, its fields floats, and arrays where it has a profile."""
-    return Chain(*(_plain(np.asarray(value, float)[at]) for value in chains))
-
-
-def _plain(value: np.ndarray) -> float | np.ndarray:
-    return value if value.ndim else float(value)
+    chains = chains_of(table, (table if part is None else part).head(1))
+    fields = [np.asarray(each, float)[0] for each in chains]
+    return Chain(*(each if each.ndim else float(each) for each in fields))
 
 
 def chains_of(table: pd.DataFrame, sets: pd.DataFrame) -> Chain:
@@ -62,11 +62,11 @@ def chains_of(table: pd.DataFrame, sets: pd.DataFrame) -> Chain:
 
 
 def parameters_of(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Any]:
-    """The theory's parameters with L and m_B, numbers or (n,), those of a profile too, if there is one.
+    """The theory's parameters with m_B, L, K and omega, numbers or (n,), and those of a profile.
 
     Arguments and errors are as for `chains_of`.
     """
-    defaults = {"m_B": 0.9, "L": 1.0} | Chain()._asdict() | _FORMULAS | _profile_defaults(table)
+    defaults = _TABLE_1 | Chain()._asdict() | _FORMULAS | _profile_defaults(table)
     settings: dict[str, Any] = defaults | _job(table, "params")
     settings |= {str(name): sets[name].to_numpy(float) for name in sets if len(sets) and name in defaults}
     if (legs := _profiled(table)) is not None:
