@@ -72,6 +72,7 @@ class Measured(NamedTuple):
     why: np.ndarray
 
 
+MeasuredByName = dict[str, Measured]
 # Columns of the rows of n sets: (n, conditions) each, names as text.
 SetRows = Mapping[str, np.ndarray]
 
