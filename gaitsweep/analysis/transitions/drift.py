@@ -137,7 +137,7 @@ def breaks(
     A curve across a break would have values that no trajectory has, and false zeros of the drift.
 
     A gap is wider than the spacing of the points around it: 4 times their spacing, twice the spacing of the
-    rows' first points, or two bandwidths. Spacings below `step` are no gaps. At a jump, the
+    rows' first points, or two bandwidths. Spacings below `step` are not gaps. At a jump, the
     lines through the points on both sides (4 at least, within a bandwidth) differ, between the two points in
     the middle, by 6 standard errors and by 3 times their largest residual.
 
