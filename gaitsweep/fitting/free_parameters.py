@@ -12,6 +12,9 @@ from pydantic import Field, model_validator
 from gaitsweep.schema.numbers import Flag, Real, wrong_value
 from gaitsweep.schema.strict_model import StrictModel
 
+# Constants and choices of structure of n sets, (n,) by name.
+Sets = Mapping[str, np.ndarray]
+
 
 class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema of jobs
     """A constant that is searched: within a range, or one of some choices."""

@@ -120,6 +120,5 @@ def _constant(name: str, free: FreeParameter, sound: pd.DataFrame, chosen: pd.Da
     profile = np.full(PARTS, np.nan)
     everywhere = free.share(free.written(sound[name].tolist()))
     parts = np.minimum((everywhere * PARTS).astype(int), PARTS - 1)
-    for part, score in zip(parts, sound["score"], strict=True):
-        profile[part] = np.fmin(profile[part], score)
+    np.fmin.at(profile, parts, sound["score"].to_numpy())
     return Constant(name, values[0], low, high, float(np.ptp(shares)), profile, len(chosen))

@@ -72,6 +72,7 @@ class Measured(NamedTuple):
     why: np.ndarray
 
 
+MeasuredByName = dict[str, Measured]
 # Columns of the rows of n sets: (n, conditions) each, names as text.
 SetRows = Mapping[str, np.ndarray]
 
@@ -270,9 +271,7 @@ class Coexistence(RowMeasure):
         for group in self.gaits:
             has = (np.isin(rows["gait"], group) & stands).reshape(-1, *lengths)
             together &= np.moveaxis(has, axis + 1, 1).reshape(*together.shape, -1).any(axis=2)
-        values = np.asarray(self.at[self.along])
-        middles = np.concatenate([values[:1], 0.5 * (values[1:] + values[:-1]), values[-1:]])
-        return _always(together @ np.abs(np.diff(middles)))
+        return _always(np.abs(np.trapezoid(together.astype(float), self.at[self.along])))
 
     def unit(self, model: Model) -> str:
         return {q.name: q.unit for q in model.parameters}.get(self.along, "1")

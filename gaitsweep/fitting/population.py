@@ -18,7 +18,8 @@ from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
-from gaitsweep.fitting.measures import FixedPoint, Measure, Measured, RowMeasure
+from gaitsweep.fitting.free_parameters import Sets
+from gaitsweep.fitting.measures import FixedPoint, Measure, Measured, MeasuredByName, RowMeasure
 from gaitsweep.fitting.ramp_measures import RampMeasure, crossings_of
 from gaitsweep.job import Job, JobError
 from gaitsweep.job.step_lengths import longer_than_right
@@ -109,12 +110,7 @@ class Population:
                 self._context[key] = prepare(self._job_of(structure))
             return self._context[key]
 
-    def measure(
-        self,
-        sets: Mapping[str, np.ndarray],
-        on_progress: OnProgress = None,
-        share: float = 1.0,
-    ) -> dict[str, Measured]:
+    def measure(self, sets: Sets, on_progress: OnProgress = None, share: float = 1.0) -> MeasuredByName:
         """Measure each set; return the values by the name of the measure.
 
         A set with a value or a structure that the model does not allow, or with steps too long for it, has no
@@ -126,7 +122,7 @@ class Population:
             share: the length of steps as a share of the job's own.
         """
         n = next(iter(sets.values())).size
-        measured: dict[str, Measured] = {}
+        measured: MeasuredByName = {}
         before, total = 0, n * self.rows_of_a_set
         for part in self.parts:
             part.run_elsewhere = self.run_elsewhere
@@ -137,9 +133,7 @@ class Population:
             before += n * part.own_rows_of_a_set
         return {name: measured[name] for name in self.measures}
 
-    def _measure_own(
-        self, sets: Mapping[str, np.ndarray], n: int, on_progress: OnProgress, share: float
-    ) -> dict[str, Measured]:
+    def _measure_own(self, sets: Sets, n: int, on_progress: OnProgress, share: float) -> MeasuredByName:
         """Measure sets on the return map, and from rows with this population's own run."""
         measured = {
             name: Measured(np.full(n, np.nan), np.full(n, "", object))
@@ -179,11 +173,11 @@ class Population:
 
     def staged_evaluate(
         self,
-        sets: Mapping[str, np.ndarray],
+        sets: Sets,
         first: Collection[str],
-        goes_on: Callable[[Mapping[str, Measured]], np.ndarray],
+        goes_on: Callable[[MeasuredByName], np.ndarray],
         on_progress: OnProgress = None,
-    ) -> dict[str, Measured]:
+    ) -> MeasuredByName:
         """Measure each set in two stages: `first` of all sets, the other measures of some of them.
 
         Args:
@@ -208,9 +202,7 @@ class Population:
             result.why[~whole] = "not measured"
         return {name: begun[name] if name in begun else later[name] for name in self.measures}
 
-    def _by_structure(
-        self, sets: Mapping[str, np.ndarray], n: int
-    ) -> list[tuple[dict[str, Any], np.ndarray]]:
+    def _by_structure(self, sets: Sets, n: int) -> list[tuple[dict[str, Any], np.ndarray]]:
         """Return the choices of structure that occur, and the places (m,) of the sets with each."""
         if not self._structure:
             return [({}, np.arange(n))]
@@ -245,11 +237,25 @@ class Population:
         if not good.size:
             return {}, refused
         if self.run_elsewhere is not None and share == 1.0:
-            return self._rows_elsewhere(
-                context, {k: v[good] for k, v in constants.items()}, on_progress
-            ), refused
-        rows = (good[:, None] * per_set + np.arange(per_set)).ravel()
-        chosen = [{name: column[rows] for name, column in values.items()} for values in (params, starts)]
+            not_refused = {name: column[good] for name, column in constants.items()}
+            columns = self._rows_elsewhere(context, not_refused, on_progress)
+        else:
+            rows = (good[:, None] * per_set + np.arange(per_set)).ravel()
+            chosen = [{name: column[rows] for name, column in by.items()} for by in (params, starts)]
+            columns = self._rows_here(context, chosen, rows.size, frozenset(constants), on_progress)
+        if context.job.run.one_a_row:
+            columns = {name: column.reshape(good.size, per_set) for name, column in columns.items()}
+        return columns, refused
+
+    def _rows_here(
+        self,
+        context: RunContext,
+        chosen: Sequence[Values],
+        n_rows: int,
+        constants: frozenset[str],
+        on_progress: OnProgress,
+    ) -> Values:
+        """Run rows of parameters and starts `chosen`, (n_rows,) each; return the columns of their records."""
 
         def values(first: int, last: int) -> tuple[Values, Values]:
             parts = [{name: column[first:last] for name, column in by_name.items()} for by_name in chosen]
@@ -257,48 +263,33 @@ class Population:
 
         spec = dataclasses.replace(
             context.spec,
-            n_rows=rows.size,
+            n_rows=n_rows,
             # one size, since labels are compiled for a size and batches differ in size
             block=_BLOCK,
-            lanes=_lanes(context, rows.size),
+            lanes=_lanes(context, n_rows),
             values=values,
             # batches differ in which values are equal in all of their rows
-            varied=frozenset(constants).union(*(dict(condition) for condition in self._conditions)),
+            varied=constants.union(*(dict(condition) for condition in self._conditions)),
         )
         blocks: dict[int, RowOutcome] = {}
-        sweep(spec, range(-(-rows.size // _BLOCK)), blocks.__setitem__, on_progress)
+        sweep(spec, range(-(-n_rows // _BLOCK)), blocks.__setitem__, on_progress)
         outcome = RowOutcome.concat([blocks[number] for number in sorted(blocks)])
         table = context.job.run.table(context.model, {}, outcome)
-        columns = {str(name): _array(table[name]) for name in table.columns}
-        if not context.job.run.one_a_row:
-            return columns, refused
-        return {name: column.reshape(good.size, per_set) for name, column in columns.items()}, refused
+        return {str(name): _array(table[name]) for name in table.columns}
 
     def _rows_elsewhere(self, context: RunContext, constants: Values, on_progress: OnProgress) -> Values:
-        """Run rows by `run_elsewhere`, as jobs of their own; return columns as `_rows` does."""
+        """Run rows by `run_elsewhere`, as jobs of their own; return the columns of their records."""
         assert self.run_elsewhere is not None
-        n, per_set = next(iter(constants.values())).size, self.own_rows_of_a_set
-        columns_of_rows: Values = {}
-        records: list[Values] = []
+        per_set, parts = self.own_rows_of_a_set, []
+        names = ["row", *(column.name for column in context.job.run.all_columns(context.model))]
         for places in _group_by_names(self._conditions).values():
             table = self.run_elsewhere(self._job_of_rows(context, constants, places), on_progress)
-            if not context.job.run.one_a_row:
-                columns = context.job.run.all_columns(context.model)
-                part = {name: _array(table[name]) for name in ("row", *(column.name for column in columns))}
-                part["row"] = (
-                    part["row"] // len(places) * per_set + np.array(places)[part["row"] % len(places)]
-                )
-                records.append(part)
-                continue
-            for name in table.columns:
-                seen = _array(table[name])
-                whole = columns_of_rows.setdefault(str(name), np.empty((n, per_set), seen.dtype))
-                whole[:, places] = seen.reshape(n, len(places))
-        if records:
-            columns_of_rows = {name: np.concatenate([part[name] for part in records]) for name in records[0]}
-            order = np.argsort(columns_of_rows["row"], kind="stable")
-            columns_of_rows = {name: column[order] for name, column in columns_of_rows.items()}
-        return columns_of_rows
+            part = {name: _array(table[name]) for name in names}
+            number, place = np.divmod(part["row"], len(places))
+            parts.append({**part, "row": number * per_set + np.array(places)[place]})
+        columns = {name: np.concatenate([part[name] for part in parts]) for name in names}
+        order = np.argsort(columns["row"], kind="stable")
+        return {name: column[order] for name, column in columns.items()}
 
     def _job_of_rows(self, context: RunContext, constants: Values, places: Sequence[int]) -> Job:
         """Return the job whose rows are sets of constants (n,) at conditions that set the same names."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, WithJsonSchema
@@ -163,11 +163,9 @@ class GaitSequence(RampMeasure):
         if row.status in Status.FAILED:
             return 0.0
         gaits = self._in_pass(row, self.pass_)["gait"]
-        names = list(dict.fromkeys(gaits.tolist()))
-        codes = np.array([names.index(gait) for gait in gaits.tolist()], int)
-        bouts = [code for code, _, _ in _bouts(codes, self.least)]
+        bouts = [gait for gait, _, _ in _bouts(gaits, self.least)]
         # bouts shorter than `least` do not separate two bouts of a gait
-        seen = [names[code] for code, _ in itertools.groupby(bouts)]
+        seen = [gait for gait, _ in itertools.groupby(bouts)]
         return _in_order(seen, self.gaits) / max(len(self.gaits), len(seen) if self.only else 0)
 
     def unit(self, model: Model) -> str:
@@ -191,13 +189,10 @@ def _by_their_names(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {**columns, **{name.removesuffix(_SUFFIX): values for name, values in columns.items()}}
 
 
-def _bouts(codes: np.ndarray, least: int) -> list[tuple[int, int, int]]:
+def _bouts(codes: np.ndarray, least: int) -> list[tuple[Any, int, int]]:
     """Find runs of `least` equal codes (k,) or more: each code, and the places of its first and last."""
-    if not codes.size:
-        return []
-    begins = np.concatenate([[0], 1 + np.flatnonzero(np.diff(codes))])
-    ends = np.concatenate([begins[1:], [codes.size]])
-    return [(int(codes[a]), int(a), int(b) - 1) for a, b in zip(begins, ends, strict=True) if b - a >= least]
+    ends = [0, *(1 + np.flatnonzero(codes[1:] != codes[:-1])).tolist(), codes.size]
+    return [(codes[a], a, b - 1) for a, b in itertools.pairwise(ends) if b - a >= least]
 
 
 def _in_order(seen: Sequence[str], wanted: Sequence[Sequence[str]]) -> int:

@@ -11,7 +11,7 @@ from pydantic import Field
 from gaitsweep import near_miss
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.fitting.fit_job import FitJob
-from gaitsweep.fitting.free_parameters import FreeParameter
+from gaitsweep.fitting.free_parameters import FreeParameter, Sets
 from gaitsweep.fitting.measures import At, Measure
 from gaitsweep.fitting.targets import Target, TargetValue
 from gaitsweep.kinds import RunKind
@@ -106,11 +106,11 @@ def own_constants(robust: Robust, fit: FitJob) -> dict[str, float]:
 
 def share_kept(
     robust: Robust,
-    sets: Mapping[str, np.ndarray],
+    sets: Sets,
     own: Mapping[str, float],
     free: Mapping[str, FreeParameter],
     quantities: Mapping[str, Quantity],
-    keeps: Callable[[Mapping[str, np.ndarray]], np.ndarray],
+    keeps: Callable[[Sets], np.ndarray],
 ) -> np.ndarray:
     """Compute the share (n,) of each set's neighbours that keep the targets.
 

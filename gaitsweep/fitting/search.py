@@ -12,7 +12,7 @@ import threading
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import partial
 from pathlib import Path
@@ -27,9 +27,9 @@ from gaitsweep import near_miss
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
-from gaitsweep.fitting.free_parameters import sets_at
+from gaitsweep.fitting.free_parameters import Sets, sets_at
 from gaitsweep.fitting.identifiability import Identifiability, identifiability
-from gaitsweep.fitting.measures import Measured
+from gaitsweep.fitting.measures import Measured, MeasuredByName
 from gaitsweep.fitting.optimisers import Optimiser, optimiser
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.robustness import ROBUST, share_kept
@@ -54,7 +54,7 @@ _DECIDING = ("numpy", "scipy", "cma", "pymoo")
 # Seconds between two polls of the running batches.
 _POLL = 0.1
 # The measures of a batch by name; None of a batch that is on disk.
-_Batch = dict[str, Measured] | None
+_Batch = MeasuredByName | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -262,9 +262,7 @@ class _Search:
             while chosen:
                 yield from self._end(*chosen.popleft())
 
-    def _measured(
-        self, sets: Mapping[str, np.ndarray], on_progress: Callable[[SweepProgress], None]
-    ) -> dict[str, Measured]:
+    def _measured(self, sets: Sets, on_progress: Callable[[SweepProgress], None]) -> MeasuredByName:
         """Measure the sets of a batch."""
         if self.job.options.first:
             measured = self.population.staged_evaluate(
@@ -274,7 +272,7 @@ class _Search:
             measured = self.population.measure(sets, on_progress)
         return measured | _robustness(self.job, self.population, sets, measured, on_progress)
 
-    def _goes_on(self, first: Mapping[str, Measured]) -> np.ndarray:
+    def _goes_on(self, first: MeasuredByName) -> np.ndarray:
         """Return which sets (n,) are measured further: those whose first targets have near enough values."""
         within = self.job.options.first_within
         most = np.inf if within is None else within
@@ -285,7 +283,7 @@ class _Search:
         ]
         return np.all(near, axis=0)
 
-    def _end(self, number: int, sets: Mapping[str, np.ndarray]) -> Iterator[tuple[int, pd.DataFrame]]:
+    def _end(self, number: int, sets: Sets) -> Iterator[tuple[int, pd.DataFrame]]:
         """Yield a batch that is not on disk, and give its scores to the optimiser."""
         measured = self.batches.oldest()
         first, stop = self.directory.rows_of(number)
@@ -310,13 +308,7 @@ class _Search:
         done = min(self.before + new, total)
         self.on_progress(done, total, rate, done / total, f"{best}{attempts / 1e6:.1f} M attempts/s")
 
-    def _frame(
-        self,
-        generation: int,
-        first: int,
-        sets: Mapping[str, np.ndarray],
-        measured: Mapping[str, Measured],
-    ) -> pd.DataFrame:
+    def _frame(self, generation: int, first: int, sets: Sets, measured: MeasuredByName) -> pd.DataFrame:
         """Return the records of a batch."""
         model = self.population.prepared(self.job.fit.structures[0]).design.model
         targets = self.job.targets
@@ -339,7 +331,7 @@ class _Search:
         }
         return pd.DataFrame(frame)
 
-    def _known(self, number: int, first: int, stop: int, sets: Mapping[str, np.ndarray]) -> pd.DataFrame:
+    def _known(self, number: int, first: int, stop: int, sets: Sets) -> pd.DataFrame:
         """Return the records of a batch on disk, whose sets have to be those of the optimiser."""
         frame = self.known.iloc[np.searchsorted(self.known["row"], np.arange(first, stop))]
         for name, column in sets.items():
@@ -354,18 +346,18 @@ class _Search:
 def _robustness(
     job: SearchJob,
     population: Population,
-    sets: Mapping[str, np.ndarray],
-    measured: Mapping[str, Measured],
+    sets: Sets,
+    measured: MeasuredByName,
     on_progress: Callable[[SweepProgress], None] | None = None,
     share: float = 1.0,
-) -> dict[str, Measured]:
+) -> MeasuredByName:
     """Measure the share of neighbours that keep targets, of sets that keep them; empty without `robust`."""
     robust = job.options.robust
     if robust is None:
         return {}
     model = population.prepared(job.fit.structures[0]).design.model
 
-    def keep(of: Mapping[str, Measured]) -> np.ndarray:
+    def keep(of: MeasuredByName) -> np.ndarray:
         near = [np.abs(job.targets[name].misses(of[name], model)) <= 1.0 for name in robust.targets]
         return np.all(near, axis=0)
 

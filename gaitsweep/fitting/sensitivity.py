@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,8 +17,9 @@ from gaitsweep.circular import wrapped_difference
 from gaitsweep.contract import Model
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
+from gaitsweep.fitting.free_parameters import Sets
 from gaitsweep.fitting.indices import Output, indices, unwrapped
-from gaitsweep.fitting.measures import Measure, Measured
+from gaitsweep.fitting.measures import Measure, MeasuredByName
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.sensitivity_job import FAILURES, SensitivityJob
 from gaitsweep.job.numerics import rows_of_a_part
@@ -171,9 +172,7 @@ def _blocks(
             yield number, records.iloc[begin : begin + last - first].reset_index(drop=True)
 
 
-def _records(
-    rows: np.ndarray, sets: Mapping[str, np.ndarray], measured: Mapping[str, Measured]
-) -> pd.DataFrame:
+def _records(rows: np.ndarray, sets: Sets, measured: MeasuredByName) -> pd.DataFrame:
     """Return the records of the sets `rows` (n,): their status, and why outputs have no value."""
     why = [
         "; ".join(

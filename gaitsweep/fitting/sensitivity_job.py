@@ -32,7 +32,6 @@ from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measures import Measure
 from gaitsweep.fitting.population import Population
 from gaitsweep.job import Job
-from gaitsweep.job.model_spec import ModelSpec
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, refuse
 from gaitsweep.schema.numbers import Count, Seed, word
 from gaitsweep.schema.strict_model import StrictModel
@@ -85,10 +84,6 @@ class SensitivityJob:
     def outputs(self) -> dict[str, Measure]:
         """Measures by name."""
         return self.fit.measures
-
-    @property
-    def spec(self) -> ModelSpec:
-        return self.fit.spec
 
     @functools.cached_property
     def design(self) -> SensitivityDesign:

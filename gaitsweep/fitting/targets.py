@@ -74,7 +74,7 @@ class Target:
         """Return the distance of values (n,) from the target, in reading errors; at most FAILED_MISS."""
         values = self.shown(measured.values, model)
         low, high = self.value.wanted
-        beyond = np.where(values < low, values - low, np.where(values > high, values - high, 0.0))
+        beyond = values - np.clip(values, low, high)
         misses = np.clip(beyond / self.value.error, -FAILED_MISS, FAILED_MISS)
         return np.where(np.isnan(values), FAILED_MISS, misses)
 

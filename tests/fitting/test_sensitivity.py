@@ -239,7 +239,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"parameters": {"x_1": {"low": 0, "high": 3, "whole": True}}},
         "x_1 is whole, but the steps of morris are shares of a range",
     ),
-    "no output": ({"outputs": None}, "outputs is empty, but takes measures by name."),
+    "no output": ({"outputs": None}, "outputs is missing: it takes measures by name"),
     "an output's kind": (
         {"outputs": {"a": {"kind": "valeu", "of": "linear", "at": {"y_0": 1}}}},
         'a.kind: "valeu" is not an allowed kind; did you mean value?',

@@ -139,8 +139,8 @@ def fates(
     pair: Int[np.ndarray, " points"],
     mapper: AttractorMapper,
     most: int,
-) -> tuple[Int[np.ndarray, " points"], Int[np.ndarray, " points"]]:
-    """Follow trajectories to their attractors: the labels (n,) and the evaluations of the map for each (n,).
+) -> tuple[Int[np.ndarray, " points"], Int[np.ndarray, " points"], Float[np.ndarray, "points coordinates"]]:
+    """Follow n trajectories to their attractors.
 
     Args:
         mapping: the map.
@@ -151,12 +151,14 @@ def fates(
         most: the largest number of cycles; trajectories without an attractor then are `UNDECIDED`.
 
     Returns:
-        Labels of attractors, or `UNDECIDED`, or -1 - w of trajectories that ended by the `ReturnStatus` w.
+        Labels (n,) of attractors, or `UNDECIDED`, or -1 - w of trajectories that ended by the `ReturnStatus`
+        w; the number (n,) of evaluations of the map; and the coordinates (n, size) of the last points.
 
     Raises:
         ValueError: `mapper` does not give one label for each trajectory.
     """
     labels, cycles = np.full(len(points), UNDECIDED), np.zeros(len(points), int)
+    ends = points.at.copy()
     going = np.arange(len(points))
     for cycle in range(1, most + 1):
         if not going.size:
@@ -170,6 +172,7 @@ def fates(
                 f"{going.size} trajectories."
             )
         labels[going] = np.where(images.sound, np.maximum(found, UNDECIDED), -1 - images.status)
+        ends[going[images.sound]] = images.points.at[images.sound]
         goes_on = images.sound & (found < 0)
         points, going = images.points[goes_on], going[goes_on]
-    return labels, cycles
+    return labels, cycles, ends

@@ -26,7 +26,7 @@ from gaitsweep.analysis.basins.attractor_mappers import (
 )
 from gaitsweep.analysis.continuation.newton import sizes
 from gaitsweep.contract import ResultCode
-from gaitsweep.engine.poincare.maps import Map, Points, Values
+from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.errors import ArgumentError
 
@@ -240,17 +240,13 @@ class Tracking:
     def _at_their_ends(self) -> AttractorMapper:
         """A mapper for each pair from the final states of its own two trajectories."""
         n = len(self.one)
-        points, rows = _joined(self.one, self.other), np.tile(np.arange(n), 2)
-        ends, going = points.at.copy(), np.arange(2 * n)
-        for _ in range(self.limits.settle_cycles):
-            if not going.size:
-                break
-            images = advanced(self.mapping, points, self._of(rows[going]))
-            np.add.at(self.evaluations, rows[going], 1)
-            for place in np.flatnonzero(~images.sound):
-                self._end(int(rows[going][place]), -1 - images.status[place])
-            points, going = images.points[images.sound], going[images.sound]
-            ends[going] = points.at
+        rows = np.tile(np.arange(n), 2)
+        points, most = _joined(self.one, self.other), self.limits.settle_cycles
+        labels, cycles, ends = fates(self.mapping, points, self.values, rows, _undecided, most)
+        np.add.at(self.evaluations, rows, cycles)
+        for place in np.argsort(cycles, kind="stable"):
+            if labels[place] < UNDECIDED:
+                self._end(int(rows[place]), int(labels[place]))
         ends = ends.reshape(2, n, -1).swapaxes(0, 1)
         distance = self._distance(ends[:, 1], ends[:, 0])
         self.labels = np.where(self.going[:, None], np.array([0, 1]), UNDECIDED)
@@ -359,7 +355,7 @@ class Tracking:
         self._stop(rows[jumps[rows]], EdgeOutcome.jump)
 
     def _fates(self, points: Points, rows: Rows, mapper: AttractorMapper) -> Rows:
-        labels, cycles = fates(self.mapping, points, self.values, rows, mapper, self.limits.max_cycles)
+        labels, cycles, _ = fates(self.mapping, points, self.values, rows, mapper, self.limits.max_cycles)
         np.add.at(self.evaluations, rows, cycles)
         return labels
 
@@ -397,6 +393,11 @@ class Tracking:
 
     def _stop(self, rows: Rows, outcome: EdgeOutcome) -> None:
         self.outcome[rows], self.going[rows] = outcome, False
+
+
+def _undecided(images: MapEvaluation, pair: Rows, cycle: int) -> Rows:
+    """An `AttractorMapper` for trajectories that are followed to their ends."""
+    return np.full(pair.size, UNDECIDED)
 
 
 def _joined(some: Points, others: Points) -> Points:

@@ -58,7 +58,7 @@ def wada(
 
     Raises:
         AnalysisError: the table does not have a column, its starts form no grid, it is narrower than a box,
-            or `box` is no power of 2.
+            or `box` is not a power of 2.
 
     Source: merging, Daza, Wagemakers and Sanjuan 2018, Sci. Rep. 8:9954; grids, Daza et al. 2015, Sci. Rep.
     5:16579, with the starts of the table in place of new ones.

@@ -371,7 +371,7 @@ def _on_step(
             found.append(
                 Special(crossing.kind, _ahead(problem, here, crossing.here), crossing.here, crossing.aside)
             )
-            # a pitchfork where the branch itself turns is no fold
+            # a pitchfork where the branch itself turns is not a fold
             turns &= abs(crossing.here.tangent[0, -1]) > FLAT * (problem.high - problem.low)
         elif zero is not None and abs(branch_test(problem, zero[0])[0]) < SMALL * np.max(np.abs(ends)):
             found.append(Special("branch_point", zero[1], zero[0]))

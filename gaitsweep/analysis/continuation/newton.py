@@ -137,8 +137,6 @@ def along(
     gradients: Float[np.ndarray, "points constrained coordinates"],
 ) -> Float[np.ndarray, "points coordinates constrained"]:
     """Directions (n, size, k) that change one quantity by one and no other, from gradients (n, k, size)."""
-    if not gradients.shape[1]:
-        return np.swapaxes(gradients, 1, 2)
     return np.linalg.pinv(gradients)
 
 

@@ -47,14 +47,14 @@ def stable_ranges(table: pd.DataFrame, parameter: str, least: float = LEAST) -> 
     return pieces.iloc[np.flatnonzero(wide)].reset_index(drop=True)
 
 
-def range_of_gait(table: pd.DataFrame, parameter: str, gait: str, least: float = LEAST) -> pd.DataFrame:
+def range_of_gait(table: pd.DataFrame, parameter: str, gait: str) -> pd.DataFrame:
     """The widest stable range of one gait in each row: row, low, high, low_by, high_by.
 
     Raises:
         AnalysisError: the table does not have a column, or no branch is stable in that gait.
     """
     require(table, "gait")
-    ranges = stable_ranges(table, parameter, least)
+    ranges = stable_ranges(table, parameter)
     mine = ranges.iloc[np.flatnonzero(ranges["gait"] == gait)]
     if not len(mine):
         known = ", ".join(sorted(set(ranges["gait"]))) or "none"

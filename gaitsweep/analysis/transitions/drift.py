@@ -137,7 +137,7 @@ def breaks(
     A curve across a break would have values that no trajectory has, and false zeros of the drift.
 
     A gap is wider than the spacing of the points around it: 4 times their spacing, twice the spacing of the
-    rows' first points, or two bandwidths. Spacings below `step` are no gaps. At a jump, the
+    rows' first points, or two bandwidths. Spacings below `step` are not gaps. At a jump, the
     lines through the points on both sides (4 at least, within a bandwidth) differ, between the two points in
     the middle, by 6 standard errors and by 3 times their largest residual.
 
@@ -216,17 +216,11 @@ def _line(
         return None
     count = int(np.argmax(enough)) + 1
     x, y, weight = x[:count], y[:count], weight[:count]
-    middle = np.average(x, weights=weight)
-    spread = float(np.average((x - middle) ** 2, weights=weight))
-    if spread <= 0.0:
-        return None
-    height = float(np.average(y, weights=weight))
-    slope = float(np.average((x - middle) * (y - height), weights=weight)) / spread
-    residual = y - height - slope * (x - middle)
+    (slope, height), covariance = np.polyfit(x, y, 1, w=np.sqrt(weight), cov="unscaled")
+    residual = y - height - slope * x
     effective = float(weight.sum()) ** 2 / float((weight**2).sum())
-    variance = float(np.average(residual**2, weights=weight)) * effective / max(effective - 2.0, 1.0)
-    error = np.sqrt(variance / effective * (1.0 + middle**2 / spread))
-    return height - slope * middle, float(error), float(np.abs(residual).max())
+    variance = float(weight @ residual**2) / max(effective - 2.0, 1.0)
+    return float(height), float(np.sqrt(variance * covariance[1, 1])), float(np.abs(residual).max())
 
 
 def _piece(points: Points, bandwidth: float, step: float, circular: bool) -> Drift:

@@ -22,9 +22,9 @@ from gaitsweep.analysis.transitions.drift import NEAR, Drift, drifts_of, ghosts_
 from gaitsweep.circular import TURN, wrapped_difference
 
 BANDWIDTH = 0.05  # rad; half the width of the window of the local lines
-_SHARE = 0.05  # bandwidth of an observable that is no angle, as a share of its range
+_SHARE = 0.05  # bandwidth of an observable that is not an angle, as a share of its range
 _NEIGHBOURS = 0.25  # rad; largest distance between points of one branch at neighbouring parameter values
-_NEAR_ON_A_LINE = 0.25  # the same for an observable that is no angle, as a share of its range
+_NEAR_ON_A_LINE = 0.25  # the same for an observable that is not an angle, as a share of its range
 
 By = str | Sequence[str] | None
 
@@ -169,7 +169,7 @@ def branches(
     Returns:
         As `fixed_points`, with `branch`: a number for the fixed points of one stability that are mutually
         nearest at neighbouring values of the parameter, at most 0.25 rad apart (a quarter of the values'
-        range if the observable is no angle).
+        range if the observable is not an angle).
     """
     points = fixed_points(table, observable, parameter, bandwidth)
     name, tried = section_column(table, observable), sorted(table[parameter].dropna().unique())
