@@ -27,6 +27,7 @@ import yaml
 from gaitsweep.runs.cluster.connection import LocalWorkers
 from gaitsweep.runs.cluster.dispatch import Cluster, Dispatch
 from gaitsweep.runs.cluster.task import Assignment, JobTicket
+from gaitsweep.table.manifest import Layout
 
 ROOT = Path(__file__).resolve().parents[1]
 BLOCK = 16_384  # rows of a stub block
@@ -73,7 +74,7 @@ def give_out(cluster: StubCluster, count: int, on_progress: Callable[[Any], None
     """Give out stub blocks with an assignment as large as a real one; the seconds that it takes."""
     text = yaml.safe_dump(JOB) * 8  # a resolved job has 2 to 4 kB
     ticket = JobTicket(text, (), (), ("/results/overhead/.probe-0123456789abcdef", "0123456789abcdef"))
-    assignment = Assignment(ticket, "/results/overhead", "0" * 64, count * BLOCK, BLOCK, 60.0)
+    assignment = Assignment(ticket, "/results/overhead", Layout("0" * 64, count * BLOCK, BLOCK), 60.0)
     began = time.perf_counter()
     directory: Any = StubDirectory()
     Dispatch(cluster, directory, assignment, range(count), on_progress, None).run()

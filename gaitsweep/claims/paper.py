@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import inspect
 import typing
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Literal
 
 import pandas as pd
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field, PrivateAttr, TypeAdapter, ValidationError
 
 from gaitsweep import near_miss
 from gaitsweep.claims.measures import MEASURES
 from gaitsweep.errors import ArgumentError
 from gaitsweep.extension import folders, import_all
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, found, from_pydantic
-from gaitsweep.schema.numbers import InvalidValue, Stem, read_stem
+from gaitsweep.schema.numbers import Stem
 from gaitsweep.schema.strict_model import StrictModel
-from gaitsweep.schema.yaml_document import Document, read_document
+from gaitsweep.schema.yaml_document import read_document
 from gaitsweep.shipped import job_folders
 
 _Numbers = list[float]
@@ -115,16 +115,21 @@ class Claim(StrictModel):
 class Paper(StrictModel):
     """A paper, the jobs that reproduce it, and its claims."""
 
-    name: str = Field(description="name of the table of claims")
     paper: str = Field(description="authors, year, journal")
-    file: Path = Field(description="the table's file")
-    jobs: dict[str, PaperJob] = Field(description="jobs by name")
-    claims: list[Claim] = Field(description="the claims")
+    jobs: dict[Stem, PaperJob] = Field(default={}, description="jobs by name")
+    claims: list[Claim] = Field(min_length=1, description="the claims")
+
+    _file: Path = PrivateAttr()
+
+    @property
+    def name(self) -> str:
+        """The name of the table of claims."""
+        return self._file.stem
 
     def job_file(self, name: str) -> Path:
         """The file of one of the jobs."""
         written = self.jobs[name].job
-        beside = self.file.parent / written
+        beside = self._file.parent / written
         places = (beside, *(folder / written for folder in job_folders()))
         return next((file for file in places if file.is_file()), beside)
 
@@ -170,59 +175,23 @@ def read_paper(name: str | Path) -> Paper:
         file = known[str(name)]
     document = read_document(file)
     import_all("measures")
-    wrong: list[Diagnostic] = []
-    data = document.data
-    for key in data:
-        if key not in ("paper", "jobs", "claims"):
-            wrong.append(
-                Diagnostic((key,), "is not a field of a table of claims. Allowed: paper, jobs, claims.")
-            )
-    jobs = {
-        str(key).strip(): read
-        for key, each in _mapping(data.get("jobs"), "jobs", wrong).items()
-        if (read := _read(PaperJob, each, ("jobs", str(key)), wrong)) is not None
-    }
-    claims = [
-        read
-        for at, each in enumerate(_list(data.get("claims"), wrong))
-        if (read := _read(Claim, each, ("claims", at), wrong)) is not None
-    ]
-    if not isinstance(data.get("paper"), str):
-        wrong.append(Diagnostic(("paper",), "is missing: name the authors, year and journal."))
-    if not wrong:
-        paper = Paper(name=file.stem, paper=data["paper"], file=file, jobs=jobs, claims=claims)
-        wrong += _checked(paper)
-        if not wrong:
-            return paper
-    raise _located(document, wrong)
-
-
-def _located(document: Document, wrong: Iterable[Diagnostic]) -> JobError:
-    return JobError([document.locate(each) for each in wrong])
-
-
-def _mapping(value: Any, field: str, wrong: list[Diagnostic]) -> Mapping[str, Any]:
-    if value is None or isinstance(value, Mapping):
-        return value or {}
-    wrong.append(Diagnostic((field,), "must be a mapping (key: value)."))
-    return {}
-
-
-def _list(value: Any, wrong: list[Diagnostic]) -> list[Any]:
-    if isinstance(value, list) and value:
-        return value
-    wrong.append(Diagnostic(("claims",), "must be a list of claims."))
-    return []
-
-
-def _read(part: type[Any], value: Any, path: tuple[str | int, ...], wrong: list[Diagnostic]) -> Any:
     try:
-        return part.model_validate(value)
+        paper = Paper.model_validate(document.data)
     except ValidationError as error:
-        noun = "a claim" if part is Claim else "a job of a paper"
-        sections = {"": SchemaSection(noun, part), "quick": SchemaSection("quick", Quick)}
-        wrong.extend(from_pydantic(error, sections, "", path))
-        return None
+        raise document.located(JobError(from_pydantic(error, _SECTIONS, ""))) from None
+    paper._file = file
+    if wrong := list(_checked(paper)):
+        raise document.located(JobError(wrong))
+    return paper
+
+
+# The parts of a table of claims by the keys under which pydantic reports them.
+_SECTIONS = {
+    "": SchemaSection("a table of claims", Paper),
+    "jobs": SchemaSection("a job of a paper", PaperJob),
+    "claims": SchemaSection("a claim", Claim),
+    "Quick": SchemaSection("quick", Quick),
+}
 
 
 def _checked(paper: Paper) -> Iterator[Diagnostic]:
@@ -249,10 +218,6 @@ def _checked(paper: Paper) -> Iterator[Diagnostic]:
         if text is not None:
             yield Diagnostic(path, text)
     for name in paper.jobs:
-        try:
-            read_stem(name)
-        except InvalidValue as error:
-            yield Diagnostic(("jobs", name), str(error))
         if not paper.job_file(name).is_file():
             yield Diagnostic(
                 ("jobs", name, "job"),

@@ -12,41 +12,46 @@ from gaitsweep.claims.paper import Claim
 
 
 class ClaimVerdict(enum.StrEnum):
-    """Verdict on a claim."""
+    """Verdict on a claim: its value in tables, its words in text for readers, and their meaning."""
 
-    reproduced = "reproduced"
-    not_reproduced = "not"
-    open_constants = "open: constants"  # out of tolerance, and the paper lacks constants that decide it
-    definition = "definition"  # true by the definition of the model or of its labels
-    answered = "answered"  # the paper leaves the question open
-    not_run = "not run"
+    words: str
+    sentence: str
 
-    @property
-    def words(self) -> str:
-        """The verdict in text for readers: "not reproduced"."""
-        return _WORDS.get(self, self.value)
+    def __new__(cls, value: str, words: str, sentence: str) -> ClaimVerdict:
+        member = str.__new__(cls, value)
+        member._value_, member.words, member.sentence = value, words, sentence
+        return member
 
-    @property
-    def sentence(self) -> str:
-        """Meaning of the verdict, for readers of the page."""
-        return _SENTENCES[self]
-
-
-_WORDS = {
-    ClaimVerdict.not_reproduced: "not reproduced",
-    ClaimVerdict.open_constants: "with open constants",
-    ClaimVerdict.definition: "true by definition",
-}
-_SENTENCES = {
-    ClaimVerdict.reproduced: "our value agrees with the paper's within the tolerance",
-    ClaimVerdict.not_reproduced: "our value does not agree with the paper's, or not with finer steps",
-    ClaimVerdict.open_constants: "our value does not agree, and the paper lacks constants that decide it",
-    ClaimVerdict.definition: "the definition of the model or of its labels decides it, and no "
-    "simulation can change it",
-    ClaimVerdict.answered: "the paper leaves the question open, and this run confirms our answer",
-    ClaimVerdict.not_run: "no verdict: --quick leaves it out, its job did not run, or its table lacks "
-    "a column",
-}
+    reproduced = (
+        "reproduced",
+        "reproduced",
+        "our value agrees with the paper's within the tolerance",
+    )
+    not_reproduced = (
+        "not",
+        "not reproduced",
+        "our value does not agree with the paper's, or not with finer steps",
+    )
+    open_constants = (
+        "open: constants",
+        "with open constants",
+        "our value does not agree, and the paper lacks constants that decide it",
+    )
+    definition = (
+        "definition",
+        "true by definition",
+        "the definition of the model or of its labels decides it, and no simulation can change it",
+    )
+    answered = (
+        "answered",
+        "answered",
+        "the paper leaves the question open, and this run confirms our answer",
+    )
+    not_run = (
+        "not run",
+        "not run",
+        "no verdict: --quick leaves it out, its job did not run, or its table lacks a column",
+    )
 
 
 def verdict(claim: Claim, ours: Value) -> ClaimVerdict:

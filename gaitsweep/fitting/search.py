@@ -44,6 +44,7 @@ from gaitsweep.runs.prepare import naming_the_file
 from gaitsweep.runs.progress import Progress
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.table import ResultDirectory, Snapshot, TableError, load
+from gaitsweep.table.manifest import Layout
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
@@ -127,10 +128,8 @@ def run_search(
         side_by_side=side_by_side,
         versions=versions,
     )
-    with (
-        naming_the_file(),
-        ResultDirectory.open(path, job.resolved(), job_hash, job.options.budget, together) as directory,
-    ):
+    layout = Layout(job_hash, job.options.budget, together)
+    with naming_the_file(), ResultDirectory.open(path, job.resolved(), layout) as directory:
         for note in directory.notes:
             on_message(note)
         continue_directory(context, directory, on_message)

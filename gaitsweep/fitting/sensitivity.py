@@ -22,6 +22,7 @@ from gaitsweep.fitting.measures import Measure, Measured
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.sensitivity_job import FAILURES, SensitivityJob
 from gaitsweep.job.numerics import rows_of_a_part
+from gaitsweep.kinds.columns import quantities_of
 from gaitsweep.plot.sensitivity import sensitivity_figure
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
@@ -29,10 +30,9 @@ from gaitsweep.runs.executor import write_blocks
 from gaitsweep.runs.makers import continue_directory
 from gaitsweep.runs.prepare import RunContext, naming_the_file
 from gaitsweep.runs.progress import Progress
-from gaitsweep.runs.summary import quantities_of
 from gaitsweep.table import ResultDirectory, load, replace_file
 from gaitsweep.table.files import writing
-from gaitsweep.table.manifest import FIGURES
+from gaitsweep.table.manifest import FIGURES, Layout
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
@@ -125,10 +125,8 @@ def run_sensitivity(
         on_message(context.note)
     for caveat in context.model.caveats():
         on_message(f"Warning: {caveat}")
-    with (
-        naming_the_file(),
-        ResultDirectory.open(path, resolved, job.hash(context.job_hash, block), n, block) as directory,
-    ):
+    layout = Layout(job.hash(context.job_hash, block), n, block)
+    with naming_the_file(), ResultDirectory.open(path, resolved, layout) as directory:
         for note in directory.notes:
             on_message(note)
         continue_directory(context, directory, on_message)

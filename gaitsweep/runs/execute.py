@@ -83,7 +83,7 @@ def run_job(
     resolved = job.resolved(engine=context.engine)
     with (
         naming_the_file(),
-        ResultDirectory.open(path, resolved, context.job_hash, spec.n_rows, spec.block) as directory,
+        ResultDirectory.open(path, resolved, context.layout) as directory,
         _SelfCheck(context, directory) as check,
     ):
         for note in directory.notes:

@@ -54,7 +54,7 @@ def compute_blocks(
             lambda number, outcome: encode(number, context.table(outcome)),
         )
         return
-    bounds = {number: (number * spec.block, min((number + 1) * spec.block, spec.n_rows)) for number in blocks}
+    bounds = {number: context.layout.rows_of(number) for number in blocks}
     rows, done = sum(last - first for first, last in bounds.values()), 0
     began = time.perf_counter()
 

@@ -16,7 +16,7 @@ import pandas as pd
 from gaitsweep import models
 from gaitsweep.contract import Model, Status
 from gaitsweep.engine.kernel.columns import over_rows
-from gaitsweep.kinds.columns import UNKNOWN_GAIT, Column
+from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.models.own_modules import folder_of_class
 from gaitsweep.runs.prepare import RunContext
@@ -48,7 +48,7 @@ def describe(context: RunContext, directory: ResultDirectory) -> None:
             {"names": list(group.names), "length": group.length, "drawn": group.drawn}
             for group in context.design.groups
         ],
-        quantities=quantities_of(context.model, context.job.run.all_columns(context.model)),
+        quantities=context.quantities,
         **_model_folder(context, directory.path),
     )
 
@@ -244,18 +244,3 @@ def _add_stalls(stalls: dict[str, dict[str, Any]], part: pd.DataFrame) -> None:
         when = np.array([*known[key], *at[(by == names) & np.isfinite(at)]])
         known["rows"] += int(np.count_nonzero(by == names))
         known[key] = [float(when.min()), float(when.max())] if when.size else []
-
-
-def quantities_of(model: Model, columns: Sequence[Column] = ()) -> dict[str, dict[str, Any]]:
-    """Return unit, meaning and symbol of the table's columns, for readers and for figures."""
-    named = {
-        **{column.name: column.quantity for column in columns if column.quantity is not None},
-        # a start stands in the table by its own name, an observable with _end or _n
-        **{f"{q.name}_{end}": q for q in model.observables for end in ("end", "n")},
-        **{q.name: q for q in (*model.parameters, *model.observables, *model.signals, *model.label_fields)},
-        **{q.name: q for q in model.initial_conditions},
-    }
-    return {
-        name: {"unit": q.unit, "meaning": q.meaning, "symbol": q.symbol, "circular": q.circular}
-        for name, q in named.items()
-    }

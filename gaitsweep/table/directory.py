@@ -17,11 +17,11 @@ from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.table.block_locks import BLOCK_LOCKS
 from gaitsweep.table.digests import (
     DIGESTS,
-    add_digest,
     digest_of,
     of_writers,
     read_digests,
     write_digests,
+    write_file,
 )
 from gaitsweep.table.examination import FOREIGN, Examination, Fault, examined_part
 from gaitsweep.table.files import (
@@ -43,9 +43,9 @@ from gaitsweep.table.manifest import (
     MANIFEST,
     TABLE,
     DamagedManifest,
+    Layout,
     claim,
     new_manifest,
-    rows_of,
     sealed,
 )
 from gaitsweep.table.open_rows import open_bytes
@@ -64,7 +64,7 @@ class ResultDirectory:
     def __init__(self, path: Path, lock: Lock, manifest: dict[str, Any]) -> None:
         """Use `ResultDirectory.open`."""
         self.path = path
-        self.manifest = manifest
+        self.manifest, self.layout = manifest, Layout.of(manifest)
         self.notes: list[str] = []
         self._lock = lock
         self._footers: dict[int, Footer] = {}
@@ -74,24 +74,20 @@ class ResultDirectory:
         self._last_open = 0
 
     @classmethod
-    def open(
-        cls, path: str | Path, job: Mapping[str, Any], job_hash: str, n_rows: int, block: int
-    ) -> ResultDirectory:
+    def open(cls, path: str | Path, job: Mapping[str, Any], layout: Layout) -> ResultDirectory:
         """Create a result directory, or continue an existing one.
 
         Args:
             path: the directory; its parents are created.
             job: the resolved job, written to `job.yaml`.
-            job_hash: the hash of all that determines the results; a directory with another hash is refused.
-            n_rows: number of rows of the sweep.
-            block: number of rows of a part.
+            layout: that of the table; a directory with another layout is refused.
 
         Raises:
             TableError: the directory belongs to another job or program, or another run is writing it.
             WriteError: it cannot be created or written.
         """
         path = Path(path)
-        _claimed(path, job_hash, n_rows, block)
+        _claimed(path, layout)
         try:
             path.mkdir(parents=True, exist_ok=True)
             lock = Lock(path)
@@ -101,9 +97,9 @@ class ResultDirectory:
             raise kind(f"The result directory {path} cannot be created: {reason(error)}.") from error
         try:
             # Checked again, since another run may have created it between the first check and the lock.
-            damaged = _claimed(path, job_hash, n_rows, block)
+            damaged = _claimed(path, layout)
             manifest = damaged if isinstance(damaged, dict) else None
-            directory = cls(path, lock, manifest or new_manifest(job_hash, n_rows, block, job))
+            directory = cls(path, lock, manifest or new_manifest(layout, job))
             if isinstance(damaged, DamagedManifest):
                 directory.notes.append(
                     f"{damaged.what}: it will be rewritten, since the table's parts belong to this job."
@@ -130,21 +126,20 @@ class ResultDirectory:
             self._write_manifest()
         own_folder(self.path / TABLE)
         text = yaml.dump(dict(job), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100).encode()
-        digest, job_file = digest_of(text), self.path / JOB
+        job_file = self.path / JOB
         try:
             stands = read_file(job_file) == text
         except FileNotFoundError:
             stands = False
         except OSError as error:
             raise TableError(f"{job_file} cannot be read: {reason(error)}. Move it away.") from error
-        if not stands or read_digests(self.path).get(JOB) != digest:
-            add_digest(self.path, JOB, digest)
-            replace_file(job_file, lambda file: file.write(text))
+        if not stands or read_digests(self.path).get(JOB) != digest_of(text):
+            write_file(self.path, JOB, text)
             self._keep_latest_digests()
 
     def _examine(self) -> None:
         """Verify the files and remove damaged ones."""
-        examined = Examination(self.path, self.manifest)
+        examined = Examination(self.path, self.layout)
         for _ in examined.parts():
             pass
         if examined.strangers:
@@ -160,7 +155,7 @@ class ResultDirectory:
         stored: dict[int, list[RowOutcome]] = {}
         self._last_open = examined.last_open
         for file, rows in examined.open_rows():
-            blocks = rows.row // self.manifest["block"]
+            blocks = rows.row // self.layout.block
             missing = [int(number) for number in np.unique(blocks) if int(number) not in self._footers]
             for number in missing:
                 stored.setdefault(number, []).append(rows.take(np.flatnonzero(blocks == number)))
@@ -222,12 +217,12 @@ class ResultDirectory:
     @property
     def n_rows(self) -> int:
         """The number of rows of the sweep."""
-        return self.manifest["rows"]
+        return self.layout.rows
 
     @property
     def n_blocks(self) -> int:
         """The number of parts of the table."""
-        return -(-self.manifest["rows"] // self.manifest["block"])
+        return len(self.layout.blocks)
 
     @property
     def rows_done(self) -> int:
@@ -241,11 +236,11 @@ class ResultDirectory:
 
     def rows_of(self, number: int) -> tuple[int, int]:
         """Return the first row of a block and the row after its last (equal past the table's end)."""
-        return rows_of(self.manifest, number)
+        return self.layout.rows_of(number)
 
     def missing_blocks(self) -> list[int]:
         """Return the blocks without a part, in order."""
-        return [number for number in range(self.n_blocks) if number not in self._footers]
+        return [number for number in self.layout.blocks if number not in self._footers]
 
     def counts(self) -> dict[str, int]:
         """Return the numbers of rows in complete parts by status."""
@@ -274,11 +269,7 @@ class ResultDirectory:
         Raises:
             ValueError: the frame does not belong to the block.
         """
-        start, stop = self.rows_of(number)
-        if not 0 <= number < self.n_blocks:
-            raise ValueError(f"Block {number} does not exist: the blocks are 0 to {self.n_blocks - 1}.")
-        quantities = self.manifest.get("quantities")
-        return checked_part(frame, number, (start, stop), self.manifest["job_hash"], quantities)
+        return checked_part(frame, number, self.layout, self.manifest.get("quantities"))
 
     def write_encoded(self, number: int, part: EncodedPart) -> None:
         """Write a part that `encoded` has made; it is on disk when this returns.
@@ -297,7 +288,7 @@ class ResultDirectory:
         """
         start, stop = self.rows_of(number)
         footer = read_footer(data)
-        if (footer.part, footer.job_hash, footer.rows) != (number, self.manifest["job_hash"], stop - start):
+        if (footer.part, footer.job_hash, footer.rows) != (number, self.layout.job_hash, stop - start):
             raise DamagedPart(f"it is not part {number} of this table")
         self._write_part(number, data, footer)
 
@@ -308,7 +299,7 @@ class ResultDirectory:
             f"; {self.rows_done} of {self.n_rows} rows are safe there, "
             "and the same command continues from them",
         ):
-            self._write(PARTS.name(number), data)
+            write_file(self.path, f"{TABLE}/{PARTS.name(number)}", data)
         self._has_part(number, footer)
 
     def take_parts(self, numbers: Iterable[int]) -> list[int]:
@@ -319,7 +310,7 @@ class ResultDirectory:
             name = PARTS.name(number)
             try:
                 data = read_file(self.path / TABLE / name)
-                footer = examined_part(data, digests.get(f"{TABLE}/{name}"), self.manifest, number)
+                footer = examined_part(data, digests.get(f"{TABLE}/{name}"), self.layout, number)
             except (OSError, DamagedPart):
                 absent.append(number)
             else:
@@ -349,15 +340,10 @@ class ResultDirectory:
         """
         name = OPEN_ROWS.name(self._last_open + 1)
         with writing(f"{rows.row.size} finished rows could not be stored in {self.path / TABLE / name}"):
-            self._write(name, open_bytes(rows, self.manifest["job_hash"]))
+            write_file(self.path, f"{TABLE}/{name}", open_bytes(rows, self.layout.job_hash))
         self._last_open += 1
-        blocks = {int(number) for number in np.unique(rows.row // self.manifest["block"])}
+        blocks = {int(number) for number in np.unique(rows.row // self.layout.block)}
         self._open_files[self.path / TABLE / name] = blocks
-
-    def _write(self, name: str, data: bytes) -> None:
-        """Write a file of the table, after its digest."""
-        add_digest(self.path, f"{TABLE}/{name}", digest_of(data))
-        replace_file(self.path / TABLE / name, lambda file: file.write(data))
 
     def write_beside(self, name: str, data: bytes) -> None:
         """Write a file beside the table, with its digest, for `read_beside`.
@@ -366,8 +352,7 @@ class ResultDirectory:
             WriteError: it cannot be written; the old file is unchanged, and is read no more.
         """
         with writing(f"{self.path / name} could not be written"):
-            add_digest(self.path, name, digest_of(data))
-            replace_file(self.path / name, lambda file: file.write(data))
+            write_file(self.path, name, data)
             self._keep_latest_digests()
 
     def _keep_latest_digests(self) -> None:
@@ -444,13 +429,12 @@ class ResultDirectory:
         self.close()
 
 
-def _claimed(path: Path, job_hash: str, n_rows: int, block: int) -> dict[str, Any] | DamagedManifest | None:
+def _claimed(path: Path, layout: Layout) -> dict[str, Any] | DamagedManifest | None:
     """The manifest from `claim`, or the error if it is damaged but the parts belong to this job."""
     try:
-        return claim(path, job_hash, n_rows, block)
+        return claim(path, layout)
     except DamagedManifest as error:
-        assumed = new_manifest(job_hash, n_rows, block, {})
-        examined = Examination(path, assumed)
+        examined = Examination(path, layout)
         if not any(True for _ in examined.parts()) and not any(True for _ in examined.open_rows()):
             raise TableError(
                 f"{error} It has no valid part of this job: choose another directory with --out."

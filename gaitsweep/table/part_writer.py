@@ -11,10 +11,10 @@ from typing import Any
 
 import pandas as pd
 
-from gaitsweep.table.digests import add_digest, digest_of, read_digests
+from gaitsweep.table.digests import read_digests, write_file
 from gaitsweep.table.examination import examined_part
-from gaitsweep.table.files import PARTS, read_file, replace_file, writing
-from gaitsweep.table.manifest import FORMAT, TABLE, rows_of
+from gaitsweep.table.files import PARTS, read_file, writing
+from gaitsweep.table.manifest import TABLE, Layout
 from gaitsweep.table.parts import DamagedPart, checked_part
 
 # No two processes have the same, also not two of different machines.
@@ -30,22 +30,15 @@ class PartWriter:
     def __init__(
         self,
         path: Path,
-        job_hash: str,
-        n_rows: int,
-        block: int,
+        layout: Layout,
     ) -> None:
         """Open a directory for writing parts.
 
         Args:
             path: the result directory, which exists.
-            job_hash, n_rows, block: as for `ResultDirectory.open`.
+            layout: that of its table.
         """
-        self.path = path
-        self._known = {"format": FORMAT, "job_hash": job_hash, "rows": n_rows, "block": block}
-
-    def rows_of(self, number: int) -> tuple[int, int]:
-        """The first row of a block, and the row after its last."""
-        return rows_of(self._known, number)
+        self.path, self.layout = path, layout
 
     def has(self, number: int) -> bool:
         """Whether the part of a block exists and is valid."""
@@ -60,7 +53,7 @@ class PartWriter:
 
         def sound(number: int, part: Path) -> bool:
             try:
-                examined_part(read_file(part), digests.get(f"{TABLE}/{part.name}"), self._known, number)
+                examined_part(read_file(part), digests.get(f"{TABLE}/{part.name}"), self.layout, number)
             except (OSError, DamagedPart):
                 return False
             return True
@@ -80,7 +73,7 @@ class PartWriter:
         Raises:
             ValueError: the frame does not belong to the block.
         """
-        return checked_part(frame, number, self.rows_of(number), self._known["job_hash"], quantities)[0]
+        return checked_part(frame, number, self.layout, quantities)[0]
 
     def write(self, number: int, data: bytes) -> None:
         """Write a part that `encoded` has made; it is on disk when this returns.
@@ -88,8 +81,6 @@ class PartWriter:
         Raises:
             WriteError: the disk is full or the file cannot be written; no incomplete part is left.
         """
-        start, stop = self.rows_of(number)
-        name = PARTS.name(number)
+        start, stop = self.layout.rows_of(number)
         with writing(f"Part {number} (rows {start} to {stop - 1}) could not be written to {self.path}"):
-            add_digest(self.path, f"{TABLE}/{name}", digest_of(data), writer=WRITER)
-            replace_file(self.path / TABLE / name, lambda file: file.write(data))
+            write_file(self.path, f"{TABLE}/{PARTS.name(number)}", data, writer=WRITER)

@@ -13,6 +13,8 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from gaitsweep.table.manifest import Layout
+
 _KEY = b"gaitsweep"
 
 # Units of the columns that run kinds add to a model's own; "1" for counts and other plain numbers.
@@ -76,27 +78,28 @@ def check_frame(frame: pd.DataFrame, start: int, stop: int) -> None:
 def checked_part(
     frame: pd.DataFrame,
     number: int,
-    rows: tuple[int, int],
-    job_hash: str,
+    layout: Layout,
     quantities: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> EncodedPart:
     """Encode a block's records as `part_bytes` does, after a check that no row is missing.
 
     Args:
-        frame, number, job_hash, quantities: as for `part_bytes`.
-        rows: the first row of the block, and the row after its last.
+        frame, number, quantities: as for `part_bytes`.
+        layout: that of the table.
 
     Raises:
         ValueError: the frame does not belong to the block.
     """
-    start, stop = rows
+    if number not in layout.blocks:
+        raise ValueError(f"Block {number} does not exist: the blocks are 0 to {layout.blocks[-1]}.")
+    start, stop = layout.rows_of(number)
     check_frame(frame, start, stop)
     counts = count_statuses(frame)
     if sum(counts.values()) != stop - start:
         raise ValueError(
             f"The statuses of part {number} count {sum(counts.values())} rows, not {stop - start}."
         )
-    return part_bytes(frame, number, job_hash, counts, quantities)
+    return part_bytes(frame, number, layout.job_hash, counts, quantities)
 
 
 def part_bytes(

@@ -22,7 +22,7 @@ from gaitsweep.schema.former_names import renamed
 from gaitsweep.table.digests import digest_of
 from gaitsweep.table.examination import Examination, Fault
 from gaitsweep.table.files import TableError, read_file, reason
-from gaitsweep.table.manifest import FIGURES, JOB, TABLE, is_job, read_manifest
+from gaitsweep.table.manifest import FIGURES, JOB, TABLE, Layout, is_job, read_manifest
 from gaitsweep.table.parts import Footer
 
 Rows = slice | range | ArrayLike
@@ -178,7 +178,7 @@ def _look(path: Path, parts: _Parts | None, wanted: Wanted | None = None) -> Sna
     """Read a directory, and the wanted records of its valid parts into `parts` if it is given."""
     wanted = wanted or Wanted()
     manifest = read_manifest(path)
-    examined = Examination(path, manifest)
+    examined = Examination(path, Layout.of(manifest))
     run, on_disk = _job_of(path, manifest, examined.digests.get(JOB))
     job = renamed(run)
     written = job if on_disk is run else renamed(on_disk)
@@ -188,7 +188,7 @@ def _look(path: Path, parts: _Parts | None, wanted: Wanted | None = None) -> Sna
             parts.add(wanted.records_of(table), footer, table.num_rows / footer.rows)
     opened = np.concatenate([np.zeros(0, np.int64), *(rows.row for _, rows in examined.open_rows())])
     done = np.array(sorted(examined.footers), np.int64)
-    waiting = np.unique(opened[~np.isin(opened // examined.block, done)])
+    waiting = np.unique(opened[~np.isin(opened // examined.layout.block, done)])
     return Snapshot(path, job, manifest, examined, waiting.size, written)
 
 
@@ -306,7 +306,7 @@ def load_parts(path: str | Path, columns: Sequence[str]) -> Iterator[pd.DataFram
         TableError: as `load`; a damaged file is found when its part is read.
     """
     path, wanted = Path(path), Wanted(_decoded(columns))
-    examined = Examination(path, read_manifest(path))
+    examined = Examination(path, Layout.of(read_manifest(path)))
     parts = _Parts(_TOGETHER)
     for number, table in examined.parts(True, wanted.columns):
         if table is not None:

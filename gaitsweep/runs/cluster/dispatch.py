@@ -166,9 +166,7 @@ class Cluster(Executor):
         assignment = Assignment(
             self._ticket,
             str(directory.path.absolute()),
-            directory.manifest["job_hash"],
-            directory.n_rows,
-            directory.manifest["block"],
+            directory.layout,
             min(_LOCK_PATIENCE, self.limit(None) / 2),
         )
         # deaths that an earlier run has counted are forgotten

@@ -23,10 +23,10 @@ from gaitsweep.runs.cluster.identity import WorkerUnfit, difference, identity_of
 from gaitsweep.runs.executor import compute_blocks
 from gaitsweep.runs.prepare import RunContext, prepare
 from gaitsweep.runs.refined import some_rows
-from gaitsweep.runs.summary import quantities_of
 from gaitsweep.table import TableError
 from gaitsweep.table.block_locks import BLOCK_LOCKS, BlockLocks
 from gaitsweep.table.files import reason, this_process
+from gaitsweep.table.manifest import Layout
 from gaitsweep.table.part_writer import PartWriter
 
 MOST_DEATHS = 3  # of workers that began a block, after which it is given up
@@ -71,16 +71,14 @@ class Assignment:
     Args:
         ticket: the job.
         path: the result directory; of a refined run, that of the round.
-        table_hash, n_rows, block: as its manifest has them.
+        layout: that of the table.
         patience: how long (s) a worker waits for another process that holds its block, before it computes the
             block itself; both write the same part.
     """
 
     ticket: JobTicket
     path: str
-    table_hash: str
-    n_rows: int
-    block: int
+    layout: Layout
     patience: float
 
 
@@ -120,8 +118,8 @@ def run_block(number: int, rows: np.ndarray | None, assignment: Assignment) -> i
 
 def _run_block(number: int, rows: np.ndarray | None, assignment: Assignment) -> int | bytes:
     ticket = assignment.ticket
-    writer = PartWriter(Path(assignment.path), assignment.table_hash, assignment.n_rows, assignment.block)
-    first, stop = writer.rows_of(number)
+    writer = PartWriter(Path(assignment.path), assignment.layout)
+    first, stop = writer.layout.rows_of(number)
     name = f"block {number} (rows {first} to {stop - 1}) of {assignment.path}"
     began = time.perf_counter()
     _log.info("begins %s", name)
@@ -177,13 +175,11 @@ def _held(writer: PartWriter, number: int, patience: float) -> Iterator[bool]:
 def _computed(assignment: Assignment, writer: PartWriter, number: int, rows: np.ndarray | None) -> bytes:
     """Compute the part of a block."""
     context = _prepared(assignment.ticket)
-    model, quantities = context.model, None
-    if rows is None:
-        quantities = quantities_of(model, context.job.run.all_columns(model))
-    else:  # a round of a refined run, whose columns have no units in one process either
-        before = number * assignment.block
+    quantities = context.quantities
+    if rows is not None:  # a round of a refined run, whose columns have no units in one process either
+        quantities, (before, _) = None, assignment.layout.rows_of(number)
         context = some_rows(
-            context, assignment.n_rows, lambda first, stop: rows[first - before : stop - before]
+            context, assignment.layout.rows, lambda first, stop: rows[first - before : stop - before]
         )
     parts: list[bytes] = []
     last = time.monotonic()
