@@ -277,7 +277,7 @@ def return_map(
         ArgumentError: a name that the model does not have.
         JobError: all other errors.
     """
-    fields = {"numerics": numerics, "engine": {"name": engine}}
+    fields = {"numerics": numerics, "engine": engine}
     run = ReturnMap(crossings=1)
     job = job_of(model, values, run=run, params=params, start=start, any_start=True, **fields)
     for caveat in job.design.model.caveats():

@@ -22,7 +22,7 @@ from gaitsweep.job import load_job
 from gaitsweep.runs.execute import RESULTS, run_job
 from gaitsweep.runs.figures import FigureError
 from gaitsweep.runs.progress import Progress
-from gaitsweep.runs.self_check_report import sentence
+from gaitsweep.runs.sentences import self_check_sentence
 from gaitsweep.schema.yaml_document import read_document
 from gaitsweep.table import Snapshot, load, replace_file, writing
 
@@ -47,7 +47,7 @@ class JobRun:
         snapshot = Snapshot.of(self.path)
         counts = ", ".join(f"{number} {status}" for status, number in snapshot.counts.items())
         check = snapshot.manifest.get("self_check")
-        text = f"{counts}. {sentence(check)}" if isinstance(check, dict) else f"{counts}."
+        text = f"{counts}. {self_check_sentence(check)}" if isinstance(check, dict) else f"{counts}."
         return f"{text} {self.failure}".strip()
 
     def figure(self, stem: str) -> Path | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -32,8 +31,8 @@ def write_folder(folder: Path, files: Mapping[str, str]) -> None:
     hidden = None
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        hidden = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-        hidden.chmod(0o777 & ~_umask())
+        hidden = folder.with_name(f".{folder.name}.{os.getpid()}")
+        hidden.mkdir()
         for name, text in files.items():
             (hidden / name).parent.mkdir(parents=True, exist_ok=True)
             (hidden / name).write_text(text, encoding="utf-8")
@@ -84,9 +83,3 @@ def _not_written(path: Path, error: OSError) -> NewFilesError:
     place = isinstance(error, (PermissionError, NotADirectoryError, FileExistsError, IsADirectoryError))
     kind = NewFilesError if place else NotWrittenError
     return kind(f"{path} could not be written: {why}.")
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

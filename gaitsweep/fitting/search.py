@@ -39,9 +39,9 @@ from gaitsweep.job import JobError
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.executor import write_blocks
-from gaitsweep.runs.makers import continue_directory
 from gaitsweep.runs.prepare import naming_the_file
 from gaitsweep.runs.progress import Progress
+from gaitsweep.runs.provenance import continue_directory
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.table import ResultDirectory, Snapshot, TableError, load
 from gaitsweep.table.manifest import Layout

@@ -27,9 +27,9 @@ from gaitsweep.plot.sensitivity import sensitivity_figure
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.executor import write_blocks
-from gaitsweep.runs.makers import continue_directory
 from gaitsweep.runs.prepare import RunContext, naming_the_file
 from gaitsweep.runs.progress import Progress
+from gaitsweep.runs.provenance import continue_directory
 from gaitsweep.table import ResultDirectory, load, replace_file
 from gaitsweep.table.files import writing
 from gaitsweep.table.manifest import FIGURES, Layout

@@ -19,9 +19,9 @@ from gaitsweep.job import Job
 from gaitsweep.kinds.run_kind import refinement
 from gaitsweep.runs.execute import RESULTS, run_job
 from gaitsweep.runs.executor import compute_blocks
-from gaitsweep.runs.makers import check_program, continue_directory, differing
 from gaitsweep.runs.prepare import RunContext, RunError, naming_the_file, prepare
 from gaitsweep.runs.progress import Progress
+from gaitsweep.runs.provenance import check_program, continue_directory, differing
 from gaitsweep.runs.summary import describe
 from gaitsweep.table import ResultDirectory
 from gaitsweep.table.block_locks import BlockLocks
