@@ -1,10 +1,12 @@
-"""The table of a paper's claims, read from `configs/claims/PAPER.yaml`."""
+"""The table of a paper's claims, read from `configs/claims/PAPER.yaml`, and the verdict on each claim."""
 
 from __future__ import annotations
 
+import enum
 import inspect
+import math
 import typing
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,10 +14,17 @@ import pandas as pd
 from pydantic import Field, PrivateAttr, TypeAdapter, ValidationError
 
 from gaitsweep import near_miss
-from gaitsweep.claims.measures import MEASURES
+from gaitsweep.claims.measures import MEASURES, Value
 from gaitsweep.errors import ArgumentError
 from gaitsweep.extension import folders, import_all
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, found, from_pydantic
+from gaitsweep.schema.diagnostics import (
+    Diagnostic,
+    JobError,
+    SchemaSection,
+    found,
+    from_pydantic,
+    unknown_name,
+)
 from gaitsweep.schema.numbers import Stem
 from gaitsweep.schema.strict_model import StrictModel
 from gaitsweep.schema.yaml_document import read_document
@@ -102,13 +111,25 @@ class Claim(StrictModel):
         default=Quick(), description="fields that --quick replaces; false: no verdict with --quick"
     )
 
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """The interval of `between`, `above` and `below`; None without them."""
+        if self.between is None and self.above is None and self.below is None:
+            return None
+        low, high = self.between or (-math.inf, math.inf)
+        return (
+            low if self.above is None else max(low, self.above),
+            high if self.below is None else min(high, self.below),
+        )
+
     def as_quick(self) -> Claim | None:
         """The claim with the replacements of `--quick`, or None if `--quick` leaves it out."""
         if self.quick is False:
             return None
         replaced = self.quick.model_dump(exclude_none=True)
-        if replaced.keys() & {"tolerance", "between", "above", "below"}:
-            replaced = {"tolerance": None, "between": None, "above": None, "below": None} | replaced
+        bounds = dict.fromkeys(("tolerance", "between", "above", "below"))
+        if replaced.keys() & bounds.keys():
+            replaced = bounds | replaced
         return self.model_copy(update=replaced)
 
 
@@ -205,11 +226,9 @@ def _checked(paper: Paper) -> Iterator[Diagnostic]:
             )
         for number, name in enumerate(claim.of):
             if name not in paper.jobs:
-                near = near_miss.suggestion(name, paper.jobs)
-                yield Diagnostic((*path, "of", number), f"is {name}, which is not under jobs{near}")
+                yield unknown_name((*path, "of", number), name, "under jobs", paper.jobs)
         if claim.measure not in MEASURES:
-            near = near_miss.suggestion(claim.measure, MEASURES)
-            yield Diagnostic((*path, "measure"), f"is {claim.measure}, which is not a measure{near}")
+            yield unknown_name((*path, "measure"), claim.measure, "a measure", MEASURES)
         elif (text := _misfit(claim)) is not None:
             yield Diagnostic((*path, "with"), text)
         if not claim.of and not claim.command:
@@ -249,12 +268,95 @@ def _unjudged(claim: Claim) -> str | None:
     """The reason why a claim has no rule for its verdict, or None."""
     first = claim.paper[0] if isinstance(claim.paper, list) else claim.paper
     numeric = isinstance(first, float)
-    bounds = [claim.between, claim.above, claim.below]
-    if claim.tolerance is not None:
-        text = "has a tolerance, but its paper is not a number: use between, above or below instead."
-        return None if numeric else text
-    if any(bound is not None for bound in bounds):
-        return None
-    if numeric:
+    if claim.tolerance is not None and not numeric:
+        return "has a tolerance, but its paper is not a number: use between, above or below instead."
+    if numeric and claim.tolerance is None and claim.interval is None:
         return "must have a tolerance, or between, above or below."
     return None
+
+
+class ClaimVerdict(enum.StrEnum):
+    """Verdict on a claim: its value in tables, its words in text for readers, and their meaning."""
+
+    words: str
+    sentence: str
+
+    def __new__(cls, value: str, words: str, sentence: str) -> ClaimVerdict:
+        member = str.__new__(cls, value)
+        member._value_, member.words, member.sentence = value, words, sentence
+        return member
+
+    reproduced = (
+        "reproduced",
+        "reproduced",
+        "our value agrees with the paper's within the tolerance",
+    )
+    not_reproduced = (
+        "not",
+        "not reproduced",
+        "our value does not agree with the paper's, or not with finer steps",
+    )
+    open_constants = (
+        "open: constants",
+        "with open constants",
+        "our value does not agree, and the paper lacks constants that decide it",
+    )
+    definition = (
+        "definition",
+        "true by definition",
+        "the definition of the model or of its labels decides it, and no simulation can change it",
+    )
+    answered = (
+        "answered",
+        "answered",
+        "the paper leaves the question open, and this run confirms our answer",
+    )
+    not_run = (
+        "not run",
+        "not run",
+        "no verdict: --quick leaves it out, its job did not run, or its table lacks a column",
+    )
+
+
+def verdict(claim: Claim, ours: Value) -> ClaimVerdict:
+    """The verdict on a claim from its measured value.
+
+    Args:
+        claim: the claim, with its tolerance, bounds or texts.
+        ours: the result of its measure.
+    """
+    if agrees(claim, ours):
+        if claim.step:
+            return ClaimVerdict.not_reproduced
+        if claim.definition:
+            return ClaimVerdict.definition
+        return ClaimVerdict.answered if claim.asked else ClaimVerdict.reproduced
+    return ClaimVerdict.open_constants if claim.open else ClaimVerdict.not_reproduced
+
+
+def agrees(claim: Claim, ours: Value) -> bool:
+    """Whether a value is within a claim's tolerance and bounds, or equals its text; false for NaN."""
+    if claim.tolerance is not None:
+        theirs: Any = claim.paper
+        if _listed(theirs) != _listed(ours):
+            return False
+        pairs = zip(_items(theirs), _items(ours), strict=False)
+        same_length = len(_items(theirs)) == len(_items(ours))
+        return same_length and all(_number(b) and abs(a - b) <= claim.tolerance for a, b in pairs)
+    if claim.interval is not None:
+        low, high = claim.interval
+        return all(_number(each) and low <= each <= high for each in _items(ours))
+    expected: Any = claim.paper if claim.equals is None else claim.equals
+    return _listed(expected) == _listed(ours) and list(_items(expected)) == list(_items(ours))
+
+
+def _listed(value: object) -> bool:
+    return isinstance(value, Sequence) and not isinstance(value, str)
+
+
+def _items(value: Any) -> Sequence[Any]:
+    return value if _listed(value) else [value]
+
+
+def _number(value: object) -> bool:
+    return isinstance(value, (int, float)) and math.isfinite(value)

@@ -349,13 +349,12 @@ def reproduce(
     ] = False,
 ) -> None:
     """Run the missing jobs of a paper, and compare its claims with the results."""
-    from gaitsweep.claims.paper import read_paper
+    from gaitsweep.claims.paper import ClaimVerdict, read_paper
 
     table_of_claims = read_paper(paper)
     if claims is not None:
         table_of_claims = table_of_claims.only(each.strip() for each in claims.split(","))
     from gaitsweep.claims.reproduce import reproduce as run_and_judge
-    from gaitsweep.claims.verdict import ClaimVerdict
     from gaitsweep.cli.progress import stoppable_progress
     from gaitsweep.errors import EXIT_FAILURE
     from gaitsweep.runs.self_check import SelfCheckError

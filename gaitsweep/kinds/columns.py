@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int, Real, Shaped
 from gaitsweep.contract import HybridModel, Model, Quantity, Status, names_gait
 from gaitsweep.engine.recorders.recorder import unpacked
 from gaitsweep.row_outcome import RowOutcome
-from gaitsweep.table.outcomes import outcomes
+from gaitsweep.table.reading import outcomes
 
 UNKNOWN_GAIT = "unknown"  # gait of a row whose label is not the index of a gait; the label follows
 STATUSES = [status.name for status in Status if status is not Status.running]

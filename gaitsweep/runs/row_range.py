@@ -24,10 +24,10 @@ from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.provenance import check_program, continue_directory, differing
 from gaitsweep.runs.summary import describe
 from gaitsweep.table import ResultDirectory
-from gaitsweep.table.block_locks import BlockLocks
-from gaitsweep.table.files import PARTS, BusyDirectory, Lock, TableError, this_process
+from gaitsweep.table.directory import PartWriter
+from gaitsweep.table.files import PARTS, TableError
+from gaitsweep.table.locks import BlockLocks, BusyDirectory, Lock, this_process
 from gaitsweep.table.manifest import MANIFEST, TABLE, Layout, claim
-from gaitsweep.table.part_writer import PartWriter
 
 # Others hold a directory for a moment when they make it, and while the last of them completes it (s).
 PATIENCE = 20.0
@@ -166,7 +166,7 @@ def _run_missing(context: RunContext, writer: PartWriter, missing: list[int], on
             locks.end(number)
             locks.free(number)
 
-        rows = sum(stop - first for first, stop in map(writer.layout.rows_of, missing))
+        rows = writer.layout.rows_in(missing)
 
         def on_sweep_progress(now: SweepProgress) -> None:
             rate = now.share * rows / max(now.seconds, 1e-9)

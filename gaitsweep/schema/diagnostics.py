@@ -147,6 +147,11 @@ def unknown_field(
     return Diagnostic(path, f"is not a field{of}{near_miss.suggestion(field, allowed)}")
 
 
+def unknown_name(path: Path, name: str, kind: str, allowed: Iterable[str]) -> Diagnostic:
+    """The diagnostic of a field whose value should be the name of `kind`, such as "a measure"."""
+    return Diagnostic(path, f"is {name}, which is not {kind}{near_miss.suggestion(name, allowed)}")
+
+
 @dataclasses.dataclass(frozen=True)
 class SchemaSection:
     """A section of a job: its name in messages, its class, and the field whose union it belongs to."""

@@ -1,11 +1,18 @@
-"""Writing a result directory, new or continued, one part at a time, by one writer."""
+"""Writing a result directory, new or continued, one part at a time.
+
+`ResultDirectory` is its one writer; beside it or before it, several processes may write parts, each by a
+`PartWriter`.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import errno
 import json
-from collections.abc import Iterable, Mapping
+import os
+import secrets
+import socket
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +21,6 @@ import pandas as pd
 import yaml
 
 from gaitsweep.row_outcome import RowOutcome
-from gaitsweep.table.block_locks import BLOCK_LOCKS
 from gaitsweep.table.digests import (
     DIGESTS,
     digest_of,
@@ -23,11 +29,10 @@ from gaitsweep.table.digests import (
     write_digests,
     write_file,
 )
-from gaitsweep.table.examination import FOREIGN, Examination, Fault, examined_part
+from gaitsweep.table.examination import FOREIGN, Examination, Fault, examined_parts
 from gaitsweep.table.files import (
     OPEN_ROWS,
     PARTS,
-    Lock,
     TableError,
     WriteError,
     own_folder,
@@ -37,6 +42,7 @@ from gaitsweep.table.files import (
     replace_file,
     writing,
 )
+from gaitsweep.table.locks import BLOCK_LOCKS, Lock
 from gaitsweep.table.manifest import (
     FIGURES,
     JOB,
@@ -48,9 +54,11 @@ from gaitsweep.table.manifest import (
     new_manifest,
     sealed,
 )
-from gaitsweep.table.open_rows import open_bytes
-from gaitsweep.table.parts import DamagedPart, EncodedPart, Footer, checked_part, read_footer
+from gaitsweep.table.parts import DamagedPart, EncodedPart, Footer, checked_part, open_bytes, read_footer
 from gaitsweep.table.reading import add_counts
+
+# No two processes have the same, also not two of different machines.
+WRITER = f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}"
 
 _FIXED = ("format", "job_hash", "rows", "block")
 
@@ -277,7 +285,14 @@ class ResultDirectory:
         Raises:
             WriteError: as for `write_part`.
         """
-        self._write_part(number, *part)
+        data, footer = part
+        with writing(
+            f"Part {self.layout.words(number)} could not be written to {self.path}",
+            f"; {self.rows_done} of {self.n_rows} rows are safe there, "
+            "and the same command continues from them",
+        ):
+            write_file(self.path, f"{TABLE}/{PARTS.name(number)}", data)
+        self._has_part(number, footer)
 
     def write_part_bytes(self, number: int, data: bytes) -> None:
         """Write a part that another process has encoded, by `checked_part`.
@@ -286,36 +301,18 @@ class ResultDirectory:
             WriteError: as for `write_part`.
             DamagedPart: the bytes are not this part of this table.
         """
-        start, stop = self.rows_of(number)
         footer = read_footer(data)
-        if (footer.part, footer.job_hash, footer.rows) != (number, self.layout.job_hash, stop - start):
+        of_table = number, self.layout.job_hash, self.layout.rows_in([number])
+        if (footer.part, footer.job_hash, footer.rows) != of_table:
             raise DamagedPart(f"it is not part {number} of this table")
-        self._write_part(number, data, footer)
+        self.write_encoded(number, (data, footer))
 
-    def _write_part(self, number: int, data: bytes, footer: Footer) -> None:
-        start, stop = self.rows_of(number)
-        with writing(
-            f"Part {number} (rows {start} to {stop - 1}) could not be written to {self.path}",
-            f"; {self.rows_done} of {self.n_rows} rows are safe there, "
-            "and the same command continues from them",
-        ):
-            write_file(self.path, f"{TABLE}/{PARTS.name(number)}", data)
-        self._has_part(number, footer)
-
-    def take_parts(self, numbers: Iterable[int]) -> list[int]:
+    def take_parts(self, numbers: Sequence[int]) -> list[int]:
         """Read parts that other processes have written; returns the missing and invalid ones."""
-        digests = read_digests(self.path)
-        absent = []
-        for number in numbers:
-            name = PARTS.name(number)
-            try:
-                data = read_file(self.path / TABLE / name)
-                footer = examined_part(data, digests.get(f"{TABLE}/{name}"), self.layout, number)
-            except (OSError, DamagedPart):
-                absent.append(number)
-            else:
-                self._has_part(number, footer)
-        return absent
+        footers = examined_parts(self.path, self.layout, numbers)
+        for number, footer in footers.items():
+            self._has_part(number, footer)
+        return [number for number in numbers if number not in footers]
 
     def _has_part(self, number: int, footer: Footer) -> None:
         """Record that a part is on disk, and remove stored rows that are no longer needed."""
@@ -427,6 +424,55 @@ class ResultDirectory:
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+
+class PartWriter:
+    """Writes parts into a result directory whose manifest belongs to another process.
+
+    The bytes of a part do not depend on its writer, so one process may replace another's part.
+    """
+
+    def __init__(self, path: Path, layout: Layout) -> None:
+        """Open a directory for writing parts.
+
+        Args:
+            path: the result directory, which exists.
+            layout: that of its table.
+        """
+        self.path, self.layout = path, layout
+
+    def has(self, number: int) -> bool:
+        """Whether the part of a block exists and is valid."""
+        return not self.missing([number])
+
+    def missing(self, numbers: Sequence[int]) -> list[int]:
+        """The blocks, among some, whose part is missing or invalid."""
+        sound = examined_parts(self.path, self.layout, numbers)
+        return [number for number in numbers if number not in sound]
+
+    def encoded(
+        self, number: int, frame: pd.DataFrame, quantities: Mapping[str, Mapping[str, Any]] | None = None
+    ) -> bytes:
+        """The part with the records of a block.
+
+        Args:
+            number: the block.
+            frame: its records.
+            quantities: unit and meaning of the columns, by name, as in the manifest.
+
+        Raises:
+            ValueError: the frame does not belong to the block.
+        """
+        return checked_part(frame, number, self.layout, quantities)[0]
+
+    def write(self, number: int, data: bytes) -> None:
+        """Write a part that `encoded` has made; it is on disk when this returns.
+
+        Raises:
+            WriteError: the disk is full or the file cannot be written; no incomplete part is left.
+        """
+        with writing(f"Part {self.layout.words(number)} could not be written to {self.path}"):
+            write_file(self.path, f"{TABLE}/{PARTS.name(number)}", data, writer=WRITER)
 
 
 def _claimed(path: Path, layout: Layout) -> dict[str, Any] | DamagedManifest | None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import pyarrow as pa
@@ -12,8 +13,7 @@ from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.table.digests import DIGESTS, digest_of, read_digests
 from gaitsweep.table.files import OPEN_ROWS, PARTS, TableError, is_partial, read_file, reason
 from gaitsweep.table.manifest import TABLE, Layout
-from gaitsweep.table.open_rows import read_open
-from gaitsweep.table.parts import DamagedPart, Footer, read_footer, read_records
+from gaitsweep.table.parts import DamagedPart, Footer, read_footer, read_open, read_records
 
 FOREIGN = ".foreign"  # suffix of a part of another table that was renamed
 
@@ -154,6 +154,20 @@ def examined_part(data: bytes, digest: str | None, layout: Layout, number: int) 
     if digest is None:
         read_records(data, footer, start, stop)
     return footer
+
+
+def examined_parts(path: Path, layout: Layout, numbers: Iterable[int]) -> dict[int, Footer]:
+    """Return the footers of the valid parts among some, which other processes may have written."""
+    files = {number: path / TABLE / PARTS.name(number) for number in numbers}
+    there = {number: file for number, file in files.items() if file.exists()}
+    # digests are read after names, since the line of a file is written before its name
+    digests = read_digests(path) if there else {}
+    footers: dict[int, Footer] = {}
+    for number, file in there.items():
+        with contextlib.suppress(OSError, DamagedPart):
+            digest = digests.get(f"{TABLE}/{file.name}")
+            footers[number] = examined_part(read_file(file), digest, layout, number)
+    return footers
 
 
 def _say_whose(data: bytes, job_hash: str, number: int) -> None:

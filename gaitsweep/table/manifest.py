@@ -6,13 +6,14 @@ import dataclasses
 import datetime
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from gaitsweep.table.files import LOCK_NAME, TableError, is_partial, read_file, reason
+from gaitsweep.table.files import TableError, is_partial, read_file, reason
+from gaitsweep.table.locks import LOCK_NAME
 from gaitsweep.version import version
 
 MANIFEST = "manifest.json"
@@ -206,6 +207,15 @@ class Layout:
     def rows_of(self, number: int) -> tuple[int, int]:
         """Return the first row of a block and the row after its last (equal past the table's end)."""
         return min(number * self.block, self.rows), min((number + 1) * self.block, self.rows)
+
+    def rows_in(self, numbers: Iterable[int]) -> int:
+        """Return the number of rows of blocks."""
+        return sum(stop - first for first, stop in map(self.rows_of, numbers))
+
+    def words(self, number: int) -> str:
+        """Name a block in messages: "3 (rows 96 to 119)"."""
+        first, stop = self.rows_of(number)
+        return f"{number} (rows {first} to {stop - 1})"
 
 
 def new_manifest(layout: Layout, job: Mapping[str, Any]) -> dict[str, Any]:

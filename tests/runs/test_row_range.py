@@ -13,11 +13,10 @@ from test_run import JOB, command
 import gaitsweep as gs
 from gaitsweep.runs.prepare import RunError
 from gaitsweep.runs.row_range import blocks_of, run_rows
-from gaitsweep.table import Snapshot, TableError, part_writer
-from gaitsweep.table.block_locks import BlockLocks
-from gaitsweep.table.files import Lock
+from gaitsweep.table import Snapshot, TableError, examination
+from gaitsweep.table.directory import PartWriter
+from gaitsweep.table.locks import BlockLocks, Lock
 from gaitsweep.table.manifest import Layout
-from gaitsweep.table.part_writer import PartWriter
 
 OVERRIDES = ["vary.launch_1={linspace: [0.2, 3.0, 10]}", "verify=4"]  # 120 rows in blocks of 32
 
@@ -175,8 +174,8 @@ def test_the_digests_of_a_table_are_read_once_for_all_its_parts(
     """Read for each part, they would cost the square of the number of parts."""
     run = gs.run(job, tmp_path / "whole")
     reads: list[Path] = []
-    read = part_writer.read_digests
-    monkeypatch.setattr(part_writer, "read_digests", lambda folder: reads.append(folder) or read(folder))
+    read = examination.read_digests
+    monkeypatch.setattr(examination, "read_digests", lambda folder: reads.append(folder) or read(folder))
     assert PartWriter(run.path, Layout.of(run.manifest)).missing(range(5)) == [4]
     assert reads == [run.path]
 

@@ -9,7 +9,7 @@ import pandas as pd
 
 from gaitsweep.table import ResultDirectory
 from gaitsweep.table.manifest import Layout
-from gaitsweep.table.outcomes import outcomes
+from gaitsweep.table.reading import outcomes
 
 JOB = {"name": "toy", "model": "toy", "vary": {"a": [0.0, 1.0]}}
 
