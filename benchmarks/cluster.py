@@ -27,6 +27,7 @@ import yaml
 from gaitsweep.runs.cluster.connection import LocalWorkers
 from gaitsweep.runs.cluster.dispatch import Cluster, Dispatch
 from gaitsweep.runs.cluster.task import Assignment, JobTicket
+from gaitsweep.table.manifest import Layout
 
 ROOT = Path(__file__).resolve().parents[1]
 BLOCK = 16_384  # rows of a stub block
@@ -60,9 +61,8 @@ class StubCluster(Cluster):
 class StubDirectory:
     """A table of which all parts are said to be there."""
 
-    @staticmethod
-    def rows_of(number: int) -> tuple[int, int]:
-        return number * BLOCK, (number + 1) * BLOCK
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
 
     @staticmethod
     def take_parts(numbers: Iterable[int]) -> list[int]:
@@ -73,9 +73,10 @@ def give_out(cluster: StubCluster, count: int, on_progress: Callable[[Any], None
     """Give out stub blocks with an assignment as large as a real one; the seconds that it takes."""
     text = yaml.safe_dump(JOB) * 8  # a resolved job has 2 to 4 kB
     ticket = JobTicket(text, (), (), ("/results/overhead/.probe-0123456789abcdef", "0123456789abcdef"))
-    assignment = Assignment(ticket, "/results/overhead", "0" * 64, count * BLOCK, BLOCK, 60.0)
+    layout = Layout("0" * 64, count * BLOCK, BLOCK)
+    assignment = Assignment(ticket, "/results/overhead", layout, 60.0)
     began = time.perf_counter()
-    directory: Any = StubDirectory()
+    directory: Any = StubDirectory(layout)
     Dispatch(cluster, directory, assignment, range(count), on_progress, None).run()
     return time.perf_counter() - began
 

@@ -40,10 +40,8 @@ def make_up(path: Path, template: Path, points: int) -> None:
     from gaitsweep.table import ResultDirectory
 
     context = prepare(load_job(JOB, overrides(points)))
-    records, spec = gs.load(template), context.spec
-    with ResultDirectory.open(
-        path, context.job.resolved(engine=context.engine), context.job_hash, spec.n_rows, spec.block
-    ) as directory:
+    records = gs.load(template)
+    with ResultDirectory.open(path, context.job.resolved(engine=context.engine), context.layout) as directory:
         describe(context, directory)
         for number in directory.missing_blocks():
             first, last = directory.rows_of(number)

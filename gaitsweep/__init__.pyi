@@ -9,12 +9,12 @@ from gaitsweep import near_miss as near_miss
 from gaitsweep import plot as plot
 from gaitsweep.analysis.basins.measures import basins as basins
 from gaitsweep.analysis.transitions.hysteresis import hysteresis as hysteresis
-from gaitsweep.api.fitting import search as search
+from gaitsweep.api.fits import search as search
+from gaitsweep.api.fits import sensitivity as sensitivity
 from gaitsweep.api.maps import PoincareMap as PoincareMap
 from gaitsweep.api.maps import return_map as return_map
 from gaitsweep.api.result import Result as Result
 from gaitsweep.api.result import run as run
-from gaitsweep.api.sensitivity import sensitivity as sensitivity
 from gaitsweep.api.trajectories import simulate as simulate
 from gaitsweep.api.trajectories import sweep as sweep
 from gaitsweep.contract import HybridModel as HybridModel

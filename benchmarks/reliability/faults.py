@@ -25,8 +25,7 @@ from typing import NamedTuple
 import pandas as pd
 
 from benchmarks.reliability.mutated_jobs import ROOT
-from gaitsweep.claims.paper import Paper, known_papers, read_paper
-from gaitsweep.claims.verdict import ClaimVerdict
+from gaitsweep.claims.paper import ClaimVerdict, Paper, known_papers, read_paper
 from gaitsweep.errors import EXIT_FAILURE
 
 CORES = 2  # of each run

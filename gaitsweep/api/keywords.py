@@ -68,11 +68,13 @@ def fields_of(
         run: a run kind, or its fields.
         params, start: constants and axes by name, whatever the names are.
         any_start: give a value within its bounds to each start that has neither a value nor a default.
-        fields: other fields of the job.
+        fields: other fields of the job; `engine` may be its name alone.
 
     Raises:
         ArgumentError: a name that the model does not have, or an array of several dimensions.
     """
+    if isinstance(fields.get("engine"), str):
+        fields["engine"] = {"name": fields["engine"]}
     name, structure = _named(model)
     settings = dict(values)
     for field, more in (("params", params), ("start", start)):

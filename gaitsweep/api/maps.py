@@ -324,7 +324,7 @@ def return_map(
         >>> np.allclose(hops([0.0, 2.5]), [phase, 0.7 * 2.5 + 2.6 * (1.0 + np.cos(phase)) / 2.0])
         True
     """
-    fields = {"numerics": numerics, "engine": {"name": engine}}
+    fields = {"numerics": numerics, "engine": engine}
     run = ReturnMap(crossings=1)
     job = job_of(model, values, run=run, params=params, start=start, any_start=True, **fields)
     for caveat in job.design.model.caveats():

@@ -16,8 +16,7 @@ from gaitsweep.job import Job, load_job
 from gaitsweep.models import importable
 from gaitsweep.runs.execute import run_job, table_in_memory
 from gaitsweep.runs.progress import Progress, progress_lines
-from gaitsweep.runs.self_check_report import sentence
-from gaitsweep.runs.summary import remarks
+from gaitsweep.runs.sentences import remarks, self_check_sentence
 from gaitsweep.table import load
 from gaitsweep.table.manifest import FIGURES, read_manifest
 
@@ -156,7 +155,7 @@ class Result:
             if numbers
         ]
         check = known.get("self_check")
-        return [*lines, sentence(check)] if isinstance(check, dict) else lines
+        return [*lines, self_check_sentence(check)] if isinstance(check, dict) else lines
 
 
 def run(

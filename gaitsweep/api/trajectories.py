@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jax.numpy as jnp
 import pandas as pd
 from pydantic import BaseModel
 
@@ -17,6 +16,7 @@ from gaitsweep.api.result import run as run_job
 from gaitsweep.contract import Status
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
+from gaitsweep.job.load import row_params
 from gaitsweep.kinds import Settle, Trace
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def sweep(
         >>> (12.0 * flight / (2.0 * np.pi)).round(1).tolist()  # the oscillator has 12 rad/s
         [1.0, 2.0, 3.0]
     """
-    fields = {"numerics": numerics, "engine": _engine(engine), "verify": verify}
+    fields = {"numerics": numerics, "engine": engine, "verify": verify}
     job = job_of(model, values, run=Settle() if run is None else run, params=params, start=start, **fields)
     return run_in_memory(job, client) if out is None else run_job(job, out, client=client)
 
@@ -119,7 +119,7 @@ def simulate(
         >>> flight.attrs["units"]["height"]
         'm'
     """
-    fields = {"numerics": numerics, "engine": _engine(engine), "verify": 0}
+    fields = {"numerics": numerics, "engine": engine, "verify": 0}
 
     def job_with(interval: float) -> Job:
         trace = Trace(duration=duration, every=interval, after_cycles=after_cycles)
@@ -131,10 +131,7 @@ def simulate(
             f"{job.design.names[0]} is an axis, but one trajectory takes a number: use sweep."
         )
     if every is None:
-        parameters, _ = job.design.values(0, 1)
-        chosen = job.design.model
-        known = {name: jnp.asarray(value[0]) for name, value in chosen.on_host(parameters).items()}
-        cycle = float(chosen.period(chosen.params(known)))
+        cycle = float(job.design.model.period(row_params(job.design, 0)))
         job = job_with(min(cycle / SAMPLES_PER_CYCLE, duration))
     recorded = run_in_memory(job).table
     status = Status[str(recorded["status"].iloc[-1])]
@@ -145,7 +142,3 @@ def simulate(
     units = {name: "s" if name == "t" else quantities[name]["unit"] for name in map(str, signals.columns)}
     signals.attrs = {**recorded.attrs, "units": units, "status": status.name}
     return signals
-
-
-def _engine(engine: str | Mapping[str, Any] | None) -> Mapping[str, Any] | None:
-    return {"name": engine} if isinstance(engine, str) else engine

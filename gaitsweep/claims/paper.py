@@ -1,24 +1,33 @@
-"""The table of a paper's claims, read from `configs/claims/PAPER.yaml`."""
+"""The table of a paper's claims, read from `configs/claims/PAPER.yaml`, and the verdict on each claim."""
 
 from __future__ import annotations
 
+import enum
 import inspect
+import math
 import typing
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 import pandas as pd
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field, PrivateAttr, TypeAdapter, ValidationError
 
 from gaitsweep import near_miss
-from gaitsweep.claims.measures import MEASURES
+from gaitsweep.claims.measures import MEASURES, Value
 from gaitsweep.errors import ArgumentError
 from gaitsweep.extension import folders, import_all
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, found, from_pydantic
-from gaitsweep.schema.numbers import InvalidValue, Stem, read_stem
+from gaitsweep.schema.diagnostics import (
+    Diagnostic,
+    JobError,
+    SchemaSection,
+    found,
+    from_pydantic,
+    unknown_name,
+)
+from gaitsweep.schema.numbers import Stem
 from gaitsweep.schema.strict_model import StrictModel
-from gaitsweep.schema.yaml_document import Document, read_document
+from gaitsweep.schema.yaml_document import read_document
 from gaitsweep.shipped import job_folders
 
 _Numbers = list[float]
@@ -102,29 +111,46 @@ class Claim(StrictModel):
         default=Quick(), description="fields that --quick replaces; false: no verdict with --quick"
     )
 
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """The interval of `between`, `above` and `below`; None without them."""
+        if self.between is None and self.above is None and self.below is None:
+            return None
+        low, high = self.between or (-math.inf, math.inf)
+        return (
+            low if self.above is None else max(low, self.above),
+            high if self.below is None else min(high, self.below),
+        )
+
     def as_quick(self) -> Claim | None:
         """The claim with the replacements of `--quick`, or None if `--quick` leaves it out."""
         if self.quick is False:
             return None
         replaced = self.quick.model_dump(exclude_none=True)
-        if replaced.keys() & {"tolerance", "between", "above", "below"}:
-            replaced = {"tolerance": None, "between": None, "above": None, "below": None} | replaced
+        bounds = dict.fromkeys(("tolerance", "between", "above", "below"))
+        if replaced.keys() & bounds.keys():
+            replaced = bounds | replaced
         return self.model_copy(update=replaced)
 
 
 class Paper(StrictModel):
     """A paper, the jobs that reproduce it, and its claims."""
 
-    name: str = Field(description="name of the table of claims")
     paper: str = Field(description="authors, year, journal")
-    file: Path = Field(description="the table's file")
-    jobs: dict[str, PaperJob] = Field(description="jobs by name")
-    claims: list[Claim] = Field(description="the claims")
+    jobs: dict[Stem, PaperJob] = Field(default={}, description="jobs by name")
+    claims: list[Claim] = Field(min_length=1, description="the claims")
+
+    _file: Path = PrivateAttr()
+
+    @property
+    def name(self) -> str:
+        """The name of the table of claims."""
+        return self._file.stem
 
     def job_file(self, name: str) -> Path:
         """The file of one of the jobs."""
         written = self.jobs[name].job
-        beside = self.file.parent / written
+        beside = self._file.parent / written
         places = (beside, *(folder / written for folder in job_folders()))
         return next((file for file in places if file.is_file()), beside)
 
@@ -170,59 +196,23 @@ def read_paper(name: str | Path) -> Paper:
         file = known[str(name)]
     document = read_document(file)
     import_all("measures")
-    wrong: list[Diagnostic] = []
-    data = document.data
-    for key in data:
-        if key not in ("paper", "jobs", "claims"):
-            wrong.append(
-                Diagnostic((key,), "is not a field of a table of claims. Allowed: paper, jobs, claims.")
-            )
-    jobs = {
-        str(key).strip(): read
-        for key, each in _mapping(data.get("jobs"), "jobs", wrong).items()
-        if (read := _read(PaperJob, each, ("jobs", str(key)), wrong)) is not None
-    }
-    claims = [
-        read
-        for at, each in enumerate(_list(data.get("claims"), wrong))
-        if (read := _read(Claim, each, ("claims", at), wrong)) is not None
-    ]
-    if not isinstance(data.get("paper"), str):
-        wrong.append(Diagnostic(("paper",), "is missing: name the authors, year and journal."))
-    if not wrong:
-        paper = Paper(name=file.stem, paper=data["paper"], file=file, jobs=jobs, claims=claims)
-        wrong += _checked(paper)
-        if not wrong:
-            return paper
-    raise _located(document, wrong)
-
-
-def _located(document: Document, wrong: Iterable[Diagnostic]) -> JobError:
-    return JobError([document.locate(each) for each in wrong])
-
-
-def _mapping(value: Any, field: str, wrong: list[Diagnostic]) -> Mapping[str, Any]:
-    if value is None or isinstance(value, Mapping):
-        return value or {}
-    wrong.append(Diagnostic((field,), "must be a mapping (key: value)."))
-    return {}
-
-
-def _list(value: Any, wrong: list[Diagnostic]) -> list[Any]:
-    if isinstance(value, list) and value:
-        return value
-    wrong.append(Diagnostic(("claims",), "must be a list of claims."))
-    return []
-
-
-def _read(part: type[Any], value: Any, path: tuple[str | int, ...], wrong: list[Diagnostic]) -> Any:
     try:
-        return part.model_validate(value)
+        paper = Paper.model_validate(document.data)
     except ValidationError as error:
-        noun = "a claim" if part is Claim else "a job of a paper"
-        sections = {"": SchemaSection(noun, part), "quick": SchemaSection("quick", Quick)}
-        wrong.extend(from_pydantic(error, sections, "", path))
-        return None
+        raise document.located(JobError(from_pydantic(error, _SECTIONS, ""))) from None
+    paper._file = file
+    if wrong := list(_checked(paper)):
+        raise document.located(JobError(wrong))
+    return paper
+
+
+# The parts of a table of claims by the keys under which pydantic reports them.
+_SECTIONS = {
+    "": SchemaSection("a table of claims", Paper),
+    "jobs": SchemaSection("a job of a paper", PaperJob),
+    "claims": SchemaSection("a claim", Claim),
+    "Quick": SchemaSection("quick", Quick),
+}
 
 
 def _checked(paper: Paper) -> Iterator[Diagnostic]:
@@ -236,11 +226,9 @@ def _checked(paper: Paper) -> Iterator[Diagnostic]:
             )
         for number, name in enumerate(claim.of):
             if name not in paper.jobs:
-                near = near_miss.suggestion(name, paper.jobs)
-                yield Diagnostic((*path, "of", number), f"is {name}, which is not under jobs{near}")
+                yield unknown_name((*path, "of", number), name, "under jobs", paper.jobs)
         if claim.measure not in MEASURES:
-            near = near_miss.suggestion(claim.measure, MEASURES)
-            yield Diagnostic((*path, "measure"), f"is {claim.measure}, which is not a measure{near}")
+            yield unknown_name((*path, "measure"), claim.measure, "a measure", MEASURES)
         elif (text := _misfit(claim)) is not None:
             yield Diagnostic((*path, "with"), text)
         if not claim.of and not claim.command:
@@ -249,10 +237,6 @@ def _checked(paper: Paper) -> Iterator[Diagnostic]:
         if text is not None:
             yield Diagnostic(path, text)
     for name in paper.jobs:
-        try:
-            read_stem(name)
-        except InvalidValue as error:
-            yield Diagnostic(("jobs", name), str(error))
         if not paper.job_file(name).is_file():
             yield Diagnostic(
                 ("jobs", name, "job"),
@@ -284,12 +268,95 @@ def _unjudged(claim: Claim) -> str | None:
     """The reason why a claim has no rule for its verdict, or None."""
     first = claim.paper[0] if isinstance(claim.paper, list) else claim.paper
     numeric = isinstance(first, float)
-    bounds = [claim.between, claim.above, claim.below]
-    if claim.tolerance is not None:
-        text = "has a tolerance, but its paper is not a number: use between, above or below instead."
-        return None if numeric else text
-    if any(bound is not None for bound in bounds):
-        return None
-    if numeric:
+    if claim.tolerance is not None and not numeric:
+        return "has a tolerance, but its paper is not a number: use between, above or below instead."
+    if numeric and claim.tolerance is None and claim.interval is None:
         return "must have a tolerance, or between, above or below."
     return None
+
+
+class ClaimVerdict(enum.StrEnum):
+    """Verdict on a claim: its value in tables, its words in text for readers, and their meaning."""
+
+    words: str
+    sentence: str
+
+    def __new__(cls, value: str, words: str, sentence: str) -> ClaimVerdict:
+        member = str.__new__(cls, value)
+        member._value_, member.words, member.sentence = value, words, sentence
+        return member
+
+    reproduced = (
+        "reproduced",
+        "reproduced",
+        "our value agrees with the paper's within the tolerance",
+    )
+    not_reproduced = (
+        "not",
+        "not reproduced",
+        "our value does not agree with the paper's, or not with finer steps",
+    )
+    open_constants = (
+        "open: constants",
+        "with open constants",
+        "our value does not agree, and the paper lacks constants that decide it",
+    )
+    definition = (
+        "definition",
+        "true by definition",
+        "the definition of the model or of its labels decides it, and no simulation can change it",
+    )
+    answered = (
+        "answered",
+        "answered",
+        "the paper leaves the question open, and this run confirms our answer",
+    )
+    not_run = (
+        "not run",
+        "not run",
+        "no verdict: --quick leaves it out, its job did not run, or its table lacks a column",
+    )
+
+
+def verdict(claim: Claim, ours: Value) -> ClaimVerdict:
+    """The verdict on a claim from its measured value.
+
+    Args:
+        claim: the claim, with its tolerance, bounds or texts.
+        ours: the result of its measure.
+    """
+    if agrees(claim, ours):
+        if claim.step:
+            return ClaimVerdict.not_reproduced
+        if claim.definition:
+            return ClaimVerdict.definition
+        return ClaimVerdict.answered if claim.asked else ClaimVerdict.reproduced
+    return ClaimVerdict.open_constants if claim.open else ClaimVerdict.not_reproduced
+
+
+def agrees(claim: Claim, ours: Value) -> bool:
+    """Whether a value is within a claim's tolerance and bounds, or equals its text; false for NaN."""
+    if claim.tolerance is not None:
+        theirs: Any = claim.paper
+        if _listed(theirs) != _listed(ours):
+            return False
+        pairs = zip(_items(theirs), _items(ours), strict=False)
+        same_length = len(_items(theirs)) == len(_items(ours))
+        return same_length and all(_number(b) and abs(a - b) <= claim.tolerance for a, b in pairs)
+    if claim.interval is not None:
+        low, high = claim.interval
+        return all(_number(each) and low <= each <= high for each in _items(ours))
+    expected: Any = claim.paper if claim.equals is None else claim.equals
+    return _listed(expected) == _listed(ours) and list(_items(expected)) == list(_items(ours))
+
+
+def _listed(value: object) -> bool:
+    return isinstance(value, Sequence) and not isinstance(value, str)
+
+
+def _items(value: Any) -> Sequence[Any]:
+    return value if _listed(value) else [value]
+
+
+def _number(value: object) -> bool:
+    return isinstance(value, (int, float)) and math.isfinite(value)

@@ -14,15 +14,14 @@ import yaml
 
 from gaitsweep.claims.measures import MEASURES, Value
 from gaitsweep.claims.page import page
-from gaitsweep.claims.paper import Claim, Paper, PaperJob
-from gaitsweep.claims.verdict import ClaimVerdict, verdict
+from gaitsweep.claims.paper import Claim, ClaimVerdict, Paper, PaperJob, verdict
 from gaitsweep.errors import UserError
 from gaitsweep.expression import ExpressionError
 from gaitsweep.job import load_job
 from gaitsweep.runs.execute import RESULTS, run_job
 from gaitsweep.runs.figures import FigureError
 from gaitsweep.runs.progress import Progress
-from gaitsweep.runs.self_check_report import sentence
+from gaitsweep.runs.sentences import self_check_sentence
 from gaitsweep.schema.yaml_document import read_document
 from gaitsweep.table import Snapshot, load, replace_file, writing
 
@@ -47,7 +46,7 @@ class JobRun:
         snapshot = Snapshot.of(self.path)
         counts = ", ".join(f"{number} {status}" for status, number in snapshot.counts.items())
         check = snapshot.manifest.get("self_check")
-        text = f"{counts}. {sentence(check)}" if isinstance(check, dict) else f"{counts}."
+        text = f"{counts}. {self_check_sentence(check)}" if isinstance(check, dict) else f"{counts}."
         return f"{text} {self.failure}".strip()
 
     def figure(self, stem: str) -> Path | None:

@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gaitsweep.cli import again, analyse, models
-from gaitsweep.cli.animate import animate
 from gaitsweep.cli.examples import examples
-from gaitsweep.cli.explore import explore
 from gaitsweep.cli.options import ClusterAsForRun, Directory, Out, Settings, print_message
+from gaitsweep.cli.views import animate, explore
 from gaitsweep.errors import UserError
 from gaitsweep.shipped import config_file
 from gaitsweep.shipped import job_file as shipped_or_own
@@ -182,8 +181,10 @@ def _running(
     on_message: Callable[[str], None] = print_message,
 ) -> Iterator[tuple[Progress, Cluster | None]]:
     """The progress callback and the workers of a run; a run that was stopped ends with a sentence."""
+    from gaitsweep.cli.progress import stoppable_progress
+
     try:
-        with _shown_progress(unit) as on_progress, contextlib.ExitStack() as stack:
+        with stoppable_progress(unit) as on_progress, contextlib.ExitStack() as stack:
             workers = None
             if cluster is not None:
                 from gaitsweep.runs.cluster.connection import connection_to
@@ -197,21 +198,6 @@ def _running(
     except KeyboardInterrupt as error:
         print_message(_stopped(name, out))
         raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None  # SIGTERM brings its own
-
-
-@contextlib.contextmanager
-def _shown_progress(unit: str = "rows") -> Iterator[Progress]:
-    """Show the progress of a run in rows or sets, and stop the run at Ctrl-C."""
-    from gaitsweep.cli.progress import shown_progress
-    from gaitsweep.cli.stop import stop_requests
-
-    with stop_requests() as obey, shown_progress(unit) as shown:
-
-        def on_progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
-            obey()
-            shown(done, total, rate, fraction, note)
-
-        yield on_progress
 
 
 def _leans_on_others(job: Job) -> bool:
@@ -363,17 +349,17 @@ def reproduce(
     ] = False,
 ) -> None:
     """Run the missing jobs of a paper, and compare its claims with the results."""
-    from gaitsweep.claims.paper import read_paper
+    from gaitsweep.claims.paper import ClaimVerdict, read_paper
 
     table_of_claims = read_paper(paper)
     if claims is not None:
         table_of_claims = table_of_claims.only(each.strip() for each in claims.split(","))
     from gaitsweep.claims.reproduce import reproduce as run_and_judge
-    from gaitsweep.claims.verdict import ClaimVerdict
+    from gaitsweep.cli.progress import stoppable_progress
     from gaitsweep.errors import EXIT_FAILURE
     from gaitsweep.runs.self_check import SelfCheckError
 
-    with _shown_progress() as on_progress:
+    with stoppable_progress() as on_progress:
         found = run_and_judge(
             table_of_claims, out, quick=quick, on_progress=on_progress, on_message=print_message
         )
@@ -416,20 +402,20 @@ def search(
     ] = False,
 ) -> None:
     """Search, or continue to search, constants of a model that meet targets; report their ranges."""
-    from gaitsweep.cli import show_search
+    from gaitsweep.cli import show_fits
     from gaitsweep.fitting.search_job import load_search
 
     job = load_search(job_file, list(settings or ()))
     if dry_run:
         from gaitsweep.fitting.estimate import estimate_search
 
-        print(show_search.estimate(estimate_search(job)))
+        print(show_fits.search_estimate(estimate_search(job)))
         return
     from gaitsweep.fitting.search import run_search
 
     with _running(job.name, out, "sets", cluster=cluster) as (on_progress, workers):
         found = run_search(job, out, on_progress=on_progress, on_message=print_message, cluster=workers)
-    print(show_search.outcome(found))
+    print(show_fits.search_outcome(found))
 
 
 @app.command()
@@ -447,7 +433,7 @@ def sensitivity(
     cluster: ClusterAsForRun = None,
 ) -> None:
     """Measure how much results depend on each constant: write a table, the indices and their figure."""
-    from gaitsweep.cli import show_sensitivity
+    from gaitsweep.cli import show_fits
     from gaitsweep.fitting.sensitivity_job import load_sensitivity
 
     job = load_sensitivity(job_file, list(settings or ()))
@@ -455,7 +441,7 @@ def sensitivity(
 
     with _running(job.name, out, "sets", cluster=cluster) as (on_progress, workers):
         found = run_sensitivity(job, out, on_progress=on_progress, on_message=print_message, cluster=workers)
-    print(show_sensitivity.outcome(found))
+    print(show_fits.sensitivity_outcome(found))
 
 
 @app.command(name="schema")

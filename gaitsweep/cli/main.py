@@ -18,8 +18,8 @@ from typing import Any
 
 import typer
 
+from gaitsweep.cache_folder import cache_folder
 from gaitsweep.cli.commands import STOPPED, app
-from gaitsweep.cli.compiled_programs import keep_compiled_programs
 from gaitsweep.errors import EXIT_FAILURE, UserError, refuse_windows
 
 # Messages of JAX, Python and the loader of shared libraries when memory is exhausted.
@@ -114,3 +114,24 @@ def _shown_as_sentence(otherwise: Callable[..., None]) -> Callable[..., None]:
             otherwise(message, category, *where, **more)
 
     return show_warning
+
+
+def keep_compiled_programs() -> None:
+    """Set JAX's cache folder, so that XLA's programs are compiled once per machine and not once per run.
+
+    Nothing is set if JAX has been imported or the user has set a folder. JAX manages the cache; its file
+    names contain versions and instruction sets of processors, so a home folder may be shared. Programs that
+    cannot be read or written are compiled again silently.
+    """
+    if "jax" in sys.modules or "JAX_COMPILATION_CACHE_DIR" in os.environ:
+        return
+    folder = cache_folder("xla")
+    if folder is None:
+        return
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)
+    # also those that compile fast, since a run has many of them
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "0")
+    # programs only: no choices that XLA makes by timing
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_ENABLE_XLA_CACHES", "none")
+    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache", UserWarning)

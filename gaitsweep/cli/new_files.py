@@ -3,46 +3,36 @@
 from __future__ import annotations
 
 import os
-import shutil
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
-from gaitsweep.errors import EXIT_FAILURE, UserError
+from gaitsweep.errors import UserError
 
 
 class NewFilesError(UserError):
-    """New files would replace existing ones, or cannot be written there; the message names them."""
-
-
-class NotWrittenError(NewFilesError):
-    """New files could not be written, for example on a full disk."""
-
-    exit_code = EXIT_FAILURE
+    """New files would replace existing ones, or their name is not allowed; the message names them."""
 
 
 def write_folder(folder: Path, files: Mapping[str, str]) -> None:
     """Write a new folder with these texts by file name.
 
     Raises:
-        NewFilesError: the folder exists, or cannot be made there.
+        NewFilesError: the folder exists.
+        TableError: it cannot be written.
     """
+    from gaitsweep.table import writing  # loads pandas
+
     if folder.exists() or folder.is_symlink():
         raise NewFilesError(f"{folder} exists already: choose another name, or another folder with --to DIR.")
-    hidden = None
-    try:
+    with writing(f"{folder} could not be written"):
         folder.parent.mkdir(parents=True, exist_ok=True)
-        hidden = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-        hidden.chmod(0o777 & ~_umask())
-        for name, text in files.items():
-            (hidden / name).parent.mkdir(parents=True, exist_ok=True)
-            (hidden / name).write_text(text, encoding="utf-8")
-        os.rename(hidden, folder)
-    except OSError as error:
-        raise _not_written(folder, error) from error
-    finally:
-        if hidden is not None:
-            shutil.rmtree(hidden, ignore_errors=True)
+        with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as hidden:
+            new = Path(hidden, folder.name)
+            for name, text in files.items():
+                (new / name).parent.mkdir(parents=True, exist_ok=True)
+                (new / name).write_text(text, encoding="utf-8")
+            os.rename(new, folder)
 
 
 def add_files(folder: Path, files: Mapping[str, str]) -> list[Path]:
@@ -57,36 +47,20 @@ def add_files(folder: Path, files: Mapping[str, str]) -> list[Path]:
 
     Raises:
         NewFilesError: a file exists with different contents; then no file is written.
+        TableError: a file cannot be written.
     """
-    paths = {folder / name: text for name, text in files.items()}
-    for path, text in paths.items():
-        alike = path.is_file() and path.read_bytes() == text.encode()
+    from gaitsweep.table import replace_file, writing  # loads pandas
+
+    paths = {folder / name: text.encode() for name, text in files.items()}
+    for path, data in paths.items():
+        alike = path.is_file() and path.read_bytes() == data
         if not alike and (path.exists() or path.is_symlink()):
             raise NewFilesError(
                 f"{path} exists already with different contents: choose another folder with --to DIR."
             )
-    for path, text in paths.items():
-        if path.exists():
-            continue
-        partial = path.with_name(f".{path.name}.{os.getpid()}")
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            partial.write_text(text, encoding="utf-8")
-            os.replace(partial, path)
-        except OSError as error:
-            partial.unlink(missing_ok=True)
-            raise _not_written(path, error) from error
+    for path, data in paths.items():
+        if not path.exists():
+            with writing(f"{path} could not be written"):
+                path.parent.mkdir(parents=True, exist_ok=True)
+                replace_file(path, lambda file, data=data: file.write(data))
     return list(paths)
-
-
-def _not_written(path: Path, error: OSError) -> NewFilesError:
-    why = (error.strerror or type(error).__name__).lower()
-    place = isinstance(error, (PermissionError, NotADirectoryError, FileExistsError, IsADirectoryError))
-    kind = NewFilesError if place else NotWrittenError
-    return kind(f"{path} could not be written: {why}.")
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

@@ -1,10 +1,13 @@
-"""Display of progress: a bar on a terminal, lines elsewhere."""
+"""Display of the progress of a run, a bar on a terminal and lines elsewhere, and requests to stop it."""
 
 from __future__ import annotations
 
 import contextlib
+import signal
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
+from types import FrameType
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextColumn, TimeRemainingColumn
@@ -48,3 +51,54 @@ def shown_progress(unit: str = "rows", console: Console | None = None) -> Iterat
             shown.update(task, description=note, completed=steps, rows=rows, rate=speed)
 
         yield update
+
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM requested a stop of the run."""
+
+    exit_code = 128 + signal.SIGTERM
+
+
+@contextlib.contextmanager
+def stop_requests() -> Iterator[Callable[[], None]]:
+    """A context that records the first SIGINT or SIGTERM; a second one raises at once.
+
+    Its value is a function that raises KeyboardInterrupt or Terminated if a stop was requested. An exception
+    raised by the signal handler itself could hit a library's callback, which may suppress it.
+    """
+    asked: type[KeyboardInterrupt] | None = None
+
+    def obey() -> None:
+        if asked is not None:
+            raise asked
+
+    def note(number: int, frame: FrameType | None) -> None:
+        nonlocal asked
+        again = asked is not None
+        asked = Terminated if number == signal.SIGTERM else KeyboardInterrupt
+        if again:
+            raise asked
+
+    # only the main thread may handle signals; other threads keep Python's handlers
+    main = threading.current_thread() is threading.main_thread()
+    before = {number: signal.signal(number, note) for number in _SIGNALS} if main else {}
+    try:
+        yield obey
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def stoppable_progress(unit: str = "rows") -> Iterator[RunProgress]:
+    """A context that shows the progress of a run in rows or sets, and stops the run at Ctrl-C."""
+    with stop_requests() as obey, shown_progress(unit) as shown:
+
+        def on_progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
+            obey()
+            shown(done, total, rate, fraction, note)
+
+        yield on_progress

@@ -12,9 +12,14 @@ from rich.console import Console
 from rich.table import Table
 
 from gaitsweep.contract import Model, Quantity, Status
-from gaitsweep.runs.self_check_report import sentence
-from gaitsweep.runs.status_sentences import status_sentence
-from gaitsweep.runs.summary import MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD, remarks
+from gaitsweep.runs.sentences import (
+    MISLABELLED,
+    STARTS_BEYOND,
+    WITHOUT_PERIOD,
+    remarks,
+    self_check_sentence,
+    status_sentence,
+)
 from gaitsweep.table import Snapshot
 
 if TYPE_CHECKING:
@@ -107,7 +112,7 @@ def outcome(snapshot: Snapshot) -> str:
         meaning = Status[worst].sentence if known else "This version does not know this status."
         lines.insert(1, f"No row ended normally. {worst}: {meaning}")
     if isinstance(found := snapshot.manifest.get("self_check"), dict):
-        lines.append(sentence(found))
+        lines.append(self_check_sentence(found))
     lines.extend(remarks(snapshot.manifest))
     lines.extend(f"Figure: {figure}" for figure in snapshot.figures)
     return "\n".join(lines)
@@ -160,7 +165,7 @@ def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:
         elif key in (MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD):
             lines[key.replace("_", " ")] = " ".join(remarks({key: value}))
         elif key == "self_check" and isinstance(value, dict):
-            lines["self-check"] = sentence(value).removeprefix("Self-check: ")
+            lines["self-check"] = self_check_sentence(value).removeprefix("Self-check: ")
         elif key not in ("rows", "counts", "quantities", "job", "figures_drawn", "sha256"):
             lines[key] = plain(value)
     return lines

@@ -18,9 +18,10 @@ from gaitsweep.fitting.population import OnProgress
 from gaitsweep.job import Job
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import run_job
-from gaitsweep.runs.makers import continue_directory
 from gaitsweep.runs.prepare import RunContext, naming_the_file
+from gaitsweep.runs.provenance import continue_directory
 from gaitsweep.table import ResultDirectory, load
+from gaitsweep.table.manifest import Layout
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
@@ -35,9 +36,7 @@ _FEWEST_ROWS, _WORKERS = 16, 4
 def open_directory(
     path: Path,
     resolved: Mapping[str, Any],
-    job_hash: str,
-    sets: int,
-    block: int,
+    layout: Layout,
     context: RunContext,
     on_message: Callable[[str], None],
 ) -> Iterator[ResultDirectory]:
@@ -46,9 +45,7 @@ def open_directory(
     Args:
         path: the directory.
         resolved: the job as plain values.
-        job_hash: hash of the job.
-        sets: number of sets.
-        block: number of sets of a part.
+        layout: hash of the job, its sets, and the sets of a part.
         context: context of the job of a set.
         on_message: called with each note and warning, a sentence.
 
@@ -59,7 +56,7 @@ def open_directory(
         on_message(context.note)
     for caveat in context.model.caveats():
         on_message(f"Warning: {caveat}")
-    with naming_the_file(), ResultDirectory.open(path, resolved, job_hash, sets, block) as directory:
+    with naming_the_file(), ResultDirectory.open(path, resolved, layout) as directory:
         for note in directory.notes:
             on_message(note)
         continue_directory(context, directory, on_message)

@@ -41,9 +41,10 @@ from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.executor import write_blocks
 from gaitsweep.runs.progress import Progress
-from gaitsweep.runs.status_sentences import SetStatus
+from gaitsweep.runs.set_status import SetStatus
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.table import ResultDirectory, Snapshot, TableError, load
+from gaitsweep.table.manifest import Layout
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
@@ -127,8 +128,8 @@ def run_search(
         side_by_side=side_by_side,
         versions=versions,
     )
-    budget = job.options.budget
-    with open_directory(path, job.resolved(), job_hash, budget, together, context, on_message) as directory:
+    layout = Layout(job_hash, job.options.budget, together)
+    with open_directory(path, job.resolved(), layout, context, on_message) as directory:
         describe(context, directory, _quantities(job, population), versions)
         if cluster is not None:
             population.run_elsewhere = ClusterRows(path, cluster)

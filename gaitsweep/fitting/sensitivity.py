@@ -23,16 +23,16 @@ from gaitsweep.fitting.measures import Measure, MeasuredByName
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.sensitivity_job import FAILURES, SensitivityJob
 from gaitsweep.job.numerics import rows_of_a_part
+from gaitsweep.kinds.columns import quantities_of
 from gaitsweep.plot.sensitivity import sensitivity_figure
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.executor import write_blocks
 from gaitsweep.runs.progress import Progress
-from gaitsweep.runs.status_sentences import SetStatus
-from gaitsweep.runs.summary import quantities_of
+from gaitsweep.runs.set_status import SetStatus
 from gaitsweep.table import ResultDirectory, load, replace_file
 from gaitsweep.table.files import writing
-from gaitsweep.table.manifest import FIGURES
+from gaitsweep.table.manifest import FIGURES, Layout
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
@@ -120,8 +120,8 @@ def run_sensitivity(
     n, rows = job.design.n_rows, max(1, population.rows_of_a_set)  # a fixed point has no row
     block = min(n, max(1, rows_of_a_part(context.job.engine.block, n * rows) // rows))
     resolved = job.resolved(context.job, context.engine)
-    job_hash = job.hash(context.job_hash, block)
-    with open_directory(path, resolved, job_hash, n, block, context, on_message) as directory:
+    layout = Layout(job.hash(context.job_hash, block), n, block)
+    with open_directory(path, resolved, layout, context, on_message) as directory:
         if missing := directory.missing_blocks():
             salib = {"SALib": provenance.version_of("SALib")}
             describe(context, directory, _quantities(job, context.model), salib)

@@ -18,7 +18,7 @@ from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.kinds.run_kind import Movement, table_columns
 from gaitsweep.models.conformity import NAMED, faults_of_rows
 from gaitsweep.plot.kind import FigureKind, PlannedTable
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path, unknown_name
 from gaitsweep.schema.strict_model import kind_of
 
 _CHUNK = 50_000
@@ -197,14 +197,11 @@ def check_figures(figures: list[FigureKind], design: Design, run: RunKind) -> li
         before = len(wrong)
         for field, column in figure.columns().items():
             if column not in columns:
-                near = near_miss.suggestion(column, columns)
-                text = f"is {column}, which is not a column of this job's table{near}"
-                wrong.append(Diagnostic((*path, field), text))
+                wrong.append(unknown_name((*path, field), column, "a column of this job's table", columns))
         for place, name in figure.observed().items():
             if name not in observables:
-                near = near_miss.suggestion(name, observables)
-                text = f"is {name}, which is not an observable of {model.name}{near}"
-                wrong.append(Diagnostic((*path, *place), text))
+                kind = f"an observable of {model.name}"
+                wrong.append(unknown_name((*path, *place), name, kind, observables))
         if len(wrong) == before:
             wrong += [Diagnostic((*path, *place), text) for place, text in figure.refusals(table)]
         if figure.stem in stems:

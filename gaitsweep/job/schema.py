@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -24,7 +26,6 @@ from gaitsweep import effort
 from gaitsweep.design.design import Design
 from gaitsweep.design.vary import vary_schema
 from gaitsweep.engine.numerics import ResolvedNumerics
-from gaitsweep.job.job_hash import job_hash
 from gaitsweep.job.numerics import EngineChoice, NumericsSpec, rows_of_a_part
 from gaitsweep.job.reading import read_job
 from gaitsweep.kinds import RUN_KINDS, RunKind
@@ -43,6 +44,7 @@ _NUMERICS = BeforeValidator(lambda value: {} if value == "auto" else value)
 _STRUCTURE = WithJsonSchema(
     {"type": "object", "additionalProperties": {"type": ["integer", "number", "string", "boolean"]}}
 )
+_HASHED_FORM = 4  # raised when the meaning of a resolved job changes, so that no old directory is resumed
 
 
 class Job(StrictModel):
@@ -197,7 +199,39 @@ class Job(StrictModel):
         }
         if not self.engine.contraction:  # left out by default, as it was before it could be chosen
             runs_on["contraction"] = False
-        return job_hash(self.resolved(), self.run, runs_on, steps)
+        return _job_hash(self.resolved(), self.run, runs_on, steps)
+
+
+def _job_hash(resolved: dict[str, Any], run: RunKind, engine: dict[str, Any], steps: str | None) -> str:
+    """The sha256, in hex, of a resolved job without its name, its figures and other fields without effect.
+
+    Args:
+        resolved: the job as plain values, as `Job.resolved` gives it.
+        run: its run kind, which decides which of its fields count.
+        engine: name, lanes, block and device on which the rows run.
+        steps: digest of the steps that the model recommends, if the job leaves them open.
+    """
+    deciding = {key: resolved[key] for key in ("model", "structure", "params", "start", "numerics")}
+    deciding |= {"vary": _in_order(resolved["vary"]), "run": run.hashed(resolved["run"]), "engine": engine}
+    if steps is not None:
+        deciding["steps"] = steps
+    deciding["form"] = _HASHED_FORM
+    text = json.dumps(deciding, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _in_order(vary: dict[str, Any]) -> list[Any]:
+    """`vary` with its names in lists, so that the hash depends on their order."""
+    ordered: list[Any] = []
+    for name, value in vary.items():
+        groups = value if isinstance(value, list) else [value]
+        if name == "zip":
+            ordered.append([name, [list(group.items()) for group in groups]])
+        elif name == "sample":
+            ordered.append([name, [[*group.items(), list(group["of"].items())] for group in groups]])
+        else:
+            ordered.append([name, value])
+    return ordered
 
 
 def _sections(data: Any) -> dict[str, SchemaSection]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int, Real, Shaped
 from gaitsweep.contract import HybridModel, Model, Quantity, Status, names_gait
 from gaitsweep.engine.recorders.recorder import unpacked
 from gaitsweep.row_outcome import RowOutcome
-from gaitsweep.table.outcomes import outcomes
+from gaitsweep.table.reading import outcomes
 
 UNKNOWN_GAIT = "unknown"  # gait of a row whose label is not the index of a gait; the label follows
 STATUSES = [status.name for status in Status if status is not Status.running]
@@ -205,3 +205,18 @@ def _placed(
     """The value at each place, or `absent` if the place is -1."""
     last = np.full((1, *values.shape[1:]), absent, values.dtype)
     return np.concatenate([values, last])[place]
+
+
+def quantities_of(model: Model, columns: Sequence[Column] = ()) -> dict[str, dict[str, Any]]:
+    """Return unit, meaning and symbol of the table's columns, for readers and for figures."""
+    named = {
+        **{column.name: column.quantity for column in columns if column.quantity is not None},
+        # a start stands in the table by its own name, an observable with _end or _n
+        **{f"{q.name}_{end}": q for q in model.observables for end in ("end", "n")},
+        **{q.name: q for q in (*model.parameters, *model.observables, *model.signals, *model.label_fields)},
+        **{q.name: q for q in model.initial_conditions},
+    }
+    return {
+        name: {"unit": q.unit, "meaning": q.meaning, "symbol": q.symbol, "circular": q.circular}
+        for name, q in named.items()
+    }

@@ -23,9 +23,9 @@ from gaitsweep.job.checks import remarks_on_rows
 from gaitsweep.kinds.run_kind import refinement
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.executor import Executor, ThisProcess
-from gaitsweep.runs.makers import continue_directory
 from gaitsweep.runs.prepare import RunContext, naming_the_file, prepare
 from gaitsweep.runs.progress import Progress
+from gaitsweep.runs.provenance import continue_directory
 from gaitsweep.runs.refined import refine
 from gaitsweep.runs.self_check import (
     Again,
@@ -35,7 +35,7 @@ from gaitsweep.runs.self_check import (
     rows_to_repeat,
     self_check,
 )
-from gaitsweep.runs.self_check_report import advice, sentence
+from gaitsweep.runs.sentences import advice, self_check_sentence
 from gaitsweep.runs.summary import describe, sum_up, summed_up
 from gaitsweep.table import ResultDirectory, TableError, load
 
@@ -83,7 +83,7 @@ def run_job(
     resolved = job.resolved(engine=context.engine)
     with (
         naming_the_file(),
-        ResultDirectory.open(path, resolved, context.job_hash, spec.n_rows, spec.block) as directory,
+        ResultDirectory.open(path, resolved, context.layout) as directory,
         _SelfCheck(context, directory) as check,
     ):
         for note in directory.notes:
@@ -107,7 +107,7 @@ def run_job(
 
             draw_of_complete(directory, resolved["figures"], on_progress, on_message)
     if checked.get("verdict") == "warned":
-        text = f"{sentence(checked)} {advice(checked, spec.numerics.dt)}"
+        text = f"{self_check_sentence(checked)} {advice(checked, spec.numerics.dt)}"
         if strict:
             raise SelfCheckError(text)
         on_message(f"Warning: {text}")

@@ -54,15 +54,15 @@ def compute_blocks(
             lambda number, outcome: encode(number, context.table(outcome)),
         )
         return
-    bounds = {number: (number * spec.block, min((number + 1) * spec.block, spec.n_rows)) for number in blocks}
-    rows, done = sum(last - first for first, last in bounds.values()), 0
+    rows, done = context.layout.rows_in(blocks), 0
     began = time.perf_counter()
 
     def report(note: str = "") -> None:
         timings.run_s = time.perf_counter() - began
         on_progress(SweepProgress(done, rows, done / rows, 0, timings.run_s, note or kind.kind_name))
 
-    for number, (first, last) in bounds.items():
+    for number in blocks:
+        first, last = context.layout.rows_of(number)
         # reports each step too, so that Ctrl-C need not wait for the block's end
         write(number, encode(number, kind.block_table(context.design, spec, first, last, report)))
         done += last - first

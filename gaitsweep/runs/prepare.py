@@ -27,11 +27,13 @@ from gaitsweep.errors import UserError
 from gaitsweep.expression import functions_of, resolve
 from gaitsweep.job import Job
 from gaitsweep.job.step_lengths import RowSteps, refuse_long_steps, row_steps
+from gaitsweep.kinds.columns import quantities_of
 from gaitsweep.kinds.run_kind import RunKind, Schedule, Scheduled
 from gaitsweep.models.own_modules import modules_beside
 from gaitsweep.models.traced_program import traced_program
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.table import WriteError, reason
+from gaitsweep.table.manifest import Layout
 
 # Number of rows of which the nominal period is computed.
 _LOOKED_AT = 4
@@ -68,6 +70,16 @@ class RunContext:
         if self.rows_in is not None:
             rows = self.rows_in(int(rows[0]), int(rows[-1]) + 1)
         return self.job.run.table(self.model, self.design.at(rows, self.design.names), block)
+
+    @property
+    def layout(self) -> Layout:
+        """The layout of the job's table."""
+        return Layout(self.job_hash, self.spec.n_rows, self.spec.block)
+
+    @property
+    def quantities(self) -> dict[str, dict[str, Any]]:
+        """Unit, meaning and symbol of the columns of the job's table."""
+        return quantities_of(self.model, self.job.run.all_columns(self.model))
 
     @property
     def program(self) -> Mapping[str, str]:

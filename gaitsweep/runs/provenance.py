@@ -1,4 +1,7 @@
-"""Provenance of a table: versions, the commit of the source, and the machine."""
+"""Provenance of a table: versions, commit and machine of each maker of its parts.
+
+A directory is continued by the program with which it was begun.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,13 @@ import importlib.metadata
 import os
 import platform
 import subprocess
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import Any
+
+from gaitsweep.models.traced_program import first_difference
+from gaitsweep.runs.prepare import RunContext, RunError
+from gaitsweep.table import ResultDirectory
 
 PACKAGES = (
     *("gaitsweep", "jax", "jaxlib", "numpy", "scipy", "pandas", "pyarrow"),
@@ -61,3 +70,118 @@ def git_commit() -> str | None:
 def _git(folder: Path, *arguments: str) -> str:
     command = ["git", "-C", str(folder), *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
+
+
+PROGRAM = "program"  # digests of the functions of a user's model, by name
+EARLIER = "made_before"  # versions, machine, commit and parts of each earlier maker
+_MAKER = ("versions", "machine", "git_commit")
+# versions that a trace depends on
+_TRACING = ("python", "gaitsweep", "jax", "jaxlib", "mujoco", "mujoco-mjx")
+
+
+def continue_directory(
+    context: RunContext, directory: ResultDirectory, on_message: Callable[[str], None]
+) -> None:
+    """Record in the manifest which program makes the next parts, and warn if another made the present ones.
+
+    Raises:
+        RunError: a function of the user's model differs from the one with which the directory was begun.
+    """
+    manifest = directory.manifest
+    for warning in check_program(context, directory.path, manifest):
+        on_message(warning)
+    fields: dict[str, Any] = {PROGRAM: dict(context.program) or None}
+    missing = directory.missing_blocks()
+    before = {name: manifest[name] for name in _MAKER if manifest.get(name) is not None}
+    if missing and before:
+        present = sorted(set(range(directory.n_blocks)) - set(missing))
+        earlier = [dict(maker) for maker in manifest.get(EARLIER, ())]
+        for maker in earlier:
+            maker["parts"] = _ranges(set(_numbers(maker["parts"])) & set(present))
+        others = {number for maker in earlier for number in _numbers(maker["parts"])}
+        parts = _ranges(set(present) - others)
+        if difference := "; ".join(differing(before)):
+            earlier.append({**before, "parts": parts})
+            simulated = manifest.get("refinement", {}).get("simulated", 0)
+            done, total = directory.rows_done + directory.rows_open or simulated, directory.n_rows
+            if done:
+                on_message(
+                    f"Warning: {done} of the {total} rows in {directory.path} were made with {difference}. "
+                    f"The other rows may differ from theirs in the last digits; {EARLIER} in manifest.json "
+                    "names the parts of each."
+                )
+        fields[EARLIER] = [maker for maker in earlier if maker["parts"]] or None
+    if missing:
+        fields |= {"versions": versions(), "machine": machine()}
+        fields["git_commit"] = git_commit()
+    if any(manifest.get(name) != value for name, value in fields.items()):
+        directory.update_manifest(**fields)
+
+
+def check_program(context: RunContext, path: Path, manifest: Mapping[str, Any]) -> list[str]:
+    """Return warnings if a model's functions are traced differently by other versions.
+
+    Raises:
+        RunError: they are traced differently by the same versions.
+    """
+    before, now = manifest.get(PROGRAM), context.program
+    if not isinstance(before, dict):
+        return []
+    changed = first_difference(before, now)
+    if changed is None:
+        return []
+    what = f"the function {changed} of {context.job.model}"
+    old, new = manifest.get("versions", {}), versions()
+    if any(old.get(name) != new[name] for name in _TRACING) or _commits(manifest):
+        return [
+            f"Warning: {path} was begun with {'; '.join(differing(manifest))}, and {what} differs. Other "
+            "versions may trace the same function differently; whether a data file or a constant has changed "
+            "as well is not known."
+        ]
+    raise RunError(
+        f"{path} holds another job's table: {what} computes something else than when it was begun. A data "
+        "file, a constant or a module that the model reads has changed: restore it, or choose another "
+        "directory with --out."
+    )
+
+
+def differing(before: Mapping[str, Any]) -> list[str]:
+    """Describe how an earlier maker differs from this process."""
+    old, new = before.get("versions", {}), versions()
+    differences = [
+        f"{name} {old[name]} (here {value})" for name, value in new.items() if old.get(name, value) != value
+    ]
+    differences += _commits(before)
+    earlier = before.get("machine")
+    if isinstance(earlier, str) and _processor(earlier) != _processor(machine()):
+        differences.append(f"the processor {_processor(earlier)} (here {_processor(machine())})")
+    return differences
+
+
+def _commits(before: Mapping[str, Any]) -> list[str]:
+    """Describe the commits of gaitsweep if they differ and both are known."""
+    commit, this_commit = before.get("git_commit"), git_commit()
+    if not isinstance(commit, str) or this_commit is None or commit == this_commit:
+        return []
+    return [f"commit {commit[:12]} of gaitsweep (here {this_commit[:12]})"]
+
+
+def _processor(machine: str) -> str:
+    """Return the processor from a text of `machine`; system and core count affect no digit."""
+    return machine.partition(", ")[2].rpartition(", ")[0]
+
+
+def _ranges(numbers: Iterable[int]) -> list[list[int]]:
+    """Group numbers into pairs of the first and the last of each consecutive run."""
+    ranges: list[list[int]] = []
+    for number in sorted(numbers):
+        if ranges and ranges[-1][1] == number - 1:
+            ranges[-1][1] = number
+        else:
+            ranges.append([number, number])
+    return ranges
+
+
+def _numbers(ranges: Iterable[Iterable[int]]) -> Iterable[int]:
+    for first, last in ranges:
+        yield from range(first, last + 1)

@@ -24,6 +24,7 @@ from gaitsweep.runs.executor import Executor
 from gaitsweep.runs.prepare import RunContext, row_values
 from gaitsweep.runs.progress import Progress
 from gaitsweep.table import ResultDirectory, load
+from gaitsweep.table.manifest import Layout
 
 FOLDER = "refinement"
 
@@ -81,11 +82,10 @@ def _round(
 ) -> pd.DataFrame:
     """Return the records of `rows` (n,), simulating those that are missing."""
     this = some_rows(context, rows.size, lambda first, stop: rows[first:stop])
-    spec = this.spec
     path = directory.path / FOLDER / f"round-{number:02d}"
     job = {"round": number, "of": context.job.name}
     round_hash = hashlib.sha256(context.job_hash.encode() + rows.astype("<i8").tobytes()).hexdigest()
-    with ResultDirectory.open(path, job, round_hash, spec.n_rows, spec.block) as part:
+    with ResultDirectory.open(path, job, Layout(round_hash, rows.size, context.spec.block)) as part:
         if missing := part.missing_blocks():
             spent = Timings()
             try:

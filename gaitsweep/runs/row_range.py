@@ -19,15 +19,15 @@ from gaitsweep.job import Job
 from gaitsweep.kinds.run_kind import refinement
 from gaitsweep.runs.execute import RESULTS, run_job
 from gaitsweep.runs.executor import compute_blocks
-from gaitsweep.runs.makers import check_program, continue_directory, differing
 from gaitsweep.runs.prepare import RunContext, RunError, naming_the_file, prepare
 from gaitsweep.runs.progress import Progress
-from gaitsweep.runs.summary import describe, quantities_of
+from gaitsweep.runs.provenance import check_program, continue_directory, differing
+from gaitsweep.runs.summary import describe
 from gaitsweep.table import ResultDirectory
-from gaitsweep.table.block_locks import BlockLocks
-from gaitsweep.table.files import PARTS, BusyDirectory, Lock, TableError, this_process
-from gaitsweep.table.manifest import MANIFEST, TABLE, claim
-from gaitsweep.table.part_writer import PartWriter
+from gaitsweep.table.directory import PartWriter
+from gaitsweep.table.files import PARTS, TableError
+from gaitsweep.table.locks import BlockLocks, BusyDirectory, Lock, this_process
+from gaitsweep.table.manifest import MANIFEST, TABLE, Layout, claim
 
 # Others hold a directory for a moment when they make it, and while the last of them completes it (s).
 PATIENCE = 20.0
@@ -64,10 +64,10 @@ def run_rows(
         raise RunError(
             "run.refine is boundary, so which rows are simulated follows from others: use --cluster."
         )
-    blocks = blocks_of(rows, context.spec.n_rows, context.spec.block)
+    blocks = blocks_of(rows, context.layout)
     with naming_the_file():
         _make(path, context, on_message)
-        writer = PartWriter(path, context.job_hash, context.spec.n_rows, context.spec.block)
+        writer = PartWriter(path, context.layout)
         missing = writer.missing(blocks)
         if missing:
             lock = _patiently(lambda: Lock(path, shared=True))
@@ -75,7 +75,7 @@ def run_rows(
                 _run_missing(context, writer, missing, on_progress or (lambda *_, **__: None))
             finally:
                 lock.release()
-        if not all((path / TABLE / PARTS.name(n)).exists() for n in range(_count(context))):
+        if not all((path / TABLE / PARTS.name(n)).exists() for n in context.layout.blocks):
             return path
         # several processes may find the last part there: one of them completes the table, the others wait
         try:
@@ -86,12 +86,13 @@ def run_rows(
             return path
 
 
-def blocks_of(rows: str, n_rows: int, block: int) -> Sequence[int]:
+def blocks_of(rows: str, layout: Layout) -> Sequence[int]:
     """Return the blocks of rows "A:B".
 
     Raises:
-        RunError: the rows are not whole blocks of a job with `n_rows` rows.
+        RunError: the rows are not whole blocks of the job.
     """
+    n_rows, block = layout.rows, layout.block
     what = f"--rows {rows}"
     match = re.fullmatch(r"\s*(\d{1,18})\s*:\s*(\d{1,18})\s*", rows)
     if match is None:
@@ -110,16 +111,12 @@ def blocks_of(rows: str, n_rows: int, block: int) -> Sequence[int]:
     return range(first // block, -(-min(stop, n_rows) // block))
 
 
-def _count(context: RunContext) -> int:
-    return -(-context.spec.n_rows // context.spec.block)
-
-
 def _make(path: Path, context: RunContext, on_message: Callable[[str], None]) -> None:
     """Create the directory, unless another process has created it for the same job."""
 
     def made() -> None:
         if (path / MANIFEST).exists():
-            if manifest := claim(path, context.job_hash, context.spec.n_rows, context.spec.block):
+            if manifest := claim(path, context.layout):
                 for warning in check_program(context, path, manifest):
                     on_message(warning)
                 if differences := differing(manifest):
@@ -129,9 +126,7 @@ def _make(path: Path, context: RunContext, on_message: Callable[[str], None]) ->
                     )
             return
         resolved = context.job.resolved(engine=context.engine)
-        with ResultDirectory.open(
-            path, resolved, context.job_hash, context.spec.n_rows, context.spec.block
-        ) as directory:
+        with ResultDirectory.open(path, resolved, context.layout) as directory:
             continue_directory(context, directory, on_message)
             describe(context, directory)
 
@@ -155,13 +150,13 @@ def _run_missing(context: RunContext, writer: PartWriter, missing: list[int], on
     with BlockLocks(writer.path) as locks:
         for number in missing:
             if not locks.take(number, this_process()):
-                first, stop = writer.rows_of(number)
+                first, stop = writer.layout.rows_of(number)
                 raise TableError(
                     f"Rows {first} to {stop - 1} of {writer.path} are being run by "
                     f"{locks.begun(number).process}: wait until it ends, or stop it."
                 )
 
-        quantities = quantities_of(context.model, context.job.run.all_columns(context.model))
+        quantities = context.quantities
 
         def encode(number: int, frame: pd.DataFrame) -> bytes:
             return writer.encoded(number, frame, quantities)
@@ -171,7 +166,7 @@ def _run_missing(context: RunContext, writer: PartWriter, missing: list[int], on
             locks.end(number)
             locks.free(number)
 
-        rows = sum(stop - first for first, stop in map(writer.rows_of, missing))
+        rows = writer.layout.rows_in(missing)
 
         def on_sweep_progress(now: SweepProgress) -> None:
             rate = now.share * rows / max(now.seconds, 1e-9)

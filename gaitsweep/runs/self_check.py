@@ -36,7 +36,7 @@ from gaitsweep.kinds.columns import gaits
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints, StartingPoints
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.prepare import RunContext, nominal_period
-from gaitsweep.runs.self_check_report import HALF_THE_STEP, TOLERANCES
+from gaitsweep.runs.sentences import HALF_THE_STEP, TOLERANCES
 
 # The sample's steps, as a share of the run's own: irrational, so that no step ends where one of these does.
 FINER = 1.0 / math.sqrt(7.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import collections
 import functools
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +16,12 @@ import pandas as pd
 from gaitsweep import models
 from gaitsweep.contract import Model, Status
 from gaitsweep.engine.kernel.columns import over_rows
-from gaitsweep.kinds.columns import UNKNOWN_GAIT, Column
 from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.models.own_modules import folder_of_class
 from gaitsweep.runs.prepare import RunContext
+from gaitsweep.runs.sentences import MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD
 from gaitsweep.table import ResultDirectory, load_parts
 
-# Fields of the manifest: rows whose label is not the index of a gait, rows that begin beyond an event's
-# surface, rows whose nominal period is not a positive time.
-MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD = "mislabelled", "starts_beyond", "without_period"
 # Rows whose starts are examined, at most and at a time.
 _MOST_STARTS = 100_000
 _MOST_OF_A_SIMULATOR = 64  # whose parameters the host works out row by row
@@ -48,7 +45,7 @@ def describe(context: RunContext, directory: ResultDirectory) -> None:
             {"names": list(group.names), "length": group.length, "drawn": group.drawn}
             for group in context.design.groups
         ],
-        quantities=quantities_of(context.model, context.job.run.all_columns(context.model)),
+        quantities=context.quantities,
         **_model_folder(context, directory.path),
     )
 
@@ -111,109 +108,66 @@ def _begun(model: Model) -> Callable[..., tuple[jax.Array, dict[str, jax.Array]]
     return over_rows(one)
 
 
-def remarks(manifest: Mapping[str, Any]) -> list[str]:
-    """Return sentences about results that the author of a job may not expect."""
-    sentences = []
-    for name, about in (manifest.get(WITHOUT_PERIOD) or {}).items():
-        sentences.append(
-            f"Warning: the model's function period gave {name} in {_rows(about)}, but must give "
-            "seconds above 0: limits of time and of steps follow from it."
-        )
-    for name, about in (manifest.get(STARTS_BEYOND) or {}).items():
-        sentences.append(
-            f"{_rows(about)} began on or beyond the surface of the event {name!r}, which happens only "
-            "after its function has been below zero."
-        )
-    for name, about in (manifest.get(MISLABELLED) or {}).items():
-        label = name.removeprefix(UNKNOWN_GAIT).strip(" ()")
-        sentences.append(
-            f"Warning: the model's function label gave gait {label} in {_rows(about)}, which is not an index "
-            f"of its gaits; their gait is {name!r} in the table."
-        )
-    return sentences
+def summed_up(context: RunContext, directory: ResultDirectory) -> bool:
+    """Return whether the manifest of a table with all its parts is complete."""
+    known = directory.manifest
+    # without mislabelled rows there is no field for them
+    needed = {*_summaries(context, directory), "quantities"} - {MISLABELLED}
+    return (
+        known.get("complete") is True and known.get("counts") == directory.counts() and needed <= known.keys()
+    )
 
 
-def _rows(about: Mapping[str, Any]) -> str:
-    of = f" of {about['of']} that were examined" if "of" in about else ""
-    more = about["rows"] > 1
-    first = f"the first is row {about['row']}" if more else f"row {about['row']}"
-    return f"{about['rows']} row{'s' * more} ({first}){of}"
+def _summaries(context: RunContext, directory: ResultDirectory) -> dict[str, set[str]]:
+    """Return the fields of the manifest that summarise records, with the columns that each needs."""
+    columns, counts = set(table_columns(context.design, context.job.run)), directory.counts()
+    of_rows = columns if context.job.run.one_a_row else set()
+    distinguishes_gaits = tuple(context.model.gaits) != ("none",)
+    needs = {
+        MISLABELLED: ({"gait"}, "gait" in columns),
+        "stalls": ({"stalled_by", "t_end", "t"} & columns, counts.get(Status.event_stall.name)),
+        "gaits": ({"gait"}, distinguishes_gaits and "gait" in of_rows),
+        "slowest": ({"slowest"}, counts.get(Status.cycle_limit.name) and "slowest" in columns),
+        "largest_distance": ({"distance", "gait"}, {"distance", "gait"} <= of_rows),
+    }
+    return {field: names for field, (names, applies) in needs.items() if applies}
 
 
 def _of_records(context: RunContext, directory: ResultDirectory) -> dict[str, Any]:
     """Summarise the records of a complete table, which are read part by part."""
-    known, fields = table_columns(context.design, context.job.run), {}
-    stalled = bool(directory.counts().get(Status.event_stall.name))
-    counts_gaits, has_distance = _counts_gaits(context), _has_distance(context)
-    columns = {"stalled_by", "t_end", "t"} if stalled else set()
-    columns |= {"gait"} if counts_gaits else set()
-    unsettled = _counts_slowest(context, directory)
-    columns |= {"slowest"} if unsettled else set()
-    columns |= {"distance", "gait"} if has_distance else set()
-    columns |= {"gait"} & set(known)
-    if not columns:
+    summaries = _summaries(context, directory)
+    if not summaries:
         return {}
     mislabelled: dict[str, dict[str, int]] = {}
     stalls: dict[str, dict[str, Any]] = {}
     gaits: collections.Counter[str] = collections.Counter()
     slowest: collections.Counter[str] = collections.Counter()
-    farthest: list[tuple[float, int]] = []
-    for part in load_parts(directory.path, ["row", "status", *sorted(columns & set(known))]):
-        if stalled:
-            _add_stalls(stalls, part)
-        if "gait" in part:
+    farthest: tuple[float, int] | None = None
+    for part in load_parts(directory.path, ["row", "status", *sorted(set().union(*summaries.values()))]):
+        if MISLABELLED in summaries:
             _add_mislabelled(mislabelled, part, context.model.gaits)
-        if counts_gaits:
-            gaits.update({str(gait): int(n) for gait, n in part["gait"].value_counts().items() if n})
-        if unsettled:
-            slowest_names = part.loc[part["status"].astype(str) == Status.cycle_limit.name, "slowest"]
-            slowest.update({str(name): int(n) for name, n in slowest_names.value_counts().items() if n})
-        far = context.model.analytic_distance(part)
-        if far is not None and (not farthest or far[0] > farthest[0][0]):
-            farthest = [far]
-    if mislabelled:
-        fields[MISLABELLED] = mislabelled
-    if stalled:
-        fields["stalls"] = dict(sorted(stalls.items()))
-    if counts_gaits:
-        fields["gaits"] = dict(gaits.most_common())
-    if unsettled:
-        fields["slowest"] = dict(slowest.most_common())
-    if has_distance:
-        fields["largest_distance"] = {"rad": farthest[0][0], "row": farthest[0][1]} if farthest else {}
-    return fields
+        if "stalls" in summaries:
+            _add_stalls(stalls, part)
+        if "gaits" in summaries:
+            gaits.update(_numbers_of(part["gait"]))
+        if "slowest" in summaries:
+            slowest.update(_numbers_of(part["slowest"][part["status"] == Status.cycle_limit.name]))
+        if "largest_distance" in summaries:
+            far = context.model.analytic_distance(part)
+            farthest = far if farthest is None or (far is not None and far[0] > farthest[0]) else farthest
+    found = {
+        "stalls": dict(sorted(stalls.items())),
+        "gaits": dict(gaits.most_common()),
+        "slowest": dict(slowest.most_common()),
+        "largest_distance": {"rad": farthest[0], "row": farthest[1]} if farthest else {},
+    }
+    fields: dict[str, Any] = {MISLABELLED: mislabelled} if mislabelled else {}
+    return fields | {name: found[name] for name in summaries if name in found}
 
 
-def summed_up(context: RunContext, directory: ResultDirectory) -> bool:
-    """Return whether the manifest of a table with all its parts is complete."""
-    known = directory.manifest
-    return (
-        known.get("complete") is True
-        and known.get("counts") == directory.counts()
-        and ("gaits" in known or not _counts_gaits(context))
-        and ("largest_distance" in known or not _has_distance(context))
-        and ("stalls" in known or not directory.counts().get(Status.event_stall.name))
-        and ("slowest" in known or not _counts_slowest(context, directory))
-        and "quantities" in known
-    )
-
-
-def _counts_gaits(context: RunContext) -> bool:
-    if tuple(context.model.gaits) == ("none",):  # the model distinguishes no gaits
-        return False
-    return context.job.run.one_a_row and "gait" in table_columns(context.design, context.job.run)
-
-
-def _counts_slowest(context: RunContext, directory: ResultDirectory) -> bool:
-    """Return whether rows did not settle and record the slowest observable."""
-    known = table_columns(context.design, context.job.run)
-    return "slowest" in known and bool(directory.counts().get(Status.cycle_limit.name))
-
-
-def _has_distance(context: RunContext) -> bool:
-    """Return whether rows record their distance from analytic solutions."""
-    known = table_columns(context.design, context.job.run)
-    return context.job.run.one_a_row and {"distance", "gait"} <= set(known)
+def _numbers_of(names: Any) -> dict[str, int]:
+    """Return how often each name appears in a column."""
+    return {str(name): int(number) for name, number in names.value_counts().items() if number}
 
 
 def _add_mislabelled(
@@ -244,18 +198,3 @@ def _add_stalls(stalls: dict[str, dict[str, Any]], part: pd.DataFrame) -> None:
         when = np.array([*known[key], *at[(by == names) & np.isfinite(at)]])
         known["rows"] += int(np.count_nonzero(by == names))
         known[key] = [float(when.min()), float(when.max())] if when.size else []
-
-
-def quantities_of(model: Model, columns: Sequence[Column] = ()) -> dict[str, dict[str, Any]]:
-    """Return unit, meaning and symbol of the table's columns, for readers and for figures."""
-    named = {
-        **{column.name: column.quantity for column in columns if column.quantity is not None},
-        # a start stands in the table by its own name, an observable with _end or _n
-        **{f"{q.name}_{end}": q for q in model.observables for end in ("end", "n")},
-        **{q.name: q for q in (*model.parameters, *model.observables, *model.signals, *model.label_fields)},
-        **{q.name: q for q in model.initial_conditions},
-    }
-    return {
-        name: {"unit": q.unit, "meaning": q.meaning, "symbol": q.symbol, "circular": q.circular}
-        for name, q in named.items()
-    }

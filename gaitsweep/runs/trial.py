@@ -20,7 +20,7 @@ from gaitsweep.kinds import FixedTime, ReturnMap, Settle, Trace
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.models.conformity import sample, written
 from gaitsweep.runs.execute import table_in_memory
-from gaitsweep.runs.summary import MISLABELLED, remarks
+from gaitsweep.runs.sentences import MISLABELLED, remarks
 
 # Rows and cycles of the trial, and samples a cycle of the rate of an energy.
 ROWS, CYCLES, SAMPLES = 32, 12, 40

@@ -147,6 +147,11 @@ def unknown_field(
     return Diagnostic(path, f"is not a field{of}{near_miss.suggestion(field, allowed)}")
 
 
+def unknown_name(path: Path, name: str, kind: str, allowed: Iterable[str]) -> Diagnostic:
+    """The diagnostic of a field whose value should be the name of `kind`, such as "a measure"."""
+    return Diagnostic(path, f"is {name}, which is not {kind}{near_miss.suggestion(name, allowed)}")
+
+
 @dataclasses.dataclass(frozen=True)
 class SchemaSection:
     """A section of a job: its name in messages, its class, and the field whose union it belongs to."""
@@ -196,8 +201,9 @@ def _from_details(
     loc = tuple(details["loc"])
     path: Path = (*prefix, *_without_tags(loc, sections))
     sort, value, context = details["type"], details["input"], details.get("ctx", {})
-    key = _key(loc, -2) if len(loc) > 1 else top
-    section = sections.get(key, sections[top])
+    enclosing = (_key(loc, place) for place in reversed(range(len(loc) - 1)))
+    key = next((key for key in enclosing if key in sections), top)
+    section = sections[key]
     if sort == "gaitsweep":
         return Diagnostic(path, context["text"])
     if sort == "extra_forbidden":
@@ -252,7 +258,9 @@ def wrong_kind(
 
 
 def _without_tags(loc: Path, sections: dict[str, SchemaSection]) -> Path:
-    """The path as written: pydantic puts a union's tag after run and after figures[i]."""
+    """The path as written: pydantic puts a tag after run, figures[i] and a mapping's key that is wrong."""
+    if loc[-1:] == ("[key]",):
+        return loc[:-1]
     if len(loc) > 1 and loc[0] == "run" and loc[1] in sections:
         return (loc[0], *loc[2:])
     if len(loc) > 2 and loc[0] == "figures" and _key(loc, 2) in sections:

@@ -84,6 +84,20 @@ def add_digest(folder: Path, name: str, digest: str, *, writer: str = "") -> Non
         sync_folder(folder)
 
 
+def write_file(folder: Path, name: str, data: bytes, *, writer: str = "") -> None:
+    """Write a file of a result directory after its digest; it is on disk when this returns.
+
+    Args:
+        folder, name, writer: as for `add_digest`.
+        data: the file's bytes.
+
+    Raises:
+        OSError: it cannot be written; the old file is unchanged.
+    """
+    add_digest(folder, name, digest_of(data), writer=writer)
+    replace_file(folder / name, lambda file: file.write(data))
+
+
 def write_digests(folder: Path, digests: Mapping[str, str]) -> None:
     """Replace the content of `SHA256SUMS`.
 

@@ -1,11 +1,18 @@
-"""Writing a result directory, new or continued, one part at a time, by one writer."""
+"""Writing a result directory, new or continued, one part at a time.
+
+`ResultDirectory` is its one writer; beside it or before it, several processes may write parts, each by a
+`PartWriter`.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import errno
 import json
-from collections.abc import Iterable, Mapping
+import os
+import secrets
+import socket
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,20 +21,18 @@ import pandas as pd
 import yaml
 
 from gaitsweep.row_outcome import RowOutcome
-from gaitsweep.table.block_locks import BLOCK_LOCKS
 from gaitsweep.table.digests import (
     DIGESTS,
-    add_digest,
     digest_of,
     of_writers,
     read_digests,
     write_digests,
+    write_file,
 )
-from gaitsweep.table.examination import FOREIGN, Examination, Fault, examined_part
+from gaitsweep.table.examination import FOREIGN, Examination, Fault, examined_parts
 from gaitsweep.table.files import (
     OPEN_ROWS,
     PARTS,
-    Lock,
     TableError,
     WriteError,
     own_folder,
@@ -37,20 +42,23 @@ from gaitsweep.table.files import (
     replace_file,
     writing,
 )
+from gaitsweep.table.locks import BLOCK_LOCKS, Lock
 from gaitsweep.table.manifest import (
     FIGURES,
     JOB,
     MANIFEST,
     TABLE,
     DamagedManifest,
+    Layout,
     claim,
     new_manifest,
-    rows_of,
     sealed,
 )
-from gaitsweep.table.open_rows import open_bytes
-from gaitsweep.table.parts import DamagedPart, EncodedPart, Footer, checked_part, read_footer
+from gaitsweep.table.parts import DamagedPart, EncodedPart, Footer, checked_part, open_bytes, read_footer
 from gaitsweep.table.reading import add_counts
+
+# No two processes have the same, also not two of different machines.
+WRITER = f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}"
 
 _FIXED = ("format", "job_hash", "rows", "block")
 
@@ -64,7 +72,7 @@ class ResultDirectory:
     def __init__(self, path: Path, lock: Lock, manifest: dict[str, Any]) -> None:
         """Use `ResultDirectory.open`."""
         self.path = path
-        self.manifest = manifest
+        self.manifest, self.layout = manifest, Layout.of(manifest)
         self.notes: list[str] = []
         self._lock = lock
         self._footers: dict[int, Footer] = {}
@@ -74,24 +82,20 @@ class ResultDirectory:
         self._last_open = 0
 
     @classmethod
-    def open(
-        cls, path: str | Path, job: Mapping[str, Any], job_hash: str, n_rows: int, block: int
-    ) -> ResultDirectory:
+    def open(cls, path: str | Path, job: Mapping[str, Any], layout: Layout) -> ResultDirectory:
         """Create a result directory, or continue an existing one.
 
         Args:
             path: the directory; its parents are created.
             job: the resolved job, written to `job.yaml`.
-            job_hash: the hash of all that determines the results; a directory with another hash is refused.
-            n_rows: number of rows of the sweep.
-            block: number of rows of a part.
+            layout: that of the table; a directory with another layout is refused.
 
         Raises:
             TableError: the directory belongs to another job or program, or another run is writing it.
             WriteError: it cannot be created or written.
         """
         path = Path(path)
-        _claimed(path, job_hash, n_rows, block)
+        _claimed(path, layout)
         try:
             path.mkdir(parents=True, exist_ok=True)
             lock = Lock(path)
@@ -101,9 +105,9 @@ class ResultDirectory:
             raise kind(f"The result directory {path} cannot be created: {reason(error)}.") from error
         try:
             # Checked again, since another run may have created it between the first check and the lock.
-            damaged = _claimed(path, job_hash, n_rows, block)
+            damaged = _claimed(path, layout)
             manifest = damaged if isinstance(damaged, dict) else None
-            directory = cls(path, lock, manifest or new_manifest(job_hash, n_rows, block, job))
+            directory = cls(path, lock, manifest or new_manifest(layout, job))
             if isinstance(damaged, DamagedManifest):
                 directory.notes.append(
                     f"{damaged.what}: it will be rewritten, since the table's parts belong to this job."
@@ -130,21 +134,20 @@ class ResultDirectory:
             self._write_manifest()
         own_folder(self.path / TABLE)
         text = yaml.dump(dict(job), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100).encode()
-        digest, job_file = digest_of(text), self.path / JOB
+        job_file = self.path / JOB
         try:
             stands = read_file(job_file) == text
         except FileNotFoundError:
             stands = False
         except OSError as error:
             raise TableError(f"{job_file} cannot be read: {reason(error)}. Move it away.") from error
-        if not stands or read_digests(self.path).get(JOB) != digest:
-            add_digest(self.path, JOB, digest)
-            replace_file(job_file, lambda file: file.write(text))
+        if not stands or read_digests(self.path).get(JOB) != digest_of(text):
+            write_file(self.path, JOB, text)
             self._keep_latest_digests()
 
     def _examine(self) -> None:
         """Verify the files and remove damaged ones."""
-        examined = Examination(self.path, self.manifest)
+        examined = Examination(self.path, self.layout)
         for _ in examined.parts():
             pass
         if examined.strangers:
@@ -160,7 +163,7 @@ class ResultDirectory:
         stored: dict[int, list[RowOutcome]] = {}
         self._last_open = examined.last_open
         for file, rows in examined.open_rows():
-            blocks = rows.row // self.manifest["block"]
+            blocks = rows.row // self.layout.block
             missing = [int(number) for number in np.unique(blocks) if int(number) not in self._footers]
             for number in missing:
                 stored.setdefault(number, []).append(rows.take(np.flatnonzero(blocks == number)))
@@ -222,12 +225,12 @@ class ResultDirectory:
     @property
     def n_rows(self) -> int:
         """The number of rows of the sweep."""
-        return self.manifest["rows"]
+        return self.layout.rows
 
     @property
     def n_blocks(self) -> int:
         """The number of parts of the table."""
-        return -(-self.manifest["rows"] // self.manifest["block"])
+        return len(self.layout.blocks)
 
     @property
     def rows_done(self) -> int:
@@ -241,11 +244,11 @@ class ResultDirectory:
 
     def rows_of(self, number: int) -> tuple[int, int]:
         """Return the first row of a block and the row after its last (equal past the table's end)."""
-        return rows_of(self.manifest, number)
+        return self.layout.rows_of(number)
 
     def missing_blocks(self) -> list[int]:
         """Return the blocks without a part, in order."""
-        return [number for number in range(self.n_blocks) if number not in self._footers]
+        return [number for number in self.layout.blocks if number not in self._footers]
 
     def counts(self) -> dict[str, int]:
         """Return the numbers of rows in complete parts by status."""
@@ -274,11 +277,7 @@ class ResultDirectory:
         Raises:
             ValueError: the frame does not belong to the block.
         """
-        start, stop = self.rows_of(number)
-        if not 0 <= number < self.n_blocks:
-            raise ValueError(f"Block {number} does not exist: the blocks are 0 to {self.n_blocks - 1}.")
-        quantities = self.manifest.get("quantities")
-        return checked_part(frame, number, (start, stop), self.manifest["job_hash"], quantities)
+        return checked_part(frame, number, self.layout, self.manifest.get("quantities"))
 
     def write_encoded(self, number: int, part: EncodedPart) -> None:
         """Write a part that `encoded` has made; it is on disk when this returns.
@@ -286,7 +285,14 @@ class ResultDirectory:
         Raises:
             WriteError: as for `write_part`.
         """
-        self._write_part(number, *part)
+        data, footer = part
+        with writing(
+            f"Part {self.layout.words(number)} could not be written to {self.path}",
+            f"; {self.rows_done} of {self.n_rows} rows are safe there, "
+            "and the same command continues from them",
+        ):
+            write_file(self.path, f"{TABLE}/{PARTS.name(number)}", data)
+        self._has_part(number, footer)
 
     def write_part_bytes(self, number: int, data: bytes) -> None:
         """Write a part that another process has encoded, by `checked_part`.
@@ -295,36 +301,18 @@ class ResultDirectory:
             WriteError: as for `write_part`.
             DamagedPart: the bytes are not this part of this table.
         """
-        start, stop = self.rows_of(number)
         footer = read_footer(data)
-        if (footer.part, footer.job_hash, footer.rows) != (number, self.manifest["job_hash"], stop - start):
+        of_table = number, self.layout.job_hash, self.layout.rows_in([number])
+        if (footer.part, footer.job_hash, footer.rows) != of_table:
             raise DamagedPart(f"it is not part {number} of this table")
-        self._write_part(number, data, footer)
+        self.write_encoded(number, (data, footer))
 
-    def _write_part(self, number: int, data: bytes, footer: Footer) -> None:
-        start, stop = self.rows_of(number)
-        with writing(
-            f"Part {number} (rows {start} to {stop - 1}) could not be written to {self.path}",
-            f"; {self.rows_done} of {self.n_rows} rows are safe there, "
-            "and the same command continues from them",
-        ):
-            self._write(PARTS.name(number), data)
-        self._has_part(number, footer)
-
-    def take_parts(self, numbers: Iterable[int]) -> list[int]:
+    def take_parts(self, numbers: Sequence[int]) -> list[int]:
         """Read parts that other processes have written; returns the missing and invalid ones."""
-        digests = read_digests(self.path)
-        absent = []
-        for number in numbers:
-            name = PARTS.name(number)
-            try:
-                data = read_file(self.path / TABLE / name)
-                footer = examined_part(data, digests.get(f"{TABLE}/{name}"), self.manifest, number)
-            except (OSError, DamagedPart):
-                absent.append(number)
-            else:
-                self._has_part(number, footer)
-        return absent
+        footers = examined_parts(self.path, self.layout, numbers)
+        for number, footer in footers.items():
+            self._has_part(number, footer)
+        return [number for number in numbers if number not in footers]
 
     def _has_part(self, number: int, footer: Footer) -> None:
         """Record that a part is on disk, and remove stored rows that are no longer needed."""
@@ -349,15 +337,10 @@ class ResultDirectory:
         """
         name = OPEN_ROWS.name(self._last_open + 1)
         with writing(f"{rows.row.size} finished rows could not be stored in {self.path / TABLE / name}"):
-            self._write(name, open_bytes(rows, self.manifest["job_hash"]))
+            write_file(self.path, f"{TABLE}/{name}", open_bytes(rows, self.layout.job_hash))
         self._last_open += 1
-        blocks = {int(number) for number in np.unique(rows.row // self.manifest["block"])}
+        blocks = {int(number) for number in np.unique(rows.row // self.layout.block)}
         self._open_files[self.path / TABLE / name] = blocks
-
-    def _write(self, name: str, data: bytes) -> None:
-        """Write a file of the table, after its digest."""
-        add_digest(self.path, f"{TABLE}/{name}", digest_of(data))
-        replace_file(self.path / TABLE / name, lambda file: file.write(data))
 
     def write_beside(self, name: str, data: bytes) -> None:
         """Write a file beside the table, with its digest, for `read_beside`.
@@ -366,8 +349,7 @@ class ResultDirectory:
             WriteError: it cannot be written; the old file is unchanged, and is read no more.
         """
         with writing(f"{self.path / name} could not be written"):
-            add_digest(self.path, name, digest_of(data))
-            replace_file(self.path / name, lambda file: file.write(data))
+            write_file(self.path, name, data)
             self._keep_latest_digests()
 
     def _keep_latest_digests(self) -> None:
@@ -444,13 +426,61 @@ class ResultDirectory:
         self.close()
 
 
-def _claimed(path: Path, job_hash: str, n_rows: int, block: int) -> dict[str, Any] | DamagedManifest | None:
+class PartWriter:
+    """Writes parts into a result directory whose manifest belongs to another process.
+
+    The bytes of a part do not depend on its writer, so one process may replace another's part.
+    """
+
+    def __init__(self, path: Path, layout: Layout) -> None:
+        """Open a directory for writing parts.
+
+        Args:
+            path: the result directory, which exists.
+            layout: that of its table.
+        """
+        self.path, self.layout = path, layout
+
+    def has(self, number: int) -> bool:
+        """Whether the part of a block exists and is valid."""
+        return not self.missing([number])
+
+    def missing(self, numbers: Sequence[int]) -> list[int]:
+        """The blocks, among some, whose part is missing or invalid."""
+        sound = examined_parts(self.path, self.layout, numbers)
+        return [number for number in numbers if number not in sound]
+
+    def encoded(
+        self, number: int, frame: pd.DataFrame, quantities: Mapping[str, Mapping[str, Any]] | None = None
+    ) -> bytes:
+        """The part with the records of a block.
+
+        Args:
+            number: the block.
+            frame: its records.
+            quantities: unit and meaning of the columns, by name, as in the manifest.
+
+        Raises:
+            ValueError: the frame does not belong to the block.
+        """
+        return checked_part(frame, number, self.layout, quantities)[0]
+
+    def write(self, number: int, data: bytes) -> None:
+        """Write a part that `encoded` has made; it is on disk when this returns.
+
+        Raises:
+            WriteError: the disk is full or the file cannot be written; no incomplete part is left.
+        """
+        with writing(f"Part {self.layout.words(number)} could not be written to {self.path}"):
+            write_file(self.path, f"{TABLE}/{PARTS.name(number)}", data, writer=WRITER)
+
+
+def _claimed(path: Path, layout: Layout) -> dict[str, Any] | DamagedManifest | None:
     """The manifest from `claim`, or the error if it is damaged but the parts belong to this job."""
     try:
-        return claim(path, job_hash, n_rows, block)
+        return claim(path, layout)
     except DamagedManifest as error:
-        assumed = new_manifest(job_hash, n_rows, block, {})
-        examined = Examination(path, assumed)
+        examined = Examination(path, layout)
         if not any(True for _ in examined.parts()) and not any(True for _ in examined.open_rows()):
             raise TableError(
                 f"{error} It has no valid part of this job: choose another directory with --out."

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.table.digests import DIGESTS, digest_of, read_digests
 from gaitsweep.table.files import OPEN_ROWS, PARTS, TableError, is_partial, read_file, reason
-from gaitsweep.table.manifest import TABLE, rows_of
-from gaitsweep.table.open_rows import read_open
-from gaitsweep.table.parts import DamagedPart, Footer, read_footer, read_records
+from gaitsweep.table.manifest import TABLE, Layout
+from gaitsweep.table.parts import DamagedPart, Footer, read_footer, read_open, read_records
 
 FOREIGN = ".foreign"  # suffix of a part of another table that was renamed
 
@@ -34,22 +33,21 @@ class Fault:
 
 
 class Examination:
-    """The files of a table, each read once and compared with the manifest.
+    """The files of a table, each read once and compared with the layout.
 
     The iteration over `parts` sets `footers` of valid parts and `faults` of the others, by block; `strangers`
     are files without a block; the iteration over `open_rows` sets `open_faults`. `digests` are the recorded
     digests of files, and `undigested` those of valid files without a recorded one, by name.
     """
 
-    def __init__(self, path: Path, manifest: Mapping[str, Any]) -> None:
+    def __init__(self, path: Path, layout: Layout) -> None:
         """List the files.
 
         Raises:
             TableError: the folder cannot be read.
         """
         self.path, self.folder = path, path / TABLE
-        self.manifest, self.rows, self.block = manifest, manifest["rows"], manifest["block"]
-        self.job_hash: str = manifest["job_hash"]
+        self.layout = layout
         self.footers: dict[int, Footer] = {}
         self.faults: dict[int, Fault] = {}
         self.strangers: list[Fault] = []
@@ -67,7 +65,7 @@ class Examination:
         self._open_numbers: list[int] = []
         for name in names:
             number, opened = PARTS.number(name), OPEN_ROWS.number(name)
-            if number is not None and number * self.block < self.rows:
+            if number is not None and number in self.layout.blocks:
                 self._numbers.append(number)
             elif opened is not None:
                 self._open_numbers.append(opened)
@@ -89,12 +87,11 @@ class Examination:
             file = self.folder / PARTS.name(number)
             name = f"{TABLE}/{file.name}"
             digest = self.digests.get(name)
-            start, stop = rows_of(self.manifest, number)
             try:
                 data = read_file(file)
-                footer, table = examined_part(data, digest, self.manifest, number), None
+                footer, table = examined_part(data, digest, self.layout, number), None
                 if records:
-                    table = read_records(data, footer, start, stop, columns)
+                    table = read_records(data, footer, *self.layout.rows_of(number), columns)
             except FileNotFoundError:
                 continue
             except (OSError, DamagedPart) as error:
@@ -117,7 +114,7 @@ class Examination:
                 data = read_file(file)
                 if digest is not None and digest_of(data) != digest:
                     raise DamagedPart(f"its bytes differ from the digest in {DIGESTS}")
-                rows = read_open(data, self.job_hash, self.rows)
+                rows = read_open(data, self.layout.job_hash, self.layout.rows)
                 if digest is None:
                     self.undigested[name] = digest_of(data)
                 yield file, rows
@@ -132,24 +129,24 @@ class _ForeignPart(DamagedPart):
     """A valid part of another job."""
 
 
-def examined_part(data: bytes, digest: str | None, manifest: Mapping[str, Any], number: int) -> Footer:
-    """Compare a part with its digest and with the manifest.
+def examined_part(data: bytes, digest: str | None, layout: Layout, number: int) -> Footer:
+    """Compare a part with its digest and with the layout of its table.
 
     Args:
         data: the part's bytes.
         digest: their recorded digest; without it, the checksums of all pages are verified.
-        manifest: the manifest, of which the format, the job's hash, the rows and the block count.
+        layout: that of the table.
         number: the block.
 
     Raises:
         DamagedPart: the bytes are not those of the part that was written.
     """
-    start, stop = rows_of(manifest, number)
+    start, stop = layout.rows_of(number)
     if digest is not None and digest_of(data) != digest:
-        _say_whose(data, manifest["job_hash"], number)
+        _say_whose(data, layout.job_hash, number)
         raise DamagedPart(f"its bytes differ from the digest in {DIGESTS}")
     footer = read_footer(data)
-    _check_job(footer, manifest["job_hash"])
+    _check_job(footer, layout.job_hash)
     if footer.part != number or footer.rows != stop - start:
         raise DamagedPart(
             f"it has {footer.rows} rows of part {footer.part} instead of {stop - start} rows of part {number}"
@@ -157,6 +154,20 @@ def examined_part(data: bytes, digest: str | None, manifest: Mapping[str, Any], 
     if digest is None:
         read_records(data, footer, start, stop)
     return footer
+
+
+def examined_parts(path: Path, layout: Layout, numbers: Iterable[int]) -> dict[int, Footer]:
+    """Return the footers of the valid parts among some, which other processes may have written."""
+    files = {number: path / TABLE / PARTS.name(number) for number in numbers}
+    there = {number: file for number, file in files.items() if file.exists()}
+    # digests are read after names, since the line of a file is written before its name
+    digests = read_digests(path) if there else {}
+    footers: dict[int, Footer] = {}
+    for number, file in there.items():
+        with contextlib.suppress(OSError, DamagedPart):
+            digest = digests.get(f"{TABLE}/{file.name}")
+            footers[number] = examined_part(read_file(file), digest, layout, number)
+    return footers
 
 
 def _say_whose(data: bytes, job_hash: str, number: int) -> None:

@@ -1,14 +1,12 @@
-"""Atomic replacement of files, and the lock of a directory."""
+"""Atomic replacement of files, and the names of a table's files."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import os
 import re
 import secrets
-import socket
 import stat
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,9 +15,7 @@ from typing import BinaryIO, NamedTuple
 from gaitsweep.errors import EXIT_FAILURE, UserError
 
 PARTIAL = ".partial"  # suffix of the hidden temporary name of a file
-LOCK_NAME = ".lock"
 
-_NO_LOCKS_HERE = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EINVAL)
 # Errors that the user can correct, by another path or permissions; all others are failures of the machine.
 _PLACE_AT_FAULT = (
     errno.EISDIR,
@@ -173,70 +169,3 @@ class Numbered(NamedTuple):
 
 
 PARTS, OPEN_ROWS = Numbered("part"), Numbered("open")
-
-
-def this_process() -> str:
-    """The name of this process in messages."""
-    return f"process {os.getpid()} on {socket.gethostname()}"
-
-
-class BusyDirectory(TableError):
-    """Another run is writing to the directory."""
-
-
-class Lock:
-    """A lock for writing to a directory, released by the operating system when the process ends."""
-
-    def __init__(self, folder: Path, *, shared: bool = False) -> None:
-        """Take the lock of a folder.
-
-        Args:
-            folder: the directory.
-            shared: share the lock with other processes that only write parts.
-
-        Raises:
-            BusyDirectory: another run holds it.
-            TableError: the lock file is not a regular file.
-            OSError: the lock file cannot be created.
-        """
-        self._held = False
-        self.exclusive = True  # or shared: whether the file system has locks
-        path = folder / LOCK_NAME
-        flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
-        try:
-            self._descriptor = os.open(path, flags, 0o644)
-        except OSError as error:
-            if error.errno == errno.ELOOP:
-                raise TableError(f"{path} is a link, which is not allowed here: remove it.") from None
-            raise
-        found = os.fstat(self._descriptor)
-        # of a hard link, another file would be changed too
-        if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
-            self.release()
-            raise TableError(f"{path} is not a lock file of gaitsweep: remove it.")
-        try:
-            fcntl.flock(self._descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
-        except OSError as error:
-            holder = os.pread(self._descriptor, 200, 0).decode(errors="replace").strip()
-            if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
-                self.release()
-                raise BusyDirectory(
-                    f"Another run ({holder or 'unknown process'}) is writing to {folder}: "
-                    "wait until it ends, stop it, or choose another directory with --out."
-                ) from None
-            if error.errno not in _NO_LOCKS_HERE:
-                self.release()
-                raise
-            self.exclusive = False
-        self._held = not shared
-        os.ftruncate(self._descriptor, 0)
-        os.pwrite(self._descriptor, f"{this_process()}\n".encode(), 0)
-
-    def release(self) -> None:
-        """Release the lock; a second call does nothing."""
-        if self._descriptor >= 0:
-            if self._held:  # a directory that is passed on does not tell which machine wrote it
-                with contextlib.suppress(OSError):
-                    os.ftruncate(self._descriptor, 0)
-            os.close(self._descriptor)
-            self._descriptor = -1

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import hashlib
 import json
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from gaitsweep.table.files import LOCK_NAME, TableError, is_partial, read_file, reason
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from gaitsweep.table.files import TableError, is_partial, read_file, reason
+from gaitsweep.table.locks import LOCK_NAME
 from gaitsweep.version import version
 
 MANIFEST = "manifest.json"
@@ -21,6 +24,9 @@ FORMAT = 2  # of the directory; it is increased by a change that older versions 
 FORMATS = (1, FORMAT)  # formats that can be read; format 1 has no digests
 SEAL = "sha256"  # the digest of all other fields
 _LARGEST = 256 * 2**20  # bytes
+
+_Count = Annotated[int, Field(ge=1, lt=2**63)]
+_CountOrZero = Annotated[int, Field(ge=0)]
 
 
 class DamagedManifest(TableError):
@@ -89,126 +95,146 @@ def _short(value: object) -> str:
 
 
 def _check_fields(file: Path, manifest: Mapping[str, Any]) -> None:
-    for name, (fits, allowed) in _FIELDS.items():
-        if name in manifest and not fits(manifest[name]):
-            raise DamagedManifest(
-                f"{file}: {name} is {_short(json.dumps(manifest[name]))}, but must be {allowed}", file.parent
-            )
+    try:
+        _Fields.model_validate(manifest)
+    except ValidationError as error:
+        name = str(error.errors()[0]["loc"][0])
+        raise DamagedManifest(
+            f"{file}: {name} is {_short(json.dumps(manifest[name]))}, but must be "
+            f"{_Fields.model_fields[name].description}",
+            file.parent,
+        ) from None
 
 
-def _is_count(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 1 <= value < 2**63
+class _Plain(BaseModel):
+    """Values of JSON without conversion, in the fields on which readers of tables depend."""
+
+    model_config = ConfigDict(strict=True, allow_inf_nan=False)
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+class _Quantity(_Plain):
+    unit: str = ""
+    meaning: str = ""
+    symbol: str = ""
+    circular: bool = False
 
 
-def _by_name(fits: Callable[[Any], bool]) -> Callable[[object], bool]:
-    return lambda value: isinstance(value, dict) and all(map(fits, value.values()))
+class _Axis(_Plain):
+    names: list[str]
+    length: _Count
+    drawn: bool
 
 
-def _is_quantity(value: object) -> bool:
-    if not isinstance(value, dict) or not isinstance(value.get("circular", False), bool):
-        return False
-    return all(isinstance(value.get(name, ""), str) for name in ("unit", "meaning", "symbol"))
+class _Maker(_Plain):
+    versions: dict[str, str] = {}
+    parts: list[Annotated[list[int], Field(min_length=2, max_length=2)]]
+
+
+class _SomeRows(_Plain):
+    """How many rows, of which `row` is the first, and of how many examined ones."""
+
+    rows: _CountOrZero
+    row: _CountOrZero
+    of: _CountOrZero = 0
+
+
+class _Job(_Plain):
+    name: str = ""
+    model: str = ""
+    structure: dict = {}
+    params: dict = {}
+    start: dict = {}
+    vary: dict = {}
+    run: dict = {}
+    numerics: dict = {}
+    engine: dict = {}
+    figures: list[dict] = []
+
+
+class _Fields(_Plain):
+    """The fields of a manifest that are read, each with its description in messages."""
+
+    job_hash: str = Field(default="", description="text")
+    rows: _Count = Field(default=1, description="a number of rows")
+    block: _Count = Field(default=1, description="a number of rows")
+    job: _Job = Field(default=_Job(), description="the resolved job")
+    quantities: dict[str, _Quantity] = Field(default={}, description="unit, meaning and symbol by name")
+    timings: dict[str, float] = Field(default={}, description="seconds and attempts by name")
+    counts: dict[str, _CountOrZero] = Field(default={}, description="numbers of rows by status")
+    gaits: dict[str, _CountOrZero] = Field(default={}, description="numbers of rows by gait")
+    slowest: dict[str, _CountOrZero] = Field(default={}, description="numbers of rows by observable")
+    mislabelled: dict[str, _SomeRows] = Field(default={}, description="rows by label")
+    starts_beyond: dict[str, _SomeRows] = Field(default={}, description="rows by event")
+    without_period: dict[str, _SomeRows] = Field(default={}, description="rows by period")
+    axes: list[_Axis] = Field(default=[], description="names, number of points and drawn of each axis")
+    figures_drawn: dict[str, str] = Field(default={}, description="digests by name")
+    versions: dict[str, str] = Field(default={}, description="versions by name")
+    program: dict[str, str] = Field(default={}, description="digests by name")
+    made_before: list[_Maker] = Field(default=[], description="versions and parts of each earlier maker")
+    complete: bool = Field(default=True, description="true or false")
 
 
 def is_job(value: object) -> bool:
     """Whether plain values are a job, in the fields on which readers of tables depend."""
-    if not isinstance(value, dict):
+    try:
+        _Job.model_validate(value)
+    except ValidationError:
         return False
-    mappings = ("structure", "params", "start", "vary", "run", "numerics", "engine")
-    if not all(isinstance(value.get(name, {}), dict) for name in mappings):
-        return False
-    figures = value.get("figures", [])
-    if not isinstance(figures, list) or not all(isinstance(figure, dict) for figure in figures):
-        return False
-    return all(isinstance(value.get(name, ""), str) for name in ("name", "model"))
+    return True
 
 
-_COUNTS = _by_name(lambda value: isinstance(value, int) and not isinstance(value, bool) and value >= 0)
+@dataclasses.dataclass(frozen=True)
+class Layout:
+    """The rows of a table in blocks of `block`, each of which has a part.
 
-_SOME_ROWS = _by_name(
-    lambda value: _COUNTS(value) and {"rows", "row"} <= set(value)
-)  # a number, and the first
+    `job_hash` is the hash of all that determines the results.
+    """
 
+    job_hash: str
+    rows: int
+    block: int
 
-_are_texts = _by_name(lambda value: isinstance(value, str))
+    @classmethod
+    def of(cls, manifest: Mapping[str, Any]) -> Layout:
+        """The layout in a manifest."""
+        return cls(manifest["job_hash"], manifest["rows"], manifest["block"])
 
+    @property
+    def blocks(self) -> range:
+        """The numbers of the blocks."""
+        return range(-(-self.rows // self.block))
 
-def _are_makers(value: object) -> bool:
-    return isinstance(value, list) and all(
-        isinstance(maker, dict)
-        and _are_texts(maker.get("versions", {}))
-        and isinstance(maker.get("parts"), list)
-        and all(
-            isinstance(span, list) and len(span) == 2 and all(isinstance(number, int) for number in span)
-            for span in maker["parts"]
-        )
-        for maker in value
-    )
+    def rows_of(self, number: int) -> tuple[int, int]:
+        """Return the first row of a block and the row after its last (equal past the table's end)."""
+        return min(number * self.block, self.rows), min((number + 1) * self.block, self.rows)
 
+    def rows_in(self, numbers: Iterable[int]) -> int:
+        """Return the number of rows of blocks."""
+        return sum(stop - first for first, stop in map(self.rows_of, numbers))
 
-def _are_axes(value: object) -> bool:
-    return isinstance(value, list) and all(
-        isinstance(axis, dict)
-        and isinstance(axis.get("names"), list)
-        and all(isinstance(name, str) for name in axis["names"])
-        and _is_count(axis.get("length"))
-        and isinstance(axis.get("drawn"), bool)
-        for axis in value
-    )
-
-
-# fields that are read: name, test, description
-_FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
-    "job_hash": (lambda value: isinstance(value, str), "text"),
-    "rows": (_is_count, "a number of rows"),
-    "block": (_is_count, "a number of rows"),
-    "job": (is_job, "the resolved job"),
-    "quantities": (_by_name(_is_quantity), "unit, meaning and symbol by name"),
-    "timings": (_by_name(_is_number), "seconds and attempts by name"),
-    "counts": (_COUNTS, "numbers of rows by status"),
-    "gaits": (_COUNTS, "numbers of rows by gait"),
-    "slowest": (_COUNTS, "numbers of rows by observable"),
-    "mislabelled": (_SOME_ROWS, "rows by label"),
-    "starts_beyond": (_SOME_ROWS, "rows by event"),
-    "without_period": (_SOME_ROWS, "rows by period"),
-    "axes": (_are_axes, "names, number of points and drawn of each axis"),
-    "figures_drawn": (_are_texts, "digests by name"),
-    "versions": (_are_texts, "versions by name"),
-    "program": (_are_texts, "digests by name"),
-    "made_before": (_are_makers, "versions and parts of each earlier maker"),
-    "complete": (lambda value: isinstance(value, bool), "true or false"),
-}
+    def words(self, number: int) -> str:
+        """Name a block in messages: "3 (rows 96 to 119)"."""
+        first, stop = self.rows_of(number)
+        return f"{number} (rows {first} to {stop - 1})"
 
 
-def new_manifest(job_hash: str, n_rows: int, block: int, job: Mapping[str, Any]) -> dict[str, Any]:
+def new_manifest(layout: Layout, job: Mapping[str, Any]) -> dict[str, Any]:
     """Return the manifest of a new directory."""
-    if n_rows < 1 or block < 1:
+    if layout.rows < 1 or layout.block < 1:
         raise ValueError(
-            f"A table must have at least one row and one row per part, not {n_rows} and {block}."
+            f"A table must have at least one row and one row per part, not {layout.rows} and {layout.block}."
         )
     created = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     return {
         "format": FORMAT,
-        "job_hash": job_hash,
-        "rows": n_rows,
-        "block": block,
+        **dataclasses.asdict(layout),
         "gaitsweep": version(),
         "created": created,
         "job": dict(job),
     }
 
 
-def rows_of(manifest: Mapping[str, Any], number: int) -> tuple[int, int]:
-    """Return the first row of a block and the row after its last (equal past the table's end)."""
-    block, rows = manifest["block"], manifest["rows"]
-    return min(number * block, rows), min((number + 1) * block, rows)
-
-
-def claim(path: Path, job_hash: str, n_rows: int, block: int) -> dict[str, Any] | None:
+def claim(path: Path, layout: Layout) -> dict[str, Any] | None:
     """Check whether a job may use a directory, without writing to it.
 
     Returns:
@@ -234,15 +260,16 @@ def claim(path: Path, job_hash: str, n_rows: int, block: int) -> dict[str, Any] 
             f"and has no {MANIFEST}: choose another directory with --out."
         )
     manifest = read_manifest(path)
-    if manifest["job_hash"] != job_hash:
+    stored = Layout.of(manifest)
+    if stored.job_hash != layout.job_hash:
         raise TableError(
-            f"{path} contains the table of another job (its hash is {manifest['job_hash'][:12]}, this "
-            "job's is "
-            f"{job_hash[:12]}): choose another directory with --out, or remove this one."
+            f"{path} contains the table of another job (its hash is {stored.job_hash[:12]}, this job's is "
+            f"{layout.job_hash[:12]}): choose another directory with --out, or remove this one."
         )
-    if (manifest["rows"], manifest["block"]) != (n_rows, block):
+    if stored != layout:
         raise TableError(
-            f"{path} has {manifest['rows']} rows in blocks of {manifest['block']}, but this job has "
-            f"{n_rows} rows in blocks of {block}: choose another directory with --out, or remove this one."
+            f"{path} has {stored.rows} rows in blocks of {stored.block}, but this job has "
+            f"{layout.rows} rows in blocks of {layout.block}: choose another directory with --out, or remove "
+            "this one."
         )
     return manifest

@@ -1,4 +1,10 @@
-"""Parts of a table: a parquet file with the rows of one block, and a footer that identifies it."""
+"""The files of a table: parts, and ended rows of incomplete blocks.
+
+A part is a parquet file with the rows of one block, and a footer that identifies it.
+`table/open-00003.parquet` is the third file of ended rows of incomplete blocks, which exists until the parts
+of the blocks are written. It contains the engine's exact results, without gaits, which are determined for
+whole blocks.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +19,11 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.table.manifest import Layout
+
 _KEY = b"gaitsweep"
+_OPEN_KEY = b"gaitsweep open rows"
 
 # Units of the columns that run kinds add to a model's own; "1" for counts and other plain numbers.
 _UNITS = {
@@ -76,27 +86,28 @@ def check_frame(frame: pd.DataFrame, start: int, stop: int) -> None:
 def checked_part(
     frame: pd.DataFrame,
     number: int,
-    rows: tuple[int, int],
-    job_hash: str,
+    layout: Layout,
     quantities: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> EncodedPart:
     """Encode a block's records as `part_bytes` does, after a check that no row is missing.
 
     Args:
-        frame, number, job_hash, quantities: as for `part_bytes`.
-        rows: the first row of the block, and the row after its last.
+        frame, number, quantities: as for `part_bytes`.
+        layout: that of the table.
 
     Raises:
         ValueError: the frame does not belong to the block.
     """
-    start, stop = rows
+    if number not in layout.blocks:
+        raise ValueError(f"Block {number} does not exist: the blocks are 0 to {layout.blocks[-1]}.")
+    start, stop = layout.rows_of(number)
     check_frame(frame, start, stop)
     counts = count_statuses(frame)
     if sum(counts.values()) != stop - start:
         raise ValueError(
             f"The statuses of part {number} count {sum(counts.values())} rows, not {stop - start}."
         )
-    return part_bytes(frame, number, job_hash, counts, quantities)
+    return part_bytes(frame, number, layout.job_hash, counts, quantities)
 
 
 def part_bytes(
@@ -205,6 +216,70 @@ def read_records(
     if not np.array_equal(each, np.arange(start, stop)):
         raise DamagedPart(f"its rows are not {start} to {stop - 1} in order")
     return table
+
+
+def open_bytes(rows: RowOutcome, job_hash: str) -> bytes:
+    """Encode rows as parquet with a checksum for each page."""
+    arrays = {"row": rows.row, **rows.numbers, "kept": rows.kept, "samples": rows.samples}
+    columns: dict[str, pa.Array] = {}
+    widths: dict[str, int] = {}
+    for name, values in arrays.items():
+        if name == "samples":
+            widths[name] = values.shape[1]
+            ends = np.cumsum(rows.kept) * values.shape[1]
+            columns[name] = _lists(values, np.concatenate([[0], ends]))
+        elif values.ndim == 2:
+            widths[name] = values.shape[1]
+            columns[name] = _lists(values, np.arange(len(values) + 1) * values.shape[1])
+        else:
+            columns[name] = pa.array(values)
+    metadata = {_OPEN_KEY: json.dumps({"job_hash": job_hash, "widths": widths}).encode()}
+    file = io.BytesIO()
+    table = pa.table(columns).replace_schema_metadata(metadata)
+    pq.write_table(table, file, compression="zstd", use_dictionary=False, write_page_checksum=True)
+    return file.getvalue()
+
+
+def _lists(values: np.ndarray, ends: np.ndarray) -> pa.Array:
+    flat = pa.array(np.ascontiguousarray(values).ravel())
+    return pa.LargeListArray.from_arrays(pa.array(ends.astype(np.int64)), flat)
+
+
+def read_open(data: bytes, job_hash: str, n_rows: int) -> RowOutcome:
+    """Read the rows of a file of open rows.
+
+    Raises:
+        DamagedPart: they cannot be decoded, or belong to another job or table.
+    """
+    try:
+        file = pq.ParquetFile(readable(data), page_checksum_verification=True)
+        table = file.read()
+        said: dict[str, Any] = json.loads((table.schema.metadata or {})[_OPEN_KEY])
+        rows: dict[str, np.ndarray] = {}
+        for name in table.column_names:
+            column = table.column(name).combine_chunks()
+            if name in said["widths"]:
+                width = int(said["widths"][name])
+                flat = column.flatten().to_numpy()
+                rows[name] = flat.reshape(flat.size // width if width else 0, width)
+            else:
+                rows[name] = column.to_numpy(zero_copy_only=False)
+        mine = rows["row"]
+        sound = (
+            mine.dtype == np.int64
+            and bool(np.all((mine >= 0) & (mine < n_rows)))
+            and int(rows["kept"].sum()) == len(rows["samples"])
+            and all(len(values) == mine.size for name, values in rows.items() if name != "samples")
+        )
+        its_hash = str(said["job_hash"])
+    except UNREADABLE as error:
+        raise DamagedPart(f"it cannot be read ({on_one_line(error)})") from error
+    if its_hash != job_hash:
+        raise DamagedPart(f"it belongs to another job (hash {its_hash[:12]})")
+    if not sound:
+        raise DamagedPart("its rows do not belong to this table")
+    row, kept, samples = (rows.pop(name) for name in ("row", "kept", "samples"))
+    return RowOutcome(row, rows, kept, samples)
 
 
 def readable(data: bytes) -> pa.BufferReader:

@@ -22,7 +22,7 @@ from gaitsweep.schema.former_names import renamed
 from gaitsweep.table.digests import digest_of
 from gaitsweep.table.examination import Examination, Fault
 from gaitsweep.table.files import TableError, read_file, reason
-from gaitsweep.table.manifest import FIGURES, JOB, TABLE, is_job, read_manifest
+from gaitsweep.table.manifest import FIGURES, JOB, TABLE, Layout, is_job, read_manifest
 from gaitsweep.table.parts import Footer
 
 Rows = slice | range | ArrayLike
@@ -178,7 +178,7 @@ def _look(path: Path, parts: _Parts | None, wanted: Wanted | None = None) -> Sna
     """Read a directory, and the wanted records of its valid parts into `parts` if it is given."""
     wanted = wanted or Wanted()
     manifest = read_manifest(path)
-    examined = Examination(path, manifest)
+    examined = Examination(path, Layout.of(manifest))
     run, on_disk = _job_of(path, manifest, examined.digests.get(JOB))
     job = renamed(run)
     written = job if on_disk is run else renamed(on_disk)
@@ -188,7 +188,7 @@ def _look(path: Path, parts: _Parts | None, wanted: Wanted | None = None) -> Sna
             parts.add(wanted.records_of(table), footer, table.num_rows / footer.rows)
     opened = np.concatenate([np.zeros(0, np.int64), *(rows.row for _, rows in examined.open_rows())])
     done = np.array(sorted(examined.footers), np.int64)
-    waiting = np.unique(opened[~np.isin(opened // examined.block, done)])
+    waiting = np.unique(opened[~np.isin(opened // examined.layout.block, done)])
     return Snapshot(path, job, manifest, examined, waiting.size, written)
 
 
@@ -286,14 +286,17 @@ def load_with_snapshot(
     wanted = Wanted.of(columns, rows, n_rows)
     parts = _Parts(n_rows if wanted.rows is None else len(wanted.rows))
     snapshot = _look(path, parts, wanted)
-    _require_parts(snapshot)
+    snapshot.require_sound()
+    if not snapshot.files.footers:
+        waiting = f"; {snapshot.rows_open} rows of incomplete blocks have ended" if snapshot.rows_open else ""
+        raise TableError(f"{path} has no complete part yet: run its job further{waiting}.")
     _warn(snapshot)
-    frame = _frame(snapshot.path, parts, columns)
+    frame = _frame(path, parts, columns)
     frame.attrs.update(
         job=snapshot.job,
         manifest=snapshot.manifest,
         quantities=snapshot.manifest.get("quantities", {}),
-        path=str(snapshot.path),
+        path=str(path),
         complete=snapshot.complete,
         rows_missing=snapshot.manifest["rows"] - snapshot.rows_done,
         rows_open=snapshot.rows_open,
@@ -317,7 +320,7 @@ def load_parts(path: str | Path, columns: Sequence[str]) -> Iterator[pd.DataFram
         TableError: as `load`; a damaged file is found when its part is read.
     """
     path, wanted = Path(path), Wanted(_decoded(columns))
-    examined = Examination(path, read_manifest(path))
+    examined = Examination(path, Layout.of(read_manifest(path)))
     parts = _Parts(_TOGETHER)
     for number, table in examined.parts(True, wanted.columns):
         if table is not None:
@@ -330,14 +333,6 @@ def load_parts(path: str | Path, columns: Sequence[str]) -> Iterator[pd.DataFram
     found = [*examined.faults.values(), *examined.strangers]
     if found:
         raise TableError(_refusal(found))
-
-
-def _require_parts(snapshot: Snapshot) -> None:
-    """Refuse a table that is damaged or has no part yet."""
-    snapshot.require_sound()
-    waiting = f"; {snapshot.rows_open} rows of incomplete blocks have ended" if snapshot.rows_open else ""
-    if not snapshot.files.footers:
-        raise TableError(f"{snapshot.path} has no complete part yet: run its job further{waiting}.")
 
 
 @dataclasses.dataclass
@@ -414,7 +409,10 @@ def _frame(path: Path, parts: _Parts, columns: Sequence[str] | None) -> pd.DataF
         if name not in there:
             raise TableError(f"{name} is not a column of {path}{_near_column(path, name)}")
         try:
-            values[name] = _outcomes(parts) if older and name == "outcome" else _joined(name, parts)
+            if older and name == "outcome":
+                values[name] = outcomes(_joined("gait", parts), _joined("status", parts))
+            else:
+                values[name] = _joined(name, parts)
         except pa.ArrowException as error:
             raise TableError(
                 f"The parts of {path} do not fit together ({' '.join(str(error).split())}): "
@@ -423,10 +421,15 @@ def _frame(path: Path, parts: _Parts, columns: Sequence[str] | None) -> pd.DataF
     return pd.DataFrame(values, index=pd.RangeIndex(parts.length), copy=False)
 
 
-def _outcomes(parts: _Parts) -> pd.Categorical:
-    from gaitsweep.table.outcomes import outcomes  # imports JAX
+def outcomes(gait: pd.Categorical, status: ArrayLike) -> pd.Categorical:
+    """The column `outcome`: the gait of each row (n,), or the reason why it has none."""
+    from gaitsweep.contract import Outcome, Status  # imports JAX
 
-    return outcomes(_joined("gait", parts), _joined("status", parts))
+    names = list(dict.fromkeys([*gait.categories, *map(str, Outcome)]))
+    codes = np.where(gait.codes < 0, names.index(Outcome.NO_GAIT), gait.codes.astype(np.int32))
+    codes[~Status.SOUND.among(status)] = names.index(Outcome.FAILED)
+    codes[Status.UNDECIDED.among(status)] = names.index(Outcome.NOT_SETTLED)
+    return pd.Categorical.from_codes(codes, categories=names)
 
 
 def _near_column(path: Path, name: str) -> str:

@@ -16,8 +16,8 @@ import yaml
 
 from gaitsweep.analysis.records import in_order
 from gaitsweep.plot import style
-from gaitsweep.runs.self_check_report import advice, sentence
-from gaitsweep.runs.status_sentences import SetStatus, status_sentence
+from gaitsweep.runs.sentences import advice, self_check_sentence, status_sentence
+from gaitsweep.runs.set_status import SetStatus
 from gaitsweep.table import Snapshot, load, replace_file, writing
 
 # Colours of a page by name, light and dark.
@@ -236,7 +236,7 @@ def _self_check(snapshot: Snapshot) -> str:
     found = snapshot.manifest.get("self_check")
     if not isinstance(found, dict):
         return ""
-    text = sentence(found)
+    text = self_check_sentence(found)
     look = ""
     if found.get("verdict") == "warned":
         dt = snapshot.job.get("numerics", {}).get("dt")

@@ -28,6 +28,7 @@ from gaitsweep.errors import UserError
 from gaitsweep.job import Job
 from gaitsweep.runs.progress import progress_lines
 from gaitsweep.table import ResultDirectory, TableError, WriteError
+from gaitsweep.table.manifest import Layout
 
 JOB = """\
 name: toy
@@ -74,7 +75,7 @@ class FakeRunner(types.ModuleType):
         path = out or self.RESULTS / job.name
         if self.error is not None and not self.error_after_blocks:
             raise self.error
-        with ResultDirectory.open(path, job.resolved(), job.hash(), 10, 4) as directory:
+        with ResultDirectory.open(path, job.resolved(), Layout(job.hash(), 10, 4)) as directory:
             for number in directory.missing_blocks():
                 if self.error is not None and number == self.error_after_blocks:
                     raise self.error

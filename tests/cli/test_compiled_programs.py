@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 SCRIPT = """
-from gaitsweep.cli.compiled_programs import keep_compiled_programs
+from gaitsweep.cli.main import keep_compiled_programs
 keep_compiled_programs()
 import jax, jax.numpy as jnp, numpy as np
 x = jnp.linspace(0.1, 9.0, 1000)

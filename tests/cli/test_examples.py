@@ -14,7 +14,7 @@ from gaitsweep.cli import main
 from gaitsweep.cli.examples import KINDS, known_examples
 from gaitsweep.errors import UnsupportedSystem
 from gaitsweep.shipped import shipped
-from gaitsweep.table.block_locks import BlockLocks
+from gaitsweep.table.locks import BlockLocks
 
 Capture = pytest.CaptureFixture[str]
 

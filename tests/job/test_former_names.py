@@ -12,6 +12,7 @@ from gaitsweep.cli.main import main
 from gaitsweep.job import Job, JobError
 from gaitsweep.schema.former_names import renamed
 from gaitsweep.table import ResultDirectory, TableError
+from gaitsweep.table.manifest import Layout
 
 STAIRS = {"kind": "staircase", "parameter": "stiffness", "path": [4, 9, 4], "step": 2.5}
 RAMP = {"kind": "ramp", "parameter": "stiffness", "path": [4, 9], "rate": 0.1}
@@ -49,7 +50,7 @@ def test_a_directory_of_an_older_version_opens(tmp_path: Path, capsys: pytest.Ca
     former["run"] = {**STAIRS, "hold": 8.0, "first_hold": 9.0, "tolerance": 1e-3}
     former["numerics"] |= {"method": "stabilised"}
     path = tmp_path / "old"
-    with ResultDirectory.open(path, former, "0" * 64, 1, 1024) as directory:
+    with ResultDirectory.open(path, former, Layout("0" * 64, 1, 1024)) as directory:
         directory.write_part(0, table)
         directory.update_manifest(complete=True)
     found = gs.load(path)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import gaitsweep as gs
-from gaitsweep.job.stored import stored_job
+from gaitsweep.job.load import stored_job
 
 MODEL = """\
 from gaitsweep import DeclaredModel, event, parameter, variable

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from gaitsweep.runs import provenance
-from gaitsweep.runs.makers import EARLIER, PROGRAM, continue_directory
 from gaitsweep.runs.prepare import RunError
+from gaitsweep.runs.provenance import EARLIER, PROGRAM, continue_directory
 from tests.support.toy_directories import block_frame, fill, open_toy
 
 FUNCTIONS = {"flow": "a1", "period": "b2"}

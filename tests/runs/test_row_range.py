@@ -13,10 +13,10 @@ from test_run import JOB, command
 import gaitsweep as gs
 from gaitsweep.runs.prepare import RunError
 from gaitsweep.runs.row_range import blocks_of, run_rows
-from gaitsweep.table import Snapshot, TableError, part_writer
-from gaitsweep.table.block_locks import BlockLocks
-from gaitsweep.table.files import Lock
-from gaitsweep.table.part_writer import PartWriter
+from gaitsweep.table import Snapshot, TableError, examination
+from gaitsweep.table.directory import PartWriter
+from gaitsweep.table.locks import BlockLocks, Lock
+from gaitsweep.table.manifest import Layout
 
 OVERRIDES = ["vary.launch_1={linspace: [0.2, 3.0, 10]}", "verify=4"]  # 120 rows in blocks of 32
 
@@ -128,13 +128,14 @@ def test_one_of_two_processes_completes_the_table(tmp_path: Path) -> None:
 )
 def test_other_rows_are_refused(rows: str, said: str) -> None:
     with pytest.raises(RunError) as refusal:
-        blocks_of(rows, 120, 32)
+        blocks_of(rows, Layout("", 120, 32))
     assert said in str(refusal.value)
 
 
 def test_the_last_share_may_end_at_the_table_or_beyond() -> None:
-    assert list(blocks_of("96:120", 120, 32)) == list(blocks_of("96:128", 120, 32)) == [3]
-    assert list(blocks_of("0:128", 120, 32)) == [0, 1, 2, 3]
+    layout = Layout("", 120, 32)
+    assert list(blocks_of("96:120", layout)) == list(blocks_of("96:128", layout)) == [3]
+    assert list(blocks_of("0:128", layout)) == [0, 1, 2, 3]
 
 
 def test_a_part_has_the_same_bytes_whoever_writes_it(job: gs.Job, tmp_path: Path) -> None:
@@ -161,10 +162,10 @@ def test_locks_of_blocks_count_what_was_begun(tmp_path: Path) -> None:
 
 def test_a_writer_sees_only_sound_parts(job: gs.Job, tmp_path: Path) -> None:
     run = gs.run(job, tmp_path / "whole")
-    writer = PartWriter(run.path, run.manifest["job_hash"], 120, 32)
+    writer = PartWriter(run.path, Layout.of(run.manifest))
     assert writer.has(3)
     assert not writer.has(4)
-    assert not PartWriter(run.path, "f" * 64, 120, 32).has(3)
+    assert not PartWriter(run.path, Layout("f" * 64, 120, 32)).has(3)
 
 
 def test_the_digests_of_a_table_are_read_once_for_all_its_parts(
@@ -173,9 +174,9 @@ def test_the_digests_of_a_table_are_read_once_for_all_its_parts(
     """Read for each part, they would cost the square of the number of parts."""
     run = gs.run(job, tmp_path / "whole")
     reads: list[Path] = []
-    read = part_writer.read_digests
-    monkeypatch.setattr(part_writer, "read_digests", lambda folder: reads.append(folder) or read(folder))
-    assert PartWriter(run.path, run.manifest["job_hash"], 120, 32).missing(range(5)) == [4]
+    read = examination.read_digests
+    monkeypatch.setattr(examination, "read_digests", lambda folder: reads.append(folder) or read(folder))
+    assert PartWriter(run.path, Layout.of(run.manifest)).missing(range(5)) == [4]
     assert reads == [run.path]
 
 

@@ -21,7 +21,7 @@ from gaitsweep.job import Job
 from gaitsweep.runs import execute
 from gaitsweep.runs.execute import run_job
 from gaitsweep.runs.self_check import SelfCheck, counted, sample_rows
-from gaitsweep.runs.self_check_report import advice, sentence
+from gaitsweep.runs.sentences import advice, self_check_sentence
 
 HOLD = {"kind": "fixed_time", "duration": 40.0}
 SETTLE = {"kind": "settle", "max_cycles": 2000, "tolerance": 1e-4}
@@ -46,7 +46,7 @@ def test_a_step_that_does_not_matter_passes(tmp_path: Path) -> None:
     assert found["verdict"] == "passed"
     assert (found["rows"], found["of"], found["stored_differs"]) == (4, 20, 0)
     assert 0.0 < found["largest"]["x"] < 1e-9  # both end in the same wells, by steps of their own
-    assert sentence(found).startswith(
+    assert self_check_sentence(found).startswith(
         "Self-check: 4 of 20 rows rerun at 0.38 of the step kept their gait; x "
     )
     assert checked(tmp_path / "all", vary={"x_0": {"linspace": [-0.9, 0.9, 20]}}, verify=20)["rows"] == 20
@@ -57,7 +57,7 @@ def test_another_gait_with_finer_steps_is_told(tmp_path: Path) -> None:
     starts = [-1e-4, -4e-5, -3e-5, -1e-5, 1e-4]
     found = checked(tmp_path, vary={"x_0": starts}, params={"lean": 1e-3}, verify=5, warns=True)
     assert (found["verdict"], found["gait_differs"], found["sensitive"]) == ("warned", 2, 0)
-    assert "2 ended with another gait" in sentence(found)
+    assert "2 ended with another gait" in self_check_sentence(found)
 
 
 def test_a_row_on_a_boundary_says_nothing_of_the_step(tmp_path: Path) -> None:
@@ -66,7 +66,7 @@ def test_a_row_on_a_boundary_says_nothing_of_the_step(tmp_path: Path) -> None:
         tmp_path, vary={"x_0": [-4e-10, 0.3]}, params={"lean": 1e-8}, run={**HOLD, "duration": 60}
     )
     assert (found["verdict"], found["gait_differs"], found["sensitive"]) == ("passed", 0, 1)
-    assert "1 of them on a boundary" in sentence(found)
+    assert "1 of them on a boundary" in self_check_sentence(found)
 
 
 @pytest.mark.slow

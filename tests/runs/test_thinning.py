@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 import gaitsweep as gs
 from gaitsweep.runs import figures
-from gaitsweep.runs.thinning import thinned
+from gaitsweep.runs.figures import thinned
 
 JOB = """
 name: hops

@@ -113,7 +113,7 @@ def staircase_table(
 
 
 def map_table(
-    values: Sequence[float] = (0.0,),
+    values: Sequence[float] | np.ndarray = (0.0,),
     *,
     starts: int = 30,
     crossings: int = 40,
@@ -148,7 +148,10 @@ def map_table(
 
 
 def settle_table(
-    values: Sequence[float], starts: Sequence[float], over: str = "beta", others: Sequence[float] = (0.75,)
+    values: Sequence[float] | np.ndarray,
+    starts: Sequence[float],
+    over: str = "beta",
+    others: Sequence[float] | np.ndarray = (0.75,),
 ) -> pd.DataFrame:
     """The gait that each start x leads to, at each value of the parameter and of another one."""
     records = []

@@ -9,10 +9,9 @@ import pandas as pd
 
 from gaitsweep.contract import Quantity
 from gaitsweep.job import Job
-from gaitsweep.kinds.columns import STATUSES
+from gaitsweep.kinds.columns import STATUSES, quantities_of
 from gaitsweep.kinds.run_kind import table_columns
-from gaitsweep.runs.summary import quantities_of
-from gaitsweep.table.outcomes import outcomes
+from gaitsweep.table.reading import outcomes
 
 RECORDS = 24  # of a row, where a run makes several
 

@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.table import ResultDirectory
-from gaitsweep.table.outcomes import outcomes
+from gaitsweep.table.manifest import Layout
+from gaitsweep.table.reading import outcomes
 
 JOB = {"name": "toy", "model": "toy", "vary": {"a": [0.0, 1.0]}}
 
@@ -45,7 +46,7 @@ def block_frame(start: int, stop: int) -> pd.DataFrame:
 
 
 def open_toy(path: Path, rows: int = 10, block: int = 4, job_hash: str = "abc" * 20) -> ResultDirectory:
-    return ResultDirectory.open(path, JOB, job_hash, rows, block)
+    return ResultDirectory.open(path, JOB, Layout(job_hash, rows, block))
 
 
 def fill(directory: ResultDirectory) -> None:

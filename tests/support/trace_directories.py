@@ -12,6 +12,7 @@ from gaitsweep.job import Job
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import HIP, KNEE
 from gaitsweep.skeleton import Skeleton
 from gaitsweep.table import ResultDirectory
+from gaitsweep.table.manifest import Layout
 from tests.support.sweeping import complete
 
 CYCLE = 0.4  # s, the quadruped's
@@ -20,7 +21,7 @@ SPEED = 0.25  # m/s
 
 def written(path: Path, job: Job, rows: list[pd.DataFrame]) -> Path:
     """A result directory as a run of this job leaves it, with these records."""
-    with ResultDirectory.open(path, job.resolved(), job.hash(), len(rows), len(rows)) as directory:
+    with ResultDirectory.open(path, job.resolved(), Layout(job.hash(), len(rows), len(rows))) as directory:
         directory.write_part(0, pd.concat(rows, ignore_index=True))
     return path
 

@@ -33,6 +33,7 @@ from gaitsweep.table import (
     parts,
 )
 from gaitsweep.table.files import replace_file
+from gaitsweep.table.manifest import Layout
 from gaitsweep.table.parts import part_bytes, readable
 from tests.support.toy_directories import GAITS, JOB, block_frame, files_of, fill, open_toy
 
@@ -496,7 +497,7 @@ def test_a_killed_writer_loses_nothing_that_was_written(tmp_path: Path) -> None:
 
 def test_a_table_of_fig_4_stays_small(tmp_path: Path) -> None:
     """15 625 rows under 5 MB: the issue's own figure."""
-    with ResultDirectory.open(tmp_path / "toy", JOB, "c" * 64, 15_625, 1024) as directory:
+    with ResultDirectory.open(tmp_path / "toy", JOB, Layout("c" * 64, 15_625, 1024)) as directory:
         fill(directory)
     assert sum(file.stat().st_size for file in (tmp_path / "toy").rglob("*") if file.is_file()) < 5e6
     assert (

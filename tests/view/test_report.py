@@ -14,7 +14,7 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.cli import main
 from gaitsweep.runs import provenance
-from gaitsweep.runs.status_sentences import status_sentence
+from gaitsweep.runs.sentences import status_sentence
 from gaitsweep.view.report import write_report
 from tests.support.browser import browser, program
 

@@ -37,7 +37,7 @@ from gaitsweep.runs.cluster.workers import Workers
 from gaitsweep.runs.executor import Executor
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.table import ResultDirectory, replace_file, writing
-from gaitsweep.table.block_locks import BLOCK_LOCKS
+from gaitsweep.table.locks import BLOCK_LOCKS
 
 # Tasks in flight: two for each worker, so that none waits for the client, or as many as end in this time (s).
 _AHEAD = 1.0
@@ -166,9 +166,7 @@ class Cluster(Executor):
         assignment = Assignment(
             self._ticket,
             str(directory.path.absolute()),
-            directory.manifest["job_hash"],
-            directory.n_rows,
-            directory.manifest["block"],
+            directory.layout,
             min(_LOCK_PATIENCE, self.limit(None) / 2),
         )
         # deaths that an earlier run has counted are forgotten
@@ -236,7 +234,7 @@ class Dispatch:
         self.ended: list[int] = []
         self.failures: collections.Counter[int] = collections.Counter()
         self.failed: dict[int, str] = {}
-        self.rows = sum(stop - first for first, stop in map(directory.rows_of, missing))
+        self.rows = directory.layout.rows_in(missing)
         self.done = 0  # rows
         self._on_progress, self._reported = on_progress, -_REPORT
         self._began = time.monotonic()
@@ -262,7 +260,9 @@ class Dispatch:
     def _step(self) -> None:
         try:
             if not self.workers.connection.alive:
-                self._reconnect()
+                # tasks in flight are submitted again, to another scheduler
+                self._give_back(list(self.flight))
+                self.workers.connect(self._report)
             self.workers.look()
             self._refill()
             ends = self._take_ended()
@@ -275,11 +275,6 @@ class Dispatch:
         self._report()
         if not ends:
             time.sleep(_POLL_OFTEN if self._rate > _MANY else _POLL)
-
-    def _reconnect(self) -> None:
-        """Continue with another scheduler; tasks in flight are submitted again."""
-        self._give_back(list(self.flight))
-        self.workers.connect(self._report)
 
     def _give_back(self, numbers: Sequence[int]) -> None:
         for number in numbers:
@@ -334,7 +329,8 @@ class Dispatch:
             if number in errors:
                 self._fail(number, errors[number])
             elif status[number] == "finished":
-                self._end(number)
+                self.done += self.directory.layout.rows_in([number])
+                self.ended.append(number)
                 self._longest = max(self._longest or 0.0, now - task.since)
                 self._ends += 1
                 self.cluster.free_key(task.future.key)
@@ -342,11 +338,6 @@ class Dispatch:
                 self.waiting.appendleft(number)
             task.future.release()
         return len(status)
-
-    def _end(self, number: int) -> None:
-        first, stop = self.directory.rows_of(number)
-        self.done += stop - first
-        self.ended.append(number)
 
     def _fail(self, number: int, error: BaseException) -> None:
         """Submit a block again, or give it up."""
@@ -405,12 +396,11 @@ class Dispatch:
             if now - since <= limit:
                 self._held[address] = _Held(own_keys, since)
                 continue
-            number = min(ours[key] for key in own_keys)
-            first, stop = self.directory.rows_of(number)
+            block = self.directory.layout.words(min(ours[key] for key in own_keys))
             name = self.workers.names.get(address, address)
             self.workers.on_message(
-                f"The worker {name} is ended, and its blocks go elsewhere: block {number} (rows {first} to "
-                f"{stop - 1}) took longer than {limit:.0f} s there."
+                f"The worker {name} is ended, and its blocks go elsewhere: block {block} took longer than "
+                f"{limit:.0f} s there."
             )
             self.workers.restart(address)
             for key in own_keys:
@@ -423,8 +413,7 @@ class Dispatch:
             self._report()
             time.sleep(0.1)  # a network file system shows a file of another machine some time later
         for number in lost:
-            first, stop = self.directory.rows_of(number)
-            self.done -= stop - first
+            self.done -= self.directory.layout.rows_in([number])
             self._fail(number, RuntimeError("its part is not there, or is damaged, after it was written"))
         self.ended = []
 
@@ -455,13 +444,9 @@ class Dispatch:
         )
 
     def _sentence(self) -> str:
-        sentences = []
-        for number, why in sorted(self.failed.items()):
-            first, stop = self.directory.rows_of(number)
-            sentences.append(f"Block {number} (rows {first} to {stop - 1}) was not computed: {why}.")
-        return "\n".join(
-            [
-                *sentences,
-                f"All other rows are safe in {self.directory.path}; the same command tries these again.",
-            ]
-        )
+        sentences = [
+            f"Block {self.directory.layout.words(number)} was not computed: {why}."
+            for number, why in sorted(self.failed.items())
+        ]
+        safe = f"All other rows are safe in {self.directory.path}; the same command tries these again."
+        return "\n".join([*sentences, safe])

@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,11 +24,11 @@ from gaitsweep.runs.cluster.identity import WorkerUnfit, difference, identity_of
 from gaitsweep.runs.executor import compute_blocks
 from gaitsweep.runs.prepare import RunContext, prepare
 from gaitsweep.runs.refined import some_rows
-from gaitsweep.runs.summary import quantities_of
 from gaitsweep.table import TableError
-from gaitsweep.table.block_locks import BLOCK_LOCKS, BlockLocks
-from gaitsweep.table.files import reason, this_process
-from gaitsweep.table.part_writer import PartWriter
+from gaitsweep.table.directory import PartWriter
+from gaitsweep.table.files import reason
+from gaitsweep.table.locks import BLOCK_LOCKS, BlockLocks, this_process
+from gaitsweep.table.manifest import Layout
 
 MOST_DEATHS = 3  # of workers that began a block, after which it is given up
 _POLL = 0.2  # s between two checks whether the task is still wanted
@@ -71,16 +72,14 @@ class Assignment:
     Args:
         ticket: the job.
         path: the result directory; of a refined run, that of the round.
-        table_hash, n_rows, block: as its manifest has them.
+        layout: that of the table.
         patience: how long (s) a worker waits for another process that holds its block, before it computes the
             block itself; both write the same part.
     """
 
     ticket: JobTicket
     path: str
-    table_hash: str
-    n_rows: int
-    block: int
+    layout: Layout
     patience: float
 
 
@@ -120,9 +119,8 @@ def run_block(number: int, rows: np.ndarray | None, assignment: Assignment) -> i
 
 def _run_block(number: int, rows: np.ndarray | None, assignment: Assignment) -> int | bytes:
     ticket = assignment.ticket
-    writer = PartWriter(Path(assignment.path), assignment.table_hash, assignment.n_rows, assignment.block)
-    first, stop = writer.rows_of(number)
-    name = f"block {number} (rows {first} to {stop - 1}) of {assignment.path}"
+    writer = PartWriter(Path(assignment.path), assignment.layout)
+    name = f"block {assignment.layout.words(number)} of {assignment.path}"
     began = time.perf_counter()
     _log.info("begins %s", name)
     if ticket.probe is None:
@@ -177,13 +175,11 @@ def _held(writer: PartWriter, number: int, patience: float) -> Iterator[bool]:
 def _computed(assignment: Assignment, writer: PartWriter, number: int, rows: np.ndarray | None) -> bytes:
     """Compute the part of a block."""
     context = _prepared(assignment.ticket)
-    model, quantities = context.model, None
-    if rows is None:
-        quantities = quantities_of(model, context.job.run.all_columns(model))
-    else:  # a round of a refined run, whose columns have no units in one process either
-        before = number * assignment.block
+    quantities = context.quantities
+    if rows is not None:  # a round of a refined run, whose columns have no units in one process either
+        quantities, (before, _) = None, assignment.layout.rows_of(number)
         context = some_rows(
-            context, assignment.n_rows, lambda first, stop: rows[first - before : stop - before]
+            context, assignment.layout.rows, lambda first, stop: rows[first - before : stop - before]
         )
     parts: list[bytes] = []
     last = time.monotonic()
@@ -203,34 +199,26 @@ def _computed(assignment: Assignment, writer: PartWriter, number: int, rows: np.
 
 def _stop_if_unwanted() -> None:
     """Raise Unwanted if the scheduler has cancelled the task of this thread."""
-    from distributed import get_worker
-
-    try:
-        worker = get_worker()
-    except ValueError:  # no task of Dask's
+    if (worker := _worker()) is None:
         return
     task = worker.state.tasks.get(worker.get_current_task())
     if task is None or task.state == "cancelled":
         raise Unwanted
 
 
-def _name() -> str:
+def _worker() -> Any | None:
+    """Return the worker of Dask that runs this task; None outside a task."""
     from distributed import get_worker
 
     try:
-        return f"{get_worker().name} ({this_process()})"
-    except ValueError:
-        return this_process()
-
-
-def _cores() -> int | None:
-    """Return the number of cores that this worker offers to its tasks; None outside a worker."""
-    from distributed import get_worker
-
-    try:
-        return get_worker().state.nthreads
+        return get_worker()
     except ValueError:
         return None
+
+
+def _name() -> str:
+    worker = _worker()
+    return this_process() if worker is None else f"{worker.name} ({this_process()})"
 
 
 @functools.lru_cache(maxsize=4)
@@ -255,9 +243,10 @@ def _prepared(ticket: JobTicket) -> RunContext:
     except UserError as error:
         raise WorkerUnfit(f"the job is refused there: {error.sentence}") from error
     spec = context.spec
-    if spec.devices[0].platform == "cpu" and (cores := _cores()) is not None:
+    if spec.devices[0].platform == "cpu" and (worker := _worker()) is not None:
         # the results do not depend on the number of devices
-        context = dataclasses.replace(context, spec=dataclasses.replace(spec, devices=spec.devices[:cores]))
+        cores = spec.devices[: worker.state.nthreads]
+        context = dataclasses.replace(context, spec=dataclasses.replace(spec, devices=cores))
     mismatch = difference(identity_of(context), dict(ticket.identity))
     if mismatch is not None:
         raise WorkerUnfit(mismatch)

@@ -20,7 +20,7 @@ from gaitsweep.engine.sweep.labels import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
-from gaitsweep.job.stored import stored_job
+from gaitsweep.job.load import stored_job
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.plot.provenance_marks import remarks

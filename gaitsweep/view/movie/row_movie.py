@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Model
-from gaitsweep.job.stored import row_params, stored_job
+from gaitsweep.job.load import row_params, stored_job
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.columns import rows_where, written
 from gaitsweep.plot.limbs import limb_colours

@@ -26,8 +26,9 @@ from gaitsweep.runs.cluster.workers import Workers
 from gaitsweep.runs.execute import run_job
 from gaitsweep.runs.prepare import RunError
 from gaitsweep.table import Snapshot, TableError, WriteError
-from gaitsweep.table.files import Lock
-from gaitsweep.table.part_writer import PartWriter
+from gaitsweep.table.directory import PartWriter
+from gaitsweep.table.locks import Lock
+from gaitsweep.table.manifest import Layout
 
 distributed = pytest.importorskip("distributed")
 
@@ -320,7 +321,7 @@ def test_a_worker_hangs_that_ends_no_block_and_not_one_whose_blocks_wait(
         client=SimpleNamespace(processing=lambda: held),
     )
     cluster: Any = SimpleNamespace(workers=workers, limit=lambda longest: 10.0)
-    directory: Any = SimpleNamespace(rows_of=lambda number: (8 * number, 8 * number + 8))
+    directory: Any = SimpleNamespace(layout=Layout("", 800, 8))
     nothing: Any = None
     blocks = dispatch.Dispatch(cluster, directory, nothing, range(4), nothing, None)
     blocks.flight = {n: dispatch._InFlight(SimpleNamespace(key=n), 0.0, None) for n in range(4)}

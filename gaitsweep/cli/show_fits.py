@@ -1,25 +1,30 @@
-"""Text output of `gaitsweep search`."""
+"""Text output of `gaitsweep search` and `gaitsweep sensitivity`."""
 
 from __future__ import annotations
 
 import io
+import math
 from typing import Any
 
+import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from gaitsweep.cli.show import aligned, duration
+from gaitsweep.cli.show import aligned, counts, duration
 from gaitsweep.fitting.estimate import SearchEstimate
 from gaitsweep.fitting.identifiability import NEAR
+from gaitsweep.fitting.indices import INDICES
 from gaitsweep.fitting.search import SearchResult
+from gaitsweep.fitting.sensitivity import FIGURE, INDICES_FILE, Sensitivity
 from gaitsweep.fitting.targets import MISS
-from gaitsweep.runs.status_sentences import SetStatus
+from gaitsweep.runs.set_status import SetStatus
+from gaitsweep.table.manifest import FIGURES, TABLE
 
 # Reasons that are shown where all sets failed.
 _REASONS = 3
 
 
-def estimate(needs: SearchEstimate) -> str:
+def search_estimate(needs: SearchEstimate) -> str:
     """Format the estimate of a search."""
     lines = {
         "sets": f"{needs.sets}, {needs.together} at a time",
@@ -38,7 +43,7 @@ def estimate(needs: SearchEstimate) -> str:
     return aligned(lines)
 
 
-def outcome(found: SearchResult) -> str:
+def search_outcome(found: SearchResult) -> str:
     """Format the result of a search: sets by status, the best one, its targets, and each constant's range."""
     counts = ", ".join(f"{status.among(found.table).sum()} {status}" for status in SetStatus)
     lines = [f"{len(found.table)} sets: {counts}."]
@@ -97,3 +102,49 @@ def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     text = io.StringIO()
     Console(file=text, width=160, highlight=False).print(table)
     return "\n".join(line.rstrip() for line in text.getvalue().rstrip().splitlines())
+
+
+def sensitivity_outcome(found: Sensitivity) -> str:
+    """Format sets by status, and the indices of each output, the most important parameter first."""
+    status = found.table["status"].astype(str).value_counts()
+    by_status = {str(name): int(number) for name, number in status.items() if number}
+    lines = [f"{len(found.table)} sets: {counts(by_status)}."]
+    for output, indices in found.indices.groupby("output", sort=False):
+        lines += ["", *_of_output(str(output), indices)]
+    if found.half_step is not None and not found.half_step.many:  # else it was a warning
+        lines += ["", found.half_step.sentence]
+    if found.path is not None:
+        files = {"Table": TABLE, "Indices": INDICES_FILE, "Figure": f"{FIGURES}/{FIGURE}"}
+        lines += ["", *(f"{name}: {found.path / file}" for name, file in files.items())]
+    return "\n".join(lines)
+
+
+def _of_output(output: str, indices: pd.DataFrame) -> list[str]:
+    """Format the indices of one output as lines."""
+    first = indices.iloc[0]
+    units = {str(unit) for unit in indices["unit"]} - {"1"}
+    unit = f" ({units.pop()})" if len(units) == 1 else ""
+    known = set(indices["index"][indices["value"].notna()])  # why others have no value stands below
+    names = [name for name in INDICES[first["method"]] if name in known]
+    rows = [["", *names]]
+    for parameter, own in indices.groupby("parameter", sort=False):
+        by_index = {each["index"]: each for each in own.to_dict("records")}
+        rows.append(
+            [str(parameter), *(_number(by_index[name]) if name in by_index else "" for name in names)]
+        )
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    rows_used = "" if first["method"] == "one_at_a_time" else f", {first['rows']} rows"
+    lines = [f"{output}{unit}, {first['method']}{rows_used}"]
+    lines += [
+        "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+    return [*lines, *(f"  {note}." for note in dict.fromkeys(indices["note"]) if note)]
+
+
+def _number(index: dict) -> str:
+    """Format the value of an index, with half its 95 % interval if known."""
+    if math.isnan(index["value"]):
+        return "-"
+    half = index["confidence"]
+    return f"{index['value']:.3g}" + ("" if math.isnan(half) else f" ± {half:.2g}")

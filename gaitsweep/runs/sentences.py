@@ -1,16 +1,24 @@
-"""Messages about the result of a self-check."""
+"""Sentences about a run: statuses of rows, its self-check, and remarks, from its manifest."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
+from gaitsweep.contract import Status
+from gaitsweep.kinds.columns import UNKNOWN_GAIT
+from gaitsweep.runs.set_status import SetStatus
+
+# Fields of the manifest: rows whose label is not the index of a gait, rows that begin beyond an event's
+# surface, rows whose nominal period is not a positive time.
+MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD = "mislabelled", "starts_beyond", "without_period"
 # The finer steps in manifests of older versions, which halved the step.
 HALF_THE_STEP = "half the step"
 # A settled row may move by this many times the tolerance of settling.
 TOLERANCES = 10.0
 
 
-def sentence(check: dict[str, Any]) -> str:
+def self_check_sentence(check: dict[str, Any]) -> str:
     """Format the result of a self-check, on one line."""
     if check.get("verdict") == "off":
         return "Self-check: off."
@@ -65,3 +73,48 @@ def advice(check: dict[str, Any], dt: float | None) -> str:
             "shorter, and compare."
         )
     return "The table depends on the step: give a shorter one, numerics.dt, and compare."
+
+
+# Name of a result, for jobs whose rows are sets of constants.
+_RESULTS = {"search": "target", "sensitivity": "output"}
+
+
+def status_sentence(status: str, job: Mapping[str, Any]) -> str:
+    """Return the sentence of a status; empty for a status of another version of gaitsweep."""
+    result = next((word for field, word in _RESULTS.items() if field in job), None)
+    if result is None:
+        return Status[status].sentence if status in Status.__members__ else ""
+    sets: dict[str, str] = {
+        SetStatus.COMPLETE: f"Every {result} has a value for this set of constants.",
+        SetStatus.FAILED: f"Some {result} has no value for this set; the column `why` says which and why.",
+    }
+    return sets.get(status, "")
+
+
+def remarks(manifest: Mapping[str, Any]) -> list[str]:
+    """Return sentences about results that the author of a job may not expect."""
+    sentences = []
+    for name, about in (manifest.get(WITHOUT_PERIOD) or {}).items():
+        sentences.append(
+            f"Warning: the model's function period gave {name} in {_rows(about)}, but must give "
+            "seconds above 0: limits of time and of steps follow from it."
+        )
+    for name, about in (manifest.get(STARTS_BEYOND) or {}).items():
+        sentences.append(
+            f"{_rows(about)} began on or beyond the surface of the event {name!r}, which happens only "
+            "after its function has been below zero."
+        )
+    for name, about in (manifest.get(MISLABELLED) or {}).items():
+        label = name.removeprefix(UNKNOWN_GAIT).strip(" ()")
+        sentences.append(
+            f"Warning: the model's function label gave gait {label} in {_rows(about)}, which is not an index "
+            f"of its gaits; their gait is {name!r} in the table."
+        )
+    return sentences
+
+
+def _rows(about: Mapping[str, Any]) -> str:
+    of = f" of {about['of']} that were examined" if "of" in about else ""
+    more = about["rows"] > 1
+    first = f"the first is row {about['row']}" if more else f"row {about['row']}"
+    return f"{about['rows']} row{'s' * more} ({first}){of}"

@@ -1,19 +1,12 @@
-"""Statuses of sets of constants, and sentences for these and for the statuses of rows."""
+"""Statuses of sets of constants."""
 
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool
-
-from gaitsweep.contract import Status
-
-# Name of a result, for jobs whose rows are sets of constants.
-_RESULTS = {"search": "target", "sensitivity": "output"}
 
 
 class SetStatus(enum.StrEnum):
@@ -33,15 +26,3 @@ class SetStatus(enum.StrEnum):
     def among(self, table: pd.DataFrame) -> Bool[np.ndarray, " sets"]:
         """Return a mask of the sets of a table that have this status."""
         return (table["status"].astype(str) == str(self)).to_numpy(bool)
-
-
-def status_sentence(status: str, job: Mapping[str, Any]) -> str:
-    """Return the sentence of a status; empty for a status of another version of gaitsweep."""
-    result = next((word for field, word in _RESULTS.items() if field in job), None)
-    if result is None:
-        return Status[status].sentence if status in Status.__members__ else ""
-    sets: dict[str, str] = {
-        SetStatus.COMPLETE: f"Every {result} has a value for this set of constants.",
-        SetStatus.FAILED: f"Some {result} has no value for this set; the column `why` says which and why.",
-    }
-    return sets.get(status, "")
