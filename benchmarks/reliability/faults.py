@@ -66,7 +66,7 @@ FAULTS = {
         Fault("springs doubled", _CHAIN + "mechanics.py",
               "pull = kappa * (x[:-1]", "pull = 2.0 * kappa * (x[:-1]"),
         Fault("swing doubled", _CHAIN + "model.py", "slope = p.a / (", "slope = 2.0 * p.a / ("),
-        Fault("head as heavy as inner legs", _CHAIN + "model.py",
+        Fault("head as heavy as inner legs", _CHAIN + "parameters.py",
               '"mass of the head\'s segment", "m_B"', '"mass of the head\'s segment", "m"'),
         Fault("psi of the leg behind", _CHAIN + "model.py", "psi = wrapped(state.phi[1:] - state.phi[:-1])",
               "psi = wrapped(state.phi[:-1] - state.phi[1:])"),

@@ -33,7 +33,8 @@ from gaitsweep.papers.ambe2021.analysis.source_place import source_drift, source
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import passages, waves
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import psi_columns, relative_phases, springs_of
 from gaitsweep.papers.ambe2021.multilegged.mechanics import obstacle_problem
-from gaitsweep.papers.ambe2021.multilegged.model import LANDING, PARAMETERS, STANCE, TAKEOFF, Multilegged
+from gaitsweep.papers.ambe2021.multilegged.model import LANDING, STANCE, TAKEOFF, Multilegged
+from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
 from gaitsweep.papers.ambe2021.theory.chain import (
     Chain,

@@ -182,16 +182,14 @@ def _edges(axes: Axes, table: pd.DataFrame, x: str, y: str | None) -> None:
     sets = pd.DataFrame({x: along})
     values = parameters_of(table, sets)
     m, g = values["m"], values["g"]
-    limits = {
-        "m_B": (0.5 * m, m),
-        "kappa": (m * g / values["a"],),
-        "a": (m * g / values["kappa"], values["L"]),
-    }
-    for limit in limits.get(y or "", ()):
-        axes.plot(along, np.broadcast_to(limit, along.shape), **_EDGE)
+    limits = [("m_B", 0.5 * m), ("m_B", m), ("kappa", m * g / values["a"])]
+    limits += [("a", m * g / values["kappa"]), ("a", values["L"])]
     # kappa and a limit each other, so that one of them along y is enough
-    if x == "m_B" or y not in ("kappa", "a"):
-        for limit in limits.get(x, ()):
+    upright = x if x == "m_B" or y not in ("kappa", "a") else ""
+    for name, limit in limits:
+        if name == y:
+            axes.plot(along, np.broadcast_to(limit, along.shape), **_EDGE)
+        elif name == upright:
             axes.axvline(float(np.ravel(limit)[0]), **_EDGE)
     axes.set_xlim(low)
     axes.set_ylim(high)

@@ -11,15 +11,11 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analyses import AnalysisError, axes_of
-from gaitsweep.contract import Status
+from gaitsweep.contract import Quantity, Status
 from gaitsweep.expression import ExpressionError, evaluate, names_in
-from gaitsweep.papers.ambe2021.multilegged.profile import SPRINGS, profile_parameters
+from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS, SPRINGS, profile_parameters
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.gaits import NONE_BEYOND
-
-_TABLE_1 = {"m_B": 0.9, "L": 1.0, "K": 1.0e5, "omega": 0.4}  # besides those of a Chain
-# defaults that follow from other parameters
-_FORMULAS = {"m_1": "m_B", "m_end": "m_B", "kappa_1": "kappa", "kappa_end": "kappa", "a_1": "a", "a_end": "a"}
 
 
 def chain_of(table: pd.DataFrame, part: pd.DataFrame | None = None) -> Chain:
@@ -62,11 +58,10 @@ def chains_of(table: pd.DataFrame, sets: pd.DataFrame) -> Chain:
 
 
 def parameters_of(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Any]:
-    """The theory's parameters with m_B, L, K and omega, numbers or (n,), and those of a profile.
-
-    Arguments and errors are as for `chains_of`.
-    """
-    defaults = _TABLE_1 | Chain()._asdict() | _FORMULAS | _profile_defaults(table)
+    """The chain's parameters without dampers, numbers or (n,); arguments and errors as for `chains_of`."""
+    quantities = (*PARAMETERS, *_profile(table))
+    # the theory has no dampers, and the root in their formulas has no value where an axis ends below zero
+    defaults = {each.name: each.default for each in quantities if each.name not in ("sigma", "D")}
     settings: dict[str, Any] = defaults | _job(table, "params")
     settings |= {str(name): sets[name].to_numpy(float) for name in sets if len(sets) and name in defaults}
     if (legs := _profiled(table)) is not None:
@@ -94,7 +89,7 @@ def has_profile(table: pd.DataFrame) -> bool:
 
 def profile_parameters_of(table: pd.DataFrame) -> tuple[str, ...]:
     """The names of the parameters of the table's profile; none without one."""
-    return tuple(_profile_defaults(table))
+    return tuple(each.name for each in _profile(table))
 
 
 def _profiled(table: pd.DataFrame) -> int | None:
@@ -109,10 +104,10 @@ def _job(table: pd.DataFrame, section: str) -> dict[str, Any]:
     return dict(job.get(section) or {}) if isinstance(job, Mapping) else {}
 
 
-def _profile_defaults(table: pd.DataFrame) -> dict[str, Any]:
+def _profile(table: pd.DataFrame) -> tuple[Quantity, ...]:
+    """The parameters of the table's profile; none without one."""
     legs = _profiled(table)
-    added = () if legs is None else profile_parameters(legs - 1)
-    return {quantity.name: quantity.default for quantity in added}
+    return () if legs is None else profile_parameters(legs - 1)
 
 
 def springs_of(table: pd.DataFrame) -> int:

@@ -25,7 +25,7 @@ from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, large
 from gaitsweep.papers.ambe2021.multilegged.chart import MultileggedChart
 from gaitsweep.papers.ambe2021.multilegged.drawing import skeleton
 from gaitsweep.papers.ambe2021.multilegged.mechanics import fastest_motions, neighbour_force, obstacle_problem
-from gaitsweep.papers.ambe2021.multilegged.profile import SPRINGS, profile_parameters
+from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS, SPRINGS, profile_parameters
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, classify, free_link, nearest_set
 
@@ -37,40 +37,6 @@ TOUCH = 1e-12
 ROUNDING = 4.0
 # A leg of the reduced model leaves the ground if its load is negative; with this offset 0 is still contact.
 STRICTLY = 1e-300
-
-_TABLE_1 = "Ambe 2021, Table 1"
-_EQ_31, _EQ_32 = "eq. (31)", "eq. (32)"  # the equations in which head and tail differ
-
-
-def _positive(name: str, unit: str, meaning: str, default: float | str, symbol: str, source: str) -> Quantity:
-    return Quantity(name, unit, meaning, default, low=0.0, open_ends=True, symbol=symbol, source=source)
-
-
-PARAMETERS = (
-    Quantity(
-        "beta", "1", "duty factor", 0.8, low=0.0, high=1.0, open_ends=True, symbol=r"\beta", source=_TABLE_1
-    ),
-    _positive("kappa", "N/m", "spring between neighbours", 100.0, r"\kappa", _TABLE_1),
-    _positive("kappa_1", "N/m", "spring between the first two legs", "kappa", r"\kappa_1", _EQ_31),
-    _positive("kappa_end", "N/m", "spring between the last two legs", "kappa", r"\kappa_N", _EQ_32),
-    _positive("sigma", "N s/m", "damper between neighbours", "2*sqrt(kappa)", r"\sigma", _TABLE_1),
-    _positive("m", "kg", "mass of each inner leg's segment", 1.0, "m", _TABLE_1),
-    _positive("m_B", "kg", "mass of both end segments", 0.9, "m_B", _TABLE_1),
-    _positive("m_1", "kg", "mass of the head's segment", "m_B", "m_1", _EQ_31),
-    _positive("m_end", "kg", "mass of the tail's segment", "m_B", "m_{N+1}", _EQ_32),
-    _positive("a", "m", "amplitude of the leg's shortening", 0.4, "a", _TABLE_1),
-    _positive("a_1", "m", "amplitude of the first leg's shortening", "a", "a_1", _EQ_31),
-    _positive("a_end", "m", "amplitude of the last leg's shortening", "a", "a_{N+1}", _EQ_32),
-    _positive("L", "m", "longest leg length", 1.0, "L", _TABLE_1),
-    _positive("K", "N/m", "spring of the ground", 1.0e5, "K", _TABLE_1),
-    _positive("D", "N s/m", "damper of the ground", "2*sqrt(K)", "D", _TABLE_1),
-    _positive("omega", "rad/s", "basic frequency of locomotion", 0.4, r"\omega", _TABLE_1),
-    _positive("tau", "s", "time constant of the phase reset", 0.5, r"\tau", _TABLE_1),
-    _positive("g", "m/s2", "gravitational acceleration", 9.8, "g", _TABLE_1),
-    Quantity(
-        "clamp", "1", "1: the ground cannot pull; 0: eq. (1) exactly", 0.0, low=0.0, high=1.0, symbol="c"
-    ),
-)
 
 
 @jax.tree_util.register_dataclass

@@ -120,7 +120,7 @@ def onsets_of(
     if all(name in table.columns for name in FLEXORS.values()):
         return onsets_in(table, FLEXORS, level, falling)
     raise AnalysisError(
-        "The table does not say when legs begin to swing: it has neither u_f_LF, ... (a trace), nor "
+        "The table has no swing onsets: it has neither u_f_LF, ... (a trace), nor "
         "since_LF_n, ... (crossings), nor leg and t (onsets). Of another trace name each leg's column in "
         "`signals`."
     )
@@ -135,16 +135,15 @@ def _of_averages(table: pd.DataFrame, thresholds: Sequence[float]) -> pd.DataFra
     found = pd.DataFrame({"row": table["row"], "cycles": table["cycles"]})
     for name in ("period", "variation", "delta_1", "delta_2", "antiphase", "length"):
         found[name] = table[names[name]].to_numpy(float)
-    fell = np.zeros(len(table), bool)
-    if "status" in table.columns:
-        fell = Status.FAILED.among(table["status"])
-    told = np.where(fell | table["gait"].isna(), "none", table["gait"].astype(str))
-    found["steady"] = np.isin(told, CHART)
-    found["gait"] = pd.Categorical(told, list(GAITS))
+    fell = Status.FAILED.among(table["status"]) if "status" in table.columns else np.zeros(len(table), bool)
+    labels = np.where(fell | table["gait"].isna(), "none", table["gait"].astype(str))
+    found["steady"] = np.isin(labels, CHART)
+    found["gait"] = pd.Categorical(labels, list(GAITS))
     shifts = found["delta_1"].to_numpy(), found["delta_2"].to_numpy()
     for threshold in thresholds[1:]:
-        there = np.array(CHART, object)[np.where(found["steady"], place(*shifts, threshold), 4)]
-        found[f"gait_at_{threshold:g}"] = pd.Categorical(np.where(found["steady"], there, told), list(GAITS))
+        named = np.array(CHART, object)[np.where(found["steady"], place(*shifts, threshold), 4)]
+        gaits = np.where(found["steady"], named, labels)
+        found[f"gait_at_{threshold:g}"] = pd.Categorical(gaits, list(GAITS))
     found["margin"] = margin(*shifts, thresholds[0])
     if "gait_by_touchdowns" in table.columns:
         landed = table["gait_by_touchdowns"].astype(object).fillna("none")

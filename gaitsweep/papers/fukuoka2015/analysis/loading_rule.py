@@ -106,16 +106,15 @@ def loading_rule(
     pairs = table if "delta" in table.columns else pairs_in(table)
     require(pairs, "row", "delta", *([] if split is None else [split]))
     cases = [name for name in axes_of_pairs(pairs) if name not in repeats]
-    groups: list[tuple[Any, pd.DataFrame]] = [(None, pairs)]
+    groups: list[tuple[dict[str, Any], pd.DataFrame]] = [({}, pairs)]
     if split is not None:
-        groups = list(pairs.groupby(split, sort=True, observed=True))
+        groups = [({split: value}, group) for value, group in pairs.groupby(split, observed=True)]
     records = []
     for value, group in groups:
         case = group.groupby(cases, sort=True).ngroup() if cases else group["row"]
         for name in MEASURES:
             if name in group.columns:
-                told = {} if split is None else {split: value}
-                records.append(told | {"measure": name} | _judged(group, name, case.to_numpy(), least))
+                records.append(value | {"measure": name} | _judged(group, name, case.to_numpy(), least))
     if not records:
         raise AnalysisError(f"The table has none of {', '.join(MEASURES)}.")
     return pd.DataFrame(records)

@@ -61,7 +61,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         yield ("row",), f"is {figure.row}, but the job has rows 0 to {table.rows.n_rows - 1}."
     yield from check_window(figure)
     if figure.strip_columns is not None and figure.strip_columns > _MOST_COLUMNS:
-        yield (("strip_columns",), f"is {figure.strip_columns}, but must be 1 or {_MOST_COLUMNS}.")
+        yield ("strip_columns",), f"is {figure.strip_columns}, but must be 1 or {_MOST_COLUMNS}."
     if figure.strip is not None and isinstance(table.run, Trace):
         strips = table.run.duration / figure.strip
         if strips > 10_000 or math.isinf(strips):

@@ -52,10 +52,10 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     traced = ["pitch", *FLEXORS.values(), *(f"F_{leg}" for leg in LEGS)]
     if not settled and (name := table.missing(traced)) is not None:
         yield figure.needs(table, f"the signal {name}, or loads where rows end")
-    told = [name for name in rule.MEASURES if not settled or not name.endswith("together")]
+    known = [name for name in rule.MEASURES if not settled or not name.endswith("together")]
     for at, name in enumerate(figure.measures or []):
-        if name not in told:
-            text = f"is {name}, which is not a measure of this job's table{near_miss.suggestion(name, told)}"
+        if name not in known:
+            text = f"is {name}, which is not a measure of this job's table{near_miss.suggestion(name, known)}"
             yield ("measures", at), text
     if (figure.only is None) != (figure.value is None):
         field, other = ("only", "value") if figure.only is None else ("value", "only")
@@ -88,11 +88,11 @@ def loading_rule(
         column(table, only)
         table = rows_where(table, table[only] == value)
     pairs = rule.pairs_in(table)
-    told = {str(record["measure"]): record for record in rule.loading_rule(pairs).to_dict("records")}
-    names = list(measures or told)
-    missing = [name for name in names if name not in told]
+    agreement = {str(record["measure"]): record for record in rule.loading_rule(pairs).to_dict("records")}
+    names = list(measures or agreement)
+    missing = [name for name in names if name not in agreement]
     if missing:
-        raise PlotError(f"{missing[0]} is not a measure of this table. Allowed: {', '.join(told)}.")
+        raise PlotError(f"{missing[0]} is not a measure of this table. Allowed: {', '.join(agreement)}.")
     down = -(-len(names) // _ACROSS)
     across = min(len(names), _ACROSS)
     present = set(pairs["gait"].astype(str))
@@ -100,7 +100,7 @@ def loading_rule(
     with style.canvas(style.PAGE, 2.25 * down + 0.6, heading) as figure:
         grid = figure.subplots(down, across, sharey=True, squeeze=False).ravel()
         for number, (axes, name) in enumerate(zip(grid, names, strict=False)):
-            _panel(axes, pairs, name, told[name])
+            _panel(axes, pairs, name, agreement[name])
             if number % across == 0:
                 axes.set_ylabel("shift of the pair, $\\delta$ (cycles)\nhind leg late: positive")
         for axes in grid[len(names) :]:
@@ -110,7 +110,7 @@ def loading_rule(
     return figure
 
 
-def _panel(axes: Axes, pairs: pd.DataFrame, name: str, told: Mapping[Any, Any]) -> None:
+def _panel(axes: Axes, pairs: pd.DataFrame, name: str, agreement: Mapping[Any, Any]) -> None:
     for gait in ORDER:
         part = rows_where(pairs, pairs["gait"].astype(str) == gait)
         if len(part):
@@ -127,5 +127,5 @@ def _panel(axes: Axes, pairs: pd.DataFrame, name: str, told: Mapping[Any, Any]) 
     axes.axvline(0.0, color="#AAAAAA", lw=0.5, zorder=1)
     measure = rule.MEASURES[name]
     axes.set_xlabel("\n".join(textwrap.wrap(f"{measure.meaning} ({measure.unit})", 30)))
-    share = f"sign right {style.percent(told['right'])} %" if told["shifted"] else "no pair shifted"
-    axes.set_title(f"r = {told['r']:.2f}, {share}".replace("-", "\u2212"))
+    share = f"sign right {style.percent(agreement['right'])} %" if agreement["shifted"] else "no pair shifted"
+    axes.set_title(f"r = {agreement['r']:.2f}, {share}".replace("-", "\u2212"))
