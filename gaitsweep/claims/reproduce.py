@@ -105,69 +105,129 @@ def reproduce(
         TableError: the folder cannot be written.
     """
     folder = RESULTS / f"reproduce_{paper.name}" if out is None else Path(out)
-    on_message = on_message or (lambda sentence: None)
-    asked = [(claim, claim.as_quick() if quick else claim) for claim in paper.claims]
-    needed = [name for name in paper.jobs if any(judged and name in judged.of for _, judged in asked)]
-    left_out = [name for name in needed if quick and paper.jobs[name].quick is False]
-    runs: dict[str, JobRun] = {}
-    for number, name in enumerate(needed, 1):
-        if name not in left_out:
-            on_message(f"{paper.name}: job {number} of {len(needed)}, {name}")
-            runs[name] = _run(
-                paper, name, folder / ("quick" if quick else "jobs") / name, quick, on_progress, on_message
-            )
-    tables: dict[str, pd.DataFrame] = {}
+    return _Reproducing(paper, folder, quick, on_progress, on_message or (lambda sentence: None)).result()
 
-    def table_of(name: str) -> pd.DataFrame:
-        if name not in tables:
-            path = runs[name].path
-            assert path is not None
-            tables[name] = load(path)
-        return tables[name]
 
-    sources = {name: _source(paper.job_file(name), paper.jobs[name]) for name in paper.jobs}
-    rows = []
-    for written, judged in asked:
+class _Reproducing:
+    """The jobs of a paper that have run, their tables, and the verdicts on its claims."""
+
+    def __init__(
+        self,
+        paper: Paper,
+        folder: Path,
+        quick: bool,
+        on_progress: Progress | None,
+        on_message: Callable[[str], None],
+    ) -> None:
+        self.paper, self.folder, self.quick = paper, folder, quick
+        self.on_progress, self.on_message = on_progress, on_message
+        self.runs: dict[str, JobRun] = {}
+        self.sources = {name: _source(paper.job_file(name), job) for name, job in paper.jobs.items()}
+        self._tables: dict[str, pd.DataFrame] = {}
+
+    def result(self) -> Reproduction:
+        """Run the jobs, judge the claims, and write the table and the page."""
+        paper, folder = self.paper, self.folder
+        asked = [(claim, claim.as_quick() if self.quick else claim) for claim in paper.claims]
+        needed = [name for name in paper.jobs if any(judged and name in judged.of for _, judged in asked)]
+        for number, name in enumerate(needed, 1):
+            if not self.quick or paper.jobs[name].quick is not False:
+                self.on_message(f"{paper.name}: job {number} of {len(needed)}, {name}")
+                self.runs[name] = self._run(name)
+        table = pd.DataFrame([self._row(*claims) for claims in asked])
+        # a folder that is passed on does not tell where it was made
+        stored = table.assign(figure=[each and os.path.relpath(each, folder) for each in table["figure"]])
+        _write(folder, TABLE, lambda file: stored.to_parquet(file, index=False, write_page_checksum=True))
+        text = page(paper.paper, table, list(self.runs.values()), quick=self.quick)
+        _write(folder, PAGE, lambda file: file.write(text.encode()))
+        return Reproduction(table, folder, failed=any(run.path is None for run in self.runs.values()))
+
+    def _run(self, name: str) -> JobRun:
+        """Run one job, or continue it; errors are stored as sentences."""
+        job, file = self.paper.jobs[name], self.paper.job_file(name)
+        path = self.folder / ("quick" if self.quick else "jobs") / name
+        # a quick job is small, so that its self-check would take longer than its rows
+        fields = job.set_ | ({"verify": 0, **(job.quick or {})} if self.quick else {})
+        overrides = [f"{key}={_inline(value)}" for key, value in fields.items()]
+        command = " ".join([f"gaitsweep run {_short(file)}", *(f"--set '{each}'" for each in overrides)])
         began = time.perf_counter()
-        ours, found, why = _judge(judged, runs, table_of)
+        try:
+            run_job(load_job(file, overrides), path, on_progress=self.on_progress, on_message=self.on_message)
+        except FigureError as error:  # the table is complete
+            self.on_message(error.sentence)
+            return JobRun(name, command, path, error.sentence, time.perf_counter() - began)
+        except UserError as error:
+            self.on_message(f"{name} failed: {error.sentence}")
+            return JobRun(name, command, None, error.sentence)
+        return JobRun(name, command, path, seconds=time.perf_counter() - began)
+
+    def _table(self, name: str) -> pd.DataFrame:
+        """The table of a job that has run."""
+        if name not in self._tables:
+            path = self.runs[name].path
+            assert path is not None
+            self._tables[name] = load(path)
+        return self._tables[name]
+
+    def _judge(self, claim: Claim | None) -> tuple[Value | None, ClaimVerdict, str]:
+        """Measure a claim: its value, its verdict, and a reason if it has no value or is not reproduced."""
+        if claim is None:
+            return None, ClaimVerdict.not_run, "--quick leaves this claim out"
+        for name in claim.of:
+            if name not in self.runs:
+                return None, ClaimVerdict.not_run, f"--quick leaves the job {name} out"
+            if self.runs[name].path is None:
+                return None, ClaimVerdict.not_run, f"the job {name} failed: {self.runs[name].failure}"
+        try:
+            ours = MEASURES[claim.measure](*map(self._table, claim.of), **claim.with_)
+        except ExpressionError as error:  # the question is wrong, not the answer
+            return None, ClaimVerdict.not_run, f"a condition cannot be evaluated: {error.sentence}"
+        except (UserError, ArithmeticError, LookupError, ValueError) as error:
+            # the tables exist but lack the value: rows that fell have no cycles for a mean
+            missed = ClaimVerdict.open_constants if claim.open else ClaimVerdict.not_reproduced
+            reason = error.sentence if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
+            return None, missed, reason
+        return ours, verdict(claim, ours), claim.step and f"finer steps change the verdict: {claim.step}"
+
+    def _row(self, written_claim: Claim, judged: Claim | None) -> dict[str, object]:
+        """The verdict on a claim as a record; `judged` is the claim as `--quick` asks for it, if it does."""
+        began = time.perf_counter()
+        ours, found, why = self._judge(judged)
         if judged is not None and why and found is ClaimVerdict.not_run:
-            on_message(f"{judged.id} has no verdict: {why}")
+            self.on_message(f"{judged.id} has no verdict: {why}")
         seconds = time.perf_counter() - began
-        rows.append(_row(paper, judged or written, runs, sources, ours, found, why, seconds))
-    table = pd.DataFrame(rows)
-    # a folder that is passed on does not tell where it was made
-    stored = table.assign(figure=[each and os.path.relpath(each, folder) for each in table["figure"]])
-    _write(folder, TABLE, lambda file: stored.to_parquet(file, index=False, write_page_checksum=True))
-    text = page(paper.paper, table, list(runs.values()), quick=quick)
-    _write(folder, PAGE, lambda file: file.write(text.encode()))
-    return Reproduction(table, folder, failed=any(run.path is None for run in runs.values()))
-
-
-def _run(
-    paper: Paper,
-    name: str,
-    path: Path,
-    quick: bool,
-    on_progress: Progress | None,
-    on_message: Callable[[str], None],
-) -> JobRun:
-    """Run one job, or continue it; errors are stored as sentences."""
-    job = paper.jobs[name]
-    file = paper.job_file(name)
-    # a quick job is small, so that its self-check would take longer than its rows
-    fields = job.set_ | ({"verify": 0, **(job.quick or {})} if quick else {})
-    overrides = [f"{key}={_inline(value)}" for key, value in fields.items()]
-    command = " ".join([f"gaitsweep run {_short(file)}", *(f"--set '{each}'" for each in overrides)])
-    began = time.perf_counter()
-    try:
-        run_job(load_job(file, overrides), path, on_progress=on_progress, on_message=on_message)
-    except FigureError as error:  # the table is complete
-        on_message(error.sentence)
-        return JobRun(name, command, path, error.sentence, time.perf_counter() - began)
-    except UserError as error:
-        on_message(f"{name} failed: {error.sentence}")
-        return JobRun(name, command, None, error.sentence)
-    return JobRun(name, command, path, seconds=time.perf_counter() - began)
+        claim = judged or written_claim
+        first = claim.of[0] if claim.of else None
+        run = self.runs.get(first) if first is not None else None
+        figure = run.figure(claim.figure) if run is not None and claim.figure else None
+        command = claim.command or (run.command if run is not None else "")
+        if not command and first is not None:
+            command = f"gaitsweep run {_short(self.paper.job_file(first))}"
+        return {
+            "id": claim.id,
+            "where": claim.where,
+            "claim": claim.claim,
+            "paper": written(claim.paper),
+            "ours": "" if ours is None else written(ours),
+            "value": float(ours) if isinstance(ours, (int, float)) else float("nan"),
+            "unit": claim.unit,
+            "allowed": allowed(claim),
+            "verdict": found.value,
+            "why": why,
+            "because": claim.because,
+            "chosen": claim.chosen,
+            "definition": claim.definition,
+            "open": claim.open,
+            "tried": claim.tried,
+            "measure": claim.measure,
+            "jobs": ", ".join(claim.of),
+            "simulated": bool(claim.of),
+            "model": ", ".join(dict.fromkeys(self.sources[name][0] for name in claim.of)),
+            "constants": ", ".join(dict.fromkeys(self.sources[name][1] for name in claim.of)),
+            "figure": "" if figure is None else str(figure),
+            "command": command,
+            "seconds": seconds,
+        }
 
 
 def _inline(value: object) -> str:
@@ -177,72 +237,6 @@ def _inline(value: object) -> str:
 def _short(file: Path) -> str:
     """The path of a shipped job in a checkout, which readers can type."""
     return f"sweeps/{file.name}" if file.parent.name == "sweeps" else str(file)
-
-
-def _judge(
-    claim: Claim | None, runs: dict[str, JobRun], table_of: Callable[[str], pd.DataFrame]
-) -> tuple[Value | None, ClaimVerdict, str]:
-    """Measure a claim: its value, its verdict, and a reason if it has no value or is not reproduced."""
-    if claim is None:
-        return None, ClaimVerdict.not_run, "--quick leaves this claim out"
-    for name in claim.of:
-        if name not in runs:
-            return None, ClaimVerdict.not_run, f"--quick leaves the job {name} out"
-        if runs[name].path is None:
-            return None, ClaimVerdict.not_run, f"the job {name} failed: {runs[name].failure}"
-    try:
-        ours = MEASURES[claim.measure](*[table_of(name) for name in claim.of], **claim.with_)
-    except ExpressionError as error:  # the question is wrong, not the answer
-        return None, ClaimVerdict.not_run, f"a condition cannot be evaluated: {error.sentence}"
-    except (UserError, ArithmeticError, LookupError, ValueError) as error:
-        # the tables exist but lack the value: rows that fell have no cycles for a mean
-        missed = ClaimVerdict.open_constants if claim.open else ClaimVerdict.not_reproduced
-        reason = error.sentence if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
-        return None, missed, reason
-    return ours, verdict(claim, ours), claim.step and f"finer steps change the verdict: {claim.step}"
-
-
-def _row(
-    paper: Paper,
-    claim: Claim,
-    runs: dict[str, JobRun],
-    sources: dict[str, tuple[str, str]],
-    ours: Value | None,
-    found: ClaimVerdict,
-    why: str,
-    seconds: float,
-) -> dict[str, object]:
-    first = claim.of[0] if claim.of else None
-    run = runs.get(first) if first is not None else None
-    figure = run.figure(claim.figure) if run is not None and claim.figure else None
-    command = claim.command or (run.command if run is not None else "")
-    if not command and first is not None:
-        command = f"gaitsweep run {_short(paper.job_file(first))}"
-    return {
-        "id": claim.id,
-        "where": claim.where,
-        "claim": claim.claim,
-        "paper": written(claim.paper),
-        "ours": "" if ours is None else written(ours),
-        "value": float(ours) if isinstance(ours, (int, float)) else float("nan"),
-        "unit": claim.unit,
-        "allowed": allowed(claim),
-        "verdict": found.value,
-        "why": why,
-        "because": claim.because,
-        "chosen": claim.chosen,
-        "definition": claim.definition,
-        "open": claim.open,
-        "tried": claim.tried,
-        "measure": claim.measure,
-        "jobs": ", ".join(claim.of),
-        "simulated": bool(claim.of),
-        "model": ", ".join(dict.fromkeys(sources[name][0] for name in claim.of)),
-        "constants": ", ".join(dict.fromkeys(sources[name][1] for name in claim.of)),
-        "figure": "" if figure is None else str(figure),
-        "command": command,
-        "seconds": seconds,
-    }
 
 
 def _source(file: Path, job: PaperJob) -> tuple[str, str]:

@@ -26,7 +26,7 @@ from gaitsweep.runs.executor import Executor, ThisProcess
 from gaitsweep.runs.prepare import RunContext, naming_the_file, prepare
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.provenance import continue_directory
-from gaitsweep.runs.refined import refine
+from gaitsweep.runs.refined import Refinement
 from gaitsweep.runs.self_check import (
     Again,
     SelfCheck,
@@ -230,7 +230,7 @@ def _run_missing(
     try:
         with executor.serve(context, directory, on_wait):
             if (grid := refinement(context.job.run, context.design)) is not None:
-                refine(context, grid, directory, on_progress, timings, executor)
+                Refinement(context, grid, directory, executor).run(on_progress, timings)
             else:
                 stored = _Open(directory, spent_so_far)
                 executor.run_blocks(context, directory, missing, on_sweep_progress, timings, stored)

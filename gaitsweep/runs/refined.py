@@ -36,81 +36,105 @@ def some_rows(context: RunContext, n_rows: int, rows_in: Callable[[int, int], np
     return dataclasses.replace(context, spec=spec, rows_in=rows_in)
 
 
-def refine(
-    context: RunContext,
-    grid: Grid,
-    directory: ResultDirectory,
-    on_progress: Progress,
-    timings: Timings,
-    executor: Executor,
-) -> None:
-    """Run the rounds that a directory still lacks, and write the parts of its table.
+@dataclasses.dataclass(frozen=True)
+class Refinement:
+    """The rounds of a refined run, and the parts of its table.
 
     Args:
         context: the job's context.
         grid: the grid of its rows, and the axes that are refined.
         directory: its result directory.
-        on_progress: progress callback, in decided rows; rows of the current round count once simulated.
-        timings: added to as rounds go.
         executor: computes the blocks.
-
-    Raises:
-        TableError: a round's folder is not this job's, or cannot be written.
     """
-    known = np.full(grid.lengths, UNKNOWN, np.int32)
-    frames: list[pd.DataFrame] = []
-    decided = 0.0
-    while (rows := np.flatnonzero(wanted(known, grid))).size:
-        on_sweep_progress = _round_progress(on_progress, len(frames), known.size, decided)
-        frame = _round(context, directory, len(frames), rows, on_sweep_progress, timings, executor)
-        known.reshape(-1)[rows] = _labels(frame, context.model.gaits)
-        frames.append(frame)
-        decided = max(decided, float(np.mean(inferred(known, grid) != UNKNOWN)))
-        simulated = sum(len(frame) for frame in frames)
-        directory.update_manifest(refinement={"rounds": len(frames), "simulated": simulated})
-    _write_parts(context, directory, pd.concat(frames).sort_values("row"), inferred(known, grid).reshape(-1))
 
+    context: RunContext
+    grid: Grid
+    directory: ResultDirectory
+    executor: Executor
 
-def _round(
-    context: RunContext,
-    directory: ResultDirectory,
-    number: int,
-    rows: np.ndarray,
-    on_sweep_progress: Callable[[SweepProgress], None],
-    timings: Timings,
-    executor: Executor,
-) -> pd.DataFrame:
-    """Return the records of `rows` (n,), simulating those that are missing."""
-    this = some_rows(context, rows.size, lambda first, stop: rows[first:stop])
-    path = directory.path / FOLDER / f"round-{number:02d}"
-    job = {"round": number, "of": context.job.name}
-    round_hash = hashlib.sha256(context.job_hash.encode() + rows.astype("<i8").tobytes()).hexdigest()
-    with ResultDirectory.open(path, job, Layout(round_hash, rows.size, context.spec.block)) as part:
-        if missing := part.missing_blocks():
-            spent = Timings()
-            try:
-                executor.run_blocks(this, part, missing, on_sweep_progress, spent, part)
-                part.tidy_digests()
-            finally:
-                for field in dataclasses.fields(Timings):
-                    setattr(timings, field.name, getattr(timings, field.name) + getattr(spent, field.name))
-        frame = load(path)
-    frame.attrs.clear()
-    frame["row"] = rows[frame["row"].to_numpy()]
-    return frame
+    def run(self, on_progress: Progress, timings: Timings) -> None:
+        """Run the rounds that the directory still lacks, and write the parts of its table.
 
+        Args:
+            on_progress: progress callback, in decided rows; rows of the current round count once simulated.
+            timings: added to as rounds go.
 
-def _round_progress(
-    on_progress: Progress, number: int, total: int, decided: float
-) -> Callable[[SweepProgress], None]:
-    """Progress callback of a round; `decided` is the share of all rows decided before it."""
+        Raises:
+            TableError: a round's folder is not this job's, or cannot be written.
+        """
+        known = np.full(self.grid.lengths, UNKNOWN, np.int32)
+        frames: list[pd.DataFrame] = []
+        decided = 0.0  # share of all rows, before the round
 
-    def on_sweep_progress(now: SweepProgress) -> None:
-        rate = now.share * now.rows / now.seconds if now.seconds > 0 else 0.0
-        share = min(decided + now.share * now.rows / total, 1.0)
-        on_progress(int(share * total), total, rate, share, f"round {number + 1}: {now.rows} rows")
+        def on_sweep_progress(now: SweepProgress) -> None:
+            rate = now.share * now.rows / now.seconds if now.seconds > 0 else 0.0
+            share = min(decided + now.share * now.rows / known.size, 1.0)
+            note = f"round {len(frames) + 1}: {now.rows} rows"
+            on_progress(int(share * known.size), known.size, rate, share, note)
 
-    return on_sweep_progress
+        while (rows := np.flatnonzero(wanted(known, self.grid))).size:
+            frame = self._round(len(frames), rows, on_sweep_progress, timings)
+            known.reshape(-1)[rows] = _labels(frame, self.context.model.gaits)
+            frames.append(frame)
+            decided = max(decided, float(np.mean(inferred(known, self.grid) != UNKNOWN)))
+            simulated = sum(len(frame) for frame in frames)
+            self.directory.update_manifest(refinement={"rounds": len(frames), "simulated": simulated})
+        self._write_parts(pd.concat(frames).sort_values("row"), inferred(known, self.grid).reshape(-1))
+
+    def _round(
+        self,
+        number: int,
+        rows: np.ndarray,
+        on_sweep_progress: Callable[[SweepProgress], None],
+        timings: Timings,
+    ) -> pd.DataFrame:
+        """Return the records of `rows` (n,), simulating those that are missing."""
+        context = self.context
+        this = some_rows(context, rows.size, lambda first, stop: rows[first:stop])
+        path = self.directory.path / FOLDER / f"round-{number:02d}"
+        job = {"round": number, "of": context.job.name}
+        round_hash = hashlib.sha256(context.job_hash.encode() + rows.astype("<i8").tobytes()).hexdigest()
+        with ResultDirectory.open(path, job, Layout(round_hash, rows.size, context.spec.block)) as part:
+            if missing := part.missing_blocks():
+                spent = Timings()
+                try:
+                    self.executor.run_blocks(this, part, missing, on_sweep_progress, spent, part)
+                    part.tidy_digests()
+                finally:
+                    for field in dataclasses.fields(Timings):
+                        setattr(
+                            timings, field.name, getattr(timings, field.name) + getattr(spent, field.name)
+                        )
+            frame = load(path)
+        frame.attrs.clear()
+        frame["row"] = rows[frame["row"].to_numpy()]
+        return frame
+
+    def _write_parts(self, simulated: pd.DataFrame, labels: np.ndarray) -> None:
+        """Write the missing parts from the simulated rows and the labels (n,) of all rows."""
+        at = simulated["row"].to_numpy()
+        for number in self.directory.missing_blocks():
+            start, stop = self.directory.rows_of(number)
+            own_rows = simulated.iloc[np.searchsorted(at, start) : np.searchsorted(at, stop)]
+            others = np.setdiff1d(np.arange(start, stop, dtype=np.int64), own_rows["row"])
+            filled = self._inferred_frame(others, labels[others], simulated)
+            parts: Sequence[pd.DataFrame] = [part for part in (own_rows, filled) if len(part)]
+            frame = parts[0] if len(parts) == 1 else pd.concat(parts)
+            self.directory.write_part(number, frame.sort_values("row", ignore_index=True))
+
+    def _inferred_frame(self, rows: np.ndarray, gaits: np.ndarray, like: pd.DataFrame) -> pd.DataFrame:
+        """Return records of rows (n,) that were not simulated: the gait of their neighbours, no numbers."""
+        model, n = self.context.model, rows.size
+
+        def unread(name: str) -> np.ndarray:
+            kind = like[name].to_numpy().dtype
+            return np.full(n, -1) if names_gait(name) else np.full(n, np.nan if kind.kind == "f" else 0, kind)
+
+        traits = {q.name: unread(q.name) for q in model.label_fields}
+        nothing = RowOutcome.empty(rows, self.context.spec.recorder.numbers, len(model.observables))
+        nothing.status[:] = Status.inferred
+        labels = {"gait": gaits, **traits}
+        return self.context.table(dataclasses.replace(nothing, labels=labels))
 
 
 def _labels(frame: pd.DataFrame, gaits: Sequence[str]) -> np.ndarray:
@@ -121,35 +145,3 @@ def _labels(frame: pd.DataFrame, gaits: Sequence[str]) -> np.ndarray:
     if "attractor_period" in frame.columns:  # a round may be older than the column
         fixed = fixed & (frame["attractor_period"] == 1).to_numpy()
     return np.where(fixed & (gait >= 0), gait, ALONE)
-
-
-def _write_parts(
-    context: RunContext, directory: ResultDirectory, simulated: pd.DataFrame, labels: np.ndarray
-) -> None:
-    """Write the missing parts from the simulated rows and the labels (n,) of all rows."""
-    at = simulated["row"].to_numpy()
-    for number in directory.missing_blocks():
-        start, stop = directory.rows_of(number)
-        own_rows = simulated.iloc[np.searchsorted(at, start) : np.searchsorted(at, stop)]
-        others = np.setdiff1d(np.arange(start, stop, dtype=np.int64), own_rows["row"])
-        filled = _inferred_frame(context, others, labels[others], simulated)
-        parts: Sequence[pd.DataFrame] = [part for part in (own_rows, filled) if len(part)]
-        frame = parts[0] if len(parts) == 1 else pd.concat(parts)
-        directory.write_part(number, frame.sort_values("row", ignore_index=True))
-
-
-def _inferred_frame(
-    context: RunContext, rows: np.ndarray, gaits: np.ndarray, like: pd.DataFrame
-) -> pd.DataFrame:
-    """Return records of rows (n,) that were not simulated: the gait of their neighbours, and no numbers."""
-    model, n = context.model, rows.size
-
-    def unread(name: str) -> np.ndarray:
-        kind = like[name].to_numpy().dtype
-        return np.full(n, -1) if names_gait(name) else np.full(n, np.nan if kind.kind == "f" else 0, kind)
-
-    traits = {q.name: unread(q.name) for q in model.label_fields}
-    nothing = RowOutcome.empty(rows, context.spec.recorder.numbers, len(model.observables))
-    nothing.status[:] = Status.inferred
-    labels = {"gait": gaits, **traits}
-    return context.table(dataclasses.replace(nothing, labels=labels))

@@ -30,7 +30,7 @@ from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.engine.solver import fixed_step_scheme
 from gaitsweep.engine.sweep.sweep import sweep
-from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
+from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.errors import UserError
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints, StartingPoints
@@ -230,14 +230,14 @@ def self_check(
     check.finer = f"{FINER:.2g} of the step"
     if context.spec.numerics.adaptive:
         check.finer = f"tolerances {1.0 / tolerance_scale(FINER):.0f} times finer"
+    rerun, again = _Rerun(context, on_progress), None
     if isinstance(context.job.run, FollowsFixedPoints):
-        return check, _compare_starting_points(context, context.job.run, rows, check)
-    again = None
+        return check, rerun.compare_starting_points(context.job.run, rows, check)
     if compared in ("settled", "ends"):
-        again, resting = _compare_ends(context, rows, check, on_progress)
+        again, resting = rerun.compare_ends(rows, check)
         rows = rows[~resting]
     if rows.size:
-        crossings = _compare_crossings(context, rows, check, on_progress)
+        crossings = rerun.compare_crossings(rows, check)
         again = again or crossings
     return check, again
 
@@ -258,19 +258,213 @@ def compare_stored(
         stored: returns the stored records of rows (n,).
         on_progress: progress callback.
     """
-    run = context.job.run
+    run, rerun = context.job.run, _Rerun(context, on_progress)
     if isinstance(again.result, StartingPoints):
         assert isinstance(run, FollowsFixedPoints)
         differs = _other_beginnings(context.model, run, again.result, again.rows, stored(again.rows))
     elif run.one_a_row:
-        differs = _other_ends(context, again, stored(again.rows), on_progress)
+        differs = rerun.other_ends(again, stored(again.rows))
     else:
-        recorder = _beginning(context)
+        recorder, few = rerun.beginning, again.rows[:LEAST_ROWS]
         if recorder != again.recorder:
-            spec, few = dataclasses.replace(context.spec, recorder=recorder), again.rows[:LEAST_ROWS]
-            again = Again(few, recorder, _repeated(spec, context.design, [(few, 1.0, 0.0)], on_progress)[0])
+            again = Again(few, recorder, rerun.repeated(recorder, [(few, 1.0, 0.0)])[0])
         differs = _other_records(context.model, again, stored(again.rows))
     check.stored_differs = int(differs.sum())
+
+
+@dataclasses.dataclass(frozen=True)
+class _Rerun:
+    """Reruns of some rows of a run, and their comparisons with each other and with stored records."""
+
+    context: RunContext
+    on_progress: Callable[[SweepProgress], None] | None
+
+    def repeated(self, recorder: Recorder, lanes: list[tuple[np.ndarray, float, float]]) -> list[RowOutcome]:
+        """Return the results of rerun rows, for each (rows, share, move) of the list."""
+        spec, design = self.context.spec, self.context.design
+        rows = np.concatenate([lane[0] for lane in lanes])
+        shares = np.concatenate([np.full(lane[0].size, lane[1]) for lane in lanes])
+        moves = np.concatenate([np.full(lane[0].size, lane[2]) for lane in lanes])
+
+        def values(first: int, last: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+            part = slice(first, last)
+            parameters, starts = design.values_in(rows[part])
+            moved = {
+                name: start + np.where(np.isnan(start), 0.0, moves[part] * np.maximum(np.abs(start), 1.0))
+                for name, start in starts.items()
+            }
+            return parameters, {**moved, STEP_FACTOR: shares[part]}
+
+        # programs of XLA are compiled for the width of the run that is checked
+        width = spec.lanes if spec.engine == "xla" else min(spec.lanes, max(8, rows.size))
+        again = dataclasses.replace(
+            spec, recorder=recorder, n_rows=rows.size, block=rows.size, lanes=width, values=values
+        )
+        outcomes: list[RowOutcome] = []
+        sweep(again, [0], lambda _, result: outcomes.append(result), self.on_progress)
+        cuts = np.cumsum([lane[0].size for lane in lanes])[:-1]
+        return [outcomes[0].take(part) for part in np.split(np.arange(rows.size), cuts)]
+
+    def compare_ends(self, rows: np.ndarray, check: SelfCheck) -> tuple[Again, np.ndarray]:
+        """Compare the ends of rows (n,); return the rerun, and a mask of those that settled in both runs."""
+        spec, model = self.context.spec, self.context.model
+        once, finer = self.repeated(spec.recorder, [(rows, 1.0, 0.0), (rows, FINER, 0.0)])
+        at_times = self.context.job.run.compared == "ends"
+        ends, finer_ends = (end_values_of(spec.recorder, outcome) for outcome in (once, finer))
+        sound = Status.SOUND.among(once.status)
+        other_status = once.status != finer.status
+        other_gait = ~other_status & (once.labels["gait"] != finer.labels["gait"])
+        own = fixed_step_scheme(spec.numerics.method, model) is not None
+        other_count = ~other_status & at_times & (not own) & (once.cycles != finer.cycles)
+        # an orbit of several cycles may have been read at another of its points
+        same = sound & ~other_status & ~other_gait & (once.numbers["period"] <= 1)
+        change = changes(model, ends, finer_ends)
+        size = sizes(model.observables, self.with_starts(rows, ends))
+        check.take_largest(model.observables, change[same], size)
+        off = np.zeros_like(change, bool)
+        if not own or not at_times:
+            tolerance = np.full(change.shape[1], TOLERANCE)
+            if isinstance(spec.recorder, SettleRecorder):
+                tolerance[:] = spec.recorder.tolerance
+            bound = TOLERANCES * tolerance * size
+            counts = counted(model, ends[same], finer_ends[same])
+            off = same[:, None] & (change > np.where(counts, 0.0, bound))
+            other_count |= np.any(off & counts, axis=1)
+        differs = np.flatnonzero(other_status | other_gait | other_count | off.any(axis=1))
+        if differs.size:
+            some = rows[differs]
+            flips, spread = np.zeros(some.size, bool), np.zeros((some.size, change.shape[1]))
+            for moved in self.repeated(spec.recorder, [(some, 1.0, MOVED), (some, 1.0, -MOVED)]):
+                flips |= moved.status != once.status[differs]
+                flips |= moved.labels["gait"] != once.labels["gait"][differs]
+                flips |= at_times & (moved.cycles != once.cycles[differs])
+                spread = np.fmax(spread, changes(model, end_values_of(spec.recorder, moved), ends[differs]))
+            wrong = np.any(off[differs] & (change[differs] > spread / MOVED * LOCAL_ERROR), axis=1)
+            discrete = (other_status | other_gait | other_count)[differs]
+            sensitive = np.where(discrete, flips | (other_count[differs] & ~wrong), ~wrong)
+            check.sensitive += int(sensitive.sum())
+            check.status_differs += int((other_status[differs] & ~sensitive).sum())
+            check.gait_differs += int((other_gait[differs] & ~sensitive).sum())
+            check.count_differs += int((other_count[differs] & ~sensitive).sum())
+            check.moved += int((wrong & ~discrete).sum())
+        resting = at_times | sound | other_status | Status.FAILED.among(once.status)
+        return Again(rows, spec.recorder, once), np.broadcast_to(resting, rows.shape)
+
+    def compare_crossings(self, rows: np.ndarray, check: SelfCheck) -> Again:
+        """Compare the first crossings of rows (n,) and their times; return the rerun."""
+        model, recorder = self.context.model, self.beginning
+        if not isinstance(recorder, CrossingRecorder):
+            recorder = CrossingRecorder(model, crossings=CROSSINGS)
+        lanes = [(rows, 1.0, 0.0), (rows, FINER, 0.0), (rows, 1.0, MOVED)]
+        once, finer, moved = repeated = self.repeated(recorder, lanes)
+        seen = [_crossings(outcome, rows.size, recorder.after_cycles) for outcome in repeated]
+        if not np.any(np.isfinite(seen[0][:, 1:])) and math.isfinite(end := self.comparable_time):
+            # no section was crossed: the state is compared after as many nominal periods
+            recorder = FixedTimeRecorder(model, end)
+            once, finer, moved = repeated = self.repeated(recorder, lanes)
+            begun = self.with_starts(rows, np.zeros((0, len(model.observables))))
+            seen = [np.stack([begun, end_values(outcome)], axis=1) for outcome in repeated]
+            seen = [np.concatenate([np.zeros((*samples.shape[:2], 1)), samples], axis=2) for samples in seen]
+        differs = once.status != finer.status
+        boundary = differs & (once.status != moved.status)
+        check.sensitive += int(boundary.sum())
+        check.status_differs += int((differs & ~boundary).sum())
+        observed, times = [samples[..., 1:] for samples in seen], [samples[..., 0] for samples in seen]
+        change = changes(model, observed[0], observed[1])
+        most = np.nanmax(change, axis=1, initial=0.0)
+        size = sizes(model.observables, observed[0])
+        check.take_largest(model.observables, most, size)
+        if fixed_step_scheme(self.context.spec.numerics.method, model) is not None:
+            # the step is part of such a model: changes with it are reported, but are no fault of the run
+            return Again(rows, recorder, once)
+        counts = counted(model, observed[0], observed[1])
+        off = most > np.where(counts, 0.0, TOLERANCES * TOLERANCE * size)
+        # what a start moved by 1e-9 changes as much is the motion's own sensitivity
+        spread = np.nanmax(changes(model, observed[0], observed[2]), axis=1, initial=0.0)
+        wrong = off & (most > spread / MOVED * LOCAL_ERROR)
+        late = np.nanmax(np.abs(times[0] - times[1]), axis=1, initial=0.0)
+        own = np.nanmax(np.abs(times[0] - times[2]), axis=1, initial=0.0) / MOVED * LOCAL_ERROR
+        interval = np.fmin(_mean_interval(times[0]), _mean_interval(times[1]))
+        off_time = late > TOLERANCES * TOLERANCE * interval
+        check.take_largest((Quantity("t", "s", "time"),), late[:, None], interval[:, None])
+        other_count = ~differs & np.any(wrong & counts, axis=1)
+        other = ~differs & ~other_count & (wrong.any(axis=1) | (off_time & (late > own)))
+        check.count_differs += int(other_count.sum())
+        check.moved += int(other.sum())
+        check.sensitive += int(np.sum((off.any(axis=1) | off_time) & ~differs & ~other_count & ~other))
+        return Again(rows, recorder, once)
+
+    def compare_starting_points(self, run: FollowsFixedPoints, rows: np.ndarray, check: SelfCheck) -> Again:
+        """Compare the fixed points at which the branches of rows (n,) begin; return the rerun."""
+        model, spec = self.context.model, self.context.spec
+        once, finer = run.starting_points(self.context.design, spec, rows, FINER)
+        both = once.found & finer.found
+        check.status_differs = int(np.sum(once.found != finer.found))
+        change = changes(model, once.observed, finer.observed)
+        size = sizes(model.observables, once.observed[once.found])
+        check.take_largest(model.observables, change[both], size)
+        check.moved = int(np.sum(both & np.any(change > TOLERANCES * TOLERANCE * size, axis=1)))
+        return Again(rows, spec.recorder, once)
+
+    def other_ends(self, again: Again, stored: pd.DataFrame) -> np.ndarray:
+        """Return a mask of the rows (n,) that end differently in the rerun."""
+        model, result = self.context.model, again.result
+        assert isinstance(result, RowOutcome)
+        status = stored["status"].astype(str).to_numpy()
+        simulated = status != Status.inferred.name
+        differs = simulated & (status != np.array([Status(code).name for code in result.status]))
+        sound = simulated & ~differs & Status.SOUND.among(status)
+        gait = np.asarray(gaits(model, result.labels["gait"]).astype(object))
+        differs |= sound & (stored["gait"].astype(object).to_numpy() != gait)
+        names = [f"{q.name}_end" for q in model.observables]
+        now, before = end_values_of(again.recorder, result), stored[names].to_numpy(float)
+        off = sound[:, None] & (changes(model, now, before) > ROUNDING * sizes(model.observables, now))
+        if off.any():
+            some = np.flatnonzero(off.any(axis=1))
+            lanes = [(again.rows[some], 1.0, MOVED)]
+            moved = end_values_of(again.recorder, self.repeated(again.recorder, lanes)[0])
+            own = changes(model, moved, now[some]) / MOVED * ROUNDING_ERROR
+            off[some] &= changes(model, now, before)[some] > own
+        return differs | off.any(axis=1)
+
+    def with_starts(self, rows: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        """Return the observables (2 n, k) of rows at their starts and at their ends."""
+        model, drive = self.context.model, self.context.spec.drive
+        values, starts = self.context.design.values_in(rows)
+
+        def observed(row_values: Any, start: Any) -> Any:
+            params = model.params(row_values) if drive is None else drive(row_values, 0.0)
+            seen = model.observe(params, model.init(params, start))
+            return jax.numpy.stack([seen[q.name] for q in model.observables])
+
+        return np.concatenate([over_rows(observed)(model.on_host(values), starts), ends])
+
+    @property
+    def beginning(self) -> Recorder:
+        """Recorder of the first records of a row, of the same numbers as the run's recorder."""
+        recorder = self.context.spec.recorder
+        if isinstance(recorder, CrossingRecorder) and (recorder.crossings or math.inf) > MOST_CROSSINGS:
+            crossings = max(1, CROSSINGS - recorder.after_cycles)
+            return dataclasses.replace(recorder, crossings=crossings, duration=None, gaits=False)
+        if isinstance(recorder, TraceRecorder):
+            samples = min(recorder.samples, MOST_CROSSINGS)
+            return dataclasses.replace(recorder, duration=(samples - 1) * recorder.every)
+        if isinstance(recorder, StepRecorder):
+            stairs = recorder.stairs
+            first, second = stairs.values[:2]
+            first_two = (first, first + math.copysign(min(stairs.step, abs(second - first)), second - first))
+            return dataclasses.replace(recorder, stairs=dataclasses.replace(stairs, values=first_two))
+        return recorder
+
+    @property
+    def comparable_time(self) -> float:
+        """Time (s) after which rows without a section are compared: `CROSSINGS` periods, or the run's end.
+
+        Infinite if no row has a period and the run has no end.
+        """
+        period = nominal_period(self.context.design)
+        longest = getattr(self.context.spec.recorder, "duration", None) or math.inf
+        return longest if math.isnan(period) else min(CROSSINGS * period, longest)
 
 
 def _other_beginnings(
@@ -286,23 +480,6 @@ def _other_beginnings(
         off = changes(model, once.observed, before) > ROUNDING * size
         differs |= sound & off.any(axis=1)
     return differs
-
-
-def _beginning(context: RunContext) -> Recorder:
-    """Recorder of the first records of a row, of the same numbers as the run's recorder."""
-    recorder = context.spec.recorder
-    if isinstance(recorder, CrossingRecorder) and (recorder.crossings or math.inf) > MOST_CROSSINGS:
-        crossings = max(1, CROSSINGS - recorder.after_cycles)
-        return dataclasses.replace(recorder, crossings=crossings, duration=None, gaits=False)
-    if isinstance(recorder, TraceRecorder):
-        samples = min(recorder.samples, MOST_CROSSINGS)
-        return dataclasses.replace(recorder, duration=(samples - 1) * recorder.every)
-    if isinstance(recorder, StepRecorder):
-        stairs = recorder.stairs
-        first, second = stairs.values[:2]
-        first_two = (first, first + math.copysign(min(stairs.step, abs(second - first)), second - first))
-        return dataclasses.replace(recorder, stairs=dataclasses.replace(stairs, values=first_two))
-    return recorder
 
 
 def _other_records(model: Model, again: Again, stored: pd.DataFrame) -> np.ndarray:
@@ -335,206 +512,9 @@ def _other_records(model: Model, again: Again, stored: pd.DataFrame) -> np.ndarr
     return differs
 
 
-def _other_ends(
-    context: RunContext,
-    again: Again,
-    stored: pd.DataFrame,
-    on_progress: Callable[[SweepProgress], None] | None,
-) -> np.ndarray:
-    """Return a mask of the rows (n,) that end differently in the rerun."""
-    model, result = context.model, again.result
-    assert isinstance(result, RowOutcome)
-    status = stored["status"].astype(str).to_numpy()
-    simulated = status != Status.inferred.name
-    differs = simulated & (status != np.array([Status(code).name for code in result.status]))
-    sound = simulated & ~differs & Status.SOUND.among(status)
-    gait = np.asarray(gaits(model, result.labels["gait"]).astype(object))
-    differs |= sound & (stored["gait"].astype(object).to_numpy() != gait)
-    names = [f"{q.name}_end" for q in model.observables]
-    now, before = end_values_of(again.recorder, result), stored[names].to_numpy(float)
-    off = sound[:, None] & (changes(model, now, before) > ROUNDING * sizes(model.observables, now))
-    if off.any():
-        some = np.flatnonzero(off.any(axis=1))
-        lanes = [(again.rows[some], 1.0, MOVED)]
-        moved = end_values_of(again.recorder, _repeated(context.spec, context.design, lanes, on_progress)[0])
-        own = changes(model, moved, now[some]) / MOVED * ROUNDING_ERROR
-        off[some] &= changes(model, now, before)[some] > own
-    return differs | off.any(axis=1)
-
-
 def end_values_of(recorder: Recorder, result: RowOutcome) -> np.ndarray:
     """Return the observables (n, k) at the end of rows."""
     return end_values(result) if isinstance(recorder, FixedTimeRecorder) else result.last
-
-
-def _repeated(
-    spec: SweepSpec,
-    design: Design,
-    lanes: list[tuple[np.ndarray, float, float]],
-    on_progress: Callable[[SweepProgress], None] | None,
-) -> list[RowOutcome]:
-    """Return the results of rerun rows, for each (rows, share, move) of the list."""
-    rows = np.concatenate([lane[0] for lane in lanes])
-    shares = np.concatenate([np.full(lane[0].size, lane[1]) for lane in lanes])
-    moves = np.concatenate([np.full(lane[0].size, lane[2]) for lane in lanes])
-
-    def values(first: int, last: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        part = slice(first, last)
-        parameters, starts = design.values_in(rows[part])
-        moved = {
-            name: start + np.where(np.isnan(start), 0.0, moves[part] * np.maximum(np.abs(start), 1.0))
-            for name, start in starts.items()
-        }
-        return parameters, {**moved, STEP_FACTOR: shares[part]}
-
-    # programs of XLA are compiled for the width of the run that is checked
-    width = spec.lanes if spec.engine == "xla" else min(spec.lanes, max(8, rows.size))
-    again = dataclasses.replace(spec, n_rows=rows.size, block=rows.size, lanes=width, values=values)
-    outcomes: list[RowOutcome] = []
-    sweep(again, [0], lambda _, result: outcomes.append(result), on_progress)
-    cuts = np.cumsum([lane[0].size for lane in lanes])[:-1]
-    return [outcomes[0].take(part) for part in np.split(np.arange(rows.size), cuts)]
-
-
-def _compare_ends(
-    context: RunContext,
-    rows: np.ndarray,
-    check: SelfCheck,
-    on_progress: Callable[[SweepProgress], None] | None,
-) -> tuple[Again, np.ndarray]:
-    """Compare the ends of rows (n,); return the rerun, and a mask of the rows that settled in both runs."""
-    spec, design, model = context.spec, context.design, context.model
-    once, finer = _repeated(spec, design, [(rows, 1.0, 0.0), (rows, FINER, 0.0)], on_progress)
-    at_times = context.job.run.compared == "ends"
-    ends, finer_ends = (end_values_of(spec.recorder, outcome) for outcome in (once, finer))
-    sound = Status.SOUND.among(once.status)
-    other_status = once.status != finer.status
-    other_gait = ~other_status & (once.labels["gait"] != finer.labels["gait"])
-    own = fixed_step_scheme(spec.numerics.method, model) is not None
-    other_count = ~other_status & at_times & (not own) & (once.cycles != finer.cycles)
-    # an orbit of several cycles may have been read at another of its points
-    same = sound & ~other_status & ~other_gait & (once.numbers["period"] <= 1)
-    change = changes(model, ends, finer_ends)
-    size = sizes(model.observables, _with_starts(context, rows, ends))
-    check.take_largest(model.observables, change[same], size)
-    off = np.zeros_like(change, bool)
-    if not own or not at_times:
-        tolerance = np.full(change.shape[1], TOLERANCE)
-        if isinstance(spec.recorder, SettleRecorder):
-            tolerance[:] = spec.recorder.tolerance
-        bound = TOLERANCES * tolerance * size
-        counts = counted(model, ends[same], finer_ends[same])
-        off = same[:, None] & (change > np.where(counts, 0.0, bound))
-        other_count |= np.any(off & counts, axis=1)
-    differs = np.flatnonzero(other_status | other_gait | other_count | off.any(axis=1))
-    if differs.size:
-        some = rows[differs]
-        flips, spread = np.zeros(some.size, bool), np.zeros((some.size, change.shape[1]))
-        for moved in _repeated(spec, design, [(some, 1.0, MOVED), (some, 1.0, -MOVED)], on_progress):
-            flips |= moved.status != once.status[differs]
-            flips |= moved.labels["gait"] != once.labels["gait"][differs]
-            flips |= at_times & (moved.cycles != once.cycles[differs])
-            spread = np.fmax(spread, changes(model, end_values_of(spec.recorder, moved), ends[differs]))
-        wrong = np.any(off[differs] & (change[differs] > spread / MOVED * LOCAL_ERROR), axis=1)
-        discrete = (other_status | other_gait | other_count)[differs]
-        sensitive = np.where(discrete, flips | (other_count[differs] & ~wrong), ~wrong)
-        check.sensitive += int(sensitive.sum())
-        check.status_differs += int((other_status[differs] & ~sensitive).sum())
-        check.gait_differs += int((other_gait[differs] & ~sensitive).sum())
-        check.count_differs += int((other_count[differs] & ~sensitive).sum())
-        check.moved += int((wrong & ~discrete).sum())
-    resting = at_times | sound | other_status | Status.FAILED.among(once.status)
-    return Again(rows, spec.recorder, once), np.broadcast_to(resting, rows.shape)
-
-
-def _with_starts(context: RunContext, rows: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Return the observables (2 n, k) of rows at their starts and at their ends."""
-    model, drive = context.model, context.spec.drive
-    values, starts = context.design.values_in(rows)
-
-    def observed(row_values: Any, start: Any) -> Any:
-        params = model.params(row_values) if drive is None else drive(row_values, 0.0)
-        seen = model.observe(params, model.init(params, start))
-        return jax.numpy.stack([seen[q.name] for q in model.observables])
-
-    return np.concatenate([over_rows(observed)(model.on_host(values), starts), ends])
-
-
-def _compare_starting_points(
-    context: RunContext, run: FollowsFixedPoints, rows: np.ndarray, check: SelfCheck
-) -> Again:
-    model, spec = context.model, context.spec
-    once, finer = run.starting_points(context.design, spec, rows, FINER)
-    both = once.found & finer.found
-    check.status_differs = int(np.sum(once.found != finer.found))
-    change = changes(model, once.observed, finer.observed)
-    size = sizes(model.observables, once.observed[once.found])
-    check.take_largest(model.observables, change[both], size)
-    check.moved = int(np.sum(both & np.any(change > TOLERANCES * TOLERANCE * size, axis=1)))
-    return Again(rows, spec.recorder, once)
-
-
-def _compare_crossings(
-    context: RunContext,
-    rows: np.ndarray,
-    check: SelfCheck,
-    on_progress: Callable[[SweepProgress], None] | None,
-) -> Again:
-    """Compare the first crossings of rows (n,) and their times; return the rerun."""
-    design, model = context.design, context.model
-    recorder = _beginning(context)
-    if not isinstance(recorder, CrossingRecorder):
-        recorder = CrossingRecorder(model, crossings=CROSSINGS)
-    lanes = [(rows, 1.0, 0.0), (rows, FINER, 0.0), (rows, 1.0, MOVED)]
-    spec = dataclasses.replace(context.spec, recorder=recorder)
-    once, finer, moved = repeated = _repeated(spec, design, lanes, on_progress)
-    seen = [_crossings(outcome, rows.size, recorder.after_cycles) for outcome in repeated]
-    if not np.any(np.isfinite(seen[0][:, 1:])) and math.isfinite(end := _comparable_time(context)):
-        # no section was crossed: the state is compared after as many nominal periods
-        recorder = FixedTimeRecorder(model, end)
-        spec = dataclasses.replace(context.spec, recorder=recorder)
-        once, finer, moved = repeated = _repeated(spec, design, lanes, on_progress)
-        begun = _with_starts(context, rows, np.zeros((0, len(model.observables))))
-        seen = [np.stack([begun, end_values(outcome)], axis=1) for outcome in repeated]
-        seen = [np.concatenate([np.zeros((*samples.shape[:2], 1)), samples], axis=2) for samples in seen]
-    differs = once.status != finer.status
-    boundary = differs & (once.status != moved.status)
-    check.sensitive += int(boundary.sum())
-    check.status_differs += int((differs & ~boundary).sum())
-    observed, times = [samples[..., 1:] for samples in seen], [samples[..., 0] for samples in seen]
-    change = changes(model, observed[0], observed[1])
-    most = np.nanmax(change, axis=1, initial=0.0)
-    size = sizes(model.observables, observed[0])
-    check.take_largest(model.observables, most, size)
-    if fixed_step_scheme(context.spec.numerics.method, model) is not None:
-        # the step is part of such a model: changes with it are reported, but are no fault of the run
-        return Again(rows, recorder, once)
-    counts = counted(model, observed[0], observed[1])
-    off = most > np.where(counts, 0.0, TOLERANCES * TOLERANCE * size)
-    # what a start moved by 1e-9 changes as much is the motion's own sensitivity
-    spread = np.nanmax(changes(model, observed[0], observed[2]), axis=1, initial=0.0)
-    wrong = off & (most > spread / MOVED * LOCAL_ERROR)
-    late = np.nanmax(np.abs(times[0] - times[1]), axis=1, initial=0.0)
-    own = np.nanmax(np.abs(times[0] - times[2]), axis=1, initial=0.0) / MOVED * LOCAL_ERROR
-    interval = np.fmin(_mean_interval(times[0]), _mean_interval(times[1]))
-    off_time = late > TOLERANCES * TOLERANCE * interval
-    check.take_largest((Quantity("t", "s", "time"),), late[:, None], interval[:, None])
-    other_count = ~differs & np.any(wrong & counts, axis=1)
-    other = ~differs & ~other_count & (wrong.any(axis=1) | (off_time & (late > own)))
-    check.count_differs += int(other_count.sum())
-    check.moved += int(other.sum())
-    check.sensitive += int(np.sum((off.any(axis=1) | off_time) & ~differs & ~other_count & ~other))
-    return Again(rows, recorder, once)
-
-
-def _comparable_time(context: RunContext) -> float:
-    """Time (s) after which rows without a section are compared: `CROSSINGS` periods, or the run's own end.
-
-    Infinite if no row has a period and the run has no end.
-    """
-    period = nominal_period(context.design)
-    longest = getattr(context.spec.recorder, "duration", None) or math.inf
-    return longest if math.isnan(period) else min(CROSSINGS * period, longest)
 
 
 def _mean_interval(times: np.ndarray) -> np.ndarray:

@@ -281,23 +281,26 @@ class _Reading:
         self._open: set[int] = set()
         self._nodes = 0
 
+    def _refused(self, line: int, text: str, path: diagnostics.Path) -> JobError:
+        return _refused(self.file, line, text, path)
+
     def value(self, node: yaml.Node, path: diagnostics.Path) -> Any:
         line = node.start_mark.line + 1
         if len(path) > _DEEPEST:
-            raise _refused(self.file, line, _TOO_DEEP)
+            raise self._refused(line, _TOO_DEEP, ())
         self.places.setdefault(path, line)
         self._nodes += 1
         if self._nodes > _MOST_NODES:
-            raise _refused(self.file, line, f"has more than {_MOST_NODES} values.", path)
+            raise self._refused(line, f"has more than {_MOST_NODES} values.", path)
         if id(node) in self._open:
-            raise _refused(self.file, line, "contains itself through an alias.", path)
+            raise self._refused(line, "contains itself through an alias.", path)
         tag = node.tag.removeprefix(_CORE)
         if tag not in _TAGS:
             shown = node.tag.replace(_CORE, "!!")
             text = (
                 f"has the tag {shown}, which is not supported: write plain numbers, text, lists and mappings."
             )
-            raise _refused(self.file, line, text, path)
+            raise self._refused(line, text, path)
         self._open.add(id(node))
         try:
             if isinstance(node, yaml.MappingNode):
@@ -313,16 +316,12 @@ class _Reading:
         for key_node, value_node in node.value:
             line = key_node.start_mark.line + 1
             if key_node.tag == "tag:yaml.org,2002:merge":
-                raise _refused(
-                    self.file,
-                    line,
-                    "uses a merge key (<<), which is not supported: write the fields out.",
-                    path,
-                )
+                text = "uses a merge key (<<), which is not supported: write the fields out."
+                raise self._refused(line, text, path)
             key = self._key(key_node, line, path)
             if key in result:
                 first = self.places[(*path, key)]
-                raise _refused(self.file, line, f"is written twice, first in line {first}.", (*path, key))
+                raise self._refused(line, f"is written twice, first in line {first}.", (*path, key))
             self.places[(*path, key)] = line
             result[key] = self.value(value_node, (*path, key))
         return result
@@ -332,11 +331,9 @@ class _Reading:
             shown = (
                 diagnostics.clipped(node.value) if isinstance(node, yaml.ScalarNode) else "a list or mapping"
             )
-            raise _refused(
-                self.file, line, f"has the key {shown or '(empty)'}, but a key must be text.", path
-            )
+            raise self._refused(line, f"has the key {shown or '(empty)'}, but a key must be text.", path)
         if (wrong := not_text(node.value)) is not None:
-            raise _refused(self.file, line, f"has a key that contains {wrong}, which is not allowed.", path)
+            raise self._refused(line, f"has a key that contains {wrong}, which is not allowed.", path)
         return node.value
 
     def _scalar(self, tag: str, text: str, line: int, path: diagnostics.Path) -> Any:
@@ -350,8 +347,7 @@ class _Reading:
             return float(text)
         if tag == "str":
             if (wrong := not_text(text)) is not None:
-                raise _refused(self.file, line, f"contains {wrong}, which is not allowed in text.", path)
+                raise self._refused(line, f"contains {wrong}, which is not allowed in text.", path)
             return text
-        raise _refused(
-            self.file, line, f"is tagged !!{tag}, but {diagnostics.found(text)} is not of that type.", path
-        )
+        text = f"is tagged !!{tag}, but {diagnostics.found(text)} is not of that type."
+        raise self._refused(line, text, path)

@@ -12,7 +12,6 @@ from gaitsweep.table.directory import ResultDirectory
 from gaitsweep.table.files import (
     TableError,
     WriteError,
-    not_written,
     own_folder,
     read_file,
     reason,
@@ -31,7 +30,6 @@ __all__ = [
     "load",
     "load_parts",
     "load_with_snapshot",
-    "not_written",
     "own_folder",
     "read_file",
     "reason",

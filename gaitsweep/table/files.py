@@ -47,18 +47,17 @@ def reason(error: OSError) -> str:
     return (error.strerror or str(error) or type(error).__name__).lower()
 
 
-def not_written(sentence: str, error: OSError) -> TableError:
-    """Return the exception for a file that could not be written: `TableError` or `WriteError`."""
-    return (TableError if error.errno in _PLACE_AT_FAULT else WriteError)(sentence)
-
-
 @contextlib.contextmanager
 def writing(what: str, then: str = "") -> Iterator[None]:
-    """A context in which an OSError becomes an exception whose message is `what`, the reason and `then`."""
+    """A context in which an OSError becomes an exception whose message is `what`, the reason and `then`.
+
+    It is a TableError if the user can correct it, else a WriteError.
+    """
     try:
         yield
     except OSError as error:
-        raise not_written(f"{what}: {reason(error)}{then}.", error) from error
+        kind = TableError if error.errno in _PLACE_AT_FAULT else WriteError
+        raise kind(f"{what}: {reason(error)}{then}.") from error
 
 
 def read_file(path: Path, most: int | None = None) -> bytes:

@@ -264,6 +264,7 @@ class LocalWorkers(Connection):
             ) from error
         scratch = tempfile.TemporaryDirectory(prefix="gaitsweep-workers-", ignore_cleanup_errors=True)
         self._closing.callback(scratch.cleanup)
+        cards = _cards()
         options: dict[str, Any] = {
             "host": _LOOPBACK,
             "protocol": "tls://",
@@ -274,9 +275,8 @@ class LocalWorkers(Connection):
             "local_directory": scratch.name,
             # a heartbeat may meet the scheduler while it closes, at the end
             "silence_logs": logging.CRITICAL,
-            "resources": _resources(),
+            "resources": {"GPU": 1} if cards else {},
         }
-        cards = _cards()
         workers: dict[str, Any] = {}
         for number in range(self._count):
             card = {"CUDA_VISIBLE_DEVICES": cards[number % len(cards)]} if cards else {}
@@ -360,12 +360,6 @@ def _environment() -> dict[str, str]:
     else:
         environment["XLA_PYTHON_CLIENT_PREALLOCATE"] = "false"  # this process uses the cards too
     return environment
-
-
-def _resources() -> dict[str, float]:
-    import jax
-
-    return {"GPU": 1} if jax.default_backend() == "gpu" else {}
 
 
 def _cards() -> list[str]:
