@@ -1,5 +1,8 @@
 """Bodies of an MJCF beside MuJoCo C: contacts with a plane, sensors, Runge-Kutta steps, keyframes."""
 
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import importlib.util

@@ -1,5 +1,8 @@
 """The articulated tree against MuJoCo, against the laws of conservation, and as a scalar program."""
 
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import dataclasses

@@ -1,5 +1,8 @@
 """Bodies stepped by MJX against MuJoCo C, stage by stage and along a trajectory; refusals; what varies."""
 
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import re

@@ -1,5 +1,8 @@
 """The sign and the size of each force, against motions in closed form, energy balances and MuJoCo C."""
 
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 from collections.abc import Callable

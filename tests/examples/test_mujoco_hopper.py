@@ -1,5 +1,8 @@
 """A model of an MJCF beside MuJoCo's own simulation in C, and what it refuses."""
 
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 from pathlib import Path

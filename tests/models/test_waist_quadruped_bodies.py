@@ -1,5 +1,8 @@
 """The quadruped's tree and its body in MJX against a loop in MuJoCo C that has a controller of its own."""
 
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import math

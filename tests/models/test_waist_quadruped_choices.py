@@ -1,5 +1,8 @@
 """What the paper leaves open about the quadruped with a waist: each choice against something independent."""
 
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import dataclasses

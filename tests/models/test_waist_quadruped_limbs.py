@@ -1,5 +1,8 @@
 """Couplings between all limbs, fore and hind bodies that differ, and what the feet do in a cycle."""
 
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import math

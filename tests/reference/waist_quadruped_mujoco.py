@@ -4,6 +4,9 @@ One trajectory in steps of fixed length, as slow and plain as can be: the models
 body is shared with them. Limbs: 1 right fore, 2 left fore, 3 right hind, 4 left hind.
 """
 
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import dataclasses

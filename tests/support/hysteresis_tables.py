@@ -84,7 +84,7 @@ def staircase_table(
     values = np.concatenate([up, up[-2::-1]])
     records = []
     for row in range(rows):
-        x, shift = -1.2, 0.01 * row  # rows differ a little in where their folds lie
+        before, x, shift = -1.2, -1.2, 0.01 * row  # rows differ a little in where their folds lie
         for stair, f in enumerate(values):
             for _ in range(hold):
                 before, x = x, x + 0.2 * (f + shift + x - x**3)

@@ -34,7 +34,7 @@ def table_of(job: Job, seed: int = 0) -> pd.DataFrame:
         elif name in axes:
             columns[name] = axes[name][rows]
         elif name == moved:
-            low, high = min(run.path), max(run.path)
+            low, high = min(run.turns), max(run.turns)
             columns[name] = low + (high - low) * (1.0 - np.abs(2.0 * place / (each - 1) - 1.0))
         elif name == "pass":
             columns[name] = (place > each // 2).astype(np.int64)

@@ -27,7 +27,7 @@ def reference(name: str) -> tuple[dict, pd.DataFrame]:
     header = re.search(rf"^# set {name}: \d+ starts, (.*)$", FILE.read_text(), re.MULTILINE)
     assert header is not None
     table = pd.read_csv(FILE, comment="#")
-    return json.loads(header[1]), table[table["set"] == name]
+    return json.loads(header[1]), table.loc[table["set"] == name]
 
 
 def simulated(params: dict, psi: np.ndarray, crossings: int, devices: int = 2):

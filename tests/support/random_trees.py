@@ -1,5 +1,8 @@
 """Random MJCF trees and states, to set the articulated dynamics against MuJoCo."""
 
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import dataclasses

@@ -16,7 +16,7 @@ from llvmlite import ir
 from scipy import special
 
 from gaitsweep.engine.kernel import llvm_code
-from gaitsweep.engine.kernel.program import Program
+from gaitsweep.engine.kernel.program import Kind, Program
 from gaitsweep.engine.kernel.python_source import Python, loaded, stored
 from gaitsweep.engine.kernel.source import statements
 from gaitsweep.engine.kernel.trace import Nodes, Tracer, kind_of
@@ -105,7 +105,7 @@ def storing_source_of(traced: Traced) -> str:
     nodes, first = traced.program.nodes, len(traced.inputs)
     loads = [f"x{i} = {loaded(nodes[at].kind, f's[{i}]')}" for i, at in enumerate(traced.inputs)]
     lines, results = statements(Python(), traced.program, traced.outputs, given)
-    kinds = [traced.program.nodes[at].kind for at in traced.outputs]
+    kinds: list[Kind] = [traced.program.nodes[at].kind for at in traced.outputs]
     lines += [
         f"s[{first + k}] = {stored(kind, result)}"
         for k, (kind, result) in enumerate(zip(kinds, results, strict=True))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -44,7 +45,7 @@ def quadruped_signals(t: np.ndarray, yaw: float = 0.0) -> dict[str, np.ndarray]:
     return signals | {f"q_{i}": row for i, row in enumerate(qpos)}
 
 
-def quadruped_job(**fields: object) -> Job:
+def quadruped_job(**fields: Any) -> Job:
     vary = {"link_length": {"values": [0.08, 0.09]}}
     run = {"kind": "trace", "duration": 0.8, "every": 0.01}
     numerics = {"method": "semi_implicit", "dt": 2.0e-4}
@@ -70,4 +71,6 @@ def quadruped_skeleton(yaw: float = 0.0, **lengths: float) -> Skeleton:
     t = 0.01 * np.arange(81)
     model = models.find("waist_quadruped")()
     values = {name: float(value[0]) for name, value in complete(model, lengths, 1).items()}
-    return model.skeleton(values, quadruped_signals(t, yaw))
+    skeleton = model.skeleton(values, quadruped_signals(t, yaw))
+    assert skeleton is not None
+    return skeleton

@@ -31,7 +31,7 @@ class Fragile(Toy):
             Quantity("hanging", "1", "1: the first worker of this row's block stops", 0.0, low=0.0),
         )
 
-    def on_host(self, values: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
+    def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         if _in_a_block():
             if os.environ.get("FRAGILE_DISK"):  # files of this process are at most so long (bytes)
                 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, resource.RLIM_INFINITY))

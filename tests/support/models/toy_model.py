@@ -157,7 +157,7 @@ class Toy(HybridModel):
         return jnp.pi * jnp.sqrt(params.mass / params.stiffness)
 
 
-def flight_time(launch: np.ndarray, frequency: float, preload: float) -> np.ndarray:
+def flight_time(launch: float | np.ndarray, frequency: float, preload: float) -> np.ndarray:
     """Seconds from a launch (m/s) to the next landing; frequency in rad/s, preload in m."""
     return 2.0 / frequency * np.arctan(np.asarray(launch) / (frequency * preload))
 
