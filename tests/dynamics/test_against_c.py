@@ -25,7 +25,8 @@ from gaitsweep.dynamics.mjx.body import MjxBody, mjx
 from gaitsweep.dynamics.mjx.refusals import cautions
 from gaitsweep.models.conformity import fault
 
-CHEAP = {"xla_backend_optimization_level": 0}  # XLA's optimizations would take longer than they save
+# XLA's optimizations would take longer than they save
+CHEAP: dict[str, str | bool] = {"xla_backend_optimization_level": "0"}
 
 LYING = """<mujoco><worldbody><geom name="floor" type="plane" size="5 5 .1" euler="5 -8 0"/>
   <body><freejoint/><geom type="capsule" size=".05 .2" mass="1" contype="2" conaffinity="7"/></body>
@@ -43,7 +44,7 @@ def test_contacts_have_the_points_and_frames_of_c() -> None:
 
     def contacts(q: jax.Array) -> Any:
         model, data = body._begun({}, body.start(q, jnp.zeros(m.nv)))
-        data = mjx.collision(model, mjx.kinematics(model, data))._impl
+        data: Any = mjx.collision(model, mjx.kinematics(model, data))._impl
         return data.contact.dist, data.contact.pos, data.contact.frame
 
     with jax.numpy_rank_promotion("allow"):

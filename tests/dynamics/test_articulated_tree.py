@@ -49,9 +49,9 @@ def example(seed: int) -> tuple[Tree, Geometry, Moment]:
             return *tree_of(model), moment(rng, model)
 
 
-def pushes(tree: Tree, now: Moment) -> list[PointForce | WorldForce]:
+def pushes(tree: Tree, now: Moment) -> list[Any]:
     """MuJoCo's xfrc_applied, in the two ways in which a force can be given."""
-    found: list[PointForce | WorldForce] = []
+    found: list[Any] = []  # `forward_dynamics` asks a force for its `link` and calls its `on`
     for body in range(1, now.model.nbody):
         link = tree.index(now.model.body(body).name)
         force, torque = now.data.xfrc_applied[body, :3], now.data.xfrc_applied[body, 3:]
@@ -232,7 +232,7 @@ def test_masses_that_vary_from_row_to_row() -> None:
     masses, sizes = jnp.array([1.0, 0.6, 1.7]), jnp.array([1.0, 1.3, 0.8])
     # run once: XLA's optimizations would take longer than they save
     batched = jax.jit(jax.vmap(with_slope)).lower(masses, sizes)
-    batch, slopes = batched.compile({"xla_backend_optimization_level": 0})(masses, sizes)
+    batch, slopes = batched.compile({"xla_backend_optimization_level": "0"})(masses, sizes)
 
     def by_mujoco(mass: float, size: float) -> np.ndarray:
         model = mujoco.MjModel.from_xml_string(waist_quadruped_xml(mass=mass, size=size))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -202,11 +202,10 @@ def test_steps_over_kinks_are_of_second_order() -> None:
 
 def test_links_that_are_none() -> None:
     u = jnp.zeros((2, 3))
-    given = PAGE | {"couplings": (Coupling(1.0, np.zeros((4, 4))),)}
     with pytest.raises(ValueError, match=r"\(3, 3\), not \(4, 4\)"):
-        rates(u, u, **given)
+        rates(u, u, **PAGE, couplings=(Coupling(1.0, np.zeros((4, 4))),))
     with pytest.raises(TypeError, match="NumPy"):
-        rates(u, u, **PAGE | {"couplings": (Coupling(1.0, jnp.zeros((3, 3))),)})  # pyright: ignore
+        rates(u, u, **PAGE, couplings=(Coupling(1.0, cast(Any, jnp.zeros((3, 3)))),))
     for pair in ((0, 3), (1, 1), (-1, 0)):
         with pytest.raises(ValueError, match=r"not a pair of 3 legs.*0 to 2"):
             links(3, [pair])

@@ -60,7 +60,7 @@ def step() -> Any:
 
     shapes = jax.tree.map(jnp.asarray, (float_leaves(TABLE_1), *at_random(0)[:4]))
     # run a few hundred times: XLA's optimizations would take longer than they save
-    return jax.jit(run).lower(*shapes).compile({"xla_backend_optimization_level": 0})
+    return jax.jit(run).lower(*shapes).compile({"xla_backend_optimization_level": "0"})
 
 
 def float_leaves(
@@ -268,7 +268,7 @@ def test_mujocos_own_contact_and_actuators() -> None:
     start = touching.start(jnp.asarray(data.qpos), jnp.asarray(data.qvel))
     # a state that keeps its types can be carried by a loop
     run = jax.jit(lambda s: jax.lax.fori_loop(0, 100, one, s)).lower(start)
-    end = run.compile({"xla_backend_optimization_level": 0})(start)
+    end = run.compile({"xla_backend_optimization_level": "0"})(start)
     touched = False
     for _ in range(100):
         mujoco.mj_step(model, data)

@@ -32,7 +32,7 @@ from tests.support.traced_cases import CASES
 
 def _by_jax(function: Callable[..., Any], *args: Any) -> Any:
     # run once: XLA's optimizations would take longer than they save
-    compiled = jax.jit(function).lower(*args).compile({"xla_backend_optimization_level": 0})
+    compiled = jax.jit(function).lower(*args).compile({"xla_backend_optimization_level": "0"})
     return compiled(*args)
 
 

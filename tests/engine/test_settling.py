@@ -117,11 +117,14 @@ def test_observables_settle_by_their_own_size() -> None:
     n = np.arange(200)
     at = (0.5 - 1.0j) * 0.9**n * np.exp(0.3j * n)
     points = np.stack([1.0 + at.real, 1.0 + at.imag], axis=1)
-    for last in range(10, 200):
-        near = np.abs(points[last] - points[last - 10 : last])
-        if np.all(near < 1e-2 * np.ptp(points[1 : last + 1], axis=0)):
-            break
-    assert ends[1].cycles[0] == last
+    expected = next(
+        last
+        for last in range(10, 200)
+        if np.all(
+            np.abs(points[last] - points[last - 10 : last]) < 1e-2 * np.ptp(points[1 : last + 1], axis=0)
+        )
+    )
+    assert ends[1].cycles[0] == expected
 
 
 class Declining(Spiral):
@@ -342,7 +345,7 @@ def test_names_that_a_tolerance_leaves_out_keep_the_default(tmp_path: Path) -> N
             start={"y_0": 2.0},
             run={"kind": "settle", "tolerance": tolerance},
         )
-        return int(gs.run(gs.Job.model_validate(given), tmp_path / str(tolerance)).table["cycles"][0])
+        return int(gs.run(gs.Job.model_validate(given), tmp_path / str(tolerance)).table.loc[0, "cycles"])
 
     assert cycles({"x": 1e-9}) == cycles(1e-3) == cycles({"y": 1e-3})
     assert cycles({"y": 1e-4}) == cycles(1e-4) == cycles(1e-3) + round(np.log(0.1) / np.log(0.9))

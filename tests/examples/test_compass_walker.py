@@ -57,9 +57,11 @@ def test_a_strike_keeps_angular_momentum() -> None:
     def momentum(mass, arm, speed):
         return jnp.sum(mass * (arm[:, 0] * speed[:, 1] - arm[:, 1] * speed[:, 0]))
 
+    effect = model.exchange.effect
+    assert effect is not None
     for _ in range(5):
         before = model.State(*map(jnp.asarray, random.uniform(-1.0, 1.0, 4)), arming=None)
-        after = model.exchange.effect(model, p, before)
+        after = effect(model, p, before)
         (mass, at, speed), (_, at_2, speed_2) = motion(before), motion(after)
         foot = at[0] - (p.a + p.b) * jnp.stack([jnp.sin(before.swing), jnp.cos(before.swing)])
         np.testing.assert_allclose(

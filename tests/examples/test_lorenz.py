@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -16,7 +18,7 @@ def test_the_shortest_periodic_orbit() -> None:
     It goes once round each fixed point, and so crosses the section twice a turn at mirrored places. The orbit
     is unstable: its point's 13 digits leave an error of some 1e-11 after one turn.
     """
-    start = {"x_0": -13.763610682134, "y_0": -19.578751942452, "z_0": 27.0}
+    start: dict[str, Any] = {"x_0": -13.763610682134, "y_0": -19.578751942452, "z_0": 27.0}
     numerics = {"rtol": 1e-12, "atol": 1e-13}
     at = gs.sweep(Lorenz(), **start, run=gs.ReturnMap(crossings=3), numerics=numerics).table.iloc[1:]
     t, x, y = (at[name].to_numpy() for name in ("t", "x_n", "y_n"))

@@ -35,7 +35,7 @@ def test_multipliers_of_twisted_states(q: int) -> None:
 def test_only_stable_twisted_states_are_reached() -> None:
     sample = {"n": 200, "seed": 1, "of": {f"phi_{i + 1}_0": [0, "2*pi"] for i in range(N)}}
     rows = gs.sweep(RingHopper(N=N), sample=sample, run=gs.Settle(max_cycles=400, tolerance=1e-6)).table
-    counts = rows["gait"].value_counts()
+    counts = rows["gait"].value_counts().to_dict()
     assert counts["q = 2"] == counts["q = -2"] == counts["none"] == 0
     assert counts["q = 0"] > counts["q = 1"] > 0
     # mirrored states are equally likely: 4 standard deviations of their difference

@@ -68,7 +68,7 @@ def test_stance_is_that_of_the_published_approximation() -> None:
     the leg turns at W (1 - 2 e).
     """
     trace = gs.simulate(SlipRunner(), duration=0.5, every=2e-4, z_0=0.95)
-    leg = np.hypot(trace["x"], trace["z"]).to_numpy()
+    leg = np.hypot(trace["x"].to_numpy(), trace["z"].to_numpy())
     down = np.flatnonzero(np.diff(trace["x"]) < -0.1)[0] + 1  # x counts from the foot
     up = down + np.flatnonzero(leg[down:] > L0)[0]
     t = (trace["t"] - trace["t"][down]).to_numpy()[down:up]
@@ -79,13 +79,14 @@ def test_stance_is_that_of_the_published_approximation() -> None:
     mean = (turning**2 - G / L0) / w**2
     strain = mean * (1.0 - np.cos(w * t)) + radial / (L0 * w) * np.sin(w * t)
     assert np.abs(strain - (leg[down:up] / L0 - 1.0)).max() < 0.01
-    swept = np.arctan2(trace["x"], trace["z"]).to_numpy()[down:up]
+    swept = np.arctan2(trace["x"].to_numpy(), trace["z"].to_numpy())[down:up]
     turned = turning * np.concatenate([[0.0], np.cumsum(np.diff(t) * (1.0 - 2.0 * strain[:-1]))])
     assert np.abs(np.rad2deg(swept - swept[0] - turned)).max() < 0.6
 
 
 @pytest.mark.slow
 def test_an_apex_below_touchdown_falls_and_so_does_a_leg_too_steep() -> None:
-    low, steep = (gs.sweep(SlipRunner(), **kw).table for kw in ({"z_0": [0.92]}, {"alpha": [74.0]}))
+    low = gs.sweep(SlipRunner(), z_0=[0.92]).table
+    steep = gs.sweep(SlipRunner(), alpha=[74.0]).table
     assert low["status"].tolist() == steep["status"].tolist() == ["fell"]
     assert low["cycles"].tolist() == [0]

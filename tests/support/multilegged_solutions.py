@@ -6,6 +6,7 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from gaitsweep.papers.ambe2021.theory.chain import Chain, touchdown_phase
 from gaitsweep.papers.ambe2021.theory.solution_sets import (
@@ -69,6 +70,6 @@ def transport(psi: jax.Array, touchdown: jax.Array, source: Leg, target: Leg) ->
     return relative(phi + jnp.where(resets, TWO_PI - touchdown, 0.0))
 
 
-def total(psi: jax.Array) -> jax.Array:
+def total(psi: jax.Array | np.ndarray) -> jax.Array:
     """E, the sum of the relative phases (rad, last axis N) on one section, wrapped to [0, 2 pi); eq. (29)."""
     return jnp.mod(jnp.sum(jnp.asarray(psi), axis=-1), TWO_PI)

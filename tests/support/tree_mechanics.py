@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +12,6 @@ import numpy as np
 
 from gaitsweep.dynamics.tree.articulated_tree import WORLD, Geometry, Tree
 from gaitsweep.dynamics.tree.dynamics import _bodies, _carried, passive_forces, rigid_body
-from gaitsweep.dynamics.tree.external_force import PointForce, YieldingForce
 from gaitsweep.dynamics.tree.kinematics import Place, movements, places, velocity
 from gaitsweep.dynamics.tree.spatial import (
     EYE,
@@ -49,7 +49,7 @@ def inverse_dynamics(
     q: Array,
     v: Array,
     acceleration: Array,
-    external: Sequence[PointForce | WorldForce | YieldingForce] = (),
+    external: Sequence[Any] = (),
     *,
     gravity: Array,
 ) -> Array:
@@ -57,7 +57,7 @@ def inverse_dynamics(
 
     The inverse of `forward_dynamics`, with its arguments.
     """
-    bodies = _bodies(tree, geometry, q, v, external, gravity)  # pyright: ignore
+    bodies = _bodies(tree, geometry, q, v, external, gravity)
     accelerations: list[MotionVector] = []
     forces: list[ForceVector] = []
     for i, (link, body) in enumerate(zip(tree.links, bodies, strict=True)):
