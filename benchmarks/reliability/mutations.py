@@ -30,7 +30,7 @@ from benchmarks.reliability.mutated_jobs import ROOT, Mutant, Workshop
 
 LATEST = 5.0  # s
 MOST_MEMORY = 1000.0  # MB
-AT_A_TIME = 4  # commands; 16 that start at once on 16 processors wait for memory, and 32 of 90 took 5 to 7 s
+AT_A_TIME = 4  # commands; of 90 that began 16 at a time on 16 processors, 32 took 5 to 7 s
 HANGS = 60  # s after which a check is stopped, and counts as one that never answers
 RUN_HANGS = 900  # s, of a command that runs rows
 SPARE = 6 * 2**30  # bytes of address space that a check may take more: a machine is not brought down

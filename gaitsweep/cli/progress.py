@@ -16,6 +16,7 @@ from gaitsweep.runs.progress import Progress as RunProgress
 from gaitsweep.runs.progress import progress_lines
 
 _WHOLE = 1_000_000  # steps of the bar
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextlib.contextmanager
@@ -51,9 +52,6 @@ def shown_progress(unit: str = "rows", console: Console | None = None) -> Iterat
             shown.update(task, description=note, completed=steps, rows=rows, rate=speed)
 
         yield update
-
-
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class Terminated(KeyboardInterrupt):

@@ -30,6 +30,9 @@ from gaitsweep.table import (
 from gaitsweep.table.manifest import FIGURES, JOB, read_manifest
 from gaitsweep.version import version
 
+# Rows of a table of which all are shown; a page has fewer distinguishable points.
+MOST_SHOWN = 2_000_000
+
 
 class FigureError(UserError):
     """Some of a table's figures could not be drawn; `drawn` has the files of the others."""
@@ -159,10 +162,6 @@ def _figures_of(snapshot: Snapshot) -> list[dict[str, Any]]:
         return read_figures(asked, str(file))
     except JobError as error:
         raise TableError(str(error)) from None
-
-
-# Rows of a table of which all are shown; a page has fewer distinguishable points.
-MOST_SHOWN = 2_000_000
 
 
 @dataclasses.dataclass(frozen=True)

@@ -23,6 +23,12 @@ PACKAGES = (
     *("llvmlite", "cuda-core", "nvidia-cuda-nvrtc", "mujoco", "mujoco-mjx"),
 )
 
+PROGRAM = "program"  # digests of the functions of a user's model, by name
+EARLIER = "made_before"  # versions, machine, commit and parts of each earlier maker
+_MAKER = ("versions", "machine", "git_commit")
+# versions that a trace depends on
+_TRACING = ("python", "gaitsweep", "jax", "jaxlib", "mujoco", "mujoco-mjx")
+
 
 @functools.cache
 def versions() -> dict[str, str]:
@@ -70,13 +76,6 @@ def git_commit() -> str | None:
 def _git(folder: Path, *arguments: str) -> str:
     command = ["git", "-C", str(folder), *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
-
-
-PROGRAM = "program"  # digests of the functions of a user's model, by name
-EARLIER = "made_before"  # versions, machine, commit and parts of each earlier maker
-_MAKER = ("versions", "machine", "git_commit")
-# versions that a trace depends on
-_TRACING = ("python", "gaitsweep", "jax", "jaxlib", "mujoco", "mujoco-mjx")
 
 
 def continue_directory(

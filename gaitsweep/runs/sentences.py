@@ -16,6 +16,8 @@ MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD = "mislabelled", "starts_beyond", "wi
 HALF_THE_STEP = "half the step"
 # A settled row may move by this many times the tolerance of settling.
 TOLERANCES = 10.0
+# Name of a result, for jobs whose rows are sets of constants.
+_RESULTS = {"search": "target", "sensitivity": "output"}
 
 
 def self_check_sentence(check: dict[str, Any]) -> str:
@@ -73,10 +75,6 @@ def advice(check: dict[str, Any], dt: float | None) -> str:
             "shorter, and compare."
         )
     return "The table depends on the step: give a shorter one, numerics.dt, and compare."
-
-
-# Name of a result, for jobs whose rows are sets of constants.
-_RESULTS = {"search": "target", "sensitivity": "output"}
 
 
 def status_sentence(status: str, job: Mapping[str, Any]) -> str:

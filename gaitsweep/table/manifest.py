@@ -131,7 +131,7 @@ class _Maker(_Plain):
 
 
 class _SomeRows(_Plain):
-    """How many rows, of which `row` is the first, and of how many examined ones."""
+    """A number of rows, of which `row` is the first, among `of` examined ones."""
 
     rows: _CountOrZero
     row: _CountOrZero

@@ -46,6 +46,7 @@ ASIDE = 0.01
 SMALL = 1e-3
 
 Test = Callable[[ContinuationProblem, BranchPoints], PerBranch]
+T = TypeVar("T")
 
 
 def multipliers_of(
@@ -83,9 +84,6 @@ def pair_test(problem: ContinuationProblem, branch_points: BranchPoints) -> PerB
 
 
 TESTS: tuple[Test, ...] = (fold_test, branch_test, flip_test, pair_test)
-
-
-T = TypeVar("T")
 
 
 def located(

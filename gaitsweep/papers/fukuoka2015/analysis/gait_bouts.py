@@ -18,6 +18,7 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import FAMILIES, S
 # The period is not steady while a parameter moves, so only the shifts are tested. Complete cycles of all legs
 # are not required, since the first of two onsets between crossings, as in a trot, is not known.
 PASSING = Steadiness(variation=math.inf, skipped=0.3, cycles=0)
+LEAST = 3  # windows of a bout
 
 
 def gaits_along(
@@ -134,9 +135,6 @@ def _beside(table: pd.DataFrame, along: pd.DataFrame) -> dict[str, np.ndarray]:
             found["pass"][at] = mine["pass"].to_numpy(float)[nearest]
     speed = found.pop("speed_n", found.pop("x", None))
     return found if speed is None else found | {"speed": speed}
-
-
-LEAST = 3  # windows of a bout
 
 
 def speed_transitions(table: pd.DataFrame, by: Sequence[str] = (), cycles: int = 3) -> pd.DataFrame:

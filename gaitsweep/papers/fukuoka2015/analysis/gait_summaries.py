@@ -20,6 +20,17 @@ MEASURES = (
     "delta_1_mean", "delta_2_mean", "delta_1_touchdown", "delta_2_touchdown", "margin",
 )  # fmt: skip
 
+# The gaits and mirror images of each kind; slow kinds first.
+KINDS = {
+    "walk": ("L-walk", "D-walk"),
+    "trot": ("trot",),
+    "canter": ("R-canter", "L-canter"),
+    "unusual": ("uR-canter", "uL-canter"),
+    "gallop": ("RT-gallop", "LT-gallop"),
+}
+THRESHOLDS = (0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1)  # cycles
+_WIDTH = 0.01  # cycles
+
 
 def gait_measures(table: pd.DataFrame, by: Sequence[str] | None = None) -> pd.DataFrame:
     """The median measures of each gait at each set of the swept axes.
@@ -52,16 +63,6 @@ def gait_measures(table: pd.DataFrame, by: Sequence[str] | None = None) -> pd.Da
     found = groups[list(names)].median().rename(columns=names)
     found.insert(0, "rows", groups.size())
     return found.reset_index()
-
-
-# The gaits and mirror images of each kind; slow kinds first.
-KINDS = {
-    "walk": ("L-walk", "D-walk"),
-    "trot": ("trot",),
-    "canter": ("R-canter", "L-canter"),
-    "unusual": ("uR-canter", "uL-canter"),
-    "gallop": ("RT-gallop", "LT-gallop"),
-}
 
 
 def repertoire(
@@ -100,10 +101,6 @@ def repertoire(
         found[f"speed_{kind}"] = medians.reindex(range(count)).to_numpy()
     speeds = np.stack([found[f"speed_{kind}"] for kind in ("walk", "trot", "canter", "gallop")], axis=1)
     return found.assign(in_order=np.all(np.diff(speeds, axis=1) > 0.0, axis=1))
-
-
-THRESHOLDS = (0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1)  # cycles
-_WIDTH = 0.01  # cycles
 
 
 def gaits_by_threshold(
