@@ -286,7 +286,7 @@ def test_names_that_are_too_few_are_refused() -> None:
 def test_a_row_that_makes_too_many_steps_is_not_stalled() -> None:
     """Attempts come to their end where steps are cut short for ever, without a jump at one instant."""
 
-    class Brief(SettleRecorder):  # pyright: ignore[reportGeneralTypeIssues] (final but for this limit)
+    class Brief(SettleRecorder):  # pyright: ignore[reportGeneralTypeIssues] (only a test sets this limit)
         def max_attempts(self, params, dt):
             return jnp.asarray(200.0)
 
