@@ -220,10 +220,35 @@ def _stopped(name: str, out: Path | None) -> str:
 
 
 @app.command()
-def plot(directory: Directory) -> None:
+def plot(
+    directory: Directory,
+    width: Annotated[
+        str | None, typer.Option("--width", help="Width: column (85 mm), page (180 mm), or mm.")
+    ] = None,
+    formats: Annotated[
+        list[str], typer.Option("--format", help="File format: png, pdf or svg; may be repeated.")
+    ] = [],  # noqa: B006 - typer does not change it
+    dpi: Annotated[int | None, typer.Option("--dpi", help="Pixels per inch of png files (150).")] = None,
+    colours: Annotated[
+        list[str],
+        typer.Option("--colour", metavar="GAIT=COLOUR", help="Colour of a gait; may be repeated."),
+    ] = [],  # noqa: B006 - typer does not change it
+    panel_letters: Annotated[
+        bool, typer.Option("--panel-letters", help="Write a, b, c, ... above panels.")
+    ] = False,
+    no_marks: Annotated[
+        bool, typer.Option("--no-marks", help="Omit the remark on an incomplete or doubtful table.")
+    ] = False,
+) -> None:
     """Draw the figures of a table again, without simulation."""
+    from gaitsweep.plot.figure_style import read_style
     from gaitsweep.runs.figures import FigureError, draw_figures
     from gaitsweep.table import Snapshot
+
+    given = {"width": width, "format": formats or None, "dpi": dpi}
+    given |= {"colours": dict(map(_named_colour, colours)) or None}
+    given |= {"panel_letters": panel_letters or None, "marks": False if no_marks else None}
+    style = read_style(**given)
 
     job = Snapshot.of(directory).job
     try:
@@ -232,7 +257,7 @@ def plot(directory: Directory) -> None:
 
             paths = draw_again(directory)
         else:
-            paths = draw_figures(directory)
+            paths = draw_figures(directory, style=style)
     except FigureError as error:
         for path in error.drawn:
             print(path)
@@ -244,6 +269,14 @@ def plot(directory: Directory) -> None:
         if "sensitivity" in job:
             text = f"`gaitsweep sensitivity` draws the figures of {directory}: run it again."
         print(text, file=sys.stderr)
+
+
+def _named_colour(text: str) -> tuple[str, str]:
+    """The gait and the colour of `--colour GAIT=COLOUR`."""
+    gait, equals, colour = text.partition("=")
+    if not equals:
+        raise typer.BadParameter(f"is {text}, but must be GAIT=COLOUR, such as trot=#0072B2.")
+    return gait, colour
 
 
 app.command()(animate)

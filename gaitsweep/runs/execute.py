@@ -105,7 +105,7 @@ def run_job(
         if figures and resolved["figures"]:
             from gaitsweep.runs.figures import draw_of_complete  # which imports Matplotlib
 
-            draw_of_complete(directory, resolved["figures"], on_progress, on_message)
+            draw_of_complete(directory, resolved, on_progress, on_message)
     if checked.get("verdict") == "warned":
         text = f"{self_check_sentence(checked)} {advice(checked, spec.numerics.dt)}"
         if strict:

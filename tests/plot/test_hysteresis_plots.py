@@ -15,7 +15,7 @@ from gaitsweep import plot
 from gaitsweep.extension import gait_styles
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.bifurcations.passes import DOWN, UP
-from gaitsweep.plot.style import COLOURS, angle_ticks, in_pi
+from gaitsweep.plot.theme import COLOURS, angle_ticks, in_pi
 from tests.support.hysteresis_tables import (
     FOLD,
     delta,

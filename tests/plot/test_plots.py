@@ -18,7 +18,7 @@ from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.columns import axis_label, row_names, written
 from gaitsweep.plot.limbs import limb_colours
-from gaitsweep.plot.style import COLOURS
+from gaitsweep.plot.theme import COLOURS
 from tests.support.plot_tables import AXES, POINTS, TURN, crossing_table, rendered, settle_table, trace_table
 
 

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 import gaitsweep as gs
 from gaitsweep.api.result import Result
 from gaitsweep.cli import commands
-from gaitsweep.plot import style
+from gaitsweep.plot import theme
 from gaitsweep.runs.dataset import MissingPackageError
 from gaitsweep.view.explorer.choice import boundary, spread, subgrid
 from gaitsweep.view.explorer.encoding import RESOLUTION, motion_fields, packed
@@ -456,7 +456,7 @@ def _check_canvases(page: Page, scheme: str) -> None:
     for text, behind in (("ink", "paper"), ("faint", "paper"), ("length", "strip")):
         assert page.evaluate(f"({contrast})(shade.{text}, shade.{behind})") >= 4.5, (text, behind)
     if scheme == "dark":
-        for colour in ("#3B3B3B", "#000000", *style.SPARE_COLOURS):
+        for colour in ("#3B3B3B", "#000000", *theme.SPARE_COLOURS):
             assert page.evaluate(f"({contrast})(seen('{colour}'), shade.paper)") >= 3.0, colour
 
 

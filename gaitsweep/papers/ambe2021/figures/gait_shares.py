@@ -38,7 +38,7 @@ from gaitsweep.plot import (
     is_logarithmic,
     log_axes,
     on_grid,
-    style,
+    theme,
 )
 
 _SHARES = (*GAITS, "elsewhere")
@@ -93,10 +93,12 @@ def gait_shares(
             column(table, name)
     if y is None:
         return _curves(table, x, title)
-    with style.canvas(style.PAGE, 2.7, title) as figure:
-        panels = figure.subplots(1, len(_SHARES), sharex=True, sharey=True)
+    across = theme.across(len(_SHARES), len(_SHARES), theme.PAGE, 1.4)
+    down = -(-len(_SHARES) // across)
+    with theme.canvas(theme.PAGE, 1.9 * down + 0.8, title) as figure:
+        panels = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
         if not len(table):
-            style.message(panels[0], "no rows yet")
+            theme.message(panels[0], "no rows yet")
             return figure
         shares = shares_of(table)
         drawn = None
@@ -108,10 +110,13 @@ def gait_shares(
             _edges(axes, table, x, y)
             if gait in GAITS:
                 _exact(axes, table, x, y, gait)
-        panels[0].set_ylabel(described(table, y, 24))
+        for axes in panels[::across]:
+            axes.set_ylabel(described(table, y, 24))
+        for axes in panels[:-across]:
+            axes.set_xlabel("")
         assert drawn is not None
         figure.colorbar(drawn, ax=panels, label="share of starts", shrink=0.9)
-        figure.legend(list(_LINES.values()), list(_LINES), loc="outside lower center", ncols=2)
+        theme.legend(figure, list(_LINES.values()), list(_LINES), ncols=2)
     return figure
 
 
@@ -144,17 +149,17 @@ def _map(axes: Axes, shares: pd.DataFrame, x: str, y: str, gait: str, logs: tupl
 
 
 def _curves(table: pd.DataFrame, x: str, title: str | None) -> Figure:
-    with style.canvas(style.COLUMN + 0.9, 3.1, title) as figure:
+    with theme.canvas(theme.COLUMN + 0.9, 3.1, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))
         axes.set_ylabel("share of starts")
         log_axes(axes, table, x=x)
         if not len(table):
-            style.message(axes, "no rows yet")
+            theme.message(axes, "no rows yet")
             return figure
         shares = shares_of(table).sort_values(x)
-        colour = {**style.colours(GAITS), "elsewhere": style.COLOURS["none"]}
-        marker = {**style.markers(GAITS), "elsewhere": "x"}
+        colour = {**theme.colours(GAITS), "elsewhere": theme.COLOURS["none"]}
+        marker = {**theme.markers(GAITS), "elsewhere": "x"}
         for gait in _SHARES:
             label = gait if gait in GAITS else "none of these"
             look = {"color": colour[gait], "marker": marker[gait], "ms": 3.5}
@@ -166,7 +171,7 @@ def _curves(table: pd.DataFrame, x: str, title: str | None) -> Figure:
         _edges(axes, table, x, None)
         for gait in GAITS:
             _exact(axes, table, x, None, gait)
-        figure.legend(loc="outside lower center", ncols=4)
+        theme.legend(figure, ncols=4)
     return figure
 
 
