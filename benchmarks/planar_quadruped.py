@@ -28,7 +28,7 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import HIP, KNEE, Z, mjcf
 
 STEP = 1e-3  # s
-# Cycles of each row, .2 to .8 s each.
+# Cycles of each row, 0.2 to 0.8 s each.
 CYCLES = {("kernel", "cpu"): 40, ("kernel", "gpu"): 100, ("xla", "cpu"): 1, ("xla", "gpu"): 2}
 STANDING, LIFTED = 0.130, 0.057  # m, lengths of knees
 TROTTING = (STANDING, LIFTED, LIFTED, STANDING)

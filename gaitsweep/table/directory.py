@@ -191,8 +191,7 @@ class ResultDirectory:
         write_digests(self.path, read_digests(self.path) | examined.undigested)
         self.notes.append(
             f"{text} in {DIGESTS}. Their job, block, rows and page checksums are correct: the files "
-            "are used, and "
-            "their digests are written again."
+            "are used, and their digests are written again."
         )
 
     def _clear(self, fault: Fault) -> None:

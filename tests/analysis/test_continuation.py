@@ -108,7 +108,7 @@ def test_circles_that_are_born_are_told() -> None:
 
 
 def test_over_a_jump_of_the_map() -> None:
-    """A branch that jumps by .05 goes on behind it, and says so; no record lies in between."""
+    """A branch that jumps by 0.05 goes on behind it, and says so; no record lies in between."""
     mapping = PlainMap(broken, ("x",), (("r", 0.5), ("gap", 0.05)))
     table = continuation(mapping, mapping.points([[0.5]]), {}, parameter="r", within=(0.5, 1.5))
     assert table["end"].iloc[-1] == "range"
@@ -156,7 +156,7 @@ def test_a_start_without_a_fixed_point() -> None:
 
 
 def test_a_branch_that_comes_to_where_the_map_has_no_derivative() -> None:
-    """It is lost there, at x = sqrt(r) = .9, and harms no branch beside it."""
+    """It is lost there, at x = sqrt(r) = 0.9, and harms no branch beside it."""
 
     def edged(values, x):
         # the root's derivative beyond its end is 0 times infinity

@@ -172,7 +172,7 @@ def _by_touchdowns(loads: np.ndarray, by_onsets: str = "trot") -> tuple[str, str
 def test_footfalls_name_their_gait_whatever_the_network_does(gait: str) -> None:
     by_onsets, by_touchdowns, shifts = _by_touchdowns(footfalls(gait))
     assert (by_onsets, by_touchdowns) == ("trot", gait)
-    np.testing.assert_allclose(shifts, 0.2 * np.array(signs(gait)), atol=0.004)  # steps of .002 of a cycle
+    np.testing.assert_allclose(shifts, 0.2 * np.array(signs(gait)), atol=0.004)  # steps of 0.002 of a cycle
     assert _by_touchdowns(footfalls("trot"), by_onsets=gait)[:2] == (gait, "trot")
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from gaitsweep.cli import again, main
 from gaitsweep.cli import commands as cli_commands
+from gaitsweep.cli import main, stored_output
 
 JOB = """
 name: few
@@ -36,15 +36,15 @@ def _loaded(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     found: list[bool] = []
 
     def load_output(command: list[str]) -> tuple[str, str] | None:
-        said = again.load_output(command)
+        said = stored_output.load_output(command)
         found.append(said is not None)
         return said
 
     class Recorded:
-        store_output = staticmethod(again.store_output)
+        store_output = staticmethod(stored_output.store_output)
 
     Recorded.load_output = staticmethod(load_output)  # type: ignore[attr-defined]
-    monkeypatch.setattr(cli_commands, "again", Recorded)
+    monkeypatch.setattr(cli_commands, "stored_output", Recorded)
     return found
 
 
