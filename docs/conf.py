@@ -14,7 +14,7 @@ DOCS = Path(__file__).parent
 sys.path[:0] = [str(DOCS / "extensions"), str(DOCS.parent)]
 os.environ.setdefault("JAX_PLATFORMS", "cpu")  # models are only described here
 
-from gaitsweep.version import version as installed_version  # noqa: E402
+from gaitsweep.version import version as installed_version  # noqa: E402 - needs the path above
 
 project = "gaitsweep"
 author = "gaitsweep authors"

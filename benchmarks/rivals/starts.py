@@ -15,7 +15,7 @@ TESTS = Path(__file__).resolve().parents[2] / "tests"
 if str(TESTS) not in sys.path:
     sys.path.insert(0, str(TESTS))
 
-from reference.multilegged_page import Parameters, State, start  # noqa: E402
+from reference.multilegged_page import Parameters, State, start  # noqa: E402 - needs the path above
 
 Array = NDArray[np.float64]
 

@@ -162,9 +162,7 @@ def switching(flow: Callable[[Params, State], Rates], params: Params, state: Sta
             continue
         if operation == "rem":
             levels.append(jnp.ravel(jnp.floor(args[0] / jnp.where(args[1] == 0.0, 1.0, args[1]))))
-        elif (
-            operation in _SATURATED
-        ):  # a step from one saturated end to the other differs by 1, to the middle 0.5
+        elif operation in _SATURATED:  # the saturated ends differ by 1, each of them from the middle by 0.5
             levels.append(jnp.ravel(jnp.where(jnp.abs(args[0]) > SATURATION, 0.5 * jnp.sign(args[0]), 0.0)))
         elif operation in _LEVELS and (operation != _CAST or not jnp.issubdtype(result.dtype, jnp.inexact)):
             levels.append(jnp.ravel(result).astype(float))
@@ -176,7 +174,7 @@ def switching(flow: Callable[[Params, State], Rates], params: Params, state: Sta
 def may_bend(
     function: Callable[[Params, State], Float[Array, " values"]], params: Params, state: State, rates: Rates
 ) -> bool:
-    """Whether a function may jump or bend as `rates` move the state: it has operations that are not smooth."""
+    """Whether a function may jump or bend as `rates` move the state: not all its operations are smooth."""
     with jax.disable_jit():
         program = jax.make_jaxpr(function)(params, state).jaxpr
     return any(

@@ -278,7 +278,7 @@ def _in_job(annotation: Any) -> Any:
     if origin is Annotated:
         return Annotated[_in_job(first), *rest]
     if origin in (Union, UnionType):
-        return Union[tuple(_in_job(each) for each in (first, *rest) if each is not pd.DataFrame)]  # noqa: UP007
+        return Union[tuple(_in_job(each) for each in (first, *rest) if each is not pd.DataFrame)]  # noqa: UP007 - of a tuple of types
     if origin in (Sequence, Mapping):
         plain = list if origin is Sequence else dict
         return plain[*(_in_job(each) for each in (first, *rest))]  # pyright: ignore[reportInvalidTypeArguments]

@@ -402,7 +402,7 @@ def test_periods_are_looked_for_in_float32_too() -> None:
 
 @pytest.mark.slow
 def test_a_walker_on_a_slope_takes_two_steps_then_four_to_repeat() -> None:
-    """Garcia et al. 1998: one step up to a slope of 0.0151 rad, two from there, then four, chaos before 0.019.
+    """Garcia et al. 1998: one step up to a slope of 0.0151 rad, then two, then four, chaos before 0.019.
 
     Each slope starts from where the one before settled: the basin of the gait is small.
     """

@@ -329,9 +329,9 @@ def landings(
             guards = walker.guards(walker.time, walker.y)
             h = min(h, 1e-5)
             continue
-        taken = advanced(walker.rates, walker.guards, walker.time, walker.y, h, guards, rtol)
-        chain = 0 if taken.t - walker.time > 1e-9 else chain
-        walker.time, walker.y, guards, h = taken.t, taken.y, taken.guards, taken.h
+        accepted = advanced(walker.rates, walker.guards, walker.time, walker.y, h, guards, rtol)
+        chain = 0 if accepted.t - walker.time > 1e-9 else chain
+        walker.time, walker.y, guards, h = accepted.t, accepted.y, accepted.guards, accepted.h
         if walker.fell():
             raise Fallen(f"at t = {walker.time} s")
         if walker.time > limit:
