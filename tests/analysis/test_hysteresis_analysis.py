@@ -87,9 +87,8 @@ def test_a_steep_branch_is_no_jump(steps: int) -> None:
 
 
 def test_edges_are_medians_over_rows_with_their_range() -> None:
-    table = staircase_table(
-        4
-    )  # the folds of row 3 lie 0.03 lower: at -0.415 they fall into the next interval
+    # the folds of row 3 lie 0.03 lower: at -0.415 they fall into the next interval
+    table = staircase_table(4)
     found = transition_points(table, "delta_13", "f")
     assert found["direction"].tolist() == ["rising", "falling"]
     assert found[["low", "high"]].to_numpy().ravel() == pytest.approx([0.3, 0.4, -0.5, -0.3])
