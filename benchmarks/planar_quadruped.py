@@ -55,7 +55,7 @@ def gaitsweep_rate(engine: str, body: str, seconds: float, lanes: int | None) ->
 
 
 def standing() -> tuple[Any, np.ndarray]:
-    """The MjModel of the body on springs in its joints, and positions (rows, nq) near a stance on LF and RH."""
+    """The MjModel of the body on springs in its joints, and positions (rows, nq) near LF and RH standing."""
     import mujoco
 
     model = mujoco.MjModel.from_xml_string(mjcf())  # type: ignore[attr-defined]

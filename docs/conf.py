@@ -1,4 +1,4 @@
-"""How Sphinx builds the documentation: `make docs`.
+"""Configuration of Sphinx, which builds the documentation: `make docs`.
 
 The source folder is the repository itself, so that links between README, docs and notebooks are the same ones
 on a forge and on the site.

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 class Row(TypedDict):
-    """What a rival, or an engine, gives; NaN where nothing could be measured.
+    """Result of a rival or an engine; NaN where nothing could be measured.
 
     `steps_per_second` are attempts of all trajectories together; `error_rad` is the 95 % quantile, over the
     starts, of the largest error of psi at any crossing (rad).

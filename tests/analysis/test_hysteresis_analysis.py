@@ -30,7 +30,7 @@ JUMP = np.sqrt(3) * SCALE  # rad, at a fold: from x = -1/sqrt(3) to 2/sqrt(3)
 
 
 def lag(steps: int, eps: float = 0.2, top: float = 0.8) -> float:
-    """How far beyond its fold a ramp leaves: u' = mu + sqrt(3) u^2 has its pole at Airy's first zero."""
+    """Delay of a ramp beyond its fold: u' = mu + sqrt(3) u^2 has its pole at Airy's first zero."""
     return 2.338 * (2 * top / steps / eps) ** (2 / 3) / 3 ** (1 / 6)
 
 

@@ -19,7 +19,7 @@ Show = Callable[..., str]
 
 @pytest.fixture
 def show(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Show:
-    """What a command prints for a table."""
+    """Output of a command for a table."""
 
     def shown(table: pd.DataFrame, *arguments: str) -> str:
         monkeypatch.setattr(gaitsweep.table, "load", lambda _: table)

@@ -243,7 +243,7 @@ def _eigenvalues(p: Any) -> np.ndarray:
 
 
 def _growth(name: str, z: complex) -> complex:
-    """What a step makes of x' = z x, dt = 1, from the method's own code on a complex flow of two numbers."""
+    """Factor of a step of x' = z x, dt = 1, from the method's own code on a complex flow of two numbers."""
     from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6
 
     shares = {"rk4": (1.0,) * 4, "propagator6": PROPAGATOR6, "propagator": PROPAGATOR}[name]

@@ -1,4 +1,4 @@
-"""How rows end: by their limits, on the wrap of an angle, and where their numbers leave all bounds."""
+"""Ends of rows: by their limits, on the wrap of an angle, and where their numbers leave all bounds."""
 
 from __future__ import annotations
 

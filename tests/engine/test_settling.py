@@ -1,4 +1,4 @@
-"""What counts as settled: observables by their own size, orbits by their period; and what does not."""
+"""Settled rows: observables by their own size, orbits by their period; and rows that are not settled."""
 
 from __future__ import annotations
 

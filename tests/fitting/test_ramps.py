@@ -45,7 +45,7 @@ def searched(model: Any = CuspFlow, **more: Any) -> Any:
 
 
 def fold_under_a_ramp(a: float) -> float:
-    """Where a slow ramp of r leaves x > 0, m/s.
+    """Value of r (m/s) at which a slow ramp leaves x > 0.
 
     The fold is at r = -2 (a/3)^(3/2). There y' = -b y^2 - rate t, b = sqrt(3 a), runs away after the time
     AIRY / (b rate)^(1/3).

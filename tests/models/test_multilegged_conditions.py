@@ -1,4 +1,4 @@
-"""Where the gaits exist: the conditions against the paper's, and against what the reduced chain does."""
+"""Conditions for the gaits to exist, against the paper's and against the motion of the reduced chain."""
 
 from __future__ import annotations
 

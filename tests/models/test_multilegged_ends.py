@@ -43,7 +43,7 @@ def wrapped(difference: object) -> np.ndarray:
 
 
 def params_of(*chains: Chain) -> dict[str, np.ndarray]:
-    """What differs from the model's defaults, for rows of one chain after the other."""
+    """Differences from the model's defaults, for rows of one chain after the other."""
     names = ("m_1", "m_end", "kappa_1", "kappa_end", "a_1", "a_end")
     inner = {"kappa": 100.0, "a": 0.4}
     given = {name: [getattr(chain, name) for chain in chains] for name in names}

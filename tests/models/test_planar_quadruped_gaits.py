@@ -128,7 +128,7 @@ PERIOD, STANCE = 0.5, 0.5  # s, share of a cycle
 
 @jax.jit
 def _followed(loads: jax.Array, onsets: jax.Array) -> cycle.Cycle:
-    """What is read of loads (n, 4) at each millisecond, on legs that begin to swing at phases (4,)."""
+    """Readings of loads (n, 4) at each millisecond, on legs that begin to swing at phases (4,)."""
     zero, dt = jnp.zeros(()), jnp.asarray(1e-3)
 
     def flexors(t: jax.Array) -> jax.Array:
