@@ -17,7 +17,7 @@ from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.errors import ArgumentError
-from gaitsweep.job.schema import Job
+from gaitsweep.job.job import Job
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, chains_of
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
