@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import typer
 import yaml
+from typer.core import TyperGroup
 
 from benchmarks.docs_numbers import (
     ROOT,
@@ -146,7 +147,7 @@ def test_commands_of_the_pages_exist(page: Path) -> None:
                 assert importlib.util.find_spec(words[2]), words
                 continue
             command, rest = typer.main.get_command(app), list(words[1:])
-            while isinstance(command, typer.core.TyperGroup):
+            while isinstance(command, TyperGroup):
                 command = command.commands[rest.pop(0)]
             given = command.make_context(
                 command.name, rest

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from typer.core import TyperGroup
 
 import gaitsweep as gs
 from gaitsweep.cli.commands import app
@@ -50,8 +51,9 @@ def text(page: Path) -> str:
 
 
 def test_every_public_name_is_in_the_api_reference(site: Path) -> None:
-    names = {f"gaitsweep.{name}" for name in gs.__all__}
-    functions = (name for name in gs.analyses.__all__ if callable(getattr(gs.analyses, name)))
+    names = {f"gaitsweep.{name}" for name in vars(gs)["__all__"]}
+    analyses = vars(gs.analyses)["__all__"]
+    functions = (name for name in analyses if callable(getattr(gs.analyses, name)))
     names |= {f"gaitsweep.analyses.{name}" for name in functions} - {"gaitsweep.analyses.basins"}
     names |= {f"gaitsweep.papers.ambe2021.theory.{name}" for name in theory.__all__}
     names |= {f"gaitsweep.plot.{kind}" for kind in FIGURES}
@@ -62,18 +64,18 @@ def test_every_public_name_is_in_the_api_reference(site: Path) -> None:
 def test_every_command_is_in_the_command_reference(site: Path) -> None:
     page = text(site / "docs/command_reference.html")
 
-    def check(group: typer.core.TyperGroup, before: str) -> None:
+    def check(group: TyperGroup, before: str) -> None:
         for name, command in group.commands.items():
             words = f"{before} {name}"
             assert f"\n{words}" in page or f"{words}#" in page, words
-            if isinstance(command, typer.core.TyperGroup):
+            if isinstance(command, TyperGroup):
                 check(command, words)
                 continue
             for parameter in command.params:
                 assert (parameter.metavar or parameter.opts[0]) in page, (words, parameter.opts)
 
     group = typer.main.get_command(app)
-    assert isinstance(group, typer.core.TyperGroup)
+    assert isinstance(group, TyperGroup)
     check(group, "gaitsweep")
 
 

@@ -155,7 +155,7 @@ def test_a_job_of_a_flow_without_guards(tmp_path: Path) -> None:
     }
     table = gs.run(gs.Job.model_validate(job), tmp_path / "out").table
     np.testing.assert_allclose(table["x"], np.cos(np.sqrt(table["k"]) * table["t"]), rtol=0, atol=1e-12)
-    assert table["stalled_by"].isna().all()
+    assert np.all(table["stalled_by"].isna())
 
 
 # Rows that events stall
@@ -275,7 +275,9 @@ def test_shipped_models_name_their_guards() -> None:
 
 def test_names_that_are_too_few_are_refused() -> None:
     class Few(Alternating):
-        guard_names = ("one", "two")
+        @property
+        def guard_names(self) -> tuple[str, ...]:
+            return ("one", "two")
 
     assert fault(Few()) == "but its function guard_names returns 2 names, but guards returns 3 numbers."
 
@@ -284,7 +286,7 @@ def test_names_that_are_too_few_are_refused() -> None:
 def test_a_row_that_makes_too_many_steps_is_not_stalled() -> None:
     """Attempts come to their end where steps are cut short for ever, without a jump at one instant."""
 
-    class Brief(SettleRecorder):
+    class Brief(SettleRecorder):  # pyright: ignore[reportGeneralTypeIssues] (only a test sets this limit)
         def max_attempts(self, params, dt):
             return jnp.asarray(200.0)
 

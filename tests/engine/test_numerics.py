@@ -262,7 +262,7 @@ def test_float32_rows_are_not_given_tolerances_below_their_resolution() -> None:
         Toy(), CrossingRecorder(Toy(), crossings=5), {"launch_1": np.ones(2)}, numerics=numerics
     )
     assert np.all(result.status == Status.complete)
-    assert jax.config.jax_enable_x64
+    assert jax.config.read("jax_enable_x64")
 
 
 @pytest.mark.slow

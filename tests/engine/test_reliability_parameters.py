@@ -56,7 +56,7 @@ GRAZING = (
 def test_touches_shorter_than_a_step_are_seen() -> None:
     """Steps of 18 to 35 ms meet touches of a few ms, as the reference does."""
     names = ("m_B", "kappa", "beta", "omega", "psi_1", "psi_2", "psi_3")
-    sets = [dict(zip(names, row, strict=True)) for row in GRAZING]
+    sets: list[Values] = [dict(zip(names, row, strict=True)) for row in GRAZING]
     subject = multilegged_sets.subject(4)
     ours = ours_of(subject, job_of(subject, sets, 4), 4)
     theirs = [subject.reference(values, False) for values in sets]

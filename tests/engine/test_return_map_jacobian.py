@@ -325,7 +325,7 @@ def test_jacobian_where_feet_slip() -> None:
     expected = differences(mapping, found.points, {}, 1e-8)
     for jacobian, by_differences in zip(found.images.jacobian, expected, strict=True):
         assert off(jacobian, by_differences) < 3e-6
-    slow = multipliers(found.images.jacobian)[:, 0].real
+    slow = np.real(multipliers(found.images.jacobian)[:, 0])
     # the others, of which return maps over delta_13 alone know nothing, have decayed long before
     assert np.abs(multipliers(found.images.jacobian)[:, 1]).max() < 0.5
     early, _ = mapping.settled({"delta_13": np.array([3.1, 2.7, 0.45])}, {}, 70)

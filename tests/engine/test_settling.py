@@ -251,7 +251,7 @@ def test_a_fixed_point_of_the_flow_is_an_attractor_beside_a_cycle() -> None:
     assert set(ends) == {"at_rest", "settled"}
     np.testing.assert_allclose(ends["at_rest"]["theta_end"], np.arcsin(0.5), rtol=0, atol=1e-6)
     np.testing.assert_allclose(ends["at_rest"]["omega_end"], 0.0, rtol=0, atol=1e-6)
-    assert (ends["at_rest"]["attractor_period"] == 0).all()
+    assert np.all(ends["at_rest"]["attractor_period"] == 0)
     found = attractors(table)
     assert sorted(found.summary["kind"]) == ["point", "rest"]
     assert set(found.column[table["status"] == "at_rest"]).isdisjoint(
@@ -309,7 +309,7 @@ def test_the_table_of_orbits(tmp_path: Path) -> None:
         "x"
     ]
     assert list(table["slowest"].cat.categories) == ["x", "y"]
-    assert table["stalled_by"].isna().all()
+    assert np.all(table["stalled_by"].isna())
     # the gait is that of the last crossing's values
     assert table["gait"].tolist() == ["high" if x > 0.6 else "low" for x in table["x_end"]]
     found = attractors(table)

@@ -31,9 +31,8 @@ from tests.support.sweeping import run_rows, scalars
 def test_crossings_agree_with_solve_ivp(name: str) -> None:
     """Times, psi and landings of the first crossings against DOP853 with terminal events, rtol 1e-11."""
     params, table = reference(name)
-    rows = table["start"].nunique()
-    count = table["crossing"].max()
-    columns = [c for c in table.columns if c.startswith("psi_") and table[c].notna().all()]
+    rows, count = len(np.unique(table["start"])), int(np.max(table["crossing"]))
+    columns = [c for c in table.columns if c.startswith("psi_") and np.all(table[c].notna())]
     exact = table[columns].to_numpy().reshape(rows, count + 1, -1)
     t, psi, landed = simulated(params, exact[:, 0], count)
     worst = wrapped(psi - exact).max(axis=(1, 2))

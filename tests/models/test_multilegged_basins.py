@@ -39,7 +39,7 @@ def test_a_refined_run_has_the_full_runs_picture(coarse: pd.DataFrame, tmp_path:
     job = SWEEPS / "multilegged_refined_basins.yaml"
     refined = run(job, tmp_path / "out", overrides=sliced(33, "run.coarse=4")).table
     simulated = (refined["status"] == "settled").to_numpy()
-    assert (refined["gait"] == coarse["gait"]).mean() >= 0.995
+    assert np.mean(refined["gait"] == coarse["gait"]) >= 0.995
     assert simulated.mean() < 0.45
     ends = [name for name in coarse if name.endswith("_end")]
     pd.testing.assert_frame_equal(refined.loc[simulated, ends], coarse.loc[simulated, ends], check_exact=True)
@@ -53,15 +53,15 @@ def test_intervals_of_a_coarse_grid_hold_the_fine_grids_shares(coarse: pd.DataFr
     assert wide["outcome"].tolist() == ["direct", "retrograde", "source"] * 3
     assert (wide["low"].to_numpy() <= whole).all()
     assert (wide["high"].to_numpy() >= whole).all()
-    assert (wide["high"] - wide["low"]).max() < 0.026
+    assert np.max(wide["high"] - wide["low"]) < 0.026
 
 
 def test_nothing_shows_a_fractal_boundary(coarse: pd.DataFrame) -> None:
     """Exponent 1 lies in the interval of every slice, and the boundary entropy is below ln 2."""
     panels = basins(coarse, by="psi_3").panels
-    assert (panels["exponent_low"] < 1.0).all()
-    assert (panels["exponent_high"] > 1.0).all()
-    assert (panels["boundary_entropy"] < np.log(2.0)).all()
+    assert np.all(panels["exponent_low"] < 1.0)
+    assert np.all(panels["exponent_high"] > 1.0)
+    assert np.all(panels["boundary_entropy"] < np.log(2.0))
 
 
 def test_the_gaits_lines_are_the_attractors(coarse: pd.DataFrame) -> None:
@@ -88,7 +88,7 @@ def test_the_locked_state_is_an_attractor_of_its_own(tmp_path: Path) -> None:
     locked = ((table["gait"] == "locked") & (table["status"] == "settled")).to_numpy()
     assert locked.sum() > 20
     found = attractors(table)
-    own = found.column[locked].unique()
+    own = found.column.loc[locked].unique()
     assert len(own) == 1
     state = found.summary.set_index("attractor").loc[own[0]]
     assert state["kind"] == "point"

@@ -62,10 +62,10 @@ def chains(n: int, N: int) -> Chain:
     drawn = [rng.uniform(*ends, n) for ends in ((0.5, 0.95), (12.0, 150.0), (0.7, 1.5), (0.1, 0.95))]
     beta, kappa, m, a = drawn
     own = np.where(np.arange(n) % 3 > 0, 1.0, 0.0)[:, None] * rng.uniform(-0.2, 0.2, (n, 4))
-    springs_and_amplitudes = [kappa * (1.0 + own[:, 0]), kappa * (1.0 + own[:, 1]), a * (1.0 + own[:, 2])]
-    a_end = a * (1.0 + own[:, 3])
+    kappa_1, kappa_end = kappa * (1.0 + own[:, 0]), kappa * (1.0 + own[:, 1])
+    a_1, a_end = a * (1.0 + own[:, 2]), a * (1.0 + own[:, 3])
     m_1 = m * rng.uniform(0.4, 1.5, n)
-    whole = Chain(beta, kappa, m, m_1, m_1, a, np.full(n, 9.8), *springs_and_amplitudes, a_end)
+    whole = Chain(beta, kappa, m, m_1, m_1, a, np.full(n, 9.8), kappa_1, kappa_end, a_1, a_end)
     head, tail = (np.asarray(each) for each in end_resets(whole))
     return whole._replace(m_end=m_1 * head / tail)
 
@@ -120,8 +120,8 @@ def settled() -> tuple[list[slice], np.ndarray, np.ndarray]:
     model, n = MultileggedReduced(), 64
     psi = np.tile(np.random.default_rng(4).uniform(0.0, TURN, (n, 3)), (4, 1))
     mass, kappa, a = (np.repeat(each, n) for each in ((HEAVY, HEAVY, 0.9, 0.9), *GROUPS))
-    params = dict.fromkeys(("m_1", "m_end"), mass) | dict.fromkeys(("a", "a_1", "a_end"), a)
-    params |= dict.fromkeys(("kappa", "kappa_1", "kappa_end"), kappa)
+    columns = {("m_1", "m_end"): mass, ("a", "a_1", "a_end"): a, ("kappa", "kappa_1", "kappa_end"): kappa}
+    params = {name: column for names, column in columns.items() for name in names}
     recorder = SettleRecorder(model, max_cycles=3000, tolerance=1e-6)
     starts = {f"psi_{i + 1}": psi[:, i] for i in range(3)}
     run = run_rows(model, recorder, starts, params=params, numerics=STEPS, engine="kernel", lanes=64)

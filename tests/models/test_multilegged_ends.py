@@ -130,7 +130,7 @@ def test_the_linear_map_knows_the_ends() -> None:
             [reference.cycle(3, MATCHED, psi + sign * step * unit)[0] for unit in np.eye(3)]
             for sign in (1.0, -1.0)
         ]
-        found = wrapped(np.subtract(*ends)).T / (2 * step)
+        found = wrapped(np.subtract(ends[0], ends[1])).T / (2 * step)
         assert np.abs(found - linear_map(3, branch, s, MATCHED, section=1)).max() < 1e-9
 
 

@@ -228,7 +228,7 @@ def test_profiles_follow_one_number() -> None:
 
     table = pd.DataFrame({"row": [0, 1], "m_slope": [0.0, 0.2]})
     table.attrs["job"] = job.resolved()
-    chains = chains_of(table, table[["m_slope"]])
+    chains = chains_of(table, table.filter(["m_slope"]))
     assert np.asarray(chains.m)[1] == pytest.approx([values[f"m_{i}"][1] for i in range(2, 6)])
     assert np.asarray(chains.kappa).shape == (2, 3)
     assert chain_of(table).a == pytest.approx([0.4, 0.37, 0.4, 0.4])

@@ -28,7 +28,8 @@ from gaitsweep.papers.ambe2021.theory.stability import characteristic_polynomial
 from tests.support.multilegged_solutions import solution_set, solution_sets, total
 from tests.support.sweeping import run_rows, scalars
 
-STEPS = Numerics(method="semi_implicit", dt=0.4)
+DT = 0.4  # s
+STEPS = Numerics(method="semi_implicit", dt=DT)
 LOCATED = Numerics(method="propagator", dt=0.5)
 TURN = 2.0 * np.pi
 LEGS = (3, 4, 6, 9)
@@ -169,7 +170,7 @@ def test_engines_and_methods_give_the_same_ends() -> None:
         np.testing.assert_array_equal(other.cycles, ends[0].cycles)
         assert np.abs(wrapped(other.last - ends[0].last)).max() < 1e-10
     # times are exact where events are located; in steps of 1/38 of a cycle they are late by a few steps
-    assert np.abs(ends[0].t_end - ends[3].t_end).max() < 4 * STEPS.dt
+    assert np.abs(ends[0].t_end - ends[3].t_end).max() < 4 * DT
     assert np.all(ends[0].status == Status.settled)
     assert ends[0].labels["distance"].max() < 0.01  # settled to 1e-3 rad a cycle
     assert set(ends[0].labels["gait"]) == {0, 1, 2}

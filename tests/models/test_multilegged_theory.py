@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
+
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from reference import multilegged_reduced as reduced
@@ -83,7 +86,7 @@ def test_a_state_off_the_sets_is_no_fixed_point() -> None:
 
 def test_the_locked_state_is_a_fixed_point_of_the_reduced_map() -> None:
     for chain in (TABLE_1, OTHER):
-        psi, touchdown = np.asarray(locked_state(chain)), TURN - chain.m * float(shift(chain))
+        psi, touchdown = np.asarray(locked_state(chain)), float(TURN - chain.m * shift(chain))
         after, met = reduced.cycle(3, chain, psi, touchdown, tie=1e-13)
         assert apart(after, psi) < 1e-11  # `tie` is 2e-13 rad of phase for each leg
         assert apart(met, touchdown) < 1e-11
@@ -112,7 +115,7 @@ def _printed(N: int, branch: Branch, chain: Chain, psi: np.ndarray, early: np.nd
 def test_sets_on_their_own_section_are_the_printed_equations(N: int) -> None:
     b, beta, m_B = float(shift(OTHER)), OTHER.beta, OTHER.m_1
     sets, legs, circle = points(N, OTHER), own_legs(N), touchdown_phase(OTHER)
-    threshold = 2 * beta * np.pi + (2 * m_B - OTHER.m) * b
+    threshold = jnp.asarray(2 * beta * np.pi + (2 * m_B - OTHER.m) * b)
     order = jax.vmap(jax.vmap(lambda psi, leg: touches_early(psi, circle, threshold, leg), (0, None)))
     for branch, psis, early in zip(branches(N), sets, np.asarray(jax.jit(order)(sets, legs)), strict=True):
         for psi, who in zip(psis, early, strict=True):
@@ -210,18 +213,20 @@ def test_a_boundary_leg_outside_the_chain_is_refused(branch: Branch) -> None:
 @pytest.mark.parametrize("N", LEGS)
 def test_multipliers_are_the_papers(N: int, chain: Chain) -> None:
     """Eqs. (22), (26) from the product of touchdowns, on any section."""
-    for branch in branches(N):
+
+    def matrix(branch: Branch, share: float, section: int | None) -> np.ndarray:
         rule = rule_of(N, branch, chain)
-        for share in (0.13, 0.37, 0.9):
-            s = float(rule.low + share * (rule.high - rule.low))
-            for section in (None, 1, N + 1):
-                matrix = linear_map(N, branch, s, chain, section)
-                # rounding; 1/2 for one 2/3 would change the coefficients by 0.1
-                assert (
-                    np.abs(characteristic_polynomial(matrix) - np.poly(multipliers(N, branch))).max() < 1e-12
-                )
+        s = float(rule.low + share * (rule.high - rule.low))
+        return np.asarray(linear_map(N, branch, s, chain, section))
+
+    for branch, share, section in itertools.product(branches(N), (0.13, 0.37, 0.9), (None, 1, N + 1)):
+        found = characteristic_polynomial(matrix(branch, share, section))
+        # rounding; 1/2 for one 2/3 would change the coefficients by 0.1
+        assert np.abs(found - np.poly(multipliers(N, branch))).max() < 1e-12
     # why polynomials: the 2/3 block is defective
-    assert np.abs(np.sort(np.linalg.eigvals(matrix).real) - np.sort(multipliers(N, branch))).max() < 0.05
+    last = branches(N)[-1]
+    eigenvalues = np.linalg.eigvals(matrix(last, 0.9, N + 1))
+    assert np.abs(np.sort(eigenvalues.real) - np.sort(multipliers(N, last))).max() < 0.05
 
 
 def test_characteristic_polynomial_of_a_known_matrix() -> None:

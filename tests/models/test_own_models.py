@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
+import jax.numpy as jnp
 import pytest
 
 from gaitsweep import models
@@ -66,7 +66,7 @@ def found(folder: Path) -> tuple[Job, str]:
 
 def period(job: Job) -> float:
     model = job.design.model
-    values = {name: np.float64(column[0]) for name, column in job.design.values(0, 1)[0].items()}
+    values = {name: jnp.asarray(column[0]) for name, column in job.design.values(0, 1)[0].items()}
     return float(model.period(model.params(values)))
 
 

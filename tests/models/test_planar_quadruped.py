@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,9 @@ def params_of(model: PlanarQuadruped, **values: float) -> Any:
 
 
 def started(model: PlanarQuadruped, params: Any, seed: float, pair: float, scatter: float = 0.1) -> Any:
-    return model.init(params, {"seed": jnp.asarray(seed), "pair": pair, "scatter": jnp.asarray(scatter)})
+    return model.init(
+        params, {"seed": jnp.asarray(seed), "pair": jnp.asarray(pair), "scatter": jnp.asarray(scatter)}
+    )
 
 
 def in_mujoco(kind: type[InMujoco], sigma: float, start: Any) -> InMujoco:
@@ -205,7 +208,7 @@ def test_crossings_tell_what_a_trace_shows(
     for name, hind, fore in (("delta_1_n", "LH", "RF"), ("delta_2_n", "RH", "LF")):
         shift = (before[hind][-1] - before[fore][-1]) / last["period_n"]
         assert last[name] == pytest.approx((shift + 0.5) % 1.0 - 0.5, abs=1e-9)
-    _check_means(trace, before, last, (begin, end))
+    _check_means(trace, before, last.to_dict(), (begin, end))
     shifts, lengths = _by_touchdowns(trace, times)
     np.testing.assert_allclose(last[["delta_1_touchdown_n", "delta_2_touchdown_n"]], shifts[:2], atol=1e-9)
     assert last["length_touchdown_n"] == pytest.approx(lengths.min(), abs=1e-9)
@@ -245,7 +248,7 @@ def test_joint_powers_are_those_of_the_motors(
     """Powers from the page's gains and differences of positions, and their means over a cycle."""
     trace = traces[row]
     columns = dict(zip(SPEED, [np.interp(SIGMA[row], [0.0, 0.5, 1.0], c) for c in COLUMNS.T], strict=True))
-    total = {"hip": 0.0, "knee": 0.0}
+    total = {joint: np.zeros(len(trace) - 1) for joint in ("hip", "knee")}
     for leg in LEGS:
         swings = trace[f"u_f_{leg}"].to_numpy() > 0.0
         theta, length = trace[f"theta_{leg}"].to_numpy(), trace[f"l_{leg}"].to_numpy()
@@ -296,7 +299,7 @@ def test_in_the_air_the_joints_work_is_mujocos_change_of_energy() -> None:
 
 
 def _check_means(
-    trace: pd.DataFrame, before: dict[str, np.ndarray], last: pd.Series, cycle: tuple[float, float]
+    trace: pd.DataFrame, before: dict[str, np.ndarray], last: Mapping[str, float], cycle: tuple[float, float]
 ) -> None:
     """Means of loads and pitch over the last cycle, from the samples; onsets lie between those."""
     t = trace["t"].to_numpy()

@@ -193,8 +193,9 @@ def test_the_ground_holds_a_foot_by_a_spring_and_a_damper() -> None:
 @pytest.mark.slow
 def test_the_foots_path_has_no_steps_in_it() -> None:
     """From segment to segment it goes on where it was; a swing begins at rest on its path."""
-    path = FootPath(*(jnp.asarray(v) for v in (0.5 * math.pi, -0.0008, 0.056, 0.133, 0.0393, 0.009, 1.0)))
     aep, end = 0.5 * math.pi, 2.0 * math.pi
+    phi_AEP, x_c, D, H, h, dip, ease = jnp.array([aep, -0.0008, 0.056, 0.133, 0.0393, 0.009, 1.0])
+    path = FootPath(phi_AEP, x_c, D, H, h, dip, ease)
     landing = (path.PEP + path.D, -path.H)
 
     def foot(phi: float, segment: int) -> np.ndarray:

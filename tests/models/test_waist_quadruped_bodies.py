@@ -49,7 +49,7 @@ def landings_of(body: str) -> list[Landing]:
     @jax.jit
     def run(params: Any, start: Any) -> Any:
         def step(state: Any, _: Any) -> Any:
-            after = steps.step(params, state, DT)
+            after = steps.step(params, state, jnp.asarray(DT))
             return after, (after.phi - after.gain, after.segment, state.clock)
 
         state = model.init(params, {"delta_13": start})

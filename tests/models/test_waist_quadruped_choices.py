@@ -99,8 +99,9 @@ def test_landings_are_those_of_a_loop_in_mujoco(structure: dict[str, str], param
     near = 1e-5 if {"clamp", "mu"} & set(params) or "damping" in structure else 1e-6
     found = observed(model, {**QUICK, **params}, 3, Numerics(dt=2e-5, method="rk4"))
     values = {name: float(value[0]) for name, value in complete(model, {**QUICK, **params}, 1).items()}
-    words = {name: word for name, word in structure.items() if name != "heights"}
-    expected = landings(mjcf(), values, 2.9, 3, rtol=1e-9, **words)
+    expected = landings(
+        mjcf(), values, 2.9, 3, rtol=1e-9, swing=model.swing, damping=model.damping, slip=model.slip
+    )
     phases = np.array([one.phases for one in expected])
     for name, (i, j) in {"delta_13": (0, 2), "delta_12": (0, 1), "delta_34": (2, 3)}.items():
         np.testing.assert_allclose(found[name], np.mod(phases[:, i] - phases[:, j], 2.0 * math.pi), atol=near)
@@ -351,7 +352,7 @@ def test_rates_of_desired_angles_are_their_derivatives(bend: float) -> None:
     rng = np.random.default_rng(1)
     x, z = rng.uniform(-0.05, 0.05, 30), -rng.uniform(0.1, 0.15, 30)
     dx, dz = rng.normal(0.0, 0.5, (2, 30))
-    found = joint_rates(*(jnp.asarray(v) for v in (x, z, dx, dz)), 0.08, bend)
+    found = joint_rates(jnp.asarray(x), jnp.asarray(z), jnp.asarray(dx), jnp.asarray(dz), 0.08, bend)
     e = 1e-7
     late, soon = (np.array(joint_angles(jnp.asarray(x + s * dx), jnp.asarray(z + s * dz), 0.08, bend))
                   for s in (e, -e))  # fmt: skip

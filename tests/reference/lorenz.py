@@ -37,10 +37,8 @@ maximum.direction = -1.0  # type: ignore[attr-defined]
 
 def main() -> None:
     duration = TRANSIENT + 0.8 * VALUES
-    tolerances = {"rtol": 1e-10, "atol": 1e-10}
-    run = solve_ivp(
-        flow, (0.0, duration), [1.0, 1.0, 1.0], method="DOP853", events=[section, maximum], **tolerances
-    )
+    start, events = [1.0, 1.0, 1.0], [section, maximum]
+    run = solve_ivp(flow, (0.0, duration), start, method="DOP853", events=events, rtol=1e-10, atol=1e-10)
     x, z = (
         states[times > TRANSIENT][:VALUES, component]
         for times, states, component in zip(run.t_events, run.y_events, (0, 2), strict=True)

@@ -30,7 +30,7 @@ def _gaps(N: int, chain: Chain) -> Callable[[Array], tuple[jax.Array, jax.Array]
     def gap(phi: jax.Array) -> tuple[jax.Array, jax.Array]:
         swing = jnp.minimum(phi - 2 * chain.beta * jnp.pi, TURN - phi)
         length = 1.0 - slope * jnp.clip(swing, 0.0, None)
-        x, _ = obstacle_problem(length, masses, kappa, chain.g)
+        x, _ = obstacle_problem(length, masses, kappa, jnp.asarray(chain.g))
         return x - length, (phi >= (1 + chain.beta) * jnp.pi) & (phi < TURN)
 
     return jax.jit(jax.vmap(gap))

@@ -81,8 +81,8 @@ def crossings(
             onset[i] = time
         if began[LF]:
             shifts = [(onset[LH] - onset[RF]) / period, (onset[RH] - onset[LF]) / period]
-            shifts = [shift - math.floor(shift + 0.5) for shift in shifts]
-            found.append(Crossing(onset[LF], *shifts, period, (x - last_x) / period))
+            delta_1, delta_2 = (shift - math.floor(shift + 0.5) for shift in shifts)
+            found.append(Crossing(onset[LF], delta_1, delta_2, period, (x - last_x) / period))
             last_x = x
             if len(found) == count:
                 return found

@@ -27,7 +27,8 @@ def varied(xml: str, values: Mapping[str, float]) -> mujoco.MjModel:
     trunks = {}
     for name in ("front", "rear"):
         parts = ("mass", "length", "width")
-        mass, long, wide = (values.get(f"{name}_{part}", values.get(f"body_{part}")) for part in parts)
+        owners = (name if f"{name}_{part}" in values else "body" for part in parts)
+        mass, long, wide = (values[f"{owner}_{part}"] for owner, part in zip(owners, parts, strict=True))
         high = values.get(f"{name}_height", 0.05)
         box = mass / 12.0 * np.array([wide**2 + high**2, long**2 + high**2, long**2 + wide**2])
         trunks[name] = mass, box, np.array([long / 0.1, wide / 0.1, 1.0])
