@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaitsweep.cli import again, analyse, models
+from gaitsweep.cli import analyse, models, stored_output
 from gaitsweep.cli.examples import examples
 from gaitsweep.cli.options import ClusterAsForRun, Directory, Out, Settings, print_message
 from gaitsweep.cli.views import animate, explore
@@ -86,8 +86,7 @@ def run(
             "--rows",
             metavar="A:B",
             help="Run only rows A to B-1, which must be whole blocks, while other processes run other "
-            "rows in "
-            "the same directory; the last process completes the table.",
+            "rows in the same directory; the last process completes the table.",
         ),
     ] = None,
     cluster: Annotated[
@@ -116,7 +115,7 @@ def run(
 ) -> None:
     """Run a job, or continue it, and write its table and figures."""
     command = [str(each) for each in (job_file, out, settings, engine, strict)]
-    stored = None if dry_run else again.load_output(command)
+    stored = None if dry_run else stored_output.load_output(command)
     if stored is not None:
         print(stored[1], end="", file=sys.stderr)
         print(stored[0])
@@ -166,7 +165,7 @@ def run(
     lasting = all(sentence.startswith(("Warning: ", "engine: ")) for sentence in messages)
     if lasting and not _leans_on_others(job):
         sources = [job_file, *([] if job.config is None else [config_file(job.config, job_file.parent)])]
-        again.store_output(command, sources, path, outcome, "".join(f"{each}\n" for each in messages))
+        stored_output.store_output(command, sources, path, outcome, "".join(f"{each}\n" for each in messages))
 
 
 @contextlib.contextmanager
@@ -382,7 +381,8 @@ def reproduce(
     ] = False,
 ) -> None:
     """Run the missing jobs of a paper, and compare its claims with the results."""
-    from gaitsweep.claims.paper import ClaimVerdict, read_paper
+    from gaitsweep.claims.paper import read_paper
+    from gaitsweep.claims.verdicts import ClaimVerdict
 
     table_of_claims = read_paper(paper)
     if claims is not None:

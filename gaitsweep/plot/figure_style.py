@@ -58,21 +58,24 @@ class FigureStyle(StrictModel):
     """Fields of every figure, and of `style` for all figures of a job; those left out keep the default."""
 
     width: _Width | None = Field(
-        None, description="width of the figure: column (85 mm), page (180 mm), or a number of mm"
+        default=None, description="width of the figure: column (85 mm), page (180 mm), or a number of mm"
     )
-    height: Positive | None = Field(None, description="height of the figure, in mm")
+    height: Positive | None = Field(default=None, description="height of the figure, in mm")
     format: Annotated[list[_Format], Field(min_length=1), _OneOrMore] | None = Field(
-        None, description="file format, png, pdf or svg, or a list of these; by default png"
+        default=None, description="file format, png, pdf or svg, or a list of these; by default png"
     )
-    dpi: Count | None = Field(None, description="pixels per inch of png files; by default 150")
-    colours: dict[Text, _Colour] | None = Field(None, description="colours of gaits, by name")
-    order: list[Text] | None = Field(None, description="gaits in the order of legends; others follow")
+    dpi: Count | None = Field(default=None, description="pixels per inch of png files; by default 150")
+    colours: dict[Text, _Colour] | None = Field(default=None, description="colours of gaits, by name")
+    order: list[Text] | None = Field(default=None, description="gaits in the order of legends; others follow")
     labels: dict[Text, Text] | None = Field(
-        None, description="labels of columns along axes and of gaits in legends, by name"
+        default=None, description="labels of columns along axes and of gaits in legends, by name"
     )
-    panel_letters: Flag | None = Field(None, description="whether panels have the letters a, b, c, ...")
+    panel_letters: Flag | None = Field(
+        default=None, description="whether panels have the letters a, b, c, ..."
+    )
     marks: Flag | None = Field(
-        None, description="whether a figure of an incomplete or doubtful table says so; by default true"
+        default=None,
+        description="whether a figure of an incomplete or doubtful table says so; by default true",
     )
 
     def over(self, other: FigureStyle) -> FigureStyle:

@@ -173,9 +173,8 @@ def _panel(
     above = axes.secondary_xaxis("top", functions=there_and_back)
     above.set_xlabel(f"cycles of {period:.2f} s", labelpad=2, loc="right")
     above.xaxis.set_major_locator(_whole(high - low, period))
-    axes.set_title(
-        title.get_text(), loc="left", y=1.0, pad=17
-    )  # level with the label of the upper axis, not above it
+    # level with the label of the upper axis, not above it
+    axes.set_title(title.get_text(), loc="left", y=1.0, pad=17)
     if not guides:
         return set()
     return _guides(axes, [_swings(*one) for one in stances], period, _free_link(part, len(legs)))

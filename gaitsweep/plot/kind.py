@@ -10,7 +10,18 @@ import functools
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, ParamSpec, Union, get_args, get_origin
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    ParamSpec,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+)
 
 import pandas as pd
 from pydantic import Field, create_model
@@ -218,7 +229,7 @@ def _in_style(draw: Callable[Spec, Figure]) -> Callable[Spec, Figure]:
         with styled(read_style(**asked), ax):
             figure = draw(*args, **spec)  # pyright: ignore[reportCallIssue]
             panel = given_axes()
-            figure = figure if panel is None else panel.get_figure(root=True)
+            figure = figure if panel is None else cast("Figure", panel.get_figure(root=True))
             if current().panel_letters and panel is None:
                 letter_panels(figure)
             if isinstance(table, pd.DataFrame) and current().marks is not False:
@@ -306,7 +317,7 @@ def _in_job(annotation: Any) -> Any:
     if origin is Annotated:
         return Annotated[_in_job(first), *rest]
     if origin in (Union, UnionType):
-        return Union[tuple(_in_job(each) for each in (first, *rest) if each is not pd.DataFrame)]  # noqa: UP007
+        return Union[tuple(_in_job(each) for each in (first, *rest) if each is not pd.DataFrame)]  # noqa: UP007 - of a tuple of types
     if origin in (Sequence, Mapping):
         plain = list if origin is Sequence else dict
         return plain[*(_in_job(each) for each in (first, *rest))]  # pyright: ignore[reportInvalidTypeArguments]

@@ -96,13 +96,13 @@ class _OnePanel:
         return self.axes.legend(**look)
 
     def colorbar(self, image: Any, *, ax: Any, **look: Any) -> Any:
-        return self.axes.get_figure(root=True).colorbar(image, ax=self.axes, **look)
+        return cast(Figure, self.axes.get_figure(root=True)).colorbar(image, ax=self.axes, **look)
 
     def set_figheight(self, height: float) -> None:
         """Keep the user's height."""
 
 
-def _unchanged(wanted: dict[str, Any]) -> dict[str, Any]:
+def _unchanged(wanted: dict[Any, Any]) -> dict[Any, Any]:
     """Those of some rcParams that the user has not changed."""
     return {key: value for key, value in wanted.items() if mpl.rcParams[key] == mpl.rcParamsDefault[key]}
 
@@ -174,14 +174,16 @@ def _break_lines(figure: Figure) -> None:
         if not axes.get_visible() or hasattr(axes, "zaxis"):
             continue
         panel = axes.get_window_extent(renderer)
-        titles = (axes.title, axes._left_title, axes._right_title)
+        titles = (axes.title, *(vars(axes)[f"_{side}_title"] for side in ("left", "right")))
         for text in (axes.xaxis.label, axes.yaxis.label, *titles):
             box = text.get_window_extent(renderer)
             long, room = (box.height, panel.height) if text is axes.yaxis.label else (box.width, panel.width)
             beside = min(0.15 * figure.dpi, panel.x0, figure.bbox.width - panel.x1)
             room += 2.0 * max(beside, 0.0)
             if text.get_text() and long > room:
-                text.set_text(wrapped(text.get_text(), room / figure.dpi, text.get_fontsize() / points(1.0)))
+                text.set_text(
+                    wrapped(text.get_text(), room / figure.dpi, float(text.get_fontsize()) / points(1.0))
+                )
 
 
 def width_of(natural: float) -> float:
@@ -243,14 +245,14 @@ def legend(
     if title:
         look["title"] = wrapped(title, room, 7.5)
     renderer = cast(FigureCanvasAgg, figure.canvas).get_renderer()
-    for columns in range(max(ncols, 1), 0, -1):
+    made, columns = figure.legend(ncols=ncols, **look), ncols
+    while columns > 1 and made.get_window_extent(renderer).width > room * figure.dpi:
+        made.remove()
+        columns -= 1
         made = figure.legend(ncols=columns, **look)
-        if made.get_window_extent(renderer).width <= room * figure.dpi:
-            return
-        if columns > 1:
-            made.remove()
-    for text in made.get_texts():
-        text.set_text(wrapped(text.get_text(), room - 0.45, 7.5))
+    if made.get_window_extent(renderer).width > room * figure.dpi:
+        for text in made.get_texts():
+            text.set_text(wrapped(text.get_text(), room - 0.45, 7.5))
 
 
 def named(name: str) -> str:

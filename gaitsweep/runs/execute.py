@@ -26,7 +26,7 @@ from gaitsweep.runs.executor import Executor, ThisProcess
 from gaitsweep.runs.prepare import RunContext, naming_the_file, prepare
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.provenance import continue_directory
-from gaitsweep.runs.refined import Refinement
+from gaitsweep.runs.refinement import Refinement
 from gaitsweep.runs.self_check import (
     Again,
     SelfCheck,

@@ -109,9 +109,8 @@ def _page(snapshot: Snapshot) -> str:
     kind = snapshot.job.get("run", {}).get("kind")
     run = f", run of kind {html.escape(str(kind))}" if kind else ""
     job = html.escape(yaml.safe_dump(snapshot.job, sort_keys=False, allow_unicode=True))
-    figures = "".join(
-        figure_of(figure, figure.stem) for figure in snapshot.figures if figure.suffix == ".png"
-    )
+    drawn = [figure for figure in snapshot.figures if figure.suffix == ".png"]
+    figures = "".join(figure_of(figure, figure.stem) for figure in drawn)
     explorer = snapshot.path / "explore.html"
     sections = [
         f'<h1>{name}</h1><p class="faint">Model {model}, {state}{run}.</p>{_warnings(snapshot)}',

@@ -39,7 +39,7 @@ PSI_3 = (0.4 * math.pi, math.pi)
 
 
 def fields_of(page: Path) -> dict[str, Any]:
-    """What a page holds, as its script unpacks it."""
+    """Data of a page, as its script unpacks them."""
     found = re.search(r'id="data">([^<]*)</script>', page.read_text())
     assert found is not None
     return json.loads(gzip.decompress(base64.b64decode(found[1])))
@@ -596,7 +596,7 @@ def test_the_page_in_a_browser(basins: Path, tmp_path: Path) -> None:
             return page.evaluate(f"document.querySelector('td[data-column={column}]').textContent")
 
         def at(psi_1: float, psi_2: float) -> tuple[float, float]:
-            """Where a start is in the window."""
+            """Position of a start in the window."""
             place = page.evaluate(
                 "(() => { const box = document.querySelector('#map .nsewdrag').getBoundingClientRect();"
                 " const { xaxis: x, yaxis: y } = document.getElementById('map')._fullLayout;"

@@ -149,8 +149,7 @@ def _cells(
     if part.duplicated([x, y]).any():
         raise PlotError(
             f"Several rows have the same {x} and {y}, since another quantity varies too. Name it as "
-            "`panels`, or "
-            "keep one of its values in the table."
+            "`panels`, or keep one of its values in the table."
         )
     across, up = (
         filled(all_ if on_grid(all_, log=log) else mine, log=log)

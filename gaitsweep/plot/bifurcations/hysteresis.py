@@ -54,9 +54,8 @@ _BANDS = {"rising": (UP, "////"), "falling": (DOWN, "\\\\\\\\")}
 
 class _Panel(NamedTuple):
     heading: str
-    table: (
-        pd.DataFrame | None
-    )  # None if the table does not exist yet; the heading names it, the note gives the reason
+    # None if the table does not exist yet; the heading names it, the note gives the reason
+    table: pd.DataFrame | None
     note: str = ""
 
 

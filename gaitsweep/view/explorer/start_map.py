@@ -212,7 +212,7 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], np.ndarray]:
     """
     hollow, suffix = np.zeros(len(table), bool), ""
     if "stable" in table.columns:
-        hollow, suffix = np.asarray(table["stable"].astype(object) == False), "unstable"  # noqa: E712
+        hollow, suffix = np.asarray(table["stable"].astype(object) == False), "unstable"  # noqa: E712 - also missing values
     elif "settled" in table.columns:
         hollow, suffix = ~table["settled"].to_numpy(bool), Outcome.NOT_SETTLED
     if "cycles" in table.columns:  # one record a row

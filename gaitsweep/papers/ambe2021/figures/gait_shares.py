@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
 from gaitsweep import near_miss
-from gaitsweep.papers.ambe2021.analysis.gait_shares import GAITS, existence
+from gaitsweep.papers.ambe2021.analysis.gait_shares import existence
 from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares as shares_of
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     chains_of,
@@ -22,6 +22,7 @@ from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     parameters_of,
     springs_of,
 )
+from gaitsweep.papers.ambe2021.theory.gaits import WAVES
 from gaitsweep.plot import (
     TEXT_COLUMNS,
     AlongAxis,
@@ -41,7 +42,7 @@ from gaitsweep.plot import (
     theme,
 )
 
-_SHARES = (*GAITS, "elsewhere")
+_SHARES = (*WAVES, "elsewhere")
 # white around black shows on dark cells and on light ones
 _CASED = [withStroke(linewidth=2.0, foreground="white")]
 _EDGE: dict[str, Any] = {"color": "black", "lw": 0.9, "ls": "--", "path_effects": _CASED}
@@ -105,10 +106,10 @@ def gait_shares(
         for axes, gait in zip(panels, _SHARES, strict=True):
             log_axes(axes, table, x=x, y=y)
             drawn = _map(axes, shares, x, y, gait, (is_logarithmic(table, x), is_logarithmic(table, y)))
-            axes.set_title(gait if gait in GAITS else "none of these")
+            axes.set_title(gait if gait in WAVES else "none of these")
             axes.set_xlabel(axis_label(table, x))
             _edges(axes, table, x, y)
-            if gait in GAITS:
+            if gait in WAVES:
                 _exact(axes, table, x, y, gait)
         for axes in panels[::across]:
             axes.set_ylabel(described(table, y, 24))
@@ -158,18 +159,18 @@ def _curves(table: pd.DataFrame, x: str, title: str | None) -> Figure:
             theme.message(axes, "no rows yet")
             return figure
         shares = shares_of(table).sort_values(x)
-        colour = {**theme.colours(GAITS), "elsewhere": theme.COLOURS["none"]}
-        marker = {**theme.markers(GAITS), "elsewhere": "x"}
+        colour = {**theme.colours(WAVES), "elsewhere": theme.COLOURS["none"]}
+        marker = {**theme.markers(WAVES), "elsewhere": "x"}
         for gait in _SHARES:
-            label = gait if gait in GAITS else "none of these"
+            label = gait if gait in WAVES else "none of these"
             look = {"color": colour[gait], "marker": marker[gait], "ms": 3.5}
             axes.plot(shares[x], shares[gait], label=label, **look)
-            if gait in GAITS:
+            if gait in WAVES:
                 band = (shares[x], shares[f"{gait}_low"], shares[f"{gait}_high"])
                 axes.fill_between(*band, color=colour[gait], alpha=0.18, lw=0)
         axes.set_ylim(-0.02, 1.02)
         _edges(axes, table, x, None)
-        for gait in GAITS:
+        for gait in WAVES:
             _exact(axes, table, x, None, gait)
         theme.legend(figure, ncols=4)
     return figure

@@ -185,9 +185,8 @@ def _draw(
     if "load" in grid:
         grid["load"].set_ylabel("load (N)")
         loads = part[[f"F_{leg}" for leg in LEGS]].to_numpy(float)
-        grid["load"].set_ylim(
-            0.0, 1.6 * np.percentile(loads.max(axis=1), 90.0)
-        )  # peaks at touchdown are far higher
+        # peaks at touchdown are far higher
+        grid["load"].set_ylim(0.0, 1.6 * np.percentile(loads.max(axis=1), 90.0))
     for kind in ("flexor", "load", "pitch"):
         if kind in grid:
             shade_flights(grid[kind], t, down)

@@ -93,8 +93,7 @@ class Job(StrictModel):
         default=32,
         description="number of rows that the self-check reruns after the run, once unchanged and once with "
         "finer steps, to see whether the table depends on the steps; 0: no self-check. By default 32, "
-        "or fewer "
-        "in a small run",
+        "or fewer in a small run",
     )
     figures: list[Annotated[FigureKind, OneOf(FIGURES)]] = Field(
         default_factory=list, max_length=200, description="figures to draw from the table"
