@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -134,23 +134,33 @@ class Mode(Counted):
 
 
 @dataclasses.dataclass(frozen=True)
-class Reading:
+class Reading(CountedQuantity):
     """A declared observable or signal that is computed from the state; see `observable` and `signal`."""
 
-    quantity: Quantity
-    function: Callable[..., Real[Array, ""]]
+    function: Callable[..., Real[Array, " ..."]]
     observed: bool
     signal: bool
     is_energy: bool = False
 
     def recorded(self, model: Model, name: str) -> tuple[Quantity, ...]:
-        """The observable or signal."""
-        return (dataclasses.replace(self.quantity, name=name),)
+        """The observables or signals."""
+        return self.quantities(model, name)
 
     def values(self, model: Model, name: str, params: Any, state: Any) -> dict[str, Float[Array, ""]]:
-        """The recorded value by its name."""
+        """The recorded values by name.
+
+        Raises:
+            ValueError: the function does not return `count` numbers.
+        """
         value = jnp.asarray(self.function(model, params, state), float)
-        return {name: wrapped(value) if self.quantity.circular else value}
+        names = [q.name for q in self.quantities(model, name)]
+        if self.count is not None and value.shape != (len(names),):
+            raise ValueError(
+                f"{name} has the shape {value.shape}, but its count= asks for {len(names)} numbers, "
+                f"({len(names)},)"
+            )
+        value = wrapped(value) if self.quantity.circular else value
+        return {name: value} if self.count is None else dict(zip(names, value, strict=True))
 
 
 class Event:
@@ -164,17 +174,27 @@ class Event:
         self,
         function: Callable[..., jax.Array],
         name: str,
-        is_section: bool,
+        section: bool | Literal["first"],
         during: Callable[..., Any] | None,
         rising: bool,
+        count: int | str | None = None,
     ) -> None:
-        self.function, self.name, self.is_section = function, name, is_section
-        self.during, self.rising = during, rising
+        self.function, self.name, self.section = function, name, section
+        self.during, self.rising, self.counted = during, rising, Counted(count)
         self.effect: Callable[..., Any] | None = None
         self.resting: Callable[..., Any] | None = None
 
+    def singles(self, model: Model) -> tuple[SingleEvent, ...]:
+        """The events that it declares for a model, one for each component."""
+        if self.counted.count is None:
+            return (SingleEvent(self),)
+        return tuple(SingleEvent(self, i) for i in range(self.counted.size(model)))
+
     def jump(self, function: Callable[..., Any], /) -> Event:
-        """Decorator of the function (params, state) -> state that the event applies."""
+        """Decorator of the function (params, state) -> state that the event applies.
+
+        With `count` it is (params, state, i) -> state, where i is the number of the component, from 0.
+        """
         if self.effect is not None:
             raise TypeError(f"The event {self.name!r} has two jumps; only one is allowed.")
         self.effect = function
@@ -192,14 +212,62 @@ class Event:
         self.resting = function
         return self
 
+
+@dataclasses.dataclass(frozen=True)
+class SingleEvent:
+    """One event of a declaration: the component `place`, from 0, of an event with `count`."""
+
+    declared: Event
+    place: int | None = None
+
+    @property
+    def name(self) -> str:
+        """The declared name, with the number of the component, from 1, in place of {} or at the end."""
+        name = self.declared.name
+        if self.place is None:
+            return name
+        return (name if "{}" in name else f"{name} {{}}").replace("{}", str(self.place + 1))
+
     @property
     def guard_names(self) -> tuple[str, ...]:
         """The names of its guards: its crossing, and its return below the surface."""
-        return (self.name, self.name) if self.rising else (self.name,)
+        return (self.name, self.name) if self.declared.rising else (self.name,)
+
+    @property
+    def is_section(self) -> bool:
+        """Whether it closes a cycle."""
+        section = self.declared.section
+        return not self.place if section == "first" else bool(section)
+
+    @property
+    def jumps(self) -> bool:
+        """Whether the event changes the state."""
+        return self.declared.effect is not None
+
+    def height(self, model: Model, params: Any, state: Any) -> Float[Array, ""]:
+        """The function of the event: it happens where this rises through zero."""
+        return self._own(self.declared.function(model, params, state))
 
     def within(self, state: Any) -> Bool[Array, ""]:
         """Whether the modes of a state allow the event."""
-        return jnp.asarray(True if self.during is None else self.during(state))
+        return self._own(True if self.declared.during is None else self.declared.during(state))
+
+    def jumped(self, model: Model, params: Any, state: Any) -> Any:
+        """The state after its jump."""
+        return self._changed(self.declared.effect, model, params, state)
+
+    def rested(self, model: Model, params: Any, state: Any) -> Any:
+        """The state in which a body rests after it."""
+        return self._changed(self.declared.resting, model, params, state)
+
+    def _own(self, value: Any) -> jax.Array:
+        """The component's own value of a declared one (count,), or that of all components."""
+        value = jnp.asarray(value)
+        return value if self.place is None or value.ndim == 0 else value[self.place]
+
+    def _changed(self, change: Callable[..., Any] | None, model: Model, params: Any, state: Any) -> Any:
+        assert change is not None
+        return change(model, params, state, *(() if self.place is None else (self.place,)))
 
     def happens(self, fired: Bool[Array, " guards"]) -> Bool[Array, ""]:
         """Whether it happens, by its guards' flags."""
@@ -322,33 +390,37 @@ def observable(
     unit: str,
     meaning: str,
     *,
+    count: int | str | None = None,
     circular: bool = False,
     symbol: str = "",
     scale: float | None = None,
     signal: bool = False,
-) -> Callable[[Callable[..., Real[Array, ""]]], Any]:
+) -> Callable[[Callable[..., Real[Array, " ..."]]], Any]:
     """Declare a function (params, state) -> number as an observable, read at crossings of the section.
 
     Args:
         unit, meaning: as tables and figures show them.
+        count: how many numbers the function returns, as an array (count,): observables `NAME_1`, `NAME_2`,
+            ...; as for `parameter`.
         circular, symbol, scale: as of `Quantity`.
         signal: whether traces record it too.
     """
     quantity = _quantity(unit, meaning, circular=circular, symbol=symbol, scale=scale)
-    return lambda function: Reading(quantity, function, True, signal)
+    return lambda function: Reading(count, quantity, function, True, signal)
 
 
 def signal(
-    unit: str, meaning: str, *, circular: bool = False, symbol: str = ""
-) -> Callable[[Callable[..., Real[Array, ""]]], Any]:
+    unit: str, meaning: str, *, count: int | str | None = None, circular: bool = False, symbol: str = ""
+) -> Callable[[Callable[..., Real[Array, " ..."]]], Any]:
     """Declare a function (params, state) -> number as a signal, which traces record.
 
     Args:
         unit, meaning: as tables and figures show them.
+        count: how many numbers the function returns, as for `observable`.
         circular, symbol: as of `Quantity`.
     """
     quantity = _quantity(unit, meaning, circular=circular, symbol=symbol)
-    return lambda function: Reading(quantity, function, False, True)
+    return lambda function: Reading(count, quantity, function, False, True)
 
 
 def energy(
@@ -364,12 +436,17 @@ def energy(
         observed: whether it is an observable too, read at crossings of the section.
     """
     quantity = _quantity(unit, meaning, symbol=symbol, scale=scale)
-    return lambda function: Reading(quantity, function, observed, True, True)
+    return lambda function: Reading(None, quantity, function, observed, True, True)
 
 
 def event(
-    name: str, *, section: bool = False, during: Callable[..., Any] | None = None, rising: bool = True
-) -> Callable[[Callable[..., Float[Array, ""]]], Event]:
+    name: str,
+    *,
+    count: int | str | None = None,
+    section: bool | Literal["first"] = False,
+    during: Callable[..., Any] | None = None,
+    rising: bool = True,
+) -> Callable[[Callable[..., Float[Array, " ..."]]], Event]:
     """Declare a function (params, state) -> number as the guard of an event.
 
     The event happens where the function rises through zero. A state on the surface (within the errors of
@@ -384,7 +461,11 @@ def event(
 
     Args:
         name: a few words, such as "foot lands", which also name the event in `stalled_by`.
-        section: whether it closes a cycle; its crossings are the Poincare section.
+        count: how many events of this kind there are, one for each foot; as for `parameter`. The function and
+            `during` return arrays (count,), and jumps are (params, state, i) -> state. A name with braces,
+            "foot {} lands", has the number, from 1, in their place.
+        section: whether it closes a cycle; its crossings are the Poincare section. With `count`, "first" is
+            that of the first component only.
         during: a function of the state's modes, `lambda state: state.stance`: it happens only while this
             holds, and is armed anew where this begins to hold.
         rising: False: it happens where the function is >= 0 while `during` holds, so its jump has to end
@@ -395,4 +476,6 @@ def event(
     """
     if not rising and during is None:
         raise TypeError(f"The event {name!r} has rising=False, so it needs during=, which its jump ends.")
-    return lambda function: Event(function, name, section, during, rising)
+    if section not in (True, False, "first"):
+        raise TypeError(f'The event {name!r} has section={section!r}: allowed are True, False and "first".')
+    return lambda function: Event(function, name, section, during, rising, count)

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Chart, HybridModel, Model, Quantity
-from gaitsweep.dynamics.declarations import Event, Mode, Parameter, Reading, Variable
+from gaitsweep.dynamics.declarations import Event, Mode, Parameter, Reading, SingleEvent, Variable
 from gaitsweep.dynamics.event_surface import CORRECTED, Arming, EventSurface, flat
 from gaitsweep.near_miss import suggestion
 
@@ -122,7 +122,7 @@ class Declared(Model):
         """Fields of a state that are not declared."""
 
     @abc.abstractmethod
-    def _is_beyond(self, event: Event, params: Any, state: Any) -> Bool[Array, ""]:
+    def _is_beyond(self, event: SingleEvent, params: Any, state: Any) -> Bool[Array, ""]:
         """Whether a state lies beyond the surface of an event."""
 
     @classmethod
@@ -131,7 +131,7 @@ class Declared(Model):
         for name in cls.declarations:
             if name in ("replace", *cls._other_fields()) or hasattr(base, name):
                 raise TypeError(f"{cls.__name__} declares {name}, a name that every model has: rename it.")
-        if cls._events() and not any(each.is_section for each in cls._events()):
+        if (events := cls.declared_events()) and not any(each.section for each in events):
             remedy = "write section=True for the one that ends a cycle"
             raise TypeError(f"{cls.__name__} has events but no section: {remedy}.")
 
@@ -141,9 +141,13 @@ class Declared(Model):
         return {name: each for name, each in cls.declarations.items() if isinstance(each, kind)}
 
     @classmethod
-    def _events(cls) -> list[Event]:
+    def declared_events(cls) -> list[Event]:
+        """The declared events, each once."""
         # an event whose jump has another name is in the class twice
         return list(dict.fromkeys(cls._named(Event).values()))
+
+    def _events(self) -> list[SingleEvent]:
+        return [single for each in self.declared_events() for single in each.singles(self)]
 
     # what the contract asks for
 
@@ -188,7 +192,7 @@ class Declared(Model):
         return {
             each.name: each.within(state) & self._is_beyond(each, params, state)
             for each in self._events()
-            if each.rising and each.effect is not None
+            if each.declared.rising and each.jumps
         }
 
     # how it is built
@@ -216,7 +220,7 @@ class Declared(Model):
         read = (each.values(self, name, params, state) for name, each in self._recorded(kind).items())
         return {name: value for values in read for name, value in values.items()}
 
-    def _flags(self, fired: Bool[Array, " events"]) -> Iterator[tuple[Event, Bool[Array, " guards"]]]:
+    def _flags(self, fired: Bool[Array, " events"]) -> Iterator[tuple[SingleEvent, Bool[Array, " guards"]]]:
         """Each event with the flags of its guards."""
         first = 0
         for each in self._events():
@@ -282,7 +286,7 @@ class DeclaredModel(Declared, HybridModel):
 
     @classmethod
     def _other_fields(cls) -> list[str]:
-        return [ARMING] if cls._armed() else []
+        return [ARMING] if any(each.rising for each in cls.declared_events()) else []
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -291,10 +295,9 @@ class DeclaredModel(Declared, HybridModel):
                 near = suggestion(name, cls._named(Variable))
                 raise TypeError(f"{cls.__name__}.section_coordinates has {name}, no variable{near}")
 
-    @classmethod
-    def _armed(cls) -> list[Event]:
+    def _armed(self) -> list[SingleEvent]:
         """The events that are armed by their function's sign."""
-        return [each for each in cls._events() if each.rising]
+        return [each for each in self._events() if each.declared.rising]
 
     def init(self, params: Any, start: Values, /) -> Any:
         fields = self._started(start)
@@ -319,11 +322,11 @@ class DeclaredModel(Declared, HybridModel):
             modes.append(surface.begun(band, rate, turned))
         return state.replace(arming=_stacked(modes)) if modes else state
 
-    def _turned(self, event: Event, params: Any, state: Any) -> Bool[Array, ""] | bool:
+    def _turned(self, event: SingleEvent, params: Any, state: Any) -> Bool[Array, ""] | bool:
         """Whether the jump of an event turns a state on its surface back."""
-        if event.effect is None:
+        if not event.jumps:
             return False
-        return _Surfaces(self, params, event.effect(self, params, state)).rate(event) <= 0.0
+        return _Surfaces(self, params, event.jumped(self, params, state)).rate(event) <= 0.0
 
     def complete(self, params: Any, state: Any, /) -> Any:
         """The state with those variables set that follow from the others, at t = 0 and on the section.
@@ -338,7 +341,7 @@ class DeclaredModel(Declared, HybridModel):
         guards: list[jax.Array] = []
         for place, each in zip(self._places(), self._events(), strict=True):
             if place is None:
-                values = [jnp.asarray(each.function(self, params, state))]
+                values = [each.height(self, params, state)]
             else:
                 values = [*seen.of(each).guards(_at(state.arming, place))]
             guards += [jnp.where(each.within(state), value, -1.0) for value in values]
@@ -347,7 +350,7 @@ class DeclaredModel(Declared, HybridModel):
     def _places(self) -> list[int | None]:
         """The place of each event among those that are armed."""
         armed = self._armed()
-        return [armed.index(each) if each.rising else None for each in self._events()]
+        return [armed.index(each) if each.declared.rising else None for each in self._events()]
 
     @property
     def guard_names(self) -> tuple[str, ...]:
@@ -356,11 +359,11 @@ class DeclaredModel(Declared, HybridModel):
     def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
         after, rates = state, {}
         for place, (each, flags) in zip(self._places(), self._flags(fired), strict=True):
-            if each.effect is None:
+            if not each.jumps:
                 continue
             happens = each.happens(flags)
             if place is None:
-                after = _where(happens, each.effect(self, params, after), after)
+                after = _where(happens, each.jumped(self, params, after), after)
                 continue
             # a body whose bounces have accumulated stays as it is, until its row ends
             happens = happens & ~_at(state.arming, place).accumulated
@@ -368,7 +371,7 @@ class DeclaredModel(Declared, HybridModel):
             after = _where(happens, applied, after)
         return self._rearmed(params, state, after, fired, rates) if self._armed() else after
 
-    def _applied(self, event: Event, params: Any, state: Any) -> tuple[Any, Float[Array, ""]]:
+    def _applied(self, event: SingleEvent, params: Any, state: Any) -> tuple[Any, Float[Array, ""]]:
         """The state after the jump of an event that was crossed a little earlier, and its rate there.
 
         The jump is applied where the surface was crossed, and the time since then is made up for. Otherwise
@@ -378,8 +381,7 @@ class DeclaredModel(Declared, HybridModel):
         unit = self.period(params)
         late = jax.lax.stop_gradient(seen.of(event).late(seen.rate(event), unit))
         late = jnp.where(late <= CORRECTED * unit, late, 0.0)
-        assert event.effect is not None
-        after = event.effect(self, params, self._moved(params, state, -late))
+        after = event.jumped(self, params, self._moved(params, state, -late))
         return self._moved(params, after, late), _Surfaces(self, params, after).rate(event)
 
     def _moved(self, params: Any, state: Any, time: Float[Array, ""]) -> Any:
@@ -393,7 +395,7 @@ class DeclaredModel(Declared, HybridModel):
         before: Any,
         after: Any,
         fired: Bool[Array, " events"],
-        rates: Mapping[Event, Float[Array, ""]],
+        rates: Mapping[SingleEvent, Float[Array, ""]],
     ) -> Any:
         """The state `after` a jump, with its events armed; a body that would not leave a surface rests.
 
@@ -412,27 +414,26 @@ class DeclaredModel(Declared, HybridModel):
             band = surface.band(late, unit, was.rate(each), rate)
             crossed, returned = flags[each]
             rate = jnp.where(crossed, rates.get(each, rate), rate)
-            new = surface.jumped(mode, crossed, returned, band, rate, each.effect is not None)
-            if each.during is not None:
+            new = surface.jumped(mode, crossed, returned, band, rate, each.jumps)
+            if each.declared.during is not None:
                 begins = each.within(after) & ~each.within(before)
                 new = _where(begins, surface.begun(band, rate, self._turned(each, params, after)), new)
             modes.append(new)
         arming = _stacked(modes)
         after = after.replace(arming=arming)
-        resting = [each for each in self._events() if each.resting is not None]
+        resting = [each for each in self._events() if each.declared.resting is not None]
         if not resting:
             return after
         # a state that an event with a jump would meet again within no time
         soon = [
             each.within(after) & arming.armed[k] & now.returns_soon(each, unit)
             for k, each in enumerate(events)
-            if each.effect is not None
+            if each.jumps
         ]
         comes_to_rest = jnp.any(jnp.stack(soon)) | jnp.any(arming.accumulated)
         for each in resting:
-            assert each.resting is not None
             rests = each.happens(flags[each]) & comes_to_rest
-            after = _where(rests, self._begun(params, each.resting(self, params, after)), after)
+            after = _where(rests, self._begun(params, each.rested(self, params, after)), after)
         return after
 
     def section(self, params: Any, before: Any, fired: Bool[Array, " events"], /) -> Bool[Array, ""]:
@@ -442,7 +443,7 @@ class DeclaredModel(Declared, HybridModel):
                 closed = closed | each.happens(flags)
         return closed
 
-    def _is_beyond(self, event: Event, params: Any, state: Any) -> Bool[Array, ""]:
+    def _is_beyond(self, event: SingleEvent, params: Any, state: Any) -> Bool[Array, ""]:
         passed = ~_at(state.arming, self._armed().index(event)).armed
         if not (event.is_section and self.section_coordinates):
             return passed
@@ -465,22 +466,22 @@ class _Surfaces:
         self._model, self._params, self._state = model, params, state
         names = (name for name, each in model.declarations.items() if isinstance(each, Variable))
         self._point = {name: getattr(state, name) for name in names}
-        self._seen: dict[Event, EventSurface] = {}
+        self._seen: dict[SingleEvent, EventSurface] = {}
 
-    def of(self, event: Event) -> EventSurface:
+    def of(self, event: SingleEvent) -> EventSurface:
         """The surface of an event."""
         if event not in self._seen:
             model, params, state = self._model, self._params, self._state
             self._seen[event] = EventSurface.seen_from(
-                self._point, lambda x: event.function(model, params, state.replace(**x))
+                self._point, lambda x: event.height(model, params, state.replace(**x))
             )
         return self._seen[event]
 
-    def rate(self, event: Event) -> Float[Array, ""]:
+    def rate(self, event: SingleEvent) -> Float[Array, ""]:
         """The rate of the height of an event's surface along the flow."""
         return self.of(event).rate(flat(self._along))
 
-    def returns_soon(self, event: Event, unit: Float[Array, ""]) -> Bool[Array, ""]:
+    def returns_soon(self, event: SingleEvent, unit: Float[Array, ""]) -> Bool[Array, ""]:
         """Whether a state close to the surface of an event meets it again within a small share of a period.
 
         The height as a parabola, by its rate and acceleration along the flow.

@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep import near_miss
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
-from gaitsweep.dynamics.declarations import Event, Mode, Variable
+from gaitsweep.dynamics.declarations import Mode, Variable
 from gaitsweep.dynamics.declared_model import ARMING, Declared
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.columns import over_rows
@@ -150,16 +150,12 @@ def _bare_state(model: Declared) -> Any:
     return model.State(**fields)
 
 
-def _declared_events(model: Declared) -> list[Event]:
-    return list(dict.fromkeys(each for each in model.declarations.values() if isinstance(each, Event)))
-
-
 def _event_functions(model: Declared, params: Any, state: Any) -> None:
     """Refuse event functions that do not return one real number, by the events' names."""
-    for event in _declared_events(model):
+    for event in model.declared_events():
         name = f"for the event {event.name!r}"
         given = _given(name, lambda p, s, event=event: event.function(model, p, s), params, state)
-        _scalar(name, given)
+        _shaped(name, given, event.counted.shape(model))
         if (kind := _kind(given)) != "real numbers":
             wanted = "a real number that rises through zero: s.x - 2.0, not s.x > 2.0"
             raise _returns(name, kind, wanted)
@@ -176,11 +172,11 @@ def _called_by_init(model: Any, params: Any, state: Any) -> None:
 
 def _jump_functions(model: Declared, params: Any, state: Any) -> None:
     """Refuse jumps of events that do not return a state, by the events' names."""
-    for event in _declared_events(model):
-        if (effect := event.effect) is None:
+    for event in model.declared_events():
+        if event.effect is None:
             continue
-        name = f"for the jump of {event.name!r}"
-        after = _given(name, lambda p, s, effect=effect: effect(model, p, s), params, state)
+        name, single = f"for the jump of {event.name!r}", event.singles(model)[0]
+        after = _given(name, lambda p, s, single=single: single.jumped(model, p, s), params, state)
         if not isinstance(after, type(state)):
             raise _returns(name, _type_of(after), "a state, such as s.replace(...)")
 
@@ -293,8 +289,13 @@ def _alike(name: str, before: Any, after: Any) -> None:
 
 
 def _scalar(name: str, found: Any) -> None:
-    if getattr(found, "shape", None) != ():
-        raise _returns(name, getattr(found, "shape", type(found).__name__), "one number, ()")
+    _shaped(name, found, ())
+
+
+def _shaped(name: str, found: Any, shape: tuple[int, ...]) -> None:
+    if getattr(found, "shape", None) != shape:
+        wanted = f"{shape[0]} numbers, {shape}, as count= says" if shape else "one number, ()"
+        raise _returns(name, getattr(found, "shape", type(found).__name__), wanted)
 
 
 def _named(name: str, found: Any, kind: str, wanted: Iterable[str]) -> None:
@@ -573,7 +574,7 @@ def _in_order(model: Model, found: _Begun, where: Where) -> Iterator[str]:
             differ = f"{events} lead to different states in two jumps and in one{at}"
             yield f'whose simultaneous is "independent", but {differ}: remove it.'
     # an armed event cannot fire twice without leaving its surface
-    armed = isinstance(model, Declared) and all(event.rising for event in _declared_events(model))
+    armed = isinstance(model, Declared) and all(event.rising for event in model.declared_events())
     if armed or not np.any(guards >= 0.0):
         return
     fires = _without_end(model, params, state)

@@ -236,8 +236,8 @@ def test_an_event_of_a_subclass_replaces_that_of_its_base_whatever_its_jump_is_c
         def deep(self, p, s):
             return -10.0 - s.z
 
-    assert [each.name for each in Below._events()] == ["lands below"]
-    assert [each.name for each in Falls._events()] == ["ten below"]
+    assert [each.name for each in Below.declared_events()] == ["lands below"]
+    assert [each.name for each in Falls.declared_events()] == ["ten below"]
     lowest = gs.simulate(Below, duration=1.0, every=0.01)["z"].to_numpy(float).min()
     assert -0.5 <= lowest < -0.45  # 5 m/s at the floor: samples lie at most 5 cm apart
 
@@ -423,3 +423,61 @@ def test_a_number_in_the_place_of_the_meaning_is_refused() -> None:
         parameter("m/s2", 9.81)  # type: ignore[arg-type]
     with pytest.raises(TypeError, match=r"The unit of a declaration is 1\.0, but must be text"):
         variable(1.0, "height")  # type: ignore[arg-type]
+
+
+@dataclasses.dataclass(frozen=True)
+class CountedBalls(Balls):
+    """The same balls, whose events and signals are one declaration each."""
+
+    first = None  # pyright: ignore[reportAssignmentType] (a base's event is removed so)
+
+    @event("ball {} bounces", count="N", section="first")
+    def second(self, p, s):
+        return p.floor - s.z
+
+    @second.jump
+    def bounce_second(self, p, s, i):
+        after = s.replace(v=s.v.at[i].set(jnp.abs(s.v[i])), bounces=s.bounces.at[i].add(1))
+        return after.replace(parity=~s.parity) if i == 0 else after
+
+    @signal("m", "height over the floor of ball", count="N")
+    def over(self, p, s):
+        return s.z - p.floor
+
+
+@pytest.mark.parametrize("engine", ["xla", "kernel"])
+def test_events_of_one_declaration_are_those_of_several(engine: str) -> None:
+    """Fails if a component jumps with another's number, or closes a cycle that it does not close."""
+    rows = {"z_1_0": [1.0, 1.0, 3.0], "z_2_0": [1.0, 0.3, 0.2], "angle_0": 0.0}
+    counted, single = (
+        run_rows(model, CrossingRecorder(model, 5), rows, engine=engine)
+        for model in (CountedBalls(), Balls())
+    )
+    assert set(counted.status.tolist()) == {Status.complete}
+    np.testing.assert_array_equal(counted.samples, single.samples)
+    assert fault(CountedBalls()) is None
+    assert CountedBalls().guard_names == Balls().guard_names
+    assert CountedBalls(N=3).guard_names[::2] == tuple(f"ball {i} bounces" for i in (1, 2, 3))
+    assert [q.name for q in CountedBalls(N=3).signals[-3:]] == ["over_1", "over_2", "over_3"]
+    p = scalars(model := CountedBalls(), z_2=1.0)
+    s = model.init(p, jax.tree.map(jnp.asarray, {"z_1_0": 1.0, "z_2_0": 2.0, "angle_0": 7.0}))
+    assert {name: float(v) for name, v in model.signal(p, s).items() if "over" in name} == {
+        "over_1": 1.0,
+        "over_2": 2.0,
+    }
+
+
+def test_counted_functions_that_return_another_number_are_refused() -> None:
+    class ThreeHeights(CountedBalls):
+        @signal("m", "height of ball", count="N")
+        def over(self, p, s):
+            return s.z[:1]
+
+    assert "over has the shape (1,), but its count= asks for 2 numbers" in (fault(ThreeHeights()) or "")
+
+    class OneSurface(CountedBalls):
+        @event("ball {} bounces", count="N", section="first")
+        def second(self, p, s):
+            return s.z[0]
+
+    assert "must return 2 numbers, (2,), as count= says" in (fault(OneSurface()) or "")

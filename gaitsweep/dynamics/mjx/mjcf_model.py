@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Quantity, Rates, SteppedModel
-from gaitsweep.dynamics.declarations import Event
+from gaitsweep.dynamics.declarations import SingleEvent
 from gaitsweep.dynamics.declared_model import Declared, Values
 from gaitsweep.near_miss import suggestion
 
@@ -60,7 +60,7 @@ class MjcfModel(Declared, SteppedModel):
     def _other_fields(cls) -> list[str]:
         return [BODY, SENSORS]
 
-    def _is_beyond(self, event: Event, params: Any, state: Any) -> Bool[Array, ""]:
+    def _is_beyond(self, event: SingleEvent, params: Any, state: Any) -> Bool[Array, ""]:
         return jnp.asarray(event.function(self, params, state)) > 0.0
 
     @abc.abstractmethod
@@ -149,15 +149,15 @@ class MjcfModel(Declared, SteppedModel):
     def events(self, params: Any, before: Any, after: Any, /) -> Bool[Array, " events"]:
         fired = []
         for each in self._events():
-            ends = jnp.asarray(each.function(self, params, after)) >= 0.0
-            begins = jnp.asarray(each.function(self, params, before)) < 0.0
-            fired.append(each.within(after) & (begins & ends if each.rising else ends))
+            ends = each.height(self, params, after) >= 0.0
+            begins = each.height(self, params, before) < 0.0
+            fired.append(each.within(after) & (begins & ends if each.declared.rising else ends))
         return jnp.stack(fired) if fired else jnp.zeros((0,), bool)
 
     def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
         for each, flag in zip(self._events(), fired, strict=True):
-            if each.effect is not None:
-                after = each.effect(self, params, state)
+            if each.jumps:
+                after = each.jumped(self, params, state)
                 state = jax.tree.map(lambda new, old, f=flag: jnp.where(f, new, old), after, state)
         return state
 
