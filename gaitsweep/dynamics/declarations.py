@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Literal
 
 import jax
@@ -31,6 +31,19 @@ class Counted:
 
     count: int | str | None
 
+    def __post_init__(self) -> None:
+        """Refuse a count that is no number of components.
+
+        Raises:
+            TypeError: with what is allowed.
+        """
+        whole = isinstance(self.count, int) and not isinstance(self.count, bool) and self.count >= 1
+        if not (whole or self.count is None or isinstance(self.count, str)):
+            raise TypeError(
+                f"A declaration has count={self.count!r}: allowed are whole numbers from 1 on, and the name "
+                "of a field of the model's structure as text."
+            )
+
     def size(self, model: Model) -> int:
         """Number of components, 1 for a single one."""
         return getattr(model, self.count) if isinstance(self.count, str) else self.count or 1
@@ -52,13 +65,16 @@ class CountedQuantity(Counted):
 
     def quantities(self, model: Model, name: str, **changes: Any) -> tuple[Quantity, ...]:
         """The quantities of a field by this name."""
+        plain = name.removesuffix("_")
+        if plain != name and not self.quantity.symbol:  # `lambda_` and `e_` are the paper's lambda and e
+            changes["symbol"] = rf"\{plain}" if plain == "lambda" else plain
         quantity = dataclasses.replace(self.quantity, name=name, **changes)
         if self.count is None:
             return (quantity,)
         return tuple(
             dataclasses.replace(
                 quantity,
-                name=f"{name}_{i}",
+                name=f"{plain}_{i}",
                 meaning=f"{quantity.meaning} {i}",
                 symbol=quantity.symbol and f"{quantity.symbol}_{{{i}}}",
             )
@@ -161,6 +177,31 @@ class Reading(CountedQuantity):
             )
         value = wrapped(value) if self.quantity.circular else value
         return {name: value} if self.count is None else dict(zip(names, value, strict=True))
+
+
+def faults_of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
+    """Faults of a quantity's unit, meaning, bounds, default and scale, as ends of sentences.
+
+    Args:
+        quantity: with its name.
+        start: whether it is an initial condition, whose default may be NaN: then the model decides it.
+    """
+    name, low, high = quantity.name, quantity.low, quantity.high
+    for field in ("unit", "meaning"):
+        if not getattr(quantity, field):
+            unit = ' ("1" for a number without one)' if field == "unit" else ""
+            yield f"whose {name} has no {field}, which tables and figures show{unit}."
+    if not low <= high or (low == high and quantity.open_ends):
+        yield f"whose {name} has bounds that allow no value: low is {low:g}, high is {high:g}."
+    elif isinstance(quantity.default, int | float):
+        undecided = start and math.isnan(quantity.default)  # a start that the model itself decides
+        inside = low < quantity.default < high if quantity.open_ends else low <= quantity.default <= high
+        if not undecided and not (inside and math.isfinite(quantity.default)):
+            bounds = f"within its bounds, {low:g} and {high:g}{', both excluded' * quantity.open_ends}"
+            must = "a finite number" if inside or math.isnan(quantity.default) else bounds
+            yield f"whose {name} has the default {quantity.default:g}, which must be {must}."
+    if quantity.scale is not None and not quantity.scale > 0.0:
+        yield f"whose {name} has the scale {quantity.scale:g}, which must be above 0."
 
 
 class Event:
@@ -305,7 +346,9 @@ def parameter(
             give it.
         count: how many there are (`NAME_1`, `NAME_2`, ... in a job, an array (count,) in `params`): a number,
             or the name of a field of the model's structure. None: one scalar.
-        low, high, open_ends, circular, symbol, source: as of `Quantity`.
+        low, high, open_ends, circular, symbol, source: as of `Quantity`. A name that ends with an underscore
+            has by default the symbol without it: `e_` is e and `lambda_` is lambda in figures, since `e` is
+            Euler's number in formulas and `lambda` a word of Python.
 
     Example:
         >>> import gaitsweep as gs

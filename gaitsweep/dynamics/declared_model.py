@@ -10,8 +10,10 @@ from __future__ import annotations
 import abc
 import dataclasses
 import functools
+import inspect
 import re
 from collections.abc import Iterator, Mapping
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import jax
@@ -19,11 +21,25 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Chart, HybridModel, Model, Quantity
-from gaitsweep.dynamics.declarations import Event, Mode, Parameter, Reading, SingleEvent, Variable
+from gaitsweep.dynamics.declarations import (
+    Event,
+    Mode,
+    Parameter,
+    Reading,
+    SingleEvent,
+    Variable,
+    faults_of_quantity,
+)
 from gaitsweep.dynamics.event_surface import CORRECTED, Arming, EventSurface, flat
+from gaitsweep.expression import RESERVED
 from gaitsweep.near_miss import suggestion
 
 Values = Mapping[str, jax.Array]
+# Columns that tables of runs have beside the model's.
+COLUMNS = (
+    *("row", "status", "stalled_by", "slowest", "cycles", "crossing", "t", "t_end"),
+    *("gait", "outcome", "attractor_period"),
+)
 # The field of a state that says which of its events are armed (`Arming`, an array (events,) in each field).
 ARMING = "arming"
 # A body rests where it would return to a surface within this share of the nominal period.
@@ -134,6 +150,63 @@ class Declared(Model):
         if (events := cls.declared_events()) and not any(each.section for each in events):
             remedy = "write section=True for the one that ends a cycle"
             raise TypeError(f"{cls.__name__} has events but no section: {remedy}.")
+        sizes = cls._default_sizes()
+        for name, each in cls.declarations.items():
+            count = each.counted.count if isinstance(each, Event) else each.count
+            if isinstance(count, str) and count not in sizes and not hasattr(cls, count):
+                fields = suggestion(count, sizes) if sizes else ": it has no field."
+                raise TypeError(
+                    f'{cls.__name__} declares {name} with count="{count}", which is not a field of its '
+                    f"structure{fields}"
+                )
+        if (wrong := next(cls._faults(SimpleNamespace(**sizes)), None)) is not None:
+            raise TypeError(f"{cls.__name__} is a model {wrong}")
+
+    @classmethod
+    def _default_sizes(cls) -> dict[str, Any]:
+        """The fields of the structure with their defaults; the class is no dataclass yet."""
+        hints = {k: v for each in reversed(cls.__mro__) for k, v in inspect.get_annotations(each).items()}
+        values = {k: getattr(cls, k, None) for k, hint in hints.items() if "ClassVar" not in str(hint)}
+        return {k: v.default if isinstance(v, dataclasses.Field) else v for k, v in values.items()}
+
+    @classmethod
+    def _faults(cls, sizes: Any) -> Iterator[str]:
+        """Faults of names, units, bounds and defaults that the declarations alone show, as ends of sentences.
+
+        Args:
+            sizes: what has the fields of the structure as attributes; declarations whose number is not among
+                these are left out.
+        """
+        known = {
+            name: each
+            for name, each in cls.declarations.items()
+            if not isinstance(each, Event)
+            and (not isinstance(each.count, str) or isinstance(getattr(sizes, each.count, None), int))
+        }
+        parameters = [
+            q for k, each in known.items() if isinstance(each, Parameter) for q in each.quantities(sizes, k)
+        ]
+        starts = [
+            q for k, each in known.items() if isinstance(each, Variable | Mode) for q in each.starts(sizes, k)
+        ]
+        recorded = [(k, each) for k, each in known.items() if isinstance(each, Variable | Reading)]
+        signals = [q for k, each in recorded if each.signal for q in each.recorded(sizes, k)]
+        observables = [q for k, each in recorded if each.observed for q in each.recorded(sizes, k)]
+        names = [q.name for q in (*parameters, *starts)]
+        for name in names:
+            if name in RESERVED:
+                remedy = f'write {name}_, or another name with symbol="{name}"'
+                yield f"with a quantity {name}, which means something else in formulas: {remedy}."
+            if names.count(name) > 1:
+                yield f"that declares {name} twice: rename one of them."
+        columns = {q.name: q.name for q in (*parameters, *starts, *signals)}
+        columns |= {f"{q.name}_{end}": q.name for q in observables for end in ("end", "n")}
+        for column, name in columns.items():
+            if column in COLUMNS:
+                taken = f"all names but those of {', '.join(COLUMNS)}"
+                yield f"with a quantity {name}, but {column} is a column of each table: allowed are {taken}."
+        for quantity in (*parameters, *starts, *signals, *observables):
+            yield from faults_of_quantity(quantity, quantity in starts)
 
     @classmethod
     def _named(cls, kind: type) -> dict[str, Any]:

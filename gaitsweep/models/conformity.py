@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep import near_miss
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
-from gaitsweep.dynamics.declarations import Mode, Variable
+from gaitsweep.dynamics.declarations import Mode, Variable, faults_of_quantity
 from gaitsweep.dynamics.declared_model import ARMING, Declared
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.columns import over_rows
@@ -393,26 +393,11 @@ def _of_quantities(model: Model) -> Iterator[str]:
 
 
 def _of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
-    name, low, high = quantity.name, quantity.low, quantity.high
-    for field in ("unit", "meaning"):
-        if not getattr(quantity, field):
-            unit = ' ("1" for a number without one)' if field == "unit" else ""
-            yield f"whose {name} has no {field}, which tables and figures show{unit}."
     texts = {"symbol": f"${quantity.symbol}$", "unit": quantity.unit, "meaning": quantity.meaning}
     for field, text in texts.items():
         if getattr(quantity, field) and not can_be_set(text):
-            yield f"whose {name} has the {field} {getattr(quantity, field)!r}, {_UNSET}"
-    if not low <= high or (low == high and quantity.open_ends):
-        yield f"whose {name} has bounds that allow no value: low is {low:g}, high is {high:g}."
-    elif isinstance(quantity.default, int | float):
-        undecided = start and math.isnan(quantity.default)  # a start that the model itself decides
-        inside = low < quantity.default < high if quantity.open_ends else low <= quantity.default <= high
-        if not undecided and not (inside and math.isfinite(quantity.default)):
-            bounds = f"within its bounds, {low:g} and {high:g}{', both excluded' * quantity.open_ends}"
-            must = "a finite number" if inside or math.isnan(quantity.default) else bounds
-            yield f"whose {name} has the default {quantity.default:g}, which must be {must}."
-    if quantity.scale is not None and not quantity.scale > 0.0:
-        yield f"whose {name} has the scale {quantity.scale:g}, which must be above 0."
+            yield f"whose {quantity.name} has the {field} {getattr(quantity, field)!r}, {_UNSET}"
+    yield from faults_of_quantity(quantity, start)
 
 
 @dataclasses.dataclass(frozen=True)

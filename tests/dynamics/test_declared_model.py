@@ -13,7 +13,8 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, mode, observable, parameter, signal, variable
-from gaitsweep.contract import Status
+from gaitsweep.contract import Quantity, Status
+from gaitsweep.dynamics.declared_model import COLUMNS
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper
@@ -287,16 +288,8 @@ FAULTS = {
         "jump": lambda self, p, s, fired: dataclasses.replace(s, z=jnp.where(fired[0], 0, s.z.astype(int)))
     },
     "gait as real numbers": {"label": lambda self, p, at: {"gait": at["z"]}},
-    "z_0,? twice": {"z_0": parameter("m", "another height", 1.0)},
     r"symbol '\\\\bm": {"k": parameter("1", "k", 1.0, symbol=r"\bm{k}")},
     "unit": {"k": parameter(r"$\bm{k}$", "k", 1.0)},
-    "bounds that allow no value": {"k": parameter("1", "k", 0.5, low=1.0, high=0.0)},
-    "default 5, which must be within": {"k": parameter("1", "k", 5.0, low=0.0, high=1.0)},
-    "default nan": {"k": parameter("1", "k", float("nan"))},
-    "default inf, which must be a finite": {"k": parameter("1", "k", float("inf"))},
-    "y_0 has the default 5": {"y": variable("1", "y", 5.0, high=1.0), **_flows(y=lambda s: 0.0)},
-    "scale 0": {"y": variable("1", "y", 0.0, scale=0.0), **_flows(y=lambda s: 0.0)},
-    "scale nan": {"y": variable("1", "y", 0.0, scale=float("nan")), **_flows(y=lambda s: 0.0)},
 }
 
 
@@ -306,6 +299,78 @@ def test_what_no_row_can_be_run_with_is_refused_by_its_name(words: str) -> None:
     assert re.search(words, fault(model()) or "")
     with pytest.raises(gs.UserError, match=words):
         gs.sweep(model, g=[9.0, 10.0])
+
+
+# What declarations alone show is refused when the class is made.
+REFUSED_AT_ONCE = {
+    "declares z_0 twice": {"z_0": parameter("m", "another height", 1.0)},
+    "declares z_1_0 twice": {"z_1": variable("m", "height", 1.0), "z": variable("m", "z", 1.0, count=2)},
+    "bounds that allow no value": {"k": parameter("1", "k", 0.5, low=1.0, high=0.0)},
+    "default 5, which must be within": {"k": parameter("1", "k", 5.0, low=0.0, high=1.0)},
+    "default nan": {"k": parameter("1", "k", float("nan"))},
+    "default inf, which must be a finite": {"k": parameter("1", "k", float("inf"))},
+    "y_0 has the default 5": {"y": variable("1", "y", 5.0, high=1.0)},
+    "scale 0": {"y": variable("1", "y", 0.0, scale=0.0)},
+    "scale nan": {"y": variable("1", "y", 0.0, scale=float("nan"))},
+    "k has no unit": {"k": parameter("", "k", 0.5)},
+    r'e, which means something else .* write e_, or another name with symbol="e"': {
+        "e": parameter("1", "restitution", 0.5)
+    },
+    "quantity sample, which means": {"sample": parameter("1", "sample", 0.5)},
+    "quantity status, but status is a column of each table: allowed are all names but those of row": {
+        "status": signal("1", "status")(lambda self, p, s: s.z)
+    },
+    "quantity t, but t is a column": {"t": variable("s", "time")},
+    "quantity t, but t_end is a column": {"t": observable("s", "time")(lambda self, p, s: s.z)},
+    r'count="M", which is not a field of its structure\. Allowed: N': {
+        "__annotations__": {"N": "int"},
+        "k": parameter("1", "k", 1.0, count="M"),
+    },
+    "z has 2 start values, but 3 numbers": {"z": variable("m", "z", (1.0, 2.0), count=3)},
+}
+
+
+@pytest.mark.parametrize("words", REFUSED_AT_ONCE)
+def test_what_declarations_alone_show_is_refused_when_the_class_is_made(words: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=words):
+        type("Mine", (Ground,), REFUSED_AT_ONCE[words])
+
+
+@pytest.mark.parametrize("count", [0, -1, 2.0, True])
+def test_a_count_is_a_number_of_components(count: object) -> None:
+    with pytest.raises(TypeError, match=r"allowed are whole numbers from 1 on, and the name of a field"):
+        mode(False, "down", count=count)  # type: ignore[arg-type]
+
+
+def test_names_of_columns_are_those_of_the_tables() -> None:
+    """A column that a run kind adds is one that no quantity may have."""
+    model = Ground()
+    own = {f"{q.name}{end}" for q in (*model.observables, *model.signals) for end in ("", "_end", "_n")}
+    runs = (
+        gs.Settle(),
+        gs.FixedTime(duration=1.0),
+        gs.ReturnMap(crossings=1),
+        gs.Trace(duration=1.0, every=1.0),
+    )
+    columns = {column.name for run in runs for column in run.all_columns(model)} - own
+    assert columns | {"row"} == set(COLUMNS)
+
+
+def test_a_paper_may_call_its_parameters_e_and_lambda() -> None:
+    class Thrown(Ground):
+        e_ = parameter("1", "restitution", 0.5)
+        lambda_ = parameter("1", "wavelength", 2.0, count=2)
+        ratio = parameter("1", "restitution", 0.5, symbol="e")
+
+    symbols = {q.name: q.symbol for q in Thrown().parameters}
+    assert symbols == {
+        "g": "", "e_": "e", "lambda_1": r"\lambda_{1}", "lambda_2": r"\lambda_{2}", "ratio": "e"
+    }  # fmt: skip
+    params = {"lambda_2": "2*e_"}
+    table = gs.sweep(Thrown, e_=[0.25, 0.5], params=params, run=gs.FixedTime(duration=0.1)).table
+    assert table["e_"].tolist() == [0.25, 0.5]
+    with pytest.raises(gs.UserError, match="did you mean e_"):
+        gs.sweep(Thrown, e=[0.25, 0.5])
 
 
 @pytest.mark.slow
@@ -352,7 +417,9 @@ def test_a_variable_that_a_jump_alone_moves_needs_no_rate() -> None:
 
 
 def test_a_quantity_with_the_name_of_a_column_is_refused() -> None:
-    model = type("Mine", (Ground,), {"status": variable("1", "any", 0.0), **_flows(status=lambda s: 0.0)})
+    status = Quantity("status", "1", "any")  # of a model that writes this member by hand
+    members = {"signals": property(lambda self: (status,)), "signal": lambda self, p, s: {"status": s.z}}
+    model = type("Mine", (Ground,), members)
     with pytest.raises(gs.UserError, match="a quantity status, but the table of trace has"):
         gs.simulate(model, duration=1.0)
 
