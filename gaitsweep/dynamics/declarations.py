@@ -20,6 +20,8 @@ from gaitsweep.contract import Model, Quantity
 from gaitsweep.dynamics.phase_oscillator import wrapped
 
 Start = float | str
+# The signs of an event's function with which it rises through zero in each direction.
+_SIGNS = {"rising": (1.0,), "falling": (-1.0,), "both": (1.0, -1.0)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -219,17 +221,20 @@ class Event:
         during: Callable[..., Any] | None,
         rising: bool,
         count: int | str | None = None,
+        when: Callable[..., Any] | None = None,
+        signs: tuple[float, ...] = (1.0,),
     ) -> None:
         self.function, self.name, self.section = function, name, section
         self.during, self.rising, self.counted = during, rising, Counted(count)
+        self.when, self.signs = when, signs
         self.effect: Callable[..., Any] | None = None
         self.resting: Callable[..., Any] | None = None
 
     def singles(self, model: Model) -> tuple[SingleEvent, ...]:
-        """The events that it declares for a model, one for each component."""
-        if self.counted.count is None:
-            return (SingleEvent(self),)
-        return tuple(SingleEvent(self, i) for i in range(self.counted.size(model)))
+        """The events that it declares for a model, one for each component and direction."""
+        single = self.counted.count is None
+        places = [None] if single else list(range(self.counted.size(model)))
+        return tuple(SingleEvent(self, place, sign) for place in places for sign in self.signs)
 
     def jump(self, function: Callable[..., Any], /) -> Event:
         """Decorator of the function (params, state) -> state that the event applies.
@@ -256,10 +261,14 @@ class Event:
 
 @dataclasses.dataclass(frozen=True)
 class SingleEvent:
-    """One event of a declaration: the component `place`, from 0, of an event with `count`."""
+    """One event of a declaration: of the component `place`, from 0, of an event with `count`.
+
+    It happens where `sign` times the declared function rises through zero.
+    """
 
     declared: Event
     place: int | None = None
+    sign: float = 1.0
 
     @property
     def name(self) -> str:
@@ -287,11 +296,16 @@ class SingleEvent:
 
     def height(self, model: Model, params: Any, state: Any) -> Float[Array, ""]:
         """The function of the event: it happens where this rises through zero."""
-        return self._own(self.declared.function(model, params, state))
+        height = self._own(self.declared.function(model, params, state))
+        return height if self.sign > 0.0 else -height
 
     def within(self, state: Any) -> Bool[Array, ""]:
         """Whether the modes of a state allow the event."""
         return self._own(True if self.declared.during is None else self.declared.during(state))
+
+    def holds(self, params: Any, state: Any) -> Bool[Array, ""]:
+        """Whether its condition holds at a crossing; without it the crossing is passed over."""
+        return self._own(True if self.declared.when is None else self.declared.when(params, state))
 
     def jumped(self, model: Model, params: Any, state: Any) -> Any:
         """The state after its jump."""
@@ -488,6 +502,8 @@ def event(
     count: int | str | None = None,
     section: bool | Literal["first"] = False,
     during: Callable[..., Any] | None = None,
+    when: Callable[..., Any] | None = None,
+    direction: Literal["rising", "falling", "both"] = "rising",
     rising: bool = True,
 ) -> Callable[[Callable[..., Float[Array, " ..."]]], Event]:
     """Declare a function (params, state) -> number as the guard of an event.
@@ -511,14 +527,27 @@ def event(
             that of the first component only.
         during: a function of the state's modes, `lambda state: state.stance`: it happens only while this
             holds, and is armed anew where this begins to hold.
+        when: a condition on parameters and variables, `lambda params, state: state.lift < params.clearance`.
+            It is judged at the located crossing: where it does not hold, nothing happens there, and the next
+            crossing is judged anew.
+        direction: whether it happens where the function rises through zero, where it falls, or at both.
         rising: False: it happens where the function is >= 0 while `during` holds, so its jump has to end
             that. Such an event needs no arming, and includes states that are already beyond the surface.
 
     Raises:
-        TypeError: `rising` is False, and there is no `during` that its jump could end.
+        TypeError: `rising` is False, and there is no `during` that its jump could end, or a `when` or a
+            `direction`; or an argument is not among the allowed ones.
     """
     if not rising and during is None:
         raise TypeError(f"The event {name!r} has rising=False, so it needs during=, which its jump ends.")
     if section not in (True, False, "first"):
         raise TypeError(f'The event {name!r} has section={section!r}: allowed are True, False and "first".')
-    return lambda function: Event(function, name, section, during, rising, count)
+    if direction not in _SIGNS:
+        raise TypeError(f"The event {name!r} has direction={direction!r}: allowed are {', '.join(_SIGNS)}.")
+    if not rising and (when is not None or direction != "rising"):
+        raise TypeError(
+            f"The event {name!r} has rising=False, so it has no crossing for when= or direction=: write the "
+            "condition into its function, or leave out rising=False."
+        )
+    signs = _SIGNS[direction]
+    return lambda function: Event(function, name, section, during, rising, count, when, signs)

@@ -399,7 +399,8 @@ class DeclaredModel(Declared, HybridModel):
         """Whether the jump of an event turns a state on its surface back."""
         if not event.jumps:
             return False
-        return _Surfaces(self, params, event.jumped(self, params, state)).rate(event) <= 0.0
+        back = _Surfaces(self, params, event.jumped(self, params, state)).rate(event) <= 0.0
+        return back & event.holds(params, state)
 
     def complete(self, params: Any, state: Any, /) -> Any:
         """The state with those variables set that follow from the others, at t = 0 and on the section.
@@ -434,7 +435,7 @@ class DeclaredModel(Declared, HybridModel):
         for place, (each, flags) in zip(self._places(), self._flags(fired), strict=True):
             if not each.jumps:
                 continue
-            happens = each.happens(flags)
+            happens = each.happens(flags) & each.holds(params, state)
             if place is None:
                 after = _where(happens, each.jumped(self, params, after), after)
                 continue
@@ -486,8 +487,9 @@ class DeclaredModel(Declared, HybridModel):
             surface, rate, mode = now.of(each), now.rate(each), _at(before.arming, place)
             band = surface.band(late, unit, was.rate(each), rate)
             crossed, returned = flags[each]
-            rate = jnp.where(crossed, rates.get(each, rate), rate)
-            new = surface.jumped(mode, crossed, returned, band, rate, each.jumps)
+            holds = each.holds(params, before)
+            rate = jnp.where(crossed & holds, rates.get(each, rate), rate)
+            new = surface.jumped(mode, crossed, returned, band, rate, holds & each.jumps)
             if each.declared.during is not None:
                 begins = each.within(after) & ~each.within(before)
                 new = _where(begins, surface.begun(band, rate, self._turned(each, params, after)), new)
@@ -499,13 +501,13 @@ class DeclaredModel(Declared, HybridModel):
             return after
         # a state that an event with a jump would meet again within no time
         soon = [
-            each.within(after) & arming.armed[k] & now.returns_soon(each, unit)
+            each.within(after) & each.holds(params, after) & arming.armed[k] & now.returns_soon(each, unit)
             for k, each in enumerate(events)
             if each.jumps
         ]
         comes_to_rest = jnp.any(jnp.stack(soon)) | jnp.any(arming.accumulated)
         for each in resting:
-            rests = each.happens(flags[each]) & comes_to_rest
+            rests = each.happens(flags[each]) & each.holds(params, before) & comes_to_rest
             after = _where(rests, self._begun(params, each.rested(self, params, after)), after)
         return after
 
@@ -513,7 +515,7 @@ class DeclaredModel(Declared, HybridModel):
         closed = jnp.zeros((), bool)
         for each, flags in self._flags(fired):
             if each.is_section:
-                closed = closed | each.happens(flags)
+                closed = closed | (each.happens(flags) & each.holds(params, before))
         return closed
 
     def _is_beyond(self, event: SingleEvent, params: Any, state: Any) -> Bool[Array, ""]:

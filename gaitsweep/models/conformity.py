@@ -159,6 +159,14 @@ def _event_functions(model: Declared, params: Any, state: Any) -> None:
         if (kind := _kind(given)) != "real numbers":
             wanted = "a real number that rises through zero: s.x - 2.0, not s.x > 2.0"
             raise _returns(name, kind, wanted)
+        conditions = {"during": (event.during, (state,)), "when": (event.when, (params, state))}
+        for which, (condition, seen) in conditions.items():
+            if condition is None:
+                continue
+            name = f"{which}= of the event {event.name!r}"
+            given = _given(name, condition, *seen)
+            if _kind(given) != "booleans" or jnp.shape(given) not in ((), event.counted.shape(model)):
+                raise _returns(name, f"{_kind(given)} {jnp.shape(given)}", "a condition, such as s.x > 0.0")
 
 
 def _called_by_init(model: Any, params: Any, state: Any) -> None:

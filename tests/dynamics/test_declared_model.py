@@ -548,3 +548,91 @@ def test_counted_functions_that_return_another_number_are_refused() -> None:
             return s.z[0]
 
     assert "must return 2 numbers, (2,), as count= says" in (fault(OneSurface()) or "")
+
+
+class Scuffing(DeclaredModel):
+    """A foot that swings in a circle and is lifted as by a saw; it scuffs where it is not lifted enough."""
+
+    omega = parameter("rad/s", "rate of the swing", 2.0, low=0.0)
+    rate = parameter("1/s", "rate at which the foot is lifted", 0.37)
+    clearance = parameter("1", "share of the lift below which the foot scuffs", 0.5)
+    x = variable("1", "place of the foot forwards", 1.0)
+    z = variable("1", "height of the foot", 0.0)
+    lift = variable("1", "lift of the foot", 0.0)
+    scuffs = mode(0, "scuffs so far")
+
+    def flow(self, p, s):
+        return {"x": -p.omega * s.z, "z": p.omega * s.x, "lift": p.rate}
+
+    @event("foot scuffs", section=True, direction="falling", when=lambda p, s: s.lift < p.clearance)
+    def scuff(self, p, s):
+        return s.z
+
+    @scuff.jump
+    def scuffed(self, p, s):
+        return s.replace(scuffs=s.scuffs + 1)
+
+    @event("lift begins anew")
+    def lifted(self, p, s):
+        return s.lift - 1.0
+
+    @lifted.jump
+    def lowered(self, p, s):
+        return s.replace(lift=s.lift - 1.0)
+
+    @observable("1", "scuffs so far")
+    def count(self, p, s):
+        return s.scuffs
+
+    def period(self, p):
+        return 2.0 * jnp.pi / p.omega
+
+
+class Touching(Scuffing):
+    """The same foot, which touches the ground in both directions."""
+
+    @event("foot passes the ground", section=True, direction="both", when=lambda p, s: s.lift < p.clearance)
+    def scuff(self, p, s):
+        return s.z
+
+    @scuff.jump
+    def scuffed(self, p, s):
+        return s.replace(scuffs=s.scuffs + 1)
+
+
+@pytest.mark.parametrize(
+    ("engine", "model"), [("xla", Scuffing()), ("kernel", Scuffing()), ("kernel", Touching())]
+)
+def test_a_condition_on_variables_is_judged_at_the_located_crossing(engine: str, model: Scuffing) -> None:
+    """The height is sin(omega t), the lift the fractional part of rate t: times of scuffs are known.
+
+    Events are located to 1e-12 of the period, and tolerances of the steps are 1e-8: 1e-6 s would miss a
+    condition that is judged at the end of a step, or a crossing that is taken up late.
+    """
+    rates = np.array([0.37, 0.11, 0.83])
+    found = run_rows(
+        model, CrossingRecorder(model, 6), {"x_0": np.ones(3)}, params={"rate": rates}, engine=engine
+    )
+    assert set(found.status.tolist()) == {Status.complete}
+    samples = found.samples.reshape(3, 7, -1)[:, 1:]
+    falls = np.pi * (np.arange(1, 200) if isinstance(model, Touching) else np.arange(1, 200, 2)) / 2.0
+    for row, rate in enumerate(rates):
+        low = (rate * falls) % 1.0 < 0.5
+        assert 0.2 < low[:10].mean() < 1.0, "some crossings are passed over"
+        np.testing.assert_allclose(samples[row, :, 1], falls[low][:6], rtol=0, atol=1e-6)
+    counts = [q.name for q in model.observables].index("count") - len(model.observables)
+    assert samples[0, :, counts].tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+
+
+def test_conditions_and_directions_that_are_none_are_refused() -> None:
+    with pytest.raises(TypeError, match="direction='down': allowed are rising, falling, both"):
+        event("lands", direction="down")  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="rising=False, so it has no crossing for when="):
+        event("lands", rising=False, during=lambda s: s.down, when=lambda p, s: s.x > 0.0)
+
+    class Numbers(Scuffing):
+        @event("foot scuffs", section=True, when=lambda p, s: s.lift)
+        def scuff(self, p, s):
+            return s.z
+
+    assert "when= of the event 'foot scuffs' returns real numbers" in (fault(Numbers()) or "")

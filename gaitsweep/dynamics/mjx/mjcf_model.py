@@ -151,7 +151,8 @@ class MjcfModel(Declared, SteppedModel):
         for each in self._events():
             ends = each.height(self, params, after) >= 0.0
             begins = each.height(self, params, before) < 0.0
-            fired.append(each.within(after) & (begins & ends if each.declared.rising else ends))
+            allowed = each.within(after) & each.holds(params, after)
+            fired.append(allowed & (begins & ends if each.declared.rising else ends))
         return jnp.stack(fired) if fired else jnp.zeros((0,), bool)
 
     def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
