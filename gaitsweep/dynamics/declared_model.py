@@ -31,8 +31,10 @@ from gaitsweep.dynamics.declarations import (
     faults_of_quantity,
 )
 from gaitsweep.dynamics.event_surface import CORRECTED, Arming, EventSurface, flat
+from gaitsweep.dynamics.footfalls import Footfalls
 from gaitsweep.expression import RESERVED
 from gaitsweep.near_miss import suggestion
+from gaitsweep.skeleton import LimbLook
 
 Values = Mapping[str, jax.Array]
 # Columns that tables of runs have beside the model's.
@@ -42,6 +44,8 @@ COLUMNS = (
 )
 # The field of a state that says which of its events are armed (`Arming`, an array (events,) in each field).
 ARMING = "arming"
+# That of the last steps of its feet (`Steps`).
+STEPS = "steps"
 # A body rests where it would return to a surface within this share of the nominal period.
 _RESTING = 1.0e-9
 
@@ -82,7 +86,7 @@ def _like(old: jax.Array, value: Any) -> jax.Array:
     return jnp.broadcast_to(jnp.asarray(value, old.dtype), old.shape)
 
 
-_DECLARED = (Parameter, Variable, Mode, Reading, Event)
+_DECLARED = (Parameter, Variable, Mode, Reading, Event, Footfalls)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,8 +113,11 @@ class Declared(Model):
         if "name" not in vars(cls):
             cls.name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", cls.__name__).lower()
         cls._refuse_contradictions()
+        if (feet := cls._feet()) is not None and cls.gaits is Declared.gaits:
+            cls.gaits = feet.gaits
         cls.Params = _record(cls, "Params", cls._named(Parameter))
-        cls.State = _record(cls, "State", [*cls._named(Variable), *cls._named(Mode), *cls._other_fields()])
+        more = cls._added_fields()
+        cls.State = _record(cls, "State", [*cls._named(Variable), *cls._named(Mode), *more])
 
     @classmethod
     def _inherited(cls) -> dict[str, Any]:
@@ -137,6 +144,15 @@ class Declared(Model):
     def _other_fields(cls) -> list[str]:
         """Fields of a state that are not declared."""
 
+    @classmethod
+    def _added_fields(cls) -> list[str]:
+        return [*cls._other_fields(), *([STEPS] if cls._feet() is not None else [])]
+
+    @classmethod
+    def _feet(cls) -> Footfalls | None:
+        """The declared footfalls; None: there are none."""
+        return next(iter(cls._named(Footfalls).values()), None)
+
     @abc.abstractmethod
     def _is_beyond(self, event: SingleEvent, params: Any, state: Any) -> Bool[Array, ""]:
         """Whether a state lies beyond the surface of an event."""
@@ -145,13 +161,27 @@ class Declared(Model):
     def _refuse_contradictions(cls) -> None:
         base = next(each for each in cls.__mro__ if getattr(each, "declarations", None) == {})
         for name in cls.declarations:
-            if name in ("replace", *cls._other_fields()) or hasattr(base, name):
+            if name in ("replace", *cls._added_fields()) or hasattr(base, name):
                 raise TypeError(f"{cls.__name__} declares {name}, a name that every model has: rename it.")
         if (events := cls.declared_events()) and not any(each.section for each in events):
             remedy = "write section=True for the one that ends a cycle"
             raise TypeError(f"{cls.__name__} has events but no section: {remedy}.")
+        if (feet := cls._feet()) is not None:
+            clock = cls._named(Variable)
+            if len(cls._named(Footfalls)) > 1:
+                raise TypeError(
+                    f"{cls.__name__} declares footfalls twice: remove {list(cls._named(Footfalls))[1]}."
+                )
+            if feet.clock not in clock:
+                near = suggestion(feet.clock, clock)
+                raise TypeError(f"{cls.__name__} has footfalls of the clock {feet.clock}, no variable{near}")
+            if cls.gaits not in (Declared.gaits, feet.gaits) and cls.label is Declared.label:
+                remedy = f"leave gaits out, which then are {', '.join(feet.gaits)}, or write label"
+                raise TypeError(f"{cls.__name__} has footfalls and gaits of its own without label: {remedy}.")
         sizes = cls._default_sizes()
         for name, each in cls.declarations.items():
+            if isinstance(each, Footfalls):
+                continue
             count = each.counted.count if isinstance(each, Event) else each.count
             if isinstance(count, str) and count not in sizes and not hasattr(cls, count):
                 fields = suggestion(count, sizes) if sizes else ": it has no field."
@@ -180,7 +210,7 @@ class Declared(Model):
         known = {
             name: each
             for name, each in cls.declarations.items()
-            if not isinstance(each, Event)
+            if not isinstance(each, Event | Footfalls)
             and (not isinstance(each.count, str) or isinstance(getattr(sizes, each.count, None), int))
         }
         parameters = [
@@ -235,13 +265,20 @@ class Declared(Model):
 
     @property
     def observables(self) -> tuple[Quantity, ...]:
-        return tuple(
-            q for name, each in self._recorded("observed").items() for q in each.recorded(self, name)
-        )
+        recorded, feet = self._recorded("observed"), self._feet()
+        declared = (q for name, each in recorded.items() for q in each.recorded(self, name))
+        return (*declared, *(feet.observables if feet is not None else ()))
 
     @property
     def signals(self) -> tuple[Quantity, ...]:
-        return tuple(q for name, each in self._recorded("signal").items() for q in each.recorded(self, name))
+        recorded, feet = self._recorded("signal"), self._feet()
+        declared = (q for name, each in recorded.items() for q in each.recorded(self, name))
+        return (*declared, *(feet.signals if feet is not None else ()))
+
+    @property
+    def limbs(self) -> tuple[LimbLook, ...]:
+        feet = self._feet()
+        return feet.limbs if feet is not None else ()
 
     def params(self, values: Values, /) -> Any:
         fields = {}
@@ -250,13 +287,19 @@ class Declared(Model):
         return self.Params(**fields)
 
     def observe(self, params: Any, state: Any, /) -> dict[str, Real[Array, ""]]:
-        return self._read("observed", params, state)
+        read, feet = self._read("observed", params, state), self._feet()
+        return read if feet is None else read | feet.observed(self, params, state, state.steps)
 
     def signal(self, params: Any, state: Any, /) -> dict[str, Real[Array, ""]]:
-        return self._read("signal", params, state)
+        read, feet = self._read("signal", params, state), self._feet()
+        if feet is None:
+            return read
+        down = feet.down(self, params, state).astype(float)
+        return read | dict(zip([q.name for q in feet.signals], down, strict=True))
 
     def label(self, params: Any, observations: Values, /) -> dict[str, Any]:
-        return {"gait": jnp.zeros((), jnp.int32)}
+        feet = self._feet()
+        return {"gait": jnp.zeros((), jnp.int32) if feet is None else feet.gait(observations)}
 
     def failed(self, params: Any, state: Any, /) -> Bool[Array, ""]:
         return jnp.zeros((), bool)
@@ -280,7 +323,20 @@ class Declared(Model):
             fields[name] = each.at_start(
                 self, [start.get(q.name, q.default) for q in each.starts(self, name)]
             )
+        if (feet := self._feet()) is not None:
+            fields[STEPS] = feet.begun(fields[feet.clock])
         return fields
+
+    def _stepped(self, params: Any, before: Any, after: Any, reset: Float[Array, ""] | None = None) -> Any:
+        """The state `after` a jump with the steps of its feet; `reset`: by which (s) its clock was set.
+
+        By default that is the whole change of the clock.
+        """
+        if (feet := self._feet()) is None:
+            return after
+        if reset is None:
+            reset = jnp.asarray(getattr(after, feet.clock) - getattr(before, feet.clock))
+        return after.replace(steps=feet.after(self, params, before.steps, before, after, reset))
 
     def _recorded(self, kind: str) -> dict[str, Variable | Reading]:
         """The declarations that are recorded as "observed" or as "signal"."""
@@ -443,7 +499,8 @@ class DeclaredModel(Declared, HybridModel):
             happens = happens & ~_at(state.arming, place).accumulated
             applied, rates[each] = self._applied(each, params, after)
             after = _where(happens, applied, after)
-        return self._rearmed(params, state, after, fired, rates) if self._armed() else after
+        after = self._rearmed(params, state, after, fired, rates) if self._armed() else after
+        return self._stepped(params, state, after)
 
     def _applied(self, event: SingleEvent, params: Any, state: Any) -> tuple[Any, Float[Array, ""]]:
         """The state after the jump of an event that was crossed a little earlier, and its rate there.
@@ -618,5 +675,6 @@ class _SectionCoordinates(Chart):
         return self.model._begun(params, state, crossed=True)
 
     def _variables(self) -> list[tuple[str, Variable]]:
-        every = self.model._named(Variable)
-        return [(name, every[name]) for name in self.model.section_coordinates or every]
+        every, feet = self.model._named(Variable), self.model._feet()
+        moving = [name for name in every if feet is None or name != feet.clock]
+        return [(name, every[name]) for name in self.model.section_coordinates or moving]

@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Float, Int
 from gaitsweep import near_miss
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declarations import Mode, Variable, faults_of_quantity
-from gaitsweep.dynamics.declared_model import ARMING, Declared
+from gaitsweep.dynamics.declared_model import ARMING, STEPS, Declared
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.kernel.program import Program
@@ -171,7 +171,7 @@ def _event_functions(model: Declared, params: Any, state: Any) -> None:
 
 def _called_by_init(model: Any, params: Any, state: Any) -> None:
     """Refuse a flow or a jump that fails at a bare state, so that `init` is not blamed for it."""
-    added = {field.name for field in dataclasses.fields(state)} - set(model.declarations) - {ARMING}
+    added = {field.name for field in dataclasses.fields(state)} - set(model.declarations) - {ARMING, STEPS}
     if added:  # they are empty here, and a flow may read them
         return
     _rates(state, _given("flow", model.flow, params, state))

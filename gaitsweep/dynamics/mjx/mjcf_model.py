@@ -61,7 +61,7 @@ class MjcfModel(Declared, SteppedModel):
         return [BODY, SENSORS]
 
     def _is_beyond(self, event: SingleEvent, params: Any, state: Any) -> Bool[Array, ""]:
-        return jnp.asarray(event.function(self, params, state)) > 0.0
+        return event.height(self, params, state) > 0.0
 
     @abc.abstractmethod
     def control(self, params: Any, state: Any, /) -> Float[Array, " nu"]:
@@ -128,7 +128,8 @@ class MjcfModel(Declared, SteppedModel):
         moved, data = self.mjx_body.step(numbers, state.body, dt, ctrl=controls)
         rates = self.rates(params, state)
         changes = {name: getattr(state, name) + dt * rate for name, rate in rates.items()}
-        return state.replace(**changes, body=moved, sensors=data.sensordata)
+        after = state.replace(**changes, body=moved, sensors=data.sensordata)
+        return self._stepped(params, state, after, jnp.zeros(()))
 
     def checked_control(self, params: Any, state: Any) -> Float[Array, " nu"]:
         """Values of `control`, (nu,).
@@ -156,11 +157,12 @@ class MjcfModel(Declared, SteppedModel):
         return jnp.stack(fired) if fired else jnp.zeros((0,), bool)
 
     def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
+        before = state
         for each, flag in zip(self._events(), fired, strict=True):
             if each.jumps:
                 after = each.jumped(self, params, state)
                 state = jax.tree.map(lambda new, old, f=flag: jnp.where(f, new, old), after, state)
-        return state
+        return self._stepped(params, before, state)
 
     def section(self, params: Any, before: Any, fired: Bool[Array, " events"], /) -> Bool[Array, ""]:
         closed = [flag for each, flag in zip(self._events(), fired, strict=True) if each.is_section]
