@@ -22,5 +22,7 @@ from gaitsweep.analysis.transitions.hysteresis import (
 from gaitsweep.analysis.transitions.return_map import fixed_points as fixed_points
 from gaitsweep.angle_difference import TURN as TURN
 from gaitsweep.angle_difference import wrapped_difference as wrapped_difference
+from gaitsweep.dynamics.footfalls import gait_of_footfalls as gait_of_footfalls
+from gaitsweep.dynamics.footfalls import support_patterns as support_patterns
 from gaitsweep.fitting.conflicts import Conflicts as Conflicts
 from gaitsweep.fitting.conflicts import conflicts as conflicts
