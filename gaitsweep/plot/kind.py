@@ -16,7 +16,6 @@ from typing import (
     Any,
     ClassVar,
     Literal,
-    ParamSpec,
     Union,
     cast,
     get_args,
@@ -204,7 +203,7 @@ def check_window(figure: Any) -> Iterator[Refusal]:
 
 FIGURES: Registry[FigureKind] = Registry("figure", module="gaitsweep.plot.kinds")
 unregister = FIGURES.unregister
-Spec = ParamSpec("Spec")
+Drawing = Callable[..., "Figure"]  # its own arguments, the fields of a style, and `ax`
 
 
 def register(kind: type[FigureKind]) -> type[FigureKind]:
@@ -219,7 +218,7 @@ def register(kind: type[FigureKind]) -> type[FigureKind]:
     return kind
 
 
-def _in_style(draw: Callable[Spec, Figure]) -> Callable[Spec, Figure]:
+def _in_style(draw: Drawing) -> Drawing:
     """A drawing function that takes the fields of a style, and `ax`, besides its own arguments."""
 
     @functools.wraps(draw)
@@ -227,7 +226,7 @@ def _in_style(draw: Callable[Spec, Figure]) -> Callable[Spec, Figure]:
         asked = {name: spec.pop(name) for name in STYLE_FIELDS if name in spec}
         table = args[0] if args else spec.get("table")
         with styled(read_style(**asked), ax):
-            figure = draw(*args, **spec)  # pyright: ignore[reportCallIssue]
+            figure = draw(*args, **spec)
             panel = given_axes()
             figure = figure if panel is None else cast("Figure", panel.get_figure(root=True))
             if current().panel_letters and panel is None:
@@ -236,14 +235,14 @@ def _in_style(draw: Callable[Spec, Figure]) -> Callable[Spec, Figure]:
                 mark(figure if panel is None else panel, remarks(table))
         return figure
 
-    return drawn  # pyright: ignore[reportReturnType] - a ParamSpec cannot add keywords
+    return drawn
 
 
 def figure_kind(
     *runs: str,
     check: Callable[[Any, PlannedTable], Iterator[Refusal]] | None = None,
     worked_out: tuple[str, ...] = (),
-) -> Callable[[Callable[Spec, Figure]], Callable[Spec, Figure]]:
+) -> Callable[[Drawing], Drawing]:
     """Register a function from a table to a figure as a kind; its figures carry remarks. A decorator.
 
     Arguments of the function with an annotated description are fields of the kind in a job, besides `name`.
@@ -254,7 +253,7 @@ def figure_kind(
         worked_out: columns that it adds to the table.
     """
 
-    def registered(draw: Callable[Spec, Figure]) -> Callable[Spec, Figure]:
+    def registered(draw: Drawing) -> Drawing:
         name, about = draw.__name__, (inspect.getdoc(draw) or "").partition("\n\n")[0]
         fields: dict[str, Any] = {
             "kind": (Literal[name], Field(description=f"{name}: {about}")),

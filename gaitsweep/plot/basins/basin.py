@@ -75,7 +75,7 @@ def basin(
         grid = np.atleast_1d(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)).ravel()
         parts = [table if value is None else rows_where(table, table[panels] == value) for value in values]
         shown = outcome(table, hue)
-        names = in_order(table, hue, shown)
+        names = theme.ordered(in_order(table, hue, shown))
         looks = theme.colours(names), theme.markers(names)
         limits = (table[hue].min(), table[hue].max()) if numeric else None
         image = None
@@ -181,7 +181,7 @@ def _legend(
         )
         hatch = theme.HATCH if name in (Outcome.NOT_SETTLED, Outcome.FAILED) else None
         face = {"facecolor": colour[name], "edgecolor": "#333333", "hatch": hatch, "linewidth": 0.4}
-        handles.append(Patch(label=f"{name}  {shares} %", **face))
+        handles.append(Patch(label=f"{theme.named(name)}  {shares} %", **face))
     guessed = f" ({theme.percent(inferred)} % of cells inferred from their neighbours)" if inferred else ""
     heading = (
         f"share of starts{guessed}"

@@ -124,7 +124,7 @@ def _of(records: pd.DataFrame, name: str | None, value: object) -> pd.DataFrame:
 def _shares(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None) -> None:
     place = _along(axes, table, panels, measured)
     records = measured.fractions
-    names = list(dict.fromkeys(records["outcome"]))
+    names = theme.ordered(dict.fromkeys(records["outcome"]))
     colour, marker = theme.colours(names), theme.markers(names)
     for name in names:
         mine = _of(records, "outcome", name)
@@ -132,7 +132,7 @@ def _shares(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | Non
         share = mine["fraction"].to_numpy()
         ends = np.abs(np.stack([mine["low"].to_numpy(), mine["high"].to_numpy()]) - share)
         look = {"color": colour[name], "marker": marker[name], "markersize": 3.5, "capsize": 2.0}
-        axes.errorbar(at, share, ends, label=name, linewidth=0.7, elinewidth=1.0, **look)
+        axes.errorbar(at, share, ends, label=theme.named(name), linewidth=0.7, elinewidth=1.0, **look)
     axes.set_ylim(-0.02, max(1.02 * float(np.max(records["high"].to_numpy(float))), 0.1))
     axes.set_ylabel("share of starts")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22), ncols=2 if len(names) > 2 else 1)

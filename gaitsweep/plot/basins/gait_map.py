@@ -67,6 +67,7 @@ def _sets(table: pd.DataFrame, x: str, y: str, hue: str) -> pd.DataFrame:
     kind = table[hue].dtype
     order = [str(each) for each in kind.categories] if isinstance(kind, pd.CategoricalDtype) else []
     order = [name for name in order if name != "none"] or sorted(set(shown) - {OTHER, *_HATCHED})
+    order = theme.ordered(order)
 
     def reached(names: pd.Series) -> tuple[str, ...]:
         here = set(names)
@@ -132,6 +133,7 @@ def _key(sets: pd.DataFrame, colour: dict[tuple[str, ...], str]) -> list[Patch]:
 
 def _words(names: tuple[str, ...]) -> str:
     """A set in words: `trot only`, `trot and walk`, `trot; another start failed`, `failed`."""
+    names = tuple(map(theme.named, names))
     if _whole(names) != names:
         return f"{' and '.join(_whole(names))}; another start {names[-1]}"
     if len(names) == 1:

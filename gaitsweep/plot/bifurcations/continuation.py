@@ -87,8 +87,9 @@ def continuation(
             shades = ScalarMappable(_span(table, hue), "viridis")
             figure.colorbar(shades, ax=axes, label=described(table, hue), shrink=0.85)
         elif hue is not None:
-            named = theme.colours(list(dict.fromkeys(_names(table, hue).values())))
-            handles = [Line2D([], [], color=named[name], lw=1.4, label=name) for name in named] + handles
+            named = theme.colours(theme.ordered(dict.fromkeys(_names(table, hue).values())))
+            gaits = [Line2D([], [], color=named[gait], lw=1.4, label=theme.named(gait)) for gait in named]
+            handles = gaits + handles
         theme.legend(figure, handles, ncols=2)
     return figure
 

@@ -150,7 +150,8 @@ def _fill(axes: Axes, pieces: list[dict[str, Any]]) -> set[str]:
 
 def _key(table: pd.DataFrame, colour: dict[str, str], together: set[str]) -> list[Line2D | Patch]:
     handles: list[Line2D | Patch] = [
-        Line2D([], [], color=each, lw=1.4, label=f"{gait} lost by a fold") for gait, each in colour.items()
+        Line2D([], [], color=each, lw=1.4, label=f"{theme.named(gait)} lost by a fold")
+        for gait, each in colour.items()
     ]
     if together:
         named = ", ".join(sorted(together - {""}))

@@ -59,7 +59,7 @@ def gait_transitions(
         place = table[name].to_numpy(float)
         place = unwrap_from(place, branch_cut(place)) if is_circular(table, name) else place
         shown = outcome(table, hue)
-        names = in_order(table, hue, shown)
+        names = theme.ordered(in_order(table, hue, shown))
         colour = theme.colours([each for each in names if each not in (Outcome.NOT_SETTLED, Outcome.FAILED)])
         handles = _points(axes, table[x].to_numpy(float), place, shown.to_numpy(), names, colour)
         lost = transition_points_by_gait(table, x, start, hue)
@@ -88,7 +88,7 @@ def _points(
     markers = theme.markers(list(colour))
     for name in names:
         mine = shown == name
-        look: dict[str, Any] = {"ls": "", "ms": 3.5, "label": name}
+        look: dict[str, Any] = {"ls": "", "ms": 3.5, "label": theme.named(name)}
         if name == Outcome.FAILED:
             look |= {"marker": "x", "color": "black", "clip_on": False}
             axes.plot(at[mine], np.zeros(mine.sum()), transform=axes.get_xaxis_transform(), **look)
@@ -108,4 +108,4 @@ def _words(table: pd.DataFrame, x: str, edge: dict[Any, Any]) -> str:
     unit = f" {unit}" if unit and unit != "1" else ""
     label = symbol(table, x) or x
     way = ways[edge["direction"]]
-    return f"{edge['gait']} lost as {label} {way}: {edge['low']:.6g} to {edge['high']:.6g}{unit}"
+    return f"{theme.named(edge['gait'])} lost as {label} {way}: {edge['low']:.6g} to {edge['high']:.6g}{unit}"

@@ -132,7 +132,7 @@ def _overlaps(areas: dict[str, pd.DataFrame]) -> dict[str, tuple[np.ndarray, np.
 def _key(areas: dict[str, pd.DataFrame]) -> list[Line2D | Patch]:
     colour = theme.colours(list(areas))
     handles: list[Line2D | Patch] = [
-        Patch(facecolor=colour[name], alpha=0.3, label=f"{name} stable") for name in areas
+        Patch(facecolor=colour[name], alpha=0.3, label=f"{theme.named(name)} stable") for name in areas
     ]
     if together := _overlaps(areas):
         handles.append(Patch(facecolor=_TOGETHER, alpha=0.45, label=f"{', or '.join(together)}: both stable"))

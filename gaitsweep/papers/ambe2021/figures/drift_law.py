@@ -85,14 +85,14 @@ def drift_law(
         if not len(pairs):
             theme.message(axes, "no row with unequal ends has settled")
             return figure
-        names = sorted(pairs[hue].unique())
+        names = theme.ordered(sorted(pairs[hue].unique()))
         colour, marker = theme.colours(names), theme.markers(names)
         for name in names:
             mine = pairs[pairs[hue] == name]
             look = {"color": colour[name], "marker": marker[name], "s": 16, "linewidths": 0.8}
-            axes.scatter(mine["apart"], mine["max"], label=f"{name}: most cycles", **look)
+            axes.scatter(mine["apart"], mine["max"], label=f"{theme.named(name)}: most cycles", **look)
             axes.scatter(
-                mine["apart"], mine["median"], facecolors="none", label=f"{name}: median",
+                mine["apart"], mine["median"], facecolors="none", label=f"{theme.named(name)}: median",
                 **{**look, "color": None, "edgecolors": colour[name]},
             )  # fmt: skip
         law = pairs.groupby("apart")["law"].first().sort_index()

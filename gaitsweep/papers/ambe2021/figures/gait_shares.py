@@ -106,7 +106,7 @@ def gait_shares(
         for axes, gait in zip(panels, _SHARES, strict=True):
             log_axes(axes, table, x=x, y=y)
             drawn = _map(axes, shares, x, y, gait, (is_logarithmic(table, x), is_logarithmic(table, y)))
-            axes.set_title(gait if gait in WAVES else "none of these")
+            axes.set_title(theme.named(gait) if gait in WAVES else "none of these")
             axes.set_xlabel(axis_label(table, x))
             _edges(axes, table, x, y)
             if gait in WAVES:
@@ -162,7 +162,7 @@ def _curves(table: pd.DataFrame, x: str, title: str | None) -> Figure:
         colour = {**theme.colours(WAVES), "elsewhere": theme.COLOURS["none"]}
         marker = {**theme.markers(WAVES), "elsewhere": "x"}
         for gait in _SHARES:
-            label = gait if gait in WAVES else "none of these"
+            label = theme.named(gait) if gait in WAVES else "none of these"
             look = {"color": colour[gait], "marker": marker[gait], "ms": 3.5}
             axes.plot(shares[x], shares[gait], label=label, **look)
             if gait in WAVES:

@@ -110,7 +110,7 @@ def _scatter(
     table: pd.DataFrame, names: list[str], hue: str, shown: pd.Series, space: Any, planes: Planes
 ) -> int:
     """The settled rows in all three panels; how many there are."""
-    order = in_order(table, hue, shown)
+    order = theme.ordered(in_order(table, hue, shown))
     colour, marker = theme.colours(order), theme.markers(order)
     kept = 0
     for name in order:
@@ -160,13 +160,14 @@ def _label(table: pd.DataFrame, names: list[str], space: Any, planes: Planes) ->
 def _legend(
     figure: Figure, table: pd.DataFrame, hue: str, shown: pd.Series, theory: str | None, remark: str | None
 ) -> None:
-    order = in_order(table, hue, shown)
+    order = theme.ordered(in_order(table, hue, shown))
     colour, marker = theme.colours(order), theme.markers(order)
     handles = []
     for name in order:
         face = "none" if name in (Outcome.NOT_SETTLED, Outcome.FAILED) else colour[name]
         count = int((shown == name).sum())
-        label = f"{name} ({count})" if face != "none" else f"{name}: {count}, not shown"
+        label = theme.named(name)
+        label = f"{label} ({count})" if face != "none" else f"{label}: {count}, not shown"
         handles.append(Line2D([], [], ls="", marker=marker[name], color=face, label=label, ms=5))
     if theory:
         handles.append(Line2D([], [], color="black", lw=0.9, label=theory))

@@ -71,7 +71,7 @@ def wave_speed(
                 axes.plot(theory[x], theory[curve], line, color="black", lw=0.9, label=text)
             for gait in names:
                 mine = found[np.asarray(found["gait"] == gait)]
-                look = {"s": 30, "linewidths": 1.2, "zorder": 4, "label": f"simulated: {gait}"}
+                look = {"s": 30, "linewidths": 1.2, "zorder": 4, "label": f"simulated: {theme.named(gait)}"}
                 open_ring = {"facecolors": "none", "edgecolors": colour[gait], "marker": marker[gait]}
                 axes.scatter(mine[x], mine[name], **look, **open_ring)
             axes.set_xlabel(axis_label(table, x))

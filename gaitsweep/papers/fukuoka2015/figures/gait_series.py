@@ -18,11 +18,11 @@ from gaitsweep import Trace
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_along
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS, gaits_in
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
-    COLOURS,
     CONTACTS,
     FLIGHT,
     LEG_COLOURS,
     LIMBS,
+    colour_of,
     footfalls,
     in_words,
     shade_flights,
@@ -211,10 +211,10 @@ def _names(axes: Axes, part: pd.DataFrame, along: pd.DataFrame, wide: float) -> 
         if end <= begin:
             continue
         name = str(spell["gait"])
-        axes.barh(0.15, end - begin, 0.26, left=begin, color=COLOURS[name], linewidth=0)
+        axes.barh(0.15, end - begin, 0.26, left=begin, color=colour_of(name), linewidth=0)
         if (end - begin) * width > _LETTER * len(name):
             look: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": theme.points(7)}
-            axes.text(0.5 * (begin + end), 0.3, name, color=COLOURS[name], weight="bold", **look)
+            axes.text(0.5 * (begin + end), 0.3, name, color=colour_of(name), weight="bold", **look)
     if "speed" in mine.columns and len(mine):
         for at in (low, high):
             v = np.interp(at, mine["t"].to_numpy(float), mine["speed"].to_numpy(float))

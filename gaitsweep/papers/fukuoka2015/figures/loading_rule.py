@@ -16,12 +16,12 @@ from gaitsweep import near_miss
 from gaitsweep.papers.fukuoka2015.analysis import loading_rule as rule
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
-    COLOURS,
-    MARKERS,
     ORDER,
     check_gaits,
+    colour_of,
     gait_key,
     has_swing_onsets,
+    marker_of,
 )
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS, THRESHOLD
 from gaitsweep.plot import (
@@ -111,10 +111,10 @@ def loading_rule(
 
 
 def _panel(axes: Axes, pairs: pd.DataFrame, name: str, agreement: Mapping[Any, Any]) -> None:
-    for gait in ORDER:
+    for gait in theme.ordered(ORDER):
         part = rows_where(pairs, pairs["gait"].astype(str) == gait)
         if len(part):
-            look: dict[str, Any] = {"color": COLOURS[gait], "marker": MARKERS[gait], "ms": 3.4, "ls": ""}
+            look: dict[str, Any] = {"color": colour_of(gait), "marker": marker_of(gait), "ms": 3.4, "ls": ""}
             axes.plot(part[name], part["delta"], mew=0.5, alpha=0.8, **look)
     x, delta = np.abs(pairs[name].to_numpy(float)), np.abs(pairs["delta"].to_numpy(float))
     reach, height = 1.08 * np.nanmax(x, initial=1e-9), max(0.3, 1.1 * np.nanmax(delta, initial=0.0))

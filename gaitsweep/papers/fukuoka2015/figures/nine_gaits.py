@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS, gaits_in
-from gaitsweep.papers.fukuoka2015.figures.gait_looks import COLOURS, CONTACTS, footfalls, in_words
+from gaitsweep.papers.fukuoka2015.figures.gait_looks import CONTACTS, colour_of, footfalls, in_words, label_of
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART
 from gaitsweep.plot import PlannedTable, Positive, Refusal, Title, column, figure_kind, rows_where, theme
 
@@ -96,6 +96,6 @@ def _name(axes: Axes, gait: str, note: str = "") -> None:
     look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
     above = 3 + 10 * (note.count("\n") + 1)
     look |= {"fontsize": theme.points(8.5), "weight": "bold"}
-    axes.annotate(gait, (0.0, 1.0), (0, above), color=COLOURS[gait], **look)
+    axes.annotate(label_of(gait), (0.0, 1.0), (0, above), color=colour_of(gait), **look)
     look |= {"fontsize": theme.points(7), "weight": "normal"}
     axes.annotate(note, (0.0, 1.0), (0, 3), color="#444444", **look)

@@ -13,12 +13,12 @@ from matplotlib.figure import Figure
 from gaitsweep.contract import Status
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
-    COLOURS,
-    MARKERS,
-    NAMES,
     ORDER,
     check_gaits,
+    colour_of,
     gait_key,
+    label_of,
+    marker_of,
 )
 from gaitsweep.plot import (
     TEXT_COLUMNS,
@@ -73,7 +73,7 @@ def speed_gaits(
     gaits = gaits_in(table).set_index("row")["gait"].astype(str)
     shown = table.assign(gait=gaits.loc[table["row"]].to_numpy())
     shown = rows_where(shown, np.isfinite(shown[speed].to_numpy(float)) & (shown["gait"] != "none"))
-    present = [gait for gait in ORDER if gait in set(shown["gait"])]
+    present = [gait for gait in theme.ordered(ORDER) if gait in set(shown["gait"])]
     bands: list[Any] = present if y == "gait" else sorted(table[y].dropna().unique())
     values = [None] if panels is None else sorted(table[panels].dropna().unique())
     height = max(0.23, 0.16 if len(bands) > 12 else 0.26) * max(len(bands), 3) + 0.9
@@ -90,7 +90,7 @@ def speed_gaits(
             axes.set_xlabel(described(table, speed, 60 // len(values)))
             if not len(part):
                 theme.message(axes, "no rows yet")
-        names = [NAMES.get(band, band) if y == "gait" else f"{band:.4g}" for band in bands]
+        names = [label_of(band) if y == "gait" else f"{band:.4g}" for band in bands]
         grid[0].set_yticks(
             range(len(bands)), [name.replace("-", "−") if y != "gait" else name for name in names]
         )
@@ -110,10 +110,10 @@ def _bands(axes: Axes, part: pd.DataFrame, y: str, bands: list[Any], speed: str,
         at = mine[speed].to_numpy(float)
         moving = Status.UNDECIDED.among(mine["status"])
         offset = _stacked(at, _SAME * extent) * _SPREAD
-        for gait in ORDER:
+        for gait in theme.ordered(ORDER):
             which = (mine["gait"] == gait).to_numpy()
-            look = {"color": COLOURS[gait], "marker": MARKERS[gait], "ms": 3.2, "mew": 0.6, "ls": ""}
-            for some, face in ((which & ~moving, COLOURS[gait]), (which & moving, "white")):
+            look = {"color": colour_of(gait), "marker": marker_of(gait), "ms": 3.2, "mew": 0.6, "ls": ""}
+            for some, face in ((which & ~moving, colour_of(gait)), (which & moving, "white")):
                 if some.any():
                     axes.plot(at[some], place + offset[some], mfc=face, **look)
 
