@@ -323,6 +323,24 @@ def report(directory: Directory) -> None:
 
 
 @app.command()
+def cite(
+    directory: Annotated[
+        Path | None, typer.Argument(metavar="DIR", help="Result directory; by default gaitsweep alone.")
+    ] = None,
+) -> None:
+    """Print BibTeX entries and a sentence on methods, to cite a result."""
+    from gaitsweep.runs.citation import citation_of, tool_entry
+
+    if directory is None:
+        print(tool_entry())
+        return
+    text, missing = citation_of(directory)
+    print(text)
+    for sentence in missing:
+        print_message(sentence)
+
+
+@app.command()
 def reproduce(
     paper: Annotated[
         str, typer.Argument(metavar="PAPER", help="Name of a paper, or file of a table of claims.")

@@ -16,6 +16,7 @@ from gaitsweep.runs.sentences import (
     MISLABELLED,
     STARTS_BEYOND,
     WITHOUT_PERIOD,
+    lengths_of_steps,
     remarks,
     self_check_sentence,
     status_sentence,
@@ -158,8 +159,10 @@ def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:
                 lines["distance"] = f"{distance(value)}, the largest from the analytic solutions"
         elif key == "axes" and isinstance(value, list):
             lines[key] = axes(value) or "none"
-        elif key == "dt" and isinstance(value, list) and value:
-            lines[key] = f"{' to '.join(dict.fromkeys(map(plain, value)))} s"
+        elif key == "dt" and (steps := lengths_of_steps(value)):
+            lines[key] = steps
+        elif key == "paper" and isinstance(value, dict):
+            lines[key] = value.get("source", "")
         elif key == "gaits" and isinstance(value, dict):
             lines[key] = counts(value)
         elif key in (MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD):

@@ -77,6 +77,12 @@ def advice(check: dict[str, Any], dt: float | None) -> str:
     return "The table depends on the step: give a shorter one, numerics.dt, and compare."
 
 
+def lengths_of_steps(dt: object) -> str:
+    """Format the shortest and the longest of the rows' steps (s): "0.02 to 0.03 s"; empty if unknown."""
+    spans = [f"{each:.6g}" for each in dt] if isinstance(dt, list) else []
+    return f"{' to '.join(dict.fromkeys(spans))} s" if spans else ""
+
+
 def status_sentence(status: str, job: Mapping[str, Any]) -> str:
     """Return the sentence of a status; empty for a status of another version of gaitsweep."""
     result = next((word for field, word in _RESULTS.items() if field in job), None)

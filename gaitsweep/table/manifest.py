@@ -169,6 +169,7 @@ class _Fields(_Plain):
     axes: list[_Axis] = Field(default=[], description="names, number of points and drawn of each axis")
     figures_drawn: dict[str, str] = Field(default={}, description="digests by name")
     versions: dict[str, str] = Field(default={}, description="versions by name")
+    paper: dict[str, str] = Field(default={}, description="source and bibtex of the model's paper")
     program: dict[str, str] = Field(default={}, description="digests by name")
     made_before: list[_Maker] = Field(default=[], description="versions and parts of each earlier maker")
     complete: bool = Field(default=True, description="true or false")

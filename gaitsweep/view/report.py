@@ -67,7 +67,7 @@ _REASONS = 5
 # Entries of the manifest that are shown elsewhere, or are of no use to a reader.
 _APART = (
     "quantities", "job", "figures_drawn", "sha256", "counts", "gaits", "self_check", "stalls", "slowest",
-    "complete", "versions", "largest_distance", "program",
+    "complete", "versions", "largest_distance", "program", "paper",
 )  # fmt: skip
 _NAMES = {
     "job_hash": "hash of the job", "gaitsweep": "gaitsweep", "git_commit": "commit of the source",
@@ -261,7 +261,8 @@ def _self_check(snapshot: Snapshot) -> str:
 def _provenance(snapshot: Snapshot) -> str:
     """Provenance of the table: entries of the manifest, with the versions last."""
     manifest = snapshot.manifest
-    facts = {_NAMES.get(key, key): value for key, value in manifest.items() if key not in _APART}
+    facts = {"paper of the model": manifest.get("paper", {}).get("source")}
+    facts |= {_NAMES.get(key, key): value for key, value in manifest.items() if key not in _APART}
     if "git_commit" not in manifest or manifest["git_commit"] is None:
         facts[_NAMES["git_commit"]] = "unknown: gaitsweep did not run from a checkout"
     versions = manifest.get("versions", {})
