@@ -118,6 +118,14 @@ def summed_up(context: RunContext, directory: ResultDirectory) -> bool:
     )
 
 
+def tallied_column(context: RunContext) -> str | None:
+    """The column whose values are counted while rows run: a row's outcome or gait; None: its status."""
+    if tuple(context.model.gaits) == ("none",) or not context.job.run.one_a_row:
+        return None
+    columns = table_columns(context.design, context.job.run)
+    return next((name for name in ("outcome", "gait") if name in columns), None)
+
+
 def _summaries(context: RunContext, directory: ResultDirectory) -> dict[str, set[str]]:
     """Return the fields of the manifest that summarise records, with the columns that each needs."""
     columns, counts = set(table_columns(context.design, context.job.run)), directory.counts()

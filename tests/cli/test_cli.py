@@ -7,6 +7,7 @@ import contextlib
 import io
 import json
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -333,12 +334,21 @@ def test_ctrl_c_says_how_to_continue(job_file: Path, runner: FakeRunner, capsys:
 
 def test_the_bar_shows_rows_rate_and_note() -> None:
     screen = io.StringIO()
-    with shown_progress(console=Console(file=screen, force_terminal=True, width=100)) as bar:
+    with shown_progress(console=Console(file=screen, force_terminal=True, width=80)) as bar:
         bar(2000, 10000, 0.0, 0.2, "compiling")
-        bar(2500, 10000, 123.456, 0.26, "2.4 M attempts/s")
+        bar(2500, 10000, 123.456, 0.26, "2.4 million steps/s; 2048 rows so far: 1500 trot")
     shown = screen.getvalue()
-    for piece in ("2000/10000 rows", "compiling", "2500/10000 rows", "26%", "123 rows/s", "2.4 M attempts/s"):
+    for piece in (
+        "2000/10000 rows",
+        "20 % ",
+        "compiling",
+        "2500/10000 rows",
+        "26 % of the work",
+        "123 rows/s",
+    ):
         assert piece in shown
+    assert "2.4 million steps/s; 2048 rows so far: 1500 trot" in shown
+    assert max(len(line) for line in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]|\r", "\n", shown).splitlines()) <= 80
 
 
 def test_without_a_terminal_a_line_comes_every_half_minute(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -346,13 +356,13 @@ def test_without_a_terminal_a_line_comes_every_half_minute(monkeypatch: pytest.M
     monkeypatch.setattr("gaitsweep.runs.progress.time.monotonic", lambda: next(clock))
     lines = progress_lines(file=log)
     for done in (2000, 3000, 3500, 4000, 5500):
-        lines(done, 10000, 50.0, done / 10000, "2.4 M attempts/s")
+        lines(done, 10000, 50.0, done / 10000, "2.4 million steps/s")
     lines(1, 10, 0.0, 0.1, "")  # the next run of the same command
     lines(7, 10, 0.0, 0.7, "")
     assert log.getvalue().splitlines() == [
-        "3500/10000 rows, 35 %, 50 rows/s, 130 s left, 2.4 M attempts/s",
-        "5500/10000 rows, 55 %, 50 rows/s, 90 s left, 2.4 M attempts/s",
-        "7/10 rows, 70 %, 17 s left",
+        "3500/10000 rows, 35 %, 50 rows/s, 130 s left, 2.4 million steps/s",
+        "5500/10000 rows, 55 %, 50 rows/s, 90 s left, 2.4 million steps/s",
+        "7/10 rows, 70 %",  # whose first rise has nothing before it
     ]
 
 
