@@ -16,7 +16,7 @@ import typer
 
 from gaitsweep.cli import again, analyse, models
 from gaitsweep.cli.examples import examples
-from gaitsweep.cli.options import ClusterAsForRun, Directory, Out, Settings, print_message
+from gaitsweep.cli.options import ClusterAsForRun, Directory, Open, Out, Settings, print_links, print_message
 from gaitsweep.cli.views import animate, explore
 from gaitsweep.errors import UserError
 from gaitsweep.shipped import config_file
@@ -113,13 +113,14 @@ def run(
             "longest block so far.",
         ),
     ] = None,
+    open_it: Open = False,
 ) -> None:
     """Run a job, or continue it, and write its table and figures."""
     command = [str(each) for each in (job_file, out, settings, engine, strict)]
     stored = None if dry_run else again.load_output(command)
     if stored is not None:
         print(stored[1], end="", file=sys.stderr)
-        print(stored[0])
+        _print_outcome(stored[0], open_it)
         return
     from gaitsweep.cli import show
     from gaitsweep.job import load_job
@@ -159,7 +160,7 @@ def run(
             )
     snapshot = Snapshot.of(path)
     outcome = show.outcome(snapshot)
-    print(outcome)
+    _print_outcome(outcome, open_it)
     if not snapshot.complete:  # a share of the rows, whose table other processes complete
         return
     # repairs are not reported again, and other tables or the user's modules may change
@@ -167,6 +168,13 @@ def run(
     if lasting and not _leans_on_others(job):
         sources = [job_file, *([] if job.config is None else [config_file(job.config, job_file.parent)])]
         again.store_output(command, sources, path, outcome, "".join(f"{each}\n" for each in messages))
+
+
+def _print_outcome(outcome: str, open_them: bool) -> None:
+    """Print the outcome of a run, and links to the figures that it names; open these if asked to."""
+    print(outcome)
+    named = (line.partition("Figure: ") for line in outcome.splitlines())
+    print_links([file for before, sign, file in named if sign and not before], open_them)
 
 
 @contextlib.contextmanager
@@ -220,7 +228,7 @@ def _stopped(name: str, out: Path | None) -> str:
 
 
 @app.command()
-def plot(directory: Directory) -> None:
+def plot(directory: Directory, open_it: Open = False) -> None:
     """Draw the figures of a table again, without simulation."""
     from gaitsweep.runs.figures import FigureError, draw_figures
     from gaitsweep.table import Snapshot
@@ -239,6 +247,7 @@ def plot(directory: Directory) -> None:
         raise
     for path in paths:
         print(path)
+    print_links(paths, open_it)
     if not paths:
         text = f"The job of {directory} has no figures: add `figures:` to it and run it again."
         if "sensitivity" in job:
@@ -315,11 +324,13 @@ def _size_of(job_file: Path) -> str:
 
 
 @app.command()
-def report(directory: Directory) -> None:
+def report(directory: Directory, open_it: Open = False) -> None:
     """Write report.html into a result directory, with its job, counts, figures and provenance."""
     from gaitsweep.view.report import write_report
 
-    print(write_report(directory))
+    path = write_report(directory)
+    print(path)
+    print_links([path], open_it)
 
 
 @app.command()
@@ -365,6 +376,7 @@ def reproduce(
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit with code 3 if a claim is not reproduced.")
     ] = False,
+    open_it: Open = False,
 ) -> None:
     """Run the missing jobs of a paper, and compare its claims with the results."""
     from gaitsweep.claims.paper import ClaimVerdict, read_paper
@@ -397,6 +409,7 @@ def reproduce(
             turned = f"; {claim['why']}" if claim["ours"] and claim["why"] else ""
             print(f"{claim['id']} ({missed.words}): {ours}{turned}")
     print(f"Page: {found.page}")
+    print_links([found.page], open_it)
     if found.failed:
         raise typer.Exit(EXIT_FAILURE)
     if strict and counts[ClaimVerdict.not_reproduced.value]:
@@ -418,6 +431,7 @@ def search(
         bool,
         typer.Option("--dry-run", help="Print the resources that the search would need, without running it."),
     ] = False,
+    open_it: Open = False,
 ) -> None:
     """Search, or continue to search, constants of a model that meet targets; report their ranges."""
     from gaitsweep.cli import show_fits
@@ -433,7 +447,7 @@ def search(
 
     with _running(job.name, out, "sets", cluster=cluster) as (on_progress, workers):
         found = run_search(job, out, on_progress=on_progress, on_message=print_message, cluster=workers)
-    print(show_fits.search_outcome(found))
+    _print_outcome(show_fits.search_outcome(found), open_it)
 
 
 @app.command()
@@ -449,6 +463,7 @@ def sensitivity(
     out: Out = None,
     settings: Settings = None,
     cluster: ClusterAsForRun = None,
+    open_it: Open = False,
 ) -> None:
     """Measure how much results depend on each constant: write a table, the indices and their figure."""
     from gaitsweep.cli import show_fits
@@ -459,7 +474,7 @@ def sensitivity(
 
     with _running(job.name, out, "sets", cluster=cluster) as (on_progress, workers):
         found = run_sensitivity(job, out, on_progress=on_progress, on_message=print_message, cluster=workers)
-    print(show_fits.sensitivity_outcome(found))
+    _print_outcome(show_fits.sensitivity_outcome(found), open_it)
 
 
 @app.command(name="schema")

@@ -191,7 +191,8 @@ def test_bad_input_is_one_sentence_and_code_2(
 def test_run_says_what_came_out(job_file: Path, runner: FakeRunner, capsys: Capture) -> None:
     assert main(["run", str(job_file)]) == 0
     printed = capsys.readouterr()
-    assert printed.err == ""  # no bar where nobody looks
+    figure = Path("results/toy/figures/basin.png").resolve()
+    assert printed.err == f"Link: file://{figure}\n"  # and no bar where nobody looks
     assert printed.out.splitlines() == [
         "10 rows: 9 settled, 1 fell.",
         "Shares: 90 % settled, 10 % fell.",
@@ -452,6 +453,28 @@ def test_a_platform_that_is_not_here_is_a_sentence(job_file: Path) -> None:
 def test_plot_draws_from_the_table(finished: Path, capsys: Capture) -> None:
     assert main(["plot", str(finished)]) == 0
     assert capsys.readouterr().out == "results/toy/figures/basin.png\n"
+
+
+@pytest.mark.parametrize(("works", "said"), [(True, ""), (False, "No browser opened here: copy the link.\n")])
+@pytest.mark.parametrize(
+    ("command", "file"),
+    [("report", "report.html"), ("plot", "figures/basin.png"), ("run", "figures/basin.png")],
+)
+def test_what_is_written_is_opened_if_asked(
+    command: str, file: str, works: bool, said: str, finished: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: Capture,
+) -> None:  # fmt: skip
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", lambda link: opened.append(link) or works)
+    arguments = [command, "job.yaml" if command == "run" else str(finished)]
+    for _ in range(2):  # the second run prints what the first one stored
+        assert main(arguments) == 0
+    assert opened == []
+    capsys.readouterr()
+    assert main([*arguments, "--open"]) == 0
+    link = f"file://{(finished / file).resolve()}"
+    assert opened == [link]
+    assert capsys.readouterr().err == f"Link: {link}\n{said}"
 
 
 def test_a_report_needs_no_other_file(finished: Path, capsys: Capture) -> None:
