@@ -325,7 +325,10 @@ def _size_of(job_file: Path) -> str:
 
 @app.command()
 def report(directory: Directory, open_it: Open = False) -> None:
-    """Write report.html into a result directory, with its job, counts, figures and provenance."""
+    """Write report.html: job, counts, figures, provenance.
+
+    The page is written into the result directory.
+    """
     from gaitsweep.view.report import write_report
 
     path = write_report(directory)
@@ -339,7 +342,7 @@ def cite(
         Path | None, typer.Argument(metavar="DIR", help="Result directory; by default gaitsweep alone.")
     ] = None,
 ) -> None:
-    """Print BibTeX entries and a sentence on methods, to cite a result."""
+    """Print BibTeX entries and a sentence on methods."""
     from gaitsweep.runs.citation import citation_of, tool_entry
 
     if directory is None:
@@ -378,7 +381,10 @@ def reproduce(
     ] = False,
     open_it: Open = False,
 ) -> None:
-    """Run the missing jobs of a paper, and compare its claims with the results."""
+    """Run a paper's jobs, and compare its claims with them.
+
+    Only jobs without results run.
+    """
     from gaitsweep.claims.paper import ClaimVerdict, read_paper
 
     table_of_claims = read_paper(paper)
@@ -433,7 +439,10 @@ def search(
     ] = False,
     open_it: Open = False,
 ) -> None:
-    """Search, or continue to search, constants of a model that meet targets; report their ranges."""
+    """Search constants of a model that meet targets.
+
+    A search that was stopped continues; the ranges of the constants are reported.
+    """
     from gaitsweep.cli import show_fits
     from gaitsweep.fitting.search_job import load_search
 
@@ -465,7 +474,10 @@ def sensitivity(
     cluster: ClusterAsForRun = None,
     open_it: Open = False,
 ) -> None:
-    """Measure how much results depend on each constant: write a table, the indices and their figure."""
+    """Measure how much results depend on each constant.
+
+    Write a table, the indices and their figure.
+    """
     from gaitsweep.cli import show_fits
     from gaitsweep.fitting.sensitivity_job import load_sensitivity
 

@@ -61,7 +61,7 @@ def animate(
     trust: Trust = False,
     open_it: Open = False,
 ) -> None:
-    """Draw the walking model of one row of a trace, as a movie or a strip of poses."""
+    """Draw a row of a trace as a movie or a strip of poses."""
     from gaitsweep.cli.progress import shown_progress
     from gaitsweep.plot import PlotError
     from gaitsweep.view.movie import row_movie as movie
@@ -146,7 +146,10 @@ def explore(
     trust: Trust = False,
     open_it: Open = False,
 ) -> None:
-    """Write explore.html into a result directory: a click on a start shows the model walking from it."""
+    """Write explore.html: click a start to see the model walk.
+
+    The page is written into the result directory.
+    """
     from gaitsweep.cli.progress import shown_progress
     from gaitsweep.view.explorer.explorer import write_explorer
 

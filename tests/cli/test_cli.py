@@ -19,6 +19,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from rich.console import Console
+from typer.core import TyperGroup
+from typer.main import get_command
 
 import gaitsweep as gs
 from gaitsweep.cli import main
@@ -381,6 +383,31 @@ def test_each_command_has_its_help_by_h_too(capsys: Capture) -> None:
             shown.append(capsys.readouterr().out)
         assert shown[0] == shown[1]
         assert "Usage: gaitsweep" in shown[0]
+
+
+def test_no_help_is_cut_on_a_terminal_of_80_columns(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    """The line of each command in its list, and the help of each option, are whole."""
+    monkeypatch.setenv("COLUMNS", "80")
+
+    def screen(command: list[str]) -> str:
+        assert main([*command, "--help"]) == 0
+        shown = capsys.readouterr().out
+        assert max(map(len, shown.splitlines())) <= 80
+        return shown
+
+    root = get_command(app)
+    assert isinstance(root, TyperGroup)
+    analyse = root.commands["analyse"]
+    assert isinstance(analyse, TyperGroup)
+    for path, group in ([], root), (["analyse"], analyse):
+        listed = screen(path)
+        for name, each in group.commands.items():
+            sentence = " ".join((each.help or "").partition("\n\n")[0].split())
+            assert re.search(rf"^  {name} +{re.escape(sentence)}$", listed, re.MULTILINE), name
+            words = "".join(screen([*path, name]).split())
+            for parameter in each.params:
+                help_text = getattr(parameter, "help", None) or ""
+                assert "".join(help_text.split()) in words, (name, parameter.name)
 
 
 @pytest.mark.slow
