@@ -162,6 +162,7 @@ class _Fields(_Plain):
     timings: dict[str, float] = Field(default={}, description="seconds and attempts by name")
     counts: dict[str, _CountOrZero] = Field(default={}, description="numbers of rows by status")
     gaits: dict[str, _CountOrZero] = Field(default={}, description="numbers of rows by gait")
+    periods: dict[str, _CountOrZero] = Field(default={}, description="numbers of settled rows by period")
     slowest: dict[str, _CountOrZero] = Field(default={}, description="numbers of rows by observable")
     mislabelled: dict[str, _SomeRows] = Field(default={}, description="rows by label")
     starts_beyond: dict[str, _SomeRows] = Field(default={}, description="rows by event")

@@ -30,6 +30,7 @@ from gaitsweep.cli.show import axes, duration, size
 from gaitsweep.errors import UserError
 from gaitsweep.job import Job
 from gaitsweep.runs.progress import progress_lines
+from gaitsweep.runs.sentences import settings_of, status_sentence
 from gaitsweep.table import ResultDirectory, TableError, WriteError
 from gaitsweep.table.manifest import Layout
 
@@ -451,7 +452,7 @@ def test_info_says_what_a_directory_holds(finished: Path, capsys: Capture) -> No
         "fell",
         "The body fell, by the model's test of a fall.",
         "1 x cpu (cpu)",
-        "run_s 1.25",
+        "1.25 s to run",
         "figures/basin.png",
     ):
         assert piece in text
@@ -460,6 +461,42 @@ def test_info_says_what_a_directory_holds(finished: Path, capsys: Capture) -> No
     text = capsys.readouterr().out
     assert "6 of 10, not complete" in text
     assert "damaged" in text
+
+
+def test_a_status_names_the_limit_that_ended_the_row_and_what_settled() -> None:
+    def said(status: str, run: dict[str, object], **known: dict[str, int]) -> str:
+        return status_sentence(status, {"run": run}, **known)
+
+    assert (
+        said("cycle_limit", {"max_cycles": 150})
+        == "The row reached run.max_cycles, 150 cycles, without settling."
+    )
+    assert said("time_limit", {"max_time": 12.5}) == "The row reached run.max_time, 12.5 s."
+    by_period = said("time_limit", {"max_time": None})
+    assert by_period == "The row reached four nominal periods for each allowed cycle."
+    fixed = said("settled", {}, periods={"1": 47})
+    assert "47 at a fixed point" in fixed
+    assert "orbit" not in fixed
+    assert said("settled", {}, periods={"1": 40, "3": 7}).endswith(
+        "40 at a fixed point, 7 on an orbit of 3 crossings."
+    )
+    assert said("settled", {}) == gs.Status.settled.sentence  # of a table that does not count them
+    assert said("cycle_limit", {}) == gs.Status.cycle_limit.sentence
+
+
+def test_settings_have_units_and_leave_out_what_is_not_known() -> None:
+    manifest = {
+        "method": "rk4", "dt": [0.002, 0.003], "precision": "float64", "engine": "xla", "lanes": 64,
+        "timings": {"compile_s": 6.4777, "run_s": 1.25, "attempts": 6889356},
+        "versions": {"jax": "0.10.2", "cuda-core": "not installed"}, "block": 60,
+    }  # fmt: skip
+    assert settings_of(manifest) == {
+        "integration": "rk4, steps of 0.002 to 0.003 s, float64",
+        "computed by": "engine xla, 64 trajectories at a time",
+        "time": "6.48 s to compile, 1.25 s to run, 6889356 steps",
+        "versions": "jax 0.10.2",
+        "files": "parts of 60 rows",
+    }
 
 
 def test_axes_are_told_with_their_numbers_of_points() -> None:

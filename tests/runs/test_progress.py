@@ -38,7 +38,8 @@ def test_before_a_row_has_ended_its_limit_is_its_length() -> None:
 def test_reports_of_a_run(tmp_path: Path) -> None:
     reports: list[tuple[int, int, float, float, str]] = []
     job = gs.Job(**HOPS)
-    table = gs.run(job, tmp_path, on_progress=lambda *now: reports.append(now)).table
+    result = gs.run(job, tmp_path, on_progress=lambda *now: reports.append(now))
+    table = result.table
     assert reports[0] == (0, 400, 0.0, 0.0, "compiling")
     for done, total, rate, fraction, _ in reports:
         assert (rate > 0.0) <= (done > 0)
@@ -48,6 +49,8 @@ def test_reports_of_a_run(tmp_path: Path) -> None:
     finished = [int(text.split()[0]) for text in tallies]
     assert finished == sorted(finished)
     assert {number % 8 for number in finished} == {0}  # of whole blocks
+    settled = table.loc[table["status"] == "settled", "attractor_period"].value_counts()
+    assert result.manifest["periods"] == {str(period): number for period, number in settled.items()}
     context = prepare(job)
     with ResultDirectory.open(tmp_path, job.resolved(engine=context.engine), context.layout) as directory:
         counted = directory.tally("outcome")
