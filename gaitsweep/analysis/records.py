@@ -1,4 +1,4 @@
-"""Reads tables for the analyses: columns by name, swept axes, outcomes of rows, records before a fall."""
+"""Reading of tables for analyses: columns by name, swept axes, outcomes of rows, records before a fall."""
 
 from __future__ import annotations
 

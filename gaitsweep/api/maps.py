@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.continuation.continuation import continuation
-from gaitsweep.analysis.continuation.newton import FixedPoints, multipliers, newton
+from gaitsweep.analysis.continuation.multipliers import multipliers
+from gaitsweep.analysis.continuation.newton import FixedPoints, newton
 from gaitsweep.api.keywords import AnyModel, job_of
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap

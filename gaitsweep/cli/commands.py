@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaitsweep.cli import again, analyse, models
+from gaitsweep.cli import analyse, models, stored_output
 from gaitsweep.cli.examples import examples
 from gaitsweep.cli.options import ClusterAsForRun, Directory, Open, Out, Settings, print_links, print_message
 from gaitsweep.cli.views import animate, explore
@@ -86,8 +86,7 @@ def run(
             "--rows",
             metavar="A:B",
             help="Run only rows A to B-1, which must be whole blocks, while other processes run other "
-            "rows in "
-            "the same directory; the last process completes the table.",
+            "rows in the same directory; the last process completes the table.",
         ),
     ] = None,
     cluster: Annotated[
@@ -117,7 +116,7 @@ def run(
 ) -> None:
     """Run a job, or continue it, and write its table and figures."""
     command = [str(each) for each in (job_file, out, settings, engine, strict)]
-    stored = None if dry_run else again.load_output(command)
+    stored = None if dry_run else stored_output.load_output(command)
     if stored is not None:
         print(stored[1], end="", file=sys.stderr)
         _print_outcome(stored[0], open_it)
@@ -167,7 +166,7 @@ def run(
     lasting = all(sentence.startswith(("Warning: ", "engine: ")) for sentence in messages)
     if lasting and not _leans_on_others(job):
         sources = [job_file, *([] if job.config is None else [config_file(job.config, job_file.parent)])]
-        again.store_output(command, sources, path, outcome, "".join(f"{each}\n" for each in messages))
+        stored_output.store_output(command, sources, path, outcome, "".join(f"{each}\n" for each in messages))
 
 
 def _print_outcome(outcome: str, open_them: bool) -> None:
@@ -228,10 +227,36 @@ def _stopped(name: str, out: Path | None) -> str:
 
 
 @app.command()
-def plot(directory: Directory, open_it: Open = False) -> None:
+def plot(
+    directory: Directory,
+    width: Annotated[
+        str | None, typer.Option("--width", help="Width: column (85 mm), page (180 mm), or mm.")
+    ] = None,
+    formats: Annotated[
+        list[str], typer.Option("--format", help="File format: png, pdf or svg; may be repeated.")
+    ] = [],  # noqa: B006 - typer does not change it
+    dpi: Annotated[int | None, typer.Option("--dpi", help="Pixels per inch of png files (150).")] = None,
+    colours: Annotated[
+        list[str],
+        typer.Option("--colour", metavar="GAIT=COLOUR", help="Colour of a gait; may be repeated."),
+    ] = [],  # noqa: B006 - typer does not change it
+    panel_letters: Annotated[
+        bool, typer.Option("--panel-letters", help="Write a, b, c, ... above panels.")
+    ] = False,
+    no_marks: Annotated[
+        bool, typer.Option("--no-marks", help="Omit the remark on an incomplete or doubtful table.")
+    ] = False,
+    open_it: Open = False,
+) -> None:
     """Draw the figures of a table again, without simulation."""
+    from gaitsweep.plot.figure_style import read_style
     from gaitsweep.runs.figures import FigureError, draw_figures
     from gaitsweep.table import Snapshot
+
+    given = {"width": width, "format": formats or None, "dpi": dpi}
+    given |= {"colours": dict(map(_named_colour, colours)) or None}
+    given |= {"panel_letters": panel_letters or None, "marks": False if no_marks else None}
+    style = read_style(**given)
 
     job = Snapshot.of(directory).job
     try:
@@ -240,7 +265,7 @@ def plot(directory: Directory, open_it: Open = False) -> None:
 
             paths = draw_again(directory)
         else:
-            paths = draw_figures(directory)
+            paths = draw_figures(directory, style=style)
     except FigureError as error:
         for path in error.drawn:
             print(path)
@@ -253,6 +278,14 @@ def plot(directory: Directory, open_it: Open = False) -> None:
         if "sensitivity" in job:
             text = f"`gaitsweep sensitivity` draws the figures of {directory}: run it again."
         print(text, file=sys.stderr)
+
+
+def _named_colour(text: str) -> tuple[str, str]:
+    """The gait and the colour of `--colour GAIT=COLOUR`."""
+    gait, equals, colour = text.partition("=")
+    if not equals:
+        raise typer.BadParameter(f"is {text}, but must be GAIT=COLOUR, such as trot=#0072B2.")
+    return gait, colour
 
 
 app.command()(animate)
@@ -385,7 +418,8 @@ def reproduce(
 
     Only jobs without results run.
     """
-    from gaitsweep.claims.paper import ClaimVerdict, read_paper
+    from gaitsweep.claims.paper import read_paper
+    from gaitsweep.claims.verdicts import ClaimVerdict
 
     table_of_claims = read_paper(paper)
     if claims is not None:

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from gaitsweep.circular import wrapped_difference
+from gaitsweep.angle_difference import wrapped_difference
 from gaitsweep.contract import Model
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory

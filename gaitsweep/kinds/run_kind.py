@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.recorder import Recorder
-from gaitsweep.engine.sweep.refine import Grid
+from gaitsweep.engine.sweep.boundary_cells import Grid
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError
 from gaitsweep.kinds.columns import Column, Records, row_number

@@ -26,7 +26,7 @@ from gaitsweep.runs.executor import Executor, ThisProcess
 from gaitsweep.runs.prepare import RunContext, naming_the_file, prepare
 from gaitsweep.runs.progress import Progress, so_far
 from gaitsweep.runs.provenance import continue_directory
-from gaitsweep.runs.refined import Refinement
+from gaitsweep.runs.refinement import Refinement
 from gaitsweep.runs.self_check import (
     Again,
     SelfCheck,
@@ -105,7 +105,7 @@ def run_job(
         if figures and resolved["figures"]:
             from gaitsweep.runs.figures import draw_of_complete  # which imports Matplotlib
 
-            draw_of_complete(directory, resolved["figures"], on_progress, on_message)
+            draw_of_complete(directory, resolved, on_progress, on_message)
     if checked.get("verdict") == "warned":
         text = f"{self_check_sentence(checked)} {advice(checked, spec.numerics.dt)}"
         if strict:

@@ -204,8 +204,7 @@ class ResultDirectory:
         write_digests(self.path, read_digests(self.path) | examined.undigested)
         self.notes.append(
             f"{text} in {DIGESTS}. Their job, block, rows and page checksums are correct: the files "
-            "are used, and "
-            "their digests are written again."
+            "are used, and their digests are written again."
         )
 
     def _clear(self, fault: Fault) -> None:
@@ -457,7 +456,7 @@ class ResultDirectory:
 
 
 class PartWriter:
-    """Writes parts into a result directory whose manifest belongs to another process.
+    """Writer of parts into a result directory whose manifest belongs to another process.
 
     The bytes of a part do not depend on its writer, so one process may replace another's part.
     """
@@ -519,7 +518,7 @@ def _claimed(path: Path, layout: Layout) -> dict[str, Any] | DamagedManifest | N
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes a repeated list twice, not as an anchor and an alias."""
+    """Writer of YAML that writes a repeated list twice, not as an anchor and an alias."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True

@@ -78,7 +78,8 @@ class Snapshot:
     @property
     def figures(self) -> list[Path]:
         """The files of drawn figures, sorted by name."""
-        return sorted(file for file in (self.path / FIGURES).glob("*.png") if file.is_file())
+        files = (self.path / FIGURES).glob("*")
+        return sorted(file for file in files if file.suffix in (".png", ".pdf", ".svg") and file.is_file())
 
     @property
     def complete(self) -> bool:

@@ -15,7 +15,7 @@ import pandas as pd
 import yaml
 
 from gaitsweep.analysis.records import in_order
-from gaitsweep.plot import style
+from gaitsweep.plot import theme
 from gaitsweep.runs.sentences import DESCRIBED, advice, self_check_sentence, settings_of, status_sentence
 from gaitsweep.runs.set_status import SetStatus
 from gaitsweep.table import Snapshot, load, replace_file, writing
@@ -105,7 +105,8 @@ def _page(snapshot: Snapshot) -> str:
     kind = snapshot.job.get("run", {}).get("kind")
     run = f", run of kind {html.escape(str(kind))}" if kind else ""
     job = html.escape(yaml.safe_dump(snapshot.job, sort_keys=False, allow_unicode=True))
-    figures = "".join(figure_of(figure, figure.stem) for figure in snapshot.figures)
+    drawn = [figure for figure in snapshot.figures if figure.suffix == ".png"]
+    figures = "".join(figure_of(figure, figure.stem) for figure in drawn)
     explorer = snapshot.path / "explore.html"
     sections = [
         f'<h1>{name}</h1><p class="faint">Model {model}, {state}{run}.</p>{_warnings(snapshot)}',
@@ -212,7 +213,7 @@ def _gaits(snapshot: Snapshot) -> str:
     records = len(table) != table["row"].nunique()
     statuses = list(snapshot.counts) if len(snapshot.counts) > 1 and not records else []
     names = in_order(table, "gait", pd.Series(gait, dtype=object))
-    chosen = style.colours(names)
+    chosen = theme.colours(names)
     head = "".join(f'<th class="number">{html.escape(name)}</th>' for name in ("all", "", *statuses))
     lines = []
     for name in names:

@@ -125,13 +125,13 @@ def test_a_cantor_boundary() -> None:
 
 # exponent, outcome of a start (x, y), and the ends of x and y
 PUBLISHED = {
-    # Grebogi et al. 1983, Phys. Lett. A 99:415: .20 (.03)
+    # Grebogi et al. 1983, Phys. Lett. A 99:415: 0.20 (0.03)
     "final_state": (0.20, final_state, (0.0, TURN, -0.5, 0.5)),
     # McMullen 1998, Am. J. Math. 120:691: dimensions 1.268, 1.3934 and 1.0812
     "c = -1": (0.732, functools.partial(julia, c=-1.0), (-1.8, 1.8, -1.2, 1.2)),
     "rabbit": (0.607, functools.partial(julia, c=-0.122561 + 0.744862j), (-1.5, 1.5, -1.5, 1.5)),
     "c = 1/4": (0.919, functools.partial(julia, c=0.25), (-1.3, 1.3, -1.3, 1.3)),
-    # dimension 1.42 by counting boxes, as ChaosTools.jl cites it; Bowen's formula gives 1.444, exponent .556
+    # dimension 1.42 by counting boxes, as ChaosTools.jl cites it; Bowen's formula gives 1.444, exponent 0.556
     "newton": (0.58, newton, (-1.5, 1.6, -1.5, 1.6)),
 }
 # McDonald et al. 1985, Physica D 17:125: the exponent is known exactly, log2 of the growth

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gaitsweep.analysis.continuation.newton import NewtonOutcome, multipliers, newton
+from gaitsweep.analysis.continuation.multipliers import multipliers
+from gaitsweep.analysis.continuation.newton import NewtonOutcome, newton
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import BATCH_SIZES
@@ -115,7 +116,7 @@ def test_what_is_conserved_is_held() -> None:
 
 
 def test_what_is_nearly_conserved_drifts() -> None:
-    """Where a cycle adds .01 to E, there is no fixed point; with E held, the drift is that .01."""
+    """Where a cycle adds 0.01 to E, there is no fixed point; with E held, the drift is that .01."""
     held = newton(CONSERVING, CONSERVING.points([[0.9, 0.8]]), {"leak": 0.01}, fix=["total"])
     assert held.converged.all()
     np.testing.assert_allclose(held.drift, 0.01, atol=1e-12)
@@ -131,7 +132,7 @@ def test_gaits_of_the_chain_at_fixed_E() -> None:
     """The three gaits as fixed points, from three cycles after a start near each.
 
     On the model's page they are simulated: 1.1301 0.9842 1.4960, 3.959 5.300 5.291, 1.130 1.102 5.282, to
-    the digits given; Newton stays within .005 of them since E is held where it was after three cycles.
+    the digits given; Newton stays within 0.005 of them since E is held where it was after three cycles.
     """
     mapping = BatchedReturnMap(Multilegged(), numerics=Numerics(dt=32e-3, method="propagator6"))
     starts = {"psi_1": [1.13, 3.97, 1.13], "psi_2": [0.98, 5.29, 1.10], "psi_3": [1.50, 5.29, 5.28]}

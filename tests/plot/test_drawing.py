@@ -1,4 +1,4 @@
-"""How models are drawn: where limbs and feet are, from which side they are seen, what a picture follows."""
+"""Drawings of models: places of limbs and feet, the side of the view, and the point that it follows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a short run over the ranges says of a model, and what a run remarks about its own rows."""
+"""Findings of a short run over the ranges of a model, and remarks of a run about its own rows."""
 
 from __future__ import annotations
 

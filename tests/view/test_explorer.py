@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 import gaitsweep as gs
 from gaitsweep.api.result import Result
 from gaitsweep.cli import commands
-from gaitsweep.plot import style
+from gaitsweep.plot import theme
 from gaitsweep.runs.dataset import MissingPackageError
 from gaitsweep.view.explorer.choice import boundary, spread, subgrid
 from gaitsweep.view.explorer.encoding import RESOLUTION, motion_fields, packed
@@ -39,7 +39,7 @@ PSI_3 = (0.4 * math.pi, math.pi)
 
 
 def fields_of(page: Path) -> dict[str, Any]:
-    """What a page holds, as its script unpacks it."""
+    """Data of a page, as its script unpacks them."""
     found = re.search(r'id="data">([^<]*)</script>', page.read_text())
     assert found is not None
     return json.loads(gzip.decompress(base64.b64decode(found[1])))
@@ -456,7 +456,7 @@ def _check_canvases(page: Page, scheme: str) -> None:
     for text, behind in (("ink", "paper"), ("faint", "paper"), ("length", "strip")):
         assert page.evaluate(f"({contrast})(shade.{text}, shade.{behind})") >= 4.5, (text, behind)
     if scheme == "dark":
-        for colour in ("#3B3B3B", "#000000", *style.SPARE_COLOURS):
+        for colour in ("#3B3B3B", "#000000", *theme.SPARE_COLOURS):
             assert page.evaluate(f"({contrast})(seen('{colour}'), shade.paper)") >= 3.0, colour
 
 
@@ -596,7 +596,7 @@ def test_the_page_in_a_browser(basins: Path, tmp_path: Path) -> None:
             return page.evaluate(f"document.querySelector('td[data-column={column}]').textContent")
 
         def at(psi_1: float, psi_2: float) -> tuple[float, float]:
-            """Where a start is in the window."""
+            """Position of a start in the window."""
             place = page.evaluate(
                 "(() => { const box = document.querySelector('#map .nsewdrag').getBoundingClientRect();"
                 " const { xaxis: x, yaxis: y } = document.getElementById('map')._fullLayout;"

@@ -28,11 +28,11 @@ from gaitsweep.analysis.continuation.bifurcation_tests import (
     located_on_branch,
 )
 from gaitsweep.analysis.continuation.continuation import JUMPS, ArclengthSteps
+from gaitsweep.analysis.continuation.multipliers import multipliers
 from gaitsweep.analysis.continuation.newton import (
     ConservedConstraints,
     NewtonOutcome,
     matrices,
-    multipliers,
     newton,
     residuals,
     sizes,

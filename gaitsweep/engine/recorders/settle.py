@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from gaitsweep.circular import wrapped_difference
+from gaitsweep.angle_difference import wrapped_difference
 from gaitsweep.contract import HybridModel, Model, Params, Status
 from gaitsweep.engine.advance import Carry, Halt
 from gaitsweep.engine.rarity import unlikely

@@ -19,7 +19,7 @@ from matplotlib.patches import Patch
 from pydantic import Field
 
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
-from gaitsweep.plot import style
+from gaitsweep.plot import theme
 from gaitsweep.plot.columns import column, described, is_angle, moved_parameter
 from gaitsweep.plot.kind import Column, Observed, Title, figure_kind
 from gaitsweep.schema.numbers import Real, Text
@@ -68,12 +68,12 @@ def continuation(
     for each in (x, "row", "point", "stable", "special", *([hue] if hue else [])):
         column(table, each)
     table = table.dropna(subset=[name]).sort_values(["row", "point"], kind="stable")
-    with style.canvas(style.COLUMN + 1.6, 3.4, title) as figure:
+    with theme.canvas(theme.COLUMN + 1.6, 3.4, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))
         axes.set_ylabel(described(table, name, 36))
         if not len(table):
-            style.message(axes, "no fixed point was found")
+            theme.message(axes, "no fixed point was found")
             return figure
         colours = _colours(table, hue)
         for number, (low, high) in enumerate(intervals.values()):
@@ -81,15 +81,15 @@ def continuation(
         for row, branch in table.groupby("row", sort=True):
             _draw(axes, branch, x, name, colours.get(row))
         if is_angle(table, name):
-            style.angle_ticks(axes, "y")
+            theme.angle_ticks(axes, "y")
         handles = _key(table, intervals, hue is not None)
         if hue is not None and _numbers(table, hue):
             shades = ScalarMappable(_span(table, hue), "viridis")
             figure.colorbar(shades, ax=axes, label=described(table, hue), shrink=0.85)
         elif hue is not None:
-            named = style.colours(list(dict.fromkeys(_names(table, hue).values())))
+            named = theme.colours(list(dict.fromkeys(_names(table, hue).values())))
             handles = [Line2D([], [], color=named[name], lw=1.4, label=name) for name in named] + handles
-        figure.legend(handles=handles, loc="outside lower center", ncols=2)
+        theme.legend(figure, handles, ncols=2)
     return figure
 
 
@@ -114,7 +114,7 @@ def _colours(table: pd.DataFrame, hue: str | None) -> dict[Any, Any]:
         return {}
     if not _numbers(table, hue):
         names = _names(table, hue)
-        named = style.colours(list(dict.fromkeys(names.values())))
+        named = theme.colours(list(dict.fromkeys(names.values())))
         return {row: named[name] for row, name in names.items()}
     shades, span = mpl.colormaps["viridis"], _span(table, hue)
     return {row: shades(span(float(branch[hue].iloc[0]))) for row, branch in table.groupby("row")}

@@ -137,8 +137,7 @@ def _job_of(table: pd.DataFrame, trust: bool) -> Job:
         if other in fields:
             raise ArgumentError(
                 f"{where} contains sets of constants (a job with `{other}:`), which the explorer does "
-                "not show. "
-                "Use `gaitsweep report`."
+                "not show. Use `gaitsweep report`."
             )
     kind = fields.get("run", {}).get("kind", "another kind")
     if kind not in KINDS:

@@ -16,7 +16,7 @@ from gaitsweep.analysis.circular import branch_cut
 from gaitsweep.analysis.records import in_order, outcome_labels, sound
 from gaitsweep.contract import Outcome, Status
 from gaitsweep.job import Job
-from gaitsweep.plot import PlotError, style
+from gaitsweep.plot import PlotError, theme
 from gaitsweep.plot.basins.cells import cell_edges
 from gaitsweep.plot.columns import column, is_angle, is_logarithmic, rows_where, symbol, unit_of
 
@@ -212,7 +212,7 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], np.ndarray]:
     """
     hollow, suffix = np.zeros(len(table), bool), ""
     if "stable" in table.columns:
-        hollow, suffix = np.asarray(table["stable"].astype(object) == False), "unstable"  # noqa: E712
+        hollow, suffix = np.asarray(table["stable"].astype(object) == False), "unstable"  # noqa: E712 - also missing values
     elif "settled" in table.columns:
         hollow, suffix = ~table["settled"].to_numpy(bool), Outcome.NOT_SETTLED
     if "cycles" in table.columns:  # one record a row
@@ -224,7 +224,7 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], np.ndarray]:
         labels[~sound(table, *observed[:1]) | gone.to_numpy()] = Outcome.FAILED
         shown = pd.Series(labels, table.index)
     names = in_order(table, "gait", shown)
-    colours, markers = style.colours(names), style.markers(names)
+    colours, markers = theme.colours(names), theme.markers(names)
     found: list[dict[str, Any]] = []
     numbers = np.zeros(len(table), np.int64)
     for name in names:
@@ -275,7 +275,7 @@ def label_of(table: pd.DataFrame, name: str) -> str:
 def written(table: pd.DataFrame, name: str, value: float) -> str:
     """Format a value in HTML, with its unit if it has one: `ψ₁ = 0.4π`."""
     if is_angle(table, name):
-        return f"{html_symbol(table, name)} = {style.in_pi(value)}"
+        return f"{html_symbol(table, name)} = {theme.in_pi(value)}"
     unit = html.escape(unit_of(table, name), quote=False)
     return f"{html_symbol(table, name)} = {value:.4g} {unit}".rstrip()
 

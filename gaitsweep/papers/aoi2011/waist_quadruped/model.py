@@ -119,8 +119,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
             "K_13": (
                 "K_31",
                 "eq. (6) has both, so set K_31 too (0 for a one-way coupling); the coupling at the "
-                "start, which "
-                "older jobs call K_13, is now K_hold.",
+                "start, which older jobs call K_13, is now K_hold.",
             )
         }
     )

@@ -27,7 +27,7 @@ from gaitsweep.plot import (
     moved_parameter,
     row_names,
     rows_where,
-    style,
+    theme,
     word,
     written,
 )
@@ -83,7 +83,7 @@ def gait_ramp(
     rows = [np.unique(part["row"].to_numpy(int)) for part in parts]
     heights = [max(len(each), 1) for each in rows]
     present = set(along["gait"].astype(str))
-    with style.canvas(style.PAGE, 0.42 * sum(heights) + 0.35 * len(parts) + 0.9, title) as figure:
+    with theme.canvas(theme.PAGE, 0.42 * sum(heights) + 0.35 * len(parts) + 0.9, title) as figure:
         grid = figure.subplots(len(parts), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
         for axes, value, each in zip(grid, values, rows, strict=True):
             axes.set_title("" if value is None else written(table, str(panels), value), loc="left")
@@ -92,7 +92,7 @@ def gait_ramp(
         grid[-1].set_xlabel(axis_label(table, parameter) if x == "parameter" else "measured speed (m/s)")
         handles = [Patch(color=COLOURS[g], label=NAMES.get(g, _kind(g))) for g in ORDER if g in present]
         handles = list({handle.get_facecolor(): handle for handle in handles}.values())
-        figure.legend(handles=handles, loc="outside lower center", ncols=6)
+        theme.legend(figure, handles, ncols=6)
     return figure
 
 
@@ -106,7 +106,7 @@ def _kind(gait: str) -> str:
 def _panel(
     axes: Axes, along: pd.DataFrame, rows: Sequence[tuple[Any, str]], parameter: str, measured: bool
 ) -> None:
-    look: dict[str, Any] = {"fontsize": 6.5, "va": "center", "ha": "right", "color": "#444444"}
+    look: dict[str, Any] = {"fontsize": theme.points(7), "va": "center", "ha": "right", "color": "#444444"}
     for place, (row, _) in enumerate(rows):
         mine = along.loc[along["row"] == row]
         for down in (0, 1):

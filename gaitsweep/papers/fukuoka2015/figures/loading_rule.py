@@ -36,7 +36,7 @@ from gaitsweep.plot import (
     column,
     figure_kind,
     rows_where,
-    style,
+    theme,
     written,
 )
 
@@ -93,11 +93,11 @@ def loading_rule(
     missing = [name for name in names if name not in agreement]
     if missing:
         raise PlotError(f"{missing[0]} is not a measure of this table. Allowed: {', '.join(agreement)}.")
-    down = -(-len(names) // _ACROSS)
-    across = min(len(names), _ACROSS)
+    across = theme.across(len(names), _ACROSS, theme.PAGE, 1.6)
+    down = -(-len(names) // across)
     present = set(pairs["gait"].astype(str))
     heading = title if only is None else f"{title or ''} {written(table, only, value)}".strip()
-    with style.canvas(style.PAGE, 2.25 * down + 0.6, heading) as figure:
+    with theme.canvas(theme.PAGE, 2.25 * down + 0.6, heading) as figure:
         grid = figure.subplots(down, across, sharey=True, squeeze=False).ravel()
         for number, (axes, name) in enumerate(zip(grid, names, strict=False)):
             _panel(axes, pairs, name, agreement[name])
@@ -106,7 +106,7 @@ def loading_rule(
         for axes in grid[len(names) :]:
             axes.set_visible(False)
         rule_ = Patch(color=_OF_THE_RULE, label="sign as the rule says")
-        figure.legend(handles=[*gait_key(present), rule_], loc="outside lower center", ncols=6)
+        theme.legend(figure, [*gait_key(present), rule_], ncols=6)
     return figure
 
 
@@ -127,5 +127,5 @@ def _panel(axes: Axes, pairs: pd.DataFrame, name: str, agreement: Mapping[Any, A
     axes.axvline(0.0, color="#AAAAAA", lw=0.5, zorder=1)
     measure = rule.MEASURES[name]
     axes.set_xlabel("\n".join(textwrap.wrap(f"{measure.meaning} ({measure.unit})", 30)))
-    share = f"sign right {style.percent(agreement['right'])} %" if agreement["shifted"] else "no pair shifted"
+    share = f"sign right {theme.percent(agreement['right'])} %" if agreement["shifted"] else "no pair shifted"
     axes.set_title(f"r = {agreement['r']:.2f}, {share}".replace("-", "\u2212"))

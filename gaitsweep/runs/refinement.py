@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.contract import Status, names_gait
-from gaitsweep.engine.sweep.refine import ALONE, UNKNOWN, Grid, inferred, wanted
+from gaitsweep.engine.sweep.boundary_cells import ALONE, UNKNOWN, Grid, inferred, wanted
 from gaitsweep.engine.sweep.sweep import Timings
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.row_outcome import RowOutcome
