@@ -92,7 +92,7 @@ class FakeRunner(types.ModuleType):
         self.draw_figures(path)
         return path
 
-    def draw_figures(self, path: Path) -> list[Path]:
+    def draw_figures(self, path: Path, style: object = None) -> list[Path]:
         figure = Path(path) / "figures" / "basin.png"
         figure.parent.mkdir(exist_ok=True)
         figure.write_bytes(PNG)
@@ -254,7 +254,7 @@ def test_a_signal_has_its_own_code(job_file: Path, runner: FakeRunner) -> None:
 def test_a_figure_that_fails_leaves_the_others(
     finished: Path, runner: FakeRunner, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
-    def refuse(path: Path) -> list[Path]:
+    def refuse(path: Path, style: object) -> list[Path]:
         raise runner.FigureError("figures[1] (shock): no.")
 
     monkeypatch.setattr(runner, "draw_figures", refuse)
