@@ -72,6 +72,10 @@ class PoincareMap:
             if name not in without_start and not np.isnan(value).all()
         }
 
+    def __repr__(self) -> str:
+        moving = f" over {', '.join(self._values)}" if self._values else ""
+        return f"PoincareMap({self.model.name}: {', '.join(self.coordinates)}{moving})"
+
     @property
     def coordinates(self) -> list[str]:
         """Names of the coordinates, in their order."""

@@ -16,7 +16,7 @@ import typer
 
 from gaitsweep.cli import analyse, models, stored_output
 from gaitsweep.cli.examples import examples
-from gaitsweep.cli.options import ClusterAsForRun, Directory, Out, Settings, print_message
+from gaitsweep.cli.options import ClusterAsForRun, Directory, Open, Out, Settings, print_links, print_message
 from gaitsweep.cli.views import animate, explore
 from gaitsweep.errors import UserError
 from gaitsweep.shipped import config_file
@@ -112,13 +112,14 @@ def run(
             "longest block so far.",
         ),
     ] = None,
+    open_it: Open = False,
 ) -> None:
     """Run a job, or continue it, and write its table and figures."""
     command = [str(each) for each in (job_file, out, settings, engine, strict)]
     stored = None if dry_run else stored_output.load_output(command)
     if stored is not None:
         print(stored[1], end="", file=sys.stderr)
-        print(stored[0])
+        _print_outcome(stored[0], open_it)
         return
     from gaitsweep.cli import show
     from gaitsweep.job import load_job
@@ -158,7 +159,7 @@ def run(
             )
     snapshot = Snapshot.of(path)
     outcome = show.outcome(snapshot)
-    print(outcome)
+    _print_outcome(outcome, open_it)
     if not snapshot.complete:  # a share of the rows, whose table other processes complete
         return
     # repairs are not reported again, and other tables or the user's modules may change
@@ -166,6 +167,13 @@ def run(
     if lasting and not _leans_on_others(job):
         sources = [job_file, *([] if job.config is None else [config_file(job.config, job_file.parent)])]
         stored_output.store_output(command, sources, path, outcome, "".join(f"{each}\n" for each in messages))
+
+
+def _print_outcome(outcome: str, open_them: bool) -> None:
+    """Print the outcome of a run, and links to the figures that it names; open these if asked to."""
+    print(outcome)
+    named = (line.partition("Figure: ") for line in outcome.splitlines())
+    print_links([file for before, sign, file in named if sign and not before], open_them)
 
 
 @contextlib.contextmanager
@@ -238,6 +246,7 @@ def plot(
     no_marks: Annotated[
         bool, typer.Option("--no-marks", help="Omit the remark on an incomplete or doubtful table.")
     ] = False,
+    open_it: Open = False,
 ) -> None:
     """Draw the figures of a table again, without simulation."""
     from gaitsweep.plot.figure_style import read_style
@@ -263,6 +272,7 @@ def plot(
         raise
     for path in paths:
         print(path)
+    print_links(paths, open_it)
     if not paths:
         text = f"The job of {directory} has no figures: add `figures:` to it and run it again."
         if "sensitivity" in job:
@@ -347,11 +357,34 @@ def _size_of(job_file: Path) -> str:
 
 
 @app.command()
-def report(directory: Directory) -> None:
-    """Write report.html into a result directory, with its job, counts, figures and provenance."""
+def report(directory: Directory, open_it: Open = False) -> None:
+    """Write report.html: job, counts, figures, provenance.
+
+    The page is written into the result directory.
+    """
     from gaitsweep.view.report import write_report
 
-    print(write_report(directory))
+    path = write_report(directory)
+    print(path)
+    print_links([path], open_it)
+
+
+@app.command()
+def cite(
+    directory: Annotated[
+        Path | None, typer.Argument(metavar="DIR", help="Result directory; by default gaitsweep alone.")
+    ] = None,
+) -> None:
+    """Print BibTeX entries and a sentence on methods."""
+    from gaitsweep.runs.citation import citation_of, tool_entry
+
+    if directory is None:
+        print(tool_entry())
+        return
+    text, missing = citation_of(directory)
+    print(text)
+    for sentence in missing:
+        print_message(sentence)
 
 
 @app.command()
@@ -379,8 +412,12 @@ def reproduce(
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit with code 3 if a claim is not reproduced.")
     ] = False,
+    open_it: Open = False,
 ) -> None:
-    """Run the missing jobs of a paper, and compare its claims with the results."""
+    """Run a paper's jobs, and compare its claims with them.
+
+    Only jobs without results run.
+    """
     from gaitsweep.claims.paper import read_paper
     from gaitsweep.claims.verdicts import ClaimVerdict
 
@@ -412,6 +449,7 @@ def reproduce(
             turned = f"; {claim['why']}" if claim["ours"] and claim["why"] else ""
             print(f"{claim['id']} ({missed.words}): {ours}{turned}")
     print(f"Page: {found.page}")
+    print_links([found.page], open_it)
     if found.failed:
         raise typer.Exit(EXIT_FAILURE)
     if strict and counts[ClaimVerdict.not_reproduced.value]:
@@ -433,8 +471,12 @@ def search(
         bool,
         typer.Option("--dry-run", help="Print the resources that the search would need, without running it."),
     ] = False,
+    open_it: Open = False,
 ) -> None:
-    """Search, or continue to search, constants of a model that meet targets; report their ranges."""
+    """Search constants of a model that meet targets.
+
+    A search that was stopped continues; the ranges of the constants are reported.
+    """
     from gaitsweep.cli import show_fits
     from gaitsweep.fitting.search_job import load_search
 
@@ -448,7 +490,7 @@ def search(
 
     with _running(job.name, out, "sets", cluster=cluster) as (on_progress, workers):
         found = run_search(job, out, on_progress=on_progress, on_message=print_message, cluster=workers)
-    print(show_fits.search_outcome(found))
+    _print_outcome(show_fits.search_outcome(found), open_it)
 
 
 @app.command()
@@ -464,8 +506,12 @@ def sensitivity(
     out: Out = None,
     settings: Settings = None,
     cluster: ClusterAsForRun = None,
+    open_it: Open = False,
 ) -> None:
-    """Measure how much results depend on each constant: write a table, the indices and their figure."""
+    """Measure how much results depend on each constant.
+
+    Write a table, the indices and their figure.
+    """
     from gaitsweep.cli import show_fits
     from gaitsweep.fitting.sensitivity_job import load_sensitivity
 
@@ -474,7 +520,7 @@ def sensitivity(
 
     with _running(job.name, out, "sets", cluster=cluster) as (on_progress, workers):
         found = run_sensitivity(job, out, on_progress=on_progress, on_message=print_message, cluster=workers)
-    print(show_fits.sensitivity_outcome(found))
+    _print_outcome(show_fits.sensitivity_outcome(found), open_it)
 
 
 @app.command(name="schema")

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from gaitsweep.cli.options import Directory, Trust, print_message
+from gaitsweep.cli.options import Directory, Open, Trust, print_links, print_message
 
 
 def animate(
@@ -59,8 +59,9 @@ def animate(
         ),
     ] = None,
     trust: Trust = False,
+    open_it: Open = False,
 ) -> None:
-    """Draw the walking model of one row of a trace, as a movie or a strip of poses."""
+    """Draw a row of a trace as a movie or a strip of poses."""
     from gaitsweep.cli.progress import shown_progress
     from gaitsweep.plot import PlotError
     from gaitsweep.view.movie import row_movie as movie
@@ -73,18 +74,18 @@ def animate(
                 f"--still draws a single picture, to which {given[0]} does not apply: remove one of the two."
             )
         pixels = movie.STILL_SIZE if size is None else _size(size)
-        print(
-            movie.write_still(
-                directory,
-                out,
-                row=row,
-                at=still,
-                size=pixels,
-                renderer=renderer,
-                trust=trust,
-                on_message=print_message,
-            )
+        path = movie.write_still(
+            directory,
+            out,
+            row=row,
+            at=still,
+            size=pixels,
+            renderer=renderer,
+            trust=trust,
+            on_message=print_message,
         )
+        print(path)
+        print_links([path], open_it)
         return
     began = time.monotonic()
     with shown_progress("frames") as shown:
@@ -107,6 +108,7 @@ def animate(
             on_message=print_message,
         )
     print(path)
+    print_links([path], open_it)
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -142,8 +144,12 @@ def explore(
         typer.Option("--max-size", metavar="MB", help="Largest size of the page; 10 MB by default."),
     ] = None,
     trust: Trust = False,
+    open_it: Open = False,
 ) -> None:
-    """Write explore.html into a result directory: a click on a start shows the model walking from it."""
+    """Write explore.html: click a start to see the model walk.
+
+    The page is written into the result directory.
+    """
     from gaitsweep.cli.progress import shown_progress
     from gaitsweep.view.explorer.explorer import write_explorer
 
@@ -160,3 +166,4 @@ def explore(
             on_message=print_message,
         )
     print(path)
+    print_links([path], open_it)

@@ -87,6 +87,12 @@ class Sensitivity:
     half_step: HalfStep | None = None
     path: Path | None = None
 
+    def __repr__(self) -> str:
+        complete = int(np.count_nonzero(SetStatus.COMPLETE.among(self.table)))
+        outputs = ", ".join(map(str, self.indices["output"].unique()))
+        where = "in memory" if self.path is None else f"in {self.path}"
+        return f"Sensitivity({len(self.table)} sets, {complete} complete: {outputs}; {where})"
+
     def figure(self) -> Figure:
         """Draw the indices as bars with their intervals, a panel for each output."""
         return sensitivity_figure(self.indices)

@@ -11,7 +11,7 @@ import pytest
 from jax import Array
 from matplotlib.colors import to_hex
 
-from gaitsweep.analysis.continuation.continuation import continuation
+from gaitsweep.analysis.continuation.continuation import ArclengthSteps, continuation
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.plot.bifurcations.continuation import continuation as draw
 
@@ -63,6 +63,23 @@ def test_around_a_fold() -> None:
     assert table["end"].iloc[-1] == "range"
     assert table["r"].iloc[-1] == 2.0
     assert table["point"].tolist() == list(range(len(table)))
+
+
+def test_progress_counts_points_and_the_way_along_the_range() -> None:
+    reports: list[tuple[np.ndarray, np.ndarray]] = []
+    steps = ArclengthSteps(on_progress=lambda points, shares: reports.append((points, shares)))
+    starts = FOLD.points([[0.9], [1.2]])  # the second is half as far from the end
+    table = continuation(FOLD, starts, {}, parameter="r", within=(-0.5, 2.0), begin=[0.81, 1.44], steps=steps)
+    points, shares = (np.array(each) for each in zip(*reports, strict=True))
+    assert points[0].tolist() == [1, 1]
+    assert shares[0].tolist() == [0.0, 0.0]
+    assert np.all(np.diff(points, axis=0) >= 0)
+    ended = np.flatnonzero(shares[:, 1] == 1.0)
+    assert ended.size  # the first branch is still followed
+    assert points[-1, 1] == np.sum(table["row"] == 1)
+    assert np.all(shares[:, 0] <= 0.95)
+    at = table.loc[table["row"] == 0, "r"].tolist()[points[-1, 0] - 1]
+    assert shares[-1, 0] == pytest.approx((at - 0.81) / 2.5)
 
 
 def test_a_table_without_a_fixed_point_has_all_columns() -> None:

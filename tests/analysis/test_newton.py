@@ -36,6 +36,17 @@ def test_stable_and_unstable_fixed_points() -> None:
     np.testing.assert_allclose(multipliers(found.images.jacobian)[:, 0], [2.0, 2.0, 0.0, 0.0], atol=1e-8)
 
 
+def test_a_repr_is_short() -> None:
+    starts = np.linspace(0.2, 1.0, 500)[:, None]
+    found = newton(FOLD, FOLD.points(starts), {})
+    assert repr(found) == "FixedPoints(500 converged: [0.5], [0.5], [0.5], ...)"
+    assert repr(FOLD.points(np.array([[0.2], [-1.25]]))) == "Points(2: [0.2], [-1.25])"
+    assert repr(found.images) == "MapEvaluation(500 of 500 defined)"
+    none = newton(FOLD, FOLD.points(starts[:2]), {"r": np.array([0.25, -0.2])})
+    assert repr(none).startswith("FixedPoints(1 converged, 1 ")
+    assert repr(none).endswith(": [0.5])")
+
+
 def test_outcomes() -> None:
     """No fixed point at r < 0; a flat residual at x = 0, over which a cycle of the map leads; two that have
     met; a start where the map is not defined; a start that is a fixed point."""

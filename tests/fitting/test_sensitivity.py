@@ -154,7 +154,12 @@ def test_a_cluster_goes_on_with_a_stopped_batch(tmp_path: Path, monkeypatch: pyt
 
 
 def test_a_mapping_of_fields_is_a_job(tmp_path: Path) -> None:
-    mapping = gs.sensitivity(yaml.safe_load(JOB), out=tmp_path / "fields").table
+    found = gs.sensitivity(yaml.safe_load(JOB), out=tmp_path / "fields")
+    complete = int((found.table["status"] == "complete").sum())
+    assert repr(found).startswith(f"Sensitivity({len(found.table)} sets, {complete} complete: ")
+    assert repr(found).endswith(f"; in {tmp_path / 'fields'})")
+    assert len(repr(found)) < 300
+    mapping = found.table
     alone = gs.sensitivity(written(tmp_path, JOB), out=tmp_path / "file").table
     pd.testing.assert_frame_equal(mapping, alone, check_exact=True)
 

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 
 from gaitsweep import near_miss
 from gaitsweep.contract import ResultCode
-from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values, wrap_difference
+from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values, listed, wrap_difference
 from gaitsweep.errors import ArgumentError
 
 Unknowns = Float[np.ndarray, "points unknowns"]  # coordinates and drifts
@@ -101,6 +101,11 @@ class FixedPoints:
     def converged(self) -> Bool[np.ndarray, " points"]:
         """Mask of the searches that converged, (n,)."""
         return self.outcome == NewtonOutcome.converged
+
+    def __repr__(self) -> str:
+        counts = zip(*np.unique(self.outcome, return_counts=True), strict=True)
+        each = ", ".join(f"{number} {NewtonOutcome(outcome).name}" for outcome, number in counts)
+        return f"FixedPoints({each}: {listed(self.points.at[self.converged])})"
 
 
 def sizes(at: Float[np.ndarray, "... coordinates"]) -> Float[np.ndarray, "... coordinates"]:

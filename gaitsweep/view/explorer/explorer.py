@@ -314,7 +314,7 @@ class _Replays:
         cycle = float(np.median(cycles)) if cycles.size else 1.0
         return {"walks": kept, "figure": self._figure(), "series": self.series, "cycle": cycle}
 
-    def _on_branch_progress(self, note: str = "") -> None:
+    def _on_branch_progress(self, note: str = "", share: float = 0.0) -> None:
         """Report progress while branches are followed again."""
         if self._on_progress is not None:
             self._on_progress(0, 1, 0.0, 0.0, "following branches again")
