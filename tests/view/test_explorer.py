@@ -25,13 +25,14 @@ from gaitsweep.view.explorer.choice import boundary, spread, subgrid
 from gaitsweep.view.explorer.encoding import RESOLUTION, motion_fields, packed
 from gaitsweep.view.explorer.explorer import explorer_of
 from gaitsweep.view.explorer.plotly_source import quicker
-from gaitsweep.view.explorer.replays import Motion, Pictures, Stretch
+from gaitsweep.view.explorer.replays import Motion, Pictures, Stretch, pictures_of
 from gaitsweep.view.explorer.start_map import CELLS, StartMap, columns_of, html_symbol
 from gaitsweep.view.movie.animation import Clip
-from gaitsweep.view.movie.side_view import projected
+from gaitsweep.view.movie.side_view import heading, projected, turned
 from hostile_texts import ATTACK, HostileTexts
 from tests.support.browser import Page, browser, program
 from tests.support.job_tables import table_of
+from tests.support.trace_directories import CYCLE, quadruped_skeleton
 from toy_model import flight_time
 
 SIDE = 6
@@ -84,6 +85,26 @@ def test_stretches_are_stored_to_a_thousandth_of_the_height() -> None:
 def test_whole_numbers_come_back() -> None:
     numbers = np.array([0, 1, -1, 255, 256, -32768, 32767])
     np.testing.assert_array_equal(numbers_of(packed(numbers)), numbers)
+
+
+def test_corners_of_a_body_keep_their_order_in_all_pictures() -> None:
+    """The page draws between two pictures, so a corner that changes its place would fly through the body."""
+    skeleton = quadruped_skeleton()  # its waist rolls
+    skeleton = turned(skeleton, heading(skeleton))
+    drawn = pictures_of(skeleton, 0.01 * np.arange(81), CYCLE).points
+    drawn = drawn.reshape(len(drawn), -1, 2)
+    first, intervals = sum(limb.points.shape[1] for limb in skeleton.limbs), len(drawn) - 1
+    for body in skeleton.bodies:
+        corners, size = projected(body - body.mean(axis=1, keepdims=True)), body.shape[1]
+        shown = drawn[:, first : first + size]
+        shown = shown - shown.mean(axis=1, keepdims=True)
+        apart = np.linalg.norm(shown[:, :, None] - corners[:, None], axis=-1)
+        order = apart.argmin(axis=2)
+        assert apart.min(axis=2).max() < 1e-9
+        assert np.count_nonzero((order[1:] == order[:-1]).all(axis=1)) == intervals == 80
+        # the first half is the near side, whose y is negative
+        assert body[:, order[0, : size // 2], 1].max() < body[:, order[0, size // 2 :], 1].min()
+        first += size
 
 
 def test_boundary_cells_are_those_beside_another_outcome() -> None:

@@ -51,6 +51,15 @@ def projected(points: np.ndarray) -> np.ndarray:
     return points[..., [0, 2]] + points[..., 1:2] * _ASIDE
 
 
+def nearest_first(points: np.ndarray) -> np.ndarray:
+    """The points (n, k, 3) of a body in one order for all samples, those nearest to the viewer on average first.
+
+    An order of its own for each sample would let corners at nearly the same distance trade places, and pictures
+    between two samples would mix different corners.
+    """
+    return points[:, np.argsort(points[..., 1].mean(axis=0), kind="stable")]
+
+
 def bounds(skeleton: Skeleton, camera: np.ndarray) -> tuple[float, float, float]:
     """Half the width, the height and half the ground's depth (m) that contain the body at all samples."""
     middle = np.column_stack([camera, np.zeros(len(camera))])[:, None, :]
@@ -128,6 +137,7 @@ class SideView:
 
         Limbs and marks on the ground are `named` or not.
         """
+        skeleton = dataclasses.replace(skeleton, bodies=tuple(map(nearest_first, skeleton.bodies)))
         self._axes, self._skeleton, self._down, self._camera = axes, skeleton, down, camera
         self._colours = limb_colours(skeleton.limbs)
         half, self._height, depth = bounds(skeleton, camera)
@@ -160,9 +170,8 @@ class SideView:
             sole.set_data(at[-1, 0] + np.array([-self._sole, self._sole]), at[[-1, -1], 1])
         for points, (whole, side) in zip(self._skeleton.bodies, self._bodies, strict=True):
             now = points[k] - middle
-            nearest = np.argsort(now[:, 1], kind="stable")[: (len(now) + 1) // 2]
             whole.set_xy(_hull(projected(now)))
-            side.set_xy(_hull(projected(now[nearest])))
+            side.set_xy(_hull(projected(now[: (len(now) + 1) // 2])))
         for ends, line in zip(self._skeleton.springs, self._springs, strict=True):
             line.set_data(*_zigzag(projected(ends[k] - middle), self._sole))
         if self._moves:
