@@ -9,6 +9,7 @@ import types
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pandas as pd
 import pytest
@@ -21,7 +22,7 @@ from gaitsweep.cli import main
 from gaitsweep.job import Job
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.table import Snapshot
-from gaitsweep.view.movie import mujoco_movie
+from gaitsweep.view.movie import mujoco_movie, mujoco_painter
 from gaitsweep.view.movie import row_movie as movie
 from gaitsweep.view.movie.side_view import SWING
 from tests.support.trace_directories import (
@@ -268,7 +269,7 @@ def test_legs_in_swing_are_coloured_and_lifted_on_request(chain: Path) -> None:
         np.testing.assert_allclose(high.points[:, 0], plain.points[:, 0])
         np.testing.assert_allclose(high.points[:, 1, 2], 3.0 * plain.points[:, 1, 2], atol=1e-12)
         assert plain.points[:, 1, 2].max() > 0.1
-    assert "3 times as high" in skeletons[1].note
+    assert "3 times as high" in clip.title
 
 
 def test_nothing_is_written_where_it_cannot(chain: Path, tmp_path: Path, capsys: Capture) -> None:
@@ -318,6 +319,13 @@ def test_mujoco_renders_where_there_is_opengl(quadruped: Path, tmp_path: Path) -
         assert gif.n_frames == 3  # type: ignore[attr-defined] (a quarter of the speed)
         scene = np.array(gif.convert("RGB"))[30:90]
     assert len(np.unique(scene.reshape(-1, 3), axis=0)) > 30  # shaded, as lines are not
+
+
+@pytest.mark.slow
+def test_mujoco_draws_an_mjcf_without_a_sky_on_white() -> None:
+    model = mujoco_painter._on_white('<mujoco><worldbody><geom size="1"/></worldbody></mujoco>')
+    assert list(model.tex_type) == [mujoco.mjtTexture.mjTEXTURE_SKYBOX]  # pyright: ignore[reportAttributeAccessIssue]
+    assert set(model.tex_data) == {255}
 
 
 def test_without_opengl_lines_are_drawn(

@@ -17,7 +17,7 @@ from gaitsweep.skeleton import Limb, Skeleton
 
 _GROUPS = 3  # geoms of groups 0 to 2 are those that MuJoCo's viewer shows; others are for collisions
 # Every second point first: an outline that faces the viewer is filled once whole and once by its first half.
-_ANGLES = 0.25 * np.pi * np.array([0, 2, 4, 6, 1, 3, 5, 7])
+_ANGLES = 0.125 * np.pi * np.array([*range(0, 16, 2), *range(1, 16, 2)])
 _CIRCLE = np.stack([np.cos(_ANGLES), np.zeros(len(_ANGLES)), np.sin(_ANGLES)], axis=1)
 _AROUND = np.array([each for each in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(each)])
 _CORNERS = _AROUND[np.abs(_AROUND).sum(axis=1) == 3]

@@ -61,12 +61,13 @@ class Motion:
     gait: str
     row: str
 
-    def title(self, clip: Clip) -> str:
-        """The model, its gait and the mean speed of a clip, and the row."""
+    def title(self, clip: Clip, lift: float) -> str:
+        """The model, its gait and the mean speed of a clip, how high its lift is drawn, and the row."""
         way = float(np.hypot(*(clip.camera[-1] - clip.camera[0])))
         speed = way / float(clip.t[-1] - clip.t[0])
         moves = speed * self.period > _LEAST_WAY * side_view.bounds(clip.skeleton, clip.camera)[1]
         what = f"{self.gait}{f' at {speed:.2g} m/s' if moves else ''}".strip()
+        what += f" (lift drawn {lift:.3g} times as high)" if lift != 1.0 else ""
         return f"{self.model.name}{f', {what}' if what else ''}; {self.row}"
 
     def at(self, times: np.ndarray) -> dict[str, np.ndarray]:
@@ -186,7 +187,8 @@ def _simulated(
     gait = record.get("gait")
     if gait is None and replayed.gait != -1:  # crossings of a return map
         gait = gaits(context.model, np.array([replayed.gait]))[0]
-    name = str(record["status"]) if gait is None or pd.isna(gait) else str(gait)
+    unknown = gait is None or pd.isna(gait) or gait == "none"
+    name = str(record["status"]).replace("_", " ") if unknown else str(gait)
     return replayed.t[kept], {key: values[kept] for key, values in replayed.signals.items()}, name
 
 
@@ -382,7 +384,7 @@ def _prepared(
     heading = side_view.heading(skeleton)
     contact = motion.contact(len(skeleton.limbs))
     clip = Clip(times, side_view.turned(skeleton, heading), motion.t, contact, motion.period, "", pace)
-    clip = dataclasses.replace(clip, title=motion.title(clip))
+    clip = dataclasses.replace(clip, title=motion.title(clip, lift))
     mjcf = None if renderer == "matplotlib" else motion.model.mjcf(motion.values)
     if mjcf is None:
         if renderer == "mujoco":

@@ -57,8 +57,7 @@ def lifted(skeleton: Skeleton, factor: float) -> Skeleton:
         points = limb.points.copy()
         points[..., 2] += height * np.linspace(0.0, 1.0, points.shape[1])
         limbs.append(dataclasses.replace(limb, points=points))
-    note = f"Feet are drawn {factor:.3g} times as high over the ground as they are."
-    return dataclasses.replace(skeleton, limbs=tuple(limbs), note=f"{skeleton.note} {note}".strip())
+    return dataclasses.replace(skeleton, limbs=tuple(limbs))
 
 
 def projected(points: np.ndarray) -> np.ndarray:
