@@ -13,7 +13,7 @@ from gaitsweep.cli.options import Directory, Open, Trust, print_links, print_mes
 
 
 def animate(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Result directory of a trace.")],
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Result directory.")],
     row: Annotated[int, typer.Option("--row", metavar="N", help="Number of the row.")] = 0,
     out: Annotated[
         Path | None,
@@ -25,12 +25,14 @@ def animate(
     ] = None,
     start: Annotated[
         float | None,
-        typer.Option("--start", metavar="S", help="Time in the trace at which the movie begins, s."),
+        typer.Option("--start", metavar="S", help="Time in the row at which the movie begins, s."),
     ] = None,
     seconds: Annotated[
         float | None,
         typer.Option(
-            "--seconds", metavar="S", help="Length of the movie in time of the trace, s; by default all."
+            "--seconds",
+            metavar="S",
+            help="Length in time of the row, s; by default a whole trace, or the last cycles.",
         ),
     ] = None,
     speed: Annotated[
@@ -52,6 +54,10 @@ def animate(
         str,
         typer.Option("--renderer", metavar="NAME", help="mujoco, matplotlib, or auto: mujoco if available."),
     ] = "auto",
+    lift: Annotated[
+        float,
+        typer.Option("--lift", metavar="X", help="Draw feet X times as high over the ground as they are."),
+    ] = 1.0,
     still: Annotated[
         float | None,
         typer.Option(
@@ -61,7 +67,7 @@ def animate(
     trust: Trust = False,
     open_it: Open = False,
 ) -> None:
-    """Draw a row of a trace as a movie or a strip of poses."""
+    """Draw the walking model of one row as a movie, or a strip of poses."""
     from gaitsweep.cli.progress import shown_progress
     from gaitsweep.plot import PlotError
     from gaitsweep.view.movie import row_movie as movie
@@ -81,6 +87,7 @@ def animate(
             at=still,
             size=pixels,
             renderer=renderer,
+            lift=lift,
             trust=trust,
             on_message=print_message,
         )
@@ -97,12 +104,13 @@ def animate(
             directory,
             out,
             row=row,
-            start=start or 0.0,
+            start=start,
             seconds=seconds,
             speed=speed,
             fps=25.0 if fps is None else fps,
             size=movie.SIZE if size is None else _size(size),
             renderer=renderer,
+            lift=lift,
             trust=trust,
             on_progress=on_progress,
             on_message=print_message,

@@ -28,6 +28,7 @@ from gaitsweep.contract import Quantity, Rates, SteppedModel
 from gaitsweep.dynamics.declarations import SingleEvent
 from gaitsweep.dynamics.declared_model import Declared, Values
 from gaitsweep.near_miss import suggestion
+from gaitsweep.skeleton import Skeleton
 
 if TYPE_CHECKING:
     from gaitsweep.dynamics.mjx.body import MjxBody, Numbers
@@ -174,6 +175,13 @@ class MjcfModel(Declared, SteppedModel):
 
     def mjcf(self, values: Mapping[str, float]) -> str:
         return _source(type(self))
+
+    def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
+        """The geoms of the MJCF, and limbs if it has a site foot_1, ... for each signal contact_1, ..."""
+        from gaitsweep.dynamics.mjx.drawing import skeleton
+
+        feet = sum(name.startswith("contact_") for name in signals)
+        return skeleton(self.mjx_body.mj_model, signals, feet)
 
     def caveats(self) -> list[str]:
         from gaitsweep.dynamics.mjx.against_c import at_first_use
