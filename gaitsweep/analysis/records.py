@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 import pandas as pd
@@ -46,6 +46,47 @@ def axes_of(table: pd.DataFrame) -> list[str]:
     names = [str(name) for name in table.columns]
     ends = [names.index(name) for name in _AFTER_AXES if name in names]
     return [name for name in names[: min(ends, default=0)] if name != "row"]
+
+
+def with_constants(
+    tables: pd.DataFrame | Sequence[pd.DataFrame], names: Sequence[str], axes: Sequence[str] | None = None
+) -> pd.DataFrame:
+    """One table of one or several, with columns for constants of their jobs.
+
+    Args:
+        tables: a table, or several that differ in constants, with the same axes.
+        names: columns, or parameters, start values or sizes that a table's job holds constant.
+        axes: the axes that are compared; by default the swept ones that are not among `names`.
+
+    Raises:
+        AnalysisError: a name is neither, its constant is no number, or the tables have other axes.
+    """
+    several = [tables] if isinstance(tables, pd.DataFrame) else list(tables)
+    if not several:
+        raise AnalysisError("There is no table: give one, or a sequence of tables.")
+    completed = []
+    for table in several:
+        job = table.attrs.get("job", {})
+        constants = {k: v for part in ("structure", "params", "start") for k, v in job.get(part, {}).items()}
+        missing = [name for name in names if name not in table]
+        for name in missing:
+            if name not in constants:
+                raise AnalysisError(_not_there(table, name, constants))
+            if not isinstance(constants[name], int | float):
+                raise AnalysisError(
+                    f'{name} is "{constants[name]}" in the job of a table, which is no number: name one of '
+                    "the parameters of this formula."
+                )
+        completed.append(table.assign(**{name: constants[name] for name in missing}))
+    if len(several) == 1:
+        return completed[0]
+    swept = [[name for name in axes or axes_of(each) if name not in names] for each in several]
+    if other := next((each for each in swept if each != swept[0]), None):
+        both = f"{', '.join(swept[0])} and {', '.join(other)}"
+        raise AnalysisError(f"The tables have different axes, {both}: name the constants in `by`, or `axes`.")
+    together = pd.concat(completed, ignore_index=True)
+    together.attrs = several[0].attrs
+    return together
 
 
 def panels_of(
@@ -100,5 +141,7 @@ def in_order(table: pd.DataFrame, label: str, labels: pd.Series) -> list[str]:
     return [name for name in order if name in present]
 
 
-def _not_there(table: pd.DataFrame, name: str) -> str:
-    return f"{name} is not a column of this table{near_miss.suggestion(name, map(str, table.columns))}"
+def _not_there(table: pd.DataFrame, name: str, constants: Iterable[str] = ()) -> str:
+    known = [*map(str, table.columns), *constants]
+    what = "a column of this table or a constant of its job" if constants else "a column of this table"
+    return f"{name} is not {what}{near_miss.suggestion(name, known)}"
