@@ -249,7 +249,8 @@ class Declared(Model):
         # an event whose jump has another name is in the class twice
         return list(dict.fromkeys(cls._named(Event).values()))
 
-    def _events(self) -> list[SingleEvent]:
+    def single_events(self) -> list[SingleEvent]:
+        """The declared events, one for each component and direction."""
         return [single for each in self.declared_events() for single in each.singles(self)]
 
     # what the contract asks for
@@ -307,7 +308,7 @@ class Declared(Model):
     def beyond_at_start(self, params: Any, state: Any, /) -> dict[str, Bool[Array, ""]]:
         return {
             each.name: each.within(state) & self._is_beyond(each, params, state)
-            for each in self._events()
+            for each in self.single_events()
             if each.declared.rising and each.jumps
         }
 
@@ -352,7 +353,7 @@ class Declared(Model):
     def _flags(self, fired: Bool[Array, " events"]) -> Iterator[tuple[SingleEvent, Bool[Array, " guards"]]]:
         """Each event with the flags of its guards."""
         first = 0
-        for each in self._events():
+        for each in self.single_events():
             last = first + len(each.guard_names)
             yield each, fired[first:last]
             first = last
@@ -426,7 +427,7 @@ class DeclaredModel(Declared, HybridModel):
 
     def _armed(self) -> list[SingleEvent]:
         """The events that are armed by their function's sign."""
-        return [each for each in self._events() if each.declared.rising]
+        return [each for each in self.single_events() if each.declared.rising]
 
     def init(self, params: Any, start: Values, /) -> Any:
         fields = self._started(start)
@@ -469,7 +470,7 @@ class DeclaredModel(Declared, HybridModel):
     def guards(self, params: Any, state: Any, /) -> Float[Array, " guards"]:
         seen = _Surfaces(self, params, state)
         guards: list[jax.Array] = []
-        for place, each in zip(self._places(), self._events(), strict=True):
+        for place, each in zip(self._places(), self.single_events(), strict=True):
             if place is None:
                 values = [each.height(self, params, state)]
             else:
@@ -480,11 +481,11 @@ class DeclaredModel(Declared, HybridModel):
     def _places(self) -> list[int | None]:
         """The place of each event among those that are armed."""
         armed = self._armed()
-        return [armed.index(each) if each.declared.rising else None for each in self._events()]
+        return [armed.index(each) if each.declared.rising else None for each in self.single_events()]
 
     @property
     def guard_names(self) -> tuple[str, ...]:
-        return tuple(name for each in self._events() for name in each.guard_names)
+        return tuple(name for each in self.single_events() for name in each.guard_names)
 
     def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
         after, rates = state, {}
@@ -553,7 +554,7 @@ class DeclaredModel(Declared, HybridModel):
             modes.append(new)
         arming = _stacked(modes)
         after = after.replace(arming=arming)
-        resting = [each for each in self._events() if each.declared.resting is not None]
+        resting = [each for each in self.single_events() if each.declared.resting is not None]
         if not resting:
             return after
         # a state that an event with a jump would meet again within no time
@@ -570,10 +571,16 @@ class DeclaredModel(Declared, HybridModel):
 
     def section(self, params: Any, before: Any, fired: Bool[Array, " events"], /) -> Bool[Array, ""]:
         closed = jnp.zeros((), bool)
-        for each, flags in self._flags(fired):
+        for each, happens in self.happening(params, before, fired).items():
             if each.is_section:
-                closed = closed | (each.happens(flags) & each.holds(params, before))
+                closed = closed | happens
         return closed
+
+    def happening(
+        self, params: Any, before: Any, fired: Bool[Array, " events"]
+    ) -> dict[SingleEvent, Bool[Array, ""]]:
+        """Whether each event happens by the flags of its guards, at the state before its jump."""
+        return {each: each.happens(flags) & each.holds(params, before) for each, flags in self._flags(fired)}
 
     def _is_beyond(self, event: SingleEvent, params: Any, state: Any) -> Bool[Array, ""]:
         passed = ~_at(state.arming, self._armed().index(event)).armed

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
+import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Float
 
 from gaitsweep import models
+from gaitsweep.circular import wrapped_difference
 from gaitsweep.contract import HybridModel, Model, Quantity, State, Status
+from gaitsweep.dynamics.declarations import SingleEvent, mode, observable
+from gaitsweep.dynamics.declared_model import DeclaredModel
 from gaitsweep.errors import UserError
 from gaitsweep.job import Job
 from gaitsweep.kinds import FixedTime, ReturnMap, Settle, Trace
@@ -26,7 +33,12 @@ from gaitsweep.runs.sentences import MISLABELLED, remarks
 ROWS, CYCLES, SAMPLES = 32, 12, 40
 # An energy whose rate is below this share of the power that its terms exchange is kept.
 KEPT = 1e-9
+# Rates of the flow, in nominal periods, from which on steps are many; how many times that at the defaults.
+STIFF, STIFFER = 2000.0, 10.0
+# Combinations of modes in which rates are looked at.
+MOST_MODES = 64
 _RATE, _POWER = "_rate_of_change", "_power"
+_TIMES, _COUNT = "times_of_events", "count_of_event"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,7 +62,7 @@ def trial(kind: type[Model]) -> Trial:
     parameters, starts = sample(model, ROWS // 8 if costly else ROWS)
     values = {**parameters, **starts}
     try:
-        table = _run(kind, values, Settle(max_cycles=CYCLES))
+        table = _run(_counting(model), values, Settle(max_cycles=CYCLES))
         energies = _energies(model, kind, values) if isinstance(model, HybridModel) else []
     except UserError as error:
         return Trial([f"of which no row can be run: {error}"], [])
@@ -67,7 +79,159 @@ def trial(kind: type[Model]) -> Trial:
     rows = manifest["rows"]
     tried = f"Tried {rows} rows of {CYCLES} cycles over the ranges of parameters and starts: {counts}."
     begun = remarks({**manifest, MISLABELLED: {}})
-    return Trial(faults, [tried, *begun, *energies])
+    crosses = table["cycles"].to_numpy(float).any()
+    warned = [*(_constant(model, table) if crosses else ()), *_unmet(model, table, values)]
+    if isinstance(model, HybridModel) and model.locates_events and not model.host_parameters:
+        warned += _stiff(model, values)
+    return Trial(faults, [tried, *begun, *energies, *(f"Warning: {each}" for each in warned)])
+
+
+def _constant(model: Model, table: pd.DataFrame) -> list[str]:
+    """Return a sentence about the observables that have one value at the end of all rows."""
+    same = []
+    for quantity in model.observables:
+        ends = table[f"{quantity.name}_end"].to_numpy(float)
+        ends = ends[np.isfinite(ends)]
+        away = ends - ends[:1]
+        away = wrapped_difference(away) if quantity.circular else away
+        size = max(abs(ends[0]), quantity.scale or 1e-3) if ends.size > 1 else 0.0
+        if np.max(np.abs(away), initial=0.0) <= 1e-9 * size < math.inf and size > 0.0:
+            same.append(f"{quantity.name} ({ends[0].round(9) + 0.0:.6g})")
+    if not same:
+        return []
+    advice = "observed=False leaves out a variable that the section fixes"
+    return [f"These observables are the same at the end of all rows tried: {', '.join(same)}; {advice}."]
+
+
+def _counts(model: Model) -> bool:
+    """Whether the events of a model can be counted: they are all declared."""
+    return isinstance(model, DeclaredModel) and type(model).guards is DeclaredModel.guards
+
+
+def _counting(model: Model) -> type[Model]:
+    """The class of a model with observables that count how often each of its declared events happened."""
+    kind = type(model)
+    if not _counts(model):
+        return kind
+    assert isinstance(model, DeclaredModel)
+    number = len(model.single_events())
+
+    def jump(self: DeclaredModel, params: Any, state: State, fired: jax.Array) -> State:
+        after = kind.jump(self, params, state, fired)  # pyright: ignore[reportAttributeAccessIssue]
+        happens = jnp.stack(list(self.happening(params, state, fired).values()))
+        return after.replace(**{_TIMES: getattr(state, _TIMES) + happens.astype(int)})
+
+    count = observable("1", "times of event", count=number, scale=math.inf)
+    members = {
+        _TIMES: mode((0,) * number, "times of event", count=number),
+        _COUNT: count(lambda self, p, s: getattr(s, _TIMES)),
+        "jump": jump,
+        "name": kind.name,
+    }
+    return type(kind.__name__, (kind,), members) if number else kind
+
+
+def _unmet(model: Model, table: pd.DataFrame, values: Mapping[str, np.ndarray]) -> list[str]:
+    """Return a sentence about the events that happened in no row, or about a section that none crossed."""
+    if not table["cycles"].to_numpy(float).any():
+        return [
+            "No row crossed the section: look at its function's sign, and at the starts, with gs.simulate."
+        ]
+    if not _counts(model):
+        return []
+    assert isinstance(model, DeclaredModel)
+    never = [
+        repr(each.name)
+        for i, each in enumerate(model.single_events(), 1)
+        if not np.nan_to_num(table[f"{_COUNT}_{i}_end"].to_numpy(float)).any()
+        # counts are read at crossings, and a fall has none after it
+        and not (each.jumps and _ends_row(model, each, values))
+    ]
+    if not never:
+        return []
+    advice = "look at the signs of their functions, at during= and when=, and at ranges"
+    return [f"These events happened in no row that was tried: {', '.join(dict.fromkeys(never))}; {advice}."]
+
+
+def _ends_row(model: DeclaredModel, event: SingleEvent, values: Mapping[str, np.ndarray]) -> bool:
+    """Whether the jump of an event leads to a fall, from the default start."""
+    known = {name: jnp.asarray(column[0]) for name, column in values.items()}
+    params = model.params(known)
+    return bool(model.failed(params, event.jumped(model, params, model.init(params, known))))
+
+
+def _stiff(model: HybridModel, values: Mapping[str, np.ndarray]) -> list[str]:
+    """Return sentences about defaults, and ends of a parameter's range, with which the flow is stiff."""
+    names = [q.name for q in model.parameters]
+    ends = [(q.name, end) for q in model.parameters for end in _ends(q, values[q.name])]
+    points = [{}, *({name: end} for name, end in ends)]
+    columns = {k: jnp.asarray([float(point.get(k, values[k][0])) for point in points]) for k in values}
+    rates, periods = _fastest(model, columns, names)
+    shares = rates * periods
+    known = [
+        f"fastest rate is {rate:.2g} 1/s, {share:.2g} in a nominal period, and rows take about as many steps"
+        for rate, share in zip(rates, shares, strict=True)
+    ]
+    said = []
+    if shares[0] > STIFF:
+        said.append(f"At the defaults the flow is stiff: its {known[0]}.")
+    for (name, end), share, words in zip(ends, shares[1:], known[1:], strict=True):
+        if share > max(STIFF, STIFFER * shares[0]):
+            far = f"{name} = {end:.4g}, far from its default {values[name][0]:.4g}, makes the flow stiff"
+            said.append(f"{far}: its {words}. Bounds (low=, high=) keep rows from there.")
+    return said
+
+
+def _ends(quantity: Quantity, values: np.ndarray) -> tuple[float, float]:
+    """The bounds of a parameter; where it has none, or they are excluded, those of the values tried."""
+    low, high = float(np.min(values)), float(np.max(values))
+    if quantity.open_ends:
+        return low, high
+    return (
+        quantity.low if math.isfinite(quantity.low) else low,
+        quantity.high if math.isfinite(quantity.high) else high,
+    )
+
+
+def _fastest(
+    model: HybridModel, columns: Mapping[str, jax.Array], names: Sequence[str]
+) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
+    """The largest rate (1/s) of the flow at points, over values of the modes, and the nominal periods (s)."""
+
+    def begun(values: Mapping[str, jax.Array]) -> tuple[Any, Any]:
+        params = model.params({name: values[name] for name in names})
+        return params, model.init(params, {k: v for k, v in values.items() if k not in names})
+
+    shapes = jax.eval_shape(begun, {k: v[0] for k, v in columns.items()})[1]
+    choices = {
+        name: (False, True) if jnp.issubdtype(leaf.dtype, jnp.bool_) else (0, 1, 2, 3)
+        for name, leaf in vars(shapes).items()
+        if isinstance(leaf, jax.ShapeDtypeStruct) and not jnp.issubdtype(leaf.dtype, jnp.floating)
+    }
+    chosen = list(itertools.islice(itertools.product(*choices.values()), MOST_MODES))
+
+    def matrices(values: Mapping[str, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        params, state = begun(values)
+        moving = {name: getattr(state, name) for name in jax.eval_shape(model.flow, params, state)}
+        flat, unravel = ravel_pytree(moving)
+
+        def of_modes(modes: Sequence[Any]) -> jax.Array:
+            fields = {k: jnp.full_like(getattr(state, k), v) for k, v in zip(choices, modes, strict=True)}
+
+            def rates(x: jax.Array) -> jax.Array:
+                given = model.flow(params, dataclasses.replace(state, **fields, **unravel(x)))
+                return ravel_pytree({k: jnp.broadcast_to(given[k], jnp.shape(v)) for k, v in moving.items()})[
+                    0
+                ]
+
+            return jax.jacfwd(rates)(flat)
+
+        return jnp.stack([of_modes(modes) for modes in chosen]), jnp.asarray(model.period(params), float)
+
+    found, periods = map(np.asarray, jax.jit(jax.vmap(matrices))(dict(columns)))
+    sound = np.isfinite(found).all(axis=(-1, -2), keepdims=True)
+    eigenvalues = np.abs(np.linalg.eigvals(np.where(sound, found, 0.0)))
+    return eigenvalues.max(axis=(1, 2), initial=0.0), periods
 
 
 def _clashing_columns(model: Model) -> list[str]:
