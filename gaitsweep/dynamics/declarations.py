@@ -227,7 +227,7 @@ class Event:
         signs: tuple[float, ...] = (1.0,),
     ) -> None:
         self.function, self.name, self.section = function, name, section
-        self.during, self.rising, self.counted = during, rising, Counted(count)
+        self.during, self.rising, self.count, self.counted = during, rising, count, Counted(count)
         self.when, self.signs = when, signs
         self.effect: Callable[..., Any] | None = None
         self.resting: Callable[..., Any] | None = None

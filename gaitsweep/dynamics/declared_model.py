@@ -166,31 +166,22 @@ class Declared(Model):
         if (events := cls.declared_events()) and not any(each.section for each in events):
             remedy = "write section=True for the one that ends a cycle"
             raise TypeError(f"{cls.__name__} has events but no section: {remedy}.")
-        if (feet := cls._feet()) is not None:
-            clock = cls._named(Variable)
-            if len(cls._named(Footfalls)) > 1:
-                raise TypeError(
-                    f"{cls.__name__} declares footfalls twice: remove {list(cls._named(Footfalls))[1]}."
-                )
-            if feet.clock not in clock:
-                near = suggestion(feet.clock, clock)
-                raise TypeError(f"{cls.__name__} has footfalls of the clock {feet.clock}, no variable{near}")
-            if cls.gaits not in (Declared.gaits, feet.gaits) and cls.label is Declared.label:
-                remedy = f"leave gaits out, which then are {', '.join(feet.gaits)}, or write label"
-                raise TypeError(f"{cls.__name__} has footfalls and gaits of its own without label: {remedy}.")
+        feet, variables = cls._feet(), cls._named(Variable)
+        if feet is not None and feet.clock not in variables:
+            near = suggestion(feet.clock, variables)
+            raise TypeError(f"{cls.__name__} has footfalls of the clock {feet.clock}, no variable{near}")
+        if feet is not None and cls.gaits not in (Declared.gaits, feet.gaits) and cls.label is Declared.label:
+            remedy = f"leave gaits out, which then are {', '.join(feet.gaits)}, or write label"
+            raise TypeError(f"{cls.__name__} has footfalls and gaits of its own without label: {remedy}.")
         sizes = cls._default_sizes()
-        for name, each in cls.declarations.items():
-            if isinstance(each, Footfalls):
-                continue
-            count = each.counted.count if isinstance(each, Event) else each.count
-            if isinstance(count, str) and count not in sizes and not hasattr(cls, count):
-                fields = suggestion(count, sizes) if sizes else ": it has no field."
-                raise TypeError(
-                    f'{cls.__name__} declares {name} with count="{count}", which is not a field of its '
-                    f"structure{fields}"
-                )
-        if (wrong := next(cls._faults(SimpleNamespace(**sizes)), None)) is not None:
-            raise TypeError(f"{cls.__name__} is a model {wrong}")
+        counts = {name: each.count for name, each in cls.declarations.items() if isinstance(each.count, str)}
+        for name, count in counts.items():
+            if count not in sizes and not hasattr(cls, count):
+                field = f"a field of its structure{suggestion(count, sizes) if sizes else ': it has none.'}"
+                raise TypeError(f'{cls.__name__} declares {name} with count="{count}", which is not {field}')
+        if all(isinstance(sizes.get(count), int) for count in counts.values()):
+            for wrong in cls._faults(sizes):
+                raise TypeError(f"{cls.__name__} is a model {wrong}")
 
     @classmethod
     def _default_sizes(cls) -> dict[str, Any]:
@@ -200,34 +191,22 @@ class Declared(Model):
         return {k: v.default if isinstance(v, dataclasses.Field) else v for k, v in values.items()}
 
     @classmethod
-    def _faults(cls, sizes: Any) -> Iterator[str]:
+    def _faults(cls, sizes: Mapping[str, Any]) -> Iterator[str]:
         """Faults of names, units, bounds and defaults that the declarations alone show, as ends of sentences.
 
         Args:
-            sizes: what has the fields of the structure as attributes; declarations whose number is not among
-                these are left out.
+            sizes: the fields of the structure by name.
         """
-        known = {
-            name: each
-            for name, each in cls.declarations.items()
-            if not isinstance(each, Event | Footfalls)
-            and (not isinstance(each.count, str) or isinstance(getattr(sizes, each.count, None), int))
-        }
-        parameters = [
-            q for k, each in known.items() if isinstance(each, Parameter) for q in each.quantities(sizes, k)
-        ]
-        starts = [
-            q for k, each in known.items() if isinstance(each, Variable | Mode) for q in each.starts(sizes, k)
-        ]
-        recorded = [(k, each) for k, each in known.items() if isinstance(each, Variable | Reading)]
-        signals = [q for k, each in recorded if each.signal for q in each.recorded(sizes, k)]
-        observables = [q for k, each in recorded if each.observed for q in each.recorded(sizes, k)]
-        names = [q.name for q in (*parameters, *starts)]
-        for name in names:
+        # an instance cannot be made of a class that is not complete
+        model = SimpleNamespace(**sizes, _named=cls._named, _recorded=cls._recorded, _feet=cls._feet)
+        names = ("parameters", "initial_conditions", "signals", "observables")
+        parameters, starts, signals, observables = (vars(Declared)[name].fget(model) for name in names)
+        settable = [q.name for q in (*parameters, *starts)]
+        for name in settable:
             if name in RESERVED:
                 remedy = f'write {name}_, or another name with symbol="{name}"'
                 yield f"with a quantity {name}, which means something else in formulas: {remedy}."
-            if names.count(name) > 1:
+            if settable.count(name) > 1:
                 yield f"that declares {name} twice: rename one of them."
         columns = {q.name: q.name for q in (*parameters, *starts, *signals)}
         columns |= {f"{q.name}_{end}": q.name for q in observables for end in ("end", "n")}
@@ -339,12 +318,11 @@ class Declared(Model):
             reset = jnp.asarray(getattr(after, feet.clock) - getattr(before, feet.clock))
         return after.replace(steps=feet.after(self, params, before.steps, before, after, reset))
 
-    def _recorded(self, kind: str) -> dict[str, Variable | Reading]:
+    @classmethod
+    def _recorded(cls, kind: str) -> dict[str, Variable | Reading]:
         """The declarations that are recorded as "observed" or as "signal"."""
-        recorded = {**self._named(Variable), **self._named(Reading)}
-        return {
-            name: recorded[name] for name in self.declarations if getattr(recorded.get(name), kind, False)
-        }
+        recorded = {**cls._named(Variable), **cls._named(Reading)}
+        return {name: recorded[name] for name in cls.declarations if getattr(recorded.get(name), kind, False)}
 
     def _read(self, kind: str, params: Any, state: Any) -> dict[str, jax.Array]:
         read = (each.values(self, name, params, state) for name, each in self._recorded(kind).items())

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-import itertools
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
-from jax.flatten_util import ravel_pytree
-from jaxtyping import Float
 
 from gaitsweep import models
-from gaitsweep.circular import wrapped_difference
+from gaitsweep.angle_difference import wrapped_difference
 from gaitsweep.contract import HybridModel, Model, Quantity, State, Status
 from gaitsweep.dynamics.declarations import SingleEvent, mode, observable
 from gaitsweep.dynamics.declared_model import DeclaredModel
+from gaitsweep.engine.flow_spectrum import flow_eigenvalues
 from gaitsweep.errors import UserError
 from gaitsweep.job import Job
 from gaitsweep.kinds import FixedTime, ReturnMap, Settle, Trace
@@ -35,8 +34,6 @@ ROWS, CYCLES, SAMPLES = 32, 12, 40
 KEPT = 1e-9
 # Rates of the flow, in nominal periods, from which on steps are many; how many times that at the defaults.
 STIFF, STIFFER = 2000.0, 10.0
-# Combinations of modes in which rates are looked at.
-MOST_MODES = 64
 _RATE, _POWER = "_rate_of_change", "_power"
 _TIMES, _COUNT = "times_of_events", "count_of_event"
 
@@ -103,21 +100,21 @@ def _constant(model: Model, table: pd.DataFrame) -> list[str]:
     return [f"These observables are the same at the end of all rows tried: {', '.join(same)}; {advice}."]
 
 
-def _counts(model: Model) -> bool:
-    """Whether the events of a model can be counted: they are all declared."""
-    return isinstance(model, DeclaredModel) and type(model).guards is DeclaredModel.guards
+def _counted(model: Model) -> list[SingleEvent]:
+    """The events of a model whose guards are all those of declared events, so that they can be counted."""
+    if not isinstance(model, DeclaredModel) or type(model).guards is not DeclaredModel.guards:
+        return []
+    return model.single_events()
 
 
 def _counting(model: Model) -> type[Model]:
     """The class of a model with observables that count how often each of its declared events happened."""
-    kind = type(model)
-    if not _counts(model):
+    kind: Any = type(model)
+    if not (number := len(_counted(model))):
         return kind
-    assert isinstance(model, DeclaredModel)
-    number = len(model.single_events())
 
     def jump(self: DeclaredModel, params: Any, state: State, fired: jax.Array) -> State:
-        after = kind.jump(self, params, state, fired)  # pyright: ignore[reportAttributeAccessIssue]
+        after = kind.jump(self, params, state, fired)
         happens = jnp.stack(list(self.happening(params, state, fired).values()))
         return after.replace(**{_TIMES: getattr(state, _TIMES) + happens.astype(int)})
 
@@ -128,24 +125,22 @@ def _counting(model: Model) -> type[Model]:
         "jump": jump,
         "name": kind.name,
     }
-    return type(kind.__name__, (kind,), members) if number else kind
+    return type(kind.__name__, (kind,), members)
 
 
 def _unmet(model: Model, table: pd.DataFrame, values: Mapping[str, np.ndarray]) -> list[str]:
     """Return a sentence about the events that happened in no row, or about a section that none crossed."""
     if not table["cycles"].to_numpy(float).any():
-        return [
-            "No row crossed the section: look at its function's sign, and at the starts, with gs.simulate."
-        ]
-    if not _counts(model):
-        return []
-    assert isinstance(model, DeclaredModel)
+        return ["No row crossed the section: look at the sign of its function, and at the starts."]
+    known = {name: jnp.asarray(column[0]) for name, column in values.items()}
+    params = model.params(known)
+    start = model.init(params, known)
     never = [
         repr(each.name)
-        for i, each in enumerate(model.single_events(), 1)
+        for i, each in enumerate(_counted(model), 1)
         if not np.nan_to_num(table[f"{_COUNT}_{i}_end"].to_numpy(float)).any()
         # counts are read at crossings, and a fall has none after it
-        and not (each.jumps and _ends_row(model, each, values))
+        and not (each.jumps and model.failed(params, each.jumped(model, params, start)))
     ]
     if not never:
         return []
@@ -153,85 +148,35 @@ def _unmet(model: Model, table: pd.DataFrame, values: Mapping[str, np.ndarray]) 
     return [f"These events happened in no row that was tried: {', '.join(dict.fromkeys(never))}; {advice}."]
 
 
-def _ends_row(model: DeclaredModel, event: SingleEvent, values: Mapping[str, np.ndarray]) -> bool:
-    """Whether the jump of an event leads to a fall, from the default start."""
-    known = {name: jnp.asarray(column[0]) for name, column in values.items()}
-    params = model.params(known)
-    return bool(model.failed(params, event.jumped(model, params, model.init(params, known))))
-
-
 def _stiff(model: HybridModel, values: Mapping[str, np.ndarray]) -> list[str]:
-    """Return sentences about defaults, and ends of a parameter's range, with which the flow is stiff."""
-    names = [q.name for q in model.parameters]
-    ends = [(q.name, end) for q in model.parameters for end in _ends(q, values[q.name])]
-    points = [{}, *({name: end} for name, end in ends)]
-    columns = {k: jnp.asarray([float(point.get(k, values[k][0])) for point in points]) for k in values}
-    rates, periods = _fastest(model, columns, names)
-    shares = rates * periods
-    known = [
-        f"fastest rate is {rate:.2g} 1/s, {share:.2g} in a nominal period, and rows take about as many steps"
-        for rate, share in zip(rates, shares, strict=True)
-    ]
-    said = []
-    if shares[0] > STIFF:
-        said.append(f"At the defaults the flow is stiff: its {known[0]}.")
-    for (name, end), share, words in zip(ends, shares[1:], known[1:], strict=True):
-        if share > max(STIFF, STIFFER * shares[0]):
-            far = f"{name} = {end:.4g}, far from its default {values[name][0]:.4g}, makes the flow stiff"
-            said.append(f"{far}: its {words}. Bounds (low=, high=) keep rows from there.")
+    """Return sentences about defaults, and ends of a parameter's range, with which the flow is stiff.
+
+    The range is that of the bounds, or of the values tried. Modes that are no flags have their values at the
+    start.
+    """
+
+    def fastest(changed: Mapping[str, float]) -> tuple[float, str]:
+        known = {name: jnp.asarray(changed.get(name, column[0]), float) for name, column in values.items()}
+        params = model.params(known)
+        rates = np.abs(flow_eigenvalues(model, params, model.init(params, known)))
+        rate, cycle = float(rates.max(initial=0.0)), float(model.period(params))
+        return (
+            rate * cycle,
+            f"fastest rate is {rate:.2g} 1/s, and a cycle takes about {rate * cycle:.2g} steps",
+        )
+
+    share, words = fastest({})
+    said = [f"At the defaults the flow is stiff: its {words}."] if share > STIFF else []
+    for quantity in model.parameters:
+        name, column = quantity.name, values[quantity.name]
+        for bound, tried in ((quantity.low, np.min(column)), (quantity.high, np.max(column))):
+            end = float(tried) if quantity.open_ends or not math.isfinite(bound) else bound
+            with contextlib.suppress(np.linalg.LinAlgError):  # rates that are no numbers
+                more, words = fastest({name: end})
+                if more > max(STIFF, STIFFER * share):
+                    far = f"{name} = {end:.4g}, far from its default {column[0]:.4g}, makes the flow stiff"
+                    said.append(f"{far}: its {words}. Bounds (low=, high=) keep rows from there.")
     return said
-
-
-def _ends(quantity: Quantity, values: np.ndarray) -> tuple[float, float]:
-    """The bounds of a parameter; where it has none, or they are excluded, those of the values tried."""
-    low, high = float(np.min(values)), float(np.max(values))
-    if quantity.open_ends:
-        return low, high
-    return (
-        quantity.low if math.isfinite(quantity.low) else low,
-        quantity.high if math.isfinite(quantity.high) else high,
-    )
-
-
-def _fastest(
-    model: HybridModel, columns: Mapping[str, jax.Array], names: Sequence[str]
-) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
-    """The largest rate (1/s) of the flow at points, over values of the modes, and the nominal periods (s)."""
-
-    def begun(values: Mapping[str, jax.Array]) -> tuple[Any, Any]:
-        params = model.params({name: values[name] for name in names})
-        return params, model.init(params, {k: v for k, v in values.items() if k not in names})
-
-    shapes = jax.eval_shape(begun, {k: v[0] for k, v in columns.items()})[1]
-    choices = {
-        name: (False, True) if jnp.issubdtype(leaf.dtype, jnp.bool_) else (0, 1, 2, 3)
-        for name, leaf in vars(shapes).items()
-        if isinstance(leaf, jax.ShapeDtypeStruct) and not jnp.issubdtype(leaf.dtype, jnp.floating)
-    }
-    chosen = list(itertools.islice(itertools.product(*choices.values()), MOST_MODES))
-
-    def matrices(values: Mapping[str, jax.Array]) -> tuple[jax.Array, jax.Array]:
-        params, state = begun(values)
-        moving = {name: getattr(state, name) for name in jax.eval_shape(model.flow, params, state)}
-        flat, unravel = ravel_pytree(moving)
-
-        def of_modes(modes: Sequence[Any]) -> jax.Array:
-            fields = {k: jnp.full_like(getattr(state, k), v) for k, v in zip(choices, modes, strict=True)}
-
-            def rates(x: jax.Array) -> jax.Array:
-                given = model.flow(params, dataclasses.replace(state, **fields, **unravel(x)))
-                return ravel_pytree({k: jnp.broadcast_to(given[k], jnp.shape(v)) for k, v in moving.items()})[
-                    0
-                ]
-
-            return jax.jacfwd(rates)(flat)
-
-        return jnp.stack([of_modes(modes) for modes in chosen]), jnp.asarray(model.period(params), float)
-
-    found, periods = map(np.asarray, jax.jit(jax.vmap(matrices))(dict(columns)))
-    sound = np.isfinite(found).all(axis=(-1, -2), keepdims=True)
-    eigenvalues = np.abs(np.linalg.eigvals(np.where(sound, found, 0.0)))
-    return eigenvalues.max(axis=(1, 2), initial=0.0), periods
 
 
 def _clashing_columns(model: Model) -> list[str]:
