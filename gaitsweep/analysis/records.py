@@ -62,9 +62,7 @@ def with_constants(
         AnalysisError: a name is neither, its constant is no number, or the tables have other axes.
     """
     several = [tables] if isinstance(tables, pd.DataFrame) else list(tables)
-    if not several:
-        raise AnalysisError("There is no table: give one, or a sequence of tables.")
-    completed = []
+    completed: list[pd.DataFrame] = []
     for table in several:
         job = table.attrs.get("job", {})
         constants = {k: v for part in ("structure", "params", "start") for k, v in job.get(part, {}).items()}
@@ -72,19 +70,15 @@ def with_constants(
         for name in missing:
             if name not in constants:
                 raise AnalysisError(_not_there(table, name, constants))
-            if not isinstance(constants[name], int | float):
-                raise AnalysisError(
-                    f'{name} is "{constants[name]}" in the job of a table, which is no number: name one of '
-                    "the parameters of this formula."
-                )
+            if isinstance(constants[name], str):
+                formula = f'{name} is the formula "{constants[name]}" in the job of a table'
+                raise AnalysisError(f"{formula}, and no number: name one of its parameters.")
         completed.append(table.assign(**{name: constants[name] for name in missing}))
-    if len(several) == 1:
-        return completed[0]
-    swept = [[name for name in axes or axes_of(each) if name not in names] for each in several]
-    if other := next((each for each in swept if each != swept[0]), None):
-        both = f"{', '.join(swept[0])} and {', '.join(other)}"
+    swept = {", ".join(name for name in axes or axes_of(each) if name not in names) for each in several}
+    if len(swept) != 1:
+        both = " and ".join(sorted(swept)) or "none"
         raise AnalysisError(f"The tables have different axes, {both}: name the constants in `by`, or `axes`.")
-    together = pd.concat(completed, ignore_index=True)
+    together = completed[0] if len(several) == 1 else pd.concat(completed, ignore_index=True)
     together.attrs = several[0].attrs
     return together
 

@@ -211,9 +211,9 @@ class Declared(Model):
         columns = {q.name: q.name for q in (*parameters, *starts, *signals)}
         columns |= {f"{q.name}_{end}": q.name for q in observables for end in ("end", "n")}
         for column, name in columns.items():
-            if column in COLUMNS:
-                taken = f"all names but those of {', '.join(COLUMNS)}"
-                yield f"with a quantity {name}, but {column} is a column of each table: allowed are {taken}."
+            if column in COLUMNS or (column in settable and column != name):
+                allowed = f"allowed are names other than {', '.join(COLUMNS)}"
+                yield f"with a quantity {name}, but {column} is another column of tables: {allowed}."
         for quantity in (*parameters, *starts, *signals, *observables):
             yield from faults_of_quantity(quantity, quantity in starts)
 

@@ -22,7 +22,7 @@ from gaitsweep.dynamics.declared_model import DeclaredModel
 from gaitsweep.engine.flow_spectrum import flow_eigenvalues
 from gaitsweep.errors import UserError
 from gaitsweep.job import Job
-from gaitsweep.kinds import FixedTime, ReturnMap, Settle, Trace
+from gaitsweep.kinds import Settle, Trace
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.models.conformity import sample, written
 from gaitsweep.runs.execute import table_in_memory
@@ -53,8 +53,6 @@ def trial(kind: type[Model]) -> Trial:
         kind: the class, in which `conformity.faults` finds none; its structure takes its defaults.
     """
     model = kind()
-    if clashing := _clashing_columns(model):
-        return Trial(clashing, [])
     costly = model.host_parameters or not isinstance(model, HybridModel)
     parameters, starts = sample(model, ROWS // 8 if costly else ROWS)
     values = {**parameters, **starts}
@@ -177,22 +175,6 @@ def _stiff(model: HybridModel, values: Mapping[str, np.ndarray]) -> list[str]:
                     far = f"{name} = {end:.4g}, far from its default {column[0]:.4g}, makes the flow stiff"
                     said.append(f"{far}: its {words}. Bounds (low=, high=) keep rows from there.")
     return said
-
-
-def _clashing_columns(model: Model) -> list[str]:
-    """Return a fault for each quantity whose name is another column in a table of some run kind."""
-    runs = (Settle(), FixedTime(duration=1.0), ReturnMap(crossings=1), Trace(duration=1.0, every=1.0))
-    settable = [q.name for q in (*model.parameters, *model.initial_conditions)]
-    clashes: dict[str, str] = {}
-    for run in runs:
-        columns = ["row", *settable, *(column.name for column in run.all_columns(model))]
-        clashes |= {
-            name: run.kind_name for name in columns if columns.count(name) > 1 and name not in clashes
-        }
-    return [
-        f"which has a quantity {name}, but a table of {run} has a column of that name: rename the quantity."
-        for name, run in clashes.items()
-    ]
 
 
 def _run(kind: type[Model], values: Mapping[str, np.ndarray], run: Settle | Trace) -> pd.DataFrame:

@@ -348,9 +348,9 @@ def test_constants_that_tables_do_not_have_are_refused() -> None:
     tables = [_of_a_job(0.2, {"K": "2*omega"}), _of_a_job(0.7, {"K": 2.0}, z_0=0.1)]
     with pytest.raises(AnalysisError, match="k is not a column of this table or a constant of its job"):
         basins(tables, by="k")
-    with pytest.raises(AnalysisError, match=r'K is "2\*omega" in the job of a table, which is no number'):
+    with pytest.raises(AnalysisError, match=r'K is the formula "2\*omega" in the job of a table'):
         basins(tables, by="K")
     with pytest.raises(AnalysisError, match="different axes, x_0 and x_0, z_0: name the constants in `by`"):
         basins([_of_a_job(0.2, {"K": 1.0}), tables[1]], by="K")
-    with pytest.raises(AnalysisError, match="There is no table"):
+    with pytest.raises(AnalysisError, match="different axes, none"):
         basins([], by="K")

@@ -222,12 +222,6 @@ def test_check_model_tries_the_ranges_and_looks_at_energies() -> None:
     assert any("energy is kept between events" in each for each in whole.remarks)
 
 
-def test_a_model_whose_names_some_table_has_otherwise_is_not_good() -> None:
-    more = type("More", (Unlabelled,), {"x_end": gs.parameter("1", "one more", 1.0)})
-    told = "which has a quantity x_end, but a table of settle has a column of that name"
-    assert [each.partition(":")[0] for each in trial(more).faults] == [told]
-
-
 class Careless(gs.DeclaredModel):
     """A phase that turns, beside which a spring of a wide range relaxes; two walls that nothing meets."""
 
