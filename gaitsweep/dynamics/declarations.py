@@ -193,6 +193,8 @@ def faults_of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
         if not getattr(quantity, field):
             unit = ' ("1" for a number without one)' if field == "unit" else ""
             yield f"whose {name} has no {field}, which tables and figures show{unit}."
+    if quantity.circular and quantity.unit not in ("rad", ""):
+        yield f"whose {name} is circular in {quantity.unit}, but only angles in rad can be circular."
     if not low <= high or (low == high and quantity.open_ends):
         yield f"whose {name} has bounds that allow no value: low is {low:g}, high is {high:g}."
     elif isinstance(quantity.default, int | float):
@@ -225,7 +227,7 @@ class Event:
         signs: tuple[float, ...] = (1.0,),
     ) -> None:
         self.function, self.name, self.section = function, name, section
-        self.during, self.rising, self.counted = during, rising, Counted(count)
+        self.during, self.rising, self.count, self.counted = during, rising, count, Counted(count)
         self.when, self.signs = when, signs
         self.effect: Callable[..., Any] | None = None
         self.resting: Callable[..., Any] | None = None

@@ -166,31 +166,22 @@ class Declared(Model):
         if (events := cls.declared_events()) and not any(each.section for each in events):
             remedy = "write section=True for the one that ends a cycle"
             raise TypeError(f"{cls.__name__} has events but no section: {remedy}.")
-        if (feet := cls._feet()) is not None:
-            clock = cls._named(Variable)
-            if len(cls._named(Footfalls)) > 1:
-                raise TypeError(
-                    f"{cls.__name__} declares footfalls twice: remove {list(cls._named(Footfalls))[1]}."
-                )
-            if feet.clock not in clock:
-                near = suggestion(feet.clock, clock)
-                raise TypeError(f"{cls.__name__} has footfalls of the clock {feet.clock}, no variable{near}")
-            if cls.gaits not in (Declared.gaits, feet.gaits) and cls.label is Declared.label:
-                remedy = f"leave gaits out, which then are {', '.join(feet.gaits)}, or write label"
-                raise TypeError(f"{cls.__name__} has footfalls and gaits of its own without label: {remedy}.")
+        feet, variables = cls._feet(), cls._named(Variable)
+        if feet is not None and feet.clock not in variables:
+            near = suggestion(feet.clock, variables)
+            raise TypeError(f"{cls.__name__} has footfalls of the clock {feet.clock}, no variable{near}")
+        if feet is not None and cls.gaits not in (Declared.gaits, feet.gaits) and cls.label is Declared.label:
+            remedy = f"leave gaits out, which then are {', '.join(feet.gaits)}, or write label"
+            raise TypeError(f"{cls.__name__} has footfalls and gaits of its own without label: {remedy}.")
         sizes = cls._default_sizes()
-        for name, each in cls.declarations.items():
-            if isinstance(each, Footfalls):
-                continue
-            count = each.counted.count if isinstance(each, Event) else each.count
-            if isinstance(count, str) and count not in sizes and not hasattr(cls, count):
-                fields = suggestion(count, sizes) if sizes else ": it has no field."
-                raise TypeError(
-                    f'{cls.__name__} declares {name} with count="{count}", which is not a field of its '
-                    f"structure{fields}"
-                )
-        if (wrong := next(cls._faults(SimpleNamespace(**sizes)), None)) is not None:
-            raise TypeError(f"{cls.__name__} is a model {wrong}")
+        counts = {name: each.count for name, each in cls.declarations.items() if isinstance(each.count, str)}
+        for name, count in counts.items():
+            if count not in sizes and not hasattr(cls, count):
+                field = f"a field of its structure{suggestion(count, sizes) if sizes else ': it has none.'}"
+                raise TypeError(f'{cls.__name__} declares {name} with count="{count}", which is not {field}')
+        if all(isinstance(sizes.get(count), int) for count in counts.values()):
+            for wrong in cls._faults(sizes):
+                raise TypeError(f"{cls.__name__} is a model {wrong}")
 
     @classmethod
     def _default_sizes(cls) -> dict[str, Any]:
@@ -200,41 +191,29 @@ class Declared(Model):
         return {k: v.default if isinstance(v, dataclasses.Field) else v for k, v in values.items()}
 
     @classmethod
-    def _faults(cls, sizes: Any) -> Iterator[str]:
+    def _faults(cls, sizes: Mapping[str, Any]) -> Iterator[str]:
         """Faults of names, units, bounds and defaults that the declarations alone show, as ends of sentences.
 
         Args:
-            sizes: what has the fields of the structure as attributes; declarations whose number is not among
-                these are left out.
+            sizes: the fields of the structure by name.
         """
-        known = {
-            name: each
-            for name, each in cls.declarations.items()
-            if not isinstance(each, Event | Footfalls)
-            and (not isinstance(each.count, str) or isinstance(getattr(sizes, each.count, None), int))
-        }
-        parameters = [
-            q for k, each in known.items() if isinstance(each, Parameter) for q in each.quantities(sizes, k)
-        ]
-        starts = [
-            q for k, each in known.items() if isinstance(each, Variable | Mode) for q in each.starts(sizes, k)
-        ]
-        recorded = [(k, each) for k, each in known.items() if isinstance(each, Variable | Reading)]
-        signals = [q for k, each in recorded if each.signal for q in each.recorded(sizes, k)]
-        observables = [q for k, each in recorded if each.observed for q in each.recorded(sizes, k)]
-        names = [q.name for q in (*parameters, *starts)]
-        for name in names:
+        # an instance cannot be made of a class that is not complete
+        model = SimpleNamespace(**sizes, _named=cls._named, _recorded=cls._recorded, _feet=cls._feet)
+        names = ("parameters", "initial_conditions", "signals", "observables")
+        parameters, starts, signals, observables = (vars(Declared)[name].fget(model) for name in names)
+        settable = [q.name for q in (*parameters, *starts)]
+        for name in settable:
             if name in RESERVED:
                 remedy = f'write {name}_, or another name with symbol="{name}"'
                 yield f"with a quantity {name}, which means something else in formulas: {remedy}."
-            if names.count(name) > 1:
+            if settable.count(name) > 1:
                 yield f"that declares {name} twice: rename one of them."
         columns = {q.name: q.name for q in (*parameters, *starts, *signals)}
         columns |= {f"{q.name}_{end}": q.name for q in observables for end in ("end", "n")}
         for column, name in columns.items():
-            if column in COLUMNS:
-                taken = f"all names but those of {', '.join(COLUMNS)}"
-                yield f"with a quantity {name}, but {column} is a column of each table: allowed are {taken}."
+            if column in COLUMNS or (column in settable and column != name):
+                allowed = f"allowed are names other than {', '.join(COLUMNS)}"
+                yield f"with a quantity {name}, but {column} is another column of tables: {allowed}."
         for quantity in (*parameters, *starts, *signals, *observables):
             yield from faults_of_quantity(quantity, quantity in starts)
 
@@ -249,7 +228,8 @@ class Declared(Model):
         # an event whose jump has another name is in the class twice
         return list(dict.fromkeys(cls._named(Event).values()))
 
-    def _events(self) -> list[SingleEvent]:
+    def single_events(self) -> list[SingleEvent]:
+        """The declared events, one for each component and direction."""
         return [single for each in self.declared_events() for single in each.singles(self)]
 
     # what the contract asks for
@@ -307,7 +287,7 @@ class Declared(Model):
     def beyond_at_start(self, params: Any, state: Any, /) -> dict[str, Bool[Array, ""]]:
         return {
             each.name: each.within(state) & self._is_beyond(each, params, state)
-            for each in self._events()
+            for each in self.single_events()
             if each.declared.rising and each.jumps
         }
 
@@ -338,12 +318,11 @@ class Declared(Model):
             reset = jnp.asarray(getattr(after, feet.clock) - getattr(before, feet.clock))
         return after.replace(steps=feet.after(self, params, before.steps, before, after, reset))
 
-    def _recorded(self, kind: str) -> dict[str, Variable | Reading]:
+    @classmethod
+    def _recorded(cls, kind: str) -> dict[str, Variable | Reading]:
         """The declarations that are recorded as "observed" or as "signal"."""
-        recorded = {**self._named(Variable), **self._named(Reading)}
-        return {
-            name: recorded[name] for name in self.declarations if getattr(recorded.get(name), kind, False)
-        }
+        recorded = {**cls._named(Variable), **cls._named(Reading)}
+        return {name: recorded[name] for name in cls.declarations if getattr(recorded.get(name), kind, False)}
 
     def _read(self, kind: str, params: Any, state: Any) -> dict[str, jax.Array]:
         read = (each.values(self, name, params, state) for name, each in self._recorded(kind).items())
@@ -352,7 +331,7 @@ class Declared(Model):
     def _flags(self, fired: Bool[Array, " events"]) -> Iterator[tuple[SingleEvent, Bool[Array, " guards"]]]:
         """Each event with the flags of its guards."""
         first = 0
-        for each in self._events():
+        for each in self.single_events():
             last = first + len(each.guard_names)
             yield each, fired[first:last]
             first = last
@@ -426,7 +405,7 @@ class DeclaredModel(Declared, HybridModel):
 
     def _armed(self) -> list[SingleEvent]:
         """The events that are armed by their function's sign."""
-        return [each for each in self._events() if each.declared.rising]
+        return [each for each in self.single_events() if each.declared.rising]
 
     def init(self, params: Any, start: Values, /) -> Any:
         fields = self._started(start)
@@ -469,7 +448,7 @@ class DeclaredModel(Declared, HybridModel):
     def guards(self, params: Any, state: Any, /) -> Float[Array, " guards"]:
         seen = _Surfaces(self, params, state)
         guards: list[jax.Array] = []
-        for place, each in zip(self._places(), self._events(), strict=True):
+        for place, each in zip(self._places(), self.single_events(), strict=True):
             if place is None:
                 values = [each.height(self, params, state)]
             else:
@@ -480,11 +459,11 @@ class DeclaredModel(Declared, HybridModel):
     def _places(self) -> list[int | None]:
         """The place of each event among those that are armed."""
         armed = self._armed()
-        return [armed.index(each) if each.declared.rising else None for each in self._events()]
+        return [armed.index(each) if each.declared.rising else None for each in self.single_events()]
 
     @property
     def guard_names(self) -> tuple[str, ...]:
-        return tuple(name for each in self._events() for name in each.guard_names)
+        return tuple(name for each in self.single_events() for name in each.guard_names)
 
     def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
         after, rates = state, {}
@@ -553,7 +532,7 @@ class DeclaredModel(Declared, HybridModel):
             modes.append(new)
         arming = _stacked(modes)
         after = after.replace(arming=arming)
-        resting = [each for each in self._events() if each.declared.resting is not None]
+        resting = [each for each in self.single_events() if each.declared.resting is not None]
         if not resting:
             return after
         # a state that an event with a jump would meet again within no time
@@ -570,10 +549,16 @@ class DeclaredModel(Declared, HybridModel):
 
     def section(self, params: Any, before: Any, fired: Bool[Array, " events"], /) -> Bool[Array, ""]:
         closed = jnp.zeros((), bool)
-        for each, flags in self._flags(fired):
+        for each, happens in self.happening(params, before, fired).items():
             if each.is_section:
-                closed = closed | (each.happens(flags) & each.holds(params, before))
+                closed = closed | happens
         return closed
+
+    def happening(
+        self, params: Any, before: Any, fired: Bool[Array, " events"]
+    ) -> dict[SingleEvent, Bool[Array, ""]]:
+        """Whether each event happens by the flags of its guards, at the state before its jump."""
+        return {each: each.happens(flags) & each.holds(params, before) for each, flags in self._flags(fired)}
 
     def _is_beyond(self, event: SingleEvent, params: Any, state: Any) -> Bool[Array, ""]:
         passed = ~_at(state.arming, self._armed().index(event)).armed

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -193,6 +193,7 @@ class Footfalls:
     function: Callable[..., Any]
     clock: str
     legs: tuple[str, ...]
+    count: ClassVar[None] = None  # legs are counted by their names
 
     @property
     def gaits(self) -> tuple[str, ...]:

@@ -56,6 +56,9 @@ def test_a_branch() -> None:
     assert np.max(branch["kick"]) == pytest.approx(0.5)
     np.testing.assert_allclose(branch["launch_1"], branch["kick"] / (1 - R), atol=1e-6)
     assert set(mapping.continue_(found, "kick", (0.2, 0.5), towards=1)["direction"]) == {1}
+    axes = gs.plot.continuation(branch).axes[0]
+    assert "kick" in axes.get_xlabel()
+    assert "m/s" in axes.get_ylabel()  # of the first coordinate, launch_1
 
 
 @pytest.mark.slow

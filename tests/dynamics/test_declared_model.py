@@ -317,11 +317,12 @@ REFUSED_AT_ONCE = {
         "e": parameter("1", "restitution", 0.5)
     },
     "quantity sample, which means": {"sample": parameter("1", "sample", 0.5)},
-    "quantity status, but status is a column of each table: allowed are all names but those of row": {
+    "quantity status, but status is another column of tables: allowed are names other than row": {
         "status": signal("1", "status")(lambda self, p, s: s.z)
     },
-    "quantity t, but t is a column": {"t": variable("s", "time")},
-    "quantity t, but t_end is a column": {"t": observable("s", "time")(lambda self, p, s: s.z)},
+    "quantity t, but t is another column": {"t": variable("s", "time")},
+    "quantity t, but t_end is another column": {"t": observable("s", "time")(lambda self, p, s: s.z)},
+    "quantity z, but z_end is another column": {"z_end": parameter("m", "last height", 1.0)},
     r'count="M", which is not a field of its structure\. Allowed: N': {
         "__annotations__": {"N": "int"},
         "k": parameter("1", "k", 1.0, count="M"),

@@ -150,7 +150,7 @@ class MjcfModel(Declared, SteppedModel):
 
     def events(self, params: Any, before: Any, after: Any, /) -> Bool[Array, " events"]:
         fired = []
-        for each in self._events():
+        for each in self.single_events():
             ends = each.height(self, params, after) >= 0.0
             begins = each.height(self, params, before) < 0.0
             allowed = each.within(after) & each.holds(params, after)
@@ -159,14 +159,14 @@ class MjcfModel(Declared, SteppedModel):
 
     def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
         before = state
-        for each, flag in zip(self._events(), fired, strict=True):
+        for each, flag in zip(self.single_events(), fired, strict=True):
             if each.jumps:
                 after = each.jumped(self, params, state)
                 state = jax.tree.map(lambda new, old, f=flag: jnp.where(f, new, old), after, state)
         return self._stepped(params, before, state)
 
     def section(self, params: Any, before: Any, fired: Bool[Array, " events"], /) -> Bool[Array, ""]:
-        closed = [flag for each, flag in zip(self._events(), fired, strict=True) if each.is_section]
+        closed = [flag for each, flag in zip(self.single_events(), fired, strict=True) if each.is_section]
         return jnp.any(jnp.stack(closed)) if closed else jnp.zeros((), bool)
 
     def longest_step(self, params: Any, /) -> Float[Array, ""]:

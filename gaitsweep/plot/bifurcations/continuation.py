@@ -19,8 +19,9 @@ from matplotlib.patches import Patch
 from pydantic import Field
 
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
+from gaitsweep.near_miss import allowing
 from gaitsweep.plot import theme
-from gaitsweep.plot.columns import column, described, is_angle, moved_parameter
+from gaitsweep.plot.columns import PlotError, column, described, is_angle, moved_parameter
 from gaitsweep.plot.kind import Column, Observed, Title, figure_kind
 from gaitsweep.schema.numbers import Real, Text
 
@@ -41,7 +42,7 @@ WORDS = {
 def continuation(
     table: pd.DataFrame,
     *,
-    y: Observed,
+    y: Observed | None = None,
     x: str | None = None,
     hue: Annotated[
         Column | None, "column of another parameter that differs between branches, or of the gait"
@@ -57,17 +58,23 @@ def continuation(
     A thin dotted line crosses a corner or a jump of the map.
 
     Args:
-        table: a continuation's table.
+        table: a continuation's table: of a job, or of `return_map(...).continue_`.
+        y: the observable; by default the first coordinate of the map that is one, or the first of the table.
         x: the column of the parameter; by default that of the table's job.
 
     Raises:
         PlotError: the table lacks a column.
     """
-    name = column(table, y, ("_n", ""))
+    first = [*table.attrs.get("recorded", ()), *(each for each in table if str(each).endswith("_n"))]
+    if y is None and not first:
+        raise PlotError(f"The table names no observable: give y. {allowing(map(str, table.columns))}")
+    name = column(table, y or first[0], ("_n", ""))
     x = x or moved_parameter(table) or "parameter"
     for each in (x, "row", "point", "stable", "special", *([hue] if hue else [])):
         column(table, each)
-    table = table.dropna(subset=[name]).sort_values(["row", "point"], kind="stable")
+    # the two directions in which a map follows a branch begin at one point
+    of_branch = [each for each in ("row", "direction") if each in table]
+    table = table.dropna(subset=[name]).sort_values([*of_branch, "point"], kind="stable")
     with theme.canvas(theme.COLUMN + 1.6, 3.4, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))
@@ -78,8 +85,8 @@ def continuation(
         colours = _colours(table, hue)
         for number, (low, high) in enumerate(intervals.values()):
             axes.axvspan(low, high, zorder=0, **_beside(number))
-        for row, branch in table.groupby("row", sort=True):
-            _draw(axes, branch, x, name, colours.get(row))
+        for _, branch in table.groupby(of_branch, sort=True):
+            _draw(axes, branch, x, name, colours.get(branch["row"].iloc[0]))
         if is_angle(table, name):
             theme.angle_ticks(axes, "y")
         handles = _key(table, intervals, hue is not None)
