@@ -9,6 +9,9 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
+from typing import Any
+
+from docutils import nodes
 
 DOCS = Path(__file__).parent
 sys.path[:0] = [str(DOCS / "extensions"), str(DOCS.parent)]
@@ -30,6 +33,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "described_package",
+    "gallery",
     "mathml",
     "python_objects",
 ]
@@ -71,6 +75,8 @@ html_theme = "pydata_sphinx_theme"
 html_title = f"gaitsweep {release}"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
+html_js_files = ["copy.js"]
+html_favicon = "static/favicon.svg"
 html_extra_path = ["extra"]
 html_show_sourcelink = False
 html_copy_source = False
@@ -88,3 +94,22 @@ html_theme_options = {
     "footer_end": [],
     "pygments_light_style": "a11y-high-contrast-light",
 }
+
+# Words that readers search for, of pages that say it in other words.
+SEARCH_WORDS = {
+    "docs/reference": "cite, citation, bibtex, doi, version",
+    "docs/own_figure": "colour, color, palette, colormap, style, size, font, pdf, svg",
+    "docs/start": "csv, export, excel, dataframe, install",
+    "docs/search": "fit, optimise, optimize, calibrate, search",
+    "docs/processes": "joblib, multiprocessing, parallel, jupyter",
+}
+
+
+def setup(app: Any) -> None:
+    """Give pages the keywords that the search of the site finds."""
+
+    def add(app: Any, doctree: nodes.document) -> None:
+        if words := SEARCH_WORDS.get(app.env.docname):
+            doctree.insert(0, nodes.meta(name="keywords", content=words))
+
+    app.connect("doctree-read", add)
