@@ -1,4 +1,4 @@
-"""How fast MuJoCo C and MJX step a body alone, without control and without oscillators."""
+"""Speed of MuJoCo C and MJX with a body alone, without control and without oscillators."""
 
 from __future__ import annotations
 

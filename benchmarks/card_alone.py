@@ -1,4 +1,4 @@
-"""How fast kernels are on an NVIDIA GPU without the host: `python -m benchmarks.card_alone`.
+"""Speed of kernels on an NVIDIA GPU without the host: `python -m benchmarks.card_alone`.
 
 Prints attempts (of all lanes together) a second, registers and bytes in memory of a thread, and the seconds
 until all lanes were filled; with an empty GAITSWEEP_CACHE kernels are compiled in that time. The trajectories

@@ -1,4 +1,4 @@
-"""What a cluster costs beside the rows: `python -m benchmarks.cluster rate | memory | overhead`.
+"""Overhead of a cluster: `python -m benchmarks.cluster rate | memory | overhead`.
 
 rate: stub blocks a second, given out as the blocks of a table are, beside `client.map` of an empty function
 over the same scheduler and workers, alternated.

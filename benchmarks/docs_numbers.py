@@ -165,7 +165,7 @@ def unsourced(text: str) -> Iterator[tuple[int, str]]:
 
 
 class Outputs:
-    """What commands print in one folder; each runs once."""
+    """Output of commands in one folder; each runs once."""
 
     def __init__(self, folder: Path, limit: float) -> None:
         self.folder, self.limit = folder, limit
@@ -176,7 +176,7 @@ class Outputs:
                 (folder / name).symlink_to(ROOT / name)
 
     def of(self, commands: tuple[tuple[str, ...], ...]) -> str:
-        """What commands print, one after the other.
+        """Output of commands, one after the other.
 
         Raises:
             TimeoutError: one took longer than the limit.

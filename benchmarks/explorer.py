@@ -1,4 +1,4 @@
-"""How long a page of `gaitsweep explore` takes to open, in a new browser and in one that runs already.
+"""Time until a page of `gaitsweep explore` is open, in a new browser and in one that runs already.
 
     python -m benchmarks.explorer DIR/explore.html [--repeat 5]
 

@@ -1,4 +1,4 @@
-"""How much memory large jobs of the reduced chain need, and their tables and figures.
+"""Memory of large jobs of the reduced chain, and of their tables and figures.
 
     python -m benchmarks.memory
 

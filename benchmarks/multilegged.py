@@ -1,4 +1,4 @@
-"""How fast the multi-legged model runs, side by side in one run: `python -m benchmarks.multilegged`.
+"""Speed of the multi-legged model beside other programs, in one run: `python -m benchmarks.multilegged`.
 
 Prints attempts (trajectory-steps) and gait cycles a second, and the error against the reference crossings in
 tests/reference (solve_ivp, rtol 1e-11), for gaitsweep's engines and methods and for

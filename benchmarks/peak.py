@@ -1,4 +1,4 @@
-"""What the machine could do: double-precision operations a second, two to a fused multiply-add."""
+"""Peak of the machine: double-precision operations a second, two to a fused multiply-add."""
 
 from __future__ import annotations
 

@@ -1,14 +1,14 @@
-"""How fast the planar quadruped runs, side by side in one run: `python -m benchmarks.planar_quadruped`.
+"""Speed of the planar quadruped beside MuJoCo, in one run: `python -m benchmarks.planar_quadruped`.
 
-Prints steps of 1 ms (of all rows together) and simulated seconds a second, in double precision, for
- (a) gaitsweep's engines: the whole model, that is network, motors, body and contacts, what is read of each
-     cycle and the crossings kept; on compliant feet (body tree) in the kernel, and on MJX with MuJoCo's
-     contacts,
- (b) MuJoCo C on as many threads as there are cores (mujoco.rollout) and MJX (vmapped, jitted): the body
-     alone, on springs in its joints that hold it on two feet, with MuJoCo's contacts, with no network and
-     nothing read.
+Prints steps of 1 ms a second and simulated seconds a second, of all rows together, in double precision, of
 
-`ratio` is (a)'s kernel over this row, in simulated seconds. Compilation stands apart.
+- gaitsweep's engines with the whole model: network, motors, body, contacts, and the observables and crossings
+  of each cycle; the kernel with compliant feet (body tree), and XLA with MJX and MuJoCo's contacts;
+- MuJoCo C on as many threads as there are cores (mujoco.rollout), and MJX (vmapped, jitted): the body alone,
+  with MuJoCo's contacts, on springs in its joints that hold it on two feet, without network and observables.
+
+`ratio` is the simulated seconds of gaitsweep's kernel over those of the row. Compilation is not included; its
+time is the last column.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import HIP, KNEE, Z, mjcf
 
 STEP = 1e-3  # s
-# Cycles of each row, .2 to .8 s each.
+# Cycles of each row; a cycle takes 0.2 to 0.8 s.
 CYCLES = {("kernel", "cpu"): 40, ("kernel", "gpu"): 100, ("xla", "cpu"): 1, ("xla", "gpu"): 2}
 STANDING, LIFTED = 0.130, 0.057  # m, lengths of knees
 TROTTING = (STANDING, LIFTED, LIFTED, STANDING)
 
 
-def ours(engine: str, body: str, seconds: float, lanes: int | None) -> Rate:
-    """Whole sweeps over speed and seeds."""
+def gaitsweep_rate(engine: str, body: str, seconds: float, lanes: int | None) -> Rate:
+    """The rate of sweeps over speed and seeds with one engine and one body."""
 
     def rows_of(n: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         return (
@@ -55,7 +55,7 @@ def ours(engine: str, body: str, seconds: float, lanes: int | None) -> Rate:
 
 
 def standing() -> tuple[Any, np.ndarray]:
-    """The body on springs in its joints, and where rows begin: about to stand on LF and RH."""
+    """The MjModel of the body on springs in its joints, and positions (rows, nq) near LF and RH standing."""
     import mujoco
 
     model = mujoco.MjModel.from_xml_string(mjcf())  # type: ignore[attr-defined]
@@ -86,16 +86,16 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     devices = local_devices(None)
     print(f"{len(devices)} x {devices[0].device_kind}; load average {os.getloadavg()[0]:.2f}; float64")
-    found = [
-        ("gaitsweep, kernel, tree", ours("kernel", "tree", chosen.seconds, chosen.lanes)),
-        ("gaitsweep, xla, MJX with contacts", ours("xla", "mjx", chosen.seconds, None)),
+    rates = [
+        ("gaitsweep, kernel, tree", gaitsweep_rate("kernel", "tree", chosen.seconds, chosen.lanes)),
+        ("gaitsweep, xla, MJX with contacts", gaitsweep_rate("xla", "mjx", chosen.seconds, None)),
         (f"MuJoCo C, {os.cpu_count()} threads, body alone", mujoco_c(*standing(), chosen.seconds)),
         (f"MJX on the {devices[0].platform}, body alone", mjx_alone(*standing(), chosen.seconds)),
     ]
-    base = found[0][1].simulated
-    print(f"{'':46} {'steps/s':>10} {'simulated s/s':>14} {'ratio':>8} {'ready in, s':>12}")
-    for name, (steps, simulated, ready) in found:
-        print(f"{name:46} {steps:10.3g} {simulated:14.4g} {base / simulated:8.3g} {ready:12.1f}")
+    base = rates[0][1].simulated
+    print(f"{'':46} {'steps/s':>10} {'simulated s/s':>14} {'ratio':>8} {'ready after s':>13}")
+    for name, (steps, simulated, ready) in rates:
+        print(f"{name:46} {steps:10.3g} {simulated:14.4g} {base / simulated:8.3g} {ready:13.1f}")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""How many sets of constants a search judges by holds: `python -m benchmarks.search --sets 2000`.
+"""Number of sets of constants that a search judges by holds: `python -m benchmarks.search --sets 2000`.
 
 Sets of the quadruped with a waist are drawn evenly from the ranges of
 sweeps/waist_quadruped_phases_search.yaml. Each is judged by four holds of 120 s: trot and walk, on both sides

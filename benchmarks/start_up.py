@@ -1,4 +1,4 @@
-"""What commands take beside their rows: imports, tracing, compilation, the self-check, the figure.
+"""Time of commands without their rows: imports, tracing, compilation, the self-check, the figure.
 
     python -m benchmarks.start_up [--repeat 5]
 

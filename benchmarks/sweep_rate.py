@@ -1,4 +1,4 @@
-"""How fast whole sweeps of a model are: opening rows, advancing them, keeping their crossings."""
+"""Speed of whole sweeps of a model: opening rows, advancing them, keeping their crossings."""
 
 from __future__ import annotations
 

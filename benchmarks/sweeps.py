@@ -1,4 +1,4 @@
-"""How fast whole commands are on the devices of this machine: `python -m benchmarks.sweeps`.
+"""Speed of whole commands on the devices of this machine: `python -m benchmarks.sweeps`.
 
 On a CPU: `gaitsweep run` of starts of the chain that settle, as many for each core, on 1, 2, 4, ... cores,
 beside C written by hand on as many threads. On NVIDIA GPUs: 128 x 128 x 128 starts on one and on all of them,

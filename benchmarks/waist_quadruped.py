@@ -1,4 +1,4 @@
-"""How fast the quadruped runs, side by side in one run: `python -m benchmarks.waist_quadruped`.
+"""Speed of the quadruped with a waist beside MuJoCo, in one run: `python -m benchmarks.waist_quadruped`.
 
 Prints steps (of all rows together) and simulated seconds a second, in double precision where nothing else is
 said, for

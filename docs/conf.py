@@ -1,4 +1,4 @@
-"""How Sphinx builds the documentation: `make docs`.
+"""Configuration of Sphinx, which builds the documentation: `make docs`.
 
 The source folder is the repository itself, so that links between README, docs and notebooks are the same ones
 on a forge and on the site.
@@ -17,7 +17,7 @@ DOCS = Path(__file__).parent
 sys.path[:0] = [str(DOCS / "extensions"), str(DOCS.parent)]
 os.environ.setdefault("JAX_PLATFORMS", "cpu")  # models are only described here
 
-from gaitsweep.version import version as installed_version  # noqa: E402
+from gaitsweep.version import version as installed_version  # noqa: E402 - needs the path above
 
 project = "gaitsweep"
 author = "gaitsweep authors"

@@ -29,6 +29,7 @@ from gaitsweep.dynamics.declarations import parameter as parameter
 from gaitsweep.dynamics.declarations import signal as signal
 from gaitsweep.dynamics.declarations import variable as variable
 from gaitsweep.dynamics.declared_model import DeclaredModel as DeclaredModel
+from gaitsweep.dynamics.footfalls import footfalls as footfalls
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel as MjcfModel
 from gaitsweep.errors import ArgumentError as ArgumentError
 from gaitsweep.errors import UserError as UserError

@@ -48,6 +48,7 @@ def _warn_once(sentence: str) -> None:
 def keep(file: Path, content: bytes) -> None:
     """Write a file of the cache with its digest, at once; a file that cannot be written is left out."""
     with contextlib.suppress(OSError):
+        # closed below, before it is renamed
         draft = tempfile.NamedTemporaryFile(dir=file.parent, suffix=".tmp", delete=False)  # noqa: SIM115
         try:
             with draft:

@@ -270,7 +270,7 @@ class Model(Jumps):
     2. It may give the optional members, which are all others. Their defaults describe a model without the
        feature: `precisions`, `label_fields`, `given_with`, `host_parameters` with `on_host`, `data_digest`,
        `caveats`, `free_after`, `beyond_at_start` and `chart` for runs; `limbs`, `skeleton`, `free_link`,
-       `analytic_distance` and `mjcf` for figures.
+       `analytic_distance` and `mjcf` for figures; `bibtex` for `gaitsweep cite`.
     3. The engine alone calls the functions, with arguments by position, so a model may name them as it likes.
 
     Raises:
@@ -279,6 +279,7 @@ class Model(Jumps):
 
     name: ClassVar[str]
     source: ClassVar[str]  # the paper
+    bibtex: ClassVar[str] = ""  # its BibTeX entry
     gaits: ClassVar[tuple[str, ...]]  # the names that `label` indexes; "none" where no gait is recognised
     # parameters that a job may set only beside another: that other's name, and why, as a sentence's end; for
     # a name that meant something else once: a job of that time lacks the other, and is refused

@@ -26,6 +26,8 @@ __all__ = ["ExpressionError", "evaluate", "names_in"]
 
 CONSTANTS: Mapping[str, float] = {"pi": math.pi, "e": math.e}
 FUNCTIONS = ("sqrt", "sin", "cos", "tan", "exp", "log", "abs", "floor", "min", "max")
+# what no quantity may be called: the names of formulas, and the fields of `vary` that are no axes
+RESERVED = frozenset({*CONSTANTS, *FUNCTIONS, "zip", "sample"})
 
 _LONGEST = 500
 _DEEPEST = 60

@@ -39,10 +39,11 @@ class Skeleton:
 
     `limbs`, the first that of the signal contact_1, or none; `bodies` (n, k, 3), each filled to the hull of
     its points, from head to tail; `springs` (n, 2, 3), their ends; `note`: what a stranger has to know
-    besides.
+    besides; `heading`, rad from x: the direction in which it walks, by default from its tail to its head.
     """
 
     limbs: tuple[Limb, ...]
     bodies: tuple[Float[np.ndarray, "samples _points 3"], ...] = ()
     springs: tuple[Float[np.ndarray, "samples 2 3"], ...] = ()
     note: str = ""
+    heading: float | None = None

@@ -9,9 +9,8 @@ import sys
 from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "Agg")
-os.environ.setdefault(
-    "JAX_PLATFORMS", "cpu"
-)  # JAX_PLATFORMS=cuda runs the suite, and the tests marked gpu, on a card
+# JAX_PLATFORMS=cuda runs the suite, and the tests marked gpu, on a card
+os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
 import hypothesis
 import jax

@@ -407,7 +407,7 @@ def judged(xml: str) -> tuple[str, str]:
     except ValueError as error:
         return "not MuJoCo's", str(error)
     try:
-        model.mjx_body  # noqa: B018  compiles it
+        model.mjx_body  # noqa: B018 - compiles it
         found = compare(model, STEPS)
     except ValueError as error:
         return "refused", str(error)

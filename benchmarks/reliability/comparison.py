@@ -1,4 +1,4 @@
-"""Runs of random parameter sets compared, set by set, with an independent integrator."""
+"""Comparison of runs of random parameter sets, set by set, with an independent integrator."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def steps_of(job: Job) -> np.ndarray:
 
 
 def ours_of(subject: Subject, job: Job, crossing: int) -> list[Found]:
-    """What gaitsweep says of each row of the job at a crossing."""
+    """Gaitsweep's outcome of each row of the job at a crossing."""
     with tempfile.TemporaryDirectory() as folder:
         table = gs.run(job, Path(folder) / "run").table
     columns = {name: name if name == "t" else f"{name}_n" for name in subject.observables}
@@ -113,7 +113,7 @@ def theirs_of(subject: Callable[[int], Subject], crossings: int, job: tuple[Valu
 def references(
     subject_of: Callable[[int], Subject], crossings: int, work: list[tuple[Values, bool]], workers: int
 ) -> list[Found]:
-    """What the independent integrator says of each set, in so many processes."""
+    """The independent integrator's outcome of each set, computed in so many processes."""
     run = partial(theirs_of, subject_of, crossings)
     if workers == 1:
         return [run(one) for one in work]
@@ -148,7 +148,7 @@ def compared(
 
 
 def counts(verdicts: list[Verdict]) -> dict[str, int]:
-    """How many sets came out in each way."""
+    """Number of sets of each outcome."""
     return {
         name: sum(verdict.outcome == name for verdict in verdicts)
         for name in (SOUND, WRONG, LOST, SENSITIVE, UNKNOWN)

@@ -1,4 +1,4 @@
-"""How damaged result directories are read and mended: `python -m benchmarks.reliability.damage`.
+"""Reading and repair of damaged result directories: `python -m benchmarks.reliability.damage`.
 
 Files of small, real tables are damaged at random: bits flipped, files cut short, parts put in each other's
 place and into other directories. Counted is how many were read as data without a word, how many were named
@@ -104,7 +104,7 @@ def same(one: pd.DataFrame, other: pd.DataFrame) -> bool:
 
 @dataclasses.dataclass
 class Outcome:
-    """What became of one damage."""
+    """Result of one damage."""
 
     silent: bool = False  # a table was read, and it is not the one that was written
     harmless: bool = False  # the table that was written was read

@@ -51,7 +51,7 @@ NO_RESULT = frozenset({"event_stall", "step_limit", "not_a_number"})
 
 @dataclasses.dataclass(frozen=True)
 class Verdict:
-    """What became of one model: the outcome, the errors, and what gaitsweep said of it."""
+    """Result of one model: the outcome, the errors, and gaitsweep's message."""
 
     family: str
     case: Case
@@ -214,7 +214,7 @@ def drawn(family: Family, models: int, seed: int) -> list[Case]:
 
 
 def shares(families: list[Family], models: int) -> list[int]:
-    """How many models of each family make up so many in all, by their shares."""
+    """Number of models of each family, by their shares of a total."""
     whole = sum(family.share for family in families)
     ends = np.round(np.cumsum([family.share for family in families]) * models / whole).astype(int)
     return np.diff(ends, prepend=0).tolist()
@@ -277,7 +277,7 @@ def line(name: str, verdicts: list[Verdict], seconds: float) -> str:
 
 
 def listed(verdicts: list[Verdict], most: int) -> str:
-    """What was said of models, with their values: so many of each family and outcome, and one that agrees."""
+    """Messages about models, with their values: so many of each family and outcome, and one that agrees."""
     lines: list[str] = []
     seen: dict[tuple[str, str], int] = {}
     for each in verdicts:

@@ -25,7 +25,8 @@ from typing import NamedTuple
 import pandas as pd
 
 from benchmarks.reliability.mutated_jobs import ROOT
-from gaitsweep.claims.paper import ClaimVerdict, Paper, known_papers, read_paper
+from gaitsweep.claims.paper import Paper, known_papers, read_paper
+from gaitsweep.claims.verdicts import ClaimVerdict
 from gaitsweep.errors import EXIT_FAILURE
 
 CORES = 2  # of each run

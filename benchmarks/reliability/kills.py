@@ -1,4 +1,4 @@
-"""Runs of every kind, stopped while they work: `python -m benchmarks.reliability.kills`.
+"""Kills of working runs of every kind: `python -m benchmarks.reliability.kills`.
 
 Each run is a process of the command line, which is sent SIGKILL, SIGINT or SIGTERM at a random moment of its
 working phase, twice, and then let come to its end. Its table has to be equal to the bit to that of
@@ -167,7 +167,7 @@ class Run:
 
 @dataclasses.dataclass
 class Tally:
-    """What became of the runs of one kind."""
+    """Results of the runs of one kind."""
 
     kills: int = 0
     late: int = 0  # runs that had ended when the signal came

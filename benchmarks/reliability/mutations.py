@@ -38,7 +38,7 @@ SPARE = 6 * 2**30  # bytes of address space that a check may take more: a machin
 
 @dataclasses.dataclass(frozen=True)
 class Answer:
-    """What came of a damaged job: `fault` is a traceback, or empty; times in s, memory in MB."""
+    """Result of a damaged job: `fault` is a traceback, or empty; times in s, memory in MB."""
 
     kind: str
     good: bool
@@ -90,7 +90,7 @@ def check_one(mutant: Mutant) -> Answer:
 
 
 def _fault_of_sentence(text: str) -> str:
-    """What is wrong with what a user would read, if anything."""
+    """Fault of a text for users; empty without one."""
     if not text.strip():
         return "no sentence"
     if "Traceback" in text or len(text) > 20_000:

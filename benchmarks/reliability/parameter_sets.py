@@ -30,7 +30,7 @@ def times(random: np.random.Generator, value: float, low: float, high: float) ->
 
 @dataclass(frozen=True)
 class Found:
-    """What one integrator says of one set: `complete`, `fell` or `failed`, and the section's observables."""
+    """One integrator's outcome of one set: `complete`, `fell` or `failed`, and the section's observables."""
 
     status: str
     observed: Mapping[str, float] = field(default_factory=dict)
@@ -38,7 +38,7 @@ class Found:
 
 @dataclass(frozen=True)
 class Observable:
-    """How far an observable may be off: `scale` is what counts as 1 rad, `period` that of a circular one.
+    """Tolerance of an observable: `scale` is what counts as 1 rad, `period` that of a circular one.
 
     `scale` may follow from a set's values.
     """

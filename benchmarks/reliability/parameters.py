@@ -73,7 +73,7 @@ def listed(verdicts: list[Verdict], most: int = 12) -> str:
 
 
 def finer(subject: Callable[[int], Subject], verdicts: list[Verdict], chosen: argparse.Namespace) -> str:
-    """How far the independent integrator is from itself at shorter steps, as lines of text."""
+    """Differences of the independent integrator from itself at shorter steps, as lines of text."""
     about = subject(chosen.crossings)
     sets = [{**v.values, "dt": v.values["dt"] / chosen.finer} for v in verdicts]
     shorter = references(subject, chosen.crossings, [(values, False) for values in sets], chosen.workers)

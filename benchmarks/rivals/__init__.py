@@ -1,4 +1,4 @@
-"""What gaitsweep is measured against: each module gives `measure() -> Row`, and the functions here call them.
+"""Programs with which gaitsweep is compared; each module defines `measure() -> Row`.
 
 Nothing here imports gaitsweep; starts and true crossings come from tests/reference.
 """

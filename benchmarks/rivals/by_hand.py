@@ -1,4 +1,4 @@
-"""What the rivals written by hand share: Table 1, packed starts, what is found, and the timing.
+"""Parts shared by the rivals written by hand: Table 1, packed starts, results, and the timing.
 
 A rival by hand is a function (`Runner`) that runs all the starts once and gives what it `Found`.
 """

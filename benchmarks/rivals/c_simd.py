@@ -14,7 +14,7 @@ SOURCE = Path(__file__).with_name("multilegged_simd.c")
 
 
 class Sweep(ctypes.Structure):
-    """What the C function reads and fills; `next` is the first start that no lane has taken."""
+    """Arguments and results of the C function; `next` is the first start that no lane has taken."""
 
     _fields_ = (
         *((name, ctypes.c_int64) for name in ("rows", "crossings", "limit", "next")),

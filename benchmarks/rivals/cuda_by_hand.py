@@ -132,7 +132,7 @@ def kernel(cuda: ctypes.CDLL, architecture: str, blocks: int) -> c_void_p:
 
 
 class Card:
-    """Runs a kernel on the device; `kernel_s` is the shortest that its launches took, without the copies."""
+    """Run a kernel on the device; `kernel_s` is the shortest that its launches took, without the copies."""
 
     def __init__(self, cuda: ctypes.CDLL, function: c_void_p) -> None:
         self.cuda, self.function, self.kernel_s = cuda, function, np.inf

@@ -34,7 +34,7 @@ def missing(note: str) -> Row:
 
 
 def measure(lanes: int = 256, crossings: int = 1, rtol: float = 1e-5, solver: str = "Tsit5") -> Row:
-    """Runs the reference's starts in this interpreter, or in the one that DIFFRAX_PYTHON names."""
+    """Run the reference's starts in this interpreter, or in the one that DIFFRAX_PYTHON names."""
     if importlib.util.find_spec("diffrax") is not None:
         return _measure(lanes, crossings, rtol, solver)
     python = os.environ.get("DIFFRAX_PYTHON")

@@ -117,7 +117,7 @@ def halved(of: Guards) -> Guards:
 
 @compiled
 def first_root(near: Guards, there: Guards, h: float) -> float:
-    """Where the secants of the guards that fire put the first root, as a step from the state (s)."""
+    """First root of the secants of the guards that fire, as a step from the state (s)."""
     share = 1.0
     for guard in range(2 * LEGS):
         if there[guard] >= 0.0:

@@ -126,7 +126,7 @@ def sweep(batch: Batch, crossings: int, dt: float, located: bool) -> tuple[Array
 
 
 def measure(located: bool = False, lanes: int = 1024, crossings: int = 1, dt: float = 2e-3) -> Row:
-    """Runs `lanes` starts (the reference's, repeated) for `crossings` cycles on one core."""
+    """Run `lanes` starts (the reference's, repeated) for `crossings` cycles on one core."""
     p = Parameters()
     true = reference_crossings()
     true = true[np.arange(lanes) % len(true)]

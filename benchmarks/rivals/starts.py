@@ -15,13 +15,13 @@ TESTS = Path(__file__).resolve().parents[2] / "tests"
 if str(TESTS) not in sys.path:
     sys.path.insert(0, str(TESTS))
 
-from reference.multilegged_page import Parameters, State, start  # noqa: E402
+from reference.multilegged_page import Parameters, State, start  # noqa: E402 - needs the path above
 
 Array = NDArray[np.float64]
 
 
 class Row(TypedDict):
-    """What a rival, or an engine, gives; NaN where nothing could be measured.
+    """Result of a rival or an engine; NaN where nothing could be measured.
 
     `steps_per_second` are attempts of all trajectories together; `error_rad` is the 95 % quantile, over the
     starts, of the largest error of psi at any crossing (rad).

@@ -305,7 +305,7 @@ _TYPES = {
 
 
 def _type(schema: Described) -> str:
-    """What a field takes, in words; numbers may be arithmetic, which a schema writes as text."""
+    """Allowed values of a field, in words; numbers may be arithmetic, which a schema writes as text."""
     if "enum" in schema:
         return ", ".join(f"`{each}`" for each in schema["enum"])
     if "const" in schema:

@@ -1,4 +1,4 @@
-"""How autodoc shows arguments that are described in annotations, and short names of classes."""
+"""Extension of autodoc: arguments that are described in annotations, and short names of classes."""
 
 from __future__ import annotations
 

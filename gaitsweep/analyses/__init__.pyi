@@ -20,7 +20,9 @@ from gaitsweep.analysis.transitions.hysteresis import (
     transition_points_by_gait as transition_points_by_gait,
 )
 from gaitsweep.analysis.transitions.return_map import fixed_points as fixed_points
-from gaitsweep.circular import TURN as TURN
-from gaitsweep.circular import wrapped_difference as wrapped_difference
+from gaitsweep.angle_difference import TURN as TURN
+from gaitsweep.angle_difference import wrapped_difference as wrapped_difference
+from gaitsweep.dynamics.footfalls import gait_of_footfalls as gait_of_footfalls
+from gaitsweep.dynamics.footfalls import support_patterns as support_patterns
 from gaitsweep.fitting.conflicts import Conflicts as Conflicts
 from gaitsweep.fitting.conflicts import conflicts as conflicts

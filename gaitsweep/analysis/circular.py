@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from gaitsweep.circular import TURN
+from gaitsweep.angle_difference import TURN
 
 
 def is_circular(table: pd.DataFrame, name: str) -> bool:

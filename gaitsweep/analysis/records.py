@@ -1,8 +1,8 @@
-"""Reads tables for the analyses: columns by name, swept axes, outcomes of rows, records before a fall."""
+"""Reading of tables for analyses: columns by name, swept axes, outcomes of rows, records before a fall."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 import pandas as pd
@@ -46,6 +46,41 @@ def axes_of(table: pd.DataFrame) -> list[str]:
     names = [str(name) for name in table.columns]
     ends = [names.index(name) for name in _AFTER_AXES if name in names]
     return [name for name in names[: min(ends, default=0)] if name != "row"]
+
+
+def with_constants(
+    tables: pd.DataFrame | Sequence[pd.DataFrame], names: Sequence[str], axes: Sequence[str] | None = None
+) -> pd.DataFrame:
+    """One table of one or several, with columns for constants of their jobs.
+
+    Args:
+        tables: a table, or several that differ in constants, with the same axes.
+        names: columns, or parameters, start values or sizes that a table's job holds constant.
+        axes: the axes that are compared; by default the swept ones that are not among `names`.
+
+    Raises:
+        AnalysisError: a name is neither, its constant is no number, or the tables have other axes.
+    """
+    several = [tables] if isinstance(tables, pd.DataFrame) else list(tables)
+    completed: list[pd.DataFrame] = []
+    for table in several:
+        job = table.attrs.get("job", {})
+        constants = {k: v for part in ("structure", "params", "start") for k, v in job.get(part, {}).items()}
+        missing = [name for name in names if name not in table]
+        for name in missing:
+            if name not in constants:
+                raise AnalysisError(_not_there(table, name, constants))
+            if isinstance(constants[name], str):
+                formula = f'{name} is the formula "{constants[name]}" in the job of a table'
+                raise AnalysisError(f"{formula}, and no number: name one of its parameters.")
+        completed.append(table.assign(**{name: constants[name] for name in missing}))
+    swept = {", ".join(name for name in axes or axes_of(each) if name not in names) for each in several}
+    if len(swept) != 1:
+        both = " and ".join(sorted(swept)) or "none"
+        raise AnalysisError(f"The tables have different axes, {both}: name the constants in `by`, or `axes`.")
+    together = completed[0] if len(several) == 1 else pd.concat(completed, ignore_index=True)
+    together.attrs = several[0].attrs
+    return together
 
 
 def panels_of(
@@ -100,5 +135,7 @@ def in_order(table: pd.DataFrame, label: str, labels: pd.Series) -> list[str]:
     return [name for name in order if name in present]
 
 
-def _not_there(table: pd.DataFrame, name: str) -> str:
-    return f"{name} is not a column of this table{near_miss.suggestion(name, map(str, table.columns))}"
+def _not_there(table: pd.DataFrame, name: str, constants: Iterable[str] = ()) -> str:
+    known = [*map(str, table.columns), *constants]
+    what = "a column of this table or a constant of its job" if constants else "a column of this table"
+    return f"{name} is not {what}{near_miss.suggestion(name, known)}"

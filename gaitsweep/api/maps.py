@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.continuation.continuation import continuation
-from gaitsweep.analysis.continuation.newton import FixedPoints, multipliers, newton
+from gaitsweep.analysis.continuation.multipliers import multipliers
+from gaitsweep.analysis.continuation.newton import FixedPoints, newton
 from gaitsweep.api.keywords import AnyModel, job_of
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
@@ -23,6 +24,7 @@ from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
 from gaitsweep.kinds import ReturnMap
+from gaitsweep.kinds.columns import quantities_of
 
 # Points of the section: their coordinates, start values by name, or what these methods return.
 SectionPoints = Points | FixedPoints | Mapping[str, Any]
@@ -70,6 +72,10 @@ class PoincareMap:
             for name, value in starts.items()
             if name not in without_start and not np.isnan(value).all()
         }
+
+    def __repr__(self) -> str:
+        moving = f" over {', '.join(self._values)}" if self._values else ""
+        return f"PoincareMap({self.model.name}: {', '.join(self.coordinates)}{moving})"
 
     @property
     def coordinates(self) -> list[str]:
@@ -211,7 +217,7 @@ class PoincareMap:
 
         Returns:
             One record a point of a branch, as of `analysis.continuation.continuation`; `row` is the place of
-            its start, and `direction` that of the branch at its start.
+            its start, and `direction` that of the branch at its start. `gs.plot.continuation` draws it.
 
         Raises:
             ArgumentError: the map has no derivative, the parameter is not the model's, or its value is
@@ -257,7 +263,13 @@ class PoincareMap:
                 fix=conserved,
             )
             tables.append(branches.assign(direction=direction))
-        return pd.concat(tables, ignore_index=True)
+        table = pd.concat(tables, ignore_index=True)
+        # what figures read of a job's table
+        table.attrs["job"] = {"run": {"kind": "continuation", "parameter": parameter}}
+        names = (*self.coordinates, *(quantity.name for quantity in self.model.observables))
+        recorded = [name for name in dict.fromkeys(names) if name in table]
+        table.attrs |= {"quantities": quantities_of(self.model), "recorded": recorded}
+        return table
 
     def _points(self, x: Any) -> tuple[Points, bool]:
         """Return points, and whether they were one array of coordinates (size,)."""

@@ -18,7 +18,8 @@ from gaitsweep.runs.execute import run_job, table_in_memory
 from gaitsweep.runs.progress import Progress, progress_lines
 from gaitsweep.runs.sentences import remarks, self_check_sentence
 from gaitsweep.table import load
-from gaitsweep.table.manifest import FIGURES, read_manifest
+from gaitsweep.table.manifest import read_manifest
+from gaitsweep.table.reading import figure_files
 
 if TYPE_CHECKING:
     import xarray  # pyright: ignore[reportMissingImports]
@@ -75,7 +76,7 @@ class Result:
     @property
     def figures(self) -> list[Path]:
         """Files of the job's figures."""
-        return [] if self._path is None else sorted((self._path / FIGURES).glob("*.png"))
+        return [] if self._path is None else figure_files(self._path)
 
     @property
     def plot(self) -> FiguresOfTable:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from gaitsweep.claims.paper import ClaimVerdict
+from gaitsweep.claims.verdicts import ClaimVerdict
 from gaitsweep.version import version
 from gaitsweep.view.report import SCHEMES, document, figure_of
 

@@ -1,12 +1,11 @@
-"""The table of a paper's claims, read from `configs/claims/PAPER.yaml`, and the verdict on each claim."""
+"""The table of a paper's claims, read from `configs/claims/PAPER.yaml`."""
 
 from __future__ import annotations
 
-import enum
 import inspect
 import math
 import typing
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,7 +13,7 @@ import pandas as pd
 from pydantic import Field, PrivateAttr, TypeAdapter, ValidationError
 
 from gaitsweep import near_miss
-from gaitsweep.claims.measures import MEASURES, Value
+from gaitsweep.claims.measures import MEASURES
 from gaitsweep.errors import ArgumentError
 from gaitsweep.extension import folders, import_all
 from gaitsweep.schema.diagnostics import (
@@ -241,8 +240,7 @@ def _checked(paper: Paper) -> Iterator[Diagnostic]:
             yield Diagnostic(
                 ("jobs", name, "job"),
                 f"is {paper.jobs[name].job}, which is neither a job of gaitsweep or of an extension "
-                "nor a file "
-                "beside the table of claims.",
+                "nor a file beside the table of claims.",
             )
 
 
@@ -273,90 +271,3 @@ def _unjudged(claim: Claim) -> str | None:
     if numeric and claim.tolerance is None and claim.interval is None:
         return "must have a tolerance, or between, above or below."
     return None
-
-
-class ClaimVerdict(enum.StrEnum):
-    """Verdict on a claim: its value in tables, its words in text for readers, and their meaning."""
-
-    words: str
-    sentence: str
-
-    def __new__(cls, value: str, words: str, sentence: str) -> ClaimVerdict:
-        member = str.__new__(cls, value)
-        member._value_, member.words, member.sentence = value, words, sentence
-        return member
-
-    reproduced = (
-        "reproduced",
-        "reproduced",
-        "our value agrees with the paper's within the tolerance",
-    )
-    not_reproduced = (
-        "not",
-        "not reproduced",
-        "our value does not agree with the paper's, or not with finer steps",
-    )
-    open_constants = (
-        "open: constants",
-        "with open constants",
-        "our value does not agree, and the paper lacks constants that decide it",
-    )
-    definition = (
-        "definition",
-        "true by definition",
-        "the definition of the model or of its labels decides it, and no simulation can change it",
-    )
-    answered = (
-        "answered",
-        "answered",
-        "the paper leaves the question open, and this run confirms our answer",
-    )
-    not_run = (
-        "not run",
-        "not run",
-        "no verdict: --quick leaves it out, its job did not run, or its table lacks a column",
-    )
-
-
-def verdict(claim: Claim, ours: Value) -> ClaimVerdict:
-    """The verdict on a claim from its measured value.
-
-    Args:
-        claim: the claim, with its tolerance, bounds or texts.
-        ours: the result of its measure.
-    """
-    if agrees(claim, ours):
-        if claim.step:
-            return ClaimVerdict.not_reproduced
-        if claim.definition:
-            return ClaimVerdict.definition
-        return ClaimVerdict.answered if claim.asked else ClaimVerdict.reproduced
-    return ClaimVerdict.open_constants if claim.open else ClaimVerdict.not_reproduced
-
-
-def agrees(claim: Claim, ours: Value) -> bool:
-    """Whether a value is within a claim's tolerance and bounds, or equals its text; false for NaN."""
-    if claim.tolerance is not None:
-        theirs: Any = claim.paper
-        if _listed(theirs) != _listed(ours):
-            return False
-        pairs = zip(_items(theirs), _items(ours), strict=False)
-        same_length = len(_items(theirs)) == len(_items(ours))
-        return same_length and all(_number(b) and abs(a - b) <= claim.tolerance for a, b in pairs)
-    if claim.interval is not None:
-        low, high = claim.interval
-        return all(_number(each) and low <= each <= high for each in _items(ours))
-    expected: Any = claim.paper if claim.equals is None else claim.equals
-    return _listed(expected) == _listed(ours) and list(_items(expected)) == list(_items(ours))
-
-
-def _listed(value: object) -> bool:
-    return isinstance(value, Sequence) and not isinstance(value, str)
-
-
-def _items(value: Any) -> Sequence[Any]:
-    return value if _listed(value) else [value]
-
-
-def _number(value: object) -> bool:
-    return isinstance(value, (int, float)) and math.isfinite(value)

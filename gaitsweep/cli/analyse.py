@@ -34,7 +34,7 @@ class _Analyses(TyperGroup):
 
 app = typer.Typer(
     cls=_Analyses,
-    help="Analyse the table of a result directory and print the results.",
+    help="Analyse a table and print the results.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -77,7 +77,10 @@ def targets(
         typer.Option("--target", metavar="NAME", help="Analyse only this target; may be repeated."),
     ] = None,
 ) -> None:
-    """Count the sets of a search that meet each pair of targets, and print the smallest misses."""
+    """Count the sets of a search that meet pairs of targets.
+
+    Print the smallest misses too.
+    """
     from gaitsweep.fitting.conflicts import conflicts
 
     found = conflicts([result_table(directory) for directory in directories], within, target)
@@ -106,7 +109,10 @@ def summary(
         ),
     ] = None,
 ) -> None:
-    """Count the rows of each group, such as each gait, and print medians and ranges of columns."""
+    """Count rows and print ranges of columns by group.
+
+    A group is, for example, a gait; the median and the range of each column are printed.
+    """
     from gaitsweep.analysis.records import require
 
     table = result_table(directory)
@@ -120,7 +126,10 @@ def summary(
 
 @app.command()
 def attractors(directory: Directory) -> None:
-    """Group the settled rows by attractor, and print how well the gaits agree with the groups."""
+    """Group the settled rows by attractor.
+
+    Print how well the gaits agree with the groups.
+    """
     from gaitsweep.analysis.basins import attractors as analysis
 
     table = result_table(directory)
@@ -133,7 +142,10 @@ def attractors(directory: Directory) -> None:
 
 @app.command()
 def basins(directory: Directory, by: Kept = None) -> None:
-    """Print outcome fractions, basin entropies and the uncertainty exponent of starts on a grid."""
+    """Print sizes and entropies of basins on a grid.
+
+    Outcome fractions with intervals, basin entropies and the uncertainty exponent.
+    """
     from gaitsweep.analysis.basins import measures
 
     found = measures.basins(result_table(directory), by=by or ())
@@ -144,7 +156,10 @@ def basins(directory: Directory, by: Kept = None) -> None:
 
 @app.command()
 def wada(directory: Directory, by: Kept = None) -> None:
-    """Print two tests of the Wada property of basins on a grid: boundaries after merging, basins in boxes."""
+    """Print two tests of the Wada property of basins.
+
+    They compare boundaries after merging, and count the basins in boxes of a grid.
+    """
     from gaitsweep.analysis.basins import wada as tests
 
     found = tests.wada(result_table(directory), by=by or ())
@@ -155,7 +170,10 @@ def wada(directory: Directory, by: Kept = None) -> None:
 
 @app.command()
 def hysteresis(directory: Directory, observable: Observable, parameter: Parameter) -> None:
-    """Print the jumps of a ramp or staircase between branches, and the areas of its hysteresis loops."""
+    """Print jumps and hysteresis of a ramp or staircase.
+
+    Jumps are those between branches; loops have areas.
+    """
     from gaitsweep.analysis.transitions.hysteresis import loop_area, transition_points
 
     table = result_table(directory)
@@ -169,7 +187,10 @@ def gait_transitions(
     parameter: Parameter,
     start: Annotated[str, typer.Option("--start", metavar="NAME", help="Start that selects the branch.")],
 ) -> None:
-    """Print the parameter values at which gaits are lost, from settled rows along a parameter."""
+    """Print the parameter values at which gaits are lost.
+
+    They follow from settled rows along a parameter.
+    """
     from gaitsweep.analysis.transitions.hysteresis import transition_points_by_gait
 
     print_table(transition_points_by_gait(result_table(directory), parameter, start))

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaitsweep.cli import again, analyse, models
+from gaitsweep.cli import analyse, models, stored_output
 from gaitsweep.cli.examples import examples
-from gaitsweep.cli.options import ClusterAsForRun, Directory, Out, Settings, print_message
+from gaitsweep.cli.options import ClusterAsForRun, Directory, Open, Out, Settings, print_links, print_message
 from gaitsweep.cli.views import animate, explore
 from gaitsweep.errors import UserError
 from gaitsweep.shipped import config_file
@@ -86,8 +86,7 @@ def run(
             "--rows",
             metavar="A:B",
             help="Run only rows A to B-1, which must be whole blocks, while other processes run other "
-            "rows in "
-            "the same directory; the last process completes the table.",
+            "rows in the same directory; the last process completes the table.",
         ),
     ] = None,
     cluster: Annotated[
@@ -113,13 +112,14 @@ def run(
             "longest block so far.",
         ),
     ] = None,
+    open_it: Open = False,
 ) -> None:
     """Run a job, or continue it, and write its table and figures."""
     command = [str(each) for each in (job_file, out, settings, engine, strict)]
-    stored = None if dry_run else again.load_output(command)
+    stored = None if dry_run else stored_output.load_output(command)
     if stored is not None:
         print(stored[1], end="", file=sys.stderr)
-        print(stored[0])
+        _print_outcome(stored[0], open_it)
         return
     from gaitsweep.cli import show
     from gaitsweep.job import load_job
@@ -159,14 +159,21 @@ def run(
             )
     snapshot = Snapshot.of(path)
     outcome = show.outcome(snapshot)
-    print(outcome)
+    _print_outcome(outcome, open_it)
     if not snapshot.complete:  # a share of the rows, whose table other processes complete
         return
     # repairs are not reported again, and other tables or the user's modules may change
     lasting = all(sentence.startswith(("Warning: ", "engine: ")) for sentence in messages)
     if lasting and not _leans_on_others(job):
         sources = [job_file, *([] if job.config is None else [config_file(job.config, job_file.parent)])]
-        again.store_output(command, sources, path, outcome, "".join(f"{each}\n" for each in messages))
+        stored_output.store_output(command, sources, path, outcome, "".join(f"{each}\n" for each in messages))
+
+
+def _print_outcome(outcome: str, open_them: bool) -> None:
+    """Print the outcome of a run, and links to the figures that it names; open these if asked to."""
+    print(outcome)
+    named = (line.partition("Figure: ") for line in outcome.splitlines())
+    print_links([file for before, sign, file in named if sign and not before], open_them)
 
 
 @contextlib.contextmanager
@@ -220,10 +227,36 @@ def _stopped(name: str, out: Path | None) -> str:
 
 
 @app.command()
-def plot(directory: Directory) -> None:
+def plot(
+    directory: Directory,
+    width: Annotated[
+        str | None, typer.Option("--width", help="Width: column (85 mm), page (180 mm), or mm.")
+    ] = None,
+    formats: Annotated[
+        list[str], typer.Option("--format", help="File format: png, pdf or svg; may be repeated.")
+    ] = [],  # noqa: B006 - typer does not change it
+    dpi: Annotated[int | None, typer.Option("--dpi", help="Pixels per inch of png files (150).")] = None,
+    colours: Annotated[
+        list[str],
+        typer.Option("--colour", metavar="GAIT=COLOUR", help="Colour of a gait; may be repeated."),
+    ] = [],  # noqa: B006 - typer does not change it
+    panel_letters: Annotated[
+        bool, typer.Option("--panel-letters", help="Write a, b, c, ... above panels.")
+    ] = False,
+    no_marks: Annotated[
+        bool, typer.Option("--no-marks", help="Omit the remark on an incomplete or doubtful table.")
+    ] = False,
+    open_it: Open = False,
+) -> None:
     """Draw the figures of a table again, without simulation."""
+    from gaitsweep.plot.figure_style import read_style
     from gaitsweep.runs.figures import FigureError, draw_figures
     from gaitsweep.table import Snapshot
+
+    given = {"width": width, "format": formats or None, "dpi": dpi}
+    given |= {"colours": dict(map(_named_colour, colours)) or None}
+    given |= {"panel_letters": panel_letters or None, "marks": False if no_marks else None}
+    style = read_style(**given)
 
     job = Snapshot.of(directory).job
     try:
@@ -232,18 +265,27 @@ def plot(directory: Directory) -> None:
 
             paths = draw_again(directory)
         else:
-            paths = draw_figures(directory)
+            paths = draw_figures(directory, style=style)
     except FigureError as error:
         for path in error.drawn:
             print(path)
         raise
     for path in paths:
         print(path)
+    print_links(paths, open_it)
     if not paths:
         text = f"The job of {directory} has no figures: add `figures:` to it and run it again."
         if "sensitivity" in job:
             text = f"`gaitsweep sensitivity` draws the figures of {directory}: run it again."
         print(text, file=sys.stderr)
+
+
+def _named_colour(text: str) -> tuple[str, str]:
+    """The gait and the colour of `--colour GAIT=COLOUR`."""
+    gait, equals, colour = text.partition("=")
+    if not equals:
+        raise typer.BadParameter(f"is {text}, but must be GAIT=COLOUR, such as trot=#0072B2.")
+    return gait, colour
 
 
 app.command()(animate)
@@ -315,11 +357,34 @@ def _size_of(job_file: Path) -> str:
 
 
 @app.command()
-def report(directory: Directory) -> None:
-    """Write report.html into a result directory, with its job, counts, figures and provenance."""
+def report(directory: Directory, open_it: Open = False) -> None:
+    """Write report.html: job, counts, figures, provenance.
+
+    The page is written into the result directory.
+    """
     from gaitsweep.view.report import write_report
 
-    print(write_report(directory))
+    path = write_report(directory)
+    print(path)
+    print_links([path], open_it)
+
+
+@app.command()
+def cite(
+    directory: Annotated[
+        Path | None, typer.Argument(metavar="DIR", help="Result directory; by default gaitsweep alone.")
+    ] = None,
+) -> None:
+    """Print BibTeX entries and a sentence on methods."""
+    from gaitsweep.runs.citation import citation_of, tool_entry
+
+    if directory is None:
+        print(tool_entry())
+        return
+    text, missing = citation_of(directory)
+    print(text)
+    for sentence in missing:
+        print_message(sentence)
 
 
 @app.command()
@@ -347,9 +412,14 @@ def reproduce(
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit with code 3 if a claim is not reproduced.")
     ] = False,
+    open_it: Open = False,
 ) -> None:
-    """Run the missing jobs of a paper, and compare its claims with the results."""
-    from gaitsweep.claims.paper import ClaimVerdict, read_paper
+    """Run a paper's jobs, and compare its claims with them.
+
+    Only jobs without results run.
+    """
+    from gaitsweep.claims.paper import read_paper
+    from gaitsweep.claims.verdicts import ClaimVerdict
 
     table_of_claims = read_paper(paper)
     if claims is not None:
@@ -379,6 +449,7 @@ def reproduce(
             turned = f"; {claim['why']}" if claim["ours"] and claim["why"] else ""
             print(f"{claim['id']} ({missed.words}): {ours}{turned}")
     print(f"Page: {found.page}")
+    print_links([found.page], open_it)
     if found.failed:
         raise typer.Exit(EXIT_FAILURE)
     if strict and counts[ClaimVerdict.not_reproduced.value]:
@@ -400,8 +471,12 @@ def search(
         bool,
         typer.Option("--dry-run", help="Print the resources that the search would need, without running it."),
     ] = False,
+    open_it: Open = False,
 ) -> None:
-    """Search, or continue to search, constants of a model that meet targets; report their ranges."""
+    """Search constants of a model that meet targets.
+
+    A search that was stopped continues; the ranges of the constants are reported.
+    """
     from gaitsweep.cli import show_fits
     from gaitsweep.fitting.search_job import load_search
 
@@ -415,7 +490,7 @@ def search(
 
     with _running(job.name, out, "sets", cluster=cluster) as (on_progress, workers):
         found = run_search(job, out, on_progress=on_progress, on_message=print_message, cluster=workers)
-    print(show_fits.search_outcome(found))
+    _print_outcome(show_fits.search_outcome(found), open_it)
 
 
 @app.command()
@@ -431,8 +506,12 @@ def sensitivity(
     out: Out = None,
     settings: Settings = None,
     cluster: ClusterAsForRun = None,
+    open_it: Open = False,
 ) -> None:
-    """Measure how much results depend on each constant: write a table, the indices and their figure."""
+    """Measure how much results depend on each constant.
+
+    Write a table, the indices and their figure.
+    """
     from gaitsweep.cli import show_fits
     from gaitsweep.fitting.sensitivity_job import load_sensitivity
 
@@ -441,7 +520,7 @@ def sensitivity(
 
     with _running(job.name, out, "sets", cluster=cluster) as (on_progress, workers):
         found = run_sensitivity(job, out, on_progress=on_progress, on_message=print_message, cluster=workers)
-    print(show_fits.sensitivity_outcome(found))
+    _print_outcome(show_fits.sensitivity_outcome(found), open_it)
 
 
 @app.command(name="schema")

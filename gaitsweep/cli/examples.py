@@ -48,7 +48,10 @@ def examples(
         Path, typer.Option("--to", metavar="DIR", help="Folder for the files; by default the current one.")
     ] = Path(),
 ) -> None:
-    """List the jobs, models, configs and notebooks that come with gaitsweep, or copy some of them."""
+    """List or copy the jobs, models and notebooks shipped.
+
+    Without NAME they are listed, with the configs; with it they are copied.
+    """
     found = known_examples()
     if name is None:
         _list(found)

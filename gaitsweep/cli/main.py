@@ -44,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     gc.set_threshold(50_000)
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed (>&-)
-            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 - open until the process ends
     for stream in (sys.stdout, sys.stderr):
         # characters outside the terminal's encoding are written as escapes
         if isinstance(stream, io.TextIOWrapper):

@@ -45,7 +45,10 @@ def models(
         typer.Argument(metavar="NAME", help="Model to describe; by default all models are listed."),
     ] = None,
 ) -> None:
-    """List all models, or the parameters, starts, observables and gaits of one model."""
+    """List all models, or describe one model.
+
+    Its parameters, starts, observables and gaits.
+    """
     from gaitsweep import models as registry
     from gaitsweep.cli import show
 
@@ -61,7 +64,10 @@ def new_model(
     ],
     to: NewFolder = Path(),
 ) -> None:
-    """Write a template of your own model, a hopper, into a folder NAME: model, job, test and README."""
+    """Write a template of your own model.
+
+    A hopper in a folder NAME: model, job, test and README.
+    """
     _write(to / name, name, {Path(each).name: each for each in _FILES})
     print(f"Try it: cd {to / name} && gaitsweep run {name}.yaml && pytest")
 
@@ -72,7 +78,10 @@ def new_paper(
     ],
     to: NewFolder = Path(),
 ) -> None:
-    """Write a template of a paper's package: model, jobs, figures, analyses, measures, claims, test."""
+    """Write a template of a paper's package.
+
+    It has a model, jobs, figures, analyses, measures, claims and a test.
+    """
     _write(to / name, name, _PAPER)
     print(f"Try it: pip install -e {to / name} && gaitsweep reproduce {name} --quick")
 
@@ -120,7 +129,10 @@ def check_model(
         ),
     ] = False,
 ) -> None:
-    """Test a model against the contract and run some rows; print one sentence for each error."""
+    """Test a model against the contract and run some rows.
+
+    Print one sentence for each error.
+    """
     from gaitsweep import models as registry
     from gaitsweep.cli import show
     from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel

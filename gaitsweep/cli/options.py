@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+import webbrowser
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -35,6 +37,17 @@ Trust = Annotated[
         help="Allow running the code of your own model from DIR, or from the folder named in DIR.",
     ),
 ]
+
+Open = Annotated[bool, typer.Option("--open", help="Open the written page or figures in the browser.")]
+
+
+def print_links(paths: Iterable[Path | str], open_them: bool) -> None:
+    """Print links to written pages or figures on standard error, and open them if asked to."""
+    for path in paths:
+        link = Path(path).resolve().as_uri()
+        print_message(f"Link: {link}")
+        if open_them and not webbrowser.open(link):
+            print_message("No browser opened here: copy the link.")
 
 
 def print_message(sentence: str) -> None:

@@ -8,15 +8,26 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from types import FrameType
+from typing import Any
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.console import Console, RenderableType
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.text import Text
 
 from gaitsweep.runs.progress import Progress as RunProgress
-from gaitsweep.runs.progress import progress_lines
+from gaitsweep.runs.progress import percent, progress_lines
 
 _WHOLE = 1_000_000  # steps of the bar
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class _NoteBelow(Progress):
+    """A bar with its note on a line below, which a narrow terminal cuts at its end."""
+
+    def get_renderables(self) -> Iterator[RenderableType]:
+        yield self.make_tasks_table(self.tasks)
+        for task in self.tasks:
+            yield Text(task.description, style="dim", no_wrap=True, overflow="ellipsis")
 
 
 @contextlib.contextmanager
@@ -33,23 +44,28 @@ def shown_progress(unit: str = "rows", console: Console | None = None) -> Iterat
         yield progress_lines(unit)
         return
     task: TaskID | None = None
-    columns = BarColumn(), TaskProgressColumn(), TextColumn("{task.fields[rate]}"), TimeRemainingColumn()
-    with Progress(
+    texts = (TextColumn(f"{{task.fields[{name}]}}") for name in ("share", "rate"))
+    with _NoteBelow(
         TextColumn(f"{{task.fields[rows]}} {unit}"),
-        *columns,
-        TextColumn("{task.description}"),
+        BarColumn(20),
+        *texts,
+        TimeRemainingColumn(),
         console=console or Console(stderr=True),
         transient=True,
     ) as shown:
 
         def update(done: int, total: int, rate: float, fraction: float, note: str) -> None:
             nonlocal task
-            rows, steps = f"{done}/{total}", round(fraction * _WHOLE)
-            speed = f"{rate:.3g} {unit}/s" if rate > 0 else ""
+            steps = round(fraction * _WHOLE)
+            fields: dict[str, Any] = {
+                "rows": f"{done}/{total}",
+                "share": percent(done, total, fraction),
+                "rate": f"{rate:.3g} {unit}/s" if rate > 0 else "",
+            }
             if task is None:
                 # with its start value, the bar does not count an earlier run's progress in this one's speed
-                task = shown.add_task(note, total=_WHOLE, completed=steps, rows=rows, rate=speed)
-            shown.update(task, description=note, completed=steps, rows=rows, rate=speed)
+                task = shown.add_task(note, total=_WHOLE, completed=steps, **fields)
+            shown.update(task, description=note, completed=steps, **fields)
 
         yield update
 

@@ -13,11 +13,13 @@ from rich.table import Table
 
 from gaitsweep.contract import Model, Quantity, Status
 from gaitsweep.runs.sentences import (
+    DESCRIBED,
     MISLABELLED,
     STARTS_BEYOND,
     WITHOUT_PERIOD,
     remarks,
     self_check_sentence,
+    settings_of,
     status_sentence,
 )
 from gaitsweep.table import Snapshot
@@ -25,6 +27,11 @@ from gaitsweep.table import Snapshot
 if TYPE_CHECKING:
     from gaitsweep.runs.estimate import Estimate
 
+# Entries of a manifest that other lines have, or that no reader needs.
+_ELSEWHERE = {
+    "rows", "counts", "complete", "periods", "quantities", "job", "figures_drawn", "program", "sha256",
+    *DESCRIBED,
+}  # fmt: skip
 _PIPED_WIDTH = 240  # columns, where the output is no terminal
 
 
@@ -109,7 +116,7 @@ def outcome(snapshot: Snapshot) -> str:
     if snapshot.counts and not set(snapshot.counts) & Status.SOUND:
         worst = next(iter(snapshot.counts))
         known = worst in Status.__members__
-        meaning = Status[worst].sentence if known else "This version does not know this status."
+        meaning = status_sentence(worst, snapshot.job) if known else "This version does not know this status."
         lines.insert(1, f"No row ended normally. {worst}: {meaning}")
     if isinstance(found := snapshot.manifest.get("self_check"), dict):
         lines.append(self_check_sentence(found))
@@ -127,7 +134,8 @@ def directory(snapshot: Snapshot) -> str:
         "rows": f"{snapshot.rows_done} of {rows}, {state}",
     }
     for status, number in snapshot.counts.items():
-        lines[f"  {status}"] = f"{number}   {status_sentence(status, snapshot.job)}".rstrip()
+        sentence = status_sentence(status, snapshot.job, snapshot.manifest.get("periods"))
+        lines[f"  {status}"] = f"{number}   {sentence}".rstrip()
     if snapshot.rows_open:
         lines["rows open"] = f"{snapshot.rows_open} more rows have ended in incomplete blocks"
     for number, fault in sorted(snapshot.files.faults.items()):
@@ -147,7 +155,7 @@ def directory(snapshot: Snapshot) -> str:
 
 def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:
     """Format entries of a manifest as lines, by their titles."""
-    lines: dict[str, str] = {}
+    lines = settings_of(manifest)
     for key, value in manifest.items():
         if key == "stalls" and isinstance(value, dict):
             lines[key] = stalled(value)
@@ -158,15 +166,13 @@ def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:
                 lines["distance"] = f"{distance(value)}, the largest from the analytic solutions"
         elif key == "axes" and isinstance(value, list):
             lines[key] = axes(value) or "none"
-        elif key == "dt" and isinstance(value, list) and value:
-            lines[key] = f"{' to '.join(dict.fromkeys(map(plain, value)))} s"
         elif key == "gaits" and isinstance(value, dict):
             lines[key] = counts(value)
         elif key in (MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD):
             lines[key.replace("_", " ")] = " ".join(remarks({key: value}))
         elif key == "self_check" and isinstance(value, dict):
             lines["self-check"] = self_check_sentence(value).removeprefix("Self-check: ")
-        elif key not in ("rows", "counts", "quantities", "job", "figures_drawn", "sha256"):
+        elif key not in _ELSEWHERE:
             lines[key] = plain(value)
     return lines
 

@@ -9,11 +9,11 @@ from typing import Annotated
 
 import typer
 
-from gaitsweep.cli.options import Directory, Trust, print_message
+from gaitsweep.cli.options import Directory, Open, Trust, print_links, print_message
 
 
 def animate(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Result directory of a trace.")],
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Result directory.")],
     row: Annotated[int, typer.Option("--row", metavar="N", help="Number of the row.")] = 0,
     out: Annotated[
         Path | None,
@@ -25,12 +25,14 @@ def animate(
     ] = None,
     start: Annotated[
         float | None,
-        typer.Option("--start", metavar="S", help="Time in the trace at which the movie begins, s."),
+        typer.Option("--start", metavar="S", help="Time in the row at which the movie begins, s."),
     ] = None,
     seconds: Annotated[
         float | None,
         typer.Option(
-            "--seconds", metavar="S", help="Length of the movie in time of the trace, s; by default all."
+            "--seconds",
+            metavar="S",
+            help="Length in time of the row, s; by default a whole trace, or the last cycles.",
         ),
     ] = None,
     speed: Annotated[
@@ -52,6 +54,10 @@ def animate(
         str,
         typer.Option("--renderer", metavar="NAME", help="mujoco, matplotlib, or auto: mujoco if available."),
     ] = "auto",
+    lift: Annotated[
+        float,
+        typer.Option("--lift", metavar="X", help="Draw feet X times as high over the ground as they are."),
+    ] = 1.0,
     still: Annotated[
         float | None,
         typer.Option(
@@ -59,8 +65,9 @@ def animate(
         ),
     ] = None,
     trust: Trust = False,
+    open_it: Open = False,
 ) -> None:
-    """Draw the walking model of one row of a trace, as a movie or a strip of poses."""
+    """Draw the walking model of one row as a movie, or a strip of poses."""
     from gaitsweep.cli.progress import shown_progress
     from gaitsweep.plot import PlotError
     from gaitsweep.view.movie import row_movie as movie
@@ -73,18 +80,19 @@ def animate(
                 f"--still draws a single picture, to which {given[0]} does not apply: remove one of the two."
             )
         pixels = movie.STILL_SIZE if size is None else _size(size)
-        print(
-            movie.write_still(
-                directory,
-                out,
-                row=row,
-                at=still,
-                size=pixels,
-                renderer=renderer,
-                trust=trust,
-                on_message=print_message,
-            )
+        path = movie.write_still(
+            directory,
+            out,
+            row=row,
+            at=still,
+            size=pixels,
+            renderer=renderer,
+            lift=lift,
+            trust=trust,
+            on_message=print_message,
         )
+        print(path)
+        print_links([path], open_it)
         return
     began = time.monotonic()
     with shown_progress("frames") as shown:
@@ -96,17 +104,19 @@ def animate(
             directory,
             out,
             row=row,
-            start=start or 0.0,
+            start=start,
             seconds=seconds,
             speed=speed,
             fps=25.0 if fps is None else fps,
             size=movie.SIZE if size is None else _size(size),
             renderer=renderer,
+            lift=lift,
             trust=trust,
             on_progress=on_progress,
             on_message=print_message,
         )
     print(path)
+    print_links([path], open_it)
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -142,8 +152,12 @@ def explore(
         typer.Option("--max-size", metavar="MB", help="Largest size of the page; 10 MB by default."),
     ] = None,
     trust: Trust = False,
+    open_it: Open = False,
 ) -> None:
-    """Write explore.html into a result directory: a click on a start shows the model walking from it."""
+    """Write explore.html: click a start to see the model walk.
+
+    The page is written into the result directory.
+    """
     from gaitsweep.cli.progress import shown_progress
     from gaitsweep.view.explorer.explorer import write_explorer
 
@@ -160,3 +174,4 @@ def explore(
             on_message=print_message,
         )
     print(path)
+    print_links([path], open_it)

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +20,8 @@ from gaitsweep.contract import Model, Quantity
 from gaitsweep.dynamics.phase_oscillator import wrapped
 
 Start = float | str
+# The signs of an event's function with which it rises through zero in each direction.
+_SIGNS = {"rising": (1.0,), "falling": (-1.0,), "both": (1.0, -1.0)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,6 +32,19 @@ class Counted:
     """
 
     count: int | str | None
+
+    def __post_init__(self) -> None:
+        """Refuse a count that is no number of components.
+
+        Raises:
+            TypeError: with what is allowed.
+        """
+        whole = isinstance(self.count, int) and not isinstance(self.count, bool) and self.count >= 1
+        if not (whole or self.count is None or isinstance(self.count, str)):
+            raise TypeError(
+                f"A declaration has count={self.count!r}: allowed are whole numbers from 1 on, and the name "
+                "of a field of the model's structure as text."
+            )
 
     def size(self, model: Model) -> int:
         """Number of components, 1 for a single one."""
@@ -52,13 +67,16 @@ class CountedQuantity(Counted):
 
     def quantities(self, model: Model, name: str, **changes: Any) -> tuple[Quantity, ...]:
         """The quantities of a field by this name."""
+        plain = name.removesuffix("_")
+        if plain != name and not self.quantity.symbol:  # `lambda_` and `e_` are the paper's lambda and e
+            changes["symbol"] = rf"\{plain}" if plain == "lambda" else plain
         quantity = dataclasses.replace(self.quantity, name=name, **changes)
         if self.count is None:
             return (quantity,)
         return tuple(
             dataclasses.replace(
                 quantity,
-                name=f"{name}_{i}",
+                name=f"{plain}_{i}",
                 meaning=f"{quantity.meaning} {i}",
                 symbol=quantity.symbol and f"{quantity.symbol}_{{{i}}}",
             )
@@ -134,23 +152,60 @@ class Mode(Counted):
 
 
 @dataclasses.dataclass(frozen=True)
-class Reading:
+class Reading(CountedQuantity):
     """A declared observable or signal that is computed from the state; see `observable` and `signal`."""
 
-    quantity: Quantity
-    function: Callable[..., Real[Array, ""]]
+    function: Callable[..., Real[Array, " ..."]]
     observed: bool
     signal: bool
     is_energy: bool = False
 
     def recorded(self, model: Model, name: str) -> tuple[Quantity, ...]:
-        """The observable or signal."""
-        return (dataclasses.replace(self.quantity, name=name),)
+        """The observables or signals."""
+        return self.quantities(model, name)
 
     def values(self, model: Model, name: str, params: Any, state: Any) -> dict[str, Float[Array, ""]]:
-        """The recorded value by its name."""
+        """The recorded values by name.
+
+        Raises:
+            ValueError: the function does not return `count` numbers.
+        """
         value = jnp.asarray(self.function(model, params, state), float)
-        return {name: wrapped(value) if self.quantity.circular else value}
+        names = [q.name for q in self.quantities(model, name)]
+        if self.count is not None and value.shape != (len(names),):
+            raise ValueError(
+                f"{name} has the shape {value.shape}, but its count= asks for {len(names)} numbers, "
+                f"({len(names)},)"
+            )
+        value = wrapped(value) if self.quantity.circular else value
+        return {name: value} if self.count is None else dict(zip(names, value, strict=True))
+
+
+def faults_of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
+    """Faults of a quantity's unit, meaning, bounds, default and scale, as ends of sentences.
+
+    Args:
+        quantity: with its name.
+        start: whether it is an initial condition, whose default may be NaN: then the model decides it.
+    """
+    name, low, high = quantity.name, quantity.low, quantity.high
+    for field in ("unit", "meaning"):
+        if not getattr(quantity, field):
+            unit = ' ("1" for a number without one)' if field == "unit" else ""
+            yield f"whose {name} has no {field}, which tables and figures show{unit}."
+    if quantity.circular and quantity.unit not in ("rad", ""):
+        yield f"whose {name} is circular in {quantity.unit}, but only angles in rad can be circular."
+    if not low <= high or (low == high and quantity.open_ends):
+        yield f"whose {name} has bounds that allow no value: low is {low:g}, high is {high:g}."
+    elif isinstance(quantity.default, int | float):
+        undecided = start and math.isnan(quantity.default)  # a start that the model itself decides
+        inside = low < quantity.default < high if quantity.open_ends else low <= quantity.default <= high
+        if not undecided and not (inside and math.isfinite(quantity.default)):
+            bounds = f"within its bounds, {low:g} and {high:g}{', both excluded' * quantity.open_ends}"
+            must = "a finite number" if inside or math.isnan(quantity.default) else bounds
+            yield f"whose {name} has the default {quantity.default:g}, which must be {must}."
+    if quantity.scale is not None and not quantity.scale > 0.0:
+        yield f"whose {name} has the scale {quantity.scale:g}, which must be above 0."
 
 
 class Event:
@@ -164,17 +219,30 @@ class Event:
         self,
         function: Callable[..., jax.Array],
         name: str,
-        is_section: bool,
+        section: bool | Literal["first"],
         during: Callable[..., Any] | None,
         rising: bool,
+        count: int | str | None = None,
+        when: Callable[..., Any] | None = None,
+        signs: tuple[float, ...] = (1.0,),
     ) -> None:
-        self.function, self.name, self.is_section = function, name, is_section
-        self.during, self.rising = during, rising
+        self.function, self.name, self.section = function, name, section
+        self.during, self.rising, self.count, self.counted = during, rising, count, Counted(count)
+        self.when, self.signs = when, signs
         self.effect: Callable[..., Any] | None = None
         self.resting: Callable[..., Any] | None = None
 
+    def singles(self, model: Model) -> tuple[SingleEvent, ...]:
+        """The events that it declares for a model, one for each component and direction."""
+        single = self.counted.count is None
+        places = [None] if single else list(range(self.counted.size(model)))
+        return tuple(SingleEvent(self, place, sign) for place in places for sign in self.signs)
+
     def jump(self, function: Callable[..., Any], /) -> Event:
-        """Decorator of the function (params, state) -> state that the event applies."""
+        """Decorator of the function (params, state) -> state that the event applies.
+
+        With `count` it is (params, state, i) -> state, where i is the number of the component, from 0.
+        """
         if self.effect is not None:
             raise TypeError(f"The event {self.name!r} has two jumps; only one is allowed.")
         self.effect = function
@@ -192,14 +260,71 @@ class Event:
         self.resting = function
         return self
 
+
+@dataclasses.dataclass(frozen=True)
+class SingleEvent:
+    """One event of a declaration: of the component `place`, from 0, of an event with `count`.
+
+    It happens where `sign` times the declared function rises through zero.
+    """
+
+    declared: Event
+    place: int | None = None
+    sign: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """The declared name, with the number of the component, from 1, in place of {} or at the end."""
+        name = self.declared.name
+        if self.place is None:
+            return name
+        return (name if "{}" in name else f"{name} {{}}").replace("{}", str(self.place + 1))
+
     @property
     def guard_names(self) -> tuple[str, ...]:
         """The names of its guards: its crossing, and its return below the surface."""
-        return (self.name, self.name) if self.rising else (self.name,)
+        return (self.name, self.name) if self.declared.rising else (self.name,)
+
+    @property
+    def is_section(self) -> bool:
+        """Whether it closes a cycle."""
+        section = self.declared.section
+        return not self.place if section == "first" else bool(section)
+
+    @property
+    def jumps(self) -> bool:
+        """Whether the event changes the state."""
+        return self.declared.effect is not None
+
+    def height(self, model: Model, params: Any, state: Any) -> Float[Array, ""]:
+        """The function of the event: it happens where this rises through zero."""
+        height = self._own(self.declared.function(model, params, state))
+        return height if self.sign > 0.0 else -height
 
     def within(self, state: Any) -> Bool[Array, ""]:
         """Whether the modes of a state allow the event."""
-        return jnp.asarray(True if self.during is None else self.during(state))
+        return self._own(True if self.declared.during is None else self.declared.during(state))
+
+    def holds(self, params: Any, state: Any) -> Bool[Array, ""]:
+        """Whether its condition holds at a crossing; without it the crossing is passed over."""
+        return self._own(True if self.declared.when is None else self.declared.when(params, state))
+
+    def jumped(self, model: Model, params: Any, state: Any) -> Any:
+        """The state after its jump."""
+        return self._changed(self.declared.effect, model, params, state)
+
+    def rested(self, model: Model, params: Any, state: Any) -> Any:
+        """The state in which a body rests after it."""
+        return self._changed(self.declared.resting, model, params, state)
+
+    def _own(self, value: Any) -> jax.Array:
+        """The component's own value of a declared one (count,), or that of all components."""
+        value = jnp.asarray(value)
+        return value if self.place is None or value.ndim == 0 else value[self.place]
+
+    def _changed(self, change: Callable[..., Any] | None, model: Model, params: Any, state: Any) -> Any:
+        assert change is not None
+        return change(model, params, state, *(() if self.place is None else (self.place,)))
 
     def happens(self, fired: Bool[Array, " guards"]) -> Bool[Array, ""]:
         """Whether it happens, by its guards' flags."""
@@ -237,7 +362,9 @@ def parameter(
             give it.
         count: how many there are (`NAME_1`, `NAME_2`, ... in a job, an array (count,) in `params`): a number,
             or the name of a field of the model's structure. None: one scalar.
-        low, high, open_ends, circular, symbol, source: as of `Quantity`.
+        low, high, open_ends, circular, symbol, source: as of `Quantity`. A name that ends with an underscore
+            has by default the symbol without it: `e_` is e and `lambda_` is lambda in figures, since `e` is
+            Euler's number in formulas and `lambda` a word of Python.
 
     Example:
         >>> import gaitsweep as gs
@@ -322,33 +449,37 @@ def observable(
     unit: str,
     meaning: str,
     *,
+    count: int | str | None = None,
     circular: bool = False,
     symbol: str = "",
     scale: float | None = None,
     signal: bool = False,
-) -> Callable[[Callable[..., Real[Array, ""]]], Any]:
+) -> Callable[[Callable[..., Real[Array, " ..."]]], Any]:
     """Declare a function (params, state) -> number as an observable, read at crossings of the section.
 
     Args:
         unit, meaning: as tables and figures show them.
+        count: how many numbers the function returns, as an array (count,): observables `NAME_1`, `NAME_2`,
+            ...; as for `parameter`.
         circular, symbol, scale: as of `Quantity`.
         signal: whether traces record it too.
     """
     quantity = _quantity(unit, meaning, circular=circular, symbol=symbol, scale=scale)
-    return lambda function: Reading(quantity, function, True, signal)
+    return lambda function: Reading(count, quantity, function, True, signal)
 
 
 def signal(
-    unit: str, meaning: str, *, circular: bool = False, symbol: str = ""
-) -> Callable[[Callable[..., Real[Array, ""]]], Any]:
+    unit: str, meaning: str, *, count: int | str | None = None, circular: bool = False, symbol: str = ""
+) -> Callable[[Callable[..., Real[Array, " ..."]]], Any]:
     """Declare a function (params, state) -> number as a signal, which traces record.
 
     Args:
         unit, meaning: as tables and figures show them.
+        count: how many numbers the function returns, as for `observable`.
         circular, symbol: as of `Quantity`.
     """
     quantity = _quantity(unit, meaning, circular=circular, symbol=symbol)
-    return lambda function: Reading(quantity, function, False, True)
+    return lambda function: Reading(count, quantity, function, False, True)
 
 
 def energy(
@@ -364,12 +495,19 @@ def energy(
         observed: whether it is an observable too, read at crossings of the section.
     """
     quantity = _quantity(unit, meaning, symbol=symbol, scale=scale)
-    return lambda function: Reading(quantity, function, observed, True, True)
+    return lambda function: Reading(None, quantity, function, observed, True, True)
 
 
 def event(
-    name: str, *, section: bool = False, during: Callable[..., Any] | None = None, rising: bool = True
-) -> Callable[[Callable[..., Float[Array, ""]]], Event]:
+    name: str,
+    *,
+    count: int | str | None = None,
+    section: bool | Literal["first"] = False,
+    during: Callable[..., Any] | None = None,
+    when: Callable[..., Any] | None = None,
+    direction: Literal["rising", "falling", "both"] = "rising",
+    rising: bool = True,
+) -> Callable[[Callable[..., Float[Array, " ..."]]], Event]:
     """Declare a function (params, state) -> number as the guard of an event.
 
     The event happens where the function rises through zero. A state on the surface (within the errors of
@@ -384,15 +522,34 @@ def event(
 
     Args:
         name: a few words, such as "foot lands", which also name the event in `stalled_by`.
-        section: whether it closes a cycle; its crossings are the Poincare section.
+        count: how many events of this kind there are, one for each foot; as for `parameter`. The function and
+            `during` return arrays (count,), and jumps are (params, state, i) -> state. A name with braces,
+            "foot {} lands", has the number, from 1, in their place.
+        section: whether it closes a cycle; its crossings are the Poincare section. With `count`, "first" is
+            that of the first component only.
         during: a function of the state's modes, `lambda state: state.stance`: it happens only while this
             holds, and is armed anew where this begins to hold.
+        when: a condition on parameters and variables, `lambda params, state: state.lift < params.clearance`.
+            It is judged at the located crossing: where it does not hold, nothing happens there, and the next
+            crossing is judged anew.
+        direction: whether it happens where the function rises through zero, where it falls, or at both.
         rising: False: it happens where the function is >= 0 while `during` holds, so its jump has to end
             that. Such an event needs no arming, and includes states that are already beyond the surface.
 
     Raises:
-        TypeError: `rising` is False, and there is no `during` that its jump could end.
+        TypeError: `rising` is False, and there is no `during` that its jump could end, or a `when` or a
+            `direction`; or an argument is not among the allowed ones.
     """
     if not rising and during is None:
         raise TypeError(f"The event {name!r} has rising=False, so it needs during=, which its jump ends.")
-    return lambda function: Event(function, name, section, during, rising)
+    if section not in (True, False, "first"):
+        raise TypeError(f'The event {name!r} has section={section!r}: allowed are True, False and "first".')
+    if direction not in _SIGNS:
+        raise TypeError(f"The event {name!r} has direction={direction!r}: allowed are {', '.join(_SIGNS)}.")
+    if not rising and (when is not None or direction != "rising"):
+        raise TypeError(
+            f"The event {name!r} has rising=False, so it has no crossing for when= or direction=: write the "
+            "condition into its function, or leave out rising=False."
+        )
+    signs = _SIGNS[direction]
+    return lambda function: Event(function, name, section, during, rising, count, when, signs)

@@ -10,8 +10,10 @@ from __future__ import annotations
 import abc
 import dataclasses
 import functools
+import inspect
 import re
 from collections.abc import Iterator, Mapping
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import jax
@@ -19,13 +21,31 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Chart, HybridModel, Model, Quantity
-from gaitsweep.dynamics.declarations import Event, Mode, Parameter, Reading, Variable
+from gaitsweep.dynamics.declarations import (
+    Event,
+    Mode,
+    Parameter,
+    Reading,
+    SingleEvent,
+    Variable,
+    faults_of_quantity,
+)
 from gaitsweep.dynamics.event_surface import CORRECTED, Arming, EventSurface, flat
+from gaitsweep.dynamics.footfalls import Footfalls
+from gaitsweep.expression import RESERVED
 from gaitsweep.near_miss import suggestion
+from gaitsweep.skeleton import LimbLook
 
 Values = Mapping[str, jax.Array]
+# Columns that tables of runs have beside the model's.
+COLUMNS = (
+    *("row", "status", "stalled_by", "slowest", "cycles", "crossing", "t", "t_end"),
+    *("gait", "outcome", "attractor_period"),
+)
 # The field of a state that says which of its events are armed (`Arming`, an array (events,) in each field).
 ARMING = "arming"
+# That of the last steps of its feet (`Steps`).
+STEPS = "steps"
 # A body rests where it would return to a surface within this share of the nominal period.
 _RESTING = 1.0e-9
 
@@ -66,7 +86,7 @@ def _like(old: jax.Array, value: Any) -> jax.Array:
     return jnp.broadcast_to(jnp.asarray(value, old.dtype), old.shape)
 
 
-_DECLARED = (Parameter, Variable, Mode, Reading, Event)
+_DECLARED = (Parameter, Variable, Mode, Reading, Event, Footfalls)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,8 +113,11 @@ class Declared(Model):
         if "name" not in vars(cls):
             cls.name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", cls.__name__).lower()
         cls._refuse_contradictions()
+        if (feet := cls._feet()) is not None and cls.gaits is Declared.gaits:
+            cls.gaits = feet.gaits
         cls.Params = _record(cls, "Params", cls._named(Parameter))
-        cls.State = _record(cls, "State", [*cls._named(Variable), *cls._named(Mode), *cls._other_fields()])
+        more = cls._added_fields()
+        cls.State = _record(cls, "State", [*cls._named(Variable), *cls._named(Mode), *more])
 
     @classmethod
     def _inherited(cls) -> dict[str, Any]:
@@ -121,19 +144,78 @@ class Declared(Model):
     def _other_fields(cls) -> list[str]:
         """Fields of a state that are not declared."""
 
+    @classmethod
+    def _added_fields(cls) -> list[str]:
+        return [*cls._other_fields(), *([STEPS] if cls._feet() is not None else [])]
+
+    @classmethod
+    def _feet(cls) -> Footfalls | None:
+        """The declared footfalls; None: there are none."""
+        return next(iter(cls._named(Footfalls).values()), None)
+
     @abc.abstractmethod
-    def _is_beyond(self, event: Event, params: Any, state: Any) -> Bool[Array, ""]:
+    def _is_beyond(self, event: SingleEvent, params: Any, state: Any) -> Bool[Array, ""]:
         """Whether a state lies beyond the surface of an event."""
 
     @classmethod
     def _refuse_contradictions(cls) -> None:
         base = next(each for each in cls.__mro__ if getattr(each, "declarations", None) == {})
         for name in cls.declarations:
-            if name in ("replace", *cls._other_fields()) or hasattr(base, name):
+            if name in ("replace", *cls._added_fields()) or hasattr(base, name):
                 raise TypeError(f"{cls.__name__} declares {name}, a name that every model has: rename it.")
-        if cls._events() and not any(each.is_section for each in cls._events()):
+        if (events := cls.declared_events()) and not any(each.section for each in events):
             remedy = "write section=True for the one that ends a cycle"
             raise TypeError(f"{cls.__name__} has events but no section: {remedy}.")
+        feet, variables = cls._feet(), cls._named(Variable)
+        if feet is not None and feet.clock not in variables:
+            near = suggestion(feet.clock, variables)
+            raise TypeError(f"{cls.__name__} has footfalls of the clock {feet.clock}, no variable{near}")
+        if feet is not None and cls.gaits not in (Declared.gaits, feet.gaits) and cls.label is Declared.label:
+            remedy = f"leave gaits out, which then are {', '.join(feet.gaits)}, or write label"
+            raise TypeError(f"{cls.__name__} has footfalls and gaits of its own without label: {remedy}.")
+        sizes = cls._default_sizes()
+        counts = {name: each.count for name, each in cls.declarations.items() if isinstance(each.count, str)}
+        for name, count in counts.items():
+            if count not in sizes and not hasattr(cls, count):
+                field = f"a field of its structure{suggestion(count, sizes) if sizes else ': it has none.'}"
+                raise TypeError(f'{cls.__name__} declares {name} with count="{count}", which is not {field}')
+        if all(isinstance(sizes.get(count), int) for count in counts.values()):
+            for wrong in cls._faults(sizes):
+                raise TypeError(f"{cls.__name__} is a model {wrong}")
+
+    @classmethod
+    def _default_sizes(cls) -> dict[str, Any]:
+        """The fields of the structure with their defaults; the class is no dataclass yet."""
+        hints = {k: v for each in reversed(cls.__mro__) for k, v in inspect.get_annotations(each).items()}
+        values = {k: getattr(cls, k, None) for k, hint in hints.items() if "ClassVar" not in str(hint)}
+        return {k: v.default if isinstance(v, dataclasses.Field) else v for k, v in values.items()}
+
+    @classmethod
+    def _faults(cls, sizes: Mapping[str, Any]) -> Iterator[str]:
+        """Faults of names, units, bounds and defaults that the declarations alone show, as ends of sentences.
+
+        Args:
+            sizes: the fields of the structure by name.
+        """
+        # an instance cannot be made of a class that is not complete
+        model = SimpleNamespace(**sizes, _named=cls._named, _recorded=cls._recorded, _feet=cls._feet)
+        names = ("parameters", "initial_conditions", "signals", "observables")
+        parameters, starts, signals, observables = (vars(Declared)[name].fget(model) for name in names)
+        settable = [q.name for q in (*parameters, *starts)]
+        for name in settable:
+            if name in RESERVED:
+                remedy = f'write {name}_, or another name with symbol="{name}"'
+                yield f"with a quantity {name}, which means something else in formulas: {remedy}."
+            if settable.count(name) > 1:
+                yield f"that declares {name} twice: rename one of them."
+        columns = {q.name: q.name for q in (*parameters, *starts, *signals)}
+        columns |= {f"{q.name}_{end}": q.name for q in observables for end in ("end", "n")}
+        for column, name in columns.items():
+            if column in COLUMNS or (column in settable and column != name):
+                allowed = f"allowed are names other than {', '.join(COLUMNS)}"
+                yield f"with a quantity {name}, but {column} is another column of tables: {allowed}."
+        for quantity in (*parameters, *starts, *signals, *observables):
+            yield from faults_of_quantity(quantity, quantity in starts)
 
     @classmethod
     def _named(cls, kind: type) -> dict[str, Any]:
@@ -141,9 +223,14 @@ class Declared(Model):
         return {name: each for name, each in cls.declarations.items() if isinstance(each, kind)}
 
     @classmethod
-    def _events(cls) -> list[Event]:
+    def declared_events(cls) -> list[Event]:
+        """The declared events, each once."""
         # an event whose jump has another name is in the class twice
         return list(dict.fromkeys(cls._named(Event).values()))
+
+    def single_events(self) -> list[SingleEvent]:
+        """The declared events, one for each component and direction."""
+        return [single for each in self.declared_events() for single in each.singles(self)]
 
     # what the contract asks for
 
@@ -158,13 +245,20 @@ class Declared(Model):
 
     @property
     def observables(self) -> tuple[Quantity, ...]:
-        return tuple(
-            q for name, each in self._recorded("observed").items() for q in each.recorded(self, name)
-        )
+        recorded, feet = self._recorded("observed"), self._feet()
+        declared = (q for name, each in recorded.items() for q in each.recorded(self, name))
+        return (*declared, *(feet.observables if feet is not None else ()))
 
     @property
     def signals(self) -> tuple[Quantity, ...]:
-        return tuple(q for name, each in self._recorded("signal").items() for q in each.recorded(self, name))
+        recorded, feet = self._recorded("signal"), self._feet()
+        declared = (q for name, each in recorded.items() for q in each.recorded(self, name))
+        return (*declared, *(feet.signals if feet is not None else ()))
+
+    @property
+    def limbs(self) -> tuple[LimbLook, ...]:
+        feet = self._feet()
+        return feet.limbs if feet is not None else ()
 
     def params(self, values: Values, /) -> Any:
         fields = {}
@@ -173,13 +267,19 @@ class Declared(Model):
         return self.Params(**fields)
 
     def observe(self, params: Any, state: Any, /) -> dict[str, Real[Array, ""]]:
-        return self._read("observed", params, state)
+        read, feet = self._read("observed", params, state), self._feet()
+        return read if feet is None else read | feet.observed(self, params, state, state.steps)
 
     def signal(self, params: Any, state: Any, /) -> dict[str, Real[Array, ""]]:
-        return self._read("signal", params, state)
+        read, feet = self._read("signal", params, state), self._feet()
+        if feet is None:
+            return read
+        down = feet.down(self, params, state).astype(float)
+        return read | dict(zip([q.name for q in feet.signals], down, strict=True))
 
     def label(self, params: Any, observations: Values, /) -> dict[str, Any]:
-        return {"gait": jnp.zeros((), jnp.int32)}
+        feet = self._feet()
+        return {"gait": jnp.zeros((), jnp.int32) if feet is None else feet.gait(observations)}
 
     def failed(self, params: Any, state: Any, /) -> Bool[Array, ""]:
         return jnp.zeros((), bool)
@@ -187,8 +287,8 @@ class Declared(Model):
     def beyond_at_start(self, params: Any, state: Any, /) -> dict[str, Bool[Array, ""]]:
         return {
             each.name: each.within(state) & self._is_beyond(each, params, state)
-            for each in self._events()
-            if each.rising and each.effect is not None
+            for each in self.single_events()
+            if each.declared.rising and each.jumps
         }
 
     # how it is built
@@ -203,23 +303,35 @@ class Declared(Model):
             fields[name] = each.at_start(
                 self, [start.get(q.name, q.default) for q in each.starts(self, name)]
             )
+        if (feet := self._feet()) is not None:
+            fields[STEPS] = feet.begun(fields[feet.clock])
         return fields
 
-    def _recorded(self, kind: str) -> dict[str, Variable | Reading]:
+    def _stepped(self, params: Any, before: Any, after: Any, reset: Float[Array, ""] | None = None) -> Any:
+        """The state `after` a jump with the steps of its feet; `reset`: by which (s) its clock was set.
+
+        By default that is the whole change of the clock.
+        """
+        if (feet := self._feet()) is None:
+            return after
+        if reset is None:
+            reset = jnp.asarray(getattr(after, feet.clock) - getattr(before, feet.clock))
+        return after.replace(steps=feet.after(self, params, before.steps, before, after, reset))
+
+    @classmethod
+    def _recorded(cls, kind: str) -> dict[str, Variable | Reading]:
         """The declarations that are recorded as "observed" or as "signal"."""
-        recorded = {**self._named(Variable), **self._named(Reading)}
-        return {
-            name: recorded[name] for name in self.declarations if getattr(recorded.get(name), kind, False)
-        }
+        recorded = {**cls._named(Variable), **cls._named(Reading)}
+        return {name: recorded[name] for name in cls.declarations if getattr(recorded.get(name), kind, False)}
 
     def _read(self, kind: str, params: Any, state: Any) -> dict[str, jax.Array]:
         read = (each.values(self, name, params, state) for name, each in self._recorded(kind).items())
         return {name: value for values in read for name, value in values.items()}
 
-    def _flags(self, fired: Bool[Array, " events"]) -> Iterator[tuple[Event, Bool[Array, " guards"]]]:
+    def _flags(self, fired: Bool[Array, " events"]) -> Iterator[tuple[SingleEvent, Bool[Array, " guards"]]]:
         """Each event with the flags of its guards."""
         first = 0
-        for each in self._events():
+        for each in self.single_events():
             last = first + len(each.guard_names)
             yield each, fired[first:last]
             first = last
@@ -282,7 +394,7 @@ class DeclaredModel(Declared, HybridModel):
 
     @classmethod
     def _other_fields(cls) -> list[str]:
-        return [ARMING] if cls._armed() else []
+        return [ARMING] if any(each.rising for each in cls.declared_events()) else []
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -291,10 +403,9 @@ class DeclaredModel(Declared, HybridModel):
                 near = suggestion(name, cls._named(Variable))
                 raise TypeError(f"{cls.__name__}.section_coordinates has {name}, no variable{near}")
 
-    @classmethod
-    def _armed(cls) -> list[Event]:
+    def _armed(self) -> list[SingleEvent]:
         """The events that are armed by their function's sign."""
-        return [each for each in cls._events() if each.rising]
+        return [each for each in self.single_events() if each.declared.rising]
 
     def init(self, params: Any, start: Values, /) -> Any:
         fields = self._started(start)
@@ -319,11 +430,12 @@ class DeclaredModel(Declared, HybridModel):
             modes.append(surface.begun(band, rate, turned))
         return state.replace(arming=_stacked(modes)) if modes else state
 
-    def _turned(self, event: Event, params: Any, state: Any) -> Bool[Array, ""] | bool:
+    def _turned(self, event: SingleEvent, params: Any, state: Any) -> Bool[Array, ""] | bool:
         """Whether the jump of an event turns a state on its surface back."""
-        if event.effect is None:
+        if not event.jumps:
             return False
-        return _Surfaces(self, params, event.effect(self, params, state)).rate(event) <= 0.0
+        back = _Surfaces(self, params, event.jumped(self, params, state)).rate(event) <= 0.0
+        return back & event.holds(params, state)
 
     def complete(self, params: Any, state: Any, /) -> Any:
         """The state with those variables set that follow from the others, at t = 0 and on the section.
@@ -336,9 +448,9 @@ class DeclaredModel(Declared, HybridModel):
     def guards(self, params: Any, state: Any, /) -> Float[Array, " guards"]:
         seen = _Surfaces(self, params, state)
         guards: list[jax.Array] = []
-        for place, each in zip(self._places(), self._events(), strict=True):
+        for place, each in zip(self._places(), self.single_events(), strict=True):
             if place is None:
-                values = [jnp.asarray(each.function(self, params, state))]
+                values = [each.height(self, params, state)]
             else:
                 values = [*seen.of(each).guards(_at(state.arming, place))]
             guards += [jnp.where(each.within(state), value, -1.0) for value in values]
@@ -347,28 +459,29 @@ class DeclaredModel(Declared, HybridModel):
     def _places(self) -> list[int | None]:
         """The place of each event among those that are armed."""
         armed = self._armed()
-        return [armed.index(each) if each.rising else None for each in self._events()]
+        return [armed.index(each) if each.declared.rising else None for each in self.single_events()]
 
     @property
     def guard_names(self) -> tuple[str, ...]:
-        return tuple(name for each in self._events() for name in each.guard_names)
+        return tuple(name for each in self.single_events() for name in each.guard_names)
 
     def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
         after, rates = state, {}
         for place, (each, flags) in zip(self._places(), self._flags(fired), strict=True):
-            if each.effect is None:
+            if not each.jumps:
                 continue
-            happens = each.happens(flags)
+            happens = each.happens(flags) & each.holds(params, state)
             if place is None:
-                after = _where(happens, each.effect(self, params, after), after)
+                after = _where(happens, each.jumped(self, params, after), after)
                 continue
             # a body whose bounces have accumulated stays as it is, until its row ends
             happens = happens & ~_at(state.arming, place).accumulated
             applied, rates[each] = self._applied(each, params, after)
             after = _where(happens, applied, after)
-        return self._rearmed(params, state, after, fired, rates) if self._armed() else after
+        after = self._rearmed(params, state, after, fired, rates) if self._armed() else after
+        return self._stepped(params, state, after)
 
-    def _applied(self, event: Event, params: Any, state: Any) -> tuple[Any, Float[Array, ""]]:
+    def _applied(self, event: SingleEvent, params: Any, state: Any) -> tuple[Any, Float[Array, ""]]:
         """The state after the jump of an event that was crossed a little earlier, and its rate there.
 
         The jump is applied where the surface was crossed, and the time since then is made up for. Otherwise
@@ -378,8 +491,7 @@ class DeclaredModel(Declared, HybridModel):
         unit = self.period(params)
         late = jax.lax.stop_gradient(seen.of(event).late(seen.rate(event), unit))
         late = jnp.where(late <= CORRECTED * unit, late, 0.0)
-        assert event.effect is not None
-        after = event.effect(self, params, self._moved(params, state, -late))
+        after = event.jumped(self, params, self._moved(params, state, -late))
         return self._moved(params, after, late), _Surfaces(self, params, after).rate(event)
 
     def _moved(self, params: Any, state: Any, time: Float[Array, ""]) -> Any:
@@ -393,7 +505,7 @@ class DeclaredModel(Declared, HybridModel):
         before: Any,
         after: Any,
         fired: Bool[Array, " events"],
-        rates: Mapping[Event, Float[Array, ""]],
+        rates: Mapping[SingleEvent, Float[Array, ""]],
     ) -> Any:
         """The state `after` a jump, with its events armed; a body that would not leave a surface rests.
 
@@ -411,38 +523,44 @@ class DeclaredModel(Declared, HybridModel):
             surface, rate, mode = now.of(each), now.rate(each), _at(before.arming, place)
             band = surface.band(late, unit, was.rate(each), rate)
             crossed, returned = flags[each]
-            rate = jnp.where(crossed, rates.get(each, rate), rate)
-            new = surface.jumped(mode, crossed, returned, band, rate, each.effect is not None)
-            if each.during is not None:
+            holds = each.holds(params, before)
+            rate = jnp.where(crossed & holds, rates.get(each, rate), rate)
+            new = surface.jumped(mode, crossed, returned, band, rate, holds & each.jumps)
+            if each.declared.during is not None:
                 begins = each.within(after) & ~each.within(before)
                 new = _where(begins, surface.begun(band, rate, self._turned(each, params, after)), new)
             modes.append(new)
         arming = _stacked(modes)
         after = after.replace(arming=arming)
-        resting = [each for each in self._events() if each.resting is not None]
+        resting = [each for each in self.single_events() if each.declared.resting is not None]
         if not resting:
             return after
         # a state that an event with a jump would meet again within no time
         soon = [
-            each.within(after) & arming.armed[k] & now.returns_soon(each, unit)
+            each.within(after) & each.holds(params, after) & arming.armed[k] & now.returns_soon(each, unit)
             for k, each in enumerate(events)
-            if each.effect is not None
+            if each.jumps
         ]
         comes_to_rest = jnp.any(jnp.stack(soon)) | jnp.any(arming.accumulated)
         for each in resting:
-            assert each.resting is not None
-            rests = each.happens(flags[each]) & comes_to_rest
-            after = _where(rests, self._begun(params, each.resting(self, params, after)), after)
+            rests = each.happens(flags[each]) & each.holds(params, before) & comes_to_rest
+            after = _where(rests, self._begun(params, each.rested(self, params, after)), after)
         return after
 
     def section(self, params: Any, before: Any, fired: Bool[Array, " events"], /) -> Bool[Array, ""]:
         closed = jnp.zeros((), bool)
-        for each, flags in self._flags(fired):
+        for each, happens in self.happening(params, before, fired).items():
             if each.is_section:
-                closed = closed | each.happens(flags)
+                closed = closed | happens
         return closed
 
-    def _is_beyond(self, event: Event, params: Any, state: Any) -> Bool[Array, ""]:
+    def happening(
+        self, params: Any, before: Any, fired: Bool[Array, " events"]
+    ) -> dict[SingleEvent, Bool[Array, ""]]:
+        """Whether each event happens by the flags of its guards, at the state before its jump."""
+        return {each: each.happens(flags) & each.holds(params, before) for each, flags in self._flags(fired)}
+
+    def _is_beyond(self, event: SingleEvent, params: Any, state: Any) -> Bool[Array, ""]:
         passed = ~_at(state.arming, self._armed().index(event)).armed
         if not (event.is_section and self.section_coordinates):
             return passed
@@ -465,22 +583,22 @@ class _Surfaces:
         self._model, self._params, self._state = model, params, state
         names = (name for name, each in model.declarations.items() if isinstance(each, Variable))
         self._point = {name: getattr(state, name) for name in names}
-        self._seen: dict[Event, EventSurface] = {}
+        self._seen: dict[SingleEvent, EventSurface] = {}
 
-    def of(self, event: Event) -> EventSurface:
+    def of(self, event: SingleEvent) -> EventSurface:
         """The surface of an event."""
         if event not in self._seen:
             model, params, state = self._model, self._params, self._state
             self._seen[event] = EventSurface.seen_from(
-                self._point, lambda x: event.function(model, params, state.replace(**x))
+                self._point, lambda x: event.height(model, params, state.replace(**x))
             )
         return self._seen[event]
 
-    def rate(self, event: Event) -> Float[Array, ""]:
+    def rate(self, event: SingleEvent) -> Float[Array, ""]:
         """The rate of the height of an event's surface along the flow."""
         return self.of(event).rate(flat(self._along))
 
-    def returns_soon(self, event: Event, unit: Float[Array, ""]) -> Bool[Array, ""]:
+    def returns_soon(self, event: SingleEvent, unit: Float[Array, ""]) -> Bool[Array, ""]:
         """Whether a state close to the surface of an event meets it again within a small share of a period.
 
         The height as a parabola, by its rate and acceleration along the flow.
@@ -542,5 +660,6 @@ class _SectionCoordinates(Chart):
         return self.model._begun(params, state, crossed=True)
 
     def _variables(self) -> list[tuple[str, Variable]]:
-        every = self.model._named(Variable)
-        return [(name, every[name]) for name in self.model.section_coordinates or every]
+        every, feet = self.model._named(Variable), self.model._feet()
+        moving = [name for name in every if feet is None or name != feet.clock]
+        return [(name, every[name]) for name in self.model.section_coordinates or moving]

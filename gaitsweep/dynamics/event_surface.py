@@ -126,7 +126,7 @@ class EventSurface:
         returned: Bool[Array, ""],
         band: Float[Array, ""],
         rate: Float[Array, ""],
-        impact: bool,
+        impact: Bool[Array, ""],
     ) -> Arming:
         """The mode after a jump, from that before it.
 
@@ -135,12 +135,12 @@ class EventSurface:
             crossed, returned: whether the guards of this event have fired.
             band: see `band`.
             rate: that of the height after the jump.
-            impact: whether the event has a jump of its own, so that a state without a rate stays on the
-            surface.
+            impact: whether the event has changed the state by a jump of its own, so that a state without a
+                rate stays on the surface.
         """
         # a state that has not left the surface since its last crossing is above it by the residues since then
         on = (self.height >= -band) & (self.height <= band + jnp.maximum(mode.level, 0.0))
-        leaves = on & ((rate <= 0.0) if impact else (rate < 0.0))
+        leaves = on & jnp.where(impact, rate <= 0.0, rate < 0.0)
         stays = self.height >= -self.rounding
         # a crossing ends the armed state, unless the jump has taken the state below or turned it back
         armed = jnp.where(crossed, leaves | (self.height < -band), mode.armed | leaves)

@@ -29,12 +29,12 @@ from jaxtyping import Array, Num
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Params, Rates, State
 from gaitsweep.engine.hidden_events import (
-    LOOKS,
+    PROBES,
     between,
     guard_slopes,
     may_bend,
     may_hide,
-    switch_unseen,
+    switches_within,
     unresolved,
 )
 from gaitsweep.engine.numerics import ORDER, ResolvedNumerics, tolerance_scale
@@ -244,10 +244,10 @@ def _advance_hybrid(
         speed = guard_slopes(model, there, trial, arriving)
         hides = may_hide(carry.near, slopes, guards, h)
         if method.adaptive:
-            inside = (between(carry.state, leaving, trial, arriving, h, share) for share in LOOKS)
-            looks = [model.guards(here, state) for state in inside]
-            hides = hides | unresolved(carry.near, slopes, guards, speed, looks, h)
-            shows, unseen = switch_unseen(flow, here, (carry.state, trial), (leaving, arriving), h)
+            states = (between(carry.state, leaving, trial, arriving, h, share) for share in PROBES)
+            inside = [model.guards(here, state) for state in states]
+            hides = hides | unresolved(carry.near, slopes, guards, speed, inside, h)
+            shows, unseen = switches_within(flow, here, (carry.state, trial), (leaving, arriving), h)
             hides = hides | ((h > SWITCH_STEP * carry.unit) & (shows | unseen))
         hidden = unlikely(going & taken & ~short & hides)
         again = failed | hidden

@@ -6,13 +6,13 @@ within the step, and at the end the guard is so far below the tangent that it ma
 the step is tried then. For a guard that is concave, the tangent is an upper bound, so no event is missed.
 
 A guard may also be faster than the flow (the teeth of a wheel), so that a step which is accurate for the flow
-passes several of its zeros. So methods with step control look at the guards inside the step too, and reject
+passes several of its zeros. So methods with step control evaluate the guards inside the step too, and reject
 it if a guard is above zero there, or far from the cubic through its values and slopes at both ends.
 
 A flow may switch at an instant: `jnp.where(clock > 1.0, ...)`. Comparisons, signs and rounded values of
-moving variables are read off its program, and a step across which one of them changes is shortened. What
-decides a comparison, a maximum or a minimum is looked at within the step as well, as guards are, so that a
-pulse that begins and ends there is met.
+moving variables are found in its program, and a step across which one of them changes is shortened. The
+differences that decide a comparison, a maximum or a minimum are evaluated inside the step as well, as guards
+are, so that a pulse that begins and ends there is met.
 """
 
 from __future__ import annotations
@@ -36,21 +36,22 @@ from gaitsweep.engine.solver import euler_update
 # falls steeply and then flattens is before that of the parabola.
 TOP_WITHIN = 2.0
 
-# Where guards are looked at inside a step, as shares of it: no simple fractions, which multiples of a
-# period meet.
-LOOKS = (0.29, 0.63)
+# Shares of a step at which guards are evaluated inside it. They are no simple fractions: a guard whose
+# period is a fraction of the step could have the same value there as at the ends.
+PROBES = (0.29, 0.63)
 # Largest distance of a guard from its cubic, as a share of its largest value in the step.
 RESOLVED = 0.1
-# Where exp is nothing to step control (2e-9), and tanh and its like are at their ends (within 2e-7).
-NOTHING, SATURATION = -20.0, 8.0
+# Arguments below which exp is too small for step control (2e-9), and beyond which tanh and similar functions
+# are constant (within 2e-7).
+NEGLIGIBLE, SATURATION = -20.0, 8.0
 # Operations whose results are constant between switches of a flow, and those whose arguments decide a switch
 # by the sign of their difference.
 _CAST = "convert_element_type"
 _LEVELS = {"lt", "le", "gt", "ge", "sign", "floor", "ceil", "round", _CAST}
-_SURFACES = {**dict.fromkeys(("lt", "le", "gt", "ge", "max", "min", "abs"), 0.0), "exp": NOTHING}
+_SURFACES = {**dict.fromkeys(("lt", "le", "gt", "ge", "max", "min", "abs"), 0.0), "exp": NEGLIGIBLE}
 _SATURATED = {"tanh", "logistic", "erf"}
 _SWITCHES = {*_LEVELS, *_SURFACES, *_SATURATED, "rem"}
-# Operations that are smooth in all their arguments, or in those whose places are named.
+# Operations that are smooth in all their arguments, or in the arguments with these numbers.
 _SHAPES = (
     "broadcast_in_dim",
     "reshape",
@@ -108,25 +109,25 @@ def between(state: State, rates: Rates, end: State, end_rates: Rates, h: Number,
 
 
 def unresolved(
-    near: Guards, slopes: Guards, end: Guards, end_slopes: Guards, looks: list[Guards], h: Number
+    near: Guards, slopes: Guards, end: Guards, end_slopes: Guards, inside: list[Guards], h: Number
 ) -> Flag:
     """Whether a step is too long for one of its guards.
 
     Args:
         near, slopes: the guards and their time derivatives at the step's beginning.
         end, end_slopes: the same at its end.
-        looks: the guards inside, at `LOOKS`.
+        inside: the guards at the shares `PROBES` of the step.
         h: its length (s).
     """
     if near.size == 0:
         return jnp.zeros((), bool)
     size = jnp.maximum(jnp.abs(near), jnp.abs(end))
-    for look in looks:
-        size = jnp.maximum(size, jnp.abs(look))
+    for probe in inside:
+        size = jnp.maximum(size, jnp.abs(probe))
     apart = jnp.zeros(near.shape, bool)
-    for share, look in zip(LOOKS, looks, strict=True):
-        off = jnp.abs(look - _cubic(near, slopes, end, end_slopes, h, share))
-        apart = apart | (look >= 0.0) | (off > RESOLVED * size)
+    for share, probe in zip(PROBES, inside, strict=True):
+        deviation = jnp.abs(probe - _cubic(near, slopes, end, end_slopes, h, share))
+        apart = apart | (probe >= 0.0) | (deviation > RESOLVED * size)
     return jnp.any(apart & (near < 0.0) & (end < 0.0))
 
 
@@ -145,23 +146,23 @@ def switching(flow: Callable[[Params, State], Rates], params: Params, state: Sta
     """Possible switches of a flow as its variables move, from its program without loops and branches."""
     with jax.disable_jit():  # the program of a jitted function is then inlined
         closed, rates = jax.make_jaxpr(flow, return_shape=True)(params, state)
-    program, given = closed.jaxpr, jax.tree.leaves((params, state))
-    found = [e for e, _ in _moving(program, state, rates) if e.primitive.name in _SWITCHES]
-    read = list(
-        dict.fromkeys(v for e in found for v in (*e.invars, e.outvars[0]) if not isinstance(v, Literal))
+    program, inputs = closed.jaxpr, jax.tree.leaves((params, state))
+    equations = [e for e, _ in _moving(program, state, rates) if e.primitive.name in _SWITCHES]
+    variables = list(
+        dict.fromkeys(v for e in equations for v in (*e.invars, e.outvars[0]) if not isinstance(v, Literal))
     )
     names = program.debug_info and program.debug_info._replace(result_paths=None)
-    part = ClosedJaxpr(program.replace(outvars=read, debug_info=names), closed.consts)
-    values = dict(zip(read, jaxpr_as_fun(part)(*given), strict=True))
+    part = ClosedJaxpr(program.replace(outvars=variables, debug_info=names), closed.consts)
+    values = dict(zip(variables, jaxpr_as_fun(part)(*inputs), strict=True))
     levels, surfaces = [jnp.zeros((0,))], [jnp.zeros((0,))]
-    for equation in found:
+    for equation in equations:
         operation, result = equation.primitive.name, values[equation.outvars[0]]
         args = [v.val if isinstance(v, Literal) else values[v] for v in equation.invars]
         if not all(jnp.issubdtype(jnp.result_type(each), jnp.floating) for each in args):
             continue
         if operation == "rem":
             levels.append(jnp.ravel(jnp.floor(args[0] / jnp.where(args[1] == 0.0, 1.0, args[1]))))
-        elif operation in _SATURATED:  # from one end to the other within a step, but not half of the way
+        elif operation in _SATURATED:  # the saturated ends differ by 1, each of them from the middle by 0.5
             levels.append(jnp.ravel(jnp.where(jnp.abs(args[0]) > SATURATION, 0.5 * jnp.sign(args[0]), 0.0)))
         elif operation in _LEVELS and (operation != _CAST or not jnp.issubdtype(result.dtype, jnp.inexact)):
             levels.append(jnp.ravel(result).astype(float))
@@ -173,7 +174,7 @@ def switching(flow: Callable[[Params, State], Rates], params: Params, state: Sta
 def may_bend(
     function: Callable[[Params, State], Float[Array, " values"]], params: Params, state: State, rates: Rates
 ) -> bool:
-    """Whether a function may jump or bend as `rates` move the state: its program is not seen to be smooth."""
+    """Whether a function may jump or bend as `rates` move the state: not all its operations are smooth."""
     with jax.disable_jit():
         program = jax.make_jaxpr(function)(params, state).jaxpr
     return any(
@@ -189,23 +190,32 @@ def _moving(program: Jaxpr, state: State, rates: Mapping[str, object]) -> list[t
     fields = [getattr(path[0], "name", None) for path, _ in jax.tree_util.tree_leaves_with_path(state)]
     moves = zip(program.invars[len(program.invars) - len(fields) :], fields, strict=True)
     moving = {v for v, name in moves if name is None or name in rates}
-    found = []
+    equations = []
     for equation in program.eqns:
         places = {i for i, v in enumerate(equation.invars) if not isinstance(v, Literal) and v in moving}
         if places:
             moving.update(equation.outvars)
-            found.append((equation, places))
-    return found
+            equations.append((equation, places))
+    return equations
 
 
-def switch_unseen(
+def switches_within(
     flow: Callable[[Params, State], Rates],
     params: Params,
     ends: tuple[State, State],
     rates: tuple[Rates, Rates],
     h: Number,
 ) -> tuple[Flag, Flag]:
-    """Whether a flow switches within a step: in a way that shows at its ends, or perhaps in between alone."""
+    """Detect switches of a flow within a step.
+
+    Args:
+        flow, params: the flow and its parameters.
+        ends, rates: the states at the step's beginning and end, and the flow's rates there.
+        h: its length (s).
+
+    Returns:
+        Whether the flow has switched between the ends, and whether it may have switched there and back.
+    """
     before, after = (switching(flow, params, state) for state in ends)
     if not before.levels.size + before.surfaces.size:
         return jnp.asarray(False), jnp.asarray(False)
@@ -218,8 +228,8 @@ def switch_unseen(
     side = jnp.where(before.surfaces < 0.0, 1.0, -1.0)
     near, end = side * before.surfaces, side * after.surfaces
     slopes, end_slopes = (side * slopes_along(surfaces, *each) for each in zip(ends, rates, strict=True))
-    looks = [side * surfaces(between(ends[0], rates[0], ends[1], rates[1], h, share)) for share in LOOKS]
-    hides = may_hide(near, slopes, end, h) | unresolved(near, slopes, end, end_slopes, looks, h)
+    inside = [side * surfaces(between(ends[0], rates[0], ends[1], rates[1], h, share)) for share in PROBES]
+    hides = may_hide(near, slopes, end, h) | unresolved(near, slopes, end, end_slopes, inside, h)
     return shows, hides
 
 

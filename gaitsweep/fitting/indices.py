@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.circular import wrapped_difference
+from gaitsweep.angle_difference import wrapped_difference
 from gaitsweep.fitting.designs import LEVELS, SensitivityDesign, unit_cube
 
 LEVEL = 0.95  # of confidence

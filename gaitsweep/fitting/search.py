@@ -307,7 +307,7 @@ class _Search:
         best = f"best score {self.best:.3g}, " if np.isfinite(self.best) else ""
         attempts = sum(now.attempts / max(now.seconds, 1e-9) for now in under_way)
         done = min(self.before + new, total)
-        self.on_progress(done, total, rate, done / total, f"{best}{attempts / 1e6:.1f} M attempts/s")
+        self.on_progress(done, total, rate, done / total, f"{best}{attempts / 1e6:.1f} million steps/s")
 
     def _frame(self, generation: int, first: int, sets: Sets, measured: MeasuredByName) -> pd.DataFrame:
         """Return the records of a batch."""

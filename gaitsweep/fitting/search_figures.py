@@ -15,8 +15,8 @@ from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.identifiability import PARTS, Constant, Identifiability
 from gaitsweep.fitting.search_job import Search
 from gaitsweep.fitting.targets import FAILED_MISS, MISS
+from gaitsweep.plot import theme
 from gaitsweep.plot.columns import symbol, unit_of
-from gaitsweep.plot.style import PAGE, canvas
 from gaitsweep.runs.set_status import SetStatus
 from gaitsweep.table import own_folder, replace_file
 
@@ -69,7 +69,7 @@ def _convergence(table: pd.DataFrame) -> Figure:
     numbers = table["row"].to_numpy() + 1
     failed = SetStatus.FAILED.among(table)
     scores = np.where(failed, np.nan, table["score"].to_numpy())
-    with canvas(PAGE / 2, 2.6) as figure:
+    with theme.canvas(theme.PAGE / 2, 2.6) as figure:
         axes = figure.add_subplot()
         axes.plot(numbers, scores, ".", color=_GREY, ms=2.0, label="a set", rasterized=True)
         best = np.fmin.accumulate(scores)
@@ -111,7 +111,7 @@ def _constants(free: Mapping[str, FreeParameter], table: pd.DataFrame, near: Ide
     """Draw the least score over each constant's range, and the values of the near-best sets."""
     columns = min(len(free), 4)
     rows = math.ceil(len(free) / columns)
-    with canvas(PAGE, 0.6 + 1.5 * rows) as figure:
+    with theme.canvas(theme.PAGE, 0.6 + 1.5 * rows) as figure:
         panels = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
         for axes, constant in zip(panels, near.constants, strict=False):
             _profile(axes, free[constant.name], constant, near.best)
@@ -161,7 +161,7 @@ def _misses(search: Search, table: pd.DataFrame, near: Identifiability) -> Figur
     limit = 1.5 * max(2.0, float(np.max(np.abs(drawn), where=has_value, initial=0.0)))
     place = np.arange(len(names))
     long = sum(map(len, names)) > _LONG_LABELS
-    with canvas(PAGE, 3.4 if long else 2.8) as figure:
+    with theme.canvas(theme.PAGE, 3.4 if long else 2.8) as figure:
         axes = figure.add_subplot()
         axes.axhspan(-1.0, 1.0, color="#EDEDED", lw=0, label="within reading error")
         for lines, label, style in (

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from gaitsweep.circular import wrapped_difference
+from gaitsweep.angle_difference import wrapped_difference
 from gaitsweep.contract import Model
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
@@ -86,6 +86,12 @@ class Sensitivity:
     indices: pd.DataFrame
     half_step: HalfStep | None = None
     path: Path | None = None
+
+    def __repr__(self) -> str:
+        complete = int(np.count_nonzero(SetStatus.COMPLETE.among(self.table)))
+        outputs = ", ".join(map(str, self.indices["output"].unique()))
+        where = "in memory" if self.path is None else f"in {self.path}"
+        return f"Sensitivity({len(self.table)} sets, {complete} complete: {outputs}; {where})"
 
     def figure(self) -> Figure:
         """Draw the indices as bars with their intervals, a panel for each output."""

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema
 
-from gaitsweep.circular import wrapped_difference
+from gaitsweep.angle_difference import wrapped_difference
 from gaitsweep.contract import Model
 from gaitsweep.fitting.measures import Measure, Measured
 from gaitsweep.schema.diagnostics import found

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from gaitsweep import effort, models
 from gaitsweep.design.design import Design
 from gaitsweep.errors import ArgumentError
-from gaitsweep.job.schema import Job
+from gaitsweep.job.job import Job
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, found
 from gaitsweep.schema.diagnostics import Path as FieldPath
 from gaitsweep.schema.yaml_document import Document, read_document, read_value

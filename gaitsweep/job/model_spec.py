@@ -12,7 +12,7 @@ from typing import Any
 from gaitsweep import models, near_miss
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.engine.sweep.xla import refuse_missing_platform
-from gaitsweep.expression import CONSTANTS, FUNCTIONS
+from gaitsweep.expression import RESERVED
 from gaitsweep.models.conformity import fault
 from gaitsweep.schema.diagnostics import Diagnostic, Path, found
 from gaitsweep.schema.numbers import (
@@ -24,8 +24,6 @@ from gaitsweep.schema.numbers import (
     read_whole,
     read_word,
 )
-
-_RESERVED = {*CONSTANTS, *FUNCTIONS, "zip", "sample"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -156,8 +154,8 @@ def _instance(
         return None, [Diagnostic(("structure",), f"is not accepted by {name}: {str(error).rstrip('.')}.")]
     names = [*parameters, *starts, *shape]
     for each in names:
-        if each in _RESERVED or names.count(each) > 1:
-            what = f"a quantity named {each}, which is reserved" if each in _RESERVED else f"{each} twice"
+        if each in RESERVED or names.count(each) > 1:
+            what = f"a quantity named {each}, which is reserved" if each in RESERVED else f"{each} twice"
             return None, [Diagnostic(("model",), f"is {name}, which has {what}: rename it.")]
     if name not in models.names() and (wrong := fault(model)) is not None:
         return None, [Diagnostic(("model",), f"is {name}, {wrong}")]

@@ -71,8 +71,7 @@ class NumericsSpec(StrictModel):
     precision: Annotated[Literal["float64", "float32", "mixed"], word("float64", "float32", "mixed")] = Field(
         default="float64",
         description="float64; or, if the model allows it, float32 or mixed: forces in float32, state "
-        "and time "
-        "in float64",
+        "and time in float64",
     )
     event_tolerance: Positive = Field(
         default=1e-12, description="error of an event's time, as a fraction of the nominal period"

@@ -97,9 +97,8 @@ def read_job(
             config.refuse([Diagnostic(movement.named, f"is {movement.parameter}, which {why}")])
     moving = job.run.moved
     if moving is not None:
-        first = (
-            {moving: job.run.turns[0]} if job.run.turns else {}
-        )  # a trace may lack it, which its check reports
+        # a trace may lack it, which its check reports
+        first = {moving: job.run.turns[0]} if job.run.turns else {}
         design = dataclasses.replace(design, settings={**design.settings, **first})
     numerics = job.numerics.resolve(spec.model, job.engine.contraction)
     config.refuse(_check_whole(design, spec, job, numerics))

@@ -131,10 +131,8 @@ def check_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> lis
     of = f"{rows} of {design.n_rows}" if rows is not None else f"some of {design.n_rows}"
     text = (
         f"is {numerics.dt:g} s, too long for {of} rows: the longest accurate step of "
-        f"{numerics.method} for all "
-        f"of them is {_rounded_down(float(longest[worst])):g} s{f' (at {where})' if where else ''}. "
-        "Remove it to "
-        "let each row take an accurate step."
+        f"{numerics.method} for all of them is {_rounded_down(float(longest[worst])):g} s"
+        f"{f' (at {where})' if where else ''}. Remove it to let each row take an accurate step."
     )
     return [Diagnostic(("numerics", "dt"), text)]
 

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Int
+from jaxtyping import Float, Int
 from pydantic import Field
 
 from gaitsweep.analysis.continuation.continuation import continuation
@@ -105,6 +105,14 @@ class Continuation(FollowsFixedPoints):
         """
         mapping, values, starts = self.return_map(rows, spec, numbers)
         begin, end = self.path
+
+        def on_step(points: Int[np.ndarray, " branches"], shares: Float[np.ndarray, " branches"]) -> None:
+            text = (
+                f"{points.sum()} points of {points.size} branches, {np.sum(shares < 1.0)} not at their ends"
+            )
+            on_progress(text, max(1.0 - float(np.sum(1.0 - shares)) / len(numbers), 0.0))
+
+        on_progress(f"settling for {self.settle} cycles")
         points, _ = mapping.settled(starts, values, self.settle)
         del values[self.parameter]
         table = continuation(
@@ -116,7 +124,7 @@ class Continuation(FollowsFixedPoints):
             begin=begin,
             towards=1 if end > begin else -1,
             fix=self.fix,
-            steps=self.steps(on_progress),
+            steps=self.steps(on_step),
             shown=(),
             with_points=with_points,
             crossing=self.crossing,

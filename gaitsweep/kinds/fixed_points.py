@@ -129,8 +129,8 @@ class FollowsFixedPoints(RunKind):
         values = {name: each for name, each in parameters.items() if name not in following}
         return mapping, values, starts
 
-    def steps(self, on_step: Callable[[], None]) -> ArclengthSteps:
-        """The lengths of the steps, before each of which `on_step` is called."""
+    def steps(self, on_step: Callable[[Any, Any], None]) -> ArclengthSteps:
+        """The lengths of the steps, before each of which `on_step` is called as `ArclengthSteps` says."""
         return ArclengthSteps(self.step, self.longest, self.shortest, self.most, on_step)
 
     def cost_of_points(

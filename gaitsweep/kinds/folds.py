@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Literal
 
 import numpy as np
@@ -124,10 +123,10 @@ class Folds(FollowsFixedPoints):
         curves = []
         for row in range(last - first):
             mine = {name: each[[row]] for name, each in values.items()}
-            counted = itertools.count(1)
 
-            def on_step(row: int = row, counted: Iterator[int] = counted) -> None:
-                on_progress(f"folds: step {next(counted)} of row {first + row}")
+            def on_step(points: Sequence[int], shares: Sequence[float], row: int = row) -> None:
+                what = f"{points[0]} points of its curve" if points[0] else "searching its fold"
+                on_progress(f"row {first + row}: {what}", (row + shares[0]) / (last - first))
 
             curve = fold_curves(
                 mapping,

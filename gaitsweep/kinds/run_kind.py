@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.recorder import Recorder
-from gaitsweep.engine.sweep.refine import Grid
+from gaitsweep.engine.sweep.boundary_cells import Grid
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError
 from gaitsweep.kinds.columns import Column, Records, row_number
@@ -37,9 +37,9 @@ class Movement:
 
 
 class BlockProgress(Protocol):
-    """Callback on_progress the steps of a run kind that makes its own table, with a note on its progress."""
+    """Progress callback of a run kind that makes its own table: a note, and the share of the block done."""
 
-    def __call__(self, note: str = "") -> None: ...
+    def __call__(self, note: str = "", share: float = 0.0) -> None: ...
 
 
 class Schedule(Protocol):

@@ -12,7 +12,7 @@ from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.settle import SettleRecorder as Recorder
 from gaitsweep.engine.recorders.settle import tolerances
-from gaitsweep.engine.sweep.refine import Grid
+from gaitsweep.engine.sweep.boundary_cells import Grid
 from gaitsweep.kinds.columns import GAIT, OUTCOME, SLOWEST, STALLED_BY, STATUS, Column, observed, traits
 from gaitsweep.kinds.run_kind import Cost, RunKind
 from gaitsweep.schema.diagnostics import Diagnostic

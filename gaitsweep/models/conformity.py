@@ -21,8 +21,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep import near_miss
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
-from gaitsweep.dynamics.declarations import Event, Mode, Variable
-from gaitsweep.dynamics.declared_model import ARMING, Declared
+from gaitsweep.dynamics.declarations import Mode, Variable, faults_of_quantity
+from gaitsweep.dynamics.declared_model import ARMING, STEPS, Declared
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.kernel.program import Program
@@ -150,24 +150,28 @@ def _bare_state(model: Declared) -> Any:
     return model.State(**fields)
 
 
-def _declared_events(model: Declared) -> list[Event]:
-    return list(dict.fromkeys(each for each in model.declarations.values() if isinstance(each, Event)))
-
-
 def _event_functions(model: Declared, params: Any, state: Any) -> None:
     """Refuse event functions that do not return one real number, by the events' names."""
-    for event in _declared_events(model):
+    for event in model.declared_events():
         name = f"for the event {event.name!r}"
         given = _given(name, lambda p, s, event=event: event.function(model, p, s), params, state)
-        _scalar(name, given)
+        _shaped(name, given, event.counted.shape(model))
         if (kind := _kind(given)) != "real numbers":
             wanted = "a real number that rises through zero: s.x - 2.0, not s.x > 2.0"
             raise _returns(name, kind, wanted)
+        conditions = {"during": (event.during, (state,)), "when": (event.when, (params, state))}
+        for which, (condition, seen) in conditions.items():
+            if condition is None:
+                continue
+            name = f"{which}= of the event {event.name!r}"
+            given = _given(name, condition, *seen)
+            if _kind(given) != "booleans" or jnp.shape(given) not in ((), event.counted.shape(model)):
+                raise _returns(name, f"{_kind(given)} {jnp.shape(given)}", "a condition, such as s.x > 0.0")
 
 
 def _called_by_init(model: Any, params: Any, state: Any) -> None:
     """Refuse a flow or a jump that fails at a bare state, so that `init` is not blamed for it."""
-    added = {field.name for field in dataclasses.fields(state)} - set(model.declarations) - {ARMING}
+    added = {field.name for field in dataclasses.fields(state)} - set(model.declarations) - {ARMING, STEPS}
     if added:  # they are empty here, and a flow may read them
         return
     _rates(state, _given("flow", model.flow, params, state))
@@ -176,11 +180,11 @@ def _called_by_init(model: Any, params: Any, state: Any) -> None:
 
 def _jump_functions(model: Declared, params: Any, state: Any) -> None:
     """Refuse jumps of events that do not return a state, by the events' names."""
-    for event in _declared_events(model):
-        if (effect := event.effect) is None:
+    for event in model.declared_events():
+        if event.effect is None:
             continue
-        name = f"for the jump of {event.name!r}"
-        after = _given(name, lambda p, s, effect=effect: effect(model, p, s), params, state)
+        name, single = f"for the jump of {event.name!r}", event.singles(model)[0]
+        after = _given(name, lambda p, s, single=single: single.jumped(model, p, s), params, state)
         if not isinstance(after, type(state)):
             raise _returns(name, _type_of(after), "a state, such as s.replace(...)")
 
@@ -293,8 +297,13 @@ def _alike(name: str, before: Any, after: Any) -> None:
 
 
 def _scalar(name: str, found: Any) -> None:
-    if getattr(found, "shape", None) != ():
-        raise _returns(name, getattr(found, "shape", type(found).__name__), "one number, ()")
+    _shaped(name, found, ())
+
+
+def _shaped(name: str, found: Any, shape: tuple[int, ...]) -> None:
+    if getattr(found, "shape", None) != shape:
+        wanted = f"{shape[0]} numbers, {shape}, as count= says" if shape else "one number, ()"
+        raise _returns(name, getattr(found, "shape", type(found).__name__), wanted)
 
 
 def _named(name: str, found: Any, kind: str, wanted: Iterable[str]) -> None:
@@ -392,26 +401,11 @@ def _of_quantities(model: Model) -> Iterator[str]:
 
 
 def _of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
-    name, low, high = quantity.name, quantity.low, quantity.high
-    for field in ("unit", "meaning"):
-        if not getattr(quantity, field):
-            unit = ' ("1" for a number without one)' if field == "unit" else ""
-            yield f"whose {name} has no {field}, which tables and figures show{unit}."
     texts = {"symbol": f"${quantity.symbol}$", "unit": quantity.unit, "meaning": quantity.meaning}
     for field, text in texts.items():
         if getattr(quantity, field) and not can_be_set(text):
-            yield f"whose {name} has the {field} {getattr(quantity, field)!r}, {_UNSET}"
-    if not low <= high or (low == high and quantity.open_ends):
-        yield f"whose {name} has bounds that allow no value: low is {low:g}, high is {high:g}."
-    elif isinstance(quantity.default, int | float):
-        undecided = start and math.isnan(quantity.default)  # a start that the model itself decides
-        inside = low < quantity.default < high if quantity.open_ends else low <= quantity.default <= high
-        if not undecided and not (inside and math.isfinite(quantity.default)):
-            bounds = f"within its bounds, {low:g} and {high:g}{', both excluded' * quantity.open_ends}"
-            must = "a finite number" if inside or math.isnan(quantity.default) else bounds
-            yield f"whose {name} has the default {quantity.default:g}, which must be {must}."
-    if quantity.scale is not None and not quantity.scale > 0.0:
-        yield f"whose {name} has the scale {quantity.scale:g}, which must be above 0."
+            yield f"whose {quantity.name} has the {field} {getattr(quantity, field)!r}, {_UNSET}"
+    yield from faults_of_quantity(quantity, start)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -573,7 +567,7 @@ def _in_order(model: Model, found: _Begun, where: Where) -> Iterator[str]:
             differ = f"{events} lead to different states in two jumps and in one{at}"
             yield f'whose simultaneous is "independent", but {differ}: remove it.'
     # an armed event cannot fire twice without leaving its surface
-    armed = isinstance(model, Declared) and all(event.rising for event in _declared_events(model))
+    armed = isinstance(model, Declared) and all(event.rising for event in model.declared_events())
     if armed or not np.any(guards >= 0.0):
         return
     fires = _without_end(model, params, state)

@@ -1,6 +1,6 @@
 from typing import Any
 
-from gaitsweep.plot import style as style
+from gaitsweep.plot import theme as theme
 from gaitsweep.plot.basins.cells import cell_edges as cell_edges
 from gaitsweep.plot.basins.cells import filled as filled
 from gaitsweep.plot.basins.cells import on_grid as on_grid
@@ -16,6 +16,9 @@ from gaitsweep.plot.columns import outcome as outcome
 from gaitsweep.plot.columns import row_names as row_names
 from gaitsweep.plot.columns import rows_where as rows_where
 from gaitsweep.plot.columns import written as written
+from gaitsweep.plot.figure_style import FigureStyle as FigureStyle
+from gaitsweep.plot.figure_style import StyleError as StyleError
+from gaitsweep.plot.figure_style import style as style
 from gaitsweep.plot.footfalls import contact_intervals as contact_intervals
 from gaitsweep.plot.kind import FIGURES as FIGURES
 from gaitsweep.plot.kind import TEXT_COLUMNS as TEXT_COLUMNS

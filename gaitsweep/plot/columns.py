@@ -16,6 +16,7 @@ from gaitsweep.analysis.records import axes_of, outcome_labels
 from gaitsweep.design.vary import written_groups
 from gaitsweep.errors import UserError
 from gaitsweep.mathtext import can_be_set, settable
+from gaitsweep.plot.figure_style import current
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -79,6 +80,8 @@ def symbol(table: pd.DataFrame, name: str) -> str:
 
     If Matplotlib cannot typeset the symbol, the name is used.
     """
+    if name in (labels := current().labels or {}):
+        return labels[name]
     quantities = table.attrs.get("quantities", {})
     base = _bare(name) if name not in quantities and _bare(name) in quantities else base_name(name)
     known = _quantity(table, name).get("symbol")
@@ -96,7 +99,12 @@ def symbol(table: pd.DataFrame, name: str) -> str:
 def axis_label(table: pd.DataFrame, name: str) -> str:
     """A column's symbol and unit, for an axis."""
     unit = unit_of(table, name)
-    return f"{symbol(table, name)} ({unit})" if unit else symbol(table, name)
+    return f"{symbol(table, name)} ({unit})" if unit and not _labelled(name) else symbol(table, name)
+
+
+def _labelled(name: str) -> bool:
+    """Whether the style has a label for a column, which stands alone along its axis."""
+    return name in (current().labels or {})
 
 
 def unit_of(table: pd.DataFrame, name: str) -> str:
@@ -107,7 +115,7 @@ def unit_of(table: pd.DataFrame, name: str) -> str:
 
 def described(table: pd.DataFrame, name: str, width: int = 44) -> str:
     """A column's meaning, symbol and unit in lines of `width`, as the label of an axis."""
-    meaning = settable(str(_quantity(table, name).get("meaning", "")))
+    meaning = "" if _labelled(name) else settable(str(_quantity(table, name).get("meaning", "")))
     label = axis_label(table, name)
     if not meaning or len(meaning) > 2 * width or label.startswith(meaning):
         return label

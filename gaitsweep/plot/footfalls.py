@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MultipleLocator
 
-from gaitsweep.plot import style
+from gaitsweep.plot import theme
 from gaitsweep.plot.columns import PlotError, column, row_names, rows_where, written
 from gaitsweep.plot.kind import (
     Panels,
@@ -83,7 +83,7 @@ def footprints(
     parts = parts[:_MOST_PANELS] or [(None, table)]
     height = len(parts) * (0.85 + 0.17 * len(legs)) + 0.15 + (0.25 if title else 0.0)
     limbs = limbs_of(table, len(legs))
-    with style.canvas(style.PAGE, height, title) as figure:
+    with theme.canvas(theme.PAGE, height, title) as figure:
         grid = figure.subplots(len(parts), 1, squeeze=False)[:, 0]
         joined: set[str] = set()
         hops: list[float] = []
@@ -105,9 +105,9 @@ def footprints(
                 )
                 for gait in there
             ]
-            figure.legend(handles=handles, loc="outside lower center", ncols=2, title=_filled(hops))
+            theme.legend(figure, handles, ncols=2, title=_filled(hops))
         elif hops:
-            figure.legend(handles=[], loc="outside lower center", title=_filled(hops))
+            theme.legend(figure, [], title=_filled(hops))
         figure.set_figheight(height + 0.25 * (bool(joined) + bool(hops)))
     return figure
 
@@ -151,13 +151,13 @@ def _panel(
     colours = limb_colours(limbs)
     title = axes.set_title(heading or "", loc="left")
     if len(part) < 2:
-        style.message(axes, "nothing was recorded")
+        theme.message(axes, "nothing was recorded")
         return set()
     t = part["t"].to_numpy(float)
     low, high = window or (float(t[0]), float(t[-1]))
     low, high = max(low, float(t[0])), min(high, float(t[-1]))
     if high <= low:
-        style.message(axes, f"recorded from {t[0]:.4g} to {t[-1]:.4g} s only")
+        theme.message(axes, f"recorded from {t[0]:.4g} to {t[-1]:.4g} s only")
         return set()
     stances = [contact_intervals(t, part[f"contact_{leg}"].to_numpy(float)) for leg in legs]
     hops += [gap for one in stances for gap in _hops(*one, low, high)]
@@ -173,9 +173,8 @@ def _panel(
     above = axes.secondary_xaxis("top", functions=there_and_back)
     above.set_xlabel(f"cycles of {period:.2f} s", labelpad=2, loc="right")
     above.xaxis.set_major_locator(_whole(high - low, period))
-    axes.set_title(
-        title.get_text(), loc="left", y=1.0, pad=17
-    )  # level with the label of the upper axis, not above it
+    # level with the label of the upper axis, not above it
+    axes.set_title(title.get_text(), loc="left", y=1.0, pad=17)
     if not guides:
         return set()
     return _guides(axes, [_swings(*one) for one in stances], period, _free_link(part, len(legs)))

@@ -10,7 +10,17 @@ import functools
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, ParamSpec, Union, get_args, get_origin
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+)
 
 import pandas as pd
 from pydantic import Field, create_model
@@ -21,12 +31,14 @@ from gaitsweep.design import Design
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.mathtext import can_be_set
 from gaitsweep.plot.columns import PlotError
-from gaitsweep.plot.provenance_marks import mark, remarks
+from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle, current, given_axes, read_style, styled
+from gaitsweep.plot.provenance_marks import letter_panels, mark, remarks
 from gaitsweep.schema.diagnostics import Path, found
 from gaitsweep.schema.numbers import Positive, Real, Stem, Text
-from gaitsweep.schema.strict_model import Registry, StrictModel, kind_of
+from gaitsweep.schema.strict_model import Registry, kind_of
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 # Types of arguments that name a column of the table, a numeric column along an axis, or an observable.
@@ -89,12 +101,12 @@ class PlannedTable:
         return quantities[column].unit if column in quantities else ""
 
 
-class FigureKind(StrictModel):
+class FigureKind(FigureStyle):
     """A figure of a job.
 
-    A kind has a field `kind: Literal["its_name"]` and may have `title` and `name`; its other fields are
-    arguments of `draw`, whose first argument is the table. `check` finds errors that the job alone shows;
-    `draw` refuses errors that only the table shows.
+    A kind has a field `kind: Literal["its_name"]`, the fields of `FigureStyle`, and may have `title` and
+    `name`; its other fields are arguments of `draw`, whose first argument is the table. `check` finds errors
+    that the job alone shows; `draw` refuses errors that only the table shows.
     """
 
     draw: ClassVar[Callable[..., Figure]]
@@ -190,15 +202,47 @@ def check_window(figure: Any) -> Iterator[Refusal]:
 
 
 FIGURES: Registry[FigureKind] = Registry("figure", module="gaitsweep.plot.kinds")
-register, unregister = FIGURES.register, FIGURES.unregister
-Spec = ParamSpec("Spec")
+unregister = FIGURES.unregister
+Drawing = Callable[..., "Figure"]  # its own arguments, the fields of a style, and `ax`
+
+
+def register(kind: type[FigureKind]) -> type[FigureKind]:
+    """Add a kind of figure, whose figures obey styles and carry remarks; usable as a decorator.
+
+    Raises:
+        TypeError: the class has no field `kind: Literal["its_name"]`.
+        ValueError: there is another kind of this name.
+    """
+    FIGURES.register(kind)
+    kind.draw = staticmethod(_in_style(kind.draw))
+    return kind
+
+
+def _in_style(draw: Drawing) -> Drawing:
+    """A drawing function that takes the fields of a style, and `ax`, besides its own arguments."""
+
+    @functools.wraps(draw)
+    def drawn(*args: Any, ax: Axes | None = None, **spec: Any) -> Figure:
+        asked = {name: spec.pop(name) for name in STYLE_FIELDS if name in spec}
+        table = args[0] if args else spec.get("table")
+        with styled(read_style(**asked), ax):
+            figure = draw(*args, **spec)
+            panel = given_axes()
+            figure = figure if panel is None else cast("Figure", panel.get_figure(root=True))
+            if current().panel_letters and panel is None:
+                letter_panels(figure)
+            if isinstance(table, pd.DataFrame) and current().marks is not False:
+                mark(figure if panel is None else panel, remarks(table))
+        return figure
+
+    return drawn
 
 
 def figure_kind(
     *runs: str,
     check: Callable[[Any, PlannedTable], Iterator[Refusal]] | None = None,
     worked_out: tuple[str, ...] = (),
-) -> Callable[[Callable[Spec, Figure]], Callable[Spec, Figure]]:
+) -> Callable[[Drawing], Drawing]:
     """Register a function from a table to a figure as a kind; its figures carry remarks. A decorator.
 
     Arguments of the function with an annotated description are fields of the kind in a job, besides `name`.
@@ -209,15 +253,7 @@ def figure_kind(
         worked_out: columns that it adds to the table.
     """
 
-    def registered(draw: Callable[Spec, Figure]) -> Callable[Spec, Figure]:
-        @functools.wraps(draw)
-        def with_marks(*args: Spec.args, **spec: Spec.kwargs) -> Figure:
-            figure = draw(*args, **spec)
-            table = args[0] if args else spec.get("table")
-            if isinstance(table, pd.DataFrame):
-                mark(figure, remarks(table))
-            return figure
-
+    def registered(draw: Drawing) -> Drawing:
         name, about = draw.__name__, (inspect.getdoc(draw) or "").partition("\n\n")[0]
         fields: dict[str, Any] = {
             "kind": (Literal[name], Field(description=f"{name}: {about}")),
@@ -226,13 +262,12 @@ def figure_kind(
         }
         title, of = name.title().replace("_", ""), draw.__module__
         kind = create_model(title, __base__=FigureKind, __doc__=about, __module__=of, **fields)
-        kind.draw, kind.runs, kind.worked_out = staticmethod(with_marks), runs, worked_out
+        kind.draw, kind.runs, kind.worked_out = staticmethod(draw), runs, worked_out
         for role in ("column_fields", "axis_fields", "observable_fields"):
             setattr(kind, role, tuple(n for n, each in fields.items() if role in _parts(each[:1])))
         if check is not None:
             kind.check = check  # pyright: ignore[reportAttributeAccessIssue]
-        FIGURES.register(kind)
-        return with_marks
+        return register(kind).draw
 
     return registered
 
@@ -243,10 +278,13 @@ def draw(kind: str, table: pd.DataFrame, **spec: Any) -> Figure:
     Args:
         kind: a key of FIGURES.
         table: a result table from `gaitsweep.load`.
-        spec: the arguments of the kind.
+        spec: the arguments of the kind, the fields of `FigureStyle`, and `ax`, Matplotlib axes for a figure
+            of one panel.
 
     Raises:
-        PlotError: the kind is unknown, or the table lacks a column of the figure.
+        PlotError: the kind is unknown, the table lacks a column of the figure, or the figure has several
+            panels and `ax` is given.
+        StyleError: a field of the style is not allowed.
     """
     if kind not in FIGURES:
         raise PlotError(f"{kind} is not a kind of figure{near_miss.suggestion(kind, FIGURES)}")
@@ -278,7 +316,7 @@ def _in_job(annotation: Any) -> Any:
     if origin is Annotated:
         return Annotated[_in_job(first), *rest]
     if origin in (Union, UnionType):
-        return Union[tuple(_in_job(each) for each in (first, *rest) if each is not pd.DataFrame)]  # noqa: UP007
+        return Union[tuple(_in_job(each) for each in (first, *rest) if each is not pd.DataFrame)]  # noqa: UP007 - of a tuple of types
     if origin in (Sequence, Mapping):
         plain = list if origin is Sequence else dict
         return plain[*(_in_job(each) for each in (first, *rest))]  # pyright: ignore[reportInvalidTypeArguments]

@@ -1,4 +1,4 @@
-"""Remarks on figures whose table is incomplete or thinned, or whose run's self-check warned."""
+"""Marks on finished figures: letters of panels, and remarks on a table that is incomplete or doubtful."""
 
 from __future__ import annotations
 
@@ -6,12 +6,21 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
+from matplotlib.figure import Figure
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
 _BAND = 0.2  # inches; height of the band added on top of the figure
 _TITLE = 0.22  # inches; height of the title
+_DIFFERENCES = {
+    "stored_differs": "not reproduced",
+    "status_differs": "end otherwise",
+    "gait_differs": "change gait",
+    "count_differs": "change their count",
+    "moved": "depend on the step",
+}
+_LETTERED = "panel with its letter"
 _LOOK: dict[str, Any] = {"fontsize": 7.5, "color": "#B00020", "weight": "bold", "ha": "right", "va": "center"}
 
 
@@ -31,8 +40,16 @@ def remarks(table: pd.DataFrame) -> list[str]:
         found.append(str(table.attrs["thinned"]))
     check = manifest.get("self_check")
     if isinstance(check, Mapping) and check.get("verdict") == "warned":
-        found.append("self-check: warned")
+        found.append(f"self-check: {_differences(check)}")
     return found
+
+
+def _differences(check: Mapping[str, Any]) -> str:
+    """What a self-check warned of, such as `2 of 32 rows change gait`."""
+    rows = check.get("rows", 0)
+    differ = [(check[name], words) for name, words in _DIFFERENCES.items() if check.get(name)]
+    found = [f"{number} of {rows} rows {words}" for number, words in differ]
+    return ", ".join(found) or "warned"
 
 
 def _rows_there(table: pd.DataFrame, manifest: Mapping[str, Any]) -> int | None:
@@ -49,10 +66,24 @@ def _rows_there(table: pd.DataFrame, manifest: Mapping[str, Any]) -> int | None:
     return there if there < rows else None
 
 
-def mark(figure: Figure, notes: list[str]) -> None:
-    """Write remarks into the upper right corner of a figure, in an added band."""
+def letter_panels(figure: Figure) -> None:
+    """Write the letters a, b, c, ... above the left corner of a figure's panels, if there are several."""
+    apart = ("<colorbar>", _LETTERED)  # one figure may draw another
+    panels = [each for each in figure.axes if each.get_visible() and each.get_label() not in apart]
+    for number, axes in enumerate(panels if len(panels) > 1 else ()):
+        letter = ("a" if number >= 26 else "") + chr(ord("a") + number % 26)
+        look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
+        axes.annotate(letter, (0.0, 1.0), (-4, 3), ha="right", va="bottom", weight="bold", **look)
+        axes.set_label(_LETTERED)
+
+
+def mark(figure: Figure | Axes, notes: list[str]) -> None:
+    """Write remarks above the right corner of a panel, or of a figure, in an added band."""
     text = "; ".join(notes)
     if not notes or text in (each.get_text() for each in figure.texts):  # one figure may draw another
+        return
+    if not isinstance(figure, Figure):
+        figure.text(1.0, 1.0, text, transform=figure.transAxes, **{**_LOOK, "va": "bottom"})
         return
     width, height = figure.get_size_inches()
     share = _BAND / (height + _BAND)

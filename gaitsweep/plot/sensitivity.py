@@ -9,8 +9,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from gaitsweep.plot import theme
 from gaitsweep.plot.columns import axis_label, symbol
-from gaitsweep.plot.style import PAGE, SPARE_COLOURS, canvas, message
 
 # Indices that are drawn, by method: the words of the legend.
 _DRAWN = {
@@ -36,7 +36,7 @@ def sensitivity_figure(indices: pd.DataFrame) -> Figure:
     down = -(-len(outputs) // across)
     bars = max(len(_DRAWN[method]) for method in set(indices["method"]))
     height = down * (_REST + parameters * _ROW * max(1.0, 0.6 * bars)) + 0.35
-    with canvas(PAGE * max(0.5, across / _ACROSS), height) as figure:
+    with theme.canvas(theme.PAGE * max(0.5, across / _ACROSS), height) as figure:
         panels = figure.subplots(down, across, squeeze=False)
         for axes in panels.ravel()[len(outputs) :]:
             axes.set_axis_off()
@@ -46,7 +46,7 @@ def sensitivity_figure(indices: pd.DataFrame) -> Figure:
             shown |= _panel(axes, here, indices)
             axes.set_title(axis_label(indices, output) if output in _quantities(indices) else output)
         if shown:
-            figure.legend(list(shown.values()), list(shown), loc="outside lower center", ncols=len(shown))
+            theme.legend(figure, list(shown.values()), list(shown), ncols=len(shown))
     return figure
 
 
@@ -68,7 +68,7 @@ def _panel(axes: Axes, here: pd.DataFrame, indices: pd.DataFrame) -> dict[str, A
     known = any(np.isfinite(column(index, "value")).any() for index in drawn)
     if not known:
         axes.set_axis_off()
-        message(axes, _wrapped(here["note"].iloc[0]))
+        theme.message(axes, _wrapped(here["note"].iloc[0]))
         return {}
     place, thick = np.arange(len(names)), 0.8 / len(drawn)
     shown = {}
@@ -79,7 +79,7 @@ def _panel(axes: Axes, here: pd.DataFrame, indices: pd.DataFrame) -> dict[str, A
             values,
             thick,
             xerr=None if np.isnan(half).all() else np.nan_to_num(half),
-            color=SPARE_COLOURS[2 if method == "rbd_fast" else (1, 0)[number]],
+            color=theme.SPARE_COLOURS[2 if method == "rbd_fast" else (1, 0)[number]],
             error_kw={"elinewidth": 0.8, "capsize": 1.5},
         )
     axes.axvline(0.0, color="black", linewidth=0.6)

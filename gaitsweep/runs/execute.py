@@ -24,9 +24,9 @@ from gaitsweep.kinds.run_kind import refinement
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.executor import Executor, ThisProcess
 from gaitsweep.runs.prepare import RunContext, naming_the_file, prepare
-from gaitsweep.runs.progress import Progress
+from gaitsweep.runs.progress import Progress, so_far
 from gaitsweep.runs.provenance import continue_directory
-from gaitsweep.runs.refined import Refinement
+from gaitsweep.runs.refinement import Refinement
 from gaitsweep.runs.self_check import (
     Again,
     SelfCheck,
@@ -36,7 +36,7 @@ from gaitsweep.runs.self_check import (
     self_check,
 )
 from gaitsweep.runs.sentences import advice, self_check_sentence
-from gaitsweep.runs.summary import describe, sum_up, summed_up
+from gaitsweep.runs.summary import describe, sum_up, summed_up, tallied_column
 from gaitsweep.table import ResultDirectory, TableError, load
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ def run_job(
         if figures and resolved["figures"]:
             from gaitsweep.runs.figures import draw_of_complete  # which imports Matplotlib
 
-            draw_of_complete(directory, resolved["figures"], on_progress, on_message)
+            draw_of_complete(directory, resolved, on_progress, on_message)
     if checked.get("verdict") == "warned":
         text = f"{self_check_sentence(checked)} {advice(checked, spec.numerics.dt)}"
         if strict:
@@ -213,15 +213,15 @@ def _run_missing(
     before, total = directory.rows_done + directory.rows_open, context.spec.n_rows
     describe(context, directory)
     spent = directory.manifest.get("timings", {})
-    timings = Timings()
+    timings, tallied = Timings(), tallied_column(context)
 
     def spent_so_far() -> dict[str, float]:
         return {name: value + spent.get(name, 0) for name, value in dataclasses.asdict(timings).items()}
 
     def on_sweep_progress(now: SweepProgress) -> None:
-        rate = now.share * now.rows / now.seconds if now.seconds > 0 else 0.0
-        note = now.note or f"{now.attempts / max(now.seconds, 1e-9) / 1e6:.1f} M attempts/s"
-        on_progress(before + now.done, total, rate, (before + now.share * now.rows) / total, note)
+        note = now.note or f"{now.attempts / max(now.seconds, 1e-9) / 1e6:.1f} million steps/s"
+        note += so_far(directory.tally(tallied))
+        on_progress(before + now.done, total, now.rate, (before + now.share * now.rows) / total, note)
 
     def on_wait() -> None:
         on_progress(before, total, 0.0, before / total, executor.note)

@@ -17,6 +17,7 @@ from gaitsweep.runs.prepare import RunContext
 from gaitsweep.table import ResultDirectory
 
 T = TypeVar("T")
+COMPILING = "compiling"  # the note until something is measured
 
 
 def compute_blocks(
@@ -57,15 +58,21 @@ def compute_blocks(
     rows, done = context.layout.rows_in(blocks), 0
     began = time.perf_counter()
 
-    def report(note: str = "") -> None:
+    def report(note: str = "", share: float = 0.0) -> None:
         timings.run_s = time.perf_counter() - began
-        on_progress(SweepProgress(done, rows, done / rows, 0, timings.run_s, note or kind.kind_name))
+        measured = (done + share * (last - first)) / rows
+        text = note or kind.kind_name
+        on_progress(
+            SweepProgress(
+                done, rows, measured, 0, timings.run_s, text if measured else f"{COMPILING}, {text}"
+            )
+        )
 
     for number in blocks:
         first, last = context.layout.rows_of(number)
         # reports each step too, so that Ctrl-C need not wait for the block's end
         write(number, encode(number, kind.block_table(context.design, spec, first, last, report)))
-        done += last - first
+        done, first = done + last - first, last
         report()
 
 
@@ -141,7 +148,7 @@ class ThisProcess(Executor):
 
     @property
     def note(self) -> str:
-        return "compiling"
+        return COMPILING
 
     @property
     def manifest(self) -> dict[str, Any]:

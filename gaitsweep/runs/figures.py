@@ -15,6 +15,7 @@ import numpy as np
 from gaitsweep.errors import EXIT_FAILURE, UserError
 from gaitsweep.job import JobError, read_figures
 from gaitsweep.plot import draw
+from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle, read_style, styled
 from gaitsweep.runs.progress import Progress
 from gaitsweep.schema.yaml_document import read_document
 from gaitsweep.table import (
@@ -49,7 +50,7 @@ class FigureError(UserError):
 
 def draw_of_complete(
     directory: ResultDirectory,
-    specs: list[dict[str, Any]],
+    job: Mapping[str, Any],
     on_progress: Progress,
     on_message: Callable[[str], None],
 ) -> None:
@@ -57,7 +58,7 @@ def draw_of_complete(
     rows = directory.n_rows
     safe = f"The run is complete ({rows} row{'s' * (rows != 1)} in {directory.path})"
     try:
-        _draw_missing_figures(directory, specs, on_progress)
+        _draw_missing_figures(directory, job, on_progress)
     except FigureError as error:
         raise FigureError(f"{safe}, but a figure is not drawn. {error}", error.drawn) from error
     except UserError as error:
@@ -67,12 +68,12 @@ def draw_of_complete(
         raise
 
 
-def _draw_missing_figures(
-    directory: ResultDirectory, specs: list[dict[str, Any]], on_progress: Progress
-) -> None:
+def _draw_missing_figures(directory: ResultDirectory, job: Mapping[str, Any], on_progress: Progress) -> None:
     """Draw the figures that a complete directory lacks; existing ones were drawn from the same rows."""
     drawn = directory.manifest.get("figures_drawn", {})
-    by_name = {f"{spec.get('name') or spec['kind']}.png": spec for spec in specs}
+    specs, style = read_figures(job, str(directory.path / JOB))
+    asked = style.model_dump(mode="json", exclude_none=True)
+    by_name = {name: asked | spec for spec in specs for name in _file_names(spec, style)}
     wanted = {
         name
         for name, spec in by_name.items()
@@ -92,6 +93,12 @@ def _draw_missing_figures(
     directory.update_manifest(figures_drawn={name: digest for name, digest in now.items() if digest})
 
 
+def _file_names(spec: Mapping[str, Any], style: FigureStyle) -> list[str]:
+    """The names of a figure's files, one for each of its formats."""
+    formats = spec.get("format") or style.format or ["png"]
+    return [f"{spec.get('name') or spec['kind']}.{format}" for format in formats]
+
+
 def _figure_digest(file: Path, spec: dict[str, Any]) -> str | None:
     """Return the digest of a figure's file and specification; None if the file does not exist."""
     try:
@@ -102,7 +109,10 @@ def _figure_digest(file: Path, spec: dict[str, Any]) -> str | None:
 
 
 def draw_figures(
-    path: str | Path, names: set[str] | None = None, on_progress: Callable[[int], None] | None = None
+    path: str | Path,
+    names: set[str] | None = None,
+    on_progress: Callable[[int], None] | None = None,
+    style: FigureStyle | None = None,
 ) -> list[Path]:
     """Draw the figures of a result directory from its table, without simulating.
 
@@ -113,6 +123,7 @@ def draw_figures(
         path: the directory.
         names: file names of the figures to draw; all by default.
         on_progress: called before each figure with its number.
+        style: style of all figures, over that of the job and of the figures.
 
     Returns:
         The files, in the job's order.
@@ -126,7 +137,7 @@ def draw_figures(
     snapshot, table = load_with_snapshot(path, rows=None if shown is None else shown.rows)
     if shown is not None:
         table.attrs["thinned"] = shown.remark
-    specs = _figures_of(snapshot)
+    specs, below = _figures_of(snapshot)
     if not specs:
         return []
     folder = Path(path) / FIGURES
@@ -134,31 +145,36 @@ def draw_figures(
         own_folder(folder)
     files, refused = [], []
     for number, spec in enumerate(specs):
-        file = folder / f"{spec.get('name') or spec['kind']}.png"
-        if names is not None and file.name not in names:
+        own = read_style(**{key: spec.pop(key) for key in STYLE_FIELDS if key in spec})
+        asked = (style or FigureStyle()).over(own).over(below)
+        wanted = [folder / name for name in _file_names(spec, asked) if names is None or name in names]
+        if not wanted:
             continue
         if on_progress is not None:
             on_progress(len(files) + 1)
         fields = {key: value for key, value in spec.items() if key not in ("kind", "name")}
         try:
-            figure = draw(spec["kind"], table, **fields)
+            with styled(asked):
+                figure = draw(spec["kind"], table, **fields)
         except UserError as error:
             refused.append(f"figures[{number}] ({spec['kind']}): {error}")
             continue
-        with writing(f"{file} could not be written"):
-            replace_file(file, lambda stream, figure=figure: figure.savefig(stream, format="png", dpi=150))
-        files.append(file)
+        for file in wanted:
+            look = {"format": file.suffix[1:], "dpi": asked.dpi or 150}
+            with writing(f"{file} could not be written"):
+                replace_file(file, lambda stream, look=look, figure=figure: figure.savefig(stream, **look))
+            files.append(file)
     if refused:
         raise FigureError("\n".join(refused), files)
     return files
 
 
-def _figures_of(snapshot: Snapshot) -> list[dict[str, Any]]:
+def _figures_of(snapshot: Snapshot) -> tuple[list[dict[str, Any]], FigureStyle]:
     file = snapshot.path / JOB
     try:
-        asked = snapshot.job.get("figures", [])
+        asked: Mapping[str, Any] = snapshot.job
         if snapshot.job_edited or "job" not in snapshot.manifest:
-            asked = read_document(file).data.get("figures", []) if file.exists() else []
+            asked = read_document(file).data if file.exists() else {}
         return read_figures(asked, str(file))
     except JobError as error:
         raise TableError(str(error)) from None

@@ -12,8 +12,9 @@ import platform
 import subprocess
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
+from gaitsweep.contract import Model
 from gaitsweep.models.traced_program import first_difference
 from gaitsweep.runs.prepare import RunContext, RunError
 from gaitsweep.table import ResultDirectory
@@ -24,6 +25,7 @@ PACKAGES = (
 )
 
 PROGRAM = "program"  # digests of the functions of a user's model, by name
+NOT_INSTALLED = "not installed"  # in place of the version of a package
 EARLIER = "made_before"  # versions, machine, commit and parts of each earlier maker
 _MAKER = ("versions", "machine", "git_commit")
 # versions that a trace depends on
@@ -42,7 +44,20 @@ def version_of(package: str) -> str:
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
-        return "not installed"
+        return NOT_INSTALLED
+
+
+class Paper(TypedDict):
+    """Reference to the paper of a model: one line, and its BibTeX entry or an empty text."""
+
+    source: str
+    bibtex: str
+
+
+def paper_of(model: Model | type[Model]) -> Paper | None:
+    """Return the reference to a model's paper; None if the model names none."""
+    source, entry = getattr(model, "source", ""), model.bibtex.strip()
+    return {"source": source, "bibtex": entry} if source or entry else None
 
 
 @functools.cache
@@ -89,7 +104,7 @@ def continue_directory(
     manifest = directory.manifest
     for warning in check_program(context, directory.path, manifest):
         on_message(warning)
-    fields: dict[str, Any] = {PROGRAM: dict(context.program) or None}
+    fields: dict[str, Any] = {PROGRAM: dict(context.program) or None, "paper": paper_of(context.model)}
     missing = directory.missing_blocks()
     before = {name: manifest[name] for name in _MAKER if manifest.get(name) is not None}
     if missing and before:

@@ -7,11 +7,14 @@ from typing import Any
 
 from gaitsweep.contract import Status
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
+from gaitsweep.runs.provenance import NOT_INSTALLED
 from gaitsweep.runs.set_status import SetStatus
 
 # Fields of the manifest: rows whose label is not the index of a gait, rows that begin beyond an event's
 # surface, rows whose nominal period is not a positive time.
 MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD = "mislabelled", "starts_beyond", "without_period"
+# Settled rows that repeat after one crossing.
+_AT = {"1": "at a fixed point"}
 # The finer steps in manifests of older versions, which halved the step.
 HALF_THE_STEP = "half the step"
 # A settled row may move by this many times the tolerance of settling.
@@ -77,16 +80,70 @@ def advice(check: dict[str, Any], dt: float | None) -> str:
     return "The table depends on the step: give a shorter one, numerics.dt, and compare."
 
 
-def status_sentence(status: str, job: Mapping[str, Any]) -> str:
-    """Return the sentence of a status; empty for a status of another version of gaitsweep."""
-    result = next((word for field, word in _RESULTS.items() if field in job), None)
-    if result is None:
-        return Status[status].sentence if status in Status.__members__ else ""
-    sets: dict[str, str] = {
-        SetStatus.COMPLETE: f"Every {result} has a value for this set of constants.",
-        SetStatus.FAILED: f"Some {result} has no value for this set; the column `why` says which and why.",
+def lengths_of_steps(dt: object) -> str:
+    """Format the shortest and the longest of the rows' steps (s): "0.02 to 0.03 s"; empty if unknown."""
+    spans = [f"{each:.6g}" for each in dt] if isinstance(dt, list) else []
+    return f"{' to '.join(dict.fromkeys(spans))} s" if spans else ""
+
+
+# Settings of a run by title: the entries of its manifest, each with its words.
+_SETTINGS = {
+    "paper": {"source": "{}"},
+    "integration": {"method": "{}", "dt": "steps of {}", "precision": "{}"},
+    "computed by": {"engine": "engine {}", "device": "{}", "lanes": "{} trajectories at a time"},
+    "time": {"compile_s": "{:.3g} s to compile", "run_s": "{:.3g} s to run", "attempts": "{:.0f} steps"},
+    "machine": {"machine": "{}"},
+    "program": {"gaitsweep": "gaitsweep {}", "git_commit": "commit {}", "created": "started {}"},
+    "versions": {"versions": "{}"},
+    "files": {"block": "parts of {} rows", "format": "format {}"},
+    "hash of the job": {"job_hash": "{}"},
+}
+# Entries of a manifest that `settings_of` describes.
+DESCRIBED = {"timings", *_SETTINGS, *(name for words in _SETTINGS.values() for name in words)}
+
+
+def settings_of(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """Describe with units how a table was made, by title; what the manifest does not say is left out."""
+    versions = manifest.get("versions", {}).items()
+    known = {
+        **manifest, **manifest.get("timings", {}), **manifest.get("paper", {}),
+        "dt": lengths_of_steps(manifest.get("dt")),
+        "versions": ", ".join(f"{name} {each}" for name, each in versions if each != NOT_INSTALLED),
+    }  # fmt: skip
+    lines = {
+        title: ", ".join(form.format(known[name]) for name, form in words.items() if known.get(name))
+        for title, words in _SETTINGS.items()
     }
-    return sets.get(status, "")
+    return {title: text for title, text in lines.items() if text}
+
+
+def status_sentence(status: str, job: Mapping[str, Any], periods: Mapping[str, int] | None = None) -> str:
+    """Return the sentence of a status; empty for a status of another version of gaitsweep.
+
+    Args:
+        status: its name.
+        job: the job, whose limits the sentence names.
+        periods: settled rows by the number of crossings after which they repeat, if known.
+    """
+    result = next((word for field, word in _RESULTS.items() if field in job), None)
+    run = job.get("run", {})
+    if result is not None:
+        sets: dict[str, str] = {
+            SetStatus.COMPLETE: f"Every {result} has a value for this set of constants.",
+            SetStatus.FAILED: f"Some {result} has no value for this set; the column `why` says which and "
+            "why.",
+        }
+        return sets.get(status, "")
+    if status == Status.settled.name and periods:
+        at = (f"{n} {_AT.get(period, f'on an orbit of {period} crossings')}" for period, n in periods.items())
+        return f"The state at the section repeats: {', '.join(at)}."
+    sentence = Status[status].sentence if status in Status.__members__ else ""
+    if status == Status.time_limit.name:
+        of_job, _, otherwise = sentence.removesuffix(".").partition(", or ")
+        limit = run.get("max_time")
+        return f"The row reached {otherwise}." if limit is None else f"{of_job}, {limit:g} s."
+    most = f", {run['max_cycles']} cycles," if "max_cycles" in run else ""
+    return sentence.replace("run.max_cycles", f"run.max_cycles{most}")
 
 
 def remarks(manifest: Mapping[str, Any]) -> list[str]:

@@ -118,6 +118,14 @@ def summed_up(context: RunContext, directory: ResultDirectory) -> bool:
     )
 
 
+def tallied_column(context: RunContext) -> str | None:
+    """The column whose values are counted while rows run: a row's outcome or gait; None: its status."""
+    if tuple(context.model.gaits) == ("none",) or not context.job.run.one_a_row:
+        return None
+    columns = table_columns(context.design, context.job.run)
+    return next((name for name in ("outcome", "gait") if name in columns), None)
+
+
 def _summaries(context: RunContext, directory: ResultDirectory) -> dict[str, set[str]]:
     """Return the fields of the manifest that summarise records, with the columns that each needs."""
     columns, counts = set(table_columns(context.design, context.job.run)), directory.counts()
@@ -127,6 +135,7 @@ def _summaries(context: RunContext, directory: ResultDirectory) -> dict[str, set
         MISLABELLED: ({"gait"}, "gait" in columns),
         "stalls": ({"stalled_by", "t_end", "t"} & columns, counts.get(Status.event_stall.name)),
         "gaits": ({"gait"}, distinguishes_gaits and "gait" in of_rows),
+        "periods": ({"attractor_period"}, counts.get(Status.settled.name) and "attractor_period" in columns),
         "slowest": ({"slowest"}, counts.get(Status.cycle_limit.name) and "slowest" in columns),
         "largest_distance": ({"distance", "gait"}, {"distance", "gait"} <= of_rows),
     }
@@ -142,6 +151,7 @@ def _of_records(context: RunContext, directory: ResultDirectory) -> dict[str, An
     stalls: dict[str, dict[str, Any]] = {}
     gaits: collections.Counter[str] = collections.Counter()
     slowest: collections.Counter[str] = collections.Counter()
+    periods: collections.Counter[str] = collections.Counter()
     farthest: tuple[float, int] | None = None
     for part in load_parts(directory.path, ["row", "status", *sorted(set().union(*summaries.values()))]):
         if MISLABELLED in summaries:
@@ -150,6 +160,8 @@ def _of_records(context: RunContext, directory: ResultDirectory) -> dict[str, An
             _add_stalls(stalls, part)
         if "gaits" in summaries:
             gaits.update(_numbers_of(part["gait"]))
+        if "periods" in summaries:
+            periods.update(_numbers_of(part["attractor_period"][part["status"] == Status.settled.name]))
         if "slowest" in summaries:
             slowest.update(_numbers_of(part["slowest"][part["status"] == Status.cycle_limit.name]))
         if "largest_distance" in summaries:
@@ -159,6 +171,7 @@ def _of_records(context: RunContext, directory: ResultDirectory) -> dict[str, An
         "stalls": dict(sorted(stalls.items())),
         "gaits": dict(gaits.most_common()),
         "slowest": dict(slowest.most_common()),
+        "periods": dict(sorted(periods.items())),
         "largest_distance": {"rad": farthest[0], "row": farthest[1]} if farthest else {},
     }
     fields: dict[str, Any] = {MISLABELLED: mislabelled} if mislabelled else {}

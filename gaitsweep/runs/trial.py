@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import math
 import warnings
 from collections.abc import Mapping
 from typing import Any
@@ -13,10 +15,14 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep import models
+from gaitsweep.angle_difference import wrapped_difference
 from gaitsweep.contract import HybridModel, Model, Quantity, State, Status
+from gaitsweep.dynamics.declarations import SingleEvent, mode, observable
+from gaitsweep.dynamics.declared_model import DeclaredModel
+from gaitsweep.engine.flow_spectrum import flow_eigenvalues
 from gaitsweep.errors import UserError
 from gaitsweep.job import Job
-from gaitsweep.kinds import FixedTime, ReturnMap, Settle, Trace
+from gaitsweep.kinds import Settle, Trace
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.models.conformity import sample, written
 from gaitsweep.runs.execute import table_in_memory
@@ -26,7 +32,10 @@ from gaitsweep.runs.sentences import MISLABELLED, remarks
 ROWS, CYCLES, SAMPLES = 32, 12, 40
 # An energy whose rate is below this share of the power that its terms exchange is kept.
 KEPT = 1e-9
+# Rates of the flow, in nominal periods, from which on steps are many; how many times that at the defaults.
+STIFF, STIFFER = 2000.0, 10.0
 _RATE, _POWER = "_rate_of_change", "_power"
+_TIMES, _COUNT = "times_of_events", "count_of_event"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,13 +53,11 @@ def trial(kind: type[Model]) -> Trial:
         kind: the class, in which `conformity.faults` finds none; its structure takes its defaults.
     """
     model = kind()
-    if clashing := _clashing_columns(model):
-        return Trial(clashing, [])
     costly = model.host_parameters or not isinstance(model, HybridModel)
     parameters, starts = sample(model, ROWS // 8 if costly else ROWS)
     values = {**parameters, **starts}
     try:
-        table = _run(kind, values, Settle(max_cycles=CYCLES))
+        table = _run(_counting(model), values, Settle(max_cycles=CYCLES))
         energies = _energies(model, kind, values) if isinstance(model, HybridModel) else []
     except UserError as error:
         return Trial([f"of which no row can be run: {error}"], [])
@@ -67,23 +74,107 @@ def trial(kind: type[Model]) -> Trial:
     rows = manifest["rows"]
     tried = f"Tried {rows} rows of {CYCLES} cycles over the ranges of parameters and starts: {counts}."
     begun = remarks({**manifest, MISLABELLED: {}})
-    return Trial(faults, [tried, *begun, *energies])
+    crosses = table["cycles"].to_numpy(float).any()
+    warned = [*(_constant(model, table) if crosses else ()), *_unmet(model, table, values)]
+    if isinstance(model, HybridModel) and model.locates_events and not model.host_parameters:
+        warned += _stiff(model, values)
+    return Trial(faults, [tried, *begun, *energies, *(f"Warning: {each}" for each in warned)])
 
 
-def _clashing_columns(model: Model) -> list[str]:
-    """Return a fault for each quantity whose name is another column in a table of some run kind."""
-    runs = (Settle(), FixedTime(duration=1.0), ReturnMap(crossings=1), Trace(duration=1.0, every=1.0))
-    settable = [q.name for q in (*model.parameters, *model.initial_conditions)]
-    clashes: dict[str, str] = {}
-    for run in runs:
-        columns = ["row", *settable, *(column.name for column in run.all_columns(model))]
-        clashes |= {
-            name: run.kind_name for name in columns if columns.count(name) > 1 and name not in clashes
-        }
-    return [
-        f"which has a quantity {name}, but a table of {run} has a column of that name: rename the quantity."
-        for name, run in clashes.items()
+def _constant(model: Model, table: pd.DataFrame) -> list[str]:
+    """Return a sentence about the observables that have one value at the end of all rows."""
+    same = []
+    for quantity in model.observables:
+        ends = table[f"{quantity.name}_end"].to_numpy(float)
+        ends = ends[np.isfinite(ends)]
+        away = ends - ends[:1]
+        away = wrapped_difference(away) if quantity.circular else away
+        size = max(abs(ends[0]), quantity.scale or 1e-3) if ends.size > 1 else 0.0
+        if np.max(np.abs(away), initial=0.0) <= 1e-9 * size < math.inf and size > 0.0:
+            same.append(f"{quantity.name} ({ends[0].round(9) + 0.0:.6g})")
+    if not same:
+        return []
+    advice = "observed=False leaves out a variable that the section fixes"
+    return [f"These observables are the same at the end of all rows tried: {', '.join(same)}; {advice}."]
+
+
+def _counted(model: Model) -> list[SingleEvent]:
+    """The events of a model whose guards are all those of declared events, so that they can be counted."""
+    if not isinstance(model, DeclaredModel) or type(model).guards is not DeclaredModel.guards:
+        return []
+    return model.single_events()
+
+
+def _counting(model: Model) -> type[Model]:
+    """The class of a model with observables that count how often each of its declared events happened."""
+    kind: Any = type(model)
+    if not (number := len(_counted(model))):
+        return kind
+
+    def jump(self: DeclaredModel, params: Any, state: State, fired: jax.Array) -> State:
+        after = kind.jump(self, params, state, fired)
+        happens = jnp.stack(list(self.happening(params, state, fired).values()))
+        return after.replace(**{_TIMES: getattr(state, _TIMES) + happens.astype(int)})
+
+    count = observable("1", "times of event", count=number, scale=math.inf)
+    members = {
+        _TIMES: mode((0,) * number, "times of event", count=number),
+        _COUNT: count(lambda self, p, s: getattr(s, _TIMES)),
+        "jump": jump,
+        "name": kind.name,
+    }
+    return type(kind.__name__, (kind,), members)
+
+
+def _unmet(model: Model, table: pd.DataFrame, values: Mapping[str, np.ndarray]) -> list[str]:
+    """Return a sentence about the events that happened in no row, or about a section that none crossed."""
+    if not table["cycles"].to_numpy(float).any():
+        return ["No row crossed the section: look at the sign of its function, and at the starts."]
+    known = {name: jnp.asarray(column[0]) for name, column in values.items()}
+    params = model.params(known)
+    start = model.init(params, known)
+    never = [
+        repr(each.name)
+        for i, each in enumerate(_counted(model), 1)
+        if not np.nan_to_num(table[f"{_COUNT}_{i}_end"].to_numpy(float)).any()
+        # counts are read at crossings, and a fall has none after it
+        and not (each.jumps and model.failed(params, each.jumped(model, params, start)))
     ]
+    if not never:
+        return []
+    advice = "look at the signs of their functions, at during= and when=, and at ranges"
+    return [f"These events happened in no row that was tried: {', '.join(dict.fromkeys(never))}; {advice}."]
+
+
+def _stiff(model: HybridModel, values: Mapping[str, np.ndarray]) -> list[str]:
+    """Return sentences about defaults, and ends of a parameter's range, with which the flow is stiff.
+
+    The range is that of the bounds, or of the values tried. Modes that are no flags have their values at the
+    start.
+    """
+
+    def fastest(changed: Mapping[str, float]) -> tuple[float, str]:
+        known = {name: jnp.asarray(changed.get(name, column[0]), float) for name, column in values.items()}
+        params = model.params(known)
+        rates = np.abs(flow_eigenvalues(model, params, model.init(params, known)))
+        rate, cycle = float(rates.max(initial=0.0)), float(model.period(params))
+        return (
+            rate * cycle,
+            f"fastest rate is {rate:.2g} 1/s, and a cycle takes about {rate * cycle:.2g} steps",
+        )
+
+    share, words = fastest({})
+    said = [f"At the defaults the flow is stiff: its {words}."] if share > STIFF else []
+    for quantity in model.parameters:
+        name, column = quantity.name, values[quantity.name]
+        for bound, tried in ((quantity.low, np.min(column)), (quantity.high, np.max(column))):
+            end = float(tried) if quantity.open_ends or not math.isfinite(bound) else bound
+            with contextlib.suppress(np.linalg.LinAlgError):  # rates that are no numbers
+                more, words = fastest({name: end})
+                if more > max(STIFF, STIFFER * share):
+                    far = f"{name} = {end:.4g}, far from its default {column[0]:.4g}, makes the flow stiff"
+                    said.append(f"{far}: its {words}. Bounds (low=, high=) keep rows from there.")
+    return said
 
 
 def _run(kind: type[Model], values: Mapping[str, np.ndarray], run: Settle | Trace) -> pd.DataFrame:

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import collections
 import contextlib
 import errno
 import json
@@ -18,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import yaml
 
 from gaitsweep.row_outcome import RowOutcome
@@ -54,7 +56,16 @@ from gaitsweep.table.manifest import (
     new_manifest,
     sealed,
 )
-from gaitsweep.table.parts import DamagedPart, EncodedPart, Footer, checked_part, open_bytes, read_footer
+from gaitsweep.table.parts import (
+    UNREADABLE,
+    DamagedPart,
+    EncodedPart,
+    Footer,
+    checked_part,
+    open_bytes,
+    read_footer,
+    readable,
+)
 from gaitsweep.table.reading import add_counts
 
 # No two processes have the same, also not two of different machines.
@@ -80,6 +91,8 @@ class ResultDirectory:
         self._open_files: dict[Path, set[int]] = {}
         self._restored: dict[int, RowOutcome] = {}
         self._last_open = 0
+        self._tally: collections.Counter[str] = collections.Counter()
+        self._tallied: set[int] = set()  # parts counted in it
 
     @classmethod
     def open(cls, path: str | Path, job: Mapping[str, Any], layout: Layout) -> ResultDirectory:
@@ -191,8 +204,7 @@ class ResultDirectory:
         write_digests(self.path, read_digests(self.path) | examined.undigested)
         self.notes.append(
             f"{text} in {DIGESTS}. Their job, block, rows and page checksums are correct: the files "
-            "are used, and "
-            "their digests are written again."
+            "are used, and their digests are written again."
         )
 
     def _clear(self, fault: Fault) -> None:
@@ -252,7 +264,24 @@ class ResultDirectory:
 
     def counts(self) -> dict[str, int]:
         """Return the numbers of rows in complete parts by status."""
-        return add_counts(self._footers)
+        return add_counts(dict(self._footers))  # a copy: another thread may write a part
+
+    def tally(self, column: str | None) -> dict[str, int]:
+        """Count the values of a column of text in complete parts, each of which is read once.
+
+        Args:
+            column: its name; None: the statuses of the rows.
+        """
+        if column is None:
+            return self.counts()
+        for number in set(self._footers) - self._tallied:
+            self._tallied.add(number)
+            with contextlib.suppress(*UNREADABLE):  # the table's readers report a file that is damaged since
+                file = self.path / TABLE / PARTS.name(number)
+                values = pq.ParquetFile(readable(read_file(file))).read([column]).column(0)
+                counts = values.value_counts().to_pylist()
+                self._tally.update({str(each["values"]): each["counts"] for each in counts})
+        return dict(self._tally.most_common())
 
     def write_part(self, number: int, frame: pd.DataFrame) -> None:
         """Write the records of a block; they are on disk when this returns.
@@ -427,7 +456,7 @@ class ResultDirectory:
 
 
 class PartWriter:
-    """Writes parts into a result directory whose manifest belongs to another process.
+    """Writer of parts into a result directory whose manifest belongs to another process.
 
     The bytes of a part do not depend on its writer, so one process may replace another's part.
     """
@@ -489,7 +518,7 @@ def _claimed(path: Path, layout: Layout) -> dict[str, Any] | DamagedManifest | N
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes a repeated list twice, not as an anchor and an alias."""
+    """Writer of YAML that writes a repeated list twice, not as an anchor and an alias."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True

@@ -113,8 +113,7 @@ class BlockLocks:
         if not hasattr(fcntl, "F_OFD_SETLK"):
             raise UnsupportedSystem(
                 f"Processes that share the directory {folder} need open file description locks, which "
-                f"{sys.platform} "
-                "lacks: run the job without --rows, or by --cluster with --collect."
+                f"{sys.platform} lacks: run the job without --rows, or by --cluster with --collect."
             )
         flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
         self._descriptor = os.open(folder / BLOCK_LOCKS, flags, 0o644)

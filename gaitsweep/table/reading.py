@@ -31,6 +31,12 @@ _LARGEST_JOB = 64 * 2**20  # bytes
 _DEEPEST, _MOST_EVENTS = 50, 400_000  # of an edited `job.yaml`
 
 
+def figure_files(path: Path) -> list[Path]:
+    """The files of a directory's figures, sorted by name."""
+    files = (path / FIGURES).glob("*")
+    return sorted(file for file in files if file.suffix in (".png", ".pdf", ".svg") and file.is_file())
+
+
 @dataclasses.dataclass(frozen=True)
 class Snapshot:
     """The contents of a result directory at one moment, without its records; a run may be writing it.
@@ -78,7 +84,7 @@ class Snapshot:
     @property
     def figures(self) -> list[Path]:
         """The files of drawn figures, sorted by name."""
-        return sorted(file for file in (self.path / FIGURES).glob("*.png") if file.is_file())
+        return figure_files(self.path)
 
     @property
     def complete(self) -> bool:

@@ -15,8 +15,8 @@ import pandas as pd
 import yaml
 
 from gaitsweep.analysis.records import in_order
-from gaitsweep.plot import style
-from gaitsweep.runs.sentences import advice, self_check_sentence, status_sentence
+from gaitsweep.plot import theme
+from gaitsweep.runs.sentences import DESCRIBED, advice, self_check_sentence, settings_of, status_sentence
 from gaitsweep.runs.set_status import SetStatus
 from gaitsweep.table import Snapshot, load, replace_file, writing
 
@@ -67,14 +67,10 @@ _REASONS = 5
 # Entries of the manifest that are shown elsewhere, or are of no use to a reader.
 _APART = (
     "quantities", "job", "figures_drawn", "sha256", "counts", "gaits", "self_check", "stalls", "slowest",
-    "complete", "versions", "largest_distance", "program",
+    "complete", "periods", "largest_distance", "program", *DESCRIBED,
 )  # fmt: skip
 _NAMES = {
-    "job_hash": "hash of the job", "gaitsweep": "gaitsweep", "git_commit": "commit of the source",
-    "created": "start of the run", "rows": "rows", "block": "rows of a part", "dt": "steps, shortest "
-        "and longest (s)",
-    "format": "format of the directory", "lanes": "trajectories at once", "axes": "axes",
-    "method": "integration method", "timings": "time", "model_folder": "folder of the model",
+    "rows": "rows", "axes": "axes", "model_folder": "folder of the model",
     "made_before": "parts made by other versions",
 }  # fmt: skip
 
@@ -109,7 +105,8 @@ def _page(snapshot: Snapshot) -> str:
     kind = snapshot.job.get("run", {}).get("kind")
     run = f", run of kind {html.escape(str(kind))}" if kind else ""
     job = html.escape(yaml.safe_dump(snapshot.job, sort_keys=False, allow_unicode=True))
-    figures = "".join(figure_of(figure, figure.stem) for figure in snapshot.figures)
+    drawn = [figure for figure in snapshot.figures if figure.suffix == ".png"]
+    figures = "".join(figure_of(figure, figure.stem) for figure in drawn)
     explorer = snapshot.path / "explore.html"
     sections = [
         f'<h1>{name}</h1><p class="faint">Model {model}, {state}{run}.</p>{_warnings(snapshot)}',
@@ -164,9 +161,10 @@ def _counts(snapshot: Snapshot) -> str:
     total = sum(snapshot.counts.values())
     if not total:
         return "<p>No row has ended yet.</p>"
+    periods = snapshot.manifest.get("periods")
     lines = [
         f"<tr><td>{html.escape(status)}</td>{_number(number, total)}"
-        f"<td>{html.escape(status_sentence(status, snapshot.job))}</td></tr>"
+        f"<td>{html.escape(status_sentence(status, snapshot.job, periods))}</td></tr>"
         for status, number in snapshot.counts.items()
     ]
     lines.append(f'<tr class="sum"><td>all</td>{_number(total, total)}<td></td></tr>')
@@ -215,7 +213,7 @@ def _gaits(snapshot: Snapshot) -> str:
     records = len(table) != table["row"].nunique()
     statuses = list(snapshot.counts) if len(snapshot.counts) > 1 and not records else []
     names = in_order(table, "gait", pd.Series(gait, dtype=object))
-    chosen = style.colours(names)
+    chosen = theme.colours(names)
     head = "".join(f'<th class="number">{html.escape(name)}</th>' for name in ("all", "", *statuses))
     lines = []
     for name in names:
@@ -261,11 +259,10 @@ def _self_check(snapshot: Snapshot) -> str:
 def _provenance(snapshot: Snapshot) -> str:
     """Provenance of the table: entries of the manifest, with the versions last."""
     manifest = snapshot.manifest
-    facts = {_NAMES.get(key, key): value for key, value in manifest.items() if key not in _APART}
-    if "git_commit" not in manifest or manifest["git_commit"] is None:
-        facts[_NAMES["git_commit"]] = "unknown: gaitsweep did not run from a checkout"
-    versions = manifest.get("versions", {})
-    facts["versions"] = ", ".join(f"{name} {number}" for name, number in versions.items())
+    facts: dict[str, Any] = {**settings_of(manifest)}
+    facts |= {_NAMES.get(key, key): value for key, value in manifest.items() if key not in _APART}
+    if manifest.get("git_commit") is None:
+        facts["commit of the source"] = "unknown: gaitsweep did not run from a checkout"
     facts["command to reproduce it"] = "gaitsweep run job.yaml"
     lines = [
         f"<tr><th>{html.escape(str(name))}</th><td>{html.escape(_written(value))}</td></tr>"

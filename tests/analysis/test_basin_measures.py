@@ -125,13 +125,13 @@ def test_a_cantor_boundary() -> None:
 
 # exponent, outcome of a start (x, y), and the ends of x and y
 PUBLISHED = {
-    # Grebogi et al. 1983, Phys. Lett. A 99:415: .20 (.03)
+    # Grebogi et al. 1983, Phys. Lett. A 99:415: 0.20 (0.03)
     "final_state": (0.20, final_state, (0.0, TURN, -0.5, 0.5)),
     # McMullen 1998, Am. J. Math. 120:691: dimensions 1.268, 1.3934 and 1.0812
     "c = -1": (0.732, functools.partial(julia, c=-1.0), (-1.8, 1.8, -1.2, 1.2)),
     "rabbit": (0.607, functools.partial(julia, c=-0.122561 + 0.744862j), (-1.5, 1.5, -1.5, 1.5)),
     "c = 1/4": (0.919, functools.partial(julia, c=0.25), (-1.3, 1.3, -1.3, 1.3)),
-    # dimension 1.42 by counting boxes, as ChaosTools.jl cites it; Bowen's formula gives 1.444, exponent .556
+    # dimension 1.42 by counting boxes, as ChaosTools.jl cites it; Bowen's formula gives 1.444, exponent 0.556
     "newton": (0.58, newton, (-1.5, 1.6, -1.5, 1.6)),
 }
 # McDonald et al. 1985, Physica D 17:125: the exponent is known exactly, log2 of the growth
@@ -319,3 +319,38 @@ def test_axes_of_different_units_need_scales() -> None:
         basins(table)
     scaled = basins(table, scales={"psi_1": TURN / 6, "psi_2": 0.1})
     assert np.min(scaled.rows["shock"]) == pytest.approx(1.0)
+
+
+def _of_a_job(share: float, params: dict[str, object], **columns: float) -> pd.DataFrame:
+    """A table of two basins, the first with this share of the starts, and the constants of its job."""
+    x = np.arange(100) / 100.0
+    gait = pd.Categorical(np.where(x < share, "walk", "trot"), ["walk", "trot"])
+    table = pd.DataFrame({"row": np.arange(100), "x_0": x, **columns, "status": "settled", "gait": gait})
+    table.attrs["job"] = {"params": params, "structure": {"N": 4}, "start": {"y_0": 0.5}}
+    return table
+
+
+def test_tables_of_several_jobs_are_panels_by_their_constants() -> None:
+    """Each table has one value of K, in its job alone; a constant of one may be a column of another."""
+    tables = [_of_a_job(0.2, {"K": 1.0}), _of_a_job(0.7, {"K": 2.0})]
+    found = basins(tables, by="K").fractions
+    assert found.set_index(["K", "outcome"])["fraction"].to_dict() == {
+        (1.0, "walk"): 0.2, (1.0, "trot"): 0.8, (2.0, "walk"): 0.7, (2.0, "trot"): 0.3,
+    }  # fmt: skip
+    assert len(basins(tables, by=["K"]).panels) == 2
+    varied = _of_a_job(0.4, {}, K=3.0)
+    assert fractions([*tables, varied], by="K")["K"].unique().tolist() == [1.0, 2.0, 3.0]
+    panels = basins(tables[0], by=["N", "y_0"]).panels[["N", "y_0"]]
+    assert panels.to_numpy().tolist() == [[4.0, 0.5]]
+
+
+def test_constants_that_tables_do_not_have_are_refused() -> None:
+    tables = [_of_a_job(0.2, {"K": "2*omega"}), _of_a_job(0.7, {"K": 2.0}, z_0=0.1)]
+    with pytest.raises(AnalysisError, match="k is not a column of this table or a constant of its job"):
+        basins(tables, by="k")
+    with pytest.raises(AnalysisError, match=r'K is the formula "2\*omega" in the job of a table'):
+        basins(tables, by="K")
+    with pytest.raises(AnalysisError, match="different axes, x_0 and x_0, z_0: name the constants in `by`"):
+        basins([_of_a_job(0.2, {"K": 1.0}), tables[1]], by="K")
+    with pytest.raises(AnalysisError, match="different axes, none"):
+        basins([], by="K")

@@ -31,7 +31,7 @@ STEPS = (ArclengthSteps(0.02, 0.08), ArclengthSteps(0.05, 0.2))
 
 
 def form(size: int) -> tuple[PlainMap, np.ndarray]:
-    """The normal form in the first of `size` coordinates, then turned and shifted by .3; the rotation."""
+    """The normal form in the first of `size` coordinates, then turned and shifted by 0.3; the rotation."""
     turn = np.linalg.qr(np.random.default_rng(size).normal(size=(size, size)))[0]
 
     def mapping(v: Any, at: Any) -> Any:
@@ -253,7 +253,7 @@ def test_steps_that_end_at_the_point_itself() -> None:
 
 @pytest.mark.slow
 def test_one_soon_after_the_other() -> None:
-    """X and y lose stability at r = 0 and r = .003, within one step: pitchforks, or flips."""
+    """X and y lose stability at r = 0 and r = 0.003, within one step: pitchforks, or flips."""
     for sign, kind in ((1.0, LOWER), (-1.0, "flip")):
         mapping = PlainMap(
             lambda v, at: v["sign"] * ((1.0 + v["r"] - jnp.array([0.0, 0.003])) * at - at**3),
@@ -267,7 +267,7 @@ def test_one_soon_after_the_other() -> None:
 
 
 def test_a_pitchfork_begins_no_curve_of_folds() -> None:
-    """X -> x + r x - x^3 from x = .9: the parameter turns at r = 0, and there is no fold."""
+    """X -> x + r x - x^3 from x = 0.9: the parameter turns at r = 0, and there is no fold."""
     mapping, _ = MAPS[1]
     table = fold_curves(
         mapping,

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from gaitsweep.analysis.circular import branch_cut, is_circular, mean_direction, unwrap_from
-from gaitsweep.circular import TURN, wrapped_difference
+from gaitsweep.angle_difference import TURN, wrapped_difference
 
 
 def test_differences_go_the_shorter_way() -> None:

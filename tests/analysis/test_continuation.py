@@ -2,36 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax import Array
 from matplotlib.colors import to_hex
 
-from gaitsweep.analysis.continuation.continuation import continuation
+from gaitsweep.analysis.continuation.continuation import ArclengthSteps, continuation
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.plot.bifurcations.continuation import continuation as draw
 
+Values = Mapping[str, Array]
 
-def fold(values, x):
+
+def fold(values: Values, x: Array) -> Array:
     return x + values["r"] - x**2
 
 
-def cusp(values, x):
+def cusp(values: Values, x: Array) -> Array:
     return x + values["r"] + values["a"] * x - x**3
 
 
-def broken(values, x):
+def broken(values: Values, x: Array) -> Array:
     """Fixed points x = r up to r = 1, and x = r + gap beyond: the map jumps where x passes 1."""
     return x + 0.5 * (values["r"] - x + jnp.where(x > 1.0 + 0.5 * values["gap"], values["gap"], 0.0))
 
 
-def spiral(values, x):
+def spiral(values: Values, x: Array) -> Array:
     """Multipliers r exp(+-i): a circle is born at r = 1."""
     turn = jnp.array([[jnp.cos(1.0), -jnp.sin(1.0)], [jnp.sin(1.0), jnp.cos(1.0)]])
     return values["r"] * (turn @ x)
 
 
-def conserving(values, x):
+def conserving(values: Values, x: Array) -> Array:
     """Pulls y towards b x^2 and conserves x + y."""
     pull = 0.2 * (x[1] - values["b"] * x[0] ** 2)
     return jnp.stack([x[0] + pull, x[1] - pull])
@@ -59,8 +65,25 @@ def test_around_a_fold() -> None:
     assert table["point"].tolist() == list(range(len(table)))
 
 
+def test_progress_counts_points_and_the_way_along_the_range() -> None:
+    reports: list[tuple[np.ndarray, np.ndarray]] = []
+    steps = ArclengthSteps(on_progress=lambda points, shares: reports.append((points, shares)))
+    starts = FOLD.points([[0.9], [1.2]])  # the second is half as far from the end
+    table = continuation(FOLD, starts, {}, parameter="r", within=(-0.5, 2.0), begin=[0.81, 1.44], steps=steps)
+    points, shares = (np.array(each) for each in zip(*reports, strict=True))
+    assert points[0].tolist() == [1, 1]
+    assert shares[0].tolist() == [0.0, 0.0]
+    assert np.all(np.diff(points, axis=0) >= 0)
+    ended = np.flatnonzero(shares[:, 1] == 1.0)
+    assert ended.size  # the first branch is still followed
+    assert points[-1, 1] == np.sum(table["row"] == 1)
+    assert np.all(shares[:, 0] <= 0.95)
+    at = table.loc[table["row"] == 0, "r"].tolist()[points[-1, 0] - 1]
+    assert shares[-1, 0] == pytest.approx((at - 0.81) / 2.5)
+
+
 def test_a_table_without_a_fixed_point_has_all_columns() -> None:
-    """X -> x + r - x^2 has none for r < 0; both records say so, with the columns of a branch."""
+    """X -> x + r - x^2 has none for r < 0; both rows have a record with the reason."""
     starts = FOLD.points([[0.5], [2.0]])
     table = continuation(FOLD, starts, {}, parameter="r", within=(-1.0, -0.5))
     whole = continuation(FOLD, FOLD.points([[0.9]]), {}, parameter="r", within=(0.5, 1.0))
@@ -73,7 +96,7 @@ def test_a_table_without_a_fixed_point_has_all_columns() -> None:
 def test_many_branches_over_a_second_parameter() -> None:
     """X -> x + r + a x - x^3: folds at r = +-2 (a/3)^1.5, flips where 1 + a - 3 x^2 = -1, for a grid of a.
 
-    One S-shaped curve each, in steps of their own.
+    Each row is an S-shaped curve with its own steps.
     """
     a = np.array([0.0, 0.25, 0.5, 1.0])
     starts = CUSP.points([[-1.3]] * 4)
@@ -92,14 +115,14 @@ def test_many_branches_over_a_second_parameter() -> None:
 
 
 def test_a_row_does_not_depend_on_the_others() -> None:
-    options = {"parameter": "r", "within": (-2.0, 2.0), "begin": -1.0}
+    options: dict[str, Any] = {"parameter": "r", "within": (-2.0, 2.0), "begin": -1.0}
     alone = continuation(CUSP, CUSP.points([[-1.3]]), {"a": 0.5}, **options)
     both = continuation(CUSP, CUSP.points([[-1.3]] * 2), {"a": np.array([1.0, 0.5])}, **options)
     second = both[both["row"] == 1].reset_index(drop=True)
     np.testing.assert_allclose(second["x"], alone["x"], atol=1e-9)
 
 
-def test_circles_that_are_born_are_told() -> None:
+def test_neimark_sacker_bifurcations_are_located() -> None:
     mapping = PlainMap(spiral, ("x", "y"), (("r", 0.5),))
     table = continuation(mapping, mapping.points([[0.0, 0.0]]), {}, parameter="r", within=(0.5, 1.5))
     special = table[table["special"] != ""]
@@ -108,7 +131,7 @@ def test_circles_that_are_born_are_told() -> None:
 
 
 def test_over_a_jump_of_the_map() -> None:
-    """A branch that jumps by .05 goes on behind it, and says so; no record lies in between."""
+    """A branch continues beyond a jump of 0.05; no record lies in the gap."""
     mapping = PlainMap(broken, ("x",), (("r", 0.5), ("gap", 0.05)))
     table = continuation(mapping, mapping.points([[0.5]]), {}, parameter="r", within=(0.5, 1.5))
     assert table["end"].iloc[-1] == "range"
@@ -144,7 +167,7 @@ def test_with_a_condition() -> None:
 
 
 def test_a_start_without_a_fixed_point() -> None:
-    """Branches that begin at the fold itself, or where r < 0 leaves none, say so; one beside them goes on."""
+    """Branches from the fold or without a fixed point (r < 0) end with a reason; another continues."""
     starts, begin = FOLD.points([[0.0], [0.7], [0.5]]), np.array([0.0, -0.2, 0.1])
     table = continuation(FOLD, starts, {}, parameter="r", within=(-0.2, 1.0), begin=begin)
     ends = table.groupby("row")["end"].agg("last").tolist()
@@ -155,10 +178,10 @@ def test_a_start_without_a_fixed_point() -> None:
         continuation(FOLD, FOLD.points([[0.5]]), {}, parameter="r", within=(1.0, 1.0))
 
 
-def test_a_branch_that_comes_to_where_the_map_has_no_derivative() -> None:
-    """It is lost there, at x = sqrt(r) = .9, and harms no branch beside it."""
+def test_a_branch_ends_where_the_map_has_no_derivative() -> None:
+    """It is lost there, at x = sqrt(r) = 0.9, and other branches continue."""
 
-    def edged(values, x):
+    def edged(values: Values, x: Array) -> Array:
         # the root's derivative beyond its end is 0 times infinity
         return fold(values, x) + 0.0 * jnp.sqrt(jnp.maximum(values["edge"] - x, 0.0))
 
@@ -176,7 +199,7 @@ def test_figure_of_branches() -> None:
     table = continuation(
         FOLD, FOLD.points([[0.9]]), {}, parameter="r", within=(-0.5, 2.0), begin=0.9, towards=-1
     )
-    figure = draw(table, x="r", y="x", intervals={"lost in holds": (-0.1, 0.1)})
+    figure = draw(table, x="r", y="x", intervals={"lost in a ramp": (-0.1, 0.1)})
     lines = figure.axes[0].get_lines()
     styles = [
         (to_hex(line.get_color()), line.get_linestyle()) for line in lines if np.size(line.get_xdata()) > 1

@@ -39,7 +39,7 @@ def direct(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
 def test_direct_gait_is_lost_where_the_end_masses_reach_the_inner_one(direct: pd.DataFrame) -> None:
     """The paper's condition m_B < m, of its theory for omega -> 0, is a fold of the full model's branch.
 
-    It lies behind m by a share that falls with omega and is below .0015 at Table 1's: the direct gait's own
+    It lies behind m by a share that falls with omega and is below 0.0015 at Table 1's: the direct gait's own
     m_B at the start of the branch is 3 % off.
     """
     assert set(direct["end"]) == {"", "most"}

@@ -9,7 +9,8 @@ import pytest
 
 from gaitsweep.analysis.basins.attractor_mappers import LabelMapper, ProximityMapper
 from gaitsweep.analysis.basins.edge_states import EdgeLimits, EdgeOutcome, edge_states
-from gaitsweep.analysis.continuation.newton import multipliers, newton
+from gaitsweep.analysis.continuation.multipliers import multipliers
+from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import Points
@@ -22,7 +23,10 @@ from landscape_model import Landscape, curve
 
 
 def saddle(values, x):
-    """(s, w) -> (s + r s (1 - s^2), w/2 + .4), s = u - bend w^2: attractors s = +-1, saddle s = 0, w = .8."""
+    """(s, w) -> (s + r s (1 - s^2), w/2 + 0.4) with s = u - bend w^2.
+
+    Attractors at s = +-1; saddle at s = 0, w = 0.8.
+    """
     s = x[0] - values["bend"] * x[1] ** 2
     w = 0.5 * x[1] + 0.4
     return jnp.stack([s + values["r"] * s * (1.0 - s**2) + values["bend"] * w**2, w])
@@ -137,7 +141,7 @@ def test_an_edge_that_is_a_cycle() -> None:
 
 
 def test_an_edge_that_does_not_come_to_rest() -> None:
-    """Of both coordinates only that across the edge is known; the other stays within -.9 and 1."""
+    """Of both coordinates only that across the edge is known; the other stays within -0.9 and 1."""
     mapping = PlainMap(chaotic, ("x", "y"))
 
     def side(images, pair, cycle):

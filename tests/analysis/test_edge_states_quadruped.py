@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from gaitsweep.analysis.basins.edge_states import EdgeLimits, edge_states
-from gaitsweep.analysis.continuation.newton import multipliers, newton
+from gaitsweep.analysis.continuation.multipliers import multipliers
+from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
@@ -18,7 +19,7 @@ def test_between_walk_and_trot_of_the_quadruped() -> None:
     """Over the waist's stiffness, edge states are the unstable fixed points that Newton's method finds.
 
     At f = 2.6 Hz the map's jumps leave two narrow attractors between walk and trot, which wander within
-    .0004 and .005 rad. So the line from trot to walk meets a third basin there, and the edges of the four
+    0.0004 and 0.005 rad. So the line from trot to walk meets a third basin there, and the edges of the four
     basins are the three fixed points, at 2.586, 2.590 and 2.637 rad.
     """
     mapping = BatchedReturnMap(WaistQuadruped(), numerics=Numerics(dt=3e-4))
@@ -42,7 +43,7 @@ def test_between_walk_and_trot_of_the_quadruped() -> None:
             label = np.where(between & (delta > 2.5887) & (delta < 2.5896), 2, label)
         return label
 
-    # two come no farther apart than the next place where the map jumps is, .0003 rad from the edge at 2.5897
+    # two come no farther apart than the next place where the map jumps is, 0.0003 rad from the edge at 2.5897
     limits = EdgeLimits(
         bisection_distance=3e-4,
         separation_distance=3e-3,

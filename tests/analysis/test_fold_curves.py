@@ -21,7 +21,7 @@ def cusp(values, x):
 
 
 def coupled(values, x):
-    """The same, sheared and shifted, with a second direction that contracts; cusp at r = .3, a = -.2."""
+    """The same, sheared and shifted, with a second direction that contracts; cusp at r = 0.3, a = -.2."""
     u, y = x[0] - x[1], x[1]
     u_next = u + 0.3 * ((values["r"] - 0.3) + (values["a"] + 0.2) * u - u**3)
     y_next = 0.4 * y + 0.1 * u**2

@@ -1,4 +1,4 @@
-"""Gaits out of traces, crossings and tables of ends; the gaits that follow each other while speed changes."""
+"""Gaits from traces, crossings and tables of ends, and the bouts of gaits while the speed changes."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ def test_families() -> None:
     ]  # fmt: skip
 
 
-def test_all_gaits_in_a_trace_with_what_varies_beside() -> None:
+def test_all_gaits_in_a_trace_with_their_parameters() -> None:
     found = gaits_in(traces())
     assert list(found["gait"]) == list(CHART)
     assert list(found.columns[:2]) == ["row", "sigma"]
     np.testing.assert_allclose(found["sigma"], 0.1 * np.arange(9))
-    # onsets lie on the samples' straight lines, so that they are found to rounding
+    # the signals are piecewise linear between samples, so onsets are exact to rounding
     np.testing.assert_allclose(found["delta_1"], [0.2 * signs(gait)[0] for gait in CHART], atol=1e-9)
     np.testing.assert_allclose(found["period"], 0.5, rtol=1e-9)
 
 
-def test_gaits_counted_over_what_varies() -> None:
+def test_gaits_are_counted_over_parameters() -> None:
     """Nine rows, one of each gait, at two places with a seed each; each row counts once."""
     found = gaits_in(traces()).drop(columns="sigma")
     found.insert(1, "k2", np.arange(9) // 5 * 0.08)
@@ -46,7 +46,7 @@ def test_gaits_counted_over_what_varies() -> None:
     assert list(gaits_counted(found.drop(columns=["k2", "seed"])).iloc[0]) == [1] * 9
 
 
-def test_of_another_model_the_signals_are_named() -> None:
+def test_signals_of_another_model_are_given_by_name() -> None:
     trace = traces().drop(columns=[f"u_f_{leg}" for leg in LEGS])
     with pytest.raises(AnalysisError, match="neither u_f_LF"):
         gaits_in(trace)
@@ -77,7 +77,7 @@ def test_a_table_of_ends_keeps_the_models_own_gait() -> None:
     assert list(found["k2"]) == [0.08] * 6
 
 
-def test_gaits_along_a_walk_that_turns_into_a_trot() -> None:
+def test_bouts_of_a_walk_that_turns_into_a_trot() -> None:
     t = np.arange(0.0, 20.0, 2e-3)
     phases = np.cumsum(np.linspace(1.0, 4.0, len(t))) * 2e-3  # cycles, ever faster
     walk, trot = (trace_of(gait, duration=20.0, phases=phases) for gait in ("D-walk", "trot"))
@@ -91,15 +91,15 @@ def test_gaits_along_a_walk_that_turns_into_a_trot() -> None:
     np.testing.assert_allclose(along["speed"], 0.1 * middle, rtol=1e-6)
     assert set(along.loc[along["end"] < 9.9, "gait"]) == {"D-walk"}
     assert set(along.loc[along["begin"] > 10.6, "gait"]) == {"trot"}
-    found = gait_bouts(along, least=3)
-    assert list(found["family"]) == ["walk", "trot"]
-    # a window of three cycles of 0.4 s says when to about half its length
-    assert abs(0.5 * (found.loc[0, "end"] + found.loc[1, "begin"]) - 10.0) < 0.6
-    assert found.loc[1, "pass_end"] == 1.0
-    assert found.loc[0, "speed_end"] == pytest.approx(0.1 * found.loc[0, "end"], rel=1e-6)
+    bouts = gait_bouts(along, least=3)
+    assert list(bouts["family"]) == ["walk", "trot"]
+    # a window of three cycles of 0.4 s resolves the change to about half its length
+    assert abs(0.5 * (bouts.loc[0, "end"] + bouts.loc[1, "begin"]) - 10.0) < 0.6
+    assert bouts.loc[1, "pass_end"] == 1.0
+    assert bouts.loc[0, "speed_end"] == pytest.approx(0.1 * bouts.loc[0, "end"], rel=1e-6)
 
 
-def test_short_stretches_part_nothing() -> None:
+def test_short_bouts_do_not_divide_longer_ones() -> None:
     along = pd.DataFrame({"row": 0, "family": list("aaaabbaaaacaaa"), "t": np.arange(14.0)})
     along = along.assign(begin=along["t"], end=along["t"])
     assert list(gait_bouts(along, least=2)["family"]) == ["a", "b", "a"]
@@ -107,16 +107,20 @@ def test_short_stretches_part_nothing() -> None:
     assert gait_bouts(along, least=20).empty
 
 
-def test_trots_in_crossings_lose_onsets_and_are_trots_all_the_same() -> None:
-    # RH begins in turn a little after LF and a little before it: every other onset of it is not recorded
+def test_trots_in_crossings_remain_trots_without_some_onsets() -> None:
+    # RH begins alternately just after and just before LF, so that every other onset of it is not recorded
     table = crossings_of("trot", n=30)
     table["since_RH_n"] = np.where(table["crossing"] % 2, 1e-3, 0.5 - 1e-3)
     along = gaits_along(table)
     assert set(along["gait"]) == {"trot"}
 
 
-def test_too_short_a_row_has_no_gaits_along() -> None:
+def test_a_row_of_less_than_three_cycles_has_no_gaits_along() -> None:
     assert gaits_along(trace_of("trot", duration=0.9)).empty
+
+
+def test_a_table_without_onsets_has_no_gaits() -> None:
+    assert gait_of(pd.DataFrame({"row": [], "leg": [], "t": []})).empty
 
 
 @pytest.mark.slow
@@ -135,4 +139,3 @@ def test_a_walk_and_a_trot_of_the_quadruped_with_a_waist(tmp_path: Path) -> None
     for name in ("delta_1", "delta_2"):
         np.testing.assert_allclose(found[name], shift, atol=0.015)
     np.testing.assert_allclose(found["period"], 0.4, atol=2e-3)
-    assert list(gait_of(pd.DataFrame({"row": [], "leg": [], "t": []}))["gait"]) == []

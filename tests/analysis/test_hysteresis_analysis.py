@@ -30,7 +30,7 @@ JUMP = np.sqrt(3) * SCALE  # rad, at a fold: from x = -1/sqrt(3) to 2/sqrt(3)
 
 
 def lag(steps: int, eps: float = 0.2, top: float = 0.8) -> float:
-    """How far beyond its fold a ramp leaves: u' = mu + sqrt(3) u^2 has its pole at Airy's first zero."""
+    """Delay of a ramp beyond its fold: u' = mu + sqrt(3) u^2 has its pole at Airy's first zero."""
     return 2.338 * (2 * top / steps / eps) ** (2 / 3) / 3 ** (1 / 6)
 
 
@@ -87,9 +87,8 @@ def test_a_steep_branch_is_no_jump(steps: int) -> None:
 
 
 def test_edges_are_medians_over_rows_with_their_range() -> None:
-    table = staircase_table(
-        4
-    )  # the folds of row 3 lie 0.03 lower: at -0.415 they fall into the next interval
+    # the folds of row 3 lie 0.03 lower: at -0.415 they fall into the next interval
+    table = staircase_table(4)
     found = transition_points(table, "delta_13", "f")
     assert found["direction"].tolist() == ["rising", "falling"]
     assert found[["low", "high"]].to_numpy().ravel() == pytest.approx([0.3, 0.4, -0.5, -0.3])

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gaitsweep.analysis.continuation.newton import NewtonOutcome, multipliers, newton
+from gaitsweep.analysis.continuation.multipliers import multipliers
+from gaitsweep.analysis.continuation.newton import NewtonOutcome, newton
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import BATCH_SIZES
@@ -33,6 +34,17 @@ def test_stable_and_unstable_fixed_points() -> None:
     assert found.converged.all()
     np.testing.assert_allclose(found.points.at[:, 0], [-0.5, -0.5, 0.5, 0.5], atol=1e-9)
     np.testing.assert_allclose(multipliers(found.images.jacobian)[:, 0], [2.0, 2.0, 0.0, 0.0], atol=1e-8)
+
+
+def test_a_repr_is_short() -> None:
+    starts = np.linspace(0.2, 1.0, 500)[:, None]
+    found = newton(FOLD, FOLD.points(starts), {})
+    assert repr(found) == "FixedPoints(500 converged: [0.5], [0.5], [0.5], ...)"
+    assert repr(FOLD.points(np.array([[0.2], [-1.25]]))) == "Points(2: [0.2], [-1.25])"
+    assert repr(found.images) == "MapEvaluation(500 of 500 defined)"
+    none = newton(FOLD, FOLD.points(starts[:2]), {"r": np.array([0.25, -0.2])})
+    assert repr(none).startswith("FixedPoints(1 converged, 1 ")
+    assert repr(none).endswith(": [0.5])")
 
 
 def test_outcomes() -> None:
@@ -104,7 +116,7 @@ def test_what_is_conserved_is_held() -> None:
 
 
 def test_what_is_nearly_conserved_drifts() -> None:
-    """Where a cycle adds .01 to E, there is no fixed point; with E held, the drift is that .01."""
+    """Where a cycle adds 0.01 to E, there is no fixed point; with E held, the drift is that .01."""
     held = newton(CONSERVING, CONSERVING.points([[0.9, 0.8]]), {"leak": 0.01}, fix=["total"])
     assert held.converged.all()
     np.testing.assert_allclose(held.drift, 0.01, atol=1e-12)
@@ -120,7 +132,7 @@ def test_gaits_of_the_chain_at_fixed_E() -> None:
     """The three gaits as fixed points, from three cycles after a start near each.
 
     On the model's page they are simulated: 1.1301 0.9842 1.4960, 3.959 5.300 5.291, 1.130 1.102 5.282, to
-    the digits given; Newton stays within .005 of them since E is held where it was after three cycles.
+    the digits given; Newton stays within 0.005 of them since E is held where it was after three cycles.
     """
     mapping = BatchedReturnMap(Multilegged(), numerics=Numerics(dt=32e-3, method="propagator6"))
     starts = {"psi_1": [1.13, 3.97, 1.13], "psi_2": [0.98, 5.29, 1.10], "psi_3": [1.50, 5.29, 5.28]}

@@ -145,7 +145,7 @@ def test_the_logistic_map_with_a_gap_in_its_data(rows: int) -> None:
 @pytest.mark.parametrize("depth", [0.3, 2.0])
 def test_an_angle_that_turns_by_half_a_turn_and_more(advance: float, noise: float, depth: float) -> None:
     """Psi' = psi + advance + depth sin(psi): its change passes through pi, where its sign turns, not through
-    zero (advance 3, depth .3), so there is no fixed point."""
+    zero (advance 3, depth 0.3), so there is no fixed point."""
     starts = np.linspace(0.0, TURN, 300, endpoint=False)
     values = iterated(lambda x: x + advance + depth * np.sin(x), starts, 4, noise)
     assert not len(fixed_points(crossings(np.mod(values, TURN), "psi_1"), "psi_1"))

@@ -41,6 +41,7 @@ def test_many_maps_at_once() -> None:
     """An array of a parameter: a map for each value, and points belong to them in order."""
     kicks = np.array([0.2, 0.3, 0.4])
     mapping = gs.return_map(TOY, kick=kicks, restitution=R, start={"launch_1": 1.0})
+    assert repr(mapping) == f"PoincareMap(toy: {', '.join(mapping.coordinates)} over kick)"
     found = mapping.fixed_points(mapping.settled(cycles=3))
     np.testing.assert_allclose(launch(found.points.at, mapping), kicks / (1 - R), atol=1e-7)
 
@@ -55,6 +56,9 @@ def test_a_branch() -> None:
     assert np.max(branch["kick"]) == pytest.approx(0.5)
     np.testing.assert_allclose(branch["launch_1"], branch["kick"] / (1 - R), atol=1e-6)
     assert set(mapping.continue_(found, "kick", (0.2, 0.5), towards=1)["direction"]) == {1}
+    axes = gs.plot.continuation(branch).axes[0]
+    assert "kick" in axes.get_xlabel()
+    assert "m/s" in axes.get_ylabel()  # of the first coordinate, launch_1
 
 
 @pytest.mark.slow

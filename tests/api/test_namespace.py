@@ -1,4 +1,4 @@
-"""What `import gaitsweep as gs` offers: exactly its API, imported lazily, typed, never rebound."""
+"""The names of `import gaitsweep as gs`: exactly its API, imported at first use, typed, never rebound."""
 
 from __future__ import annotations
 
@@ -46,14 +46,18 @@ WRONG = {
 
 
 PUBLIC = (
-    *("gaitsweep", "gaitsweep.analyses", "gaitsweep.claims", "gaitsweep.cli", "gaitsweep.contract"),
-    *(
-        "gaitsweep.dynamics",
-        "gaitsweep.dynamics.matsuoka",
-        "gaitsweep.dynamics.mjx",
-        "gaitsweep.dynamics.tree",
-    ),
-    *("gaitsweep.expression", "gaitsweep.near_miss", "gaitsweep.plot"),
+    "gaitsweep",
+    "gaitsweep.analyses",
+    "gaitsweep.claims",
+    "gaitsweep.cli",
+    "gaitsweep.contract",
+    "gaitsweep.dynamics",
+    "gaitsweep.dynamics.matsuoka",
+    "gaitsweep.dynamics.mjx",
+    "gaitsweep.dynamics.tree",
+    "gaitsweep.expression",
+    "gaitsweep.near_miss",
+    "gaitsweep.plot",
 )
 
 
@@ -70,26 +74,27 @@ def test_names() -> None:
 def test_public_modules(name: str) -> None:
     module = importlib.import_module(name)
     assert set(module.__all__) <= set(dir(module))
-    for each in module.__all__:
-        assert getattr(module, each) is not None
+    for public in module.__all__:
+        assert getattr(module, public) is not None
     with pytest.raises(AttributeError, match="nothing"):
         _ = module.nothing
 
 
 def test_kinds_of_figures_are_listed() -> None:
-    """Those of extensions too; each is a function, although a module may have its name."""
+    """Kinds of extensions too; each name is a function, also where a module has the same name."""
     assert {"basin", "footprints", "solution_set", "figure_kind"} <= set(dir(gs.plot))
     assert all(callable(getattr(gs.plot, kind)) for kind in gs.plot.FIGURES)
 
 
 def papers() -> list[Path]:
+    """The files of papers and examples, which a user could have written."""
     root = Path(gs.__file__).parent
     goswami = root.parent / "docs/papers"
-    return [file for each in (root / "papers", root / "examples", goswami) for file in each.rglob("*.py")]
+    return [file for folder in (root / "papers", root / "examples", goswami) for file in folder.rglob("*.py")]
 
 
 def test_papers_import_the_public_api_alone() -> None:
-    """As a package of a user's own would: public modules, and the names that these list."""
+    """As a user's own package: public modules, and of these the names in `__all__`."""
     for file in papers():
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):
@@ -98,53 +103,55 @@ def test_papers_import_the_public_api_alone() -> None:
             elif isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "gaitsweep":
                 assert node.module is not None
                 if node.module.startswith("gaitsweep.papers") or file.parent.name == "papers":
-                    continue  # a paper's own, and the folders of the checkout
+                    continue  # a paper's own modules; papers/__init__.py finds the folders of the checkout
                 assert node.module in PUBLIC, (file, node.lineno, node.module)
                 listed = set(importlib.import_module(node.module).__all__)
                 assert {alias.name for alias in node.names} <= listed, (file, node.lineno)
 
 
 def test_nothing_but_the_papers_names_a_paper() -> None:
+    # (?<!l): Lambert is no paper
     named = re.compile(r"multilegged|waist|planar|(?<!l)ambe|aoi|fukuoka", re.IGNORECASE)
     root = Path(gs.__file__).parent
     for file in root.rglob("*"):
         if file.is_dir() or "papers" in file.relative_to(root).parts or file.suffix == ".pyc":
             continue
         text = file.read_text(encoding="utf-8")
-        if file.parent.name == "dynamics":  # whose docstrings give sources
+        if file.parent.name == "dynamics":  # its docstrings cite the sources of equations
             text = re.sub(r'""".*?"""', "", text, flags=re.DOTALL)
         assert (found := named.search(text)) is None, (file, found)
 
 
 def test_no_module_rebinds_a_function() -> None:
-    """An imported submodule becomes an attribute of its package, whatever stood there."""
+    """An imported submodule replaces an attribute of its package that has the same name."""
     for module in pkgutil.walk_packages(gs.__path__, "gaitsweep."):
-        if not module.name.endswith("__main__") and "painter" not in module.name:
+        # the command line runs when it is imported, and the painter fixes MuJoCo's OpenGL for the process
+        if not module.name.endswith(("__main__", "mujoco_painter")):
             importlib.import_module(module.name)
     for name in ("run", "sweep", "simulate", "basins", "return_map", "hysteresis", "load", "sensitivity"):
         assert callable(getattr(gs, name)), name
 
 
 def imported_by(code: str, *names: str) -> list[str]:
-    """Which of these modules a fresh Python has imported after some code."""
+    """The modules among `names` that a new Python process has imported after some code."""
     code = f"{code}\nimport sys; print(*[name for name in {names} if name in sys.modules])"
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     return shown.splitlines()[-1].split()
 
 
 def test_the_import_is_light() -> None:
-    """`gaitsweep --help` has to answer before JAX and pandas could be imported."""
+    """So that `gaitsweep --help` does not wait for JAX and pandas."""
     assert not imported_by("import gaitsweep", "jax", "pandas", "matplotlib")
 
 
 def test_reading_a_job_is_light() -> None:
-    """It needs neither SciPy's parts nor MuJoCo, which are as slow as JAX, even where it has figures."""
+    """Even a job with figures needs neither SciPy's subpackages nor MuJoCo, which are slow to import."""
     heavy = ("scipy.stats", "scipy.optimize", "scipy.signal", "scipy.ndimage", "scipy.spatial", "mujoco")
     assert not imported_by("import gaitsweep.job, gaitsweep.plot.kinds", *heavy)
 
 
 def test_a_sweep_imports_no_figures() -> None:
-    """Nor an explorer, movies or a cluster, which would double what a first small sweep costs."""
+    """Nor the explorer, movies or a cluster: they would double the time of a first small sweep."""
     heavy = ("matplotlib", "gaitsweep.plot.kinds", "gaitsweep.view", "gaitsweep.fitting", "distributed")
     assert not imported_by("import gaitsweep as gs; gs.sweep, gs.run, gs.Settle, gs.Job, gs.Result", *heavy)
 
@@ -158,8 +165,7 @@ def test_help_reads_no_extension() -> None:
 def test_types_from_a_users_side(tmp_path: Path) -> None:
     """The package is typed (`py.typed`): calls give known types, and wrong ones are found by pyright."""
     script = tmp_path / "script.py"
-    wrong = "\n".join(f"{line}" for line in WRONG)
-    script.write_text(f"{USER_SCRIPT}{wrong}\n")
+    script.write_text(USER_SCRIPT + "\n".join([*WRONG, ""]))
     repository = Path(gs.__file__).parents[1]
     (tmp_path / "pyrightconfig.json").write_text(f'{{"extraPaths": ["{repository}"]}}')
     command = [sys.executable, "-m", "pyright", "--pythonpath", sys.executable, str(script)]

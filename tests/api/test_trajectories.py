@@ -1,4 +1,4 @@
-"""Runs from keywords give the tables of job files; what keywords may be; results in memory."""
+"""Runs from keywords give the tables of job files; allowed keywords; results in memory."""
 
 from __future__ import annotations
 

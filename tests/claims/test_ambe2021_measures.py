@@ -7,7 +7,8 @@ import pandas as pd
 import pytest
 
 from gaitsweep import plot
-from gaitsweep.claims.paper import ClaimVerdict, read_paper, verdict
+from gaitsweep.claims.paper import read_paper
+from gaitsweep.claims.verdicts import ClaimVerdict, verdict
 from gaitsweep.errors import UserError
 from gaitsweep.papers.ambe2021 import measures
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import waves

@@ -24,7 +24,7 @@ def stairs() -> pd.DataFrame:
 
 @pytest.fixture(scope="module")
 def maps() -> pd.DataFrame:
-    """At -.6 the lower point alone, at 0 both and one between, at .6 the upper one alone."""
+    """At -0.6 the lower point alone, at 0 both and one between, at 0.6 the upper one alone."""
     return map_table((-0.6, 0.0, 0.6), noise=1e-4)
 
 
@@ -43,7 +43,7 @@ def test_transitions_of_holds_are_the_folds(stairs: pd.DataFrame) -> None:
 
 
 def test_widths_by_group_and_change_of_transitions(stairs: pd.DataFrame) -> None:
-    """A table whose second half has its parameter moved by .3: both widths equal, transitions .3 apart."""
+    """A table whose second half has its parameter moved by 0.3: both widths equal, transitions 0.3 apart."""
     moved = stairs.assign(f=stairs["f"] + 0.3, row=stairs["row"] + 3)
     both = pd.concat([stairs.assign(mass=1.0), moved.assign(mass=2.0)], ignore_index=True)
     both.attrs = stairs.attrs
@@ -106,7 +106,7 @@ def test_gaits_of_a_branch_are_in_order() -> None:
 
 
 def trace(lags: tuple[float, float, float, float], broken: float = 0.0) -> pd.DataFrame:
-    """Contacts of period .4 s: foot i lands `lags[i]` rad late, and `broken` s are missing in its stance."""
+    """Contacts of period 0.4 s: foot i lands `lags[i]` rad late, and `broken` s are missing in its stance."""
     t = np.arange(0.0, 2.0, 1e-3)
     columns: dict[str, object] = {"row": 0, "t": t}
     for foot, lag in enumerate(lags, start=1):
@@ -127,7 +127,7 @@ def test_lags_of_touchdowns(broken: float) -> None:
 
 
 def test_lags_are_given_on_the_turn_asked_for() -> None:
-    """Foot 2 is .1 rad ahead of foot 1: -.1 rad near 0, and 2 pi - .1 without."""
+    """Foot 2 is 0.1 rad ahead of foot 1: -0.1 rad near 0, and 2 pi - 0.1 without."""
     table = trace((0.1, 0.0, 2.0, 3.0))
     for near, wanted in (([0.0], -0.1), (None, 2.0 * np.pi - 0.1)):
         found = measures.touchdown_lags(table, row=0, pairs=[[1, 2]], near=near)
@@ -144,7 +144,7 @@ def test_no_lag_of_a_foot_that_lands_twice_a_cycle() -> None:
 
 @pytest.mark.slow
 def test_slip_is_that_of_the_rows_own_body(tmp_path: Path) -> None:
-    """A body turned by .01 rad moves its hind feet by .01 times their distance from the axis."""
+    """A body turned by 0.01 rad moves its hind feet by 0.01 times their distance from the axis."""
     wide = {"rear_hip_y": {"values": [0.05, 0.09]}}
     run = {"kind": "trace", "duration": 0.1, "every": 2.0e-2}
     table = gs.run(
@@ -165,7 +165,7 @@ def test_slip_is_that_of_the_rows_own_body(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_slip_goes_on_through_a_bounce(tmp_path: Path) -> None:
-    """Feet on a body at .01 m/s, down for 1 s but for 40 ms, slip by .01 m; but for 80 ms, by half of it."""
+    """Feet on a body at 0.01 m/s, down for 1 s but for 40 ms, slip by 0.01 m; but for 80 ms, by half."""
     run = {"kind": "trace", "duration": 0.1, "every": 2.0e-2}
     ran = gs.run(gs.Job(name="bounce", model="waist_quadruped", run=run, verify=0), tmp_path / "out").table
     t = np.linspace(0.0, 1.0, 1001)

@@ -7,18 +7,19 @@ import pandas as pd
 import pytest
 
 from gaitsweep.claims.measures import MeasureError, default_values
-from gaitsweep.claims.paper import ClaimVerdict, read_paper, verdict
+from gaitsweep.claims.paper import read_paper
+from gaitsweep.claims.verdicts import ClaimVerdict, verdict
 from gaitsweep.papers.fukuoka2015 import measures as measures
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS
 from tests.support.gait_traces import ideal_phases
 
 
 def trace(gait: str, *, period: float = 0.4, row: int = 0, nod: int = 2) -> pd.DataFrame:
-    """Four seconds of a gait: flexors that swing for .3 of a cycle, pitch that nods so often a cycle."""
+    """Four seconds of a gait: flexors that swing for 0.3 of a cycle, pitch that nods so often a cycle."""
     t = np.arange(0.0, 4.0, 4.0e-3)
     table = pd.DataFrame({"row": row, "t": t})
     for leg, phase in ideal_phases(gait, shift=0.2).items():
-        # the flexor is active in the first .3 of the cycle that begins at the leg's phase
+        # the flexor is active in the first 0.3 of the cycle that begins at the leg's phase
         into = (t / period - phase) % 1.0
         table[f"u_f_{leg}"] = np.where(into < 0.3, np.sin(np.pi * into / 0.3), -0.5)
         table[f"F_{leg}"] = np.where(into < 0.3, 0.0, 30.0 if leg.endswith("F") else 20.0)
@@ -51,7 +52,7 @@ def test_the_order_of_swings_is_the_charts(gait: str) -> None:
 
 
 def test_footfalls_and_flights_are_the_feets_own() -> None:
-    """RF and LH alone bear load, for .3 of a cycle each, half a cycle apart: two flights of .2."""
+    """RF and LH alone bear load, for 0.3 of a cycle each, half a cycle apart: two flights of .2."""
     table = trace("RT-gallop")
     assert measures.flight_between(table, gait="RT-gallop", legs=["RF", "LH"]) == 0.0
     into = table["t"] / 0.4 % 1.0

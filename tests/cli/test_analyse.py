@@ -19,7 +19,7 @@ Show = Callable[..., str]
 
 @pytest.fixture
 def show(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Show:
-    """What a command prints for a table."""
+    """Output of a command for a table."""
 
     def shown(table: pd.DataFrame, *arguments: str) -> str:
         monkeypatch.setattr(gaitsweep.table, "load", lambda _: table)
@@ -38,7 +38,7 @@ def test_bouts_have_their_speeds(show: Show) -> None:
     trace = traces(("trot",))
     trace = trace.assign(x=1.5 * trace["t"])
     assert show(trace, "gait-bouts") == "row 0, m/s: trot 1.50 to 1.50\n"
-    # there are two strides of .5 s, which are read once
+    # there are two strides of 0.5 s, which are read once
     short = show(trace[trace["t"] < 1.5], "gait-bouts", "--cycles", "2", "--least", "1")
     assert short == "row 0, m/s: trot 1.50 to 1.50 (1)\n"
     assert show(trace[trace["t"] < 1.5], "gait-bouts", "--cycles", "2") == ""
@@ -70,7 +70,7 @@ def test_gaits_at_several_thresholds(show: Show) -> None:
     lines = show(traces(("trot", "D-walk")), "gait-thresholds", "--window", "1", "20").splitlines()
     assert lines[0].split()[:2] == ["threshold", "gaits"]
     assert lines[8].split()[0] == "0.10"
-    # the trot's two shifts, and the walk's of .2
+    # the trot's two shifts, and the walk's of 0.2
     assert [int(line.split()[-1]) for line in lines[12:] if not line.endswith(" 0")] == [2, 2]
     ended = ends(np.array([-0.2, 0.0]), np.zeros(2), np.zeros(2)).assign(delta_1_touchdown_end=0.0)
     ended = ended.assign(delta_2_touchdown_end=0.0, gait_by_touchdowns=ended["gait"].iloc[[1, 1]].array)

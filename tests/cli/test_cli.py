@@ -7,6 +7,7 @@ import contextlib
 import io
 import json
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -18,6 +19,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from rich.console import Console
+from typer.core import TyperGroup
+from typer.main import get_command
 
 import gaitsweep as gs
 from gaitsweep.cli import main
@@ -27,6 +30,7 @@ from gaitsweep.cli.show import axes, duration, size
 from gaitsweep.errors import UserError
 from gaitsweep.job import Job
 from gaitsweep.runs.progress import progress_lines
+from gaitsweep.runs.sentences import settings_of, status_sentence
 from gaitsweep.table import ResultDirectory, TableError, WriteError
 from gaitsweep.table.manifest import Layout
 
@@ -88,7 +92,7 @@ class FakeRunner(types.ModuleType):
         self.draw_figures(path)
         return path
 
-    def draw_figures(self, path: Path) -> list[Path]:
+    def draw_figures(self, path: Path, style: object = None) -> list[Path]:
         figure = Path(path) / "figures" / "basin.png"
         figure.parent.mkdir(exist_ok=True)
         figure.write_bytes(PNG)
@@ -190,7 +194,8 @@ def test_bad_input_is_one_sentence_and_code_2(
 def test_run_says_what_came_out(job_file: Path, runner: FakeRunner, capsys: Capture) -> None:
     assert main(["run", str(job_file)]) == 0
     printed = capsys.readouterr()
-    assert printed.err == ""  # no bar where nobody looks
+    figure = Path("results/toy/figures/basin.png").resolve()
+    assert printed.err == f"Link: file://{figure}\n"  # and no bar where nobody looks
     assert printed.out.splitlines() == [
         "10 rows: 9 settled, 1 fell.",
         "Shares: 90 % settled, 10 % fell.",
@@ -249,7 +254,7 @@ def test_a_signal_has_its_own_code(job_file: Path, runner: FakeRunner) -> None:
 def test_a_figure_that_fails_leaves_the_others(
     finished: Path, runner: FakeRunner, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
-    def refuse(path: Path) -> list[Path]:
+    def refuse(path: Path, style: object) -> list[Path]:
         raise runner.FigureError("figures[1] (shock): no.")
 
     monkeypatch.setattr(runner, "draw_figures", refuse)
@@ -333,12 +338,21 @@ def test_ctrl_c_says_how_to_continue(job_file: Path, runner: FakeRunner, capsys:
 
 def test_the_bar_shows_rows_rate_and_note() -> None:
     screen = io.StringIO()
-    with shown_progress(console=Console(file=screen, force_terminal=True, width=100)) as bar:
+    with shown_progress(console=Console(file=screen, force_terminal=True, width=80)) as bar:
         bar(2000, 10000, 0.0, 0.2, "compiling")
-        bar(2500, 10000, 123.456, 0.26, "2.4 M attempts/s")
+        bar(2500, 10000, 123.456, 0.26, "2.4 million steps/s; 2048 rows so far: 1500 trot")
     shown = screen.getvalue()
-    for piece in ("2000/10000 rows", "compiling", "2500/10000 rows", "26%", "123 rows/s", "2.4 M attempts/s"):
+    for piece in (
+        "2000/10000 rows",
+        "20 % ",
+        "compiling",
+        "2500/10000 rows",
+        "26 % of the work",
+        "123 rows/s",
+    ):
         assert piece in shown
+    assert "2.4 million steps/s; 2048 rows so far: 1500 trot" in shown
+    assert max(len(line) for line in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]|\r", "\n", shown).splitlines()) <= 80
 
 
 def test_without_a_terminal_a_line_comes_every_half_minute(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -346,13 +360,13 @@ def test_without_a_terminal_a_line_comes_every_half_minute(monkeypatch: pytest.M
     monkeypatch.setattr("gaitsweep.runs.progress.time.monotonic", lambda: next(clock))
     lines = progress_lines(file=log)
     for done in (2000, 3000, 3500, 4000, 5500):
-        lines(done, 10000, 50.0, done / 10000, "2.4 M attempts/s")
+        lines(done, 10000, 50.0, done / 10000, "2.4 million steps/s")
     lines(1, 10, 0.0, 0.1, "")  # the next run of the same command
     lines(7, 10, 0.0, 0.7, "")
     assert log.getvalue().splitlines() == [
-        "3500/10000 rows, 35 %, 50 rows/s, 130 s left, 2.4 M attempts/s",
-        "5500/10000 rows, 55 %, 50 rows/s, 90 s left, 2.4 M attempts/s",
-        "7/10 rows, 70 %, 17 s left",
+        "3500/10000 rows, 35 %, 50 rows/s, 130 s left, 2.4 million steps/s",
+        "5500/10000 rows, 55 %, 50 rows/s, 90 s left, 2.4 million steps/s",
+        "7/10 rows, 70 %",  # whose first rise has nothing before it
     ]
 
 
@@ -370,6 +384,31 @@ def test_each_command_has_its_help_by_h_too(capsys: Capture) -> None:
             shown.append(capsys.readouterr().out)
         assert shown[0] == shown[1]
         assert "Usage: gaitsweep" in shown[0]
+
+
+def test_no_help_is_cut_on_a_terminal_of_80_columns(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    """The line of each command in its list, and the help of each option, are whole."""
+    monkeypatch.setenv("COLUMNS", "80")
+
+    def screen(command: list[str]) -> str:
+        assert main([*command, "--help"]) == 0
+        shown = capsys.readouterr().out
+        assert max(map(len, shown.splitlines())) <= 80
+        return shown
+
+    root = get_command(app)
+    assert isinstance(root, TyperGroup)
+    analyse = root.commands["analyse"]
+    assert isinstance(analyse, TyperGroup)
+    for path, group in ([], root), (["analyse"], analyse):
+        listed = screen(path)
+        for name, each in group.commands.items():
+            sentence = " ".join((each.help or "").partition("\n\n")[0].split())
+            assert re.search(rf"^  {name} +{re.escape(sentence)}$", listed, re.MULTILINE), name
+            words = "".join(screen([*path, name]).split())
+            for parameter in each.params:
+                help_text = getattr(parameter, "help", None) or ""
+                assert "".join(help_text.split()) in words, (name, parameter.name)
 
 
 @pytest.mark.slow
@@ -413,7 +452,7 @@ def test_info_says_what_a_directory_holds(finished: Path, capsys: Capture) -> No
         "fell",
         "The body fell, by the model's test of a fall.",
         "1 x cpu (cpu)",
-        "run_s 1.25",
+        "1.25 s to run",
         "figures/basin.png",
     ):
         assert piece in text
@@ -422,6 +461,42 @@ def test_info_says_what_a_directory_holds(finished: Path, capsys: Capture) -> No
     text = capsys.readouterr().out
     assert "6 of 10, not complete" in text
     assert "damaged" in text
+
+
+def test_a_status_names_the_limit_that_ended_the_row_and_what_settled() -> None:
+    def said(status: str, run: dict[str, object], **known: dict[str, int]) -> str:
+        return status_sentence(status, {"run": run}, **known)
+
+    assert (
+        said("cycle_limit", {"max_cycles": 150})
+        == "The row reached run.max_cycles, 150 cycles, without settling."
+    )
+    assert said("time_limit", {"max_time": 12.5}) == "The row reached run.max_time, 12.5 s."
+    by_period = said("time_limit", {"max_time": None})
+    assert by_period == "The row reached four nominal periods for each allowed cycle."
+    fixed = said("settled", {}, periods={"1": 47})
+    assert "47 at a fixed point" in fixed
+    assert "orbit" not in fixed
+    assert said("settled", {}, periods={"1": 40, "3": 7}).endswith(
+        "40 at a fixed point, 7 on an orbit of 3 crossings."
+    )
+    assert said("settled", {}) == gs.Status.settled.sentence  # of a table that does not count them
+    assert said("cycle_limit", {}) == gs.Status.cycle_limit.sentence
+
+
+def test_settings_have_units_and_leave_out_what_is_not_known() -> None:
+    manifest = {
+        "method": "rk4", "dt": [0.002, 0.003], "precision": "float64", "engine": "xla", "lanes": 64,
+        "timings": {"compile_s": 6.4777, "run_s": 1.25, "attempts": 6889356},
+        "versions": {"jax": "0.10.2", "cuda-core": "not installed"}, "block": 60,
+    }  # fmt: skip
+    assert settings_of(manifest) == {
+        "integration": "rk4, steps of 0.002 to 0.003 s, float64",
+        "computed by": "engine xla, 64 trajectories at a time",
+        "time": "6.48 s to compile, 1.25 s to run, 6889356 steps",
+        "versions": "jax 0.10.2",
+        "files": "parts of 60 rows",
+    }
 
 
 def test_axes_are_told_with_their_numbers_of_points() -> None:
@@ -442,6 +517,28 @@ def test_a_platform_that_is_not_here_is_a_sentence(job_file: Path) -> None:
 def test_plot_draws_from_the_table(finished: Path, capsys: Capture) -> None:
     assert main(["plot", str(finished)]) == 0
     assert capsys.readouterr().out == "results/toy/figures/basin.png\n"
+
+
+@pytest.mark.parametrize(("works", "said"), [(True, ""), (False, "No browser opened here: copy the link.\n")])
+@pytest.mark.parametrize(
+    ("command", "file"),
+    [("report", "report.html"), ("plot", "figures/basin.png"), ("run", "figures/basin.png")],
+)
+def test_what_is_written_is_opened_if_asked(
+    command: str, file: str, works: bool, said: str, finished: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: Capture,
+) -> None:  # fmt: skip
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", lambda link: opened.append(link) or works)
+    arguments = [command, "job.yaml" if command == "run" else str(finished)]
+    for _ in range(2):  # the second run prints what the first one stored
+        assert main(arguments) == 0
+    assert opened == []
+    capsys.readouterr()
+    assert main([*arguments, "--open"]) == 0
+    link = f"file://{(finished / file).resolve()}"
+    assert opened == [link]
+    assert capsys.readouterr().err == f"Link: {link}\n{said}"
 
 
 def test_a_report_needs_no_other_file(finished: Path, capsys: Capture) -> None:

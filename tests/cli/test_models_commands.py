@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from gaitsweep.cli import main
-from tests.support.installed_packages import at, install
+from tests.support.installed_packages import install, run_module
 
 Capture = pytest.CaptureFixture[str]
 
@@ -70,15 +70,15 @@ def test_nothing_is_left_where_it_cannot_be_written(capsys: Capture) -> None:
 
 @pytest.mark.slow
 def test_a_new_model_runs_at_once(tmp_path: Path) -> None:
-    at(tmp_path, "gaitsweep", "new-model", "jumper")
+    run_module(tmp_path, "gaitsweep", "new-model", "jumper")
     folder = tmp_path / "jumper"
-    assert at(folder, "gaitsweep", "check-model", "jumper:Jumper").startswith(
+    assert run_module(folder, "gaitsweep", "check-model", "jumper:Jumper").startswith(
         "jumper:Jumper: valid, 4 parameters"
     )
-    told = at(folder, "gaitsweep", "run", "jumper.yaml", "--set", "verify=4")
-    assert "4096 rows" in told
+    printed = run_module(folder, "gaitsweep", "run", "jumper.yaml", "--set", "verify=4")
+    assert "4096 rows" in printed
     assert (folder / "results/jumper/figures/basin.png").exists()
-    assert "3 passed" in at(folder, "pytest", "-q", "-p", "no:cacheprovider")
+    assert "3 passed" in run_module(folder, "pytest", "-q", "-p", "no:cacheprovider")
 
 
 MODEL = """\
@@ -154,20 +154,20 @@ def test_check_warns_of_a_jobs_own_rows(tmp_path: Path, capsys: Capture) -> None
     assert main(["check", "falls.yaml"]) == 0
     printed = capsys.readouterr()
     assert printed.out == "falls.yaml: valid, 2 rows\n"
-    (told,) = printed.err.splitlines()
-    assert told.startswith("Warning: falls.yaml: ")
-    assert "event 'lands' at the start of row 1 (z_0 = -1)" in told
+    (printed,) = printed.err.splitlines()
+    assert printed.startswith("Warning: falls.yaml: ")
+    assert "event 'lands' at the start of row 1 (z_0 = -1)" in printed
 
 
 @pytest.mark.slow
 def test_a_new_paper_is_an_extension_like_any_other(tmp_path: Path) -> None:
-    at(tmp_path, "gaitsweep", "new-paper", "my_paper")
+    run_module(tmp_path, "gaitsweep", "new-paper", "my_paper")
     site = install(tmp_path, "./my_paper")
-    assert "my_paper" in at(tmp_path, "gaitsweep", "models", also=site)
-    told = at(tmp_path, "gaitsweep", "reproduce", "my_paper", "--quick", also=site)
-    assert "2 of 3 claims reproduced, 1 not reproduced" in told
+    assert "my_paper" in run_module(tmp_path, "gaitsweep", "models", site=site)
+    printed = run_module(tmp_path, "gaitsweep", "reproduce", "my_paper", "--quick", site=site)
+    assert "2 of 3 claims reproduced, 1 not reproduced" in printed
     table = "results/reproduce_my_paper/quick/basins"
     drawn = {each.stem for each in (tmp_path / table / "figures").glob("*.png")}
     assert drawn == {"basin", "my_paper_launches"}
-    assert "2:1" in at(tmp_path, "gaitsweep", "analyse", "my-paper-launches", table, also=site)
-    assert "3 passed" in at(tmp_path, "pytest", "-q", "-p", "no:cacheprovider", "my_paper", also=site)
+    assert "2:1" in run_module(tmp_path, "gaitsweep", "analyse", "my-paper-launches", table, site=site)
+    assert "3 passed" in run_module(tmp_path, "pytest", "-q", "-p", "no:cacheprovider", "my_paper", site=site)

@@ -133,7 +133,7 @@ def test_a_start_sensors_and_runge_kutta_are_those_of_c() -> None:
 def test_keyframes_are_taken_by_name_and_controls_have_one_shape() -> None:
     assert model_of(TURNING).mjx_body.start(jnp.zeros(12), jnp.zeros(10)).act == 0.0
     with pytest.raises(ValueError, match="no keyframe 'thrwn'; did you mean thrown"):
-        model_of(TURNING, keyframe="thrwn").mjx_body  # noqa: B018
+        model_of(TURNING, keyframe="thrwn").mjx_body  # noqa: B018 - compiles it
     for given in (jnp.zeros(()), jnp.zeros(2), jnp.zeros((1, 1))):
         model = model_of(TURNING, lambda self, p, s, given=given: given)
         with pytest.raises(ValueError, match=re.escape(f"shape {given.shape}, but must return (1,)") + ".*a"):

@@ -20,9 +20,9 @@ from hypothesis import strategies as st
 
 from gaitsweep.dynamics.tree.articulated_tree import Geometry, Link, Tree, rescaled
 from gaitsweep.dynamics.tree.dynamics import forward_dynamics
-from gaitsweep.dynamics.tree.external_force import PointForce
+from gaitsweep.dynamics.tree.external_force import PointForce, YieldingForce
 from gaitsweep.dynamics.tree.from_mjcf import tree_of
-from gaitsweep.dynamics.tree.kinematics import integrate, movements, places, rates, velocity
+from gaitsweep.dynamics.tree.kinematics import integrate, movements, places, rates, velocity, velocity_at
 from gaitsweep.dynamics.tree.spatial import quaternion_exponential, solve_positive
 from tests.support.random_trees import Moment, moment, tree_xml, waist_quadruped_xml
 from tests.support.scalar_programs import outputs_of, trace
@@ -37,6 +37,15 @@ from tests.support.tree_mechanics import (
 )
 
 GRAVITY = np.array([0.3, -0.2, -9.81])
+ARM = """
+<mujoco><worldbody><body name="upper">
+  <joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>
+  <inertial pos="0.1 0 0.02" mass="3" diaginertia="0.1 0.2 0.3"/>
+  <body name="lower" pos="0.3 0 -0.1">
+    <joint axis="0 -1 0"/><inertial pos="0 0 -0.1" mass="1" diaginertia="0.01 0.02 0.01"/>
+  </body>
+</body></worldbody></mujoco>
+"""
 seeds = st.integers(0, 2**31)
 
 
@@ -340,3 +349,37 @@ def test_trees_are_checked_and_can_be_compared() -> None:
     astray = [PointForce(-1, np.zeros(3), np.zeros(3))]
     with pytest.raises(ValueError, match="link -1"):
         forward_dynamics(tree, geometry, np.ones(16), np.ones(15), np.ones(15), astray, gravity=GRAVITY)
+
+
+def test_a_yielding_force_decreases_with_acceleration() -> None:
+    """An arm moves as under the constant force that remains at the acceleration of its point."""
+    tree, geometry = tree_of(ARM)
+    q, v = jnp.array([0.2, 0.5, 0.3, -0.7]), jnp.array([1.0, -0.5, 2.0, 3.0])
+    tau, point = jnp.array([0.1, 0.0, -0.4, 0.3]), np.array([0.05, 0.0, -0.25])
+    placed = places(tree, geometry, q)
+    at = placed[3].position(point)
+    yielding = YieldingForce(3, at, jnp.array([-3.0, 0.0, 20.0]), jnp.array([0.7, 0.0, 0.2]))
+    a = forward_dynamics(tree, geometry, q, v, tau, [yielding], gravity=GRAVITY)
+    np.testing.assert_allclose(
+        inverse_dynamics(tree, geometry, q, v, a, [yielding], gravity=GRAVITY), tau, atol=1e-12
+    )
+
+    def velocity_after(time: jax.Array) -> Any:
+        q_then, v_then = q + time * v + 0.5 * time**2 * a, v + time * a
+        then = places(tree, geometry, q_then)
+        return velocity(then[3], movements(tree, then, v_then)[3], point)
+
+    accelerated = jax.jvp(velocity_after, (0.0,), (1.0,))[1]
+    remaining = YieldingForce(3, at, yielding.force - yielding.yields * accelerated, jnp.zeros(3))
+    same = forward_dynamics(tree, geometry, q, v, tau, [remaining], gravity=GRAVITY)
+    np.testing.assert_allclose(same, a, rtol=1e-11)  # rounding: both solve the same equations
+
+
+def test_velocities_of_points_given_in_body_and_in_world_agree() -> None:
+    tree, geometry = tree_of(ARM)
+    q, v, point = jnp.array([0.2, 0.5, 0.3, -0.7]), jnp.array([1.0, -0.5, 2.0, 3.0]), np.array([0.1, 0, 0.2])
+    placed = places(tree, geometry, q)
+    moving = movements(tree, placed, v)
+    for place, movement in zip(placed, moving, strict=True):
+        at = velocity_at(place, movement, place.position(point))
+        np.testing.assert_allclose(at, velocity(place, movement, point), atol=1e-13)

@@ -13,7 +13,8 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, mode, observable, parameter, signal, variable
-from gaitsweep.contract import Status
+from gaitsweep.contract import Quantity, Status
+from gaitsweep.dynamics.declared_model import COLUMNS
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper
@@ -236,8 +237,8 @@ def test_an_event_of_a_subclass_replaces_that_of_its_base_whatever_its_jump_is_c
         def deep(self, p, s):
             return -10.0 - s.z
 
-    assert [each.name for each in Below._events()] == ["lands below"]
-    assert [each.name for each in Falls._events()] == ["ten below"]
+    assert [each.name for each in Below.declared_events()] == ["lands below"]
+    assert [each.name for each in Falls.declared_events()] == ["ten below"]
     lowest = gs.simulate(Below, duration=1.0, every=0.01)["z"].to_numpy(float).min()
     assert -0.5 <= lowest < -0.45  # 5 m/s at the floor: samples lie at most 5 cm apart
 
@@ -287,16 +288,8 @@ FAULTS = {
         "jump": lambda self, p, s, fired: dataclasses.replace(s, z=jnp.where(fired[0], 0, s.z.astype(int)))
     },
     "gait as real numbers": {"label": lambda self, p, at: {"gait": at["z"]}},
-    "z_0,? twice": {"z_0": parameter("m", "another height", 1.0)},
     r"symbol '\\\\bm": {"k": parameter("1", "k", 1.0, symbol=r"\bm{k}")},
     "unit": {"k": parameter(r"$\bm{k}$", "k", 1.0)},
-    "bounds that allow no value": {"k": parameter("1", "k", 0.5, low=1.0, high=0.0)},
-    "default 5, which must be within": {"k": parameter("1", "k", 5.0, low=0.0, high=1.0)},
-    "default nan": {"k": parameter("1", "k", float("nan"))},
-    "default inf, which must be a finite": {"k": parameter("1", "k", float("inf"))},
-    "y_0 has the default 5": {"y": variable("1", "y", 5.0, high=1.0), **_flows(y=lambda s: 0.0)},
-    "scale 0": {"y": variable("1", "y", 0.0, scale=0.0), **_flows(y=lambda s: 0.0)},
-    "scale nan": {"y": variable("1", "y", 0.0, scale=float("nan")), **_flows(y=lambda s: 0.0)},
 }
 
 
@@ -306,6 +299,79 @@ def test_what_no_row_can_be_run_with_is_refused_by_its_name(words: str) -> None:
     assert re.search(words, fault(model()) or "")
     with pytest.raises(gs.UserError, match=words):
         gs.sweep(model, g=[9.0, 10.0])
+
+
+# What declarations alone show is refused when the class is made.
+REFUSED_AT_ONCE = {
+    "declares z_0 twice": {"z_0": parameter("m", "another height", 1.0)},
+    "declares z_1_0 twice": {"z_1": variable("m", "height", 1.0), "z": variable("m", "z", 1.0, count=2)},
+    "bounds that allow no value": {"k": parameter("1", "k", 0.5, low=1.0, high=0.0)},
+    "default 5, which must be within": {"k": parameter("1", "k", 5.0, low=0.0, high=1.0)},
+    "default nan": {"k": parameter("1", "k", float("nan"))},
+    "default inf, which must be a finite": {"k": parameter("1", "k", float("inf"))},
+    "y_0 has the default 5": {"y": variable("1", "y", 5.0, high=1.0)},
+    "scale 0": {"y": variable("1", "y", 0.0, scale=0.0)},
+    "scale nan": {"y": variable("1", "y", 0.0, scale=float("nan"))},
+    "k has no unit": {"k": parameter("", "k", 0.5)},
+    r'e, which means something else .* write e_, or another name with symbol="e"': {
+        "e": parameter("1", "restitution", 0.5)
+    },
+    "quantity sample, which means": {"sample": parameter("1", "sample", 0.5)},
+    "quantity status, but status is another column of tables: allowed are names other than row": {
+        "status": signal("1", "status")(lambda self, p, s: s.z)
+    },
+    "quantity t, but t is another column": {"t": variable("s", "time")},
+    "quantity t, but t_end is another column": {"t": observable("s", "time")(lambda self, p, s: s.z)},
+    "quantity z, but z_end is another column": {"z_end": parameter("m", "last height", 1.0)},
+    r'count="M", which is not a field of its structure\. Allowed: N': {
+        "__annotations__": {"N": "int"},
+        "k": parameter("1", "k", 1.0, count="M"),
+    },
+    "z has 2 start values, but 3 numbers": {"z": variable("m", "z", (1.0, 2.0), count=3)},
+}
+
+
+@pytest.mark.parametrize("words", REFUSED_AT_ONCE)
+def test_what_declarations_alone_show_is_refused_when_the_class_is_made(words: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=words):
+        type("Mine", (Ground,), REFUSED_AT_ONCE[words])
+
+
+@pytest.mark.parametrize("count", [0, -1, 2.0, True])
+def test_a_count_is_a_number_of_components(count: object) -> None:
+    with pytest.raises(TypeError, match=r"allowed are whole numbers from 1 on, and the name of a field"):
+        mode(False, "down", count=count)  # type: ignore[arg-type]
+
+
+def test_names_of_columns_are_those_of_the_tables() -> None:
+    """A column that a run kind adds is one that no quantity may have."""
+    model = Ground()
+    own = {f"{q.name}{end}" for q in (*model.observables, *model.signals) for end in ("", "_end", "_n")}
+    runs = (
+        gs.Settle(),
+        gs.FixedTime(duration=1.0),
+        gs.ReturnMap(crossings=1),
+        gs.Trace(duration=1.0, every=1.0),
+    )
+    columns = {column.name for run in runs for column in run.all_columns(model)} - own
+    assert columns | {"row"} == set(COLUMNS)
+
+
+def test_a_paper_may_call_its_parameters_e_and_lambda() -> None:
+    class Thrown(Ground):
+        e_ = parameter("1", "restitution", 0.5)
+        lambda_ = parameter("1", "wavelength", 2.0, count=2)
+        ratio = parameter("1", "restitution", 0.5, symbol="e")
+
+    symbols = {q.name: q.symbol for q in Thrown().parameters}
+    assert symbols == {
+        "g": "", "e_": "e", "lambda_1": r"\lambda_{1}", "lambda_2": r"\lambda_{2}", "ratio": "e"
+    }  # fmt: skip
+    params = {"lambda_2": "2*e_"}
+    table = gs.sweep(Thrown, e_=[0.25, 0.5], params=params, run=gs.FixedTime(duration=0.1)).table
+    assert table["e_"].tolist() == [0.25, 0.5]
+    with pytest.raises(gs.UserError, match="did you mean e_"):
+        gs.sweep(Thrown, e=[0.25, 0.5])
 
 
 @pytest.mark.slow
@@ -352,7 +418,9 @@ def test_a_variable_that_a_jump_alone_moves_needs_no_rate() -> None:
 
 
 def test_a_quantity_with_the_name_of_a_column_is_refused() -> None:
-    model = type("Mine", (Ground,), {"status": variable("1", "any", 0.0), **_flows(status=lambda s: 0.0)})
+    status = Quantity("status", "1", "any")  # of a model that writes this member by hand
+    members = {"signals": property(lambda self: (status,)), "signal": lambda self, p, s: {"status": s.z}}
+    model = type("Mine", (Ground,), members)
     with pytest.raises(gs.UserError, match="a quantity status, but the table of trace has"):
         gs.simulate(model, duration=1.0)
 
@@ -423,3 +491,149 @@ def test_a_number_in_the_place_of_the_meaning_is_refused() -> None:
         parameter("m/s2", 9.81)  # type: ignore[arg-type]
     with pytest.raises(TypeError, match=r"The unit of a declaration is 1\.0, but must be text"):
         variable(1.0, "height")  # type: ignore[arg-type]
+
+
+@dataclasses.dataclass(frozen=True)
+class CountedBalls(Balls):
+    """The same balls, whose events and signals are one declaration each."""
+
+    first = None  # pyright: ignore[reportAssignmentType] (a base's event is removed so)
+
+    @event("ball {} bounces", count="N", section="first")
+    def second(self, p, s):
+        return p.floor - s.z
+
+    @second.jump
+    def bounce_second(self, p, s, i):
+        after = s.replace(v=s.v.at[i].set(jnp.abs(s.v[i])), bounces=s.bounces.at[i].add(1))
+        return after.replace(parity=~s.parity) if i == 0 else after
+
+    @signal("m", "height over the floor of ball", count="N")
+    def over(self, p, s):
+        return s.z - p.floor
+
+
+@pytest.mark.parametrize("engine", ["xla", "kernel"])
+def test_events_of_one_declaration_are_those_of_several(engine: str) -> None:
+    """Fails if a component jumps with another's number, or closes a cycle that it does not close."""
+    rows = {"z_1_0": [1.0, 1.0, 3.0], "z_2_0": [1.0, 0.3, 0.2], "angle_0": 0.0}
+    counted, single = (
+        run_rows(model, CrossingRecorder(model, 5), rows, engine=engine)
+        for model in (CountedBalls(), Balls())
+    )
+    assert set(counted.status.tolist()) == {Status.complete}
+    np.testing.assert_array_equal(counted.samples, single.samples)
+    assert fault(CountedBalls()) is None
+    assert CountedBalls().guard_names == Balls().guard_names
+    assert CountedBalls(N=3).guard_names[::2] == tuple(f"ball {i} bounces" for i in (1, 2, 3))
+    assert [q.name for q in CountedBalls(N=3).signals[-3:]] == ["over_1", "over_2", "over_3"]
+    p = scalars(model := CountedBalls(), z_2=1.0)
+    s = model.init(p, jax.tree.map(jnp.asarray, {"z_1_0": 1.0, "z_2_0": 2.0, "angle_0": 7.0}))
+    assert {name: float(v) for name, v in model.signal(p, s).items() if "over" in name} == {
+        "over_1": 1.0,
+        "over_2": 2.0,
+    }
+
+
+def test_counted_functions_that_return_another_number_are_refused() -> None:
+    class ThreeHeights(CountedBalls):
+        @signal("m", "height of ball", count="N")
+        def over(self, p, s):
+            return s.z[:1]
+
+    assert "over has the shape (1,), but its count= asks for 2 numbers" in (fault(ThreeHeights()) or "")
+
+    class OneSurface(CountedBalls):
+        @event("ball {} bounces", count="N", section="first")
+        def second(self, p, s):
+            return s.z[0]
+
+    assert "must return 2 numbers, (2,), as count= says" in (fault(OneSurface()) or "")
+
+
+class Scuffing(DeclaredModel):
+    """A foot that swings in a circle and is lifted as by a saw; it scuffs where it is not lifted enough."""
+
+    omega = parameter("rad/s", "rate of the swing", 2.0, low=0.0)
+    rate = parameter("1/s", "rate at which the foot is lifted", 0.37)
+    clearance = parameter("1", "share of the lift below which the foot scuffs", 0.5)
+    x = variable("1", "place of the foot forwards", 1.0)
+    z = variable("1", "height of the foot", 0.0)
+    lift = variable("1", "lift of the foot", 0.0)
+    scuffs = mode(0, "scuffs so far")
+
+    def flow(self, p, s):
+        return {"x": -p.omega * s.z, "z": p.omega * s.x, "lift": p.rate}
+
+    @event("foot scuffs", section=True, direction="falling", when=lambda p, s: s.lift < p.clearance)
+    def scuff(self, p, s):
+        return s.z
+
+    @scuff.jump
+    def scuffed(self, p, s):
+        return s.replace(scuffs=s.scuffs + 1)
+
+    @event("lift begins anew")
+    def lifted(self, p, s):
+        return s.lift - 1.0
+
+    @lifted.jump
+    def lowered(self, p, s):
+        return s.replace(lift=s.lift - 1.0)
+
+    @observable("1", "scuffs so far")
+    def count(self, p, s):
+        return s.scuffs
+
+    def period(self, p):
+        return 2.0 * jnp.pi / p.omega
+
+
+class Touching(Scuffing):
+    """The same foot, which touches the ground in both directions."""
+
+    @event("foot passes the ground", section=True, direction="both", when=lambda p, s: s.lift < p.clearance)
+    def scuff(self, p, s):
+        return s.z
+
+    @scuff.jump
+    def scuffed(self, p, s):
+        return s.replace(scuffs=s.scuffs + 1)
+
+
+@pytest.mark.parametrize(
+    ("engine", "model"), [("xla", Scuffing()), ("kernel", Scuffing()), ("kernel", Touching())]
+)
+def test_a_condition_on_variables_is_judged_at_the_located_crossing(engine: str, model: Scuffing) -> None:
+    """The height is sin(omega t), the lift the fractional part of rate t: times of scuffs are known.
+
+    Events are located to 1e-12 of the period, and tolerances of the steps are 1e-8: 1e-6 s would miss a
+    condition that is judged at the end of a step, or a crossing that is taken up late.
+    """
+    rates = np.array([0.37, 0.11, 0.83])
+    found = run_rows(
+        model, CrossingRecorder(model, 6), {"x_0": np.ones(3)}, params={"rate": rates}, engine=engine
+    )
+    assert set(found.status.tolist()) == {Status.complete}
+    samples = found.samples.reshape(3, 7, -1)[:, 1:]
+    falls = np.pi * (np.arange(1, 200) if isinstance(model, Touching) else np.arange(1, 200, 2)) / 2.0
+    for row, rate in enumerate(rates):
+        low = (rate * falls) % 1.0 < 0.5
+        assert 0.2 < low[:10].mean() < 1.0, "some crossings are passed over"
+        np.testing.assert_allclose(samples[row, :, 1], falls[low][:6], rtol=0, atol=1e-6)
+    counts = [q.name for q in model.observables].index("count") - len(model.observables)
+    assert samples[0, :, counts].tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+
+
+def test_conditions_and_directions_that_are_none_are_refused() -> None:
+    with pytest.raises(TypeError, match="direction='down': allowed are rising, falling, both"):
+        event("lands", direction="down")  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="rising=False, so it has no crossing for when="):
+        event("lands", rising=False, during=lambda s: s.down, when=lambda p, s: s.x > 0.0)
+
+    class Numbers(Scuffing):
+        @event("foot scuffs", section=True, when=lambda p, s: s.lift)
+        def scuff(self, p, s):
+            return s.z
+
+    assert "when= of the event 'foot scuffs' returns real numbers" in (fault(Numbers()) or "")

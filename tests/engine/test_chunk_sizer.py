@@ -1,4 +1,4 @@
-"""How long a kernel runs between two returns to the host, on a clock of the test's own."""
+"""Time of a kernel between two returns to the host, on a clock of the test's own."""
 
 from __future__ import annotations
 

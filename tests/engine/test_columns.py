@@ -55,13 +55,13 @@ def test_kernels_open_rows_as_xla_does(model: Model, monkeypatch: pytest.MonkeyP
     values, starts = sample(model, 5)
     starts = {**starts, STEP_FACTOR: np.ones(5)}
     kernel = kernel_of(model, SettleRecorder(model), Numerics().resolve(model), None)
-    lane, given = kernel.lane, kernel.given
+    lane, shapes = kernel.lane, kernel.shapes
 
     def unsupported(*_: Any) -> Any:
         raise UnsupportedError
 
-    by_kernel = opening.opening_of(lane, *given)(values, starts)
+    by_kernel = opening.opening_of(lane, *shapes)(values, starts)
     monkeypatch.setattr(opening, "_by_kernel", unsupported)
-    by_xla = opening.opening_of(lane, *given)(values, starts)
+    by_xla = opening.opening_of(lane, *shapes)(values, starts)
     for mine, right in zip(by_kernel, by_xla, strict=True):
         np.testing.assert_allclose(mine, right, rtol=1e-12, atol=1e-12)

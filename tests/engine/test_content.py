@@ -1,4 +1,4 @@
-"""What a model computes with is part of what compiled programs are kept by."""
+"""Compiled programs are stored by everything with which a model computes."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def crossings(model: HybridModel, count: int, starts: dict[str, Any], **options:
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
 def test_crossings_of_lorenz_are_scipys(engine: str) -> None:
-    """The first ten crossings downwards: DOP853 at 1e-13 is right to 1e-11 there, as a step of .25 ms is."""
+    """The first ten crossings downwards: DOP853 at 1e-13 is right to 1e-11 there, as a step of 0.25 ms is."""
 
     def flow(t: float, at: np.ndarray) -> list[float]:
         x, y, z = at

@@ -14,7 +14,7 @@ import pytest
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, parameter, variable
 from gaitsweep.contract import Status
-from gaitsweep.engine.hidden_events import may_bend, may_hide, switch_unseen
+from gaitsweep.engine.hidden_events import may_bend, may_hide, switches_within
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
@@ -132,7 +132,7 @@ def test_what_cannot_have_turned_is_not_looked_at_again() -> None:
         (-1.0, 3.0, -1.0, True),  # a parabola with its top at 1/2 and +1/2
         (-1.0, 0.9, -1.0, False),  # the tangent stays below zero
         (-1.0, 1.2, -0.1, False),  # rises all the way, slightly bent
-        (-1.0, 1.2, -0.5, True),  # a parabola with its top at .86
+        (-1.0, 1.2, -0.5, True),  # a parabola with its top at 0.86
         (-1.0, 3.0, 0.5, False),  # it fires
         (-1.0, -1.0, -3.0, False),
         (-1e6, 1.0, -1e6, False),  # disarmed
@@ -179,7 +179,7 @@ def test_a_pulse_is_met_in_whatever_words_it_is_written(form: str) -> None:
     @jax.jit
     def too_long(begin: jax.Array, h: jax.Array, width: jax.Array) -> jax.Array:
         ones = {"clock": jnp.asarray(1.0)}
-        shows, hides = switch_unseen(flow, width, (Clock(begin), Clock(begin + h)), (ones, ones), h)
+        shows, hides = switches_within(flow, width, (Clock(begin), Clock(begin + h)), (ones, ones), h)
         return shows | hides
 
     smooth = form in ("bell", "smooth steps")  # which step control sees if they are wide

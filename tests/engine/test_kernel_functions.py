@@ -37,7 +37,7 @@ def _signed(values: np.ndarray) -> np.ndarray:
 
 
 def _both(function: Callable[..., Any], reference: Callable[..., Any], values: np.ndarray) -> Any:
-    """What the kernel gives and what is right, in extended precision."""
+    """Results of the kernel, and correct ones in extended precision."""
     with np.errstate(all="ignore"):
         return on_many(function, values), reference(values.astype(np.longdouble))
 

@@ -191,7 +191,7 @@ X1 = jnp.asarray(0.5)
     [
         (lambda x: x + jax.random.uniform(jax.random.PRNGKey(0)), (X1,), "random"),
         (lambda x: x + jax.random.uniform(jax.random.key(0)), (X1,), "random"),
-        (lambda x: lax.while_loop(lambda y: y < 1, lambda y: y + x, x), (X1,), "turns is known"),
+        (lambda x: lax.while_loop(lambda y: y < 1, lambda y: y + x, x), (X1,), "turns does not depend"),
         (lambda x: lax.fori_loop(0, 10**9, lambda i, y: y + i, x), (X1,), "256 turns"),
         (
             lambda x: lax.while_loop(lambda s: s[0] < 300, lambda s: (s[0] + 1, s[1]), (0, x)),

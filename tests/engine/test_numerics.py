@@ -188,7 +188,7 @@ def test_a_ramp_has_the_step_of_its_whole_path() -> None:
     ],
 )
 def test_an_explicit_step_is_refused_where_it_is_too_long(numerics: dict, sentences: list[str]) -> None:
-    """The readme's own example: at .7 kg 32 ms lost 31 of 36 rows without a word."""
+    """The readme's own example: at 0.7 kg 32 ms lost 31 of 36 rows without a word."""
     phases = {"linspace": [0, "2*pi", 6], "at": "centre"}
     fields: dict[str, Any] = {
         "name": "end_mass", "model": "multilegged", "start": {"psi_3": "pi"}, "run": {"kind": "settle"},
@@ -243,7 +243,7 @@ def _eigenvalues(p: Any) -> np.ndarray:
 
 
 def _growth(name: str, z: complex) -> complex:
-    """What a step makes of x' = z x, dt = 1, from the method's own code on a complex flow of two numbers."""
+    """Factor of a step of x' = z x, dt = 1, from the method's own code on a complex flow of two numbers."""
     from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6
 
     shares = {"rk4": (1.0,) * 4, "propagator6": PROPAGATOR6, "propagator": PROPAGATOR}[name]

@@ -1,4 +1,4 @@
-"""What a model works out on the host for its rows reaches their lanes, whatever the blocks and devices."""
+"""Values that a model computes on the host for its rows reach their lanes, for all blocks and devices."""
 
 from __future__ import annotations
 

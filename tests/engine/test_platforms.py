@@ -1,4 +1,4 @@
-"""Where JAX cannot compute: it is told to see no CPU (JAX_PLATFORMS=cuda), or its process was forked."""
+"""Processes in which JAX cannot compute: without its CPU (JAX_PLATFORMS=cuda), or forked."""
 
 from __future__ import annotations
 

@@ -102,10 +102,10 @@ def test_the_quadruped_with_a_waist_with_numerics_left_out() -> None:
     ("ours", "theirs", "again", "outcome"),
     [
         (found(), found(), found(), SOUND),
-        (found(psi_3=TURN - 0.001), found(), found(), SOUND),  # .002 rad apart, around the turn
+        (found(psi_3=TURN - 0.001), found(), found(), SOUND),  # 0.002 rad apart, around the turn
         (found(psi_1=1.011), found(), found(), WRONG),
         (found(landed=0.0), found(), found(), WRONG),
-        (found(t=30.03), found(), found(), WRONG),  # .012 rad of a phase
+        (found(t=30.03), found(), found(), WRONG),  # 0.012 rad of a phase
         (Found("failed"), found(), found(), LOST),
         (Found("fell"), found(), found(), WRONG),
         (Found("fell"), Found("fell"), Found("fell"), SOUND),

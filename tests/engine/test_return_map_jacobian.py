@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 import yaml
 
-from gaitsweep.analysis.continuation.newton import multipliers, newton
+from gaitsweep.analysis.continuation.multipliers import multipliers
+from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.dynamics.tree.spatial import quaternion_product
 from gaitsweep.engine.advance import Halt, advance, start
 from gaitsweep.engine.numerics import Numerics
@@ -244,7 +245,7 @@ def test_multipliers_of_the_chain_tend_to_the_theorys(chain: BatchedReturnMap) -
     """The full model's small parameter is omega: at fixed E the slow multipliers tend to the reduced ones.
 
     At 0.1 rad/s the polynomial of the direct and the retrograde gait is within 2e-3 of (z - 2/3)^2, at Table
-    1's 0.4 it is .09 away; all other multipliers are below .01 there, so the slow ones are two.
+    1's 0.4 it is 0.09 away; all other multipliers are below 0.01 there, so the slow ones are two.
     """
     apart = []
     for omega in (0.4, 0.1):

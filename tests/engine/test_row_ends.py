@@ -1,4 +1,4 @@
-"""How rows end: by their limits, on the wrap of an angle, and where their numbers leave all bounds."""
+"""Ends of rows: by their limits, on the wrap of an angle, and where their numbers leave all bounds."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Turned(Turning):
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_an_angle_that_jumps_to_and_fro_over_the_wrap_settles(engine: str) -> None:
-    """Settles by |.9^n (.9^-10 - 1)| < 10 tolerances, as an angle away from the wrap does."""
+    """Settles by |0.9^n (0.9^-10 - 1)| < 10 tolerances, as an angle away from the wrap does."""
     found = run_rows(
         Turned(),
         SettleRecorder(Turned()),
@@ -215,7 +215,7 @@ def test_a_row_that_falls_keeps_what_it_had_before(engine: str) -> None:
         numerics=Numerics(dt=1e-2), engine=engine,
     )  # fmt: skip
     assert names(found) == ["fell", "complete"]
-    # launched at 1 m/s it reaches .21 m, at 3.5 m/s (after its first bounce) 1.3 m
+    # launched at 1 m/s it reaches 0.21 m, at 3.5 m/s (after its first bounce) 1.3 m
     speeds = launches(1.0, 0.5, 3.0, 6)
     mine = found.samples[found.owner == 0]
     np.testing.assert_allclose(mine[:, 2], speeds[: len(mine)], atol=1e-8)

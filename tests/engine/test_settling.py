@@ -1,4 +1,4 @@
-"""What counts as settled: observables by their own size, orbits by their period; and what does not."""
+"""Settled rows: observables by their own size, orbits by their period; and rows that are not settled."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_no_period_is_found_that_is_not_there() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("cycles", [150, 1000])
 def test_spirals_into_a_fixed_point_are_no_orbits(cycles: int) -> None:
-    """Turns near k/p of a circle, shorter by 1e-5 to .3 a step: every p-th point nearly comes back."""
+    """Turns near k/p of a circle, shorter by 1e-5 to 0.3 a step: every p-th point nearly comes back."""
     random = np.random.default_rng(3)
     n = 4000
     p, k = random.integers(1, 9, n), random.integers(0, 8, n)
@@ -148,9 +148,9 @@ class Scaleless(Declining):
 def test_a_scale_of_the_models_own_counts_for_what_tends_to_0() -> None:
     starts, given = {"x_0": 2.0, "y_0": 1.0}, {"ratio": 0.9, "angle": 0.0}
     found = run_rows(Declining(), SettleRecorder(Declining()), starts, params=given, numerics=ONE)
-    # .9^n (.9^-10 - 1) < 10 * 1e-3 * 2
+    # 0.9^n (0.9^-10 - 1) < 10 * 1e-3 * 2
     assert found.cycles.tolist() == [int(np.ceil(np.log(0.02 / (0.9**-10 - 1.0)) / np.log(0.9)))]
-    # with none, its range counts, from crossing 1 on: .9^n (.9^-10 - 1) < 1e-2 (.9 - .9^n)
+    # with none, its range counts, from crossing 1 on: 0.9^n (0.9^-10 - 1) < 1e-2 (0.9 - 0.9^n)
     found = run_rows(Scaleless(), SettleRecorder(Scaleless(), 150), starts, params=given, numerics=ONE)
     assert found.cycles.tolist() == [int(np.ceil(np.log(0.009 / (0.9**-10 - 1.0 + 0.01)) / np.log(0.9)))]
 
@@ -336,7 +336,7 @@ def test_a_tolerance_of_what_is_not_observed_is_refused() -> None:
 
 @pytest.mark.slow
 def test_names_that_a_tolerance_leaves_out_keep_the_default(tmp_path: Path) -> None:
-    """.9^n (.9^-10 - 1) y < 10 tolerance: each observable waits for its own."""
+    """.9^n (0.9^-10 - 1) y < 10 tolerance: each observable waits for its own."""
 
     def cycles(tolerance: Any) -> int:
         given = job(
@@ -402,7 +402,7 @@ def test_periods_are_looked_for_in_float32_too() -> None:
 
 @pytest.mark.slow
 def test_a_walker_on_a_slope_takes_two_steps_then_four_to_repeat() -> None:
-    """Garcia et al. 1998: one step up to a slope of .0151 rad, two from there, then four, chaos before .019.
+    """Garcia et al. 1998: one step up to a slope of 0.0151 rad, then two, then four, chaos before 0.019.
 
     Each slope starts from where the one before settled: the basin of the gait is small.
     """

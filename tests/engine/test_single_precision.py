@@ -69,7 +69,7 @@ def test_mixed_precision_is_for_steps_of_fixed_length() -> None:
 
 @pytest.mark.slow
 def test_a_foot_is_placed_to_single_precision() -> None:
-    """A micrometre sunk into the ground is .04 N of some 6 N that a foot bears: feet are wanted to 1e-7 m."""
+    """A micrometre of depth in the ground is 0.04 N of some 6 N that a foot bears, so feet need 1e-7 m."""
     model = WaistQuadruped()
     m = scalars(model).mechanics
     q = jnp.asarray(np.random.default_rng(0).uniform(-0.5, 0.5, 16))
@@ -82,7 +82,7 @@ def test_a_foot_is_placed_to_single_precision() -> None:
 @pytest.mark.slow
 def test_the_gaits_stay_in_mixed_precision() -> None:
     """Trot and walk at f = 2.6: both walk on with a scatter of some mrad, which rounding redistributes; the
-    branches are .44 rad apart."""
+    branches are 0.44 rad apart."""
     model, starts = WaistQuadruped(), np.linspace(1.57, 3.46, 16)
     ends = {}
     for precision in ("float64", "mixed"):

@@ -1,4 +1,4 @@
-"""The package of a fourth paper, docs/papers/goswami1998, as those get it who install it."""
+"""The package of a fourth paper, docs/papers/goswami1998, as installed by a user."""
 
 from __future__ import annotations
 
@@ -7,17 +7,20 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from tests.support.installed_packages import ROOT, at, install
+from tests.support.installed_packages import ROOT, install, run_module
 
 
 @pytest.mark.slow
 def test_the_compass_gait_is_a_package_of_its_own(tmp_path: Path) -> None:
-    """Installed by pip it is found, its claims are judged, and the gait doubles at 4.39 degrees."""
+    """Installed by pip, it has models, claims with verdicts, an analysis and tests of its own."""
     package = str(ROOT / "docs/papers/goswami1998")
     site = install(tmp_path, package)
-    assert at(tmp_path, "gaitsweep", "models", "goswami1998", also=site).startswith("goswami1998: ")
-    told = at(tmp_path, "gaitsweep", "reproduce", "goswami1998", "--quick", also=site)
-    assert "14 of 21 claims reproduced, 1 not reproduced, 3 true by definition, 1 answered, 2 not run" in told
+    described = run_module(tmp_path, "gaitsweep", "models", "goswami1998", site=site)
+    assert described.startswith("goswami1998: ")
+    printed = run_module(tmp_path, "gaitsweep", "reproduce", "goswami1998", "--quick", site=site)
+    assert (
+        "14 of 21 claims reproduced, 1 not reproduced, 3 true by definition, 1 answered, 2 not run" in printed
+    )
     results = tmp_path / "results/reproduce_goswami1998"
     claims = pd.read_parquet(results / "claims.parquet").set_index("id")
     # Goswami, Thuilot and Espiau 1998, as quoted: 4.37 to 4.39 degrees
@@ -25,10 +28,10 @@ def test_the_compass_gait_is_a_package_of_its_own(tmp_path: Path) -> None:
     assert claims.loc["steps_differ", "value"] == pytest.approx(4.39, abs=0.02)
     drawn = {each.stem for each in (results / "quick/crossings/figures").glob("*.png")}
     assert drawn == {"goswami1998_bifurcations", "bifurcations_alpha"}
-    steps = at(
-        tmp_path, "gaitsweep", "analyse", "goswami1998-steps", str(results / "quick/cascade"), also=site
+    steps = run_module(
+        tmp_path, "gaitsweep", "analyse", "goswami1998-steps", str(results / "quick/cascade"), site=site
     )
     assert [line.split()[0] for line in steps.splitlines() if "settled" in line][:4] == ["1", "2", "4", "8"]
-    tests = at(tmp_path, "pytest", "-q", "-p", "no:cacheprovider", "-c", f"{package}/pyproject.toml",
-               f"{package}/tests", also=site)  # fmt: skip
+    tests = run_module(tmp_path, "pytest", "-q", "-p", "no:cacheprovider", "-c", f"{package}/pyproject.toml",
+               f"{package}/tests", site=site)  # fmt: skip
     assert "8 passed" in tests

@@ -1,4 +1,4 @@
-"""What holds for each shipped example: the contract, a good job beside it, and equal rows by both engines."""
+"""Properties of each shipped example: the contract, a good job beside it, and equal rows by both engines."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ def test_fixed_points_at_68_degrees() -> None:
 
 @pytest.mark.slow
 def test_stance_is_that_of_the_published_approximation() -> None:
-    """Geyer, Seyfarth and Blickhan 2005: within 1 % of the compression and .6 degrees of the angle.
+    """Geyer, Seyfarth and Blickhan 2005: within 1 % of the compression and 0.6 degrees of the angle.
 
     The leg's strain e obeys e'' + w^2 e = W^2 - g/l0 with w^2 = k/m + 3 W^2, W the leg's rate at touchdown;
     the leg turns at W (1 - 2 e).

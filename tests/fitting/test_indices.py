@@ -40,7 +40,7 @@ def test_sobol_indices_of_ishigami(seed: int) -> None:
         half = column(found, index, "confidence").astype(float)
         assert (np.abs(column(found, index).astype(float) - exact) <= 1.5 * half + 1e-3).all()
         assert (half < 0.1).all()
-    assert list(dict.fromkeys(found["parameter"])) == NAMES  # by ST: .56, .44, .24
+    assert list(dict.fromkeys(found["parameter"])) == NAMES  # by ST: 0.56, 0.44, 0.24
     assert np.all(found["rows"] == 2048 * 5)
 
 

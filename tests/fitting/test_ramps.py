@@ -45,7 +45,7 @@ def searched(model: Any = CuspFlow, **more: Any) -> Any:
 
 
 def fold_under_a_ramp(a: float) -> float:
-    """Where a slow ramp of r leaves x > 0, m/s.
+    """Value of r (m/s) at which a slow ramp leaves x > 0.
 
     The fold is at r = -2 (a/3)^(3/2). There y' = -b y^2 - rate t, b = sqrt(3 a), runs away after the time
     AIRY / (b rate)^(1/3).
@@ -62,7 +62,7 @@ def test_a_ramp_leaves_a_gait_past_its_fold() -> None:
     """A search for a, by one transition and its mirror image, beside rows at rest.
 
     Two terms of the expansion in the rate are compared: the third, and the way from the fold to x = 0, are of
-    the order of rate log(rate), .01 here.
+    the order of rate log(rate), 0.01 here.
     """
     wanted = fold_under_a_ramp(1.0)
     asked = {
@@ -113,7 +113,7 @@ def test_a_ramp_leaves_a_gait_past_its_fold() -> None:
     np.testing.assert_allclose(table["down"], expected, atol=0.012)
     np.testing.assert_allclose(table["up"], -table["down"], atol=2e-3 + 1e-9)  # a crossing's step of r
     np.testing.assert_allclose(table["rest"], np.sqrt(table["a"]), atol=1e-4)
-    # the start at -1 is left of the fold at r = 2 (a/3)^(3/2), above .3 there: no right at first
+    # the start at -1 is left of the fold at r = 2 (a/3)^(3/2), above 0.3 there: no right at first
     assert table.loc[table["a"] > 0.9, "order"].to_numpy() == pytest.approx(0.5 * (1.0 + 2.0 / 3.0))
     assert table["only"].to_numpy() == pytest.approx(2.0 / 3.0)
     assert found.identifiability.best["a"].iloc[0] == pytest.approx(1.0, abs=0.02)

@@ -154,7 +154,12 @@ def test_a_cluster_goes_on_with_a_stopped_batch(tmp_path: Path, monkeypatch: pyt
 
 
 def test_a_mapping_of_fields_is_a_job(tmp_path: Path) -> None:
-    mapping = gs.sensitivity(yaml.safe_load(JOB), out=tmp_path / "fields").table
+    found = gs.sensitivity(yaml.safe_load(JOB), out=tmp_path / "fields")
+    complete = int((found.table["status"] == "complete").sum())
+    assert repr(found).startswith(f"Sensitivity({len(found.table)} sets, {complete} complete: ")
+    assert repr(found).endswith(f"; in {tmp_path / 'fields'})")
+    assert len(repr(found)) < 300
+    mapping = found.table
     alone = gs.sensitivity(written(tmp_path, JOB), out=tmp_path / "file").table
     pd.testing.assert_frame_equal(mapping, alone, check_exact=True)
 
@@ -186,7 +191,7 @@ def test_sets_that_fail_are_told_and_counted() -> None:
     assert table["straight"].isna().equals(fell)
     methods = found.indices.groupby("output")["method"].first()
     assert dict(methods) == {"straight": "rbd_fast", "failures": "sobol"}
-    # of uniform x_1 and limit, the variance of the share of failures by hand: P = .4, P(.|x_1), P(.|limit)
+    # of uniform x_1 and limit, the variance of the share of failures by hand: P = 0.4, P(.|x_1), P(.|limit)
     x, limit = np.linspace(-1, 1, 20_001), np.linspace(-2, 3, 20_001)
     by_x, by_limit = (x + 2.0) / 5.0, np.clip((1.0 - limit) / 2.0, 0.0, 1.0)
     p = by_x.mean()
@@ -414,7 +419,7 @@ def test_effects_on_the_chains_lag_are_those_of_the_papers_formula() -> None:
     np.testing.assert_allclose(x["lag"], exact, atol=1e-8)
     mu = found.indices.loc[found.indices["index"] == "mu"].set_index("parameter")["value"]
     assert list(mu.index) == ["beta", "m_B", "kappa", "omega"]
-    # the effect of the range of beta, .032, with the others anywhere in theirs
+    # the effect of the range of beta, 0.032, with the others anywhere in theirs
     steepest = (
         -0.032 * np.pi * (2.0 - (3.0 * np.array([0.855, 0.945]) - 1.0) * 9.8 / (np.array([105, 95]) * 0.4))
     )

@@ -1,4 +1,4 @@
-"""What every registered model has to give, checked for each of them (and for the tests' own)."""
+"""The contract of a model, checked for every registered model and for the tests' own."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ def test_crossings_agree_with_solve_ivp(name: str) -> None:
     np.testing.assert_array_equal(landed[close], table["landed"].to_numpy().reshape(rows, -1)[close])
 
 
-# At beta = .7 an end leg lifts off at 2e-4 m/s, so slowly that the rounding of its gap is a few events long.
+# At beta = 0.7 an end leg lifts off at 2e-4 m/s, so slowly that the rounding of its gap is a few events long.
 TIED = {
     "lift-offs": (np.pi, [(2.1, 0.9), (2.7, 1.8), (3.3, 0.6)], (-1e-7, 1e-7)),
     # The start is just before leg 1 touches down, so leg 4 has not touched down either: the limit from the
@@ -89,7 +89,7 @@ def test_legs_in_phase_are_the_limit_of_legs_that_are_nearly_so(case: str) -> No
     ],
 )
 def test_points_of_the_paper(point, gait: str, end) -> None:
-    """Points a, b, c of Fig. 4 stay where they are: to .01 rad, where the three gaits are 1 rad apart."""
+    """Points a, b, c of Fig. 4 stay where they are: to 0.01 rad, where the three gaits are 1 rad apart."""
     model = Multilegged()
     starts = {f"psi_{i + 1}": [value] for i, value in enumerate(point)}
     result = run_rows(model, SettleRecorder(model), starts)
@@ -102,7 +102,7 @@ def test_points_of_the_paper(point, gait: str, end) -> None:
 
 @pytest.mark.slow
 def test_settled_states_lie_on_the_analytic_sets() -> None:
-    """Random starts settle in the three gaits, within .12 rad of (16)-(20), (24), (25) (the paper: 0.11)."""
+    """Random starts settle in the three gaits, within 0.12 rad of (16)-(20), (24), (25) (the paper: 0.11)."""
     model = Multilegged()
     random = np.random.default_rng(11)
     starts = {f"psi_{i}": random.uniform(0, 2 * np.pi, 64) for i in (1, 2, 3)}

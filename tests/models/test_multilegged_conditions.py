@@ -1,4 +1,4 @@
-"""Where the gaits exist: the conditions against the paper's, and against what the reduced chain does."""
+"""Conditions for the gaits to exist, against the paper's and against the motion of the reduced chain."""
 
 from __future__ import annotations
 
@@ -162,6 +162,5 @@ def test_amplitudes_beyond_the_legs_length_change_nothing(settled: tuple) -> Non
     """No equation knows a < L: phases depend on kappa a alone, at half the length as at one and a half."""
     (*_, short, too_short), psi, gaits = settled
     np.testing.assert_array_equal(gaits[short], gaits[too_short])
-    assert (
-        np.abs(wrapped(psi[short] - psi[too_short])).max() < 1e-9
-    )  # rounding, as long as the line is stable
+    # rounding, as long as the line is stable
+    assert np.abs(wrapped(psi[short] - psi[too_short])).max() < 1e-9

@@ -43,7 +43,7 @@ def wrapped(difference: object) -> np.ndarray:
 
 
 def params_of(*chains: Chain) -> dict[str, np.ndarray]:
-    """What differs from the model's defaults, for rows of one chain after the other."""
+    """Differences from the model's defaults, for rows of one chain after the other."""
     names = ("m_1", "m_end", "kappa_1", "kappa_end", "a_1", "a_end")
     inner = {"kappa": 100.0, "a": 0.4}
     given = {name: [getattr(chain, name) for chain in chains] for name in names}
@@ -75,9 +75,8 @@ def test_the_chain_at_rest_with_a_spring_for_each_pair(case: tuple[list[float], 
     x, load = (np.asarray(out) for out in solved(legs, masses, kappa, 9.8))
     bends = np.diff(np.eye(n), axis=0)
     stiffness = bends.T @ np.diag(kappa) @ bends
-    scale = (
-        weight.sum() * n * kappa.max() / kappa.min()
-    )  # rounding: a soft spring lets a stiff pair hang deep
+    # rounding: a soft spring lets a stiff pair hang deep
+    scale = weight.sum() * n * kappa.max() / kappa.min()
     assert (x >= legs).all()
     assert (load >= 0.0).all()
     assert np.abs(stiffness @ x + weight - load).max() < 1e-13 * n * scale

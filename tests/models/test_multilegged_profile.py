@@ -17,7 +17,7 @@ from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.errors import ArgumentError
-from gaitsweep.job.schema import Job
+from gaitsweep.job.job import Job
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, chains_of
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
@@ -45,7 +45,7 @@ def columns(n: int, N: int, seed: int = 4) -> dict[str, np.ndarray]:
 
 
 def profile(N: int, seed: int = 3) -> tuple[Chain, dict[str, float]]:
-    """Ends of .7 kg that touch alike and inner legs that all differ: the chain, and its parameters."""
+    """Ends of 0.7 kg that touch alike and inner legs that all differ: the chain, and its parameters."""
     rng = np.random.default_rng(seed)
     m, kappa, a = rng.uniform(0.9, 1.15, N - 1), rng.uniform(92, 108, N - 2), rng.uniform(0.38, 0.42, N - 1)
     chain = Chain(m_1=0.7, m_end=0.7, m=m, kappa=kappa, a=a)
@@ -119,7 +119,7 @@ def test_every_point_of_a_profiles_set_takes_the_sets_label(N: int) -> None:
 
 @pytest.mark.slow
 def test_the_full_model_settles_on_the_profiles_solutions() -> None:
-    """Nearer to them than to those of equal legs, and within the .11 rad of sec. 3.6."""
+    """Nearer to them than to those of equal legs, and within the 0.11 rad of sec. 3.6."""
     N = 5
     chain, values = profile(N)
     psi = np.asarray(solution_sets(N, chain, 7, 1))[[0, 2, 4, 6, 8], 3]
@@ -161,7 +161,7 @@ def test_no_profile_of_the_inner_legs_moves_the_source() -> None:
     assert own[1:-1].max() < own[0]
     model = MultileggedReduced(N, profile=True)
     psi = np.asarray(solution_sets(N, chain, 9, 1))[:, [2, 5]].reshape(-1, N)
-    psi = psi + np.random.default_rng(1).uniform(-0.05, 0.05, psi.shape)  # beside the line, by .05 rad
+    psi = psi + np.random.default_rng(1).uniform(-0.05, 0.05, psi.shape)  # beside the line, by 0.05 rad
     starts = {f"psi_{i + 1}": psi[:, i] for i in range(N)}
     recorder = CrossingRecorder(model, crossings=60)
     run = run_rows(model, recorder, starts, params=values, numerics=STEPS, engine="kernel")
@@ -175,7 +175,7 @@ def test_a_heavy_inner_leg_takes_the_source_away() -> None:
     N, heavy = 4, 2
     model = MultileggedReduced(N, profile=True)
     recorder = SettleRecorder(model, max_cycles=1500, tolerance=1e-9)
-    params = {"m_B": 0.6, f"m_{heavy}": 1.6}  # resets of .6 b and .8 b
+    params = {"m_B": 0.6, f"m_{heavy}": 1.6}  # resets of 0.6 b and 0.8 b
     run = run_rows(model, recorder, columns(12, N), params=params, numerics=STEPS, engine="kernel")
     psi = wrapped(run.last[:, :N])
     assert np.all(run.status == Status.settled)

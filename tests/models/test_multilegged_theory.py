@@ -285,7 +285,7 @@ def test_the_conserved_quantity() -> None:
     psi = np.asarray(solution_sets(3, samples=33, section=2))
     E = np.unwrap(np.concatenate([np.asarray(total(psi))[0][::-1], *np.asarray(total(psi))[1:]]))
     along = np.abs(np.diff(E))
-    assert (along < 0.2).all()  # no gap but for a reset, .14 rad
+    assert (along < 0.2).all()  # no gap but for a reset, 0.14 rad
     assert float(line_length(3)) == pytest.approx(12.218, abs=1e-3)
     assert float(line_length(20)) == pytest.approx(4.2 * 20, rel=0.02)  # its page: about 4.2 N
     tail = Chain(m_1=0.85, m_end=0.95)

@@ -363,7 +363,7 @@ def test_labels() -> None:
     assert label("gait_by_touchdowns") == "R-canter"
     assert label("gait_by_touchdowns", length=0.5) == "R-canter"
     assert label("gait_by_touchdowns", length_touchdown=0.94) == "unsteady"
-    # to the threshold of .07 from either side, and to half a cycle, where late becomes early
+    # to the threshold of 0.07 from either side, and to half a cycle, where late becomes early
     assert margin(delta_2_mean=0.06) == pytest.approx(0.01)
     assert margin(delta_1_mean=0.2, delta_2_mean=-0.09) == pytest.approx(0.02)
     assert margin(delta_1_mean=0.2, delta_2_mean=-0.495) == pytest.approx(0.005)

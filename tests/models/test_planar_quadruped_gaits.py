@@ -128,7 +128,7 @@ PERIOD, STANCE = 0.5, 0.5  # s, share of a cycle
 
 @jax.jit
 def _followed(loads: jax.Array, onsets: jax.Array) -> cycle.Cycle:
-    """What is read of loads (n, 4) at each millisecond, on legs that begin to swing at phases (4,)."""
+    """Readings of loads (n, 4) at each millisecond, on legs that begin to swing at phases (4,)."""
     zero, dt = jnp.zeros(()), jnp.asarray(1e-3)
 
     def flexors(t: jax.Array) -> jax.Array:
@@ -172,7 +172,7 @@ def _by_touchdowns(loads: np.ndarray, by_onsets: str = "trot") -> tuple[str, str
 def test_footfalls_name_their_gait_whatever_the_network_does(gait: str) -> None:
     by_onsets, by_touchdowns, shifts = _by_touchdowns(footfalls(gait))
     assert (by_onsets, by_touchdowns) == ("trot", gait)
-    np.testing.assert_allclose(shifts, 0.2 * np.array(signs(gait)), atol=0.004)  # steps of .002 of a cycle
+    np.testing.assert_allclose(shifts, 0.2 * np.array(signs(gait)), atol=0.004)  # steps of 0.002 of a cycle
     assert _by_touchdowns(footfalls("trot"), by_onsets=gait)[:2] == (gait, "trot")
 
 

@@ -51,7 +51,7 @@ def shares_of(signal: jax.Array, memory: float = 1e6) -> jax.Array:
 def test_shares_of_known_oscillations(
     parts: dict[float, float], once: float, twice: float, mean: float
 ) -> None:
-    """301 strides, of which the first is left out. A stride ends within a step, .3 % of it."""
+    """301 strides, of which the first is left out. A stride ends within a step, 0.3 % of it."""
     t = DT * np.arange(round(301.2 * PERIOD / DT))
     waves = [a * np.cos(2 * np.pi * part * t / PERIOD + part) for part, a in parts.items()]
     found = shares_of(jnp.asarray(mean + sum(waves, np.zeros(t.size))))
@@ -70,7 +70,7 @@ def test_the_average_forgets() -> None:
 def test_shares_are_those_of_a_traces_fft() -> None:
     """Of the trot that goes twice a stride when slow and once when fast, without load feedback.
 
-    After 60 s it has settled but for a coefficient of variation of .5 % in the slow one's period, by which
+    After 60 s it has settled but for a coefficient of variation of 0.5 % in the slow one's period, by which
     the phase in a stride is not known.
     """
     params = yaml.safe_load((CONFIGS / "fukuoka2015_body_oscillation.yaml").read_text())["params"]

@@ -62,12 +62,12 @@ def gaits() -> dict[tuple[float, float], np.ndarray]:
     ],
 )
 def test_both_branches_are_where_the_page_has_them(gaits, f: float, start: float, delta_13: float) -> None:
-    """Within .02: trot alone at 2.0, both at 2.6, walk alone at 3.2."""
+    """Within 0.02: trot alone at 2.0, both at 2.6, walk alone at 3.2."""
     assert abs(gaits[f, start][0] - delta_13) < 0.02
 
 
 def test_it_walks_as_fast_as_the_paper_says(gaits) -> None:
-    """Eq. (3) gives .187 m/s for feet that do not slip in their joints; the lag of the PD costs some."""
+    """Eq. (3) gives 0.187 m/s for feet that do not slip in their joints; the lag of the PD costs some."""
     last = np.array(list(gaits.values()))
     assert np.all(np.abs(last[:, 1:3] - math.pi) < 0.02), "left and right limbs are half a turn apart"
     assert np.all((last[:, 3] > 0.172) & (last[:, 3] < 0.184))
@@ -85,7 +85,7 @@ def test_gaits_are_labelled_and_rows_settle() -> None:
 
 @pytest.mark.slow
 def test_no_row_settles_while_its_start_holds_it() -> None:
-    """At beta = .6 a start at 2.0 stands still until it is let go of, and then leaves for a pace."""
+    """At beta = 0.6 a start at 2.0 stands still until it is let go of, and then leaves for a pace."""
     recorder = SettleRecorder(MODEL, max_cycles=200, tolerance=1e-3)
     result = run_rows(
         MODEL, recorder, {"delta_13": np.array([2.0])}, params={"beta": 0.6}, numerics=STEPS, engine="kernel"
@@ -140,7 +140,7 @@ def test_located_events_and_small_steps_agree() -> None:
 
 @pytest.mark.slow
 def test_where_trot_and_walk_are_lost() -> None:
-    """By holds of 120 s with located events: intervals of .02 that hold the edges, 2.345 and 2.85."""
+    """By holds of 120 s with located events: intervals of 0.02 that hold the edges, 2.345 and 2.85."""
     f = np.array([2.335, 2.355, 2.84, 2.86])
     starts = np.array([2.37, 2.37, 2.83, 2.83])
     last = crossings(starts, 318, params={"f": f}, numerics=LOCATED)[:, -1, 0]

@@ -1,4 +1,4 @@
-"""What the paper leaves open about the quadruped with a waist: each choice against something independent."""
+"""Choices that the paper of the quadruped with a waist leaves open, each against an independent result."""
 
 # MuJoCo's compiled modules come without types.
 # pyright: reportAttributeAccessIssue=false

@@ -112,7 +112,7 @@ def test_landings_and_feet_are_those_of_a_loop_in_mujoco() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "dt", "near"), [("rk4", 3e-4, 1e-3), ("semi_implicit", 2e-4, 2e-3)])
 def test_feet_are_those_of_a_trace(method: str, dt: float, near: float) -> None:
-    """Duty factors and touchdowns, summed over 20 cycles, beside the contacts sampled every .2 ms."""
+    """Duty factors and touchdowns, summed over 20 cycles, beside the contacts sampled every 0.2 ms."""
     numerics, every, count = Numerics(dt=dt, method=method), 2e-4, 20
     table = observed(QUICK, count, numerics)
     total = float(np.sum(table["period"]))

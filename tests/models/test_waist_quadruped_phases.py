@@ -78,7 +78,7 @@ def test_phases_of_trot_walk_and_pace_are_the_papers(tmp_path: Path) -> None:
     trot, walk = [0, 1, 4, 7], [2, 3, 5, 6]
     assert np.abs(phases[trot] - 3.1).max() < 0.08
     assert np.abs(phases[walk] - 2.7).max() < 0.08
-    # the paper's pace is at .6
+    # the paper's pace is at 0.6
     assert np.abs(phases[[8, 9]]).max() < 0.1
     assert np.abs(table["speed_end"][trot] - 0.177).max() < 0.003
 
@@ -96,7 +96,7 @@ def test_knees_ahead_give_fig_5_but_not_fig_6(tmp_path: Path) -> None:
     assert np.abs(phases[trot] - 3.1).max() < 0.08
     assert np.abs(phases[walk] - 2.7).max() < 0.13
     assert np.abs(phases[pace] - 0.27).max() < 0.03
-    # the paper has the walk alone at .756, and the trot alone at .745
+    # the paper has the walk alone at 0.756, and the trot alone at 0.745
     assert phases[10] > 3.0
     assert phases[11] < 2.9
     assert (table[[f"touchdowns_{i}_end" for i in range(1, 5)]].to_numpy() <= 2).all()

@@ -77,7 +77,7 @@ def in_steps(T_hold: jax.Array, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
 def test_the_order_holds_across_the_end_of_the_start(found: Any, dt: list[float], order: int) -> None:
     """X = delta_13 - wanted goes by x' = -2 K_hold sin x until T_hold, so tan(x/2) dies away, and then stays.
 
-    An order within .3 at every T_hold: none of them lies at a step's end, where alone a switch in the flow
+    An order within 0.3 at every T_hold: none of them lies at a step's end, where alone a switch in the flow
     would leave it.
     """
     exact = 2.0 * np.arctan(np.tan(0.5 * AWAY) * np.exp(-2.0 * K_HOLD * T_HOLD))
@@ -91,7 +91,7 @@ def test_the_order_holds_across_the_end_of_the_start(found: Any, dt: list[float]
 
 @pytest.mark.slow
 def test_the_whole_quadruped_is_let_go_of_at_an_instant() -> None:
-    """Phases in steps of .2 and .1 ms agree to 1e-8 rad past T_grow and T_hold, no foot having landed since.
+    """Phases in steps of 0.2 and 0.1 ms agree to 1e-8 rad past T_grow and T_hold, before a foot lands.
 
     The pull as a switch inside the flow leaves 4e-5 there.
     """

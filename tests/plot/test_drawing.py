@@ -1,4 +1,4 @@
-"""How models are drawn: where limbs and feet are, from which side they are seen, what a picture follows."""
+"""Drawings of models: places of limbs and feet, the side of the view, and the point that it follows."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_the_picture_follows_the_body_but_not_its_sway(tmp_path: Path) -> None:
     times = np.linspace(0.0, 0.8, 161)
     drawn = motion.model.skeleton(motion.values, motion.at(times))
     assert drawn is not None
-    clip = Clip(times, drawn, motion.t, motion.contact(4), motion.period, motion.title)
+    clip = Clip(times, drawn, motion.t, motion.contact(4), motion.period, "")
     # at constant speed its mean over a cycle is where it is, at both ends too
     np.testing.assert_allclose(clip.camera[:, 0], SPEED * times - 0.05, atol=1e-9)
     assert clip.down.shape == (161, 4)

@@ -188,6 +188,19 @@ def test_a_branch_is_not_joined_over_points_that_are_not_there() -> None:
         assert max(x1 - x0 for x0, _, x1, _ in pieces) == pytest.approx(0.1)
 
 
+def test_both_directions_of_a_map_are_lines_of_their_own() -> None:
+    """`continue_` follows a branch both ways from one point; y is the map's first coordinate."""
+    both = [branch(0, 1.0, 0.5, end).assign(direction=way) for way, end in ((1, 1.0), (-1, 0.0))]
+    table = followed(*both)
+    table.attrs["recorded"] = ["delta_13"]
+    pieces = joined(plot.continuation(table).axes[0])
+    assert len(pieces) == 20
+    assert max(abs(x1 - x0) for x0, _, x1, _ in pieces) == pytest.approx(0.05)
+    del table.attrs["recorded"]
+    with pytest.raises(plot.PlotError, match=r"give y\. Allowed: row, mass, point, f, delta_13"):
+        plot.continuation(table)
+
+
 def test_no_area_of_stability_goes_over_a_value_at_which_there_is_none() -> None:
     """The trot is stable at masses of 1, 2, 4 and 5, the walk alone at 3: two areas, not one."""
     rows = [

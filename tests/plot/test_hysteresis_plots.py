@@ -15,7 +15,7 @@ from gaitsweep import plot
 from gaitsweep.extension import gait_styles
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.bifurcations.passes import DOWN, UP
-from gaitsweep.plot.style import COLOURS, angle_ticks, in_pi
+from gaitsweep.plot.theme import COLOURS, angle_ticks, in_pi
 from tests.support.hysteresis_tables import (
     FOLD,
     delta,
@@ -262,9 +262,8 @@ def test_gait_map_names_the_set_of_each_cell() -> None:
     names += ["another gait", "not settled", "failed"]
     assert [text.rsplit("  ")[0] for text in texts(figure)] == names
     cells = np.asarray(axes.collections[0].get_facecolor()).reshape(3, 9, 4)
-    assert max(cells[1, 8][:3]) < max(
-        to_rgba(gait_styles()["trot"][0])[:3]
-    )  # darker: its start from the walk fell
+    # darker: its start from the walk fell
+    assert max(cells[1, 8][:3]) < max(to_rgba(gait_styles()["trot"][0])[:3])
     assert tuple(cells[1, 0]) == to_rgba(gait_styles()["walk"][0])
     assert tuple(cells[1, 4]) == to_rgba("#009E73")
     assert tuple(cells[0, 8]) == to_rgba(COLOURS["none"])

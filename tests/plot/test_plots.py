@@ -18,7 +18,7 @@ from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.columns import axis_label, row_names, written
 from gaitsweep.plot.limbs import limb_colours
-from gaitsweep.plot.style import COLOURS
+from gaitsweep.plot.theme import COLOURS
 from tests.support.plot_tables import AXES, POINTS, TURN, crossing_table, rendered, settle_table, trace_table
 
 
@@ -195,9 +195,8 @@ def test_footprints_put_leg_1_on_top_and_count_cycles() -> None:
     bars = first.collections[0].get_paths()[0].get_extents()
     assert (bars.x0, bars.x1) == pytest.approx((0.0, 12.0), abs=0.06)
     assert to_hex(faces(first.collections[0])[0]) == "#000000"
-    assert {line.get_color() for line in first.lines} == {
-        gait_styles()["retrograde"][0]
-    }  # each leg after the one before it
+    # each leg after the one before it
+    assert {line.get_color() for line in first.lines} == {gait_styles()["retrograde"][0]}
     assert not plot.footprints(trace_table(), guides=False).axes[0].lines
 
 

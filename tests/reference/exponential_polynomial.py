@@ -30,7 +30,7 @@ def remainder(z: Array, order: int) -> Array:
 
 
 def shares(order: int, degree: int, reach: float, rounds: int = 300) -> list[float]:
-    """How much of each Taylor term z^k/k! is kept, k = 1..degree."""
+    """Share of each Taylor term z^k/k! that is kept, k = 1..degree."""
     z = -reach * (1.0 - np.cos(np.linspace(0.0, np.pi, 1500)[1:])) / 2.0
     goal, scale = remainder(z, order), np.abs(z) ** (order + 1)
     basis = chebyshev.chebvander(2.0 * z / reach + 1.0, degree - order - 1)

@@ -1,4 +1,4 @@
-"""Makes lorenz_crossings.csv: successive values of the Lorenz system by SciPy (run this file).
+"""Write lorenz_crossings.csv: successive values of the Lorenz system by SciPy (run this file).
 
 Two sequences of 1 000 values from one trajectory (sigma 10, rho 28, beta 8/3), after a transient of 30: `x`
 where z falls through rho - 1, whose map jumps and has two branches over one x, but no fixed point; and `z` at

@@ -1,16 +1,16 @@
-"""Makes the data files beside it: `cd tests && python -m reference.make_reference crossings|settled|traces`.
+"""Write the data files beside it: `cd tests && python -m reference.make_reference crossings|settled|traces`.
 
-Work is kept row by row in a cache folder, so that a run may stop (--minutes) and be taken up again.
+Each row is stored in a cache folder, so that an interrupted run (--minutes) can be continued.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import platform
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,19 +22,20 @@ from . import multilegged_exact, multilegged_scipy
 from .multilegged_page import TURN, Array, Crossing, Parameters, Record, State
 
 HERE = Path(__file__).parent
-GRAZE = 1e-6  # rad or s: where the two methods differ by more, the start grazes
+GRAZE = 1e-6  # rad or s; a start at which the two methods differ by more grazes a guard
 SETTLING_CROSSINGS = 120
+COMPARED = 20  # starts of the settled set that are also computed by solve_ivp
 TRACE_TIMES = [round(0.7351 * k + 0.0137, 4) for k in range(50)]  # s; over two cycles, off the events
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class StartSet:
     """Random starts that share parameters, uniform in [0, highest]; the seed of set number k is [2021, k]."""
 
     name: str
     starts: int
     crossings: int
-    changes: dict[str, Any] = field(default_factory=dict)
+    changes: dict[str, Any] = dataclasses.field(default_factory=dict)
     highest: tuple[float, ...] = (TURN,)
 
     @property
@@ -55,27 +56,27 @@ SETS = (
     # Leg 1 passes 2 pi without landing in most starts with psi_1 and psi_2 near 0, in 1 of 2000 elsewhere.
     StartSet("wraps", 20, 4, {}, (0.08, 0.24, TURN)),
 )
+BY_NAME = {chosen.name: chosen for chosen in SETS}
 CROSSING_SETS = tuple(chosen for chosen in SETS if chosen.name not in ("settled", "traces"))
 
 
 def random_starts(name: str) -> Array:
     """The starts psi (rad, six decimals) of a set, (starts, N)."""
-    number = [chosen.name for chosen in SETS].index(name)
-    chosen = SETS[number]
+    number, chosen = list(BY_NAME).index(name), BY_NAME[name]
     shape = (chosen.starts, chosen.parameters.N)
     draw = np.random.default_rng([2021, number]).uniform(0.0, chosen.highest, shape)
     return np.round(draw - 5e-7, 6).clip(0.0)
 
 
 class Cache:
-    """Results as JSON files, and the time after which no new one is begun."""
+    """A folder of results as JSON files, and the deadline after which no new one is computed."""
 
     def __init__(self, folder: Path, minutes: float) -> None:
         self.folder, self.deadline = folder, time.monotonic() + 60.0 * minutes
         folder.mkdir(parents=True, exist_ok=True)
 
     def get(self, key: str, make: Callable[[], Any]) -> Any | None:
-        """The kept result, or a new one, or None once time is up."""
+        """The stored result, or a new one, or None after the deadline."""
         path = self.folder / f"{key}.json"
         if path.exists():
             return json.loads(path.read_text())
@@ -89,6 +90,7 @@ class Cache:
 
 
 def plain(crossings: list[Crossing]) -> list[list[float]]:
+    """Crossings as numbers: time (s), 1 if leg 1 landed, and psi (rad)."""
     return [[c.t, float(c.landed), *map(float, c.psi)] for c in crossings]
 
 
@@ -101,6 +103,7 @@ def difference(one: Array, other: Array) -> Array:
 
 
 def header(lines: list[str]) -> str:
+    """The comment at the head of a data file: lines of its own, versions and the sets of starts."""
     made = f"numpy {np.__version__}, scipy {scipy.__version__}, Python {platform.python_version()}"
     sets = [f"set {s.name}: {s.starts} starts, {json.dumps(s.changes)}" for s in SETS]
     lines = [*lines, f"made by tests/reference/make_reference.py; {made}", *sets]
@@ -108,6 +111,7 @@ def header(lines: list[str]) -> str:
 
 
 def compute(cache: Cache, method: str, chosen: StartSet, k: int, psi: Array) -> list[list[float]] | None:
+    """The crossings of start number k of a set by one method, exact or scipy; None after the deadline."""
     run = multilegged_exact.run if method == "exact" else multilegged_scipy.run
     key = f"{method}-{chosen.name}-{k:03d}"
     return cache.get(key, lambda: plain(run(chosen.parameters, psi, chosen.crossings).crossings))
@@ -144,18 +148,18 @@ def make_crossings(cache: Cache) -> str:
 
 def make_settled(cache: Cache) -> str:
     """multilegged_settled.csv: psi at the last of SETTLING_CROSSINGS crossings, by the exact propagator."""
-    chosen = SETS[7]
+    chosen = BY_NAME["settled"]
+    long = dataclasses.replace(chosen, crossings=SETTLING_CROSSINGS)
     rows, checked, unfinished = [], [], 0
     for k, psi in enumerate(random_starts("settled")):
-        long = StartSet("settled", 200, SETTLING_CROSSINGS)
         exact = compute(cache, "exact", long, k, psi)
         if exact is None:
             unfinished += 1
             continue
         table = np.array(exact)
-        if k < 20:
+        if k < COMPARED:
             record = compute(cache, "scipy", chosen, k, psi)
-            checked += [difference(table[:11], np.array(record))[-1]] if record else []
+            checked += [difference(table[: chosen.crossings + 1], np.array(record))[-1]] if record else []
         step = np.abs((table[-1, 2:] - table[-2, 2:] + np.pi) % TURN - np.pi).max()
         cells = [f"{angle:.6f}" for angle in psi] + [f"{angle:.9f}" for angle in table[-1, 2:]]
         rows.append(f"{k},{table[-1, 0]:.9f},{int((table[:, 1] == 0).sum())},{step:.1e}," + ",".join(cells))
@@ -171,12 +175,13 @@ def make_settled(cache: Cache) -> str:
 
 
 def flat(state: State, p: Parameters) -> list[float]:
+    """A state as numbers: time, heights, velocities, phases, lags and contacts."""
     return [state.t, *(state.x + p.L), *state.v, *state.phi, *state.y, *map(float, state.contact)]
 
 
 def make_traces(cache: Cache) -> str:
     """multilegged_traces.csv: the state at TRACE_TIMES of three starts, and how far the methods differ."""
-    p = SETS[8].parameters
+    p = BY_NAME["traces"].parameters
     rows, apart, unfinished = [], np.zeros(5), 0
     for k, psi in enumerate(random_starts("traces")):
         both = []
@@ -205,6 +210,7 @@ def make_traces(cache: Cache) -> str:
 
 
 def sample(run: Callable[..., Record], p: Parameters, psi: Array) -> list[list[float]]:
+    """The states of one start at TRACE_TIMES."""
     return [flat(state, p) for state in run(p, psi, 1, times=TRACE_TIMES).samples]
 
 

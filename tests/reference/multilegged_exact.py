@@ -1,9 +1,9 @@
 """The multi-legged model by exact propagation: between events it is linear, a matrix for each contact mode.
 
 The state (x, v, l, w, c, 1), with w = dl/dphi y and c = dl/dphi omega, obeys s' = A s; A depends only on
-which legs push. Blocks of samples come from tabled exponentials; steps double from 0.25 ms after an event
-to 8 ms. A sample interval where a guard rises through zero, or where its tangents leave room for a hidden
-touch, is looked at again in 0.25 ms steps, there by the Taylor polynomial of order 18 and `brentq`.
+which legs push. Blocks of samples come from stored exponentials; steps double from 0.25 ms after an event
+to 8 ms. A sample interval where a guard rises through zero, or where its tangents do not exclude a hidden
+touch, is repeated in 0.25 ms steps, there by the Taylor polynomial of order 18 and `brentq`.
 """
 
 from __future__ import annotations
@@ -28,8 +28,10 @@ from .multilegged_page import (
     start,
 )
 
-FINEST, LEVELS = 2.5e-4, 6  # s
-SAMPLES, ORDER = 32, 18
+FINEST = 2.5e-4  # s, the shortest interval of samples
+LEVELS = 6  # lengths of these intervals, each twice the one before
+SAMPLES = 32  # intervals of a block
+ORDER = 18  # of the Taylor polynomial over the shortest interval
 
 
 @lru_cache(maxsize=1024)
@@ -64,7 +66,7 @@ def propagators(p: Parameters, pushing: tuple[bool, ...], level: int) -> Array:
 
 
 class Flow:
-    """The exact solution from one state on, its modes held: samples, guards, Taylor polynomial."""
+    """The exact solution from a state while its modes stay: samples, guards, Taylor polynomial."""
 
     def __init__(self, p: Parameters, state: State) -> None:
         self.p, self.state, self.n = p, state, p.N + 1
@@ -76,8 +78,8 @@ class Flow:
         self.sign = np.where(state.contact, -1.0, 1.0)
         self.pull = np.where(state.slack, 1.0, -1.0)
 
-    def values(self, x: Array, v: Array, leg: Array, rate: Array) -> Array:
-        """Guards that rise where they fire: contacts, then (clamp) forces; the last axis holds them."""
+    def guards(self, x: Array, v: Array, leg: Array, rate: Array) -> Array:
+        """The guards, which rise where they fire, along the last axis: contacts, then (clamp) forces."""
         contact = self.sign * (leg - x)
         if not self.p.clamp:
             return contact
@@ -94,7 +96,7 @@ class Flow:
         leg = self.leg + self.c * time + self.w * (self.p.tau * (1.0 - decay))
         rate = self.c + self.w * decay
         x, v = states[:, :n], states[:, n:]
-        guard = self.values(x, v, leg, rate)
+        guard = self.guards(x, v, leg, rate)
         slope = self.sign * (rate - v)
         if self.p.clamp:
             matrix = system_matrix(self.p, self.pushing)[n : 2 * n]
@@ -106,25 +108,25 @@ class Flow:
         return states, guard, slope
 
     def polynomials(self) -> tuple[Array, Array]:
-        """Taylor coefficients in s / FINEST: of the state (ORDER + 1, 5 n + 1) and of the guards."""
+        """Taylor coefficients in units of FINEST: of the state (ORDER + 1, 5 n + 1) and of the guards."""
         matrix = system_matrix(self.p, self.pushing) * FINEST
         terms = [self.s]
         for k in range(1, ORDER + 1):
             terms.append(matrix @ terms[-1] / k)
         series = np.array(terms)
         x, v, leg, w, c = (series[:, k * self.n : (k + 1) * self.n] for k in range(5))
-        guard = self.values(x, v, leg, w + c)
+        guard = self.guards(x, v, leg, w + c)
         if self.p.clamp:
             guard[1:, self.n :] = np.where(self.state.contact, guard[1:, self.n :], 0.0)
         return series, guard
 
-    def after(self, s: float, mechanics: Array) -> State:
-        """The state `s` seconds on, given (x, v) there."""
+    def after(self, seconds: float, mechanics: Array) -> State:
+        """The state some seconds later, from its (x, v) there."""
         p, old = self.p, self.state
         x, v = mechanics.reshape(2, -1).copy()
-        phi = old.phi + p.omega * s - old.y * p.tau * np.expm1(-s / p.tau)
-        y = old.y * np.exp(-s / p.tau)
-        return State(old.t + s, x, v, phi, y, old.contact, old.segment, old.slack, old.landed)
+        phi = old.phi + p.omega * seconds - old.y * p.tau * np.expm1(-seconds / p.tau)
+        y = old.y * np.exp(-seconds / p.tau)
+        return State(old.t + seconds, x, v, phi, y, old.contact, old.segment, old.slack, old.landed)
 
     def corner(self) -> tuple[float, int]:
         """Seconds until the first leg reaches the end of its segment, and that leg."""
@@ -134,10 +136,10 @@ class Flow:
             gap = float(p.corners[old.segment[i]] - old.phi[i])
             y = float(old.y[i])
 
-            def short(s: float, gap: float = gap, y: float = y) -> float:
-                return p.omega * s - y * p.tau * np.expm1(-s / p.tau) - gap
+            def past_the_end(seconds: float, gap: float = gap, y: float = y) -> float:
+                return p.omega * seconds - y * p.tau * np.expm1(-seconds / p.tau) - gap
 
-            moment = 0.0 if gap <= 0.0 else _zero(short, gap / p.omega + 1e-12)
+            moment = 0.0 if gap <= 0.0 else _zero(past_the_end, gap / p.omega + 1e-12)
             if moment < best:
                 best, leg = moment, i
         return best, leg
@@ -195,13 +197,13 @@ def next_event(p: Parameters, state: State, fresh: int | None, until: float) -> 
             series, polynomial = flow.polynomials()
             suspects = np.flatnonzero(rising[0] | (guard[0] >= 0.0))
             roots = [(_root(polynomial[:, k], end / FINEST, k == fresh), int(k)) for k in suspects]
-            found = min(((root, k) for root, k in roots if root is not None), default=None)
-            s = end if found is None else found[0] * FINEST
-            mechanics = (s / FINEST) ** np.arange(ORDER + 1) @ series[:, : 2 * flow.n]
-            state = flow.after(s, mechanics)
-            if found is not None:
-                leg = found[1] % flow.n
-                kind = "force" if found[1] >= flow.n else "lift" if state.contact[leg] else "touch"
+            first = min(((root, k) for root, k in roots if root is not None), default=None)
+            seconds = end if first is None else first[0] * FINEST
+            mechanics = (seconds / FINEST) ** np.arange(ORDER + 1) @ series[:, : 2 * flow.n]
+            state = flow.after(seconds, mechanics)
+            if first is not None:
+                leg = first[1] % flow.n
+                kind = "force" if first[1] >= flow.n else "lift" if state.contact[leg] else "touch"
                 return state, kind, leg
             if end == ahead:
                 return (state, "corner", turning) if ahead == spare else (state, "sample", 0)
@@ -223,9 +225,10 @@ def run(
     times: Sequence[float] = (),
     phi_1: float | None = None,
 ) -> Record:
-    """Runs from section 1 until `crossings` more crossings (and all sample `times`, s) have passed.
+    """Run from section 1 until `crossings` more crossings and all sample `times` (s) have passed.
 
-    Raises ArithmeticError if 2000 events a cycle are exceeded.
+    Raises:
+        ArithmeticError: more than 2000 events a cycle.
     """
     state = start(p, psi, phi_1)
     record = Record([section(state, True)])

@@ -111,7 +111,7 @@ class Crossing:
 
 @dataclass
 class Record:
-    """What a run leaves: crossings (0 is the start), sampled states, the numbers of events and steps."""
+    """Record of a run: crossings (0 is the start), sampled states, the numbers of events and steps."""
 
     crossings: list[Crossing] = field(default_factory=list)
     samples: list[State] = field(default_factory=list)

@@ -109,7 +109,7 @@ def run(
     max_step: float = 0.01,
     phi_1: float | None = None,
 ) -> Record:
-    """Runs from section 1 until `crossings` more crossings (and all sample `times`, s) have passed.
+    """Run from section 1 until `crossings` more crossings (and all sample `times`, s) have passed.
 
     Raises ArithmeticError if the integrator fails or 2000 events a cycle are exceeded.
     """

@@ -84,7 +84,7 @@ class Quadruped:
         self.jacobian = np.zeros((3, 15))
 
     def slope(self, pitch: float) -> float:
-        """How much higher the fore feet are than the hind feet with the body pitched (m)."""
+        """Height of the fore feet above the hind feet with the body pitched (m)."""
         self.y[3], self.y[5] = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
         self.placed(self.y)
         return self.data.site_xpos[self.sites[0]][2] - self.data.site_xpos[self.sites[2]][2]
@@ -96,7 +96,7 @@ class Quadruped:
         return math.atan2(-x, -z) - bend * inner, 2.0 * bend * inner
 
     def path(self, i: int, t: float, phi: float) -> tuple[float, float]:
-        """Where foot i should be relative to its hip (x, z), m."""
+        """Desired position of foot i relative to its hip (x, z), m."""
         p = self.p
         grown = t / p["T_grow"] if self.growing else 1.0
         D, h, H = p["D"] * grown, p["h"] * grown, self.H[i]
@@ -210,7 +210,7 @@ class Quadruped:
         return rate
 
     def guards(self, t: float, y: np.ndarray) -> np.ndarray:
-        """What rises through zero at an event (10,): corners (4), feet (4), the start's ends (2)."""
+        """Guards, which rise through zero at an event (10,): corners (4), feet (4), the start's ends (2)."""
         self.placed(y)
         corners = [TWO_PI, self.p["gate"] * self.AEP, self.AEP, TWO_PI]
         turned = [y[31 + i] - corners[self.segment[i]] for i in range(4)]
@@ -221,7 +221,7 @@ class Quadruped:
         return np.array([*turned, *feet, grown, free])
 
     def jump(self, fired: np.ndarray) -> Landing | None:
-        """What follows from the guards that have risen; limb 3's landing where it lands."""
+        """Apply the jumps of the guards that have risen; return limb 3's landing if it lands."""
         self.placed(self.y)
         wanted = [self.path(i, self.time, float(self.y[31 + i])) for i in range(4)]
         found = None
@@ -254,7 +254,7 @@ class Quadruped:
         return self.ended() if found is True else None
 
     def landing_point(self, i: int, wanted: tuple[float, float], resets: bool) -> tuple[float, float]:
-        """Where the line of limb i's stance begins; without a reset, at the AEP."""
+        """Beginning of the line of limb i's stance; without a reset, the AEP."""
         if not resets:
             grown = self.time / self.p["T_grow"] if self.growing else 1.0
             return self.x_c[i] + 0.5 * self.p["D"] * grown, -self.H[i]
@@ -265,7 +265,7 @@ class Quadruped:
         return tuple(wanted[k] + share * (foot[2 * k] - wanted[k]) for k in (0, 1))
 
     def ended(self) -> Landing:
-        """What is read of the cycle that limb 3's landing ends."""
+        """Readings of the cycle that limb 3's landing ends."""
         on = [
             self.time - since if down else 0.0
             for since, down in zip(self.down_since, self.contact, strict=True)
@@ -330,9 +330,9 @@ def landings(
             guards = walker.guards(walker.time, walker.y)
             h = min(h, 1e-5)
             continue
-        taken = advanced(walker.rates, walker.guards, walker.time, walker.y, h, guards, rtol)
-        chain = 0 if taken.t - walker.time > 1e-9 else chain
-        walker.time, walker.y, guards, h = taken.t, taken.y, taken.guards, taken.h
+        accepted = advanced(walker.rates, walker.guards, walker.time, walker.y, h, guards, rtol)
+        chain = 0 if accepted.t - walker.time > 1e-9 else chain
+        walker.time, walker.y, guards, h = accepted.t, accepted.y, accepted.guards, accepted.h
         if walker.fell():
             raise Fallen(f"at t = {walker.time} s")
         if walker.time > limit:

@@ -70,7 +70,7 @@ class Quadruped:
         return math.atan2(-x, -z) - BEND[i] * inner, 2.0 * BEND[i] * inner
 
     def path(self, phi: float, stance: bool, LP: np.ndarray) -> np.ndarray:
-        """Where a foot should be relative to its hip (x, z)."""
+        """Desired position of a foot relative to its hip (x, z)."""
         grown = min(self.time / self.T_grow, 1.0)
         D, h = 0.056 * grown, 0.0393 * grown
         PEP, AEP = np.array([self.x_c - D / 2, -self.H]), np.array([self.x_c + D / 2, -self.H])

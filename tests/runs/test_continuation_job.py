@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,9 @@ def job(**changes) -> Job:
 @pytest.mark.slow
 def test_table_of_branches(tmp_path: Path) -> None:
     """The toy's launch speed u* = kick/(1 - r), kick = w/4 of the stiffness w^2, with multiplier r."""
-    table = gs.load(gs.run(job(), out=tmp_path).path)
+    reports: list[tuple[float, str]] = []
+    gs.run(job(), out=tmp_path, on_progress=lambda *now: reports.append((now[3], now[4])))
+    table = gs.load(tmp_path)
     assert set(table["row"]) == {0, 1}
     for row, stiffness in ((0, 4.0), (1, 9.0)):
         branch = table[table["row"] == row]
@@ -45,6 +48,11 @@ def test_table_of_branches(tmp_path: Path) -> None:
         assert set(branch["status"]) == {"complete"}
     assert table["gait"].dtype == "category"
     assert (tmp_path / "figures" / "continuation.png").exists()
+    assert [note for _, note in reports[:2]] == ["compiling", "compiling, settling for 5 cycles"]
+    under_way = [(share, note) for share, note in reports if 0.0 < share < 1.0]
+    assert [share for share, _ in under_way] == sorted(share for share, _ in under_way)  # it has no fold
+    assert under_way[-1][0] > 0.5
+    assert re.match(r"\d+ points of 2 branches, [12] not at their ends", under_way[-1][1])
 
 
 @pytest.mark.slow

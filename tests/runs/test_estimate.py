@@ -1,4 +1,4 @@
-"""What a dry run says of rows, records and disk, against what a small run of each kind writes."""
+"""Estimates of rows, records and disk by a dry run, against the files of a small run of each kind."""
 
 from __future__ import annotations
 

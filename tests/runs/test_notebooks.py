@@ -46,7 +46,7 @@ assert np.abs(summary["most cycles"] / summary["along all of the line"] - 1)[[0.
 assert not inside["share of others"].any()
 assert gaits.loc[gaits["m_B"] < 0.5, "share of others"].all()
 """,
-    # Samples are 2 ms apart. Steps of 0.2 ms move delta_13 by .005 rad at most. Edges hold those that
+    # Samples are 2 ms apart. Steps of 0.2 ms move delta_13 by 0.005 rad at most. Edges hold those that
     # located events give on a grid ten times finer; the unstable gait lies among those that Newton finds.
     "waist_quadruped_tour.ipynb": """
 for row, late in ((0, 0.052), (1, 0.018)):
@@ -111,7 +111,7 @@ assert np.ptp(limp[:3]) > 1 and np.abs(limp[3:6] - limp[:3]).max() < 1e-9
 assert np.abs(flips / analytic - 1).max() < 1e-5
 assert (stuck["status"] == "event_stall").all()
 """,
-    # The planted constants; the limits are the text's. Branches lie within .03 rad of what a figure shows.
+    # The planted constants; the limits are the text's. Branches lie within 0.03 rad of what a figure shows.
     "which_constants.ipynb": """
 assert abs(best.kappa / 100 - 1) < 0.02 and abs(best.beta / 0.8 - 1) < 0.001
 assert found.identifiability.fitting > 20 and even.identifiability.fitting > 10

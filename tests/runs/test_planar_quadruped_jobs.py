@@ -81,7 +81,7 @@ def test_loads_and_pitch_go_with_the_gaits(tmp_path: Path) -> None:
     ]
     table = _table(tmp_path, "loads", *axes)
     told = loading_rule(pairs_in(table)).set_index("measure")
-    # r = -.96 and all signs right over 21 speeds; a measure without the sign's meaning would have half
+    # r = -0.96 and all signs right over 21 speeds; a measure without the sign's meaning would have half
     assert told.loc["load_together", "r"] < -0.9
     assert told.loc["load_together", "right"] > 0.95
     assert told.loc["load_stance", "right"] > 0.9

@@ -13,7 +13,7 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.job import JobError
 from gaitsweep.kinds import run_kind
-from gaitsweep.runs import refined as refinement
+from gaitsweep.runs import refinement
 from gaitsweep.runs.estimate import estimate
 from gaitsweep.table import EncodedPart, ResultDirectory
 from gaitsweep.view.report import write_report

@@ -1,4 +1,4 @@
-"""Runs that check themselves: rows repeated as they were and with finer steps, and what differs."""
+"""Self-checks of runs: rows repeated as they were and with finer steps, and what differs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a short run over the ranges says of a model, and what a run remarks about its own rows."""
+"""Findings of a short run over the ranges of a model, and remarks of a run about its own rows."""
 
 from __future__ import annotations
 
@@ -222,26 +222,69 @@ def test_check_model_tries_the_ranges_and_looks_at_energies() -> None:
     assert any("energy is kept between events" in each for each in whole.remarks)
 
 
-def with_start(name: str) -> type[gs.HybridModel]:
-    """The model with one more variable."""
-    more = gs.variable("1", "one more", 1.0, scale=1.0)
-    members = {name: more, "flow": lambda self, p, s: {**Unlabelled.flow(self, p, s), name: 0.0 * s.x}}
-    return type("More", (Unlabelled,), members)
+class Careless(gs.DeclaredModel):
+    """A phase that turns, beside which a spring of a wide range relaxes; two walls that nothing meets."""
+
+    w = gs.parameter("rad/s", "frequency", 2.0, low=1.0, high=3.0)
+    k = gs.parameter("1/s", "rate of relaxation", 2.0, low=0.1, high=1e5)
+    phase = gs.variable("rad", "phase", 0.0, circular=True)
+    x = gs.variable("1", "distance from rest", 1.0, low=0.5, high=2.0)
+
+    def flow(self, p, s):
+        return {"phase": p.w, "x": -p.k * s.x}
+
+    @gs.event("turns", section=True)
+    def turns(self, p, s):
+        return s.phase - 2.0 * jnp.pi
+
+    @turns.jump
+    def turned(self, p, s):
+        return s.replace(phase=s.phase - 2.0 * jnp.pi, x=1.0 + s.x)
+
+    @gs.event("wall {} is met", count=2)
+    def wall(self, p, s):
+        return s.x * jnp.ones(2) - jnp.array([20.0, 30.0])
+
+    @gs.event("x is small", direction="both")
+    def small(self, p, s):
+        return s.x - 0.4
+
+    @gs.observable("1", "a constant", scale=1.0)
+    def ten(self, p, s):
+        return 10.0 + 0.0 * s.x
+
+    def period(self, p):
+        return 2.0 * jnp.pi / p.w
 
 
-@pytest.mark.parametrize(
-    ("kind", "column", "run"),
-    [
-        (type("More", (Unlabelled,), {"x_end": gs.parameter("1", "one more", 1.0)}), "x_end", "settle"),
-        (type("More", (Unlabelled,), {"t": gs.parameter("1", "one more", 1.0)}), "t", "return_map"),
-        (with_start("status"), "status", "trace"),
-    ],
-)
-def test_a_model_whose_names_some_table_has_otherwise_is_not_good(
-    kind: type[gs.HybridModel], column: str, run: str
-) -> None:
-    told = f"which has a quantity {column}, but a table of {run} has a column of that name"
-    assert [each.partition(":")[0] for each in trial(kind).faults] == [told]
+@pytest.mark.slow
+def test_check_model_warns_of_what_a_careful_user_would_see() -> None:
+    told = [each for each in trial(Careless).remarks if each.startswith("Warning: ")]
+    assert len(told) == 3
+    assert "rows tried: phase (0), ten (10); observed=False" in told[0]
+    assert "no row that was tried: 'wall 1 is met', 'wall 2 is met';" in told[1]
+    assert "k = 1e+05, far from its default 2, makes the flow stiff: its fastest rate is 1e+05 1/s" in told[2]
+
+
+@pytest.mark.slow
+def test_check_model_does_not_miss_an_event_that_ends_rows() -> None:
+    """The runner's mass hits the ground after the last apex, and so after the last crossing."""
+    assert not [each for each in trial(SlipRunner).remarks if each.startswith("Warning: ")]
+
+
+@pytest.mark.slow
+def test_check_model_warns_of_a_section_that_is_not_crossed_and_of_stiff_defaults() -> None:
+    class Stays(Careless):
+        k = gs.parameter("1/s", "rate of relaxation", 1e4, low=0.9e4, high=1.1e4)
+
+        @gs.event("turns", section=True)
+        def turns(self, p, s):
+            return -s.phase - 2.0 * jnp.pi
+
+    told = " ".join(trial(Stays).remarks)
+    assert "Warning: No row crossed the section" in told
+    assert "Warning: At the defaults the flow is stiff: its fastest rate is 1e+04 1/s" in told
+    assert "far from its default" not in told
 
 
 class Rooted(Unlabelled):

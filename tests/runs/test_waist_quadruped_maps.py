@@ -14,13 +14,13 @@ SWEEPS = Path(__file__).parents[2] / "sweeps"
 
 
 # those of the jobs' figures
-BANDWIDTH = 0.015  # rad; at beta = .7515 the trot and the unstable gait are .04 rad apart
+BANDWIDTH = 0.015  # rad; at beta = 0.7515 the trot and the unstable gait are 0.04 rad apart
 OF_THE_MAP = 0.03  # rad
 
 
 @pytest.mark.slow
 def test_branches_over_beta_end_where_holds_lose_the_gaits(tmp_path: Path) -> None:
-    """Walk is lost between .7485 and .7490, trot between .7520 and .7525 (waist_quadruped_beta_edges.yaml).
+    """Walk ends between 0.7485 and 0.7490, trot between 0.7520 and 0.7525 (waist_quadruped_beta_edges).
 
     Between the two edges an unstable branch lies between the stable ones, and meets them there.
     """
@@ -45,8 +45,8 @@ def test_branches_over_beta_end_where_holds_lose_the_gaits(tmp_path: Path) -> No
 def test_the_map_does_not_depend_on_how_long_ago_the_start_let_go(tmp_path: Path) -> None:
     """It does 17.5 cycles after the beginning: from cycle 40, 45 and 50 on, the same map is read.
 
-    Fixed points within .0005 rad, slopes of stable ones within .02. At cycle 17, while it is held, delta_13
-    is still where it was started, to .1 rad.
+    Fixed points within 0.0005 rad, slopes of stable ones within .02. At cycle 17, while it is held, delta_13
+    is still where it was started, to 0.1 rad.
     """
     job = SWEEPS / "waist_quadruped_return_map.yaml"
     changed = ["run.after_cycles=16", "run.crossings=94", "vary.f={values: [2.6]}", "verify=0"]

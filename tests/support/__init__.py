@@ -1,4 +1,4 @@
-"""What tests share: tables, directories, references, processes; `models/` is on the path."""
+"""Parts that tests share: tables, directories, references, processes; `models/` is on the path."""
 
 from __future__ import annotations
 

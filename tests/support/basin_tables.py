@@ -64,7 +64,7 @@ def newton(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def final_state(theta: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """The fixed point of the map of Grebogi et al. 1983 that a start comes to: true for (0, -.3)."""
+    """The fixed point of the map of Grebogi et al. 1983 that a start comes to: true for (0, -0.3)."""
     for _ in range(500):
         turn = 1.32 * np.sin(2 * theta) - 0.9 * np.sin(4 * theta) - x * np.sin(theta)
         theta, x = theta + turn, -0.3 * np.cos(theta)

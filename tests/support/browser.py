@@ -48,13 +48,18 @@ def program() -> str | None:
 
 
 class Page:
-    """One tab: it opens files, evaluates JavaScript, clicks, types, and lists its requests and errors."""
+    """One tab: it opens files, evaluates JavaScript, clicks and types.
+
+    It lists its requests, the windows that it would open, its errors, and all messages of its console.
+    """
 
     def __init__(self, to: int, back: int) -> None:
         self._to, self._back, self._buffer, self._number = to, back, b"", 0
         self._session: str | None = None
         self.requests: list[str] = []
+        self.windows: list[str] = []
         self.errors: list[str] = []
+        self.messages: list[str] = []
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
         self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Network", "Log"):
@@ -90,11 +95,17 @@ class Page:
         params = event.get("params", {})
         if event.get("method") == "Network.requestWillBeSent":
             self.requests.append(params["request"]["url"])
+        elif event.get("method") == "Page.windowOpen":
+            self.windows.append(params["url"])
+        elif event.get("method") == "Runtime.consoleAPICalled":
+            self.messages.append(" ".join(str(each.get("value", each["type"])) for each in params["args"]))
         elif event.get("method") == "Runtime.exceptionThrown":
             details = params["exceptionDetails"]
             self.errors.append(details.get("exception", {}).get("description", details["text"]))
-        elif event.get("method") == "Log.entryAdded" and params["entry"]["level"] == "error":
-            self.errors.append(params["entry"]["text"])
+        elif event.get("method") == "Log.entryAdded":
+            self.messages.append(params["entry"]["text"])
+            if params["entry"]["level"] == "error":
+                self.errors.append(params["entry"]["text"])
 
     def size(self, width: int, height: int, scale: float = 1.0) -> None:
         """Set the size of the window, in CSS pixels."""
@@ -118,8 +129,8 @@ class Page:
     def open(self, path: Path, fragment: str = "") -> None:
         """Open a file and wait until the page says that it is ready."""
         self.call("Page.navigate", url="about:blank")
-        self.requests.clear()
-        self.errors.clear()
+        for heard in (self.requests, self.windows, self.errors, self.messages):
+            heard.clear()
         self.call("Page.navigate", url=path.resolve().as_uri() + fragment)
         self.wait("document.documentElement?.dataset.ready")
 

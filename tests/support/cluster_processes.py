@@ -18,7 +18,7 @@ LOOPBACK = "127.0.0.1"
 
 
 def until(happened: Callable[[], Any], seconds: float = 120.0) -> Any:
-    """What `happened` returns, once it is true."""
+    """Wait until `happened` returns something true, and return it."""
     deadline = time.monotonic() + seconds
     while not (found := happened()):
         assert time.monotonic() < deadline, "it does not happen"

@@ -99,7 +99,7 @@ def ends(
     k2: float = 0.08,
     axes: Mapping[str, Any] | None = None,
 ) -> pd.DataFrame:
-    """Where rows end: both pairs shifted by delta (n,), fore less hind load (N) and pitch (rad) in stance."""
+    """Ends of rows: both pairs shifted by delta (n,), fore less hind load (N) and pitch (rad) in stance."""
     n = len(delta)
     signs = np.where(np.abs(delta) > 0.07, np.sign(delta), 0).astype(int)
     gaits = [CHART[4 * (1 + sign)] for sign in signs]

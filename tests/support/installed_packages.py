@@ -1,4 +1,4 @@
-"""Modules of Python that run in another process, beside packages which pip has installed in a folder."""
+"""Python modules run in another process, with packages that pip has installed in a folder."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 
 
-def at(folder: Path, *command: str, also: str = "") -> str:
-    """What a module of Python prints in a folder; `also` is one more folder of installed packages."""
-    places = os.pathsep.join(filter(None, [str(ROOT), also]))
+def run_module(folder: Path, *command: str, site: str = "") -> str:
+    """Run a Python module in a folder, and return its output; `site` is a folder of installed packages."""
+    places = os.pathsep.join(filter(None, [str(ROOT), site]))
     done = subprocess.run(
         [sys.executable, "-m", *command],
         cwd=folder,
@@ -25,8 +25,8 @@ def at(folder: Path, *command: str, also: str = "") -> str:
 
 
 def install(folder: Path, package: str) -> str:
-    """Install a package, whose path may be relative to a folder, below that folder; the place as text."""
+    """Install a package below a folder, to which its path may be relative, and return its site's path."""
     site = str(folder / "site")
     pip = ("pip", "install", "-q", "--no-deps", "--no-build-isolation", "--no-index")
-    at(folder, *pip, "--target", site, package)
+    run_module(folder, *pip, "--target", site, package)
     return site

@@ -1,4 +1,4 @@
-"""Checks arrays against the axes in their annotations, as jaxtyping's import hook does, for tests alone."""
+"""Checks of arrays against the axes in their annotations, as by jaxtyping's import hook, for tests."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ WHOLE = np.array([7, -7, 3, -3, 0], np.int64)
 DIVISORS = np.array([2, 2, -2, -2, 5], np.int64)
 FLAGS = np.array([True, False, True, True, False])
 OTHERS = np.array([True, True, False, True, False])
-I = np.int64(1)  # noqa: E741
+INDEX = np.int64(1)
 
 
 def _grid(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -359,7 +359,7 @@ _cases(
         ),
         "read flags by a mask": (lambda x: x[np.array([True, False, True])], (M,)),
         "read by batch": (lambda x: jax.vmap(lambda row, i: row[i])(x, jnp.array([0, 2, 3])), (M,)),
-        "read at a moving place": (lambda x, i: (x[i], x[:, i], x[i, i], x[-i], x[i + 9]), (M, I)),
+        "read at a moving place": (lambda x, i: (x[i], x[:, i], x[i, i], x[-i], x[i + 9]), (M, INDEX)),
         "read at moving places": (
             lambda x, i: (jnp.take(x, i, axis=1), x[i], x.at[:, 0].get()[i], x[i, i + 1]),
             (M, np.array([2, 0])),
@@ -377,7 +377,7 @@ _cases(
                 lax.dynamic_slice(x, (7, -3), (2, 2)),
                 lax.dynamic_slice_in_dim(x, i - 5, 2),
             ),
-            (M, I),
+            (M, INDEX),
         ),
         "slices written": (
             lambda x, i: (
@@ -385,7 +385,7 @@ _cases(
                 lax.dynamic_update_slice(x, x[:1], (9, 9)),
                 lax.dynamic_update_slice(x, x[:2], (i + 5, 0)),
             ),
-            (M, I),
+            (M, INDEX),
         ),
         "written at known places": (
             lambda x: (
@@ -421,7 +421,7 @@ _cases(
                 x.at[i - 9].add(1.0, mode="clip"),
                 x.at[:, i].multiply(2.0),
             ),
-            (M, I),
+            (M, INDEX),
         ),
         "written at moving places": (
             lambda x, i: (x.at[i].set(i * 0.5), x.at[i].add(1.0)),
@@ -472,7 +472,7 @@ _cases(
             lambda n, x: [
                 lax.switch(n + d, [jnp.sin, jnp.cos, lambda x: x * x, jnp.negative], x) for d in (-5, 0, 1, 9)
             ],
-            (I, X),
+            (INDEX, X),
         ),
         "a known one of many": (lambda x: lax.switch(jnp.asarray(2), [jnp.sin, jnp.cos, jnp.abs], x), (X,)),
         "branches in branches": (
@@ -523,7 +523,7 @@ _cases(
         ),
         "batches": (lambda x: jax.vmap(lambda row: lax.cond(row[0] > 0, jnp.sin, jnp.cos, row))(x), (M,)),
         "known numbers": (lambda x: x * jnp.sum(jnp.asarray(M)) + jnp.asarray(M)[0, 0], (X,)),
-        "trees": (lambda t: {"a": t["b"][0] + 1, "c": (t["b"][1], t["n"])}, ({"b": [X, Y], "n": I},)),
+        "trees": (lambda t: {"a": t["b"][0] + 1, "c": (t["b"][1], t["n"])}, ({"b": [X, Y], "n": INDEX},)),
         "inputs handed on": (lambda x, n, b: (x, n, b, 1.0, True), (X, WHOLE, FLAGS)),
     }
 )

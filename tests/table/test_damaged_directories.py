@@ -1,4 +1,4 @@
-"""Damaged, edited and hostile result directories: a sentence, never a wrong table and never a traceback."""
+"""Damaged, edited and hostile result directories: an error message, never a wrong table or a traceback."""
 
 from __future__ import annotations
 
@@ -37,18 +37,18 @@ def whole(tmp_path: Path) -> Path:
 
 
 def part(path: Path, number: int) -> Path:
+    """The file of a part."""
     return path / "table" / f"part-{number:05d}.parquet"
 
 
 def mended(path: Path) -> list[str]:
-    """Open a directory as a run does and fill what it lacks; what it said."""
+    """Open a directory as a run does, write its missing parts, and return its notes."""
     with open_toy(path) as directory:
         fill(directory)
         return directory.notes
 
 
 def test_no_flipped_bit_of_a_part_is_read(whole: Path) -> None:
-    """The issue's own figure: 45 of 150 flips were read as data."""
     expected = load(whole)
     random = np.random.default_rng(1)
     file = part(whole, 1)
@@ -57,7 +57,7 @@ def test_no_flipped_bit_of_a_part_is_read(whole: Path) -> None:
         broken = bytearray(data)
         broken[random.integers(len(data))] ^= 1 << int(random.integers(8))
         file.write_bytes(broken)
-        # a flip in the hash that its footer keeps reads as another job's
+        # with a flip in the job's hash in its footer, it is a part of another job
         with pytest.raises(TableError, match=r"part-00001\.parquet is (damaged|not a part of this table)"):
             load(whole)
     assert any("part-00001.parquet was damaged" in note for note in mended(whole))
@@ -65,7 +65,7 @@ def test_no_flipped_bit_of_a_part_is_read(whole: Path) -> None:
 
 
 def test_pages_carry_checksums(whole: Path) -> None:
-    """Another reader of parquet, which knows no `SHA256SUMS`, finds a changed page too."""
+    """Readers of parquet that do not know `SHA256SUMS` detect a changed page too."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -76,7 +76,7 @@ def test_pages_carry_checksums(whole: Path) -> None:
         pq.ParquetFile(pa.BufferReader(bytes(data)), page_checksum_verification=True).read()
 
 
-def test_parts_in_each_others_place_are_named_and_made_again(whole: Path) -> None:
+def test_exchanged_parts_are_named_and_written_again(whole: Path) -> None:
     expected = load(whole)
     first, second = part(whole, 0).read_bytes(), part(whole, 1).read_bytes()
     part(whole, 0).write_bytes(second)
@@ -87,7 +87,7 @@ def test_parts_in_each_others_place_are_named_and_made_again(whole: Path) -> Non
     pd.testing.assert_frame_equal(load(whole), expected, check_exact=True)
 
 
-def test_another_jobs_part_in_place_of_ours_is_set_aside(whole: Path, tmp_path: Path) -> None:
+def test_a_part_of_another_job_is_set_aside(whole: Path, tmp_path: Path) -> None:
     expected = load(whole)
     with open_toy(tmp_path / "other", job_hash="b" * 60) as directory:
         fill(directory)
@@ -126,7 +126,7 @@ def test_a_folder_or_a_pipe_in_place_of_a_part(whole: Path) -> None:
     assert (part(whole, 2) / "mine").exists()
 
 
-def test_a_manifest_that_was_edited_is_refused_and_made_anew(whole: Path) -> None:
+def test_an_edited_manifest_is_refused_and_rewritten(whole: Path) -> None:
     file = whole / "manifest.json"
     good = file.read_text()
     for old, new in (('"rows": 10', '"rows": 8'), ('"complete": true', '"complete": false'), ("{", "[")):
@@ -142,7 +142,7 @@ def test_a_manifest_that_was_edited_is_refused_and_made_anew(whole: Path) -> Non
 
 
 @pytest.mark.parametrize("lost", [("SHA256SUMS",), ("manifest.json",), ("SHA256SUMS", "manifest.json")])
-def test_a_small_file_that_is_lost_costs_no_row(whole: Path, lost: tuple[str, ...]) -> None:
+def test_without_manifest_or_digests_no_row_is_run_again(whole: Path, lost: tuple[str, ...]) -> None:
     expected, parts = load(whole), [file.stat().st_ino for file in sorted((whole / "table").iterdir())]
     for name in lost:
         (whole / name).unlink()
@@ -181,7 +181,7 @@ def test_a_part_without_digest_is_kept_only_if_its_pages_are_sound(whole: Path) 
     pd.testing.assert_frame_equal(load(whole), expected, check_exact=True)
 
 
-def test_a_folder_of_another_program_is_not_taken_for_ours(tmp_path: Path) -> None:
+def test_a_folder_of_another_program_is_refused(tmp_path: Path) -> None:
     (tmp_path / "mine" / "table").mkdir(parents=True)
     (tmp_path / "mine" / "table" / "precious.txt").write_text("")
     with pytest.raises(TableError, match="choose another directory"):
@@ -219,16 +219,16 @@ ODD = [None, True, 0, -1, 1e308, float("nan"), 10**40, "text", [], {}, [1], {"fo
     "name", ["timings", "quantities", "counts", "gaits", "job", "rows", "block", "format"]
 )
 def test_odd_fields_of_an_unsealed_or_sealed_manifest(whole: Path, name: str) -> None:
-    """With its seal made anew, as by somebody who knows how, and in format 1, which has none."""
+    """With a correct seal, as an attacker could write it, and in format 1, which has no seal."""
     file = whole / "manifest.json"
     good = json.loads(file.read_text())
     for value in ODD:
         for form in (1, 2):
             manifest = {**good, "format": form, name: value}
             file.write_text(json.dumps(sealed(manifest)))
-            for look in (load, Snapshot.of, write_report, draw_figures):
+            for read in (load, Snapshot.of, write_report, draw_figures):
                 with contextlib.suppress(TableError):
-                    look(whole)
+                    read(whole)
     file.write_text("[" * 100_000)
     with pytest.raises(TableError, match="not JSON"):
         load(whole)
@@ -267,9 +267,9 @@ def test_a_job_file_of_garbage(whole: Path, text: bytes, capsys: pytest.CaptureF
     (whole / "job.yaml").write_bytes(text)
     before = files_of(whole.parent)
     assert main(["plot", str(whole)]) == 2
-    said = capsys.readouterr().err
-    assert "job.yaml" in said
-    assert "Traceback" not in said
+    printed = capsys.readouterr().err
+    assert "job.yaml" in printed
+    assert "Traceback" not in printed
     assert files_of(whole.parent).keys() == before.keys()
     for command in ("info", "report"):
         assert main([command, str(whole)]) in (0, 2)
@@ -335,7 +335,7 @@ def test_a_directory_of_format_1_is_read_and_says_that_it_has_no_digests(whole: 
     assert table.attrs["job"] == expected.attrs["job"]
     assert any("no digests" in note for note in mended(whole))
     part(whole, 1).unlink()
-    mended(whole)  # a directory of format 1 goes on
+    mended(whole)  # a run continues a directory of format 1
     with pytest.warns(UserWarning, match="have no digests"):
         pd.testing.assert_frame_equal(load(whole), expected, check_exact=True)
 
@@ -347,8 +347,8 @@ def test_digests_are_those_of_sha256sum(whole: Path) -> None:
     assert done.stdout.count(b"OK") == 4
 
 
-def test_files_that_are_written_anew_have_one_digest(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """So `sha256sum -c` finds a sound directory sound; a kill before the old line is gone loses nothing."""
+def test_rewritten_files_have_one_digest(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """So `sha256sum -c` accepts the directory; a kill before the old line is removed loses nothing."""
     with open_toy(whole) as directory:
         directory.write_beside("best.parquet", b"12345")
     before = read_digests(whole)
@@ -372,7 +372,7 @@ def test_files_that_are_written_anew_have_one_digest(whole: Path, monkeypatch: p
 
 
 def test_a_kill_between_the_digest_and_the_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A digest whose part never came, half a line, and a part made twice: none counts as damage."""
+    """A digest without its part and half a line are no damage."""
     path = tmp_path / "toy"
     with open_toy(path) as directory:
         directory.write_part(0, block_frame(0, 4))
@@ -405,7 +405,7 @@ def keep(directory: ResultDirectory, rows: list[int]) -> None:
     directory.keep(RowOutcome(row, {"status": row.astype(np.int32), "last": last}, row, samples))
 
 
-def test_rows_of_open_blocks_are_given_back_to_the_bit(tmp_path: Path) -> None:
+def test_rows_of_open_blocks_are_restored_to_the_bit(tmp_path: Path) -> None:
     path = tmp_path / "toy"
     with open_toy(path) as directory:
         keep(directory, [1, 5, 2])
@@ -434,10 +434,10 @@ def test_rows_of_a_version_with_fewer_numbers_leave_the_others_whole(tmp_path: P
         directory.keep(RowOutcome(row, {"status": row.astype(np.int32)}, row, np.zeros((0, 3))))
         keep(directory, [1, 2])
     with open_toy(tmp_path / "toy") as directory:
-        found = directory.restored(0)
-        assert found is not None
-        assert found.row.tolist() == [1, 2]
-        assert found.numbers.keys() == {"status", "last"}
+        restored = directory.restored(0)
+        assert restored is not None
+        assert restored.row.tolist() == [1, 2]
+        assert restored.numbers.keys() == {"status", "last"}
 
 
 def test_damaged_rows_of_open_blocks_are_run_again(tmp_path: Path) -> None:

@@ -496,7 +496,7 @@ def test_a_killed_writer_loses_nothing_that_was_written(tmp_path: Path) -> None:
 
 
 def test_a_table_of_fig_4_stays_small(tmp_path: Path) -> None:
-    """15 625 rows under 5 MB: the issue's own figure."""
+    """A table of 15 625 rows takes less than 5 MB."""
     with ResultDirectory.open(tmp_path / "toy", JOB, Layout("c" * 64, 15_625, 1024)) as directory:
         fill(directory)
     assert sum(file.stat().st_size for file in (tmp_path / "toy").rglob("*") if file.is_file()) < 5e6

@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import sys
 import types
 from pathlib import Path
+from typing import Any
 
+import mujoco
 import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 from PIL import Image
 
+import gaitsweep as gs
 from gaitsweep.cli import main
 from gaitsweep.job import Job
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.table import Snapshot
-from gaitsweep.view.movie import mujoco_movie
+from gaitsweep.view.movie import mujoco_movie, mujoco_painter
 from gaitsweep.view.movie import row_movie as movie
+from gaitsweep.view.movie.side_view import SWING
 from tests.support.trace_directories import (
     CYCLE,
+    SPEED,
     quadruped_job,
     quadruped_signals,
     quadruped_skeleton,
@@ -119,6 +126,8 @@ def test_a_strip_of_poses_is_a_figure_of_its_directory(quadruped: Path, chain: P
         (["--speed", "0"], "--speed is 0"),
         (["--seconds", "-1"], "--seconds is -1"),
         (["--fps", "nan"], "--fps is nan"),
+        (["--lift", "0"], "--lift is 0"),
+        (["--lift", "2", "--renderer", "mujoco"], "1 with --renderer mujoco"),
         (["--speed", "1e-6"], "2 to 3000"),
         (["--speed", "100"], "1 frame,"),
         (["--fps", "60"], "at most 50"),
@@ -140,9 +149,21 @@ def test_tables_without_motion_are_refused(quadruped: Path, tmp_path: Path, caps
     settle = written(
         tmp_path / "settle",
         quadruped_job(run={"kind": "settle"}),
-        [pd.DataFrame({"row": [0], "status": ["fell"]})],
+        [pd.DataFrame({"row": [0], "t_end": [np.nan], "status": ["fell"]})],
     )
-    assert "settle rows" in refused(capsys, [str(settle)])
+    assert "ended with status fell" in refused(capsys, [str(settle)])
+    branches = written(
+        tmp_path / "branches",
+        quadruped_job(
+            vary={},
+            numerics={"method": "rk4", "dt": 1.5e-4},
+            run={"kind": "continuation", "parameter": "f", "path": [2.0, 3.2]},
+        ),
+        [pd.DataFrame({"row": [0], "status": ["complete"]})],
+    )
+    told = refused(capsys, [str(branches)])
+    assert "continuation rows" in told
+    assert "gaitsweep explore" in told
     t = 0.01 * np.arange(5)
     frame = pd.DataFrame({"row": 0, "t": t, **quadruped_signals(t), "status": "complete"})
     poor = written(tmp_path / "poor", quadruped_job(vary={}), [frame.drop(columns=["q_5"])])
@@ -160,6 +181,95 @@ def test_tables_without_motion_are_refused(quadruped: Path, tmp_path: Path, caps
     text = (Path(__file__).parents[2] / page).read_text()
     (headed,) = re.findall(rf"^## [\d. ]*{section}\n(.*?)^## ", text, re.MULTILINE | re.DOTALL)
     assert "def skeleton(" in headed
+
+
+@pytest.mark.parametrize(
+    ("run", "end"),
+    [
+        ({"kind": "settle", "max_cycles": 60}, "t_end"),
+        ({"kind": "ramp", "parameter": "m_B", "path": [0.9, 1.0], "rate": 1e-3}, "t"),
+    ],
+)
+@pytest.mark.slow
+def test_a_row_without_a_trace_is_simulated_again(tmp_path: Path, run: dict[str, Any], end: str) -> None:
+    """The last cycles of the row: the same motion as a trace of the same start, titled by its gait."""
+    start: dict[str, Any] = {"psi_1": 1.13, "psi_2": 0.98, "psi_3": 1.5}
+    job = Job(
+        name="rows",
+        model="multilegged",
+        start={"psi_1": 1.13},
+        vary={"psi_2": [0.98], "psi_3": [1.5]},
+        run=run,
+    )
+    table = gs.run(job, tmp_path / "rows").table
+    motion = movie.read_motion(tmp_path / "rows", 0)
+    last = float(np.max(table[end].to_numpy(float)))
+    assert motion.t[-1] == pytest.approx(last, abs=motion.period / 64)
+    assert motion.t[-1] - motion.t[0] == pytest.approx(4 * motion.period, rel=0.02)
+    assert motion.gait == "direct"
+    if run["kind"] == "settle":
+        alone = gs.simulate("multilegged", **start, duration=last, every=motion.period / 640)
+        for name in ("x_1", "l_3"):
+            wanted = np.interp(motion.t, alone["t"], alone[name])
+            np.testing.assert_allclose(motion.signals[name], wanted, atol=2e-3)  # between samples
+    early = movie.read_motion(tmp_path / "rows", 0, start=1.0, seconds=2.0)
+    assert (early.t[0], early.t[-1]) == pytest.approx((1.0, 3.0), abs=motion.period / 64)
+    with pytest.raises(movie.PlotError, match="goes from 0 to"):
+        movie.read_motion(tmp_path / "rows", 0, start=last + 1.0)
+    out = movie.write_movie(tmp_path / "rows", fps=2.0, size=(320, 180))
+    assert out.name == "animation_row0.gif"
+
+
+def test_a_movie_is_titled_by_gait_and_speed(quadruped: Path, chain: Path) -> None:
+    for folder, gait, title in (
+        (quadruped, "trot", f"waist_quadruped, trot at {SPEED:.2g} m/s; row 0: "),
+        (quadruped, "", f"waist_quadruped, at {SPEED:.2g} m/s; row 0: "),
+        (chain, "direct", "multilegged, direct; row 0"),  # which has no speed
+    ):
+        motion = dataclasses.replace(movie.read_motion(folder, 0), gait=gait)
+        with movie._prepared(motion, motion.t, "", "matplotlib", 1.0, None) as (clip, _):
+            assert clip.title.startswith(title)
+
+
+def test_a_body_of_an_mjcf_is_drawn_from_its_geoms(tmp_path: Path) -> None:
+    """The hopper's trunk and foot, which bounce."""
+    t = 0.01 * np.arange(50)
+    job = Job(name="hops", model="gaitsweep.examples.mujoco_hopper:MujocoHopper",
+              run={"kind": "trace", "duration": 0.49, "every": 0.01})  # fmt: skip
+    signals = {q.name: np.zeros_like(t) for q in job.design.model.signals} | {"q_0": 0.05 * np.sin(20.0 * t)}
+    folder = written(
+        tmp_path / "hops", job, [pd.DataFrame({"row": 0, "t": t, **signals, "status": "complete"})]
+    )
+    motion = movie.read_motion(folder, 0)
+    skeleton = motion.model.skeleton(motion.values, motion.signals)
+    assert skeleton is not None
+    trunk, foot = skeleton.bodies
+    for body, rest in ((trunk, 0.4), (foot, 0.1)):
+        np.testing.assert_allclose(body[..., 2].mean(axis=1), rest + signals["q_0"], atol=1e-9)
+    out = movie.write_movie(folder, renderer="matplotlib", fps=5.0, size=(320, 180))
+    with Image.open(out) as gif:
+        gif.seek(gif.n_frames - 1)  # type: ignore[attr-defined]
+        assert (np.array(gif.convert("RGB"))[20:120] < 250).any()
+
+
+def test_legs_in_swing_are_coloured_and_lifted_on_request(chain: Path) -> None:
+    """The chain's legs are alike, so colour says which of them swing; feet on the ground stay there."""
+    motion = movie.read_motion(chain, 0)
+    skeletons = []
+    for lift in (1.0, 3.0):
+        with movie._prepared(motion, motion.t, "", "auto", lift, None) as (clip, draw):
+            skeletons.append(clip.skeleton)
+            figure = Figure()
+            draw(figure.add_axes((0, 0, 1, 1)), clip, True).show(20)
+    colours = [line.get_color() for line in figure.axes[0].lines if np.size(line.get_xdata()) == 2][: 3 * 4]
+    swing = [bool(motion.signals[f"contact_{i}"][20] == 0.0) for i in range(1, 5)]
+    assert [SWING in colours[i : i + 1] for i in range(0, 8, 2)] == swing
+    assert 0 < sum(swing) < 4
+    for plain, high in zip(skeletons[0].limbs, skeletons[1].limbs, strict=True):
+        np.testing.assert_allclose(high.points[:, 0], plain.points[:, 0])
+        np.testing.assert_allclose(high.points[:, 1, 2], 3.0 * plain.points[:, 1, 2], atol=1e-12)
+        assert plain.points[:, 1, 2].max() > 0.1
+    assert "3 times as high" in clip.title
 
 
 def test_nothing_is_written_where_it_cannot(chain: Path, tmp_path: Path, capsys: Capture) -> None:
@@ -209,6 +319,13 @@ def test_mujoco_renders_where_there_is_opengl(quadruped: Path, tmp_path: Path) -
         assert gif.n_frames == 3  # type: ignore[attr-defined] (a quarter of the speed)
         scene = np.array(gif.convert("RGB"))[30:90]
     assert len(np.unique(scene.reshape(-1, 3), axis=0)) > 30  # shaded, as lines are not
+
+
+@pytest.mark.slow
+def test_mujoco_draws_an_mjcf_without_a_sky_on_white() -> None:
+    model = mujoco_painter._on_white('<mujoco><worldbody><geom size="1"/></worldbody></mujoco>')
+    assert list(model.tex_type) == [mujoco.mjtTexture.mjTEXTURE_SKYBOX]  # pyright: ignore[reportAttributeAccessIssue]
+    assert set(model.tex_data) == {255}
 
 
 def test_without_opengl_lines_are_drawn(

@@ -17,21 +17,23 @@ import pytest
 from typer.testing import CliRunner
 
 import gaitsweep as gs
+from gaitsweep import view
 from gaitsweep.api.result import Result
 from gaitsweep.cli import commands
-from gaitsweep.plot import style
+from gaitsweep.plot import theme
 from gaitsweep.runs.dataset import MissingPackageError
 from gaitsweep.view.explorer.choice import boundary, spread, subgrid
 from gaitsweep.view.explorer.encoding import RESOLUTION, motion_fields, packed
 from gaitsweep.view.explorer.explorer import explorer_of
 from gaitsweep.view.explorer.plotly_source import quicker
-from gaitsweep.view.explorer.replays import Motion, Pictures, Stretch
-from gaitsweep.view.explorer.start_map import CELLS, StartMap, columns_of, html_symbol
+from gaitsweep.view.explorer.replays import Motion, Pictures, Stretch, pictures_of
+from gaitsweep.view.explorer.start_map import CELLS, StartMap, columns_of, html_symbol, with_next
 from gaitsweep.view.movie.animation import Clip
-from gaitsweep.view.movie.side_view import projected
+from gaitsweep.view.movie.side_view import heading, projected, turned
 from hostile_texts import ATTACK, HostileTexts
 from tests.support.browser import Page, browser, program
 from tests.support.job_tables import table_of
+from tests.support.trace_directories import CYCLE, quadruped_skeleton
 from toy_model import flight_time
 
 SIDE = 6
@@ -39,7 +41,7 @@ PSI_3 = (0.4 * math.pi, math.pi)
 
 
 def fields_of(page: Path) -> dict[str, Any]:
-    """What a page holds, as its script unpacks it."""
+    """Data of a page, as its script unpacks them."""
     found = re.search(r'id="data">([^<]*)</script>', page.read_text())
     assert found is not None
     return json.loads(gzip.decompress(base64.b64decode(found[1])))
@@ -84,6 +86,43 @@ def test_stretches_are_stored_to_a_thousandth_of_the_height() -> None:
 def test_whole_numbers_come_back() -> None:
     numbers = np.array([0, 1, -1, 255, 256, -32768, 32767])
     np.testing.assert_array_equal(numbers_of(packed(numbers)), numbers)
+
+
+def test_corners_of_a_body_keep_their_order_in_all_pictures() -> None:
+    """The page draws between two pictures, so a corner that changes its place would fly through the body."""
+    skeleton = quadruped_skeleton()  # its waist rolls
+    skeleton = turned(skeleton, heading(skeleton))
+    drawn = pictures_of(skeleton, 0.01 * np.arange(81), CYCLE).points
+    drawn = drawn.reshape(len(drawn), -1, 2)
+    first, intervals = sum(limb.points.shape[1] for limb in skeleton.limbs), len(drawn) - 1
+    for body in skeleton.bodies:
+        corners, size = projected(body - body.mean(axis=1, keepdims=True)), body.shape[1]
+        shown = drawn[:, first : first + size]
+        shown = shown - shown.mean(axis=1, keepdims=True)
+        apart = np.linalg.norm(shown[:, :, None] - corners[:, None], axis=-1)
+        order = apart.argmin(axis=2)
+        assert apart.min(axis=2).max() < 1e-9
+        assert np.count_nonzero((order[1:] == order[:-1]).all(axis=1)) == intervals == 80
+        # the first half is the near side, whose y is negative
+        assert body[:, order[0, : size // 2], 1].max() < body[:, order[0, size // 2 :], 1].min()
+        first += size
+
+
+def test_a_return_map_has_the_change_to_the_next_crossing() -> None:
+    """A change of an angle is the shorter way round, and no angle of a circle itself."""
+    table = pd.DataFrame({"row": [0, 0, 0, 1], "crossing": [1, 2, 3, 1], "psi_1_n": [0.1, 6.2, 0.3, 2.0]})
+    table.attrs = {"quantities": {"psi_1": {"symbol": "", "circular": True}}}
+    found = with_next(table, "psi_1_n")
+    np.testing.assert_allclose(found["psi_1_n_next"], [6.2, 0.3])
+    np.testing.assert_allclose(found["psi_1_n_change"], [6.1 - 2 * np.pi, 0.3 - 6.2 + 2 * np.pi])
+    circular = {each["name"]: each["circular"] for each in columns_of(found)}
+    assert circular == {
+        "row": False,
+        "crossing": False,
+        "psi_1_n": True,
+        "psi_1_n_next": True,
+        "psi_1_n_change": False,
+    }
 
 
 def test_boundary_cells_are_those_beside_another_outcome() -> None:
@@ -162,10 +201,17 @@ def test_a_model_without_skeleton_or_feet_shows_its_observables(wells: Path) -> 
 @pytest.mark.parametrize(
     ("run", "x", "y"),
     [
-        ({"kind": "return_map", "crossings": 60}, "x_n", "x_n_next"),
+        ({"kind": "return_map", "crossings": 60}, "x_n", "x_n_change"),
         ({"kind": "ramp", "parameter": "lean", "path": [0.0, 1.0], "rate": 0.05}, "lean", "x_n"),
         (
-            {"kind": "staircase", "parameter": "lean", "path": [0.0, 1.0], "step": 0.2, "dwell": 9.0},
+            {
+                "kind": "staircase",
+                "parameter": "lean",
+                "path": [0.0, 1.0, 0.5],
+                "step": 0.2,
+                "dwell": 9.0,
+                "tolerance": 1e-9,
+            },
             "lean",
             "x_n",
         ),
@@ -181,12 +227,20 @@ def test_records_of_rows_walk(tmp_path: Path, run: dict[str, Any], x: str, y: st
     fields, table = fields_of(result.explore(replays=20)), result.table
     assert (fields["x"]["name"], fields["y"]["name"]) == (x, y)
     columns = {column["name"]: column["values"] for column in fields["columns"]}
-    if y == "x_n_next":
-        follows = table.groupby("row")["x_n"].shift(-1).dropna()
-        np.testing.assert_allclose(columns[y], follows, rtol=1e-6)
+    if y == "x_n_change":
+        change = table.groupby("row")["x_n"].diff().dropna()
+        np.testing.assert_allclose(columns[y], change, rtol=1e-6)
+        assert fields["noChange"] == 0.0
     else:
         np.testing.assert_allclose(columns[y], table[y], rtol=1e-6)
     assert fields["walks"]
+    if run["kind"] == "staircase":
+        assert [each["rises"] for each in fields["passes"]] == [True, False]
+        assert len({(each["colour"], each["marker"]) for each in fields["passes"]}) == 2
+        assert columns["settled"][fields["first"]] == 1
+        assert columns["settled"][1] == 0  # the second stair, which has not settled
+    else:
+        assert fields["passes"] == []
     for walk in fields["walks"]:
         series = fields["series"][0]
         whole = numbers_of(walk["crossings"]["values"])
@@ -282,6 +336,87 @@ def test_a_page_shows_texts_as_they_are(hostile: Path) -> None:
         page.open(hostile / "explore.html", f"#row={fell['row']}")
         assert "fell" in page.evaluate("document.getElementById('ended').textContent")
         assert page.errors == []
+
+
+def python_of(fields: dict[str, Any], record: int) -> str:
+    """What the button `Copy Python` copies, as the page's function pythonOf makes it."""
+    columns = {each["name"]: each["values"] for each in fields["columns"]}
+    columns = {
+        name: values[record] if isinstance(values, list) else values for name, values in columns.items()
+    }
+    values = ", ".join(f"{json.dumps(name)}: [{columns[name]!r}]" for name in fields["varied"])
+    return fields["python"].replace("@row@", str(columns["row"])).replace("@vary@", values)
+
+
+def test_the_copied_python_is_the_row(
+    logarithmic: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It runs as it is, and gives the row's record to the last bit."""
+    monkeypatch.chdir(tmp_path)
+    row, scope = 23, dict[str, Any]()
+    exec(python_of(fields_of(logarithmic / "explore.html"), row), scope)
+    assert scope["job"].name == f"springs_row_{row}"
+    table, found = gs.load(logarithmic), gs.load(tmp_path / "results" / f"springs_row_{row}")
+    for name in ("launch_1", "stiffness", "launch_1_end", "t_end", "gait"):
+        assert found[name].iloc[0] == table[name].iloc[row]
+
+
+# Clicks everything that answers to a click, and chooses each value of each list; returns what was clicked.
+CLICKS = """(async () => {
+  const clicked = [];
+  for (const element of document.querySelectorAll('button, a, select, input, .modebar-btn, #map')) {
+    if (!element.isConnected) continue;  // a choice before it has replaced it
+    clicked.push(element.getAttribute('data-title') || element.textContent.trim() || element.id);
+    element.dispatchEvent(new MouseEvent('click', { bubbles: true, cancelable: true }));
+    for (const option of element.options || []) {
+      element.value = option.value;
+      element.dispatchEvent(new Event('change', { bubbles: true }));
+    }
+    await new Promise(done => setTimeout(done, 60));
+  }
+  await new Promise(done => setTimeout(done, 500));
+  return clicked;
+})()"""
+
+
+@pytest.mark.slow
+@NO_BROWSER
+def test_no_control_of_a_page_reaches_out(hostile: Path, logarithmic: Path, wells: Path) -> None:
+    """Each control is clicked: no request, no new window, no message of the console."""
+    gs.load(wells)
+    Result(wells).explore()
+    with browser() as page:
+        page.size(1280, 900)
+        for folder in (hostile, logarithmic, wells):
+            page.open(folder / "explore.html")
+            clicked = page.evaluate(CLICKS)
+            assert {"Zoom in", "play", "pause"} & set(clicked), clicked
+            assert not [each for each in clicked if re.search("share|cloud|upload", each, re.IGNORECASE)]
+            assert all(each.startswith(("file:", "data:", "blob:")) for each in page.requests)
+            assert sum(each.startswith("file:") for each in page.requests) == 1
+            assert page.windows == []
+            assert page.messages == []
+            assert page.errors == []
+
+
+def test_no_control_of_a_page_can_reach_out() -> None:
+    """Buttons of plotly.js are those of a list, in each figure; no part of the page names another place."""
+    parts = [path.read_text() for path in (Path(view.__file__).parent / "explorer" / "page").iterdir()]
+    script = next(part for part in parts if part.startswith('"use strict"'))
+    (buttons,) = re.findall(r"^const BUTTONS = (.*);$", script, re.MULTILINE)
+    stays = {"toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"}
+    assert {each for row in json.loads(buttons) for each in row} == stays
+    calls = re.findall(r"Plotly\.(?:react|newPlot)\(.*?\);$", script, re.MULTILINE | re.DOTALL)
+    assert len(calls) == script.count("Plotly.react(") + script.count("Plotly.newPlot(") == 3
+    assert all("{ ...NO_UPLOAD, " in call for call in calls)
+    (options,) = re.findall(r"^const NO_UPLOAD = \{(.*)\};$", script, re.MULTILINE)
+    for option in ("modeBarButtons: BUTTONS", "showSendToCloud: false", 'plotlyServerURL: ""'):
+        assert option in options
+    for part in parts:
+        assert not re.search(r"https?:|window\.open|fetch\(|XMLHttpRequest|sendBeacon|WebSocket|<form", part)
+    policy = next(part for part in parts if "Content-Security-Policy" in part)
+    for rule in ("default-src 'none'", "form-action 'none'", "base-uri 'none'"):
+        assert rule in policy
 
 
 @pytest.mark.slow
@@ -456,7 +591,7 @@ def _check_canvases(page: Page, scheme: str) -> None:
     for text, behind in (("ink", "paper"), ("faint", "paper"), ("length", "strip")):
         assert page.evaluate(f"({contrast})(shade.{text}, shade.{behind})") >= 4.5, (text, behind)
     if scheme == "dark":
-        for colour in ("#3B3B3B", "#000000", *style.SPARE_COLOURS):
+        for colour in ("#3B3B3B", "#000000", *theme.SPARE_COLOURS):
             assert page.evaluate(f"({contrast})(seen('{colour}'), shade.paper)") >= 3.0, colour
 
 
@@ -583,6 +718,35 @@ def nearest_elsewhere(table: pd.DataFrame, row: int) -> float:
     return best
 
 
+def _check_chain(page: Page) -> None:
+    """Legs in swing have their colour, alone; the lift of feet can be exaggerated; the wave is drawn."""
+    page.evaluate("play(false)")
+    orange = (
+        "(() => { const pen = document.getElementById('%s').getContext('2d');"
+        " const { data } = pen.getImageData(0, 0, 3000, 600);"
+        " let n = 0; for (let k = 0; k < data.length; k += 4)"
+        " n += data[k] === 213 && data[k + 1] === 94 && data[k + 2] === 0; return n; })()"
+    )
+    counts = {True: [], False: []}
+    for part in range(20):
+        page.evaluate(f"clock.at = {part} / 20 * lengthOf(motion); paint()")
+        swings = page.evaluate("data.limbs.some((_, k) => !down(motion, k, clock.at))")
+        counts[swings].append(page.evaluate(orange % "body"))
+        if swings:
+            heights = "lifted(motion, bodyAt(motion, clock.at, 0).points)"
+            low = page.evaluate(heights)
+            page.evaluate("document.getElementById('lift').value = '3'")
+            high = page.evaluate(heights)
+            page.evaluate("document.getElementById('lift').value = '1'")
+            feet = [4 * leg + 3 for leg in range(4)]
+            grounds = [page.evaluate(f"motion.lowest[{foot}]") for foot in feet]
+            raised = [ground + 3.0 * (low[foot] - ground) for foot, ground in zip(feet, grounds, strict=True)]
+            np.testing.assert_allclose([high[foot] for foot in feet], raised)
+    assert min(counts[True]) > 20
+    assert set(counts[False]) <= {0}
+    assert page.evaluate(orange % "footfalls") > 20
+
+
 @pytest.mark.slow
 @NO_BROWSER
 def test_the_page_in_a_browser(basins: Path, tmp_path: Path) -> None:
@@ -596,7 +760,7 @@ def test_the_page_in_a_browser(basins: Path, tmp_path: Path) -> None:
             return page.evaluate(f"document.querySelector('td[data-column={column}]').textContent")
 
         def at(psi_1: float, psi_2: float) -> tuple[float, float]:
-            """Where a start is in the window."""
+            """Position of a start in the window."""
             place = page.evaluate(
                 "(() => { const box = document.querySelector('#map .nsewdrag').getBoundingClientRect();"
                 " const { xaxis: x, yaxis: y } = document.getElementById('map')._fullLayout;"
@@ -655,6 +819,38 @@ def test_the_page_in_a_browser(basins: Path, tmp_path: Path) -> None:
             "document.getElementById('body').getContext('2d').getImageData(0, 0, 600, 200).data.some(x => x)"
         )
         assert page.evaluate(painted)
+        # the nearest start with another outcome beside it, in step; again the button hides it
+        compare = "document.getElementById('compare')"
+        beside = "document.getElementById('beside-body').clientWidth"
+        assert page.evaluate(beside) == 0
+        page.evaluate(f"{compare}.click()")
+        assert page.evaluate(beside) == pytest.approx(
+            page.evaluate("document.getElementById('body').clientWidth")
+        )
+        names = [
+            page.evaluate(f"document.getElementById('{each}-name').textContent")
+            for each in ("body", "beside")
+        ]
+        record = page.evaluate("other")
+        assert names[1] == f"{table['gait'].iloc[record]}, row {record}" != names[0]
+        assert page.evaluate("beside === walkOf.get(other).motions.find(each => each.name === motion.name)")
+        assert page.evaluate(painted.replace("'body'", "'beside-body'"))
+        page.evaluate(f"{compare}.click()")
+        assert page.evaluate(beside) == 0
+        _check_chain(page)
+        # the link and the job of the row go to the clipboard
+        page.evaluate("navigator.clipboard.writeText = async text => { window.taken = text; }")
+        now = page.evaluate(chosen)
+        for button, text in (
+            ("copy-link", (basins / "explore.html").resolve().as_uri() + f"#row={now}"),
+            ("copy-python", python_of(fields_of(basins / "explore.html"), now)),
+        ):
+            page.evaluate(f"document.getElementById('{button}').click()")
+            assert page.evaluate("window.taken") == text
+        # the map stays in sight while the record is read
+        page.evaluate("scrollTo(0, 500)")
+        assert page.evaluate("document.querySelector('.map').getBoundingClientRect().top") == 0
+        page.evaluate("scrollTo(0, 0)")
         # nothing is asked of any other place, and a script that tries is refused
         assert all(each.startswith(("file:", "data:", "blob:")) for each in page.requests)
         assert sum(each.startswith("file:") for each in page.requests) == 1

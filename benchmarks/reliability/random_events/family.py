@@ -34,7 +34,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Solution:
-    """What is right for a case.
+    """Correct values of a case.
 
     Args:
         statuses: the statuses that are right; empty where no result is right without a warning.

@@ -241,7 +241,7 @@ def _saw(case: Case) -> Solution:
 
 
 def _meeting(corners: np.ndarray, levels: np.ndarray, begun: float, x: float, speed: float) -> float | None:
-    """When x, that grows from `begun` on, meets a threshold that moves in straight pieces."""
+    """Time at which x, that grows from `begun` on, meets a threshold that moves in straight pieces."""
     for i in range(len(corners) - 1):
         if corners[i + 1] <= begun or corners[i + 1] == corners[i]:
             continue
@@ -399,7 +399,7 @@ def _wavy(case: Case) -> Solution:
 
 
 def _grazes(case: Case) -> float:
-    """How close to the threshold x comes, at one of its local maxima, before it meets the threshold."""
+    """Smallest distance of x from the threshold, at one of its local maxima, before x meets it."""
     p, found = case.values, _wavy(case).columns
     closest = np.inf
     begun, phi, x = 0.0, p["phi_0"], p["x_0"]

@@ -160,7 +160,7 @@ def _falling(g: float, turned: float, way: float) -> float:
 
 
 def _standstill(p: Values) -> float:
-    """When a wheel that starts at rest has rocked until it stands; NaN where it rolls on."""
+    """Time at which a wheel that starts at rest has rocked until it stands; NaN if it rolls on."""
     # the stance spoke's angle from the vertical at a landing forwards and one backwards
     ends = (p["alpha"] + p["gamma"], p["alpha"] - p["gamma"])
     share = np.cos(2.0 * p["alpha"])

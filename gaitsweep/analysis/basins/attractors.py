@@ -26,9 +26,8 @@ Groups = Int[np.ndarray, " states"]  # a number for each state
 GRAINS_OF_A_POINT = 10.0  # largest extent of a point attractor, in grains
 CYCLES_OF_A_GRAIN = 10.0  # cycles in which a row settled to the tolerance of `run` may still move by a grain
 _GRAIN = 0.01  # rad; for tables without a tolerance
-WINDOW = (
-    1.0 / 16.0
-)  # radius of the neighbourhood that gives the direction of a line, as a share of its extent
+# radius of the neighbourhood that gives the direction of a line, as a share of its extent
+WINDOW = 1.0 / 16.0
 BENT = 0.05  # variance across a line over that along it, at a corner; 0.25 at a right angle, 0 if straight
 MOST_CELLS = 8192  # the time of the spanning tree grows with their square
 GAP = 3.0  # least ratio of successive link lengths at a gap between attractors
@@ -78,6 +77,9 @@ def attractors(
         link: the longest link within an attractor; by default from the widest gap in the links' lengths.
         corners: whether lines that meet at a corner are separate attractors.
         scales: the unit of each column in the distance; by default 1 in the column's own unit.
+
+    Returns:
+        The attractor of each row, and the attractors.
 
     Raises:
         AnalysisError: the table does not have a column or any observable, or a number is not above 0.
@@ -148,8 +150,7 @@ def with_attractors(table: pd.DataFrame, **grouping: Any) -> pd.DataFrame:
     if np.any(table["status"].astype(str) == Status.inferred.name):
         raise AnalysisError(
             "This table has inferred rows, which have no state that identifies an attractor: use the "
-            "gait, or "
-            "run the job without run.refine."
+            "gait, or run the job without run.refine."
         )
     grouped = table.assign(attractor=attractors(table, **grouping).column)
     grouped.attrs = table.attrs

@@ -10,7 +10,15 @@ import scipy
 from jaxtyping import Float, Shaped
 
 from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
-from gaitsweep.analysis.records import AnalysisError, axes_of, in_order, outcome_labels, panels_of, require
+from gaitsweep.analysis.records import (
+    AnalysisError,
+    axes_of,
+    in_order,
+    outcome_labels,
+    panels_of,
+    require,
+    with_constants,
+)
 
 LEVEL = 0.95  # of confidence intervals
 _METHODS = {"wilson": "wilson", "clopper_pearson": "exact"}  # as SciPy calls them
@@ -18,7 +26,7 @@ _COLUMNS = ["outcome", "rows", "of", "fraction", "low", "high", "interval"]
 
 
 def fractions(
-    table: pd.DataFrame,
+    table: pd.DataFrame | Sequence[pd.DataFrame],
     axes: Sequence[str] | None = None,
     *,
     label: str = "gait",
@@ -29,10 +37,12 @@ def fractions(
     """The basin fractions of a table with their confidence intervals.
 
     Args:
-        table: a settle table; rows that were inferred count as others do.
+        table: a settle table, or several that differ in constants, which `by` then names; rows that were
+            inferred count as others do.
         axes: the columns of the starts; by default the swept axes that are not in `by`.
         label: the column of the outcomes.
-        by: columns of which each combination of values is a panel, counted separately.
+        by: columns, or constants of the table's job, of which each combination of values is a panel, counted
+            separately.
         level: confidence level of the intervals.
         interval: wilson, clopper_pearson or cells; by default `cells` for grids and `wilson` for others.
             The first two treat starts as independent draws, so they are too wide on a grid. `cells` treats
@@ -45,7 +55,7 @@ def fractions(
     Raises:
         AnalysisError: the table does not have a column, or an argument is not allowed.
     """
-    by, axes = panels_and_axes(table, by, axes)
+    table, by, axes = panels_and_axes(table, by, axes)
     _check(level, interval)
     labels = outcome_labels(table, label)
     names = in_order(table, label, labels)
@@ -58,17 +68,20 @@ def fractions(
 
 
 def panels_and_axes(
-    table: pd.DataFrame, by: str | Sequence[str], axes: Sequence[str] | None
-) -> tuple[list[str], list[str]]:
-    """The columns of the panels and of the starts; by default the starts are the other swept axes.
+    table: pd.DataFrame | Sequence[pd.DataFrame], by: str | Sequence[str], axes: Sequence[str] | None
+) -> tuple[pd.DataFrame, list[str], list[str]]:
+    """The table, and its columns of the panels and of the starts, by default the other swept axes.
+
+    The table is that of all tables, with the constants that are among the panels' names.
 
     Raises:
         AnalysisError: the table does not have a column.
     """
     by = [by] if isinstance(by, str) else list(by)
+    table = with_constants(table, by, axes)
     axes = [name for name in axes_of(table) if name not in by] if axes is None else list(axes)
     require(table, "status", *axes, *by)
-    return by, axes
+    return table, by, axes
 
 
 def proportion_interval(

@@ -11,7 +11,7 @@ import scipy
 from jaxtyping import Bool, Float, Int, Real
 
 from gaitsweep.analysis.circular import is_circular
-from gaitsweep.circular import TURN
+from gaitsweep.angle_difference import TURN
 
 _EQUAL = 1e-6  # largest relative difference between the steps of a grid
 

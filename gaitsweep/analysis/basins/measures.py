@@ -42,7 +42,7 @@ class Basins:
 
 
 def basins(
-    table: pd.DataFrame,
+    table: pd.DataFrame | Sequence[pd.DataFrame],
     axes: Sequence[str] | None = None,
     *,
     label: str = "gait",
@@ -56,11 +56,13 @@ def basins(
     """Measure the basins of a settle table, refined or not, with grid or random starts.
 
     Args:
-        table: a settle table; rows that were inferred count as others do.
+        table: a settle table, or several that differ in constants, which `by` then names; rows that were
+            inferred count as others do.
         axes: the columns of the starts that span the line, plane or space of the basins; by default the swept
             axes that are not in `by`.
         label: the column of the outcomes; `attractor` is computed if the table does not have it.
-        by: columns of which each combination of values is a panel, measured separately.
+        by: columns, or constants of the table's job, of which each combination of values is a panel, measured
+            separately.
         level: confidence level of the intervals.
         interval: as for `fractions`.
         box: cells along a side of the boxes of the basin entropy.
@@ -83,7 +85,7 @@ def basins(
         >>> measured.panels["boundary_dimension"].round(2).tolist()
         [1.0]
     """
-    by, axes = panels_and_axes(table, by, axes)
+    table, by, axes = panels_and_axes(table, by, axes)
     if not axes:
         raise AnalysisError("No axis is left for the basins: name the columns of the starts as `axes`.")
     if label == "attractor" and label not in table.columns:

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 
 from gaitsweep.analysis.circular import is_circular
 from gaitsweep.analysis.records import AnalysisError, axes_of, require
-from gaitsweep.circular import TURN
+from gaitsweep.angle_difference import TURN
 
 StateArray = Float[np.ndarray, "states coordinates"]
 Coordinates = Float[np.ndarray, "... coordinates"]

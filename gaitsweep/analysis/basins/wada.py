@@ -35,7 +35,7 @@ class Wada:
 
 
 def wada(
-    table: pd.DataFrame,
+    table: pd.DataFrame | Sequence[pd.DataFrame],
     axes: Sequence[str] | None = None,
     *,
     label: str = "gait",
@@ -65,7 +65,7 @@ def wada(
     """
     if box < 2 or box & (box - 1):
         raise AnalysisError(f"box is {box}, but must be a power of 2: 2, 4, 8, ...")
-    by, axes = panels_and_axes(table, by, axes)
+    table, by, axes = panels_and_axes(table, by, axes)
     labels = outcome_labels(table, label)
     merging, boxes = [], []
     for place, rows in panels_of(table, by):

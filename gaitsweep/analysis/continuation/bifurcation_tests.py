@@ -20,7 +20,8 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem, PerBranch
-from gaitsweep.analysis.continuation.newton import multipliers, residuals, sizes
+from gaitsweep.analysis.continuation.multipliers import multipliers
+from gaitsweep.analysis.continuation.newton import residuals, sizes
 from gaitsweep.engine.poincare.maps import Points
 
 Vector = Float[np.ndarray, " unknowns"]  # the unknowns of one branch

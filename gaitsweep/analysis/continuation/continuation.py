@@ -27,6 +27,8 @@ STRAIGHT, FEW = 0.95, 6
 LONGER, SHORTER = 1.4, 0.5
 # A branch is closed where it passes its start within this share of a step, after more than so many points.
 NEAR_HOME, AWAY = 0.75, 4
+# Largest share of its way that a branch counts as done while it is followed.
+NEARLY = 0.95
 # Shares of the longest step that are tried to jump over a discontinuity, where no short step converges.
 JUMPS = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
 # Columns of each point of a branch, beside its parameters, observables and drifts.
@@ -41,14 +43,16 @@ class ArclengthSteps:
     """Lengths of the first, the longest and the shortest arclength step, and the most points of a branch.
 
     In a length, the parameter is a share of its range, and coordinates are relative to their magnitudes.
-    `on_progress` is called before each step; an exception that it raises stops the continuation.
+    `on_progress` is called before each step with the number of points of each branch (n,), and the share of
+    the parameter's range along which it was followed (n,), 1 at its end; an exception that it raises stops
+    the continuation.
     """
 
     first: float = 0.02
     longest: float = 0.08
     shortest: float = 1e-4
     most: int = 300
-    on_progress: Callable[[], None] = lambda: None
+    on_progress: Callable[[Any, Any], None] = lambda points, shares: None
 
 
 def continuation(
@@ -288,7 +292,9 @@ class BranchFollower:
     def follow(self) -> None:
         """Follow each branch to its end."""
         while self.going.any():
-            self.steps.on_progress()
+            moved = np.abs(self.branch_points.parameter - self.home.parameter)
+            shares = np.minimum(moved / (self.problem.high - self.problem.low), NEARLY)
+            self.steps.on_progress(self.table.counts(self.names), np.where(self.going, shares, 1.0))
             rows = np.flatnonzero(self.going)
             problem, here = self.problem[rows], self.branch_points[rows]
             there, found = problem.step(here, self.length[rows])

@@ -28,11 +28,11 @@ from gaitsweep.analysis.continuation.bifurcation_tests import (
     located_on_branch,
 )
 from gaitsweep.analysis.continuation.continuation import JUMPS, ArclengthSteps
+from gaitsweep.analysis.continuation.multipliers import multipliers
 from gaitsweep.analysis.continuation.newton import (
     ConservedConstraints,
     NewtonOutcome,
     matrices,
-    multipliers,
     newton,
     residuals,
     sizes,
@@ -206,7 +206,7 @@ def _first_fold(
     lengths, ends = [np.array([steps.longest]) for _ in ahead], [""] * len(ahead)
     for _ in range(MOST_TO_A_FOLD):
         for k in (k for k, end in enumerate(ends) if not end):
-            steps.on_progress()
+            steps.on_progress([0], [0.0])
             here = ahead[k]
             there, ok = problem.step(here, lengths[k])
             if not ok[0]:
@@ -358,7 +358,7 @@ def _followed(
     records = [_record(equations, here, row, 0, "")]
     length, end = steps.first, "most"
     while len(records) < steps.most:
-        steps.on_progress()
+        steps.on_progress([len(records)], [len(records) / steps.most])
         there = _stepped(equations, here, length)
         if there is None or there.tangent @ here.tangent < 0.9:
             length *= 0.5

@@ -12,11 +12,11 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from gaitsweep import near_miss
 from gaitsweep.contract import ResultCode
-from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values, wrap_difference
+from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values, listed, wrap_difference
 from gaitsweep.errors import ArgumentError
 
 Unknowns = Float[np.ndarray, "points unknowns"]  # coordinates and drifts
@@ -101,6 +101,11 @@ class FixedPoints:
     def converged(self) -> Bool[np.ndarray, " points"]:
         """Mask of the searches that converged, (n,)."""
         return self.outcome == NewtonOutcome.converged
+
+    def __repr__(self) -> str:
+        counts = zip(*np.unique(self.outcome, return_counts=True), strict=True)
+        each = ", ".join(f"{number} {NewtonOutcome(outcome).name}" for outcome, number in counts)
+        return f"FixedPoints({each}: {listed(self.points.at[self.converged])})"
 
 
 def sizes(at: Float[np.ndarray, "... coordinates"]) -> Float[np.ndarray, "... coordinates"]:
@@ -278,35 +283,3 @@ def norms(miss: Unknowns, at: Float[np.ndarray, "points coordinates"]) -> Float[
     scale[:, : at.shape[1]] = sizes(at)
     with np.errstate(invalid="ignore"):
         return np.nan_to_num(np.max(np.abs(miss) / scale, axis=1), nan=np.inf)
-
-
-def multipliers(
-    jacobian: Float[np.ndarray, "*points coordinates coordinates"],
-    gradients: Float[np.ndarray, "*points constrained coordinates"] | None = None,
-) -> Complex[np.ndarray, "*points multipliers"]:
-    """The Floquet multipliers, in descending order of modulus.
-
-    Args:
-        jacobian: of the map at its n fixed points, (n, size, size), or at one, (size, size).
-        gradients: of constrained quantities, (n, k, size): the multipliers are then those of the map
-            restricted to their level set, and k fewer.
-
-    Returns:
-        Complex numbers (n, size - k), or (size,) of one point.
-    """
-    if gradients is not None and gradients.shape[1]:
-        jacobian = np.stack([_restricted(a, g) for a, g in zip(jacobian, gradients, strict=True)])
-    found = np.asarray(np.linalg.eigvals(jacobian), complex)
-    # of two conjugates the one with the positive imaginary part comes first
-    order = np.lexsort((-np.imag(found), -np.round(np.abs(found), 12)), axis=-1)
-    return np.take_along_axis(found, order, axis=-1)
-
-
-def _restricted(
-    matrix: Float[np.ndarray, "coordinates coordinates"],
-    gradients: Float[np.ndarray, "constrained coordinates"],
-) -> Float[np.ndarray, "directions directions"]:
-    """The matrix restricted to the directions normal to all gradients."""
-    k = len(gradients)
-    basis = np.linalg.svd(gradients)[2][k:].T
-    return basis.T @ matrix @ basis

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Real
 
 from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.transitions.smoothing import Smooth, local_polynomial
-from gaitsweep.circular import TURN
+from gaitsweep.angle_difference import TURN
 
 Pairs = Float[np.ndarray, " pairs"]  # a number for each pair
 RowOfPair = Real[np.ndarray, " pairs"]
@@ -34,9 +34,8 @@ _BRIDGED = (3.0, 0.5)  # largest residual at a zero on one side: standard errors
 # Breaks in the data.
 _NEIGHBOURS = 12  # spacings on either side that tell how densely the points lie at a place
 _WIDER = 4.0  # times as wide as those spacings, or
-_STARTS_WIDER = (
-    2.0  # as those of the rows' first points: a row leaves an unstable point, and none comes to it
-)
+# as those of the rows' first points: a row leaves an unstable point, and none comes to it
+_STARTS_WIDER = 2.0
 _WIDEST = 2.0  # bandwidths: with a wider gap, no window has points on both sides
 _A_JUMP = 3.0  # times the largest residual of the lines on both sides
 _SURE = 6.0  # standard errors of the difference of these lines

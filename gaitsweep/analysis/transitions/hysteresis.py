@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Shaped
 from gaitsweep.analysis.circular import is_circular, mean_direction
 from gaitsweep.analysis.records import AnalysisError, axes_of, panels_of, require, section_column
 from gaitsweep.analysis.transitions.jumps import Course, courses, records_of, rising, stretches
-from gaitsweep.circular import TURN, wrapped_difference
+from gaitsweep.angle_difference import TURN, wrapped_difference
 from gaitsweep.contract import Status
 
 LEAST = 0.15  # least change of a jump, in the observable's unit

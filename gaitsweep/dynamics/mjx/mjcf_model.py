@@ -25,9 +25,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Quantity, Rates, SteppedModel
-from gaitsweep.dynamics.declarations import Event
+from gaitsweep.dynamics.declarations import SingleEvent
 from gaitsweep.dynamics.declared_model import Declared, Values
 from gaitsweep.near_miss import suggestion
+from gaitsweep.skeleton import Skeleton
 
 if TYPE_CHECKING:
     from gaitsweep.dynamics.mjx.body import MjxBody, Numbers
@@ -60,8 +61,8 @@ class MjcfModel(Declared, SteppedModel):
     def _other_fields(cls) -> list[str]:
         return [BODY, SENSORS]
 
-    def _is_beyond(self, event: Event, params: Any, state: Any) -> Bool[Array, ""]:
-        return jnp.asarray(event.function(self, params, state)) > 0.0
+    def _is_beyond(self, event: SingleEvent, params: Any, state: Any) -> Bool[Array, ""]:
+        return event.height(self, params, state) > 0.0
 
     @abc.abstractmethod
     def control(self, params: Any, state: Any, /) -> Float[Array, " nu"]:
@@ -128,7 +129,8 @@ class MjcfModel(Declared, SteppedModel):
         moved, data = self.mjx_body.step(numbers, state.body, dt, ctrl=controls)
         rates = self.rates(params, state)
         changes = {name: getattr(state, name) + dt * rate for name, rate in rates.items()}
-        return state.replace(**changes, body=moved, sensors=data.sensordata)
+        after = state.replace(**changes, body=moved, sensors=data.sensordata)
+        return self._stepped(params, state, after, jnp.zeros(()))
 
     def checked_control(self, params: Any, state: Any) -> Float[Array, " nu"]:
         """Values of `control`, (nu,).
@@ -148,21 +150,23 @@ class MjcfModel(Declared, SteppedModel):
 
     def events(self, params: Any, before: Any, after: Any, /) -> Bool[Array, " events"]:
         fired = []
-        for each in self._events():
-            ends = jnp.asarray(each.function(self, params, after)) >= 0.0
-            begins = jnp.asarray(each.function(self, params, before)) < 0.0
-            fired.append(each.within(after) & (begins & ends if each.rising else ends))
+        for each in self.single_events():
+            ends = each.height(self, params, after) >= 0.0
+            begins = each.height(self, params, before) < 0.0
+            allowed = each.within(after) & each.holds(params, after)
+            fired.append(allowed & (begins & ends if each.declared.rising else ends))
         return jnp.stack(fired) if fired else jnp.zeros((0,), bool)
 
     def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
-        for each, flag in zip(self._events(), fired, strict=True):
-            if each.effect is not None:
-                after = each.effect(self, params, state)
+        before = state
+        for each, flag in zip(self.single_events(), fired, strict=True):
+            if each.jumps:
+                after = each.jumped(self, params, state)
                 state = jax.tree.map(lambda new, old, f=flag: jnp.where(f, new, old), after, state)
-        return state
+        return self._stepped(params, before, state)
 
     def section(self, params: Any, before: Any, fired: Bool[Array, " events"], /) -> Bool[Array, ""]:
-        closed = [flag for each, flag in zip(self._events(), fired, strict=True) if each.is_section]
+        closed = [flag for each, flag in zip(self.single_events(), fired, strict=True) if each.is_section]
         return jnp.any(jnp.stack(closed)) if closed else jnp.zeros((), bool)
 
     def longest_step(self, params: Any, /) -> Float[Array, ""]:
@@ -171,6 +175,13 @@ class MjcfModel(Declared, SteppedModel):
 
     def mjcf(self, values: Mapping[str, float]) -> str:
         return _source(type(self))
+
+    def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
+        """The geoms of the MJCF, and limbs if it has a site foot_1, ... for each signal contact_1, ..."""
+        from gaitsweep.dynamics.mjx.drawing import skeleton
+
+        feet = sum(name.startswith("contact_") for name in signals)
+        return skeleton(self.mjx_body.mj_model, signals, feet)
 
     def caveats(self) -> list[str]:
         from gaitsweep.dynamics.mjx.against_c import at_first_use

@@ -32,16 +32,17 @@ def _cond(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     known = tracer.known(which)
     if known is not None:
         return tracer.read(branches[min(max(int(known), 0), len(branches) - 1)], operands)
+    # from the last branch to the first: each select overrides the branches with larger numbers
     chosen = tracer.read(branches[-1], operands)
     at = int(which)
     for i in range(len(branches) - 2, -1, -1):
-        given = tracer.read(branches[i], operands)
+        results = tracer.read(branches[i], operands)
         if program.nodes[at].kind == "bool":
-            here = program.apply("not", at)
+            is_taken = program.apply("not", at)
         else:
-            here = program.apply("le", at, program.constant(i, "int"))
-        pairs = zip(given, chosen, strict=True)
-        chosen = [tracer.apply("select", np.asarray(here), yes, no) for yes, no in pairs]
+            is_taken = program.apply("le", at, program.constant(i, "int"))
+        pairs = zip(results, chosen, strict=True)
+        chosen = [tracer.apply("select", np.asarray(is_taken), yes, no) for yes, no in pairs]
     return chosen
 
 
@@ -54,11 +55,11 @@ def _while(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
         (goes_on,) = tracer.read(p["cond_jaxpr"], [*for_cond, *carry])
         known = tracer.known(goes_on)
         if known is None:
-            raise refuse("the scalar kernel needs loops whose number of turns is known beforehand")
+            raise refuse("the scalar kernel needs loops whose number of turns does not depend on values")
         if not bool(known):
             return carry
         carry = tracer.read(p["body_jaxpr"], [*for_body, *carry])
-    raise refuse(f"the scalar kernel writes loops out up to {MOST_TURNS} turns")
+    raise refuse(f"the scalar kernel unrolls loops of at most {MOST_TURNS} turns")
 
 
 def _scan(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
@@ -69,15 +70,16 @@ def _scan(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     else:
         n_consts, n_carry = p["num_consts"], p["num_carry"]
     if length > MOST_TURNS:
-        raise refuse(f"the scalar kernel writes loops out up to {MOST_TURNS} turns, and this has {length}")
+        raise refuse(f"the scalar kernel unrolls loops of at most {MOST_TURNS} turns; this one has {length}")
     consts, carry = args[:n_consts], args[n_consts : n_consts + n_carry]
     columns = args[n_consts + n_carry :]
     rows: list[list[Nodes]] = []
     order = range(length - 1, -1, -1) if p["reverse"] else range(length)
     for i in order:
-        given = tracer.read(p["jaxpr"], [*consts, *carry, *(np.asarray(column[i]) for column in columns)])
-        carry = given[:n_carry]
-        rows.append(given[n_carry:])
+        turn = [np.asarray(column[i]) for column in columns]
+        results = tracer.read(p["jaxpr"], [*consts, *carry, *turn])
+        carry = results[:n_carry]
+        rows.append(results[n_carry:])
     if p["reverse"]:
         rows.reverse()
     collected = [np.stack(list(column)) for column in zip(*rows, strict=True)]
@@ -86,8 +88,8 @@ def _scan(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     return [*carry, *collected]
 
 
-def _written_out(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-    """An operation that JAX writes out where it compiles a program (JAX 0.11 and newer)."""
+def _expanded(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    """An operation that JAX expands to others when it compiles a program (JAX 0.11 and newer)."""
     operation = equation.params["_prim"]
     shapes = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in equation.invars]
     try:
@@ -103,5 +105,5 @@ RULES = {
     "cond": _cond,
     "while": _while,
     "scan": _scan,
-    "call_hi_primitive": _written_out,
+    "call_hi_primitive": _expanded,
 }  # fmt: skip

@@ -40,7 +40,7 @@ def varying_slots(kernel: Kernel, names: frozenset[str]) -> frozenset[int]:
         return held
 
     leaves = jax.tree.leaves(kernel.chunk.held)
-    found = dependences(constants, *kernel.given)
+    found = dependences(constants, *kernel.shapes)
     return frozenset(
         leaf.first + i
         for leaf, mine in zip(leaves, found, strict=True)
@@ -57,7 +57,7 @@ class CudaLanes(KernelLanes):
         super().__init__(spec)
         self.card = CudaDevice(getattr(device, "local_hardware_id", None) or 0)
         self._contraction = spec.numerics.contraction
-        self._seen = [leaf.first + i for leaf in self.seen.values() for i in range(leaf.size)]
+        self._seen = [leaf.first + i for leaf in self.read_leaves.values() for i in range(leaf.size)]
         source = gpu_program.placing(self.chunk, self._seen, self.kernel.title)
         module = self.card.module(source, contraction=self._contraction)
         self._put, self._collect, self._trajectory = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any, final
 
@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int, Real
 from gaitsweep.contract import Model, Status
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
-from gaitsweep.engine.kernel.opening import opening_of
+from gaitsweep.engine.kernel.opening import Columns, Opened, opening_of
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import BUFFER, Recorder
 from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes, OneLane, RowDrive, Values
@@ -25,19 +25,22 @@ from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
 CACHE_LINE = 64  # bytes, also the size of the widest vector
 
+Shapes = Mapping[str, jax.ShapeDtypeStruct]
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Kernel:
-    """The scalar program of a chunk, and the function that opens rows; equal to none but itself.
+    """The scalar program of a chunk, and the function that opens rows; equal only to itself.
 
-    `given` are the shapes of a row's parameters and initial conditions.
+    `chunk` is the program and `open` the function, which belong to the trajectory `lane`; `title` names the
+    run in the printed source. `shapes` are those of a row's parameters and of its initial conditions.
     """
 
     chunk: Chunk
-    open: Any
+    open: Callable[[Columns, Columns], Opened]
     title: str
     lane: OneLane
-    given: tuple[Any, Any]
+    shapes: tuple[Shapes, Shapes]
 
 
 @cached_by_content(maxsize=16)
@@ -66,9 +69,9 @@ class KernelLanes(Lanes):
         self.chunk = self.kernel.chunk
         self._dtype = np.dtype(spec.numerics.carried)
         record, carry = self.chunk.record, self.chunk.carry
-        # slots that the host reads after each chunk
         counts = {"filled": record.filled, "samples": record.samples}
-        self.seen: dict[str, Leaf] = {**record.results(carry), **counts}
+        # what the host reads after each chunk
+        self.read_leaves: dict[str, Leaf] = {**record.results(carry), **counts}
 
     @abc.abstractmethod
     def put(
@@ -78,10 +81,17 @@ class KernelLanes(Lanes):
         samples: Float[np.ndarray, "opened width"],
         kept: Bool[np.ndarray, " opened"],
     ) -> None:
-        """Write `opened` (n, slots) to `lanes` (n,), `samples` (n, width) to buffers where `kept` (n,)."""
+        """Write opened rows to lanes.
+
+        Args:
+            lanes: their numbers.
+            opened: the first slots of each row.
+            samples: a sample of each row, written to the buffer of its lane.
+            kept: whether the sample of a row is written.
+        """
 
     def open_rows(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
-        """Open the rows in the lanes marked `fresh`, and `put` them there; values are (size,) each."""
+        """Open the rows in the lanes marked `fresh`, and `put` them there; values have one number a lane."""
         lanes = np.flatnonzero(fresh)
         values, initial = (
             {name: np.asarray(column[lanes], self._dtype) for name, column in columns.items()}
@@ -90,13 +100,13 @@ class KernelLanes(Lanes):
         self.put(lanes, *self.kernel.open(values, initial))
 
     def output(self, read_slot: Callable[[int], Real[np.ndarray, " lanes"]]) -> ChunkOutput:
-        """The output of a chunk without its buffers; `read_slot` returns the values (size,) of a slot."""
+        """The output of a chunk without its buffers; `read_slot` returns the values of a slot."""
 
         def read(leaf: Leaf) -> Real[np.ndarray, "lanes ..."]:
             columns = [read_slot(leaf.first + i) for i in range(leaf.size)] or [np.zeros((self.size, 0))]
             return np.stack(columns, axis=-1).reshape(self.size, *leaf.shape)
 
-        numbers = {name: read(leaf) for name, leaf in self.seen.items()}
+        numbers = {name: read(leaf) for name, leaf in self.read_leaves.items()}
         filled, samples = (numbers.pop(name).astype(np.int32) for name in ("filled", "samples"))
         return ChunkOutput(numbers, filled, samples, np.zeros((self.size, 0, self.chunk.width)))
 
@@ -109,7 +119,7 @@ def _aligned(shape: tuple[int, ...]) -> Float[np.ndarray, " ..."]:
     return room[first : first + size].reshape(shape)
 
 
-# cached, since its source is printed for each core, and for each sweep of a self-check, else
+# cached, since each core and each sweep of a self-check would print the source again
 @lru_cache(maxsize=16)
 def _compiled(kernel: Kernel, contraction: bool) -> tuple[Callable[[Any, Any, int], None], int]:
     """The kernel on a CPU, and the slots of its lanes."""

@@ -162,7 +162,7 @@ def _align_stack(builder: Any, lanes: int) -> None:
 
 
 class _Writer:
-    """Writes the instructions of one function at its call."""
+    """Writer of the instructions of one function at its call."""
 
     def __init__(self, builder: Any, lanes: int, arguments: dict[str, Any]) -> None:
         self.builder, self.lanes = builder, lanes

@@ -1,4 +1,4 @@
-"""Opens rows: the slots of trajectories at their start, by a kernel, or by XLA if a model needs it."""
+"""Opening of rows: the slots of trajectories at their start, by a kernel, or by XLA if a model needs it."""
 
 from __future__ import annotations
 

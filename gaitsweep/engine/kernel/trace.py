@@ -29,7 +29,7 @@ class _Refusal(UnsupportedError):
 
 
 class Writer:
-    """Writes operations whose constants have the kind of a given node."""
+    """Writer of operations whose constants have the kind of a given node."""
 
     def __init__(self, program: Program, like: int) -> None:
         self.program = program

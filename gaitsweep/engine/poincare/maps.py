@@ -22,6 +22,7 @@ from gaitsweep.engine.shapes import Integer
 # Batch sizes for which programs are compiled. A larger batch is split; a smaller one is filled up to the next
 # size by repeating its last point, which costs kernels nothing.
 BATCH_SIZES = (1, 8, 64)
+SHOWN = 3  # points in a `repr`
 
 Values = Mapping[str, Any]  # a parameter's name: a number, or one for each point (n,)
 Coordinates = Float[Array, " coordinates"]
@@ -42,6 +43,12 @@ class _Batch:
         return jax.tree.map(partial(_put, which), self, others)
 
 
+def listed(at: Any) -> str:
+    """Format the first of some points (n, size), for a short `repr`."""
+    first = [f"[{', '.join(f'{each:.6g}' for each in point)}]" for point in at[:SHOWN]]
+    return ", ".join([*first, "..."] if len(at) > SHOWN else first)
+
+
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Points(_Batch):
@@ -52,6 +59,9 @@ class Points(_Batch):
 
     def __len__(self) -> int:
         return len(self.at)
+
+    def __repr__(self) -> str:
+        return f"Points({len(self)}: {listed(self.at)})"
 
 
 @jax.tree_util.register_dataclass
@@ -79,6 +89,9 @@ class MapEvaluation(_Batch):
     def sound(self) -> Bool[np.ndarray, " points"]:
         """Mask of the points at which the map is defined, (n,)."""
         return self.status == ReturnStatus.crossed
+
+    def __repr__(self) -> str:
+        return f"MapEvaluation({np.count_nonzero(self.sound)} of {len(self.points)} defined)"
 
 
 class Map(abc.ABC):

@@ -57,7 +57,8 @@ class AllVariables(Chart):
         leaves = float_leaves(modes)
         cuts = np.cumsum([leaf.size for leaf in leaves])[:-1]
         pieces = jnp.split(at, cuts.tolist())
-        return with_float_leaves(modes, [p.reshape(x.shape).astype(x.dtype) for p, x in zip(pieces, leaves)])  # noqa: B905
+        shaped = [p.reshape(x.shape).astype(x.dtype) for p, x in zip(pieces, leaves, strict=True)]
+        return with_float_leaves(modes, shaped)
 
 
 @dataclasses.dataclass(frozen=True)

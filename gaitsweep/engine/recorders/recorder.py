@@ -189,16 +189,17 @@ class Recorder(abc.ABC):
         """Test for failure, then record; an ended row is unchanged."""
         running = record.status == Status.running
         recorded_carry, recorded, sample, keep = self.record(params, carry, record)
-        ill = self._illness(params, carry, dt)
-        status = jnp.where(ill != Status.running, ill, recorded.status)
-        fired = jnp.where(ill == Status.event_stall, _packed(fired_last(carry)), record.fired)
+        failure = self._failure_status(params, carry, dt)
+        status = jnp.where(failure != Status.running, failure, recorded.status)
+        fired = jnp.where(failure == Status.event_stall, _packed(fired_last(carry)), record.fired)
         new = select(running, dataclasses.replace(recorded, status=status, fired=fired), record)
-        new = dataclasses.replace(new, last=jnp.where(ill != Status.running, record.last, new.last))
+        new = dataclasses.replace(new, last=jnp.where(failure != Status.running, record.last, new.last))
         halt = jnp.where(status != Status.running, Halt.FINISHED, recorded_carry.halt)
         moved = dataclasses.replace(recorded_carry, halt=halt.astype(carry.halt.dtype))
         return PollResult(select(running, moved, carry), new, sample, keep & running)
 
-    def _illness(self, params: Params, carry: Carry, dt: Number | float) -> Integer:
+    def _failure_status(self, params: Params, carry: Carry, dt: Number | float) -> Integer:
+        """The status of a row that cannot continue, `running` otherwise."""
         moving = carry.state
         if isinstance(self.model, HybridModel):  # modes may have any value, also infinity
             names = dict.fromkeys([*self.model.flow(params, carry.state), *_variables(self.model)])

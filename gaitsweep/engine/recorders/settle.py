@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from gaitsweep.circular import wrapped_difference
+from gaitsweep.angle_difference import wrapped_difference
 from gaitsweep.contract import HybridModel, Model, Params, Status
 from gaitsweep.engine.advance import Carry, Halt
 from gaitsweep.engine.rarity import unlikely
@@ -261,7 +261,7 @@ class SettleRecorder(Recorder):
         return readings_at_the_end(rows)
 
     def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
-        return np.minimum(rows.cycles / (typical or 0.4 * self.max_cycles), 0.95)
+        return np.minimum(rows.cycles / (typical or self.max_cycles), 0.95)
 
 
 def tolerances(model: Model, given: float | Mapping[str, float]) -> float | tuple[float, ...]:

@@ -46,3 +46,8 @@ class SweepProgress:
     attempts: int
     seconds: float
     note: str = ""
+
+    @property
+    def rate(self) -> float:
+        """Rows a second; 0 until a row has ended, since how long rows take is not known before."""
+        return self.share * self.rows / self.seconds if self.done and self.seconds > 0 else 0.0

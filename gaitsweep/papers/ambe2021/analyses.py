@@ -15,7 +15,10 @@ app = typer.Typer()
 
 @app.command()
 def waves(directory: Directory) -> None:
-    """Compare wavelength and speed of waves in traces of the multi-legged chain with eqs. (27), (28)."""
+    """Compare waves of the chain with the theory.
+
+    Wavelength and speed of waves in traces of the multi-legged chain, and eqs. (27), (28).
+    """
     from gaitsweep.papers.ambe2021.analysis.travelling_wave import waves as measured
 
     print_table(measured(gs.load(directory)), 6)
@@ -23,7 +26,10 @@ def waves(directory: Directory) -> None:
 
 @app.command()
 def gait_shares(directory: Directory) -> None:
-    """Count the sets of parameters with each gait of the multi-legged chain, by the conditions."""
+    """Count parameter sets of the chain by gait.
+
+    For the multi-legged chain, by the conditions of the theory.
+    """
     from gaitsweep.papers.ambe2021.analysis.gait_shares import sets_by_conditions
 
     print_table(sets_by_conditions(gs.load(directory)))
@@ -31,7 +37,10 @@ def gait_shares(directory: Directory) -> None:
 
 @app.command()
 def source_place(directory: Directory) -> None:
-    """Print the shares of starts whose waves settle to a source at each leg of the multi-legged chain."""
+    """Print the shares of starts by the leg of the source.
+
+    Where the waves of the multi-legged chain settle to a source.
+    """
     from gaitsweep.papers.ambe2021.analysis.source_place import source_place as places
 
     found = places(gs.load(directory))
@@ -40,7 +49,10 @@ def source_place(directory: Directory) -> None:
 
 @app.command()
 def source_drift(directory: Directory) -> None:
-    """Compare the drift of E, and so of the source of the multi-legged chain's waves, with the law."""
+    """Compare the drift of the chain's source with its law.
+
+    The drift of E, and so of the source of the multi-legged chain's waves.
+    """
     from gaitsweep.papers.ambe2021.analysis.source_place import source_drift as drifts
 
     print_table(drifts(gs.load(directory)), 8)
@@ -62,7 +74,10 @@ def multilegged_theory(
         int | None, typer.Option("--k", help="Boundary leg of the source wave in these figures.")
     ] = None,
 ) -> None:
-    """Print the analytic solutions of a chain of legs, without a result directory."""
+    """Print the analytic solutions of a chain of legs.
+
+    It needs no result directory.
+    """
     import jax
 
     from gaitsweep import ArgumentError, near_miss

@@ -28,7 +28,7 @@ from gaitsweep.claims import (
     value,
 )
 from gaitsweep.expression import evaluate
-from gaitsweep.papers.ambe2021.analysis.gait_shares import GAITS, gait_shares
+from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares
 from gaitsweep.papers.ambe2021.analysis.source_place import source_drift, source_place
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import passages, waves
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import psi_columns, relative_phases, springs_of
@@ -44,8 +44,7 @@ from gaitsweep.papers.ambe2021.theory.chain import (
     wave_speed,
     wavelength,
 )
-from gaitsweep.papers.ambe2021.theory.gaits import GAITS as LABELS
-from gaitsweep.papers.ambe2021.theory.gaits import free_link, gait_of, nearest_set
+from gaitsweep.papers.ambe2021.theory.gaits import GAITS, WAVES, free_link, gait_of, nearest_set
 from gaitsweep.papers.ambe2021.theory.order import (
     TABLE_2,
     jumps,
@@ -106,6 +105,7 @@ def equation_of_motion() -> float:
 
 
 def _arrays(values: Mapping[str, float]) -> dict[str, jax.Array]:
+    """Values as arrays of JAX, by name."""
     return {name: jnp.asarray(value) for name, value in values.items()}
 
 
@@ -126,7 +126,14 @@ def _printed_acceleration(
     p: np.ndarray,
     values: Mapping[str, float],
 ) -> np.ndarray:
-    """Accelerations of the masses, eq. (1)."""
+    """Accelerations (m/s2) of the masses, eq. (1).
+
+    Args:
+        x, v: heights (m) and velocities (m/s) of the masses.
+        length, rate: lengths (m) of the legs and their derivatives (m/s).
+        p: the paper's symbol for contact, 1 on the ground and 0 in the air.
+        values: parameters by name.
+    """
     masses = np.full(len(x), values["m"])
     masses[[0, -1]] = values["m_B"]
     force = -masses * values["g"] - p * (values["K"] * (x - length) + values["D"] * (v - rate))
@@ -200,6 +207,7 @@ def force_balance_error() -> float:
 
 
 def _masses(legs: int) -> np.ndarray:
+    """Masses (kg) of a chain of legs, those of both ends m_B."""
     values = chain_defaults()
     return np.array([values["m_B"], *[values["m"]] * (legs - 2), values["m_B"]])
 
@@ -220,7 +228,8 @@ def height_error(table: pd.DataFrame) -> float:
     return float(np.median(np.abs(np.asarray(solved) - np.asarray(table[[f"x_{i}" for i in legs]], float))))
 
 
-_INSIDE = (0.1, 0.3, 0.45, 0.7, 0.9)  # shares of a set's range, off its middle, where two legs of A coincide
+# shares of a set's range, without its middle, where two legs of A touch down at the same time
+_INSIDE = (0.1, 0.3, 0.45, 0.7, 0.9)
 
 
 @functools.cache
@@ -237,6 +246,7 @@ def _at(N: int, kind: str, k: int, share: float) -> tuple[Branch, LagRule, float
 
 
 def _branch(kind: str, k: int) -> Branch:
+    """A set of solutions by its kind and boundary leg; refuses an unknown kind."""
     if kind not in ("A", "B", "direct"):
         raise MeasureError(f"kind is {kind}. Allowed: A, B, direct.")
     return Branch(kind, k)
@@ -355,7 +365,7 @@ def chain_of_sets(table: pd.DataFrame) -> float:
 @measure
 def ends_of_chain(*, N: int) -> list[str]:
     """The gaits of the first and of the last set of the chain of sets."""
-    return [LABELS[gait_of(branches(N)[at])] for at in (0, -1)]
+    return [GAITS[gait_of(branches(N)[at])] for at in (0, -1)]
 
 
 @measure
@@ -461,12 +471,13 @@ def _settled(table: pd.DataFrame, gait: str) -> pd.DataFrame:
 @measure
 def angles_of_lines(table: pd.DataFrame) -> list[float]:
     """Angles between the lines of direct and source, and of source and retrograde waves (deg)."""
-    ways = []
-    for gait in GAITS:
+    directions = []
+    for gait in WAVES:
         states = np.asarray(_settled(table, gait), float)
-        ways.append(np.linalg.svd(states - states.mean(axis=0), full_matrices=False)[2][0])
+        directions.append(np.linalg.svd(states - states.mean(axis=0), full_matrices=False)[2][0])
     pairs = ((0, 1), (1, 2))
-    return [float(np.degrees(np.arccos(min(1.0, abs(float(ways[i] @ ways[j])))))) for i, j in pairs]
+    cosines = [min(1.0, abs(float(directions[i] @ directions[j]))) for i, j in pairs]
+    return [float(np.degrees(np.arccos(cosine))) for cosine in cosines]
 
 
 @measure
@@ -476,8 +487,8 @@ def distance_from_planes(table: pd.DataFrame) -> float:
     The planes are at the medians of psi_1 over direct and source waves, and of psi_3 over source and
     retrograde waves.
     """
-    first = np.median(np.concatenate([numbers(_settled(table, each), "psi_1_end") for each in GAITS[:2]]))
-    third = np.median(np.concatenate([numbers(_settled(table, each), "psi_3_end") for each in GAITS[1:]]))
+    first = np.median(np.concatenate([numbers(_settled(table, each), "psi_1_end") for each in WAVES[:2]]))
+    third = np.median(np.concatenate([numbers(_settled(table, each), "psi_3_end") for each in WAVES[1:]]))
     rows = masked(table, table["status"] == "settled")
     away = np.minimum(
         np.abs(wrapped_difference(numbers(rows, "psi_1_end") - first)),
@@ -518,7 +529,7 @@ def gap_between_lines(table: pd.DataFrame) -> list[float]:
 def slice_shares(table: pd.DataFrame, *, slice: int) -> list[float]:
     """Shares of direct, source and retrograde waves on one slice of psi_3, in their order, from 0 (1)."""
     gaits = np.asarray(_slice(table, slice)["gait"], str)
-    return [float(np.mean(gaits == gait)) for gait in GAITS]
+    return [float(np.mean(gaits == gait)) for gait in WAVES]
 
 
 @measure
@@ -528,10 +539,11 @@ def largest_part(table: pd.DataFrame, *, slice: int) -> list[float]:
     Parts with at most one cell between them count as one, since the grid does not resolve the gap.
     """
     cells = _slice(table, slice).pivot(index="psi_2", columns="psi_1", values="gait").to_numpy()
-    return [float(max(_parts(cells == gait)) / np.count_nonzero(cells == gait)) for gait in GAITS]
+    return [float(max(_parts(cells == gait)) / np.count_nonzero(cells == gait)) for gait in WAVES]
 
 
 def _slice(table: pd.DataFrame, number: int) -> pd.DataFrame:
+    """The rows of one value of psi_3, numbered in ascending order."""
     values = np.unique(table["psi_3"])
     if number >= len(values):
         raise MeasureError(f"The table has no slice {number}: psi_3 has {len(values)} values.")
@@ -546,9 +558,9 @@ def _parts(mask: np.ndarray) -> np.ndarray:
     shifts = [(down, right) for down in range(3) for right in range(-2, 3) if (down, right) > (0, 0)]
     pairs = []
     for shift in shifts:
-        there = tuple(-each for each in shift)
-        both = mask & np.roll(mask, there, (0, 1))
-        pairs.append((cell[both], np.roll(cell, there, (0, 1))[both]))
+        back = tuple(-cells for cells in shift)  # np.roll moves the neighbour at `shift` to the cell itself
+        both = mask & np.roll(mask, back, (0, 1))
+        pairs.append((cell[both], np.roll(cell, back, (0, 1))[both]))
     i, j = (np.concatenate(each) for each in zip(*pairs, strict=True))
     graph = coo_matrix((np.ones(len(i)), (i, j)), shape=(mask.size, mask.size))
     _, labels = connected_components(graph, directed=False)
@@ -615,6 +627,7 @@ def simulated_order(table: pd.DataFrame, *, row: int, legs: Sequence[int]) -> st
 
 
 def _order(table: pd.DataFrame, row: int, legs: Sequence[int]) -> list[int]:
+    """Legs in their order of passing mid-stance after the first of them."""
     found = passages(one_row(table, row), springs_of(table))
     behind = np.mod(-np.append(0.0, np.cumsum(found.leads)), found.period)  # of leg 1, s
     after = {leg: np.mod(behind[leg - 1] - behind[legs[0] - 1] + 1e-9, found.period) for leg in legs}
@@ -755,7 +768,7 @@ def three_gaits(table: pd.DataFrame, *, where: Condition | None = None) -> float
         where: a condition over the columns of `gait_shares`, such as `conditions`.
     """
     chosen = records(gait_shares(table), where)
-    return float(np.mean((np.asarray(chosen[list(GAITS)]) > 0.0).all(axis=1)))
+    return float(np.mean((np.asarray(chosen[list(WAVES)]) > 0.0).all(axis=1)))
 
 
 @measure
@@ -763,7 +776,7 @@ def no_gaits(table: pd.DataFrame, *, where: Condition, less: Condition) -> float
     """Share of sets of parameters without any of the three gaits: of one condition minus of another (1)."""
     shares = gait_shares(table)
     one, other = (
-        float(np.mean((np.asarray(records(shares, each)[list(GAITS)]) == 0.0).all(axis=1)))
+        float(np.mean((np.asarray(records(shares, each)[list(WAVES)]) == 0.0).all(axis=1)))
         for each in (where, less)
     )
     return one - other
@@ -773,7 +786,7 @@ def no_gaits(table: pd.DataFrame, *, where: Condition, less: Condition) -> float
 def gaits_left(table: pd.DataFrame, *, where: Condition) -> list[str]:
     """The gaits in which the settled rows of a condition end, in the order of the gaits."""
     ends = set(records(records(table, where), "status == 'settled'")["gait"].astype(str))
-    return [gait for gait in LABELS if gait in ends]
+    return [gait for gait in GAITS if gait in ends]
 
 
 @measure

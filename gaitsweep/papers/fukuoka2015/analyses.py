@@ -54,7 +54,10 @@ def gait_bouts(
         ),
     ] = 3,
 ) -> None:
-    """List the successive gaits of each row, with the speeds at which they begin and end."""
+    """List the successive gaits of each row.
+
+    With the speeds at which they begin and end.
+    """
     from gaitsweep.papers.fukuoka2015.analysis import gait_bouts as bouts
 
     found = bouts.gait_bouts(bouts.gaits_along(gs.load(directory), cycles=cycles), by, least)
@@ -82,7 +85,10 @@ def loading_rule(
     ] = False,
     pairs: Annotated[bool, typer.Option("--pairs", help="List the pairs of legs instead.")] = False,
 ) -> None:
-    """Measure how well leg loads and pitch of the planar quadruped follow the rule of leg loading."""
+    """Measure how well rows follow the rule of leg loading.
+
+    From leg loads and pitch of the planar quadruped.
+    """
     from gaitsweep.papers.fukuoka2015.analysis import loading_rule as rule
 
     table = gs.load(directory)
@@ -97,7 +103,10 @@ def loading_rule(
 
 @app.command()
 def gait_thresholds(directory: Directory, window: Window = (-math.inf, math.inf)) -> None:
-    """Count the rows with each gait for several thresholds, the shifts by size, and gaits by touchdowns."""
+    """Count the rows of each gait for several thresholds.
+
+    Count the shifts by size too, and the gaits by touchdowns.
+    """
     from gaitsweep.papers.fukuoka2015.analysis.gait_summaries import gaits_by_threshold, shift_sizes
     from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
 
@@ -120,7 +129,10 @@ def gait_measures(
         typer.Option("--by", metavar="COLUMN", help="Column to group by besides the gait; may be repeated."),
     ] = None,
 ) -> None:
-    """Print speed, period, flight, pitch, power of the joints and cost of transport of each gait."""
+    """Print speed, period, flight and cost of each gait.
+
+    Pitch, power of the joints and cost of transport too.
+    """
     from gaitsweep.papers.fukuoka2015.analysis import gait_summaries
 
     print_table(gait_summaries.gait_measures(gs.load(directory), by or None))
@@ -128,7 +140,10 @@ def gait_measures(
 
 @app.command()
 def speed_transitions(directory: Directory, by: Kept = None) -> None:
-    """Print the speeds at which gaits change as the speed rises and falls, and the hysteresis between."""
+    """Print the speeds at which gaits change.
+
+    As the speed rises and as it falls, with the hysteresis between.
+    """
     from gaitsweep.papers.fukuoka2015.analysis import gait_bouts
 
     print_table(gait_bouts.speed_transitions(gs.load(directory), by or ()), 3)
@@ -141,7 +156,10 @@ def body_oscillation(
         bool, typer.Option("--along", help="Analyse each gait bout of rows whose speed changes.")
     ] = False,
 ) -> None:
-    """Print the amplitude of pitch at once and twice the gait frequency for each family of gaits."""
+    """Print the amplitude of pitch by family of gaits.
+
+    At once and at twice the gait frequency.
+    """
     from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import family_oscillation, oscillation_along
 
     if along:
@@ -160,7 +178,10 @@ def repertoire(
         ),
     ],
 ) -> None:
-    """Print the gaits of each parameter set of the planar quadruped, with their median speeds."""
+    """Print the gaits of each parameter set.
+
+    For the planar quadruped, with the median speed of each gait.
+    """
     from gaitsweep.papers.fukuoka2015.analysis import gait_summaries
 
     print_table(gait_summaries.repertoire(gs.load(directory), sets))

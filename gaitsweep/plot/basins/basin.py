@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 
 from gaitsweep.analysis.records import in_order
 from gaitsweep.contract import Outcome
-from gaitsweep.plot import style
+from gaitsweep.plot import theme
 from gaitsweep.plot.basins.cells import cell_edges, check_cells, filled, hatch_cells, on_grid
 from gaitsweep.plot.columns import (
     PlotError,
@@ -63,20 +63,20 @@ def basin(
     if len(values) > _MOST_PANELS:
         title = f"{title or ''} (the first {_MOST_PANELS} of {len(values)} panels)".strip()
         values = values[:_MOST_PANELS]
-    columns = min(len(values), _PANELS_A_ROW) or 1
+    columns = theme.across(len(values), _PANELS_A_ROW, theme.PAGE, 1.6)
     rows = -(-max(len(values), 1) // columns)
     numeric = pd.api.types.is_numeric_dtype(table[hue])
-    width = style.COLUMN + 0.4 if columns == 1 else min(style.PAGE, 2.4 * columns)
+    width = theme.width_of(theme.COLUMN + 0.4 if columns == 1 else min(theme.PAGE, 2.4 * columns))
     side = (width - (1.3 if numeric else 0.6)) / columns
-    with style.canvas(width, rows * (side + 0.35) + (0.35 if numeric else 0.75), title) as figure:
+    with theme.canvas(width, rows * (side + 0.35) + (0.35 if numeric else 0.75), title) as figure:
         if not len(table):
-            style.message(figure.add_subplot(), "no rows yet")
+            theme.message(figure.add_subplot(), "no rows yet")
             return figure
         grid = np.atleast_1d(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)).ravel()
         parts = [table if value is None else rows_where(table, table[panels] == value) for value in values]
         shown = outcome(table, hue)
-        names = in_order(table, hue, shown)
-        looks = style.colours(names), style.markers(names)
+        names = theme.ordered(in_order(table, hue, shown))
+        looks = theme.colours(names), theme.markers(names)
         limits = (table[hue].min(), table[hue].max()) if numeric else None
         image = None
         # the grid of all panels shows which cells one panel lacks
@@ -109,7 +109,7 @@ def _axes_of(table: pd.DataFrame, grid: Sequence[Axes], x: str, y: str, columns:
         axes.set_ylabel(axis_label(table, y) if number % columns == 0 else "")
         for which, name in (("x", x), ("y", y)):
             if is_angle(table, name) and not is_logarithmic(table, name):
-                style.angle_axis(axes, which)
+                theme.angle_axis(axes, which)
         if all(is_angle(table, name) and not is_logarithmic(table, name) for name in (x, y)):
             axes.set_aspect("equal")
 
@@ -128,7 +128,7 @@ def _cells(
     """Draw one panel; returns the artist of the colour scale for a numeric hue."""
     part = rows_where(part, part[x].notna() & part[y].notna())
     if not len(part):
-        style.message(axes, "no rows yet")
+        theme.message(axes, "no rows yet")
         return None
     log_axes(axes, part, x=x, y=y)
     logs = is_logarithmic(part, x), is_logarithmic(part, y)
@@ -149,8 +149,7 @@ def _cells(
     if part.duplicated([x, y]).any():
         raise PlotError(
             f"Several rows have the same {x} and {y}, since another quantity varies too. Name it as "
-            "`panels`, or "
-            "keep one of its values in the table."
+            "`panels`, or keep one of its values in the table."
         )
     across, up = (
         filled(all_ if on_grid(all_, log=log) else mine, log=log)
@@ -178,18 +177,16 @@ def _legend(
     handles = []
     for name in names:
         shares = " / ".join(
-            style.percent(float((part == name).mean()) if len(part) else 0.0) for part in apart
+            theme.percent(float((part == name).mean()) if len(part) else 0.0) for part in apart
         )
-        hatch = style.HATCH if name in (Outcome.NOT_SETTLED, Outcome.FAILED) else None
+        hatch = theme.HATCH if name in (Outcome.NOT_SETTLED, Outcome.FAILED) else None
         face = {"facecolor": colour[name], "edgecolor": "#333333", "hatch": hatch, "linewidth": 0.4}
-        handles.append(Patch(label=f"{name}  {shares} %", **face))
-    guessed = f" ({style.percent(inferred)} % of cells inferred from their neighbours)" if inferred else ""
+        handles.append(Patch(label=f"{theme.named(name)}  {shares} %", **face))
+    guessed = f" ({theme.percent(inferred)} % of cells inferred from their neighbours)" if inferred else ""
     heading = (
         f"share of starts{guessed}"
         if len(apart) == 1
         else f"share of starts{guessed}, by {panels}, left to right"
     )
     columns = min(len(handles), 3 if len(parts) > 1 else 2)
-    figure.legend(
-        handles=handles, loc="outside lower center", ncols=columns, title=heading, title_fontsize=7.5
-    )
+    theme.legend(figure, handles, ncols=columns, title=heading)

@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
 from pydantic import Field
 
 from gaitsweep.analysis.basins.attractor_matching import follow_attractors
@@ -19,7 +19,7 @@ from gaitsweep.analysis.basins.attractors import with_attractors
 from gaitsweep.analysis.basins.measures import Basins, basins
 from gaitsweep.analysis.records import axes_of
 from gaitsweep.kinds.run_kind import refinement
-from gaitsweep.plot import style
+from gaitsweep.plot import theme
 from gaitsweep.plot.columns import axis_label, column, is_angle, rows_where, unit_of, written
 from gaitsweep.plot.kind import TEXT_COLUMNS, Column, PlannedTable, Refusal, Title, figure_kind
 
@@ -76,15 +76,16 @@ def basin_measures(
     """
     if panels:
         column(table, panels)
-    with style.canvas(style.PAGE, 2.7, title) as figure:
+    across = theme.across(3, 3, theme.PAGE, 2.0)
+    with theme.canvas(theme.PAGE, 2.7 * (3 // across), title) as figure:
         if not len(table):
-            style.message(figure.add_subplot(), "no rows yet")
+            theme.message(figure.add_subplot(), "no rows yet")
             return figure
         if hue == "attractor" and hue not in table.columns:
             table = _with_attractors(table, panels)
         column(table, hue)
         measured = basins(table, axes, label=hue, by=panels or ())
-        shares, entropies, uncertain = figure.subplots(1, 3)
+        shares, entropies, uncertain = figure.subplots(3 // across, across).ravel()
         _shares(shares, table, measured, panels)
         _entropies(entropies, table, measured, panels)
         first = axes[0] if axes else next(name for name in axes_of(table) if name != panels)
@@ -112,7 +113,7 @@ def _along(axes: Axes, table: pd.DataFrame, panels: str | None, measured: Basins
         axes.set_xticks(range(len(values)), [str(value) for value in values])
         return {value: float(place) for place, value in enumerate(values)}
     if is_angle(table, panels):
-        style.angle_axis(axes, "x")
+        theme.angle_axis(axes, "x")
     return dict(zip(values, measured.panels[panels].to_numpy(float).tolist(), strict=True))
 
 
@@ -123,15 +124,15 @@ def _of(records: pd.DataFrame, name: str | None, value: object) -> pd.DataFrame:
 def _shares(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None) -> None:
     place = _along(axes, table, panels, measured)
     records = measured.fractions
-    names = list(dict.fromkeys(records["outcome"]))
-    colour, marker = style.colours(names), style.markers(names)
+    names = theme.ordered(dict.fromkeys(records["outcome"]))
+    colour, marker = theme.colours(names), theme.markers(names)
     for name in names:
         mine = _of(records, "outcome", name)
         at = [place[value] for value in (mine[panels] if panels else [None] * len(mine))]
         share = mine["fraction"].to_numpy()
         ends = np.abs(np.stack([mine["low"].to_numpy(), mine["high"].to_numpy()]) - share)
         look = {"color": colour[name], "marker": marker[name], "markersize": 3.5, "capsize": 2.0}
-        axes.errorbar(at, share, ends, label=name, linewidth=0.7, elinewidth=1.0, **look)
+        axes.errorbar(at, share, ends, label=theme.named(name), linewidth=0.7, elinewidth=1.0, **look)
     axes.set_ylim(-0.02, max(1.02 * float(np.max(records["high"].to_numpy(float))), 0.1))
     axes.set_ylabel("share of starts")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22), ncols=2 if len(names) > 2 else 1)
@@ -163,7 +164,7 @@ def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | 
         )
         slope = f"{exponent:.2f} ({low:.2f} to {high:.2f})" if np.isfinite(exponent) else "no exponent"
         label = f"{written(table, panels, value)}, {slope}" if panels else slope
-        look = {"color": shades[number], "marker": style.SPARE_MARKERS[number % len(style.SPARE_MARKERS)]}
+        look = {"color": shades[number], "marker": theme.SPARE_MARKERS[number % len(theme.SPARE_MARKERS)]}
         named = None if many else label
         axes.loglog(mine["eps"], mine["uncertain"], label=named, markersize=3.5, linewidth=0.7, **look)
     axes.set_xlabel(
@@ -171,7 +172,8 @@ def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | 
     )
     axes.set_ylabel("share of uncertain starts")
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        low, high = axis.get_view_interval()
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)) if high > 2.0 * low else MaxNLocator(3))
         axis.set_major_formatter(ScalarFormatter())
         axis.set_minor_formatter(NullFormatter())
     if many and panels:
@@ -192,4 +194,4 @@ def _shades_of(axes: Axes, table: pd.DataFrame, measured: pd.DataFrame, panels: 
     slopes = measured["exponent"].to_numpy(float)
     if np.isfinite(slopes).any():
         text = f"exponents {np.nanmin(slopes):.2f} to {np.nanmax(slopes):.2f}"
-        axes.text(0.04, 0.96, text, transform=axes.transAxes, ha="left", va="top", fontsize=7.5)
+        axes.text(0.04, 0.96, text, transform=axes.transAxes, ha="left", va="top", fontsize=theme.points(7.5))

@@ -10,7 +10,7 @@ from jaxtyping import Float, Real
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-from gaitsweep.plot import style
+from gaitsweep.plot import theme
 from gaitsweep.plot.kind import PlannedTable, Refusal
 
 
@@ -42,7 +42,7 @@ def hatch_cells(axes: Axes, edges: tuple[np.ndarray, np.ndarray], at: tuple, mar
         turns = np.flatnonzero(np.diff(np.r_[False, cells[row], False]))
         for start, stop in zip(turns[::2], turns[1::2], strict=True):
             (left, right), (bottom, top) = across[[start, stop]], up[[row, row + 1]]
-            look = {"fill": False, "hatch": style.HATCH, "linewidth": 0, "edgecolor": "#333333", "zorder": 3}
+            look = {"fill": False, "hatch": theme.HATCH, "linewidth": 0, "edgecolor": "#333333", "zorder": 3}
             axes.add_patch(
                 Rectangle((float(left), float(bottom)), float(right - left), float(top - bottom), **look)
             )

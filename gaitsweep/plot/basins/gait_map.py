@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from gaitsweep.contract import Outcome
-from gaitsweep.plot import style
+from gaitsweep.plot import theme
 from gaitsweep.plot.basins.cells import cell_edges, filled, hatch_cells, on_grid
 from gaitsweep.plot.columns import column, described, is_angle, is_logarithmic, log_axes, outcome, rows_where
 from gaitsweep.plot.kind import GaitColumn, Horizontal, Title, Vertical, figure_kind
@@ -41,13 +41,13 @@ def gait_map(
     """
     for name in (x, y, hue):
         column(table, name)
-    with style.canvas(style.COLUMN + 1.8, 3.9, title) as figure:
+    with theme.canvas(theme.COLUMN + 1.8, 3.9, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))
         axes.set_ylabel(described(table, y, 36))
         table = rows_where(table, table[x].notna() & table[y].notna())
         if not len(table):
-            style.message(axes, "no rows yet")
+            theme.message(axes, "no rows yet")
             return figure
         sets = _sets(table, x, y, hue)
         colour = _colours(_ordered(sets["set"].tolist()))
@@ -55,9 +55,9 @@ def gait_map(
         _draw(axes, sets, x, y, colour, (is_logarithmic(table, x), is_logarithmic(table, y)))
         for which, name in (("x", x), ("y", y)):
             if is_angle(table, name) and not is_logarithmic(table, name):
-                style.angle_ticks(axes, which)
-        look = {"title": "gaits that starts settle in, share of cells", "title_fontsize": 7.5}
-        figure.legend(handles=_key(sets, colour), loc="outside lower center", ncols=2, **look)
+                theme.angle_ticks(axes, which)
+        heading = "gaits that starts settle in, share of cells"
+        theme.legend(figure, _key(sets, colour), ncols=2, title=heading)
     return figure
 
 
@@ -67,6 +67,7 @@ def _sets(table: pd.DataFrame, x: str, y: str, hue: str) -> pd.DataFrame:
     kind = table[hue].dtype
     order = [str(each) for each in kind.categories] if isinstance(kind, pd.CategoricalDtype) else []
     order = [name for name in order if name != "none"] or sorted(set(shown) - {OTHER, *_HATCHED})
+    order = theme.ordered(order)
 
     def reached(names: pd.Series) -> tuple[str, ...]:
         here = set(names)
@@ -96,14 +97,14 @@ def _whole(names: tuple[str, ...]) -> tuple[str, ...]:
 def _colours(sets: list[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
     """The colour of each set: that of a single gait, other colours for several gaits, greys for no gait."""
     whole = list(dict.fromkeys(map(_whole, sets)))
-    alone = style.colours(dict.fromkeys(name for each in whole for name in each if name != OTHER))
+    alone = theme.colours(dict.fromkeys(name for each in whole for name in each if name != OTHER))
     colour: dict[tuple[str, ...], str] = {
-        each: style.COLOURS["none"] if each == (OTHER,) else alone[each[0]]
+        each: theme.COLOURS["none"] if each == (OTHER,) else alone[each[0]]
         for each in whole
         if len(each) == 1
     }
-    free = [each for each in ("#009E73", *style.SPARE_COLOURS) if each not in alone.values()]
-    free = free or list(style.SPARE_COLOURS)  # with many gaits no colour is free
+    free = [each for each in ("#009E73", *theme.SPARE_COLOURS) if each not in alone.values()]
+    free = free or list(theme.SPARE_COLOURS)  # with many gaits no colour is free
     several = [each for each in whole if len(each) > 1]
     colour |= {each: free[number % len(free)] for number, each in enumerate(several)}
     for each in sets:
@@ -123,15 +124,16 @@ def _key(sets: pd.DataFrame, colour: dict[tuple[str, ...], str]) -> list[Patch]:
     every = sets["set"].tolist()
     handles = []
     for names in _ordered(every):
-        hatch = style.HATCH if names[0] in _HATCHED else None
+        hatch = theme.HATCH if names[0] in _HATCHED else None
         face: dict[str, Any] = {"facecolor": colour[names], "edgecolor": "#333333", "linewidth": 0.4}
-        label = f"{_words(names)}  {style.percent(every.count(names) / len(every))} %"
+        label = f"{_words(names)}  {theme.percent(every.count(names) / len(every))} %"
         handles.append(Patch(label=label, hatch=hatch, **face))
     return handles
 
 
 def _words(names: tuple[str, ...]) -> str:
     """A set in words: `trot only`, `trot and walk`, `trot; another start failed`, `failed`."""
+    names = tuple(map(theme.named, names))
     if _whole(names) != names:
         return f"{' and '.join(_whole(names))}; another start {names[-1]}"
     if len(names) == 1:

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from gaitsweep import near_miss
 from gaitsweep.analysis.circular import branch_cut, unwrap_from
 from gaitsweep.analysis.transitions.return_map import branches as find_branches
-from gaitsweep.plot import style
+from gaitsweep.plot import theme
 from gaitsweep.plot.columns import column, described, is_angle, log_axes, rows_where
 from gaitsweep.plot.kind import (
     TEXT_COLUMNS,
@@ -59,13 +59,13 @@ def branches(
     for each in (x, "row", "crossing"):
         column(table, each)
     found = find_branches(table, name, x, bandwidth)
-    with style.canvas(style.COLUMN + 1.6, 3.4, title) as figure:
+    with theme.canvas(theme.COLUMN + 1.6, 3.4, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))
         log_axes(axes, table, x=x)
         axes.set_ylabel(described(table, name, 36))
         if not len(found):
-            style.message(axes, "no fixed point was found")
+            theme.message(axes, "no fixed point was found")
             return figure
         value = found["value"].to_numpy(float)
         place = unwrap_from(value, branch_cut(value)) if is_angle(table, name) else value
@@ -78,8 +78,8 @@ def branches(
                 without, np.zeros(len(without)), "|", color="#555555", ms=7, transform=below, clip_on=False
             )
         if is_angle(table, name):
-            style.angle_ticks(axes, "y")
-        figure.legend(handles=_key(found, len(without) > 0), loc="outside lower center", ncols=2)
+            theme.angle_ticks(axes, "y")
+        theme.legend(figure, _key(found, len(without) > 0), ncols=2)
     return figure
 
 

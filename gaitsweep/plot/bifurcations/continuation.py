@@ -19,8 +19,9 @@ from matplotlib.patches import Patch
 from pydantic import Field
 
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
-from gaitsweep.plot import style
-from gaitsweep.plot.columns import column, described, is_angle, moved_parameter
+from gaitsweep.near_miss import allowing
+from gaitsweep.plot import theme
+from gaitsweep.plot.columns import PlotError, column, described, is_angle, moved_parameter
 from gaitsweep.plot.kind import Column, Observed, Title, figure_kind
 from gaitsweep.schema.numbers import Real, Text
 
@@ -41,7 +42,7 @@ WORDS = {
 def continuation(
     table: pd.DataFrame,
     *,
-    y: Observed,
+    y: Observed | None = None,
     x: str | None = None,
     hue: Annotated[
         Column | None, "column of another parameter that differs between branches, or of the gait"
@@ -57,39 +58,46 @@ def continuation(
     A thin dotted line crosses a corner or a jump of the map.
 
     Args:
-        table: a continuation's table.
+        table: a continuation's table: of a job, or of `return_map(...).continue_`.
+        y: the observable; by default the first coordinate of the map that is one, or the first of the table.
         x: the column of the parameter; by default that of the table's job.
 
     Raises:
         PlotError: the table lacks a column.
     """
-    name = column(table, y, ("_n", ""))
+    first = [*table.attrs.get("recorded", ()), *(each for each in table if str(each).endswith("_n"))]
+    if y is None and not first:
+        raise PlotError(f"The table names no observable: give y. {allowing(map(str, table.columns))}")
+    name = column(table, y or first[0], ("_n", ""))
     x = x or moved_parameter(table) or "parameter"
     for each in (x, "row", "point", "stable", "special", *([hue] if hue else [])):
         column(table, each)
-    table = table.dropna(subset=[name]).sort_values(["row", "point"], kind="stable")
-    with style.canvas(style.COLUMN + 1.6, 3.4, title) as figure:
+    # the two directions in which a map follows a branch begin at one point
+    of_branch = [each for each in ("row", "direction") if each in table]
+    table = table.dropna(subset=[name]).sort_values([*of_branch, "point"], kind="stable")
+    with theme.canvas(theme.COLUMN + 1.6, 3.4, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))
         axes.set_ylabel(described(table, name, 36))
         if not len(table):
-            style.message(axes, "no fixed point was found")
+            theme.message(axes, "no fixed point was found")
             return figure
         colours = _colours(table, hue)
         for number, (low, high) in enumerate(intervals.values()):
             axes.axvspan(low, high, zorder=0, **_beside(number))
-        for row, branch in table.groupby("row", sort=True):
-            _draw(axes, branch, x, name, colours.get(row))
+        for _, branch in table.groupby(of_branch, sort=True):
+            _draw(axes, branch, x, name, colours.get(branch["row"].iloc[0]))
         if is_angle(table, name):
-            style.angle_ticks(axes, "y")
+            theme.angle_ticks(axes, "y")
         handles = _key(table, intervals, hue is not None)
         if hue is not None and _numbers(table, hue):
             shades = ScalarMappable(_span(table, hue), "viridis")
             figure.colorbar(shades, ax=axes, label=described(table, hue), shrink=0.85)
         elif hue is not None:
-            named = style.colours(list(dict.fromkeys(_names(table, hue).values())))
-            handles = [Line2D([], [], color=named[name], lw=1.4, label=name) for name in named] + handles
-        figure.legend(handles=handles, loc="outside lower center", ncols=2)
+            named = theme.colours(theme.ordered(dict.fromkeys(_names(table, hue).values())))
+            gaits = [Line2D([], [], color=named[gait], lw=1.4, label=theme.named(gait)) for gait in named]
+            handles = gaits + handles
+        theme.legend(figure, handles, ncols=2)
     return figure
 
 
@@ -114,7 +122,7 @@ def _colours(table: pd.DataFrame, hue: str | None) -> dict[Any, Any]:
         return {}
     if not _numbers(table, hue):
         names = _names(table, hue)
-        named = style.colours(list(dict.fromkeys(names.values())))
+        named = theme.colours(list(dict.fromkeys(names.values())))
         return {row: named[name] for row, name in names.items()}
     shades, span = mpl.colormaps["viridis"], _span(table, hue)
     return {row: shades(span(float(branch[hue].iloc[0]))) for row, branch in table.groupby("row")}

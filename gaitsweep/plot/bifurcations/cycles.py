@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from pydantic import Field
 
 from gaitsweep.contract import Status
-from gaitsweep.plot import style
+from gaitsweep.plot import theme
 from gaitsweep.plot.columns import axis_label, column, is_angle, log_axes, symbol
 from gaitsweep.plot.kind import Horizontal, Hue, Observable, Title, figure_kind
 
@@ -45,24 +45,26 @@ def cycles(
     lines = [part.sort_values("crossing") if "crossing" in part else part for _, part in _rows(table)]
     values = list(dict.fromkeys(part[hue].iloc[0] for part in lines))
     colour = _line_colours(values)
-    with style.canvas(style.PAGE, 2.4 + (0.45 if len(values) > 1 else 0.0), title) as figure:
-        panels = np.atleast_1d(figure.subplots(1, len(names), sharex=True))
-        for axes, name in zip(panels, names, strict=True):
+    across = theme.across(len(names), len(names), theme.PAGE, 1.6)
+    down = -(-len(names) // across)
+    with theme.canvas(theme.PAGE, 2.4 * down + (0.45 if len(values) > 1 else 0.0), title) as figure:
+        panels = figure.subplots(down, across, sharex=True, squeeze=False).ravel()
+        for axes in panels[len(names) :]:
+            axes.set_visible(False)
+        for axes, name in zip(panels, names, strict=False):
             for part in lines:
                 _line(axes, part, x, name, colour[part[hue].iloc[0]], is_angle(table, name))
             axes.set_xlabel(axis_label(table, x))
             log_axes(axes, table, x=x)
             axes.set_ylabel(axis_label(table, name))
             if is_angle(table, name):
-                style.angle_axis(axes, "y")
+                theme.angle_axis(axes, "y")
             if not lines:
-                style.message(axes, "no rows yet")
+                theme.message(axes, "no rows yet")
         if 1 < len(values) <= _NAMED_LINES:
             labels, heading = _labels(table, lines, names, hue)
             handles = [Line2D([], [], color=colour[value], label=labels[value]) for value in values]
-            figure.legend(
-                handles=handles, loc="outside lower center", ncols=min(4, len(handles)), title=heading
-            )
+            theme.legend(figure, handles, ncols=min(4, len(handles)), title=heading)
     return figure
 
 
@@ -73,8 +75,8 @@ def _rows(table: pd.DataFrame) -> list[tuple[object, pd.DataFrame]]:
 def _line_colours(values: Sequence[Any]) -> dict[Any, str]:
     """A colour for each value: that of a gait, else one of a palette, repeated for many values."""
     if all(isinstance(value, str) for value in values):
-        return dict(style.colours(map(str, values)))
-    palette = style.SPARE_COLOURS[:6]
+        return dict(theme.colours(map(str, values)))
+    palette = theme.SPARE_COLOURS[:6]
     return {value: palette[number % len(palette)] for number, value in enumerate(values)}
 
 

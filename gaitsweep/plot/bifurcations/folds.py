@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from gaitsweep.plot import style
+from gaitsweep.plot import theme
 from gaitsweep.plot.columns import PlotError, column, described, rows_where
 from gaitsweep.plot.kind import GaitColumn, Title, figure_kind
 
@@ -51,19 +51,19 @@ def folds(
         raise PlotError(f"y is {y}, like x: name another column.")
     table = rows_where(table, table[x].notna()).sort_values(["row", "point"], kind="stable")
     table = table.assign(gait=table[hue].astype(str))
-    with style.canvas(style.COLUMN + 1.2, 3.5, title) as figure:
+    with theme.canvas(theme.COLUMN + 1.2, 3.5, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x.removesuffix("_fold")))
         axes.set_ylabel(described(table, y.removesuffix("_fold"), 36))
         if not len(table):
-            style.message(axes, "no fold was found")
+            theme.message(axes, "no fold was found")
             return figure
-        colour = style.colours(list(dict.fromkeys(table["gait"])))
+        colour = theme.colours(list(dict.fromkeys(table["gait"])))
         pieces = [piece for row, curve in table.groupby("row") for piece in _pieces(row, curve, x, y)]
         together = _fill(axes, pieces)
         for _, curve in table.groupby("row"):
             _draw(axes, curve, x, y, colour)
-        figure.legend(handles=_key(table, colour, together), loc="outside lower center", ncols=2)
+        theme.legend(figure, _key(table, colour, together), ncols=2)
     return figure
 
 
@@ -150,7 +150,8 @@ def _fill(axes: Axes, pieces: list[dict[str, Any]]) -> set[str]:
 
 def _key(table: pd.DataFrame, colour: dict[str, str], together: set[str]) -> list[Line2D | Patch]:
     handles: list[Line2D | Patch] = [
-        Line2D([], [], color=each, lw=1.4, label=f"{gait} lost by a fold") for gait, each in colour.items()
+        Line2D([], [], color=each, lw=1.4, label=f"{theme.named(gait)} lost by a fold")
+        for gait, each in colour.items()
     ]
     if together:
         named = ", ".join(sorted(together - {""}))

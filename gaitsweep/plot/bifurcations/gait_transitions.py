@@ -15,7 +15,7 @@ from gaitsweep.analysis.circular import branch_cut, is_circular, unwrap_from
 from gaitsweep.analysis.records import in_order
 from gaitsweep.analysis.transitions.hysteresis import transition_points_by_gait
 from gaitsweep.contract import Outcome
-from gaitsweep.plot import style
+from gaitsweep.plot import theme
 from gaitsweep.plot.columns import column, described, log_axes, outcome, rows_where, symbol, unit_of
 from gaitsweep.plot.kind import AlongAxis, Column, GaitColumn, Observed, Title, figure_kind
 
@@ -47,20 +47,20 @@ def gait_transitions(
     name = column(table, y, ("_end", ""))
     for each in (x, start, hue, "status"):
         column(table, each)
-    with style.canvas(style.COLUMN + 1.6, 3.6, title) as figure:
+    with theme.canvas(theme.COLUMN + 1.6, 3.6, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))
         log_axes(axes, table, x=x)
         axes.set_ylabel(described(table, name, 36))
         table = rows_where(table, table[x].notna())
         if not len(table):
-            style.message(axes, "no rows yet")
+            theme.message(axes, "no rows yet")
             return figure
         place = table[name].to_numpy(float)
         place = unwrap_from(place, branch_cut(place)) if is_circular(table, name) else place
         shown = outcome(table, hue)
-        names = in_order(table, hue, shown)
-        colour = style.colours([each for each in names if each not in (Outcome.NOT_SETTLED, Outcome.FAILED)])
+        names = theme.ordered(in_order(table, hue, shown))
+        colour = theme.colours([each for each in names if each not in (Outcome.NOT_SETTLED, Outcome.FAILED)])
         handles = _points(axes, table[x].to_numpy(float), place, shown.to_numpy(), names, colour)
         lost = transition_points_by_gait(table, x, start, hue)
         lost = lost.loc[lost["gait"].isin(list(colour)).to_numpy()]
@@ -70,8 +70,8 @@ def gait_transitions(
             axes.axvline(0.5 * (edge["low"] + edge["high"]), color=tint, lw=0.8, ls=":")
             handles.append(Patch(facecolor=tint, alpha=0.4, label=_words(table, x, edge)))
         if is_circular(table, name):
-            style.angle_ticks(axes, "y")
-        figure.legend(handles=handles, loc="outside lower center", ncols=2)
+            theme.angle_ticks(axes, "y")
+        theme.legend(figure, handles, ncols=2)
     return figure
 
 
@@ -85,10 +85,10 @@ def _points(
 ) -> list[Line2D | Patch]:
     """Draw the rows; returns their entries in the legend."""
     handles: list[Line2D | Patch] = []
-    markers = style.markers(list(colour))
+    markers = theme.markers(list(colour))
     for name in names:
         mine = shown == name
-        look: dict[str, Any] = {"ls": "", "ms": 3.5, "label": name}
+        look: dict[str, Any] = {"ls": "", "ms": 3.5, "label": theme.named(name)}
         if name == Outcome.FAILED:
             look |= {"marker": "x", "color": "black", "clip_on": False}
             axes.plot(at[mine], np.zeros(mine.sum()), transform=axes.get_xaxis_transform(), **look)
@@ -108,4 +108,4 @@ def _words(table: pd.DataFrame, x: str, edge: dict[Any, Any]) -> str:
     unit = f" {unit}" if unit and unit != "1" else ""
     label = symbol(table, x) or x
     way = ways[edge["direction"]]
-    return f"{edge['gait']} lost as {label} {way}: {edge['low']:.6g} to {edge['high']:.6g}{unit}"
+    return f"{theme.named(edge['gait'])} lost as {label} {way}: {edge['low']:.6g} to {edge['high']:.6g}{unit}"

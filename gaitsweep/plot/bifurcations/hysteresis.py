@@ -25,7 +25,7 @@ from gaitsweep.analysis.transitions.hysteresis import (
     transition_points,
 )
 from gaitsweep.analysis.transitions.jumps import where_it_moves
-from gaitsweep.plot import style
+from gaitsweep.plot import theme
 from gaitsweep.plot.bifurcations.passes import DOWN, UP, draw_arrows, draw_row
 from gaitsweep.plot.columns import (
     PlotError,
@@ -54,9 +54,8 @@ _BANDS = {"rising": (UP, "////"), "falling": (DOWN, "\\\\\\\\")}
 
 class _Panel(NamedTuple):
     heading: str
-    table: (
-        pd.DataFrame | None
-    )  # None if the table does not exist yet; the heading names it, the note gives the reason
+    # None if the table does not exist yet; the heading names it, the note gives the reason
+    table: pd.DataFrame | None
     note: str = ""
 
 
@@ -121,13 +120,13 @@ def hysteresis(
     if x is not None:
         shown = [each._replace(table=_moving(each.table, parameter)) for each in shown]
         parameter = column(table, x, ("_n", ""))
-    across = min(len(shown), _PANELS_A_ROW)
+    across = theme.across(len(shown), _PANELS_A_ROW, theme.PAGE, 2.0)
     down = -(-len(shown) // across)
-    width = style.PAGE if across > 1 else style.COLUMN + 1.2
+    width = theme.PAGE if len(shown) > 1 else theme.COLUMN + 1.2
     origin = _origin([panel.table for panel in shown if panel.table is not None], name)
     parted = [_parted(panel.table, name, parameter, least) for panel in shown]
     strips = any(len(irregular) for _, irregular in parted)
-    with style.canvas(width, (3.5 if strips else 2.5) * down + 1.0, title) as figure:
+    with theme.canvas(width, (3.5 if strips else 2.5) * down + 1.0, title) as figure:
         shape: dict[str, Any] = {"height_ratios": [2.5, 1.0] * down if strips else [1.0] * down}
         every = figure.subplots((1 + strips) * down, across, sharex=True, squeeze=False, **shape)
         grid, below = every[:: 1 + strips].ravel(), (every[1::2] if strips else every).ravel()
@@ -153,9 +152,9 @@ def hysteresis(
         for axes in (*grid[len(shown) :], *below[len(shown) :]):
             axes.set_visible(False)
         for axes in {grid[0], below[0]} if origin is not None else ():
-            style.angle_ticks(axes, "y")
+            theme.angle_ticks(axes, "y")
         drawn = {str(line.get_color()) for axes in (*grid, *below) for line in axes.lines}
-        figure.legend(handles=_key(shown, table, parameter, drawn), loc="outside lower center", ncols=3)
+        theme.legend(figure, _key(shown, table, parameter, drawn), ncols=3)
     return figure
 
 
@@ -235,7 +234,7 @@ def _strip(
 ) -> None:
     """The records of irregular passes, as points."""
     if table is None or not len(irregular):
-        style.message(axes, "no irregular pass")
+        theme.message(axes, "no irregular pass")
         return
     kept = rows_where(irregular, sound(irregular, name, x))
     for number, part in kept.groupby("pass", sort=True):
@@ -246,7 +245,7 @@ def _strip(
         axes.plot(part[x].to_numpy(float), value, ".", ms=size, color=colour, rasterized=True)
     axes.margins(y=0.1)
     rows = f"{irregular['row'].nunique()} of {table['row'].nunique()} rows"
-    axes.set_title(f"irregular, on no branch: {rows}", loc="left", fontsize=7.0, pad=2.0)
+    axes.set_title(f"irregular, on no branch: {rows}", loc="left", fontsize=theme.points(7), pad=2.0)
 
 
 def _colour_of(part: pd.DataFrame, x: str, number: int) -> str:
@@ -298,14 +297,14 @@ def _draw(
     """One panel: each row's passes on branches, the jumps' intervals shaded; returns the jumps' legend."""
     axes.set_title(panel.heading if panel.table is not None else "")
     if panel.table is None or branches is None:
-        style.message(axes, panel.note)
+        theme.message(axes, panel.note)
         return []
     order = "stair" if "stair" in panel.table.columns else "crossing"
     # the last records before a fall are those of the whole row
     table = rows_where(panel.table, sound(panel.table, name, parameter))
     table = rows_where(table, table.index.isin(branches.index)).sort_values(["row", order], kind="stable")
     if not len(table):
-        style.message(axes, "no pass on a branch" if len(panel.table) else "no numbers yet")
+        theme.message(axes, "no pass on a branch" if len(panel.table) else "no numbers yet")
         return []
     rows = table["row"].unique()
     alpha = 1.0 if len(rows) <= _FAINT else max(0.15, _FAINT / len(rows))
@@ -346,7 +345,7 @@ def _below(axes: Axes, handles: list[Patch]) -> None:
     label = axes.get_xlabel()
     depth = 18.0 + 12.0 * (label.count("\n") + 1) if label else 4.0  # points
     place = axes.transAxes + ScaledTranslation(0.0, -depth / 72, axes.figure.dpi_scale_trans)
-    look: dict[str, Any] = {"title_fontsize": 7.0, "fontsize": 7.0, "borderaxespad": 0.0}
+    look: dict[str, Any] = {"title_fontsize": 7.0, "fontsize": theme.points(7), "borderaxespad": 0.0}
     axes.legend(
         handles=handles,
         title="jumps at",

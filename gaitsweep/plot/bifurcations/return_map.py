@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 
 from gaitsweep.analysis.circular import branch_cut, unwrap_from
 from gaitsweep.analysis.transitions.return_map import drift, fixed_points, ghosts, pairs
-from gaitsweep.plot import style
+from gaitsweep.plot import theme
 from gaitsweep.plot.columns import (
     PlotError,
     column,
@@ -69,10 +69,10 @@ def return_map(
     if len(values) > _MOST_PANELS:
         title = f"{title or ''} (the first {_MOST_PANELS} of {len(values)} panels)".strip()
     values = values[:_MOST_PANELS] or [None]
-    across = min(len(values), _PANELS_A_ROW)
+    across = theme.across(len(values), _PANELS_A_ROW, theme.PAGE, 2.0)
     down = -(-len(values) // across)
-    width = style.PAGE if across > 1 else style.COLUMN + 1.2
-    with style.canvas(width, (2.3 if across > 1 else 2.8) * down + 0.9, title) as figure:
+    width = theme.PAGE if len(values) > 1 else theme.COLUMN + 1.2
+    with theme.canvas(width, (2.3 if across > 1 else 2.8) * down + 0.9, title) as figure:
         grid = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
         origin = branch_cut(table[name].to_numpy(float)) if is_angle(table, name) else None
         seen: set[str] = set()
@@ -89,7 +89,7 @@ def return_map(
             axes.set_visible(False)
         _scale(list(grid[: len(values)]), form, origin)
         if seen:
-            figure.legend(handles=_key(seen), loc="outside lower center", ncols=min(across + 1, 3))
+            theme.legend(figure, _key(seen), ncols=min(across + 1, 3))
     return figure
 
 
@@ -110,7 +110,7 @@ def _panel(
     """One map: points, curve, fixed points and ghosts; returns which of them occur."""
     steps = pairs(part, name)
     if not len(steps):
-        style.message(axes, "no two crossings yet")
+        theme.message(axes, "no two crossings yet")
         return set()
     here, change = _on_axis(steps["value"], origin), steps["change"].to_numpy(float)
     curve = drift(part, name, bandwidth=bandwidth)
@@ -139,7 +139,7 @@ def _panel(
         offset, side = ((0, -14) if least > 0 else (0, 8)), "center"  # beyond zero, where fewer points are
         if form == "next":  # beside the diagonal
             offset, side = ((8, -9), "left") if least > 0 else ((-8, 3), "right")
-        look = {"textcoords": "offset points", "ha": side, "fontsize": 7, "color": _GHOST}
+        look = {"textcoords": "offset points", "ha": side, "fontsize": theme.points(7), "color": _GHOST}
         axes.annotate(f"{least:+.2g}".replace("-", "−"), at, offset, **look)
         seen.add("ghost")
     return seen
@@ -179,9 +179,9 @@ def _scale(grid: Sequence[Axes], form: str, origin: float | None) -> None:
         if high > low:
             grid[0].set_ylim(low - 0.1 * (high - low), high + 0.1 * (high - low))
     if origin is not None:
-        style.angle_ticks(grid[0], "x")
+        theme.angle_ticks(grid[0], "x")
         if form == "next":
-            style.angle_ticks(grid[0], "y")
+            theme.angle_ticks(grid[0], "y")
 
 
 def _key(seen: set[str]) -> list[Line2D]:

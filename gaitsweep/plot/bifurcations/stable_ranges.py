@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from gaitsweep.analysis.continuation.stable_ranges import range_of_gait
 from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as ranges_of
-from gaitsweep.plot import style
+from gaitsweep.plot import theme
 from gaitsweep.plot.bifurcations.continuation import MARKERS, WORDS
 from gaitsweep.plot.columns import PlotError, column, described, log_axes, moved_parameter
 from gaitsweep.plot.kind import AlongAxis, GaitColumn, Title, figure_kind
@@ -49,17 +49,17 @@ def stable_ranges(
         column(table, name)
     if not pd.api.types.is_numeric_dtype(table[y]):
         raise PlotError(f"y is {y}, which is not numeric and cannot be an axis.")
-    with style.canvas(style.COLUMN + 1.2, 3.5, title) as figure:
+    with theme.canvas(theme.COLUMN + 1.2, 3.5, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))
         axes.set_ylabel(described(table, y, 36))
         log_axes(axes, table, y=y)
         areas = _areas(table.assign(gait=table[hue]), x, y)
         if not areas:
-            style.message(axes, "no stable gait was found")
+            theme.message(axes, "no stable gait was found")
             return figure
         _draw(axes, areas)
-        figure.legend(handles=_key(areas), loc="outside lower center", ncols=2)
+        theme.legend(figure, _key(areas), ncols=2)
     return figure
 
 
@@ -95,7 +95,7 @@ def _union(same: pd.DataFrame, what: str, x: str) -> pd.Series:
 
 
 def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
-    colour = style.colours(list(areas))
+    colour = theme.colours(list(areas))
     for name, area in areas.items():
         low, high, up = (area[key].to_numpy(float) for key in ("low", "high", "up"))
         axes.fill_betweenx(up, low, high, color=colour[name], alpha=0.3, lw=0)
@@ -130,9 +130,9 @@ def _overlaps(areas: dict[str, pd.DataFrame]) -> dict[str, tuple[np.ndarray, np.
 
 
 def _key(areas: dict[str, pd.DataFrame]) -> list[Line2D | Patch]:
-    colour = style.colours(list(areas))
+    colour = theme.colours(list(areas))
     handles: list[Line2D | Patch] = [
-        Patch(facecolor=colour[name], alpha=0.3, label=f"{name} stable") for name in areas
+        Patch(facecolor=colour[name], alpha=0.3, label=f"{theme.named(name)} stable") for name in areas
     ]
     if together := _overlaps(areas):
         handles.append(Patch(facecolor=_TOGETHER, alpha=0.45, label=f"{', or '.join(together)}: both stable"))

@@ -341,7 +341,7 @@ def connection_to(where: str) -> Connection:
 
 def _require_distributed() -> None:
     try:
-        import distributed  # noqa: F401
+        import distributed  # noqa: F401 - whether it is installed
     except ImportError as error:
         raise RunError(
             "--cluster needs Dask's package distributed, which is not installed: "

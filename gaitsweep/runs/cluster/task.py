@@ -23,7 +23,7 @@ from gaitsweep.job import Job
 from gaitsweep.runs.cluster.identity import WorkerUnfit, difference, identity_of
 from gaitsweep.runs.executor import compute_blocks
 from gaitsweep.runs.prepare import RunContext, prepare
-from gaitsweep.runs.refined import some_rows
+from gaitsweep.runs.refinement import some_rows
 from gaitsweep.table import TableError
 from gaitsweep.table.directory import PartWriter
 from gaitsweep.table.files import reason

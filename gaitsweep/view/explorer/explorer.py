@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import html
+import itertools
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
 from gaitsweep.job.load import stored_job
 from gaitsweep.kinds.columns import gaits
+from gaitsweep.plot.bifurcations.passes import DOWN, UP
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.plot.provenance_marks import remarks
 from gaitsweep.runs.prepare import RunContext, prepare
@@ -50,6 +52,7 @@ _MOST_SERIES = 6
 _NAMED = 3
 # Differences in angles up to this value between a row simulated again and the table are not reported, rad.
 _APART = 1e-2
+_OF_MANY_ROWS = ("refine", "over", "coarse")  # fields of a run that choose among its rows
 
 
 class ExplorerSizeError(ArgumentError):
@@ -137,8 +140,7 @@ def _job_of(table: pd.DataFrame, trust: bool) -> Job:
         if other in fields:
             raise ArgumentError(
                 f"{where} contains sets of constants (a job with `{other}:`), which the explorer does "
-                "not show. "
-                "Use `gaitsweep report`."
+                "not show. Use `gaitsweep report`."
             )
     kind = fields.get("run", {}).get("kind", "another kind")
     if kind not in KINDS:
@@ -175,15 +177,15 @@ def _page(
         raise ExplorerSizeError(f"{least}, but --max-size is {max_size:g} MB.")
     context = prepare(job)
     table = _labelled(table, context)
-    shown = map_of(table, job, *axes, _most_records(table, _TABLE_SHARE * room))
-    fields = _table_fields(shown)
+    shown = map_of(table, job, *axes, _most_records(table, context.design.names, _TABLE_SHARE * room))
+    fields = _table_fields(shown, context.design.names)
     room -= len(compressed(_json(fields)))
     if room < 0:
         raise ExplorerSizeError(f"The table alone is larger than --max-size, {max_size:g} MB.")
     spent = table.attrs.get("manifest", {}).get("timings", {}).get("run_s", 0.0)
     chosen = _Replays(shown, context, replays, float(spent), on_progress)
     fields |= chosen.fields(room)
-    fields |= _about(shown, table, context, chosen)
+    fields |= _python(table, context) | _passes(table, context) | _about(shown, table, context, chosen)
     data = compressed(_json(fields))
     sentence = chosen.sentence
     parts = {"title": fields["name"], "told": sentence}
@@ -232,23 +234,23 @@ def _gaits(
     return gait_codes(np.asarray(jax.jit(jax.vmap(one))(held, np.nan_to_num(t), finite)))
 
 
-def _most_records(table: pd.DataFrame, room: float) -> int:
+def _most_records(table: pd.DataFrame, exact: Sequence[str], room: float) -> int:
     """The number of a table's records that fit into a number of bytes of the page."""
     some = table.iloc[np.linspace(0, len(table) - 1, min(_MEASURED, len(table))).astype(int)]
-    size = len(compressed(_json({"columns": columns_of(some)}))) / len(some)
+    size = len(compressed(_json({"columns": columns_of(some, exact)}))) / len(some)
     return max(int(room / size), 100)
 
 
-def _table_fields(shown: StartMap) -> dict[str, Any]:
+def _table_fields(shown: StartMap, exact: Sequence[str]) -> dict[str, Any]:
     """The map and the records in the format of the page."""
     fields: dict[str, Any] = {
         "kind": shown.kind,
         "x": shown.axis("x"),
         "y": shown.axis("y"),
-        "diagonal": shown.diagonal,
+        "noChange": shown.no_change,
         "outcomes": shown.outcomes,
         "outcome": shown.outcome.tolist(),
-        "columns": columns_of(shown.table),
+        "columns": columns_of(shown.table, exact),
         "slices": [
             {"name": html_symbol(shown.table, each.name), "texts": each.texts, "of": each.of_record.tolist()}
             for each in shown.slices
@@ -280,6 +282,7 @@ class _Replays:
     ) -> None:
         self._context, self._on_progress = context, on_progress
         self._model, self._shown = context.model, shown.table
+        self._outcomes, self._looks = shown.outcome, shown.outcomes
         self._table = shown.table.reset_index(drop=True)
         self._table.attrs = {}  # which pandas would copy with each record
         self._groups, self._beside = replay_groups(
@@ -313,9 +316,22 @@ class _Replays:
         self._count(kept, len(replays))
         cycles = np.concatenate([[], *(np.diff(each.t) for each in around.values())])
         cycle = float(np.median(cycles)) if cycles.size else 1.0
-        return {"walks": kept, "figure": self._figure(), "series": self.series, "cycle": cycle}
+        first = self._first([replay["record"] for replay in kept])
+        return {
+            "walks": kept,
+            "first": first,
+            "figure": self._figure(),
+            "series": self.series,
+            "cycle": cycle,
+        }
 
-    def _on_branch_progress(self, note: str = "") -> None:
+    def _first(self, animated: list[int]) -> int:
+        """The record with which the page opens: one with a settled gait, animated if any is."""
+        records = animated[1:2] + animated or list(range(len(self._outcomes)))
+        hidden = [look["hollow"] or look["hatched"] or look["leads"] == "none" for look in self._looks]
+        return next((record for record in records if not hidden[self._outcomes[record]]), records[0])
+
+    def _on_branch_progress(self, note: str = "", share: float = 0.0) -> None:
         """Report progress while branches are followed again."""
         if self._on_progress is not None:
             self._on_progress(0, 1, 0.0, 0.0, "following branches again")
@@ -425,7 +441,7 @@ class _Replays:
     @property
     def limbs(self) -> tuple[LimbLook, ...]:
         """The names and places of limbs: those of the skeleton, those of the model, or numbers."""
-        if self._parts is not None:
+        if self._parts is not None and self._parts.names:
             named = zip(self._parts.names, self._parts.pairs, strict=True)
             return tuple(LimbLook(name, pair, far) for name, (pair, far) in named)
         count = sum(q.name.startswith("contact_") for q in self._model.signals)
@@ -443,6 +459,34 @@ class _Replays:
         other = sum("later" in each or "apart" in each for each in kept)
         differ = f"; {other} of them differ from the table, as the page shows" if other else ""
         self.sentence = f"{len(kept)} of {total} {noun} are animated{beside}{full}{differ}."
+
+
+def _python(table: pd.DataFrame, context: RunContext) -> dict[str, Any]:
+    """A job of one row in Python, with marks for the row's number and its values of the varied quantities."""
+    fields = table.attrs["job"]
+    given = {name: fields[name] for name in ("model", "structure", "params", "start", "numerics")}
+    given["run"] = {k: v for k, v in fields["run"].items() if v is not None and k not in _OF_MANY_ROWS}
+    name = f"{context.job.name}_row_@row@"
+    lines = [
+        f"name={name!r}",
+        *(f"{key}={value!r}" for key, value in given.items() if value),
+        "vary={@vary@}",
+    ]
+    text = "".join(f"    {line},\n" for line in lines)
+    varied = [name for name in context.design.names if name in table.columns]
+    return {
+        "python": f"import gaitsweep as gs\n\njob = gs.Job(\n{text})\nprint(gs.run(job).table)\n",
+        "varied": varied,
+    }
+
+
+def _passes(table: pd.DataFrame, context: RunContext) -> dict[str, Any]:
+    """The direction, colour and marker of each pass of a parameter that rises and falls; none for others."""
+    run = context.job.run
+    turns = run.turns if "pass" in table.columns else ()
+    rises = [after > before for before, after in itertools.pairwise(turns)]
+    looks = [{"rises": up, "colour": UP if up else DOWN, "marker": "^" if up else "v"} for up in rises]
+    return {"moved": run.moved, "passes": looks if len(set(rises)) == 2 else []}
 
 
 def _about(shown: StartMap, table: pd.DataFrame, context: RunContext, replays: _Replays) -> dict[str, Any]:

@@ -30,6 +30,13 @@ _SAME = 1e-9  # relative difference of a parameter on a branch that is followed 
 _LONGEST = 600.0  # s of following branches again
 
 
+def replayer_of(context: RunContext, rows: np.ndarray) -> Replayer:
+    """Simulator of some rows (n,) of a job, from their own starts."""
+    run = context.job.run
+    begun = {run.moved: run.turns[0]} if run.moved and run.turns else {}
+    return Replayer(context.spec, rows, *context.design.values_in(rows), begun)
+
+
 class ReplayGroup(abc.ABC):
     """The animated records of a table, and the recording of their rows.
 
@@ -59,9 +66,7 @@ class ReplayGroup(abc.ABC):
             model, parameters, starts = self._start
             spec = dataclasses.replace(self.context.spec, model=model, drive=None)
             return Replayer(spec, self.rows, parameters, starts)
-        run = self.context.job.run
-        begun = {run.moved: run.turns[0]} if run.moved and run.turns else {}
-        return Replayer(self.context.spec, self.rows, *self.context.design.values_in(self.rows), begun)
+        return replayer_of(self.context, self.rows)
 
     @abc.abstractmethod
     def windows(self, period: float) -> Windows:

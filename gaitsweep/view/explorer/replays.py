@@ -16,7 +16,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.skeleton import Skeleton
 from gaitsweep.view.movie.animation import Clip
-from gaitsweep.view.movie.side_view import bounds, heading, projected, turned
+from gaitsweep.view.movie.side_view import bounds, heading, nearest_first, projected, turned
 
 # Contacts are sampled at this many instants a nominal cycle, and every second of them is a picture.
 SAMPLES_A_CYCLE = 64
@@ -254,30 +254,27 @@ class Replayer:
             return None
         if self.parts is None:
             self.parts = BodyParts.of(skeleton)
-        skeleton = turned(skeleton, heading(skeleton))
-        clip = Clip(t, skeleton, t, np.zeros((len(t), 0)), float(self.periods[place]), "")
-        camera = clip.camera
-        middle = np.column_stack([camera, np.zeros(len(t))])[:, None, :]
-        seen = [projected(limb.points - middle) for limb in skeleton.limbs]
-        for body in skeleton.bodies:
-            seen.append(projected(_nearest_first(body - middle)))
-        seen += [projected(spring - middle) for spring in skeleton.springs]
-        points = np.concatenate(seen, axis=1).reshape(len(t), -1)
-        size = np.abs(points).max(axis=1)
-        wild = ~np.isfinite(size) | (size > _MOST_GROWTH * size[0])
-        if wild.any():  # a row that falls or diverges
-            cut = int(np.argmax(wild))
-            skeleton = dataclasses.replace(
-                skeleton,
-                limbs=tuple(dataclasses.replace(limb, points=limb.points[:cut]) for limb in skeleton.limbs),
-                bodies=tuple(body[:cut] for body in skeleton.bodies),
-                springs=tuple(spring[:cut] for spring in skeleton.springs),
-            )
-            points, camera = points[:cut], camera[:cut]
-        return Pictures(points, camera[:, 0], *bounds(skeleton, camera))
+        return pictures_of(skeleton, t, float(self.periods[place]))
 
 
-def _nearest_first(points: np.ndarray) -> np.ndarray:
-    """Points (n, k, 3) at each instant, from the nearest to the farthest for a viewer on the right side."""
-    order = np.argsort(points[..., 1], axis=1, kind="stable")
-    return np.take_along_axis(points, order[..., None], axis=1)
+def pictures_of(skeleton: Skeleton, t: np.ndarray, period: float) -> Pictures:
+    """The side view of a body at times `t` (n,) s until it falls apart; `period` (s) of a cycle."""
+    skeleton = turned(skeleton, heading(skeleton))
+    camera = Clip(t, skeleton, t, np.zeros((len(t), 0)), period, "").camera
+    middle = np.column_stack([camera, np.zeros(len(t))])[:, None, :]
+    seen = [projected(limb.points - middle) for limb in skeleton.limbs]
+    seen += [projected(nearest_first(body - middle)) for body in skeleton.bodies]
+    seen += [projected(spring - middle) for spring in skeleton.springs]
+    points = np.concatenate(seen, axis=1).reshape(len(t), -1)
+    size = np.abs(points).max(axis=1)
+    wild = ~np.isfinite(size) | (size > _MOST_GROWTH * size[0])
+    if wild.any():  # a row that falls or diverges
+        cut = int(np.argmax(wild))
+        skeleton = dataclasses.replace(
+            skeleton,
+            limbs=tuple(dataclasses.replace(limb, points=limb.points[:cut]) for limb in skeleton.limbs),
+            bodies=tuple(body[:cut] for body in skeleton.bodies),
+            springs=tuple(spring[:cut] for spring in skeleton.springs),
+        )
+        points, camera = points[:cut], camera[:cut]
+    return Pictures(points, camera[:, 0], *bounds(skeleton, camera))

@@ -6,7 +6,7 @@ import dataclasses
 import html
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from gaitsweep.analysis.circular import branch_cut
 from gaitsweep.analysis.records import in_order, outcome_labels, sound
 from gaitsweep.contract import Outcome, Status
 from gaitsweep.job import Job
-from gaitsweep.plot import PlotError, style
+from gaitsweep.plot import PlotError, theme
 from gaitsweep.plot.basins.cells import cell_edges
 from gaitsweep.plot.columns import column, is_angle, is_logarithmic, rows_where, symbol, unit_of
 
@@ -48,7 +48,8 @@ class StartMap:
 
     `kind` is cells or points; `x` and `y` name columns of `table`; `edges` are those of cells along x and y,
     `at` the cell (n, 2) of each record. `outcome` (n,) is the number of each record's outcome in
-    `outcomes`, which have name, colour and marker. `thinned` describes records that were left out.
+    `outcomes`, which have name, colour and marker. `no_change` is the slope of the line in a return map on
+    which the value stays. `thinned` describes records that were left out.
     """
 
     table: pd.DataFrame
@@ -61,7 +62,7 @@ class StartMap:
     edges: tuple[np.ndarray, np.ndarray] | None = None
     at: np.ndarray | None = None
     closed: tuple[bool, bool] = (False, False)
-    diagonal: bool = False
+    no_change: float | None = None
     thinned: str = ""
 
     def axis(self, which: str) -> dict[str, Any]:
@@ -90,7 +91,8 @@ def map_of(table: pd.DataFrame, job: Job, x: str | None, y: str | None, most: in
     """
     x, y = _axes(table, job, x, y)
     outcomes, outcome = _outcomes(table)
-    shown = StartMap(table, POINTS, x, y, [], outcomes, outcome, diagonal=x == _this(y) and y != x)
+    no_change = {next_of(x): 1.0, change_of(x): 0.0}.get(y)
+    shown = StartMap(table, POINTS, x, y, [], outcomes, outcome, no_change=no_change)
     groups = [group for group in job.design.groups if group.length > 1]
     along = [next((i for i, group in enumerate(groups) if name in group.axes), None) for name in (x, y)]
     taken = [i for i in along if i is not None]
@@ -148,13 +150,17 @@ def _points(shown: StartMap, job: Job, taken: list[int], most: int) -> StartMap:
 
 
 def with_next(table: pd.DataFrame, y: str) -> pd.DataFrame:
-    """A return map's table with another column: the value of an observable at the next crossing."""
+    """A return map's table with an observable at the next crossing, and its change until then."""
     table = table.sort_values(["row", "crossing"], kind="stable")
-    attrs = table.attrs
-    table = table.assign(**{next_of(y): table.groupby("row")[y].shift(-1)})
+    attrs, circular = table.attrs, is_angle(table, y)
+    after = table.groupby("row")[y].shift(-1)
+    change = after - table[y]
+    change = np.pi - np.mod(np.pi - change, 2.0 * np.pi) if circular else change  # the shorter way round
+    table = table.assign(**{next_of(y): after, change_of(y): change})
     quantities = dict(attrs.get("quantities", {}))
-    known = dict(quantities.get(y) or quantities.get(y.removesuffix("_n")) or {})
-    table.attrs = {**attrs, "quantities": {**quantities, next_of(y): {**known, "symbol": ""}}}
+    known = {**(quantities.get(y) or quantities.get(y.removesuffix("_n")) or {}), "symbol": ""}
+    added = {next_of(y): known, change_of(y): {**known, "circular": False}}
+    table.attrs = {**attrs, "quantities": {**quantities, **added}}
     return rows_where(table, table[next_of(y)].notna())
 
 
@@ -163,8 +169,9 @@ def next_of(y: str) -> str:
     return f"{y}_next"
 
 
-def _this(y: str) -> str:
-    return y.removesuffix("_next")
+def change_of(y: str) -> str:
+    """The name of the column with the change until the next crossing."""
+    return f"{y}_change"
 
 
 def _axes(table: pd.DataFrame, job: Job, x: str | None, y: str | None) -> tuple[str, str]:
@@ -191,7 +198,10 @@ def _axes(table: pd.DataFrame, job: Job, x: str | None, y: str | None) -> tuple[
         first = column(table, first, suffixes) if isinstance(first, str) else observables[0]
         default = (run.moved or "crossing", first)
         if run.kind_name == "return_map":
-            default = (first, next_of(first))
+            form = next(
+                (getattr(figure, "form", None) for figure in drawn if hasattr(figure, "form")), "change"
+            )
+            default = (first, next_of(first) if form == "next" else change_of(first))
     chosen = [
         column(table, given, suffixes) if given else str(other)
         for given, other in zip((x, y), default, strict=True)
@@ -212,7 +222,7 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], np.ndarray]:
     """
     hollow, suffix = np.zeros(len(table), bool), ""
     if "stable" in table.columns:
-        hollow, suffix = np.asarray(table["stable"].astype(object) == False), "unstable"  # noqa: E712
+        hollow, suffix = np.asarray(table["stable"].astype(object) == False), "unstable"  # noqa: E712 - also missing values
     elif "settled" in table.columns:
         hollow, suffix = ~table["settled"].to_numpy(bool), Outcome.NOT_SETTLED
     if "cycles" in table.columns:  # one record a row
@@ -224,7 +234,7 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], np.ndarray]:
         labels[~sound(table, *observed[:1]) | gone.to_numpy()] = Outcome.FAILED
         shown = pd.Series(labels, table.index)
     names = in_order(table, "gait", shown)
-    colours, markers = style.colours(names), style.markers(names)
+    colours, markers = theme.colours(names), theme.markers(names)
     found: list[dict[str, Any]] = []
     numbers = np.zeros(len(table), np.int64)
     for name in names:
@@ -275,15 +285,16 @@ def label_of(table: pd.DataFrame, name: str) -> str:
 def written(table: pd.DataFrame, name: str, value: float) -> str:
     """Format a value in HTML, with its unit if it has one: `ψ₁ = 0.4π`."""
     if is_angle(table, name):
-        return f"{html_symbol(table, name)} = {style.in_pi(value)}"
+        return f"{html_symbol(table, name)} = {theme.in_pi(value)}"
     unit = html.escape(unit_of(table, name), quote=False)
     return f"{html_symbol(table, name)} = {value:.4g} {unit}".rstrip()
 
 
 def html_symbol(table: pd.DataFrame, name: str) -> str:
     """A column's symbol as HTML; its name if its TeX has more than letters, accents and indices."""
-    if name.endswith("_next"):
-        return f"next {html_symbol(table, _this(name))}"
+    for ending, word in (("_next", "next"), ("_change", "change of")):
+        if name.endswith(ending) and name.removesuffix(ending) in table.columns:
+            return f"{word} {html_symbol(table, name.removesuffix(ending))}"
     text = html.escape(symbol(table, name), quote=False)
     if not (text.startswith("$") and text.endswith("$")):
         return text
@@ -299,8 +310,11 @@ def html_symbol(table: pd.DataFrame, name: str) -> str:
     return html.escape(name, quote=False) if "\\" in text else text
 
 
-def columns_of(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """The columns of a table in the format of the page: numbers to `DIGITS` digits, categories by number."""
+def columns_of(table: pd.DataFrame, exact: Collection[str] = ()) -> list[dict[str, Any]]:
+    """The columns of a table in the format of the page: categories by number, numbers to `DIGITS` digits.
+
+    Those that are `exact` keep all digits.
+    """
     quantities: Mapping[str, Any] = table.attrs.get("quantities", {})
     found = []
     for name in map(str, table.columns):
@@ -317,7 +331,8 @@ def columns_of(table: pd.DataFrame) -> list[dict[str, Any]]:
             codes, categories = pd.factorize(values.astype(object), use_na_sentinel=True)
             entry |= {"categories": [str(each) for each in categories], "values": codes.tolist()}
         elif pd.api.types.is_float_dtype(values):
-            entry["values"] = [rounded(value) for value in values.to_numpy(float)]
+            digits = 17 if name in exact else DIGITS
+            entry["values"] = [rounded(value, digits) for value in values.to_numpy(float)]
         else:
             entry["values"] = [int(value) for value in values]
         if len(set(map(str, entry["values"]))) == 1 and len(table) > 1:
@@ -326,11 +341,11 @@ def columns_of(table: pd.DataFrame) -> list[dict[str, Any]]:
     return found
 
 
-def rounded(value: float) -> float | str | None:
-    """Round a number to `DIGITS` digits; returns text for infinity, None for missing numbers."""
+def rounded(value: float, digits: int = DIGITS) -> float | str | None:
+    """Round a number to some digits; returns text for infinity, None for missing numbers."""
     if math.isnan(value):
         return None
     if math.isinf(value):
         return "inf" if value > 0 else "-inf"
-    short = float(f"{value:.{DIGITS}g}")
+    short = float(f"{value:.{digits}g}")
     return int(short) if short == int(short) and abs(short) < 1e6 else short

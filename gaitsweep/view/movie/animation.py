@@ -15,7 +15,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 
 from gaitsweep.mathtext import settable
-from gaitsweep.plot import style
+from gaitsweep.plot import theme
 from gaitsweep.plot.footfalls import contact_intervals
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.skeleton import Limb, Skeleton
@@ -184,7 +184,7 @@ def _time_bar(axes: Axes, clip: Clip) -> Rectangle:
 def _sheet(size: tuple[int, int]) -> Iterator[tuple[Figure, FigureCanvasAgg]]:
     """An empty figure of a given size in pixels, always `_WIDE` inches wide."""
     width, height = size
-    with style.canvas(_WIDE, _WIDE * height / width) as figure:
+    with theme.canvas(_WIDE, _WIDE * height / width) as figure:
         figure.set_layout_engine("none")
         figure.set_dpi(width / _WIDE)
         yield figure, FigureCanvasAgg(figure)

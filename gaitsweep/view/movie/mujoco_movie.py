@@ -148,7 +148,7 @@ def _request(body: RenderedBody, skeleton: Skeleton, camera: np.ndarray, size: t
 def _start(request: bytes, backend: str) -> tuple[subprocess.Popen[bytes], io.BufferedRandom]:
     """The running painter; its messages go to an unnamed file."""
     environment = {**os.environ, "MUJOCO_GL": backend, "PYOPENGL_PLATFORM": backend}
-    log = tempfile.TemporaryFile()  # noqa: SIM115 (the painter closes it)
+    log = tempfile.TemporaryFile()  # noqa: SIM115 - the painter closes it
     # run as a file, it does not import this package; -P hides the files beside it
     command = [sys.executable, "-P", str(_PAINTER)]
     process = subprocess.Popen(

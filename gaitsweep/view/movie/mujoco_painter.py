@@ -28,7 +28,7 @@ def main() -> None:
     given = np.load(io.BytesIO(sys.stdin.buffer.read()))
     pictures = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # output of libraries must not mix with the frames
-    model = mujoco.MjModel.from_xml_string(str(given["mjcf"]))
+    model = _on_white(str(given["mjcf"]))
     data = mujoco.MjData(model)
     width, height = (int(pixels) for pixels in given["size"])
     model.vis.global_.offwidth, model.vis.global_.offheight = width, height
@@ -49,6 +49,18 @@ def main() -> None:
         pictures.write(renderer.render().tobytes())
         pictures.flush()
     renderer.close()
+
+
+def _on_white(mjcf: str) -> mujoco.MjModel:
+    """The model, with a white sky where it has none, which would be black."""
+    spec = mujoco.MjSpec.from_string(mjcf)
+    if not any(each.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX for each in spec.textures):
+        look = {"builtin": mujoco.mjtBuiltin.mjBUILTIN_FLAT, "width": 8, "height": 8}
+        white = [1.0, 1.0, 1.0]
+        spec.add_texture(
+            name="white_sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, rgb1=white, rgb2=white, **look
+        )
+    return spec.compile()
 
 
 def _camera(given: np.lib.npyio.NpzFile, aspect: float) -> mujoco.MjvCamera:

@@ -1,4 +1,7 @@
-"""A movie or a strip of poses of one row of a trace, drawn from its model's skeleton."""
+"""A movie or a strip of poses of one row, drawn from its model's skeleton.
+
+A row without a trace is simulated again.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +16,17 @@ from matplotlib.axes import Axes
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Model
+from gaitsweep.job import Job
 from gaitsweep.job.load import row_params, stored_job
+from gaitsweep.kinds.columns import gaits
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.columns import rows_where, written
 from gaitsweep.plot.limbs import limb_colours
+from gaitsweep.runs.prepare import prepare
 from gaitsweep.table import WriteError, load, reason, replace_file
 from gaitsweep.table.manifest import FIGURES
+from gaitsweep.view.explorer.replay_groups import replayer_of
+from gaitsweep.view.explorer.replays import Windows
 from gaitsweep.view.movie import animation, movie_file, side_view
 from gaitsweep.view.movie.animation import Clip, Drawn, Scene
 from gaitsweep.view.movie.mujoco_movie import NoOpenGL, Painter, Rendered, RenderedBody, pixels
@@ -29,7 +37,10 @@ _SIDES = (160, 4096)
 _POSES = 6
 _CYCLE_TIME = 1.6  # s that a cycle takes in a movie whose speed is not given
 _MOST_FRAMES = 3000
+_LEAST_WAY = 1e-3  # share of the height that a body goes in a cycle, to have a speed
 _NAMED = 4  # quantities in a title
+SIMULATED = ("settle", "fixed_time", "return_map", "ramp", "staircase")  # run kinds simulated again
+_LAST_CYCLES = 4  # cycles at the end of a row that is simulated again, if its part is not given
 
 OnMessage = Callable[[str], None]
 
@@ -38,7 +49,8 @@ OnMessage = Callable[[str], None]
 class Motion:
     """Signals (n,) of a row by name, at the times `t` (n,) s.
 
-    `values` are the row's parameters by name; `period` s is its model's nominal cycle; `title` names the row.
+    `values` are the row's parameters by name; `period` s is its model's nominal cycle; `gait` is its gait, or
+    how it ended, and `row` names it.
     """
 
     model: Model
@@ -46,7 +58,17 @@ class Motion:
     t: np.ndarray
     signals: Mapping[str, np.ndarray]
     period: float
-    title: str
+    gait: str
+    row: str
+
+    def title(self, clip: Clip, lift: float) -> str:
+        """The model, its gait and the mean speed of a clip, how high its lift is drawn, and the row."""
+        way = float(np.hypot(*(clip.camera[-1] - clip.camera[0])))
+        speed = way / float(clip.t[-1] - clip.t[0])
+        moves = speed * self.period > _LEAST_WAY * side_view.bounds(clip.skeleton, clip.camera)[1]
+        what = f"{self.gait}{f' at {speed:.2g} m/s' if moves else ''}".strip()
+        what += f" (lift drawn {lift:.3g} times as high)" if lift != 1.0 else ""
+        return f"{self.model.name}{f', {what}' if what else ''}; {self.row}"
 
     def at(self, times: np.ndarray) -> dict[str, np.ndarray]:
         """The signals at times (k,) s, interpolated linearly; angles and contacts from the nearest sample."""
@@ -73,43 +95,101 @@ class Motion:
         return np.array([self.signals[name] for name in names]).reshape(limbs, len(self.t)).T
 
 
-def read_motion(directory: str | Path, row: int, trust: bool = False) -> Motion:
-    """Read a row of a result directory; `trust` as for `gaitsweep.models.find_of_table`.
+def read_motion(
+    directory: str | Path,
+    row: int,
+    trust: bool = False,
+    start: float | None = None,
+    seconds: float | None = None,
+) -> Motion:
+    """Read a row of a trace, or simulate a row of another run again as the explorer does.
+
+    Args:
+        directory: the result directory.
+        row: the number of the row.
+        trust: as for `gaitsweep.models.find_of_table`.
+        start, seconds: the part of a row that is simulated again, s; by default its last cycles.
 
     Raises:
-        PlotError: the table is not a trace's, lacks signals, or has no such row or nothing recorded for it.
+        PlotError: the run kind has no motion, the table lacks signals, or there is no such row, or no motion
+            of it.
         TableError, JobError: the directory cannot be read, or its job.
     """
     directory = Path(directory)
     table = load(directory)
-    kind = table.attrs["job"].get("run", {}).get("kind", "another kind")
-    if kind != "trace":
-        raise PlotError(f"{directory} contains {kind} rows, which have no motion: use a run of kind trace.")
-    part = _samples(table, directory, row)
-    rows = stored_job(table.attrs, trust).design
-    missing = [quantity.name for quantity in rows.model.signals if quantity.name not in part.columns]
-    if missing:
-        names = ", ".join(missing[:_NAMED]) + (", ..." if len(missing) > _NAMED else "")
+    fields = table.attrs["job"]
+    kind = fields.get("run", {}).get("kind", "another kind")
+    if kind not in ("trace", *SIMULATED) or {"search", "sensitivity"} & set(fields):
         raise PlotError(
-            f"The table of {directory} lacks the signals {names}: run its job again into another directory."
+            f"{directory} contains {kind} rows, which have no motion: use a run of kind trace"
+            f"{', or gaitsweep explore' if kind == 'continuation' else ''}."
         )
+    part = _samples(table, directory, row)
+    job = stored_job(table.attrs, trust)
+    rows = job.design
     names = [quantity.name for quantity in rows.model.signals]
-    finite = np.isfinite(part[["t", *names]].to_numpy(float)).all(axis=1)
-    part = rows_where(part, finite).sort_values("t")
-    if len(part) < 2:
-        status = str(table.loc[table["row"] == row, "status"].iloc[0])
-        raise PlotError(f"Row {row} of {directory} has no recorded motion: it ended with status {status}.")
+    ended = str(part["status"].iloc[-1])
+    if kind == "trace":
+        t, signals = _recorded(part, directory, names)
+        gait = ""  # a trace has no crossings to read it from
+    else:
+        t, signals, gait = _simulated(job, part, row, start, seconds)
+    finite = np.isfinite(np.stack([t, *signals.values()])).all(axis=0)
+    if np.count_nonzero(finite) < 2:
+        raise PlotError(f"Row {row} of {directory} has no recorded motion: it ended with status {ended}.")
     parameters, _ = rows.values(row, row + 1)
-    values = {name: float(value[0]) for name, value in parameters.items()}
     set_to = [written(table, name, part[name].iloc[0]) for name in rows.names if name in part.columns]
     return Motion(
         model=rows.model,
-        values=values,
-        t=part["t"].to_numpy(float),
-        signals={name: part[name].to_numpy(float) for name in names},
+        values={name: float(value[0]) for name, value in parameters.items()},
+        t=t[finite],
+        signals={name: values[finite] for name, values in signals.items()},
         period=float(rows.model.period(row_params(rows, row))),
-        title=f"{rows.model.name}, row {row}{': ' if set_to else ''}{', '.join(set_to[:_NAMED])}",
+        gait=gait,
+        row=f"row {row}{': ' if set_to else ''}{', '.join(set_to[:_NAMED])}",
     )
+
+
+def _recorded(
+    part: pd.DataFrame, directory: Path, names: list[str]
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Times (n,) s and signals (n,) of a row of a trace."""
+    missing = [name for name in names if name not in part.columns]
+    if missing:
+        some = ", ".join(missing[:_NAMED]) + (", ..." if len(missing) > _NAMED else "")
+        raise PlotError(
+            f"The table of {directory} lacks the signals {some}: run its job again into another directory."
+        )
+    part = part.sort_values("t")
+    return part["t"].to_numpy(float), {name: part[name].to_numpy(float) for name in names}
+
+
+def _simulated(
+    job: Job, part: pd.DataFrame, row: int, start: float | None, seconds: float | None
+) -> tuple[np.ndarray, dict[str, np.ndarray], str]:
+    """Times (n,) s and signals (n,) of a row simulated again, and its gait, or its status if it has none.
+
+    A row that failed at its start has no times.
+    """
+    times = part["t_end" if "t_end" in part.columns else "t"].to_numpy(float)
+    end = float(times[np.isfinite(times)].max(initial=0.0))
+    if end == 0.0:
+        return np.zeros(0), {}, ""
+    context = prepare(job)
+    replayer = replayer_of(context, np.array([row]))
+    first = max(0.0, end - _LAST_CYCLES * float(replayer.periods[0])) if start is None else start
+    if not 0.0 <= first < end:
+        raise PlotError(f"{first:g} s is outside the row, which goes from 0 to {end:g} s.")
+    last = end if seconds is None else min(end, first + seconds)
+    (replayed,) = replayer.replayed(Windows(last - first, first))
+    kept = replayed.t <= last * (1.0 + 1e-9)
+    record = part.iloc[max(int(np.count_nonzero(times <= last * (1.0 + 1e-9))) - 1, 0)]
+    gait = record.get("gait")
+    if gait is None and replayed.gait != -1:  # crossings of a return map
+        gait = gaits(context.model, np.array([replayed.gait]))[0]
+    unknown = gait is None or pd.isna(gait) or gait == "none"
+    name = str(record["status"]).replace("_", " ") if unknown else str(gait)
+    return replayed.t[kept], {key: values[kept] for key, values in replayed.signals.items()}, name
 
 
 def _samples(table: pd.DataFrame, directory: Path, row: int) -> pd.DataFrame:
@@ -128,12 +208,13 @@ def write_movie(
     out: str | Path | None = None,
     *,
     row: int = 0,
-    start: float = 0.0,
+    start: float | None = None,
     seconds: float | None = None,
     speed: float | None = None,
     fps: float = 25.0,
     size: tuple[int, int] = SIZE,
     renderer: str = "auto",
+    lift: float = 1.0,
     trust: bool = False,
     on_progress: Callable[[int, int], None] | None = None,
     on_message: OnMessage | None = None,
@@ -141,14 +222,17 @@ def write_movie(
     """Write a movie of one row walking.
 
     Args:
-        directory: the result directory of a `trace` run.
+        directory: a result directory, of a run of kind trace, settle, fixed_time, return_map, ramp or
+            staircase.
         out: .gif or .mp4; `figures/animation_rowN.gif` in the directory by default.
         row: the number of the row.
-        start, seconds: start and length of the part of the trace, s; by default to its end.
+        start, seconds: start and length of the part of the row, s; by default a whole trace, or the last
+            cycles of a row that is simulated again.
         speed: speed relative to real time; by default a cycle takes about 1.6 s.
         fps: frames per second.
         size: width and height, pixels.
         renderer: mujoco, matplotlib, or auto: MuJoCo if the model and this machine support it.
+        lift: how many times as high as they are feet are drawn over the ground; not by MuJoCo.
         on_progress: callback with the numbers of drawn frames and of all frames.
         on_message: callback with sentences about deviations from the request.
 
@@ -159,8 +243,9 @@ def write_movie(
         PlotError, TableError, JobError: the request cannot be fulfilled.
         WriteError: the file cannot be written.
     """
-    motion = read_motion(directory, row, trust)
     _check(size, renderer)
+    motion = read_motion(directory, row, trust, start, seconds)
+    start = float(motion.t[0]) if start is None else start
     speed = usual_speed(motion.period) if speed is None else speed
     for name, value in (("speed", speed), ("fps", fps), ("seconds", seconds)):
         if value is not None and not 0.0 < value < np.inf:
@@ -183,10 +268,10 @@ def write_movie(
                 on_progress(number + 1, count)
 
     with (
-        _prepared(motion, times, _pace(speed), renderer, on_message) as (clip, scene),
+        _prepared(motion, times, _pace(speed), renderer, lift, on_message) as (clip, scene),
         contextlib.closing(animation.frames(clip, size, scene)) as frames,
     ):
-        colours = limb_colours(clip.skeleton.limbs)
+        colours = [*limb_colours(clip.skeleton.limbs), side_view.SWING]
         _write(target, lambda: movie_file.save(target, counted(frames), fps, colours))
     return target
 
@@ -199,13 +284,14 @@ def write_still(
     at: float = 0.0,
     size: tuple[int, int] = STILL_SIZE,
     renderer: str = "auto",
+    lift: float = 1.0,
     trust: bool = False,
     on_message: OnMessage | None = None,
 ) -> Path:
     """Write a PNG of six poses over the cycle that begins at a time.
 
     Args:
-        directory, row, size, renderer, trust, on_message: as for `write_movie`.
+        directory, row, size, renderer, lift, trust, on_message: as for `write_movie`.
         out: .png; `figures/poses_rowN.png` in the directory by default.
         at: time at which the cycle begins, s.
 
@@ -216,14 +302,14 @@ def write_still(
         PlotError, TableError, JobError: the request cannot be fulfilled.
         WriteError: the file cannot be written.
     """
-    motion = read_motion(directory, row, trust)
     _check(size, renderer)
+    motion = read_motion(directory, row, trust, at)
     end = _end(motion, at, motion.period, on_message)
     target = _target(directory, out, f"poses_row{row}.png")
     if target.suffix.lower() != ".png":
         raise PlotError(f"{target} is not a valid name for a picture: it must end with .png.")
     times = np.linspace(at, end, _POSES, endpoint=False)
-    with _prepared(motion, times, "", renderer, on_message) as (clip, scene):
+    with _prepared(motion, times, "", renderer, lift, on_message) as (clip, scene):
         figure = animation.still(clip, size, scene)
     _write(
         target, lambda: replace_file(target, lambda file: figure.savefig(file, format="png", dpi=figure.dpi))
@@ -282,7 +368,7 @@ def _pace(speed: float) -> str:
 
 @contextlib.contextmanager
 def _prepared(
-    motion: Motion, times: np.ndarray, pace: str, renderer: str, on_message: OnMessage | None
+    motion: Motion, times: np.ndarray, pace: str, renderer: str, lift: float, on_message: OnMessage | None
 ) -> Iterator[tuple[Clip, Drawn]]:
     """Clip at some times, and the drawing function of the body."""
     signals, name = motion.at(times), motion.model.name
@@ -291,11 +377,14 @@ def _prepared(
         raise PlotError(
             f"{name} has no `skeleton` to draw: define one, as docs/own_model.md shows under `See it move`."
         )
+    if lift != 1.0:
+        if renderer == "mujoco" or not 0.0 < lift < np.inf:
+            raise PlotError(f"--lift is {lift:g}, but must be above 0, and 1 with --renderer mujoco.")
+        skeleton, renderer = side_view.lifted(skeleton, lift), "matplotlib"
     heading = side_view.heading(skeleton)
     contact = motion.contact(len(skeleton.limbs))
-    clip = Clip(
-        times, side_view.turned(skeleton, heading), motion.t, contact, motion.period, motion.title, pace
-    )
+    clip = Clip(times, side_view.turned(skeleton, heading), motion.t, contact, motion.period, "", pace)
+    clip = dataclasses.replace(clip, title=motion.title(clip, lift))
     mjcf = None if renderer == "matplotlib" else motion.model.mjcf(motion.values)
     if mjcf is None:
         if renderer == "mujoco":

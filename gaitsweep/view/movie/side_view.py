@@ -19,6 +19,7 @@ from gaitsweep.skeleton import Skeleton
 _ASIDE = np.array([0.28, 0.22])
 _BODY, _NEAR_SIDE, _EDGE = "#DDE0E4", "#BFC4CC", "#4A4F57"
 _STRIP, _MARK, _INK = "#F1EEE8", "#CFC9BE", "#8A8478"
+SWING = "#D55E00"  # of limbs off the ground, where limbs have no colours of their own
 _MARKS = 7  # approximate number of marks across the frame
 # Space above the body and below the ground, as shares of its height, with names and without.
 _NAMED, _PLAIN = (1.22, 0.24), (1.12, 0.1)
@@ -27,7 +28,9 @@ _MOST_NAMES = 16
 
 
 def heading(skeleton: Skeleton) -> float:
-    """The mean heading of a body, from its tail to its head, rad from the x axis."""
+    """The heading of a body, by default the mean from its tail to its head, rad from the x axis."""
+    if skeleton.heading is not None:
+        return skeleton.heading
     if len(skeleton.bodies) < 2:
         return 0.0
     ahead = skeleton.bodies[0].mean(axis=(0, 1)) - skeleton.bodies[-1].mean(axis=(0, 1))
@@ -46,9 +49,29 @@ def turned(skeleton: Skeleton, angle: float) -> Skeleton:
     )
 
 
+def lifted(skeleton: Skeleton, factor: float) -> Skeleton:
+    """A body with its feet a factor as high over the ground, and the joints above in proportion."""
+    limbs = []
+    for limb in skeleton.limbs:
+        height = (factor - 1.0) * np.maximum(limb.points[:, -1:, 2], 0.0)
+        points = limb.points.copy()
+        points[..., 2] += height * np.linspace(0.0, 1.0, points.shape[1])
+        limbs.append(dataclasses.replace(limb, points=points))
+    return dataclasses.replace(skeleton, limbs=tuple(limbs))
+
+
 def projected(points: np.ndarray) -> np.ndarray:
     """The projection (..., 2) m of points (..., 3) m."""
     return points[..., [0, 2]] + points[..., 1:2] * _ASIDE
+
+
+def nearest_first(points: np.ndarray) -> np.ndarray:
+    """The points (n, k, 3) of a body in one order for all samples: first those nearest to the viewer.
+
+    With an order of its own for each sample, corners at nearly the same distance would trade places, and
+    pictures between two samples would mix different corners.
+    """
+    return points[:, np.argsort(points[..., 1].mean(axis=0), kind="stable")]
 
 
 def bounds(skeleton: Skeleton, camera: np.ndarray) -> tuple[float, float, float]:
@@ -128,8 +151,12 @@ class SideView:
 
         Limbs and marks on the ground are `named` or not.
         """
+        skeleton = dataclasses.replace(skeleton, bodies=tuple(map(nearest_first, skeleton.bodies)))
         self._axes, self._skeleton, self._down, self._camera = axes, skeleton, down, camera
         self._colours = limb_colours(skeleton.limbs)
+        self._swing = [
+            SWING if len(set(self._colours)) == 1 < len(self._colours) else c for c in self._colours
+        ]
         half, self._height, depth = bounds(skeleton, camera)
         self._moves = float(np.ptp(camera[:, 0])) > 1e-6 * half
         self._sole = 0.05 * self._height
@@ -153,6 +180,9 @@ class SideView:
         for i, (line, foot, sole) in enumerate(self._limbs):
             at = projected(self._skeleton.limbs[i].points[k] - middle)
             stands = bool(self._down[k, i])
+            colour = self._colours[i] if stands else self._swing[i]
+            line.set(color=colour, markeredgecolor=colour)
+            foot.set_markeredgecolor(colour)
             line.set_data(at[:, 0], at[:, 1])
             foot.set_data(at[-1:, 0], at[-1:, 1])
             foot.set_markerfacecolor(self._colours[i] if stands else "white")
@@ -160,9 +190,8 @@ class SideView:
             sole.set_data(at[-1, 0] + np.array([-self._sole, self._sole]), at[[-1, -1], 1])
         for points, (whole, side) in zip(self._skeleton.bodies, self._bodies, strict=True):
             now = points[k] - middle
-            nearest = np.argsort(now[:, 1], kind="stable")[: (len(now) + 1) // 2]
             whole.set_xy(_hull(projected(now)))
-            side.set_xy(_hull(projected(now[nearest])))
+            side.set_xy(_hull(projected(now[: (len(now) + 1) // 2])))
         for ends, line in zip(self._skeleton.springs, self._springs, strict=True):
             line.set_data(*_zigzag(projected(ends[k] - middle), self._sole))
         if self._moves:

@@ -20,7 +20,7 @@ from gaitsweep.contract import Quantity, SteppedModel
 @functools.partial(jax.tree_util.register_dataclass, data_fields=["x"], meta_fields=[])
 @dataclasses.dataclass(frozen=True)
 class State:
-    """Where the particle is, x (m)."""
+    """Position of the particle, x (m)."""
 
     x: jax.Array
 

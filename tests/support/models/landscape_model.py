@@ -113,7 +113,7 @@ class Landscape(HybridModel):
 
 
 def curve(params: Mapping[str, jax.Array], theta_2: jax.Array) -> jax.Array:
-    """Where theta_1 of the near curve is, rad."""
+    """The angle theta_1 (rad) of the near curve."""
     return params["shift"] + params["bend"] * jnp.sin(theta_2)
 
 

@@ -1,7 +1,7 @@
 """The simplest walking model: two stiff legs with light feet, that walk down a slope by gravity alone.
 
 Source: Garcia, Chatterjee, Ruina and Coleman 1998, J. Biomech. Eng. 120:281: eq. (1), (2) of the swing, (4)
-of the heel strike. Its long-period gait takes two steps to repeat from a slope of about .0151 rad on, then
+of the heel strike. Its long-period gait takes two steps to repeat from a slope of about 0.0151 rad on, then
 four, and is chaotic before it is lost at .019. (The compass gait, whose feet have mass, doubles at 4.39
 degrees: Goswami, Thuilot and Espiau 1998.)
 """
@@ -12,7 +12,7 @@ import jax.numpy as jnp
 
 from gaitsweep import DeclaredModel, event, parameter, variable
 
-# The fixed point at a slope of .009 rad, printed in the paper: stance angle and its rate after heel strike.
+# The fixed point at a slope of 0.009 rad, printed in the paper: stance angle and its rate after heel strike.
 SLOPE, ANGLE, RATE = 0.009, 0.200310900544287, -0.199832473004977
 
 

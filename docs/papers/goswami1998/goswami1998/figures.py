@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from gaitsweep.plot import Column, Observed, Title, column, described, figure_kind, style
+from gaitsweep.plot import Column, Observed, Title, column, described, figure_kind, theme
 
 
 @figure_kind("return_map")
@@ -20,7 +20,7 @@ def goswami1998_bifurcations(
     """The values of an observable at successive steps, over a parameter."""
     name = column(table, y, ("_n", ""))
     complete = table.loc[np.asarray(table["status"] == "complete")]
-    with style.canvas(style.COLUMN + 1.6, 3.2, title) as figure:
+    with theme.canvas(theme.COLUMN + 1.6, 3.2, title) as figure:
         axes = figure.subplots()
         axes.plot(complete[x], complete[name], ".", ms=1.2, mew=0, color="#0072B2")
         axes.set_xlabel(described(table, x))

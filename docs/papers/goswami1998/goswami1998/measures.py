@@ -1,4 +1,4 @@
-"""What the claims of the paper measure, beside the general measures such as `share` and `value`."""
+"""Measures of the paper's claims, beside the general measures such as `share` and `value`."""
 
 import functools
 

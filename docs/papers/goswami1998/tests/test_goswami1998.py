@@ -14,11 +14,8 @@ import gaitsweep as gs
 jax.config.update("jax_enable_x64", True)
 P = SimpleNamespace(m=5.0, m_H=10.0, a=0.5, b=0.5, g=9.81, phi=3.0, steps=1.0)
 OTHER = SimpleNamespace(m=3.0, m_H=7.0, a=0.4, b=0.7, g=9.81, phi=4.0, steps=1.0)
-FIXED = (
-    0.2186687,
-    -1.0923840,
-    -0.3773740,
-)  # theta_s (rad), rates (rad/s) of the gait on 3 degrees, after a strike
+# theta_s (rad), rates (rad/s) of the gait on 3 degrees, after a strike
+FIXED = (0.2186687, -1.0923840, -0.3773740)
 
 
 def places(p, q):
@@ -122,9 +119,8 @@ def test_a_step_is_scipys():
     strikes.terminal, strikes.direction = True, 1
     theta_s, theta_s_dot, theta_ns_dot = FIXED
     start = [-2 * np.deg2rad(P.phi) - theta_s, theta_s, theta_ns_dot, theta_s_dot]
-    passed = flown(0.0, 0.5, start).y[
-        :, -1
-    ]  # the swing foot was below the ground until the legs passed each other
+    # the swing foot was below the ground until the legs passed each other
+    passed = flown(0.0, 0.5, start).y[:, -1]
     assert strikes(0.5, passed) < 0
     done = flown(0.5, 2.0, passed, events=strikes)
     before = done.y_events[0][0]

@@ -19,8 +19,7 @@ from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
 )
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.conditions import source_conditions, wave_conditions
-
-GAITS = ("direct", "source", "retrograde")
+from gaitsweep.papers.ambe2021.theory.gaits import WAVES
 
 
 def gait_shares(
@@ -48,7 +47,7 @@ def gait_shares(
     sets = pd.DataFrame(wide.index.to_frame(index=False))
     # the high end of the interval of a gait that no start reached
     most_without = proportion_interval(0, int(counted["of"].to_numpy().min()), level)[1]
-    for gait in GAITS:
+    for gait in WAVES:
         for part, column, otherwise in (
             ("fraction", gait, 0.0),
             ("low", f"{gait}_low", 0.0),
@@ -56,7 +55,7 @@ def gait_shares(
         ):
             there = (part, gait) in wide.columns
             sets[column] = wide[part, gait].fillna(otherwise).to_numpy() if there else otherwise
-    sets["elsewhere"] = (1.0 - sets[list(GAITS)].sum(axis=1)).clip(lower=0.0).round(12)
+    sets["elsewhere"] = (1.0 - sets[list(WAVES)].sum(axis=1)).clip(lower=0.0).round(12)
     return sets.assign(**_conditions(table, pd.DataFrame(sets[names])))
 
 
@@ -72,11 +71,11 @@ def sets_by_conditions(table: pd.DataFrame) -> pd.DataFrame:
         `with_all` and `with_any`; the mean share of each gait.
     """
     shares = gait_shares(table)
-    came = shares[list(GAITS)] > 0.0
-    kinds = ["conditions", *(f"{gait}_hold" for gait in GAITS)]
+    came = shares[list(WAVES)] > 0.0
+    kinds = ["conditions", *(f"{gait}_hold" for gait in WAVES)]
     groups = shares.assign(with_all=came.all(axis=1), with_any=came.any(axis=1)).groupby(kinds)
     counts = {"sets": groups.size(), **{name: groups[name].sum() for name in ("with_all", "with_any")}}
-    means = {gait: groups[gait].mean() for gait in GAITS}
+    means = {gait: groups[gait].mean() for gait in WAVES}
     return pd.DataFrame({**counts, **means}).iloc[::-1].reset_index()
 
 
@@ -89,9 +88,9 @@ def existence(N: int, chains: Chain, L: np.ndarray) -> dict[str, np.ndarray]:
         L: longest leg length, m, (n,).
 
     Returns:
-        (n,) bool for each of GAITS; for the source wave, of any boundary leg.
+        (n,) bool for each of WAVES; for the source wave, of any boundary leg.
     """
-    return {gait: np.asarray(each) for gait, each in zip(GAITS, _hold(N, chains, L), strict=True)}
+    return {gait: np.asarray(each) for gait, each in zip(WAVES, _hold(N, chains, L), strict=True)}
 
 
 @partial(jax.jit, static_argnums=0)

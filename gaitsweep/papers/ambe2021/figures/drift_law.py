@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, StrMethodFormatter
 
 from gaitsweep.contract import Outcome
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, profile_parameters_of, springs_of
@@ -24,7 +24,7 @@ from gaitsweep.plot import (
     figure_kind,
     outcome,
     rows_where,
-    style,
+    theme,
     word,
 )
 
@@ -77,22 +77,22 @@ def drift_law(
         column(table, name)
     ends = [column(table, name) for pair in _columns(table, of) for name in pair]
     kept = rows_where(table, ~outcome(table, hue).isin([Outcome.NOT_SETTLED, Outcome.FAILED, "none"]))
-    with style.canvas(style.COLUMN + 0.9, 3.1, title) as figure:
+    with theme.canvas(theme.COLUMN + 0.9, 3.1, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(APART[of])
         axes.set_ylabel("cycles until settled")
         pairs = _pairs(table, kept, ends, hue, by_mass=of == "m")
         if not len(pairs):
-            style.message(axes, "no row with unequal ends has settled")
+            theme.message(axes, "no row with unequal ends has settled")
             return figure
-        names = sorted(pairs[hue].unique())
-        colour, marker = style.colours(names), style.markers(names)
+        names = theme.ordered(sorted(pairs[hue].unique()))
+        colour, marker = theme.colours(names), theme.markers(names)
         for name in names:
             mine = pairs[pairs[hue] == name]
             look = {"color": colour[name], "marker": marker[name], "s": 16, "linewidths": 0.8}
-            axes.scatter(mine["apart"], mine["max"], label=f"{name}: most cycles", **look)
+            axes.scatter(mine["apart"], mine["max"], label=f"{theme.named(name)}: most cycles", **look)
             axes.scatter(
-                mine["apart"], mine["median"], facecolors="none", label=f"{name}: median",
+                mine["apart"], mine["median"], facecolors="none", label=f"{theme.named(name)}: median",
                 **{**look, "color": None, "edgecolors": colour[name]},
             )  # fmt: skip
         law = pairs.groupby("apart")["law"].first().sort_index()
@@ -100,7 +100,7 @@ def drift_law(
         for axis, scale in ((axes.xaxis, axes.set_xscale), (axes.yaxis, axes.set_yscale)):
             scale("log")
             _ticks(axis)
-        figure.legend(loc="outside lower center", ncols=2)
+        theme.legend(figure, ncols=2)
     return figure
 
 
@@ -119,7 +119,7 @@ def _ticks(axis: Axis) -> None:
     """Ticks at round numbers, more of them where the axis covers less than a decade."""
     low, high = axis.get_view_interval()
     subs = (1.0, 2.0, 5.0) if high > 8.0 * low else (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
-    axis.set_major_locator(LogLocator(subs=subs))
+    axis.set_major_locator(LogLocator(subs=subs) if high > 1.5 * low else MaxNLocator(2))
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
 

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
 from gaitsweep import near_miss
-from gaitsweep.papers.ambe2021.analysis.gait_shares import GAITS, existence
+from gaitsweep.papers.ambe2021.analysis.gait_shares import existence
 from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares as shares_of
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     chains_of,
@@ -22,6 +22,7 @@ from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     parameters_of,
     springs_of,
 )
+from gaitsweep.papers.ambe2021.theory.gaits import WAVES
 from gaitsweep.plot import (
     TEXT_COLUMNS,
     AlongAxis,
@@ -38,10 +39,10 @@ from gaitsweep.plot import (
     is_logarithmic,
     log_axes,
     on_grid,
-    style,
+    theme,
 )
 
-_SHARES = (*GAITS, "elsewhere")
+_SHARES = (*WAVES, "elsewhere")
 # white around black shows on dark cells and on light ones
 _CASED = [withStroke(linewidth=2.0, foreground="white")]
 _EDGE: dict[str, Any] = {"color": "black", "lw": 0.9, "ls": "--", "path_effects": _CASED}
@@ -93,25 +94,30 @@ def gait_shares(
             column(table, name)
     if y is None:
         return _curves(table, x, title)
-    with style.canvas(style.PAGE, 2.7, title) as figure:
-        panels = figure.subplots(1, len(_SHARES), sharex=True, sharey=True)
+    across = theme.across(len(_SHARES), len(_SHARES), theme.PAGE, 1.4)
+    down = -(-len(_SHARES) // across)
+    with theme.canvas(theme.PAGE, 1.9 * down + 0.8, title) as figure:
+        panels = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
         if not len(table):
-            style.message(panels[0], "no rows yet")
+            theme.message(panels[0], "no rows yet")
             return figure
         shares = shares_of(table)
         drawn = None
         for axes, gait in zip(panels, _SHARES, strict=True):
             log_axes(axes, table, x=x, y=y)
             drawn = _map(axes, shares, x, y, gait, (is_logarithmic(table, x), is_logarithmic(table, y)))
-            axes.set_title(gait if gait in GAITS else "none of these")
+            axes.set_title(theme.named(gait) if gait in WAVES else "none of these")
             axes.set_xlabel(axis_label(table, x))
             _edges(axes, table, x, y)
-            if gait in GAITS:
+            if gait in WAVES:
                 _exact(axes, table, x, y, gait)
-        panels[0].set_ylabel(described(table, y, 24))
+        for axes in panels[::across]:
+            axes.set_ylabel(described(table, y, 24))
+        for axes in panels[:-across]:
+            axes.set_xlabel("")
         assert drawn is not None
         figure.colorbar(drawn, ax=panels, label="share of starts", shrink=0.9)
-        figure.legend(list(_LINES.values()), list(_LINES), loc="outside lower center", ncols=2)
+        theme.legend(figure, list(_LINES.values()), list(_LINES), ncols=2)
     return figure
 
 
@@ -144,29 +150,29 @@ def _map(axes: Axes, shares: pd.DataFrame, x: str, y: str, gait: str, logs: tupl
 
 
 def _curves(table: pd.DataFrame, x: str, title: str | None) -> Figure:
-    with style.canvas(style.COLUMN + 0.9, 3.1, title) as figure:
+    with theme.canvas(theme.COLUMN + 0.9, 3.1, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))
         axes.set_ylabel("share of starts")
         log_axes(axes, table, x=x)
         if not len(table):
-            style.message(axes, "no rows yet")
+            theme.message(axes, "no rows yet")
             return figure
         shares = shares_of(table).sort_values(x)
-        colour = {**style.colours(GAITS), "elsewhere": style.COLOURS["none"]}
-        marker = {**style.markers(GAITS), "elsewhere": "x"}
+        colour = {**theme.colours(WAVES), "elsewhere": theme.COLOURS["none"]}
+        marker = {**theme.markers(WAVES), "elsewhere": "x"}
         for gait in _SHARES:
-            label = gait if gait in GAITS else "none of these"
+            label = theme.named(gait) if gait in WAVES else "none of these"
             look = {"color": colour[gait], "marker": marker[gait], "ms": 3.5}
             axes.plot(shares[x], shares[gait], label=label, **look)
-            if gait in GAITS:
+            if gait in WAVES:
                 band = (shares[x], shares[f"{gait}_low"], shares[f"{gait}_high"])
                 axes.fill_between(*band, color=colour[gait], alpha=0.18, lw=0)
         axes.set_ylim(-0.02, 1.02)
         _edges(axes, table, x, None)
-        for gait in GAITS:
+        for gait in WAVES:
             _exact(axes, table, x, None, gait)
-        figure.legend(loc="outside lower center", ncols=4)
+        theme.legend(figure, ncols=4)
     return figure
 
 

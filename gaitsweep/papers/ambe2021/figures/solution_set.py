@@ -35,7 +35,7 @@ from gaitsweep.plot import (
     is_angle,
     outcome,
     rows_where,
-    style,
+    theme,
 )
 
 _Three = Field(min_length=3, max_length=3)
@@ -76,7 +76,7 @@ def solution_set(
             )
     shown = outcome(table, hue)
     lines, remark = _theory(table, list(axes)) if theory else (np.zeros((0, 2, 3)), None)
-    with style.canvas(style.PAGE, 4.3, title) as figure:
+    with theme.canvas(theme.PAGE, 4.3, title) as figure:
         space, planes = _panels(figure)
         kept = _scatter(table, names, hue, shown, space, planes)
         for ends in lines:
@@ -87,26 +87,31 @@ def solution_set(
             _mark(name, np.asarray(place, float), space, planes, number)
         _label(table, names, space, planes)
         if not kept:
-            style.message(planes[0][0], "no row has settled")
+            theme.message(planes[0][0], "no row has settled")
         _legend(figure, table, hue, shown, _named(table) if len(lines) else None, remark)
     return figure
 
 
 def _panels(figure: Figure) -> tuple[Any, Planes]:
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.45, 1.0))
-    space: Any = figure.add_subplot(grid[:, 0], projection="3d")
+    if theme.across(2, 2, theme.PAGE, 2.5) == 2:
+        grid = figure.add_gridspec(2, 2, width_ratios=(1.45, 1.0))
+        places = grid[:, 0], grid[0, 1], grid[1, 1]
+    else:
+        grid = figure.add_gridspec(2, 2, height_ratios=(1.45, 1.0))
+        places = grid[0, :], grid[1, 0], grid[1, 1]
+    space: Any = figure.add_subplot(places[0], projection="3d")
     space.view_init(elev=22.0, azim=-58.0)
     space.set_box_aspect((1, 1, 0.95), zoom=0.95)  # pyright: ignore
     space.computed_zorder = False  # else matplotlib hides the lines behind the points
-    return space, [(figure.add_subplot(grid[0, 1]), [0, 1]), (figure.add_subplot(grid[1, 1]), [1, 2])]
+    return space, [(figure.add_subplot(places[1]), [0, 1]), (figure.add_subplot(places[2]), [1, 2])]
 
 
 def _scatter(
     table: pd.DataFrame, names: list[str], hue: str, shown: pd.Series, space: Any, planes: Planes
 ) -> int:
     """The settled rows in all three panels; how many there are."""
-    order = in_order(table, hue, shown)
-    colour, marker = style.colours(order), style.markers(order)
+    order = theme.ordered(in_order(table, hue, shown))
+    colour, marker = theme.colours(order), theme.markers(order)
     kept = 0
     for name in order:
         mine = rows_where(table, shown == name)
@@ -127,7 +132,7 @@ def _scatter(
 def _mark(name: str, place: np.ndarray, space: Any, planes: Planes, number: int) -> None:
     """A named point: an open ring, its name beside it, on changing sides so that neighbours stay readable."""
     ring = {"facecolors": "none", "edgecolors": "black", "s": 34, "linewidths": 1.1, "zorder": 8}
-    text = {"fontsize": 9, "fontweight": "bold", "zorder": 9}
+    text = {"fontsize": theme.points(9), "fontweight": "bold", "zorder": 9}
     space.scatter(*place[:, None], depthshade=False, **ring)
     space.text(place[0] - 0.45, place[1], place[2] + 0.2, name, ha="center", **text)
     side = [(5, 4), (5, -11), (-11, 4)][number % 3]
@@ -141,13 +146,13 @@ def _label(table: pd.DataFrame, names: list[str], space: Any, planes: Planes) ->
     for which, name, label in zip("xyz", names, labels, strict=True):
         getattr(space, f"set_{which}label")(label, labelpad=-2)
         if is_angle(table, name):
-            style.angle_axis(space, which, steps=2)
+            theme.angle_axis(space, which, steps=2)
     space.tick_params(pad=-1)
     for plane, pair in planes:
         for which, i in zip("xy", pair, strict=True):
             getattr(plane, f"set_{which}label")(labels[i])
             if is_angle(table, names[i]):
-                style.angle_axis(plane, which)
+                theme.angle_axis(plane, which)
         if all(is_angle(table, names[i]) for i in pair):
             plane.set_aspect("equal")
 
@@ -155,21 +160,20 @@ def _label(table: pd.DataFrame, names: list[str], space: Any, planes: Planes) ->
 def _legend(
     figure: Figure, table: pd.DataFrame, hue: str, shown: pd.Series, theory: str | None, remark: str | None
 ) -> None:
-    order = in_order(table, hue, shown)
-    colour, marker = style.colours(order), style.markers(order)
+    order = theme.ordered(in_order(table, hue, shown))
+    colour, marker = theme.colours(order), theme.markers(order)
     handles = []
     for name in order:
         face = "none" if name in (Outcome.NOT_SETTLED, Outcome.FAILED) else colour[name]
         count = int((shown == name).sum())
-        label = f"{name} ({count})" if face != "none" else f"{name}: {count}, not shown"
+        label = theme.named(name)
+        label = f"{label} ({count})" if face != "none" else f"{label}: {count}, not shown"
         handles.append(Line2D([], [], ls="", marker=marker[name], color=face, label=label, ms=5))
     if theory:
         handles.append(Line2D([], [], color="black", lw=0.9, label=theory))
     title = f"No analytic solutions are drawn: {remark}" if remark else None
     if handles or title:
-        figure.legend(
-            handles=handles, loc="outside lower center", ncols=min(4, max(len(handles), 1)), title=title
-        )
+        theme.legend(figure, handles, ncols=min(4, max(len(handles), 1)), title=title)
 
 
 def _named(table: pd.DataFrame) -> str:

@@ -21,7 +21,7 @@ from gaitsweep.plot import (
     cell_edges,
     column,
     figure_kind,
-    style,
+    theme,
 )
 
 _SHOWN = {"source": ("Blues", "source at this leg"), "meeting": ("Oranges", "waves meet at this leg")}
@@ -60,16 +60,21 @@ def source_place(
         raise PlotError("x is empty: name a profile that varies, such as m_slope.")
     for name in x:
         column(table, name)
-    with style.canvas(style.PAGE, 3.3, title) as figure:
-        panels = figure.subplots(1, len(x), sharey=True, squeeze=False)[0]
-        panels[0].set_ylabel("leg, 1 at the head")
+    across = theme.across(len(x), len(x), theme.PAGE, 1.4)
+    down = -(-len(x) // across)
+    with theme.canvas(theme.PAGE, 3.3 * down, title) as figure:
+        panels = figure.subplots(down, across, sharey=True, squeeze=False).ravel()
+        for axes in panels[::across]:
+            axes.set_ylabel("leg, 1 at the head")
+        for axes in panels[len(x) :]:
+            axes.set_visible(False)
         if not len(table):
-            style.message(panels[0], "no rows yet")
+            theme.message(panels[0], "no rows yet")
             return figure
         shares, drawn = places_of(table), {}
         legs = int(shares["leg"].to_numpy().max())
         most = max(float(shares["source"].to_numpy().max()), 0.01)
-        for axes, name in zip(panels, x, strict=True):
+        for axes, name in zip(panels, x, strict=False):
             others = [other for other in x if other != name]
             alone = np.all(shares[others].to_numpy(float) == 0.0, axis=1)
             drawn = _panel(axes, pd.DataFrame(shares[alone]), name, legs, most)

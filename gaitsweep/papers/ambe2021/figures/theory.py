@@ -28,7 +28,7 @@ from gaitsweep.plot import (
     Refusal,
     Title,
     figure_kind,
-    style,
+    theme,
     word,
 )
 
@@ -108,9 +108,11 @@ def _touchdowns(N: int, chain: Chain, k: int, at: float, title: str | None) -> F
     rule, circle = rule_of(N, Branch("B", k), chain), float(touchdown_phase(chain))
     free = np.linspace(float(rule.low), float(rule.high), 41)
     theta = np.asarray(jax.vmap(lambda s: places(rule, s))(jnp.asarray(free)))
-    with style.canvas(style.PAGE, 2.7, title) as figure:
-        row = figure.subplots(1, len(legs), sharey=True, squeeze=False)[0]
-        for axes, (leg, text) in zip(row, legs, strict=True):
+    across = theme.across(len(legs), len(legs), theme.PAGE, 2.0)
+    down = -(-len(legs) // across)
+    with theme.canvas(theme.PAGE, 1.9 * down + 0.8, title) as figure:
+        row = figure.subplots(down, across, sharey=True, squeeze=False).ravel()
+        for axes, (leg, text) in zip(row, legs, strict=False):
             _segments(axes, chain)
             phi = circle - np.mod(theta[:, leg - 1 : leg] - theta + 1e-12, circle)
             for beside, colour, marker in ((leg - 2, _FRONT, "<"), (leg, _REAR, ">")):
@@ -125,15 +127,18 @@ def _touchdowns(N: int, chain: Chain, k: int, at: float, title: str | None) -> F
             axes.plot([circle], leg_length(np.array([circle]), chain), "o", color=_TOUCHING, ms=7, zorder=5)
             axes.set_title(f"touchdown of leg {leg}:\n{text}", loc="left")
             axes.set_xlabel("phase (rad)")
-            style.angle_axis(axes, "x")
-        row[0].set_ylabel("leg length less L (m)")
+            theme.angle_axis(axes, "x")
+        for axes in row[::across]:
+            axes.set_ylabel("leg length less L (m)")
+        for axes in row[len(legs) :]:
+            axes.set_visible(False)
         handles = [
             Line2D([], [], ls="", marker="o", color=_TOUCHING, label="leg that touches down"),
             Line2D([], [], ls="", marker="<", color=_FRONT, label="leg in front of it, towards the head"),
             Line2D([], [], ls="", marker=">", color=_REAR, label="leg behind it"),
             Line2D([], [], color=_FRONT, lw=5, alpha=0.55, label="any phase of this range: the lag is free"),
         ]
-        figure.legend(handles=handles, loc="outside lower center", ncols=2)
+        theme.legend(figure, handles, ncols=2)
     return figure
 
 
@@ -147,7 +152,7 @@ def _segments(axes: Any, chain: Chain) -> None:
         middle = 0.5 * (ends[left] + ends[right])
         height = 0.5 * low if name == "stance" else 0.995 * low
         axes.text(middle, height, name, ha="center", va="center" if name == "stance" else "bottom",
-                  rotation=turn, fontsize=6.5, color="#555555")  # fmt: skip
+                  rotation=turn, fontsize=theme.points(7), color="#555555")  # fmt: skip
     for end in ends[1:3]:
         axes.axvline(end, color="#CCCCCC", lw=0.6, zorder=0)
     axes.set_ylim(1.25 * low, -0.18 * low)
@@ -163,16 +168,18 @@ def _order(N: int, chain: Chain, k: int, at: float, title: str | None) -> Figure
     theta = np.asarray(places(rule, s))
     when = np.mod(theta[k - 1] - theta, circle) / circle  # cycles after the touchdown of leg k
     stance = 2 * float(chain.beta) * np.pi / circle
-    with style.canvas(style.PAGE, 1.5 + 0.2 * (N + 1), title) as figure:
-        left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
+    across = theme.across(2, 2, theme.PAGE, 2.5)
+    height = (0.7 + 0.2 * (N + 1)) * (2 // across) + 0.8
+    with theme.canvas(theme.PAGE, height, title) as figure:
+        left, right = figure.subplots(2 // across, across, width_ratios=(1.15, 1.0)[:across])
         legs = range(1, N + 2)
         for turn in (-1, 0, 1):
             left.barh(legs, stance, left=when + turn, height=0.6, color="#444444")
         left.plot(when, legs, "o", ms=8.5, mfc="white", mec="black", mew=0.8, zorder=4, clip_on=False)
-        look = {"ha": "center", "va": "center", "fontsize": 6, "zorder": 5}
+        look = {"ha": "center", "va": "center", "fontsize": theme.points(7), "zorder": 5}
         for leg, at_leg, each in zip(legs, when, sets, strict=True):
             left.text(at_leg, leg, str(order.index(leg) + 1), **look)
-            left.text(1.03, leg, f"$S_{{{each.number}}}$", va="center", fontsize=8)
+            left.text(1.03, leg, f"$S_{{{each.number}}}$", va="center", fontsize=theme.points(8))
         left.set_xlim(0, 1)
         left.set_yticks(legs, [f"Leg {leg}" + (" = k" if leg == k else "") for leg in legs])
         left.set_ylim(N + 1.6, 0.4)
@@ -187,7 +194,7 @@ def _order(N: int, chain: Chain, k: int, at: float, title: str | None) -> Figure
             Patch(color="#BBBBBB", label="both were"),
             Patch(facecolor="none", edgecolor="black", label="beside the leg that touches"),
         ]
-        figure.legend(handles=handles, loc="outside lower center", ncols=3)
+        theme.legend(figure, handles, ncols=3)
     return figure
 
 
@@ -216,7 +223,7 @@ def _free_phase(N: int, chain: Chain, k: int, at: float, title: str | None) -> F
     """psi_k over psi_{k-1} along the solution sets A and B (Fig. 10)."""
     circle = touchdown_phase(chain)
     names = {"A": "#D55E00", "B": "#0072B2"}
-    with style.canvas(style.COLUMN + 0.9, 3.0, title) as figure:
+    with theme.canvas(theme.COLUMN + 0.9, 3.0, title) as figure:
         axes = figure.subplots()
         for kind, colour in names.items():
             rule = rule_of(N, Branch(kind, k), chain)  # pyright: ignore[reportArgumentType]
@@ -226,22 +233,26 @@ def _free_phase(N: int, chain: Chain, k: int, at: float, title: str | None) -> F
             axes.plot(psi[:, k - 2], psi[:, k - 1], "o-", color=colour, lw=2.4, ms=4, label=label)
             if kind == "A":
                 for value, text, height in zip(ends, (r"$\psi_A$", r"$\psi_B$"), (0.03, 0.12), strict=True):
-                    label = f"{text} = {style.in_pi(value, fractions=False)}"
+                    label = f"{text} = {theme.in_pi(value, fractions=False)}"
                     _mark(axes, value, label, height)
         axes.set_xlim(0.0, 2 * np.pi)
-        style.angle_axis(axes, "x")
-        style.angle_ticks(axes, "y")
+        theme.angle_axis(axes, "x")
+        theme.angle_ticks(axes, "y")
         axes.set_xlabel(rf"$\psi_{{{k - 1}}}$ on section {k} (rad)")
         axes.set_ylabel(rf"$\psi_{{{k}}}$ on section {k} (rad)")
         _mark(axes, 2 * float(chain.beta) * np.pi, r"$2\beta\pi$", 0.03)
-        figure.legend(loc="outside lower center", ncols=2)
+        theme.legend(figure, ncols=2)
     return figure
 
 
 def _mark(axes: Any, value: float, text: str, height: float) -> None:
     """A vertical line with its name beside it."""
     axes.axvline(value, color="#AAAAAA", lw=0.7, ls="--", zorder=0)
-    look = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "fontsize": 7.5}
+    look = {
+        "xycoords": ("data", "axes fraction"),
+        "textcoords": "offset points",
+        "fontsize": theme.points(7.5),
+    }
     axes.annotate(text, (value, height), (5, 0), **look)
 
 
@@ -249,7 +260,7 @@ def _sets(N: int, chain: Chain, k: int, at: float, title: str | None) -> Figure:
     """The relative phases along the chain of all solution sets, on section 1 (Fig. 11)."""
     circle = touchdown_phase(chain)
     shades = colormaps["viridis"](np.linspace(0.0, 0.92, N))
-    with style.canvas(style.PAGE, 3.6, title) as figure:
+    with theme.canvas(theme.PAGE, 3.6, title) as figure:
         axes, place, jumped = figure.subplots(), 0.0, False
         for branch in branches(N):
             rule = rule_of(N, branch, chain)
@@ -271,24 +282,24 @@ def _sets(N: int, chain: Chain, k: int, at: float, title: str | None) -> Figure:
             width = rate * (high - low)
             gait = GAITS[gait_of(branch)]
             dark = 0.45 if branch.kind == "A" else 0.13
-            axes.axvspan(place, place + width, color=style.colours([gait])[gait], alpha=dark, lw=0, zorder=-1)
+            axes.axvspan(place, place + width, color=theme.colours([gait])[gait], alpha=dark, lw=0, zorder=-1)
             if branch.kind != "A":
                 name = "direct" if branch.kind == "direct" else f"k = {branch.k}"
-                axes.text(place + width / 2, 1.015, name, ha="center", va="bottom", fontsize=7,
+                axes.text(place + width / 2, 1.015, name, ha="center", va="bottom", fontsize=theme.points(7),
                           transform=axes.get_xaxis_transform())  # fmt: skip
             place += width
         axes.set_xlim(0, place)
-        style.angle_axis(axes, "y")
+        theme.angle_axis(axes, "y")
         axes.set_xlabel("way along the chain of sets: change of E (rad)")
         axes.set_ylabel("relative phases on section 1 (rad)")
         which = sorted({0, N // 2, N - 1}) if N > 5 else range(N)
         handles: list[Any] = [Line2D([], [], color=shades[i], label=rf"$\psi_{{{i + 1}}}$") for i in which]
-        handles += [Patch(color=style.colours([gait])[gait], alpha=0.3, label=f"{gait} wave")
+        handles += [Patch(color=theme.colours([gait])[gait], alpha=0.3, label=f"{gait} wave")
                     for gait in ("direct", "source", "retrograde")]  # fmt: skip
         handles.append(Patch(color="#777777", alpha=0.6, label="darker: sets A"))
         if jumped:
             handles.append(
                 Line2D([], [], color="#D55E00", ls=":", label="a leg passes leg 1: jump by $m_Bb$")
             )
-        figure.legend(handles=handles, loc="outside lower center", ncols=5)
+        theme.legend(figure, handles, ncols=5)
     return figure

@@ -22,7 +22,7 @@ from gaitsweep.plot import (
     axis_label,
     column,
     figure_kind,
-    style,
+    theme,
 )
 
 _PANELS: dict[str, Any] = {
@@ -62,14 +62,16 @@ def wave_speed(
     found[x] = [given[row] for row in found["row"]]
     theory = found.sort_values(by=x).drop_duplicates(x)
     names = [gait for gait in extension.gait_styles if gait in set(found["gait"])]
-    colour, marker = style.colours(names), style.markers(names)
-    with style.canvas(style.PAGE, 2.9, title) as figure:
-        for axes, (name, (label, curves)) in zip(figure.subplots(1, 2), _PANELS.items(), strict=True):
+    colour, marker = theme.colours(names), theme.markers(names)
+    across = theme.across(2, 2, theme.PAGE, 2.5)
+    with theme.canvas(theme.PAGE, 2.9 * (2 // across), title) as figure:
+        grid = figure.subplots(2 // across, across)
+        for axes, (name, (label, curves)) in zip(grid, _PANELS.items(), strict=True):
             for curve, (text, line) in curves.items():
                 axes.plot(theory[x], theory[curve], line, color="black", lw=0.9, label=text)
             for gait in names:
                 mine = found[np.asarray(found["gait"] == gait)]
-                look = {"s": 30, "linewidths": 1.2, "zorder": 4, "label": f"simulated: {gait}"}
+                look = {"s": 30, "linewidths": 1.2, "zorder": 4, "label": f"simulated: {theme.named(gait)}"}
                 open_ring = {"facecolors": "none", "edgecolors": colour[gait], "marker": marker[gait]}
                 axes.scatter(mine[x], mine[name], **look, **open_ring)
             axes.set_xlabel(axis_label(table, x))

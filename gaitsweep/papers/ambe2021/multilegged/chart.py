@@ -23,7 +23,7 @@ class MultileggedChart(Chart):
     """4 N + 3 coordinates; the height of mass 1 follows from its phase, since its leg just touches.
 
     If both ends have the same touchdown phase, E = psi_1 + ... + psi_N is conserved up to terms that the
-    reduced theory neglects (eq. 29), with a profile of the inner legs too: fixed points form lines along
+    reduced theory neglects (eq. 29), also if the inner legs have a profile: fixed points form lines along
     which E varies.
     """
 
@@ -73,8 +73,8 @@ class ReducedChart(MultileggedChart):
     """The N relative phases just after the reset of leg 1, whose phase is 0.
 
     psi_1 is its value on section 1 before the reset plus leg 1's touchdown phase; the others are the same.
-    E is conserved if both ends have the same touchdown phase (eqs. 29, 30), with a profile of the inner legs
-    too, as long as the neighbours of both ends stand when these touch; then fixed points form lines.
+    E is conserved if both ends have the same touchdown phase (eqs. 29, 30), also if the inner legs have a
+    profile, as long as the neighbours of both ends stand when these touch; then fixed points form lines.
     """
 
     @property

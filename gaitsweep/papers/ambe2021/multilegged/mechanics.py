@@ -64,7 +64,7 @@ def fastest_motions(
 
 
 def obstacle_problem(
-    l: jax.Array,  # noqa: E741
+    l: jax.Array,  # noqa: E741 - the paper's symbol
     m: jax.Array,
     kappa: jax.Array,
     g: jax.Array,
@@ -129,7 +129,7 @@ def _highest_chord(h: jax.Array, run: jax.Array) -> jax.Array:
 
 
 def balance(
-    l: jax.Array,  # noqa: E741
+    l: jax.Array,  # noqa: E741 - the paper's symbol
     m: jax.Array,
     kappa: jax.Array,
     g: jax.Array,
@@ -147,7 +147,7 @@ def balance(
 
 
 def balance_and_rate(
-    l: jax.Array,  # noqa: E741
+    l: jax.Array,  # noqa: E741 - the paper's symbol
     m: jax.Array,
     kappa: jax.Array,
     g: jax.Array,

@@ -132,6 +132,17 @@ class Multilegged(HybridModel):
 
     name: ClassVar[str] = "multilegged"
     source: ClassVar[str] = "Ambe, Aoi, Tsuchiya, Matsuno 2021, Front. Neural Circuits 15:706064"
+    bibtex: ClassVar[str] = """\
+@article{ambe2021,
+  author = {Ambe, Yuichi and Aoi, Shinya and Tsuchiya, Kazuo and Matsuno, Fumitoshi},
+  title = {Generation of direct-, retrograde-, and source-wave gaits in multi-legged locomotion in a
+    decentralized manner via embodied sensorimotor interaction},
+  journal = {Frontiers in Neural Circuits},
+  year = {2021},
+  volume = {15},
+  pages = {706064},
+  doi = {10.3389/fncir.2021.706064}
+}"""
     gaits: ClassVar[tuple[str, ...]] = GAITS
     linear: ClassVar[bool] = True  # except the kink of `clamp`, an error of 1e-5 rad if it is above zero
     simultaneous: ClassVar[Simultaneous] = "independent"  # a guard's jump changes its own leg alone

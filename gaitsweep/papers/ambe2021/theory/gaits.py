@@ -21,7 +21,8 @@ from gaitsweep.papers.ambe2021.theory.solution_sets import (
     solution,
 )
 
-GAITS = ("direct", "source", "retrograde", "locked", "none")
+WAVES = ("direct", "source", "retrograde")
+GAITS = (*WAVES, "locked", "none")
 DIRECT, SOURCE, RETROGRADE, LOCKED, NONE = range(len(GAITS))
 LOCKED_WITHIN = 0.05  # rad, from the locked state (N = 3), or of some psi_i from 0 (other N)
 NONE_BEYOND = 0.2  # rad, from every analytic solution

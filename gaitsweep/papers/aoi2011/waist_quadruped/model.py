@@ -101,6 +101,17 @@ class WaistQuadruped(WaistDrawing, HybridModel):
 
     name: ClassVar[str] = "waist_quadruped"
     source: ClassVar[str] = "Aoi, Yamashita, Tsuchiya 2011, Phys. Rev. E 83:061909"
+    bibtex: ClassVar[str] = """\
+@article{aoi2011,
+  author = {Aoi, Shinya and Yamashita, Tsuyoshi and Tsuchiya, Kazuo},
+  title = {Hysteresis in the gait transition of a quadruped investigated using simple body mechanical and
+    oscillator network models},
+  journal = {Physical Review E},
+  year = {2011},
+  volume = {83},
+  pages = {061909},
+  doi = {10.1103/PhysRevE.83.061909}
+}"""
     gaits: ClassVar[tuple[str, ...]] = ("walk", "trot", "pace", "none")
     # K_13 was the pull of the start when there was no K_31
     given_with: ClassVar[Mapping[str, tuple[str, str]]] = MappingProxyType(
@@ -108,8 +119,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
             "K_13": (
                 "K_31",
                 "eq. (6) has both, so set K_31 too (0 for a one-way coupling); the coupling at the "
-                "start, which "
-                "older jobs call K_13, is now K_hold.",
+                "start, which older jobs call K_13, is now K_hold.",
             )
         }
     )

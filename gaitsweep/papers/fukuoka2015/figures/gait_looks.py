@@ -23,19 +23,33 @@ from gaitsweep.plot import (
     contact_intervals,
     limb_colours,
     name_limbs,
+    theme,
     written,
 )
 
-_STYLES = {**extension.gait_styles, "none": ("#D5D5D5", "+")}
-COLOURS = MappingProxyType({gait: colour for gait, (colour, _) in _STYLES.items()})
-MARKERS = MappingProxyType({gait: marker for gait, (_, marker) in _STYLES.items()})
-ORDER = tuple(COLOURS)
+ORDER = (*extension.gait_styles, "none")
 NAMES = MappingProxyType({"none": "none of them, or fallen"})
 LIMBS: Mapping[str, LimbLook] = MappingProxyType(dict(zip(LEGS, drawing.LIMBS, strict=True)))
 LEG_COLOURS: Mapping[str, str] = MappingProxyType(dict(zip(LEGS, limb_colours(drawing.LIMBS), strict=True)))
 CONTACTS = MappingProxyType({leg: f"contact_{i + 1}" for i, leg in enumerate(LEGS)})
 FLIGHT = "#E6E6E6"
 _BAR = 0.62
+
+
+def colour_of(gait: str) -> str:
+    """The colour of a gait, or of no gait."""
+    return theme.colours([gait])[gait]
+
+
+def marker_of(gait: str) -> str:
+    """The marker of a gait, or of no gait."""
+    return theme.markers([gait])[gait]
+
+
+def label_of(gait: str) -> str:
+    """The label of a gait, or of no gait, in legends and along axes."""
+    label = theme.named(gait)
+    return NAMES.get(label, label)
 
 
 def check_gaits(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
@@ -69,8 +83,8 @@ def gait_key(gaits: Iterable[str]) -> list[Line2D]:
     """Legend handles of the gaits that occur, in the order of speed."""
     present = set(gaits)
     return [
-        Line2D([], [], ls="", marker=MARKERS[gait], color=COLOURS[gait], ms=4.5, label=NAMES.get(gait, gait))
-        for gait in ORDER
+        Line2D([], [], ls="", marker=marker_of(gait), color=colour_of(gait), ms=4.5, label=label_of(gait))
+        for gait in theme.ordered(ORDER)
         if gait in present
     ]
 

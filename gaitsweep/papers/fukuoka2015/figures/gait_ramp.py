@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gaits_along
-from gaitsweep.papers.fukuoka2015.figures.gait_looks import COLOURS, NAMES, ORDER, check_gaits
+from gaitsweep.papers.fukuoka2015.figures.gait_looks import ORDER, check_gaits, colour_of, label_of
 from gaitsweep.plot import (
     Count,
     Panels,
@@ -27,7 +27,7 @@ from gaitsweep.plot import (
     moved_parameter,
     row_names,
     rows_where,
-    style,
+    theme,
     word,
     written,
 )
@@ -83,30 +83,34 @@ def gait_ramp(
     rows = [np.unique(part["row"].to_numpy(int)) for part in parts]
     heights = [max(len(each), 1) for each in rows]
     present = set(along["gait"].astype(str))
-    with style.canvas(style.PAGE, 0.42 * sum(heights) + 0.35 * len(parts) + 0.9, title) as figure:
+    with theme.canvas(theme.PAGE, 0.42 * sum(heights) + 0.35 * len(parts) + 0.9, title) as figure:
         grid = figure.subplots(len(parts), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
         for axes, value, each in zip(grid, values, rows, strict=True):
             axes.set_title("" if value is None else written(table, str(panels), value), loc="left")
             names = row_names(rows_where(table, table["row"].isin(each.tolist())), [panels] if panels else [])
             _panel(axes, along, [(row, names[row]) for row in each], parameter, x == "speed")
         grid[-1].set_xlabel(axis_label(table, parameter) if x == "parameter" else "measured speed (m/s)")
-        handles = [Patch(color=COLOURS[g], label=NAMES.get(g, _kind(g))) for g in ORDER if g in present]
+        shown = [gait for gait in theme.ordered(ORDER) if gait in present]
+        handles = [Patch(color=colour_of(gait), label=_kind(gait)) for gait in shown]
         handles = list({handle.get_facecolor(): handle for handle in handles}.values())
-        figure.legend(handles=handles, loc="outside lower center", ncols=6)
+        theme.legend(figure, handles, ncols=6)
     return figure
 
 
 def _kind(gait: str) -> str:
-    """A gait's name without its side, since both sides have one colour."""
-    return {"uR": "unusual canter", "uL": "unusual canter", "R-": "canter", "L-": "canter"}.get(
-        gait[:2] if gait.endswith("canter") else "", "gallop" if gait.endswith("gallop") else gait
-    )
+    """A gait's label without its side, since both sides have one colour."""
+    label = label_of(gait)
+    if label != gait:
+        return label
+    sides = {"uR": "unusual canter", "uL": "unusual canter", "R-": "canter", "L-": "canter"}
+    kind = sides.get(gait[:2]) if gait.endswith("canter") else None
+    return kind or ("gallop" if gait.endswith("gallop") else gait)
 
 
 def _panel(
     axes: Axes, along: pd.DataFrame, rows: Sequence[tuple[Any, str]], parameter: str, measured: bool
 ) -> None:
-    look: dict[str, Any] = {"fontsize": 6.5, "va": "center", "ha": "right", "color": "#444444"}
+    look: dict[str, Any] = {"fontsize": theme.points(7), "va": "center", "ha": "right", "color": "#444444"}
     for place, (row, _) in enumerate(rows):
         mine = along.loc[along["row"] == row]
         for down in (0, 1):
@@ -137,4 +141,4 @@ def _bar(axes: Axes, at: np.ndarray, t: np.ndarray, gaits: Sequence[str], height
     begins = np.r_[at[0], np.where(missing, at[1:], middle)]
     ends = np.r_[np.where(missing, at[:-1], middle), at[-1]]
     for low, high, gait in zip(begins, ends, gaits, strict=True):
-        axes.barh(height, high - low, _BAR, left=low, color=COLOURS[gait], linewidth=0)
+        axes.barh(height, high - low, _BAR, left=low, color=colour_of(gait), linewidth=0)

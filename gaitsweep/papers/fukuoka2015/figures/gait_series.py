@@ -18,11 +18,11 @@ from gaitsweep import Trace
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_along
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS, gaits_in
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
-    COLOURS,
     CONTACTS,
     FLIGHT,
     LEG_COLOURS,
     LIMBS,
+    colour_of,
     footfalls,
     in_words,
     shade_flights,
@@ -42,7 +42,7 @@ from gaitsweep.plot import (
     column,
     figure_kind,
     rows_where,
-    style,
+    theme,
 )
 
 _MOST_STRIPS = 12
@@ -105,25 +105,32 @@ def gait_series(
     parts = every[:_MOST_STRIPS]
     if len(every) > len(parts):
         title = f"{title or ''} (the first {len(parts)} of {len(every)} strips)".strip()
-    columns = min(strip_columns or (_MOST_COLUMNS if len(parts) > _LONG else 1), max(len(parts), 1))
+    most = strip_columns or (_MOST_COLUMNS if len(parts) > _LONG else 1)
+    columns = theme.across(len(parts), most, theme.PAGE, 3.0)
     down = -(-len(parts) // columns) or 1
     kinds = [kind for kind in _HEIGHTS if (kind != "gait" or strip) and (kind != "load" or loads)]
     heights = [_HEIGHTS[kind] for kind in kinds]
     height = down * (sum(heights) + 0.35) + 0.5
     along = gaits_along(table) if strip and len(table) else None
-    with style.canvas(style.PAGE, height, title) as figure:
+    with theme.canvas(theme.PAGE, height, title) as figure:
         outer = figure.subfigures(down, columns, squeeze=False).ravel(order="F")
         for number, (sub, part) in enumerate(zip(outer, parts, strict=False)):
             grid = sub.subplots(len(kinds), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
             heading = _heading(table, part, number, titles) if strip is None or titles else ""
-            _draw(dict(zip(kinds, grid, strict=True)), part, along, heading, style.PAGE / columns)
+            _draw(
+                dict(zip(kinds, grid, strict=True)),
+                part,
+                along,
+                heading,
+                theme.width_of(theme.PAGE) / columns,
+            )
         if not parts:
-            style.message(outer[0].subplots(), "nothing was recorded")
+            theme.message(outer[0].subplots(), "nothing was recorded")
         handles = [Line2D([], [], color=LEG_COLOURS[leg], lw=1.6, label=LIMBS[leg].name) for leg in LEGS]
         flight = (
             [Patch(color=FLIGHT, label="flight: no foot on the ground")] if any(map(_flies, parts)) else []
         )
-        figure.legend(handles=[*handles, *flight], loc="outside lower center", ncols=5)
+        theme.legend(figure, [*handles, *flight], ncols=5)
     return figure
 
 
@@ -178,9 +185,8 @@ def _draw(
     if "load" in grid:
         grid["load"].set_ylabel("load (N)")
         loads = part[[f"F_{leg}" for leg in LEGS]].to_numpy(float)
-        grid["load"].set_ylim(
-            0.0, 1.6 * np.percentile(loads.max(axis=1), 90.0)
-        )  # peaks at touchdown are far higher
+        # peaks at touchdown are far higher
+        grid["load"].set_ylim(0.0, 1.6 * np.percentile(loads.max(axis=1), 90.0))
     for kind in ("flexor", "load", "pitch"):
         if kind in grid:
             shade_flights(grid[kind], t, down)
@@ -205,12 +211,12 @@ def _names(axes: Axes, part: pd.DataFrame, along: pd.DataFrame, wide: float) -> 
         if end <= begin:
             continue
         name = str(spell["gait"])
-        axes.barh(0.15, end - begin, 0.26, left=begin, color=COLOURS[name], linewidth=0)
+        axes.barh(0.15, end - begin, 0.26, left=begin, color=colour_of(name), linewidth=0)
         if (end - begin) * width > _LETTER * len(name):
-            look: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 7.0}
-            axes.text(0.5 * (begin + end), 0.3, name, color=COLOURS[name], weight="bold", **look)
+            look: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": theme.points(7)}
+            axes.text(0.5 * (begin + end), 0.3, name, color=colour_of(name), weight="bold", **look)
     if "speed" in mine.columns and len(mine):
         for at in (low, high):
             v = np.interp(at, mine["t"].to_numpy(float), mine["speed"].to_numpy(float))
             side: Any = "left" if at == low else "right"
-            axes.text(at, 1.0, f"{v:.2f} m/s", va="top", fontsize=7.0, color="#444444", ha=side)
+            axes.text(at, 1.0, f"{v:.2f} m/s", va="top", fontsize=theme.points(7), color="#444444", ha=side)

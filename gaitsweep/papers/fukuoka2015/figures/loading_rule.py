@@ -16,12 +16,12 @@ from gaitsweep import near_miss
 from gaitsweep.papers.fukuoka2015.analysis import loading_rule as rule
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
-    COLOURS,
-    MARKERS,
     ORDER,
     check_gaits,
+    colour_of,
     gait_key,
     has_swing_onsets,
+    marker_of,
 )
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS, THRESHOLD
 from gaitsweep.plot import (
@@ -36,7 +36,7 @@ from gaitsweep.plot import (
     column,
     figure_kind,
     rows_where,
-    style,
+    theme,
     written,
 )
 
@@ -93,11 +93,11 @@ def loading_rule(
     missing = [name for name in names if name not in agreement]
     if missing:
         raise PlotError(f"{missing[0]} is not a measure of this table. Allowed: {', '.join(agreement)}.")
-    down = -(-len(names) // _ACROSS)
-    across = min(len(names), _ACROSS)
+    across = theme.across(len(names), _ACROSS, theme.PAGE, 1.6)
+    down = -(-len(names) // across)
     present = set(pairs["gait"].astype(str))
     heading = title if only is None else f"{title or ''} {written(table, only, value)}".strip()
-    with style.canvas(style.PAGE, 2.25 * down + 0.6, heading) as figure:
+    with theme.canvas(theme.PAGE, 2.25 * down + 0.6, heading) as figure:
         grid = figure.subplots(down, across, sharey=True, squeeze=False).ravel()
         for number, (axes, name) in enumerate(zip(grid, names, strict=False)):
             _panel(axes, pairs, name, agreement[name])
@@ -106,15 +106,15 @@ def loading_rule(
         for axes in grid[len(names) :]:
             axes.set_visible(False)
         rule_ = Patch(color=_OF_THE_RULE, label="sign as the rule says")
-        figure.legend(handles=[*gait_key(present), rule_], loc="outside lower center", ncols=6)
+        theme.legend(figure, [*gait_key(present), rule_], ncols=6)
     return figure
 
 
 def _panel(axes: Axes, pairs: pd.DataFrame, name: str, agreement: Mapping[Any, Any]) -> None:
-    for gait in ORDER:
+    for gait in theme.ordered(ORDER):
         part = rows_where(pairs, pairs["gait"].astype(str) == gait)
         if len(part):
-            look: dict[str, Any] = {"color": COLOURS[gait], "marker": MARKERS[gait], "ms": 3.4, "ls": ""}
+            look: dict[str, Any] = {"color": colour_of(gait), "marker": marker_of(gait), "ms": 3.4, "ls": ""}
             axes.plot(part[name], part["delta"], mew=0.5, alpha=0.8, **look)
     x, delta = np.abs(pairs[name].to_numpy(float)), np.abs(pairs["delta"].to_numpy(float))
     reach, height = 1.08 * np.nanmax(x, initial=1e-9), max(0.3, 1.1 * np.nanmax(delta, initial=0.0))
@@ -127,5 +127,5 @@ def _panel(axes: Axes, pairs: pd.DataFrame, name: str, agreement: Mapping[Any, A
     axes.axvline(0.0, color="#AAAAAA", lw=0.5, zorder=1)
     measure = rule.MEASURES[name]
     axes.set_xlabel("\n".join(textwrap.wrap(f"{measure.meaning} ({measure.unit})", 30)))
-    share = f"sign right {style.percent(agreement['right'])} %" if agreement["shifted"] else "no pair shifted"
+    share = f"sign right {theme.percent(agreement['right'])} %" if agreement["shifted"] else "no pair shifted"
     axes.set_title(f"r = {agreement['r']:.2f}, {share}".replace("-", "\u2212"))

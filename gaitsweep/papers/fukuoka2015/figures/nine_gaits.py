@@ -10,10 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS, gaits_in
-from gaitsweep.papers.fukuoka2015.figures.gait_looks import COLOURS, CONTACTS, footfalls, in_words
+from gaitsweep.papers.fukuoka2015.figures.gait_looks import CONTACTS, colour_of, footfalls, in_words, label_of
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART
-from gaitsweep.plot import PlannedTable, Positive, Refusal, Title, column, figure_kind, rows_where, style
+from gaitsweep.plot import PlannedTable, Positive, Refusal, Title, column, figure_kind, rows_where, theme
 
+_NARROW = 5.0  # inches; below, only the first column names its legs
 _TILTS = ("hind leg first (tilted down)", "together (level)", "fore leg first (tilted up)")
 
 
@@ -43,52 +44,58 @@ def nine_gaits(
     for name in ("row", "t", *FLEXORS.values()):
         column(table, name)
     gaits = gaits_in(table)
-    with style.canvas(style.PAGE, 4.9, title) as figure:
+    wide = theme.width_of(theme.PAGE)
+    cell = wide / 3.0 - 0.3  # inches; of a cell's texts
+    narrow = wide < _NARROW
+    with theme.canvas(theme.PAGE, 6.3 if narrow else 4.9, title) as figure:
         grid = figure.subplots(3, 3)
         for place, gait in enumerate(CHART):
             axes = grid[place // 3, place % 3]
             found = gaits.loc[gaits["gait"] == gait]
             if len(found):
-                _example(axes, table, gait, found.loc[found["margin"].idxmax()], cycles)
+                _example(axes, table, gait, found.loc[found["margin"].idxmax()], cycles, cell)
             else:
-                _empty(axes, gait)
+                _name(axes, gait)
+                _empty(axes, theme.wrapped("no row has it", cell, 8.0))
             if place // 3 == 0:
+                heading = theme.wrapped(f"left fore, right hind:\n{_TILTS[place]}", cell, 7.5)
                 axes.annotate(
-                    f"left fore, right hind:\n{_TILTS[place]}", (0.5, 1.0), (0, 32), "axes fraction",
-                    "offset points", ha="center", fontsize=7.5,
+                    heading, (0.5, 1.0), (0, 46 if narrow else 32), "axes fraction",
+                    "offset points", ha="center", fontsize=theme.points(7.5),
                 )  # fmt: skip
             if place % 3 == 0:
-                axes.set_ylabel(
-                    f"right fore, left hind:\n{_TILTS[place // 3]}".replace(" (", "\n("),
-                    fontsize=7.5,
-                    labelpad=4,
-                )
+                heading = f"right fore, left hind:\n{_TILTS[place // 3]}".replace(" (", "\n(")
+                axes.set_ylabel(heading, fontsize=theme.points(7.5), labelpad=4)
+            elif narrow:
+                axes.tick_params(labelleft=False)
             if place // 3 == 2:
                 axes.set_xlabel("time (s)")
     return figure
 
 
-def _example(axes: Axes, table: pd.DataFrame, gait: str, of: pd.Series, cycles: float) -> None:
+def _example(axes: Axes, table: pd.DataFrame, gait: str, of: pd.Series, cycles: float, cell: float) -> None:
     samples = rows_where(table, table["row"] == of["row"]).sort_values("t", kind="stable")
     samples = samples.assign(t=samples["t"] - samples["t"].min())
     end = cycles * float(of["period"])  # pyright: ignore[reportArgumentType]
     samples = rows_where(samples, samples["t"] <= end)
     footfalls(axes, samples)
     axes.set_xlim(0.0, end)
-    _name(axes, gait, ", ".join(in_words(table, of, samples)))
+    _name(axes, gait, theme.wrapped(", ".join(in_words(table, of, samples)), cell, 7.0))
 
 
-def _empty(axes: Axes, gait: str) -> None:
-    _name(axes, gait)
+def _empty(axes: Axes, text: str) -> None:
     axes.set_xticks([])
     axes.set_yticks([])
     for spine in axes.spines.values():
         spine.set_visible(False)
-    style.message(axes, "no row has it")
+    theme.message(axes, text)
 
 
 def _name(axes: Axes, gait: str, note: str = "") -> None:
     """The name of the gait above its cell, and below it a description of the example."""
     look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
-    axes.annotate(gait, (0.0, 1.0), (0, 12), color=COLOURS[gait], weight="bold", fontsize=8.5, **look)
-    axes.annotate(note, (0.0, 1.0), (0, 3), color="#444444", fontsize=6.5, **look)
+    above = 3 + 10 * (note.count("\n") + 1)
+    look |= {"fontsize": theme.points(8.5), "weight": "bold"}
+    axes.annotate(label_of(gait), (0.0, 1.0), (0, above), color=colour_of(gait), **look)
+    look |= {"fontsize": theme.points(7), "weight": "normal"}
+    axes.annotate(note, (0.0, 1.0), (0, 3), color="#444444", **look)

@@ -13,12 +13,12 @@ from matplotlib.figure import Figure
 from gaitsweep.contract import Status
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
-    COLOURS,
-    MARKERS,
-    NAMES,
     ORDER,
     check_gaits,
+    colour_of,
     gait_key,
+    label_of,
+    marker_of,
 )
 from gaitsweep.plot import (
     TEXT_COLUMNS,
@@ -33,7 +33,7 @@ from gaitsweep.plot import (
     described,
     figure_kind,
     rows_where,
-    style,
+    theme,
     written,
 )
 
@@ -73,27 +73,31 @@ def speed_gaits(
     gaits = gaits_in(table).set_index("row")["gait"].astype(str)
     shown = table.assign(gait=gaits.loc[table["row"]].to_numpy())
     shown = rows_where(shown, np.isfinite(shown[speed].to_numpy(float)) & (shown["gait"] != "none"))
-    present = [gait for gait in ORDER if gait in set(shown["gait"])]
+    present = [gait for gait in theme.ordered(ORDER) if gait in set(shown["gait"])]
     bands: list[Any] = present if y == "gait" else sorted(table[y].dropna().unique())
     values = [None] if panels is None else sorted(table[panels].dropna().unique())
     height = max(0.23, 0.16 if len(bands) > 12 else 0.26) * max(len(bands), 3) + 0.9
-    with style.canvas(style.PAGE, height + (0.0 if y == "gait" else 0.35), title) as figure:
-        grid = figure.subplots(1, len(values), sharex=True, sharey=True, squeeze=False)[0]
-        for axes, value in zip(grid, values, strict=True):
+    across = theme.across(len(values), len(values), theme.PAGE, 1.2)
+    down = -(-len(values) // across)
+    with theme.canvas(theme.PAGE, height * down + (0.0 if y == "gait" else 0.35), title) as figure:
+        grid = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
+        for axes in grid[len(values) :]:
+            axes.set_visible(False)
+        for axes, value in zip(grid, values, strict=False):
             part = shown if value is None else rows_where(shown, shown[str(panels)] == value)
             axes.set_title("" if value is None else written(table, str(panels), value))
             _bands(axes, part, y, bands, speed, np.ptp(shown[speed].to_numpy(float)) if len(shown) else 1.0)
             axes.set_xlabel(described(table, speed, 60 // len(values)))
             if not len(part):
-                style.message(axes, "no rows yet")
-        names = [NAMES.get(band, band) if y == "gait" else f"{band:.4g}" for band in bands]
+                theme.message(axes, "no rows yet")
+        names = [label_of(band) if y == "gait" else f"{band:.4g}" for band in bands]
         grid[0].set_yticks(
             range(len(bands)), [name.replace("-", "−") if y != "gait" else name for name in names]
         )
         grid[0].set_ylim(-0.6, len(bands) - 0.4)
         if y != "gait":
             grid[0].set_ylabel(axis_label(table, y))
-            figure.legend(handles=gait_key(present), loc="outside lower center", ncols=6)
+            theme.legend(figure, gait_key(present), ncols=6)
     return figure
 
 
@@ -106,10 +110,10 @@ def _bands(axes: Axes, part: pd.DataFrame, y: str, bands: list[Any], speed: str,
         at = mine[speed].to_numpy(float)
         moving = Status.UNDECIDED.among(mine["status"])
         offset = _stacked(at, _SAME * extent) * _SPREAD
-        for gait in ORDER:
+        for gait in theme.ordered(ORDER):
             which = (mine["gait"] == gait).to_numpy()
-            look = {"color": COLOURS[gait], "marker": MARKERS[gait], "ms": 3.2, "mew": 0.6, "ls": ""}
-            for some, face in ((which & ~moving, COLOURS[gait]), (which & moving, "white")):
+            look = {"color": colour_of(gait), "marker": marker_of(gait), "ms": 3.2, "mew": 0.6, "ls": ""}
+            for some, face in ((which & ~moving, colour_of(gait)), (which & moving, "white")):
                 if some.any():
                     axes.plot(at[some], place + offset[some], mfc=face, **look)
 

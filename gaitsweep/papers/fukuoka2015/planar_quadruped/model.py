@@ -79,6 +79,17 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
 
     name: ClassVar[str] = "planar_quadruped"
     source: ClassVar[str] = "Fukuoka, Habu, Fukui 2015, Sci. Rep. 5:8169"
+    bibtex: ClassVar[str] = """\
+@article{fukuoka2015,
+  author = {Fukuoka, Yasuhiro and Habu, Yasushi and Fukui, Takahiro},
+  title = {A simple rule for quadrupedal gait generation determined by leg loading feedback: a modeling
+    study},
+  journal = {Scientific Reports},
+  year = {2015},
+  volume = {5},
+  pages = {8169},
+  doi = {10.1038/srep08169}
+}"""
     gaits: ClassVar[tuple[str, ...]] = (*CHART, "unsteady")
 
     def __post_init__(self) -> None:

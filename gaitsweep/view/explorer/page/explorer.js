@@ -20,10 +20,14 @@ let shade = SCHEMES[darkness.matches ? "dark" : "light"];
 // The side view's own drawing: gaitsweep/view/movie/side_view.py.
 const ASIDE = [0.28, 0.22];
 const SERIES = ["#E69F00", "#0072B2", "#009E73", "#CC79A7", "#D55E00", "#56B4E9"];
+const SWING = "#D55E00";                        // of limbs off the ground, where limbs have no colours of their own
 const SYMBOLS = { "o": "circle", "s": "square", "^": "triangle-up", "D": "diamond", "v": "triangle-down",
   "x": "x", "P": "cross", "X": "x", "*": "star" };
 const FONT = "system-ui, -apple-system, Segoe UI, Roboto, DejaVu Sans, sans-serif";
 
+// Of plotly.js' buttons those that stay in the page: others offer an upload.
+const BUTTONS = [["toImage"], ["zoom2d", "pan2d"], ["zoomIn2d", "zoomOut2d", "resetScale2d"]];
+const NO_UPLOAD = { modeBarButtons: BUTTONS, showSendToCloud: false, plotlyServerURL: "", topojsonURL: "about:blank", displaylogo: false };
 // A finger scrolls the page; it does not zoom the map.
 const TOUCH = matchMedia("(pointer: coarse)").matches;
 
@@ -94,7 +98,8 @@ const numberAt = (name, i) => { const v = raw(columns[name], i); return v === nu
 function textOf(column, i) {
   const value = raw(column, i);
   if (column.categories) return value < 0 ? "" : column.categories[value];
-  return value === null ? "no number" : String(value).replaceAll("-", "−");
+  if (value === null) return "no number";
+  return String(Number.isInteger(value) || typeof value === "string" ? value : Number(value.toPrecision(7))).replaceAll("-", "−");
 }
 
 function inPi(angle) {
@@ -197,7 +202,8 @@ const marker = (outcome, size) => ({ size, symbol: (SYMBOLS[outcome.marker] || "
 
 function told(i) {
   const [x, y] = [data.x, data.y].map(axis => `${axis.label} ${escaped(valueText(axis.name, i))}`);
-  return `${x}<br>${y}<br>${escaped(outcomeOf(i).name)}, ${nameOf(i)}`;
+  const way = data.passes.length ? `, ${escaped(passText(passOf(i)))}` : "";
+  return `${x}<br>${y}<br>${escaped(outcomeOf(i).name)}${way}, ${nameOf(i)}`;
 }
 
 const middle = (axis, edges, k) => offScale(axis, 0.5 * (onScale(axis, edges[k]) + onScale(axis, edges[k + 1])));
@@ -227,35 +233,53 @@ function cellTraces() {
   ];
 }
 
+const passOf = i => data.passes[numberAt("pass", i)];
+const passText = pass => `${plain(columns[data.moved].symbol)} ${pass.rises ? "rises" : "falls"}`;
+
+/** The line between two consecutive records of a row: dashed where a parameter falls or a gait is unstable. */
+function pieceStyle(i, j) {
+  if (data.passes.length) return { width: 1.2, color: seen(passOf(j).colour), dash: passOf(j).rises ? "solid" : "dash" };
+  if (!columns.stable) return { width: 0.8, color: shade.trail };
+  // a bifurcation is on the border of both, and a kink of the map is no part of a branch
+  const special = k => textOf(columns.special, k);
+  if (special(j) === "kink") return { width: 1, color: shade.trail, dash: "dot" };
+  return { width: 1.8, color: shade.bone, dash: outcomeOf(special(i) ? j : i).hollow ? "dash" : "solid" };
+}
+
 function pointTraces() {
   const traces = [], key = shownKey(), size = count > 1500 ? 4 : count > 400 ? 6 : 8;
-  const line = { x: [], y: [] };
-  if (!data.diagonal && recordsOf.size < count) {
-    for (const records of recordsOf.values()) {
-      let before = null;
-      for (const i of records) {
-        if (sliceKey(i) !== key) continue;
-        const at = [along(data.x, numberAt(data.x.name, i)), along(data.y, numberAt(data.y.name, i))];
-        const leaps = before && [data.x, data.y].some((axis, k) => axis.circular && Math.abs(at[k] - before[k]) > Math.PI);
-        if (leaps || !before) { line.x.push(null); line.y.push(null); }
-        line.x.push(at[0]); line.y.push(at[1]);
-        before = at;
-      }
+  const lines = new Map();  // pieces by their style
+  for (const records of data.noChange === null && recordsOf.size < count ? recordsOf.values() : []) {
+    let before = -1;
+    for (const i of records) {
+      if (sliceKey(i) !== key) continue;
+      const last = before;
+      before = i;
+      if (last < 0) continue;
+      const [from, to] = [last, i].map(k => [along(data.x, numberAt(data.x.name, k)), along(data.y, numberAt(data.y.name, k))]);
+      if ([data.x, data.y].some((axis, k) => axis.circular && Math.abs(to[k] - from[k]) > Math.PI)) continue;
+      const line = pieceStyle(last, i), name = JSON.stringify(line);
+      if (!lines.has(name)) lines.set(name, { type: "scatter", mode: "lines", x: [], y: [], line, hoverinfo: "skip" });
+      const { x, y } = lines.get(name);
+      if (x.at(-1) !== from[0] || y.at(-1) !== from[1]) { x.push(null, from[0]); y.push(null, from[1]); }
+      x.push(to[0]); y.push(to[1]);
     }
-    traces.push({ type: "scatter", mode: "lines", ...line, line: { width: 0.8, color: shade.trail }, hoverinfo: "skip" });
   }
-  if (data.diagonal) {
+  traces.push(...lines.values());
+  if (data.noChange !== null) {
     const range = ranges()[0].map(at => offScale(data.x, at));
-    traces.push({ type: "scatter", mode: "lines", x: range, y: range, line: { width: 1, dash: "dot", color: shade.axis }, hoverinfo: "skip" });
+    traces.push({ type: "scatter", mode: "lines", x: range, y: range.map(at => data.noChange * at), line: { width: 1, dash: "dot", color: shade.axis }, hoverinfo: "skip" });
   }
   data.outcomes.forEach((outcome, number) => {
-    const trace = { type: "scatter", mode: "markers", x: [], y: [], customdata: [], text: [], hovertemplate: "%{text}<extra></extra>", marker: marker(outcome, size) };
+    const look = marker(outcome, size), symbol = data.passes.length ? [] : look.symbol;
+    const trace = { type: "scatter", mode: "markers", x: [], y: [], customdata: [], text: [], hovertemplate: "%{text}<extra></extra>", marker: { ...look, symbol } };
     for (let i = 0; i < count; i++) {
       if (data.outcome[i] !== number || sliceKey(i) !== key) continue;
       trace.x.push(along(data.x, numberAt(data.x.name, i)));
       trace.y.push(along(data.y, numberAt(data.y.name, i)));
       trace.customdata.push(i);
       trace.text.push(told(i));
+      if (data.passes.length) symbol.push(SYMBOLS[passOf(i).marker] + (outcome.hollow ? "-open" : ""));
     }
     traces.push(trace);
   });
@@ -324,7 +348,7 @@ async function drawMap() {
     xaxis: axisOf(data.x, across), yaxis: axisOf(data.y, up), shapes: marks(), dragmode: TOUCH ? false : "zoom" };
   if (square) { layout.yaxis.scaleanchor = "x"; layout.yaxis.constrain = "domain"; layout.xaxis.constrain = "domain"; }
   const traces = data.kind === "cells" ? cellTraces() : pointTraces();
-  await Plotly.react("map", traces, layout, { displaylogo: false, displayModeBar: TOUCH ? false : "hover", doubleClick: "reset", modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"] });
+  await Plotly.react("map", traces, layout, { ...NO_UPLOAD, displayModeBar: TOUCH ? false : "hover", doubleClick: "reset" });
 }
 
 // ------------------------------------------------------------------------------- neighbours
@@ -411,6 +435,7 @@ function showRecord() {
   $("ended").replaceChildren(chip(outcome), outcome.name);
   const sentence = data.statuses[status];
   const whole = recordsOf.get(raw(columns.row, i)).length > 1 ? "the whole row: " : "";
+  if (data.passes.length) $("ended").append(`; ${passText(passOf(i))}`);
   $("ended").append(`; ${whole}${status}${sentence ? ": " + sentence : ""}`);
   const link = $("elsewhere");
   link.replaceChildren();
@@ -469,6 +494,39 @@ function showWalk() {
   showPhases();
 }
 
+let beside = null;                                // the motion of the nearest start with another outcome, if shown
+
+/** Show the nearest start with another outcome in step with the chosen one, if that is asked for. */
+function showBeside() {
+  const [theirs, owner] = other < 0 ? [null, -1] : walkFor(other), both = motion && motion.points !== undefined && theirs;
+  const drawn = both ? theirs.motions.filter(each => each.points !== undefined) : [];
+  $("compare").hidden = !drawn.length;
+  const on = drawn.length && $("compare").getAttribute("aria-pressed") === "true";
+  beside = on ? drawn.find(each => each.name === motion.name) || drawn.at(-1) : null;
+  $("beside").hidden = !beside;
+  $("body-name").replaceChildren(...(beside ? [chip(outcomeOf(chosen)), `${outcomeOf(chosen).name}, ${nameOf(walkFor(chosen)[1])}`] : []));
+  $("beside-name").replaceChildren(...(beside ? [chip(outcomeOf(other)), `${outcomeOf(other).name}, ${nameOf(owner)}`] : []));
+  $("beside-body").setAttribute("aria-label", beside ? `stick figure of ${nameOf(owner)}, ${beside.name}` : "");
+}
+
+/** A job of one record's row in Python. */
+function pythonOf(i) {
+  const values = data.varied.map(name => `${JSON.stringify(name)}: [${raw(columns[name], i)}]`).join(", ");
+  return data.python.replace("@row@", () => raw(columns.row, i)).replace("@vary@", () => values);
+}
+
+async function copy(text, what) {
+  try { await navigator.clipboard.writeText(text); } catch {  // pages of files may lack a clipboard
+    const box = document.createElement("textarea");
+    box.value = text;
+    document.body.append(box);
+    box.select();
+    document.execCommand("copy");
+    box.remove();
+  }
+  $("live").textContent = $("copied").textContent = `${what} of ${nameOf(chosen)} copied`;
+}
+
 function showMotion(k) {
   motion = walk && walk.motions.length ? walk.motions[k] : null;
   [...$("stretches").children].forEach((button, j) => button.setAttribute("aria-pressed", j === k));
@@ -476,12 +534,13 @@ function showMotion(k) {
   clock.turns = 0;
   const drawn = motion && motion.points !== undefined;
   $("stretches").hidden = !motion;
-  $("body").hidden = !drawn;
+  $("bodies").hidden = !drawn;
+  showBeside();
   $("controls").hidden = !motion || (!drawn && !motion.contact.length);
   $("footfalls").hidden = $("footfalls-title").hidden = !motion || !motion.contact.length;
   $("body").setAttribute("aria-label", drawn ? `stick figure of ${nameOf(chosen)}, ${motion.name}` : "");
   $("footfalls").setAttribute("aria-label", "footfall diagram: when each foot is on the ground");
-  document.querySelectorAll("#body, #footfalls, #footfalls-title, #controls, #stretches").forEach(each => each.style.display = each.hidden ? "none" : "");
+  document.querySelectorAll("#bodies, #footfalls, #footfalls-title, #controls, #stretches").forEach(each => each.style.display = each.hidden ? "none" : "");
   paint();
 }
 
@@ -512,7 +571,12 @@ function paint() {
   const length = lengthOf(motion), at = Math.min(clock.at, length);
   $("time").value = length ? Math.round(at / length * 1000) : 0;
   $("clock").textContent = `${(motion.begin + at).toFixed(2)} s`;
-  if (motion.points !== undefined) paintBody(at);
+  if (motion.points !== undefined) paintBody($("body"), motion, at, clock.turns);
+  if (beside) {
+    const whole = lengthOf(beside), passed = clock.turns * length + at;
+    if (beside.loops) paintBody($("beside-body"), beside, passed % whole, Math.floor(passed / whole));
+    else paintBody($("beside-body"), beside, Math.min(at, whole), 0);
+  }
   if (motion.contact.length) paintFootfalls(at);
 }
 
@@ -530,12 +594,12 @@ function surface(canvas) {
 
 // ------------------------------------------------------------------------------- the body
 
-/** The points and the camera at a time (s) of the stretch, linear between pictures. */
-function bodyAt(at) {
+/** The points and the camera at a time (s) of a stretch after some turns of it, linear between pictures. */
+function bodyAt(motion, at, turns) {
   const { points, camera } = picturesOf(motion), step = motion.sample * motion.stride;
   const k = Math.min(Math.floor(at / step), points.length - 1), next = Math.min(k + 1, points.length - 1);
   const share = Math.min(at / step - k, 1), mix = (a, b) => a + share * (b - a);
-  const advance = motion.loops ? clock.turns * (camera[camera.length - 1] - camera[0]) : 0;
+  const advance = motion.loops ? turns * (camera[camera.length - 1] - camera[0]) : 0;
   return { points: points[k].map((each, c) => mix(each, points[next][c])), camera: mix(camera[k], camera[next]) + advance };
 }
 
@@ -545,8 +609,8 @@ function wayOf(each) {
   return camera[camera.length - 1] - camera[0];
 }
 
-/** Whether a limb is on the ground at a time (s) of the stretch. */
-function down(limb, at) {
+/** Whether a limb is on the ground at a time (s) of a stretch. */
+function down(motion, limb, at) {
   const sample = Math.min(Math.round(at / motion.sample), motion.samples - 1), turns = motion.contact[limb];
   let passed = 0;
   while (passed < turns.length && turns[passed] <= sample) passed++;
@@ -569,9 +633,24 @@ function roundStep(length) {
   return power * [1, 2, 5, 10].find(head => head * power >= length * (1 - 1e-9));
 }
 
-function paintBody(at) {
-  const { pen, width, height } = surface($("body")), look = data.figure;
-  const { points, camera } = bodyAt(at);
+const alike = () => data.limbs.length > 1 && data.limbs.every(limb => limb.colour === "#000000");
+
+/** The points with feet `lift` times as high over their lowest place in the stretch, and joints in proportion. */
+function lifted(motion, points) {
+  const factor = Number($("lift").value) - 1, raised = [...points];
+  let from = 0;
+  for (const n of data.figure.limbs) {
+    const foot = from + 2 * n - 1, lowest = motion.lowest ??= {};
+    lowest[foot] ??= Math.min(...picturesOf(motion).points.map(each => each[foot]));
+    for (let j = 1; j < n; j++) raised[from + 2 * j + 1] += factor * (points[foot] - lowest[foot]) * j / (n - 1);
+    from += 2 * n;
+  }
+  return raised;
+}
+
+function paintBody(canvas, motion, at, turns) {
+  const { pen, width, height } = surface(canvas), look = data.figure;
+  const { points: seenPoints, camera } = bodyAt(motion, at, turns), points = lifted(motion, seenPoints);
   const nearEdge = -ASIDE[1] * look.depth, low = nearEdge - 0.24 * look.height, high = 1.2 * look.height;
   const scale = Math.min(height / (high - low), width / (2.3 * look.half));
   const base = height - (height - scale * (high - low)) / 2 + scale * low;
@@ -601,7 +680,7 @@ function paintBody(at) {
   const take = k => { const list = []; for (let j = 0; j < k; j++) list.push(place(points[from + 2 * j], points[from + 2 * j + 1])); from += 2 * k; return list; };
   const limbs = look.limbs.map(take), bodies = look.bodies.map(take);
   const springs = Array.from({ length: look.springs }, () => take(2));
-  const sole = 0.05 * look.height * scale, stands = limbs.map((_, k) => down(k, at));
+  const sole = 0.05 * look.height * scale, stands = limbs.map((_, k) => down(motion, k, at));
   pen.lineCap = pen.lineJoin = "round";
   limbs.forEach((limb, k) => {
     if (!stands[k]) return;
@@ -612,7 +691,7 @@ function paintBody(at) {
     pen.stroke();
   });
   const drawLimb = k => {
-    const limb = limbs[k], colour = limbColour(data.limbs[k]);
+    const limb = limbs[k], colour = alike() && !stands[k] ? seen(SWING) : limbColour(data.limbs[k]);
     pen.strokeStyle = colour;
     pen.lineWidth = 4 * thick;
     path(limb);
@@ -682,6 +761,7 @@ function paintFootfalls(at) {
       pen.fillRect(begin, y, end - begin, row - 4);
     }
   });
+  if (alike()) paintWave(pen, x, row);
   const below = n * row + 2;
   pen.strokeStyle = pen.fillStyle = shade.faint;
   pen.textAlign = "center";
@@ -705,6 +785,21 @@ function paintFootfalls(at) {
   pen.stroke();
 }
 
+/** The wave of swings: lines from the instants at which a leg lifts to the nearest ones of the next leg. */
+function paintWave(pen, x, row) {
+  const lifts = motion.contact.map(turns => turns.filter((at, j) => j % 2 && at < motion.samples)), half = data.cycle / 2 / motion.sample;
+  pen.strokeStyle = seen(SWING);
+  pen.lineWidth = 1.6;
+  pen.beginPath();
+  lifts.slice(1).forEach((next, k) => lifts[k].forEach(at => {
+    const nearest = next.reduce((best, each) => Math.abs(each - at) < Math.abs(best - at) ? each : best, Infinity);
+    if (Math.abs(nearest - at) >= half) return;
+    pen.moveTo(x(at * motion.sample), (k + 0.5) * row);
+    pen.lineTo(x(nearest * motion.sample), (k + 1.5) * row);
+  }));
+  pen.stroke();
+}
+
 // ------------------------------------------------------------------------------- phases
 
 /** The largest multiplier along a branch, for tables that have one. */
@@ -719,7 +814,7 @@ function showMultipliers() {
     ...figureLayout(12), width: box.clientWidth, height: box.clientHeight, margin: { l: 52, r: 8, t: 8, b: 42 }, showlegend: false,
     xaxis: { title: { text: data.x.label, standoff: 4 }, type: data.x.log ? "log" : "linear", range, zeroline: false, gridcolor: shade.grid }, dragmode: false,
     yaxis: { title: { text: "modulus" }, rangemode: "tozero", gridcolor: shade.grid },
-    shapes: [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: 1, y1: 1, line: { dash: "dot", width: 1.2, color: shade.faint } }] }, { displayModeBar: false });
+    shapes: [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: 1, y1: 1, line: { dash: "dot", width: 1.2, color: shade.faint } }] }, { ...NO_UPLOAD, displayModeBar: false });
 }
 
 let group = 0;                                    // of observables, that is drawn over the cycles
@@ -770,7 +865,7 @@ function showPhases() {
   const range = whole[1] - whole[0] > 4 * AROUND && Number.isFinite(at) ? [Math.max(at - AROUND, whole[0]), Math.min(at + AROUND, whole[1])] : undefined;
   Plotly.react(box, traces, { ...figureLayout(12), width: box.clientWidth, height: box.clientHeight, margin: { l: 52, r: 8, t: 8, b: 38 }, shapes,
     xaxis: { title: { text: "cycle", standoff: 4 }, range, autorange: range === undefined, zeroline: false, gridcolor: shade.grid }, yaxis: { zeroline: false, gridcolor: shade.grid, automargin: true, ...yaxis },
-    legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0 }, showlegend: true, dragmode: false }, { displayModeBar: false });
+    legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0 }, showlegend: true, dragmode: false }, { ...NO_UPLOAD, displayModeBar: false });
 }
 
 // ------------------------------------------------------------------------------- slices, legend, keys
@@ -821,6 +916,17 @@ function showLegend() {
     item.append(chip(outcome), `${outcome.name} ${share > 0 && share < 0.5 ? "<1" : share.toFixed(0)} %`);
     return item;
   }));
+  for (const rises of data.passes.length ? [true, false] : []) {
+    const item = document.createElement("li"), pass = data.passes.find(each => each.rises === rises), sign = document.createElement("span");
+    sign.textContent = rises ? "▲" : "▼";
+    item.append(sign, ` ${passText(pass)}, line ${rises ? "solid" : "dashed"}`);
+    $("legend").append(item);
+  }
+  if (columns.stable) {
+    const item = document.createElement("li");
+    item.textContent = "branch solid where stable, dashed where unstable";
+    $("legend").append(item);
+  }
 }
 
 const cellKey = i => `${data.at[0][i]},${data.at[1][i]}`;
@@ -869,11 +975,6 @@ function fromHash() {
 
 // ------------------------------------------------------------------------------- beginning
 
-function firstChoice() {
-  // a start that walks, beside a boundary if there is one: what is worth seeing
-  return data.walks.length ? data.walks[Math.min(1, data.walks.length - 1)].record : 0;
-}
-
 function showAbout() {
   document.title = `${data.name}: explorer`;
   $("about").textContent = `${data.model}${data.what ? ": " + data.what : ""} ${data.source ? "(" + data.source + ") " : ""}${data.rows} row${data.rows === 1 ? "" : "s"}, run of kind ${data.run}.`;
@@ -897,6 +998,9 @@ function fillSpeeds() {
   const best = speeds.reduce((a, b) => Math.abs(Math.log(b[0] / usual)) < Math.abs(Math.log(a[0] / usual)) ? b : a);
   for (const [speed, text] of speeds) $("speed").add(new Option(text, speed, false, speed === best[0]));
   clock.speed = best[0];
+  for (const times of [1, 2, 3, 5]) $("lift").add(new Option(times === 1 ? "lift as it is" : `lift ${times} times as high`, times));
+  $("lift").onchange = paint;
+  $("lift").hidden = !data.figure || !data.figure.limbs.length;
   $("speed").onchange = () => clock.speed = Number($("speed").value);
 }
 
@@ -925,12 +1029,19 @@ async function begin() {
   document.querySelector("main").hidden = false;
   showAbout();
   fillSpeeds();
-  const linked = fromHash(), first = linked >= 0 ? linked : firstChoice();
+  const linked = fromHash(), first = linked >= 0 ? linked : data.first;
   slice = data.slices.map(each => each.of[first]);
   showSlices();
   showLegend();
   sketchMap();
   choose(first, { announce: false });
+  $("compare").onclick = event => {
+    event.currentTarget.setAttribute("aria-pressed", event.currentTarget.getAttribute("aria-pressed") !== "true");
+    showBeside();
+    paint();
+  };
+  $("copy-link").onclick = () => copy(location.href, "Link");
+  $("copy-python").onclick = () => copy(pythonOf(chosen), "Python");
   $("play").onclick = () => play(!clock.playing);
   $("time").oninput = () => { play(false); clock.at = Number($("time").value) / 1000 * lengthOf(motion); paint(); };
   addEventListener("keydown", pressed);

@@ -1,4 +1,4 @@
-"""The command of a complete job says again what it said, as long as nothing has changed."""
+"""The command of a complete job prints its stored output, until a file on which it depends changes."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gaitsweep.cli import again, main
-from gaitsweep.cli import commands as cli_commands
+from gaitsweep.cli import main, stored_output
 
 JOB = """
 name: few
@@ -32,27 +31,26 @@ def few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def _loaded(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
-    """Whether each command from now on was answered from memory."""
-    found: list[bool] = []
+    """A list to which each command from now on appends whether it printed stored output."""
+    loaded: list[bool] = []
+    load_output = stored_output.load_output
 
-    def load_output(command: list[str]) -> tuple[str, str] | None:
-        said = again.load_output(command)
-        found.append(said is not None)
-        return said
+    def recorded(command: list[str]) -> tuple[str, str] | None:
+        output = load_output(command)
+        loaded.append(output is not None)
+        return output
 
-    class Recorded:
-        store_output = staticmethod(again.store_output)
-
-    Recorded.load_output = staticmethod(load_output)  # type: ignore[attr-defined]
-    monkeypatch.setattr(cli_commands, "again", Recorded)
-    return found
+    monkeypatch.setattr(stored_output, "load_output", recorded)
+    return loaded
 
 
-def test_the_same_command_says_the_same(few: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_same_command_prints_the_same(
+    few: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
     capsys.readouterr()
-    found = _loaded(monkeypatch)
+    loaded = _loaded(monkeypatch)
     assert main(["run", "few.yaml"]) == 0
-    assert found == [True]
+    assert loaded == [True]
     printed = capsys.readouterr().out
     assert printed.startswith(
         "6 rows: 6 settled.\nGaits: 3 source, 2 direct, 1 retrograde.\nTable: results/few/"
@@ -77,27 +75,27 @@ def _new_file(few: Path) -> None:
     (few / "table/part-00001.parquet").write_bytes(b"")
 
 
-def _altered_memory(_: Path) -> None:
-    (memory,) = Path("cache/complete").glob("*.json")
-    memory.write_bytes(memory.read_bytes().replace(b"6 settled", b"5 settled"))
+def _altered_output(_: Path) -> None:
+    (stored,) = Path("cache/complete").glob("*.json")
+    stored.write_bytes(stored.read_bytes().replace(b"6 settled", b"5 settled"))
 
 
 @pytest.mark.slow("_gone_figure", "_new_file")
-@pytest.mark.parametrize("change", [_edited_job, _damaged_part, _gone_figure, _new_file, _altered_memory])
+@pytest.mark.parametrize("change", [_edited_job, _damaged_part, _gone_figure, _new_file, _altered_output])
 def test_after_any_change_the_command_runs_as_a_whole(
     few: Path, change: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     change(few)
-    found = _loaded(monkeypatch)
+    loaded = _loaded(monkeypatch)
     main(["run", "few.yaml"])
-    assert found == [False]
+    assert loaded == [False]
     main(["run", "few.yaml"])
     main(["run", "few.yaml"])
     assert (few / "figures/basin.png").is_file()
 
 
 def test_another_device_is_another_command(few: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    found = _loaded(monkeypatch)
+    loaded = _loaded(monkeypatch)
     monkeypatch.setenv("XLA_FLAGS", "--xla_cpu_enable_fast_math=false")
     assert main(["run", "few.yaml"]) == 0
-    assert found == [False]
+    assert loaded == [False]

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitsweep.engine.sweep.refine import ALONE, UNKNOWN, Grid, inferred, wanted
+from gaitsweep.engine.sweep.boundary_cells import ALONE, UNKNOWN, Grid, inferred, wanted
 
 
 def refined(full: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray, int]:

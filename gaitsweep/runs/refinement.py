@@ -8,6 +8,7 @@ results, the others with status `inferred` and the gait of their box.
 
 from __future__ import annotations
 
+import collections
 import dataclasses
 import hashlib
 from collections.abc import Callable, Sequence
@@ -16,13 +17,13 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.contract import Status, names_gait
-from gaitsweep.engine.sweep.refine import ALONE, UNKNOWN, Grid, inferred, wanted
+from gaitsweep.engine.sweep.boundary_cells import ALONE, UNKNOWN, Grid, inferred, wanted
 from gaitsweep.engine.sweep.sweep import Timings
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.executor import Executor
 from gaitsweep.runs.prepare import RunContext, row_values
-from gaitsweep.runs.progress import Progress
+from gaitsweep.runs.progress import Progress, so_far
 from gaitsweep.table import ResultDirectory, load
 from gaitsweep.table.manifest import Layout
 
@@ -56,7 +57,7 @@ class Refinement:
         """Run the rounds that the directory still lacks, and write the parts of its table.
 
         Args:
-            on_progress: progress callback, in decided rows; rows of the current round count once simulated.
+            on_progress: progress callback, in decided rows and ended ones of the current round.
             timings: added to as rounds go.
 
         Raises:
@@ -64,18 +65,20 @@ class Refinement:
         """
         known = np.full(self.grid.lengths, UNKNOWN, np.int32)
         frames: list[pd.DataFrame] = []
+        gaits: collections.Counter[str] = collections.Counter()  # of simulated rows
         decided = 0.0  # share of all rows, before the round
 
         def on_sweep_progress(now: SweepProgress) -> None:
-            rate = now.share * now.rows / now.seconds if now.seconds > 0 else 0.0
             share = min(decided + now.share * now.rows / known.size, 1.0)
-            note = f"round {len(frames) + 1}: {now.rows} rows"
-            on_progress(int(share * known.size), known.size, rate, share, note)
+            done = min(int(decided * known.size) + now.done, known.size)
+            note = f"round {len(frames) + 1}: {now.rows} rows{so_far(dict(gaits.most_common()))}"
+            on_progress(done, known.size, now.rate, share, note)
 
         while (rows := np.flatnonzero(wanted(known, self.grid))).size:
             frame = self._round(len(frames), rows, on_sweep_progress, timings)
             known.reshape(-1)[rows] = _labels(frame, self.context.model.gaits)
             frames.append(frame)
+            gaits.update(str(gait) for gait in frame["gait"].dropna())
             decided = max(decided, float(np.mean(inferred(known, self.grid) != UNKNOWN)))
             simulated = sum(len(frame) for frame in frames)
             self.directory.update_manifest(refinement={"rounds": len(frames), "simulated": simulated})

@@ -18,8 +18,8 @@ from pathlib import Path
 from gaitsweep.cache_folder import cache_folder, keep, kept
 
 _MOST = 200  # commands whose output is stored
-# Variables that choose the device, and so may make another job of the same file.
-_DECIDING = ("JAX_PLATFORMS", "CUDA_VISIBLE_DEVICES", "XLA_FLAGS", "JAX_ENABLE_X64")
+# Variables that choose the device, so that the same file may be another job.
+_DEVICE_VARIABLES = ("JAX_PLATFORMS", "CUDA_VISIBLE_DEVICES", "XLA_FLAGS", "JAX_ENABLE_X64")
 _LOCK = ".lock"
 
 
@@ -33,13 +33,13 @@ def load_output(command: Sequence[str]) -> tuple[str, str] | None:
     if file is None:
         return None
     try:
-        known = json.loads(kept(file) or b"")
-        folder, files = Path(known["folder"]), known["files"]
+        stored = json.loads(kept(file) or b"")
+        folder, files = Path(stored["folder"]), stored["files"]
         if set(_files_in(folder)) != {name for name in files if Path(name).is_relative_to(folder)}:
             return None
-        if known["program"] != _program() or any(_digest(Path(name)) != files[name] for name in files):
+        if stored["program"] != _program() or any(_digest(Path(name)) != files[name] for name in files):
             return None
-        return str(known["printed"]), str(known["told"])
+        return str(stored["printed"]), str(stored["errors"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
@@ -62,8 +62,8 @@ def store_output(
         folder = folder.absolute()
         names = [*(str(source.absolute()) for source in sources), *_files_in(folder)]
         files = {name: _digest(Path(name)) for name in names}
-        seen = {"folder": str(folder), "files": files, "program": _program()}
-        keep(file, json.dumps({**seen, "printed": printed, "told": errors}).encode())
+        state = {"folder": str(folder), "files": files, "program": _program()}
+        keep(file, json.dumps({**state, "printed": printed, "errors": errors}).encode())
         for old in sorted(file.parent.glob("*.json"), key=lambda each: each.stat().st_mtime)[:-_MOST]:
             old.unlink()
 
@@ -74,26 +74,28 @@ def _output_file(command: Sequence[str]) -> Path | None:
     if folder is None:
         return None
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    device = [socket.gethostname(), cores, *(os.environ.get(each) for each in _DECIDING)]
-    asked = json.dumps([list(command), str(Path.cwd()), device])
-    return folder / f"{hashlib.sha256(asked.encode()).hexdigest()[:32]}.json"
+    device = [socket.gethostname(), cores, *(os.environ.get(each) for each in _DEVICE_VARIABLES)]
+    key = json.dumps([list(command), str(Path.cwd()), device])
+    return folder / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.json"
 
 
 def _program() -> str:
     """An identifier of this program, its Python and its packages."""
     root = Path(__file__).parents[1]
     stamps = [
-        f"{file.relative_to(root)} {(seen := file.stat()).st_size} {seen.st_mtime_ns}"
+        f"{file.relative_to(root)} {(status := file.stat()).st_size} {status.st_mtime_ns}"
         for file in sorted(root.rglob("*.py"))
     ]
     return hashlib.sha256("\n".join([sys.version, sys.prefix, *stamps]).encode()).hexdigest()
 
 
 def _files_in(folder: Path) -> Iterator[str]:
+    """The paths of all files below a folder, except for its lock."""
     for place, _, names in os.walk(folder):
         yield from (os.path.join(place, name) for name in names if name != _LOCK)
 
 
 def _digest(file: Path) -> str:
+    """The SHA-256 of a file."""
     with file.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()

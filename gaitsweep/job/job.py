@@ -29,6 +29,7 @@ from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.job.numerics import EngineChoice, NumericsSpec, rows_of_a_part
 from gaitsweep.job.reading import read_job
 from gaitsweep.kinds import RUN_KINDS, RunKind
+from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle
 from gaitsweep.plot.kind import FIGURES, FigureKind
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, from_pydantic
 from gaitsweep.schema.numbers import Stem, Text, VerifyCount
@@ -92,11 +93,14 @@ class Job(StrictModel):
         default=32,
         description="number of rows that the self-check reruns after the run, once unchanged and once with "
         "finer steps, to see whether the table depends on the steps; 0: no self-check. By default 32, "
-        "or fewer "
-        "in a small run",
+        "or fewer in a small run",
     )
     figures: list[Annotated[FigureKind, OneOf(FIGURES)]] = Field(
         default_factory=list, max_length=200, description="figures to draw from the table"
+    )
+    style: FigureStyle = Field(
+        default_factory=FigureStyle,
+        description="size, files, colours and labels of all figures; a figure's own fields take precedence",
     )
 
     if TYPE_CHECKING:
@@ -116,6 +120,7 @@ class Job(StrictModel):
             engine: EngineChoice | Mapping[str, Any] = ...,
             verify: int = ...,
             figures: Sequence[FigureKind | Mapping[str, Any]] = ...,
+            style: FigureStyle | Mapping[str, Any] = ...,
         ) -> None: ...
 
     _design: Design = PrivateAttr()
@@ -171,6 +176,10 @@ class Job(StrictModel):
                 dumped["numerics"][name] = getattr(self.integration, name)
             else:
                 del dumped["numerics"][name]
+        dumped["figures"] = [_without_style(figure) for figure in dumped["figures"]]
+        dumped["style"] = {name: value for name, value in dumped["style"].items() if value is not None}
+        if not dumped["style"]:
+            del dumped["style"]
         return {name: dumped[name] for name in type(self).model_fields if name in dumped}
 
     def hash(
@@ -200,6 +209,11 @@ class Job(StrictModel):
         if not self.engine.contraction:  # left out by default, as it was before it could be chosen
             runs_on["contraction"] = False
         return _job_hash(self.resolved(), self.run, runs_on, steps)
+
+
+def _without_style(figure: dict[str, Any]) -> dict[str, Any]:
+    """A figure without the fields of a style that it leaves open."""
+    return {key: value for key, value in figure.items() if key not in STYLE_FIELDS or value is not None}
 
 
 def _job_hash(resolved: dict[str, Any], run: RunKind, engine: dict[str, Any], steps: str | None) -> str:
@@ -243,23 +257,28 @@ def _sections(data: Any) -> dict[str, SchemaSection]:
         f"figures.{kind}": SchemaSection(f"a figure ({kind})", part, "figures")
         for kind, part in asked.items()
     }
-    others = {"": SchemaSection("a job", Job), "numerics": SchemaSection("numerics", NumericsSpec)}
+    others = {
+        "": SchemaSection("a job", Job),
+        "numerics": SchemaSection("numerics", NumericsSpec),
+        "style": SchemaSection("a style", FigureStyle),
+    }
     return {**others, **runs, "engine": SchemaSection("engine", EngineChoice), **figures}
 
 
 class _Figures(StrictModel):
-    """The figures of a job, without its other fields."""
+    """The figures of a job and their style, without its other fields."""
 
     figures: list[Annotated[FigureKind, OneOf(FIGURES)]]
+    style: FigureStyle = Field(default_factory=FigureStyle)
 
 
-def read_figures(value: Any, file: str) -> list[dict[str, Any]]:
-    """Read the figures of a table's job from plain values, without its model and its other fields.
+def read_figures(job: Mapping[str, Any], file: str) -> tuple[list[dict[str, Any]], FigureStyle]:
+    """Read the figures of a table's job and their style from plain values, without its other fields.
 
     Raises:
         JobError: all errors in them, each with the name of the file.
     """
-    data = {"figures": value}
+    data = {"figures": job.get("figures", []), "style": job.get("style", {})}
     try:
         read = _Figures.model_validate(data)
     except ValidationError as error:
@@ -271,7 +290,7 @@ def read_figures(value: Any, file: str) -> list[dict[str, Any]]:
     if twice is not None:
         text = f"has two figures named {twice}: give each figure its own name."
         raise JobError([Diagnostic(("figures",), text, file=file)])
-    return plain
+    return plain, read.style
 
 
 def schema() -> dict[str, Any]:

@@ -1,0 +1,354 @@
+"""Footfalls of a model: touchdown lags, duty factors and support of its feet, and the names of gaits.
+
+Sources of the names: Hildebrand 1965, Science 150:701, and 1989, BioScience 39:766, of symmetrical gaits of
+four legs; Hildebrand 1977, J. Mammalogy 58:131, of asymmetrical ones; Wilson 1966, Annu. Rev. Entomology
+11:103, and DeAngelis et al. 2019, eLife 8:e46409, of six legs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from gaitsweep.contract import Model, Quantity
+from gaitsweep.skeleton import LimbLook
+
+# The legs that have names of gaits: left and right, fore and hind, or from the first pair to the last.
+LEGS = {
+    2: ("L", "R"),
+    4: ("LF", "RF", "LH", "RH"),
+    6: ("L1", "R1", "L2", "R2", "L3", "R3"),
+}
+GAITS = {
+    2: ("walk", "run", "hop", "none"),
+    4: (
+        *("lateral sequence walk", "lateral sequence run", "diagonal sequence walk"),
+        *("diagonal sequence run", "trot", "pace", "pronk", "bound", "half-bound"),
+        *("transverse gallop", "rotary gallop", "none"),
+    ),
+    6: ("tripod", "tetrapod", "metachronal wave", "none"),
+}
+# Shares of a stride. A trot's or a pace's diagonality is within a sixteenth of 1/2 or 0, half the width of
+# Hildebrand's classes; legs land together, and have equal strides, within that. Legs of a pair alternate
+# within a tenth. Lags of six legs, whose gaits are a sixth apart, are within a twelfth.
+_TOGETHER, _ALTERNATE, _SIXTH = 1.0 / 16.0, 0.1, 1.0 / 12.0
+
+Legs = Mapping[str, Any]
+
+
+def gait_index(touchdowns: Legs, duty: Any) -> Int[Array, ""]:
+    """The index in `GAITS` of the gait with these touchdowns (shares of a stride) and mean duty factor."""
+    names = GAITS[len(touchdowns)]
+    found = jnp.asarray(len(names) - 1, jnp.int32)
+    rules = {2: _of_two, 4: _of_four, 6: _of_six}[len(touchdowns)](touchdowns, duty)
+    for name, rule in reversed(rules.items()):
+        found = jnp.where(rule, names.index(name), found)
+    return found.astype(jnp.int32)
+
+
+def gait_of_footfalls(touchdowns: Sequence[float], duty: Sequence[float], legs: Sequence[str]) -> str:
+    """The name of a gait from its touchdowns and duty factors.
+
+    Args:
+        touchdowns: of each leg, as shares of a stride after any instant.
+        duty: the duty factor of each leg.
+        legs: the legs: L and R; LF, RF, LH and RH; or L1, R1, L2, R2, L3 and R3, in any order.
+
+    Raises:
+        ValueError: other legs.
+
+    Example:
+        >>> import gaitsweep as gs
+        >>> gs.analyses.gait_of_footfalls([0.0, 0.5, 0.75, 0.25], [0.7] * 4, ["LF", "RF", "LH", "RH"])
+        'lateral sequence walk'
+    """
+    refuse_legs(legs)
+    index = gait_index(dict(zip(legs, touchdowns, strict=True)), float(np.mean(duty)))
+    return GAITS[len(legs)][int(index)]
+
+
+def support_patterns(
+    touchdowns: Sequence[float], duty: Sequence[float], legs: Sequence[str]
+) -> dict[str, float]:
+    """The feet that are down together, "LF RH", and for which share of a stride, from the first touchdown on.
+
+    Args:
+        touchdowns, duty, legs: as of `gait_of_footfalls`; legs may have any names.
+
+    Example:
+        >>> import gaitsweep as gs
+        >>> gs.analyses.support_patterns([0.0, 0.5, 0.5, 0.0], [0.5] * 4, ["LF", "RF", "LH", "RH"])
+        {'LF RH': 0.5, 'RF LH': 0.5}
+    """
+    begin, length = np.asarray(touchdowns, float), np.asarray(duty, float)
+    edges = np.unique(np.r_[0.0, np.mod(np.r_[begin, begin + length] - begin.min(), 1.0), 1.0])
+    shares: dict[str, float] = {}
+    for low, high in itertools.pairwise(edges):
+        down = np.mod(0.5 * (low + high) + begin.min() - begin, 1.0) < length
+        feet = " ".join(leg for leg, is_down in zip(legs, down, strict=True) if is_down)
+        shares[feet] = shares.get(feet, 0.0) + float(high - low)
+    return shares
+
+
+def refuse_legs(legs: Sequence[str]) -> None:
+    """Refuse legs without names of gaits.
+
+    Raises:
+        ValueError: with those that have them.
+    """
+    if sorted(legs) not in [sorted(each) for each in LEGS.values()]:
+        allowed = "; ".join(", ".join(each) for each in LEGS.values())
+        raise ValueError(f"legs is {', '.join(map(str, legs))}: allowed are, in any order, {allowed}.")
+
+
+def _between(one: Any, other: Any) -> Any:
+    """The lag of touchdowns after others, from -1/2 to 1/2 of a stride."""
+    return (one - other) - jnp.round(one - other)
+
+
+def _near(lag: Any, target: float, within: float) -> Any:
+    return jnp.abs(_between(lag, target)) <= within
+
+
+def _of_two(at: Legs, duty: Any) -> dict[str, Any]:
+    alternate = _near(at["R"] - at["L"], 0.5, _ALTERNATE)
+    return {
+        "walk": alternate & (duty >= 0.5),
+        "run": alternate,
+        "hop": _near(at["R"] - at["L"], 0.0, _TOGETHER),
+    }
+
+
+def _of_four(at: Legs, duty: Any) -> dict[str, Any]:
+    fore, hind = _between(at["RF"], at["LF"]), _between(at["RH"], at["LH"])
+    left = at["LF"] - at["LH"]
+    # the share of a stride by which a fore foot follows the hind foot of its side, the mean of both sides
+    diagonality = left + 0.5 * _between(at["RF"] - at["RH"], left)
+    diagonality = diagonality - jnp.floor(diagonality)
+    symmetrical = _near(fore, 0.5, _ALTERNATE) & _near(hind, 0.5, _ALTERNATE)
+    fores, hinds = _near(fore, 0.0, _TOGETHER), _near(hind, 0.0, _TOGETHER)
+    gallop = ~(fores | hinds | _near(fore, 0.5, _ALTERNATE) | _near(hind, 0.5, _ALTERNATE))
+    lateral = symmetrical & (diagonality < 0.5)
+    return {
+        "trot": symmetrical & _near(diagonality, 0.5, _TOGETHER),
+        "pace": symmetrical & _near(diagonality, 0.0, _TOGETHER),
+        "lateral sequence walk": lateral & (duty >= 0.5),
+        "lateral sequence run": lateral,
+        "diagonal sequence walk": symmetrical & (duty >= 0.5),
+        "diagonal sequence run": symmetrical,
+        "pronk": fores & hinds & _near(diagonality, 0.0, _TOGETHER),
+        "bound": fores & hinds,
+        "half-bound": hinds & ~fores & ~_near(fore, 0.5, _ALTERNATE),
+        # both pairs land left before right, or both right before left
+        "transverse gallop": gallop & (fore * hind > 0.0),
+        "rotary gallop": gallop,
+    }
+
+
+def _of_six(at: Legs, duty: Any) -> dict[str, Any]:
+    def lags(ipsilateral: float, contralateral: float) -> Any:
+        """Whether legs follow those behind them, and right legs follow left ones, by these lags."""
+        pairs = [(f"{s}{k}", f"{s}{k + 1}", ipsilateral) for s in "LR" for k in (1, 2)]
+        pairs += [(f"R{k}", f"L{k}", contralateral) for k in (1, 2, 3)]
+        return jnp.all(jnp.stack([_near(at[one] - at[other], lag, _SIXTH) for one, other, lag in pairs]))
+
+    return {
+        "tripod": lags(1.0 / 2.0, 1.0 / 2.0),
+        "tetrapod": lags(1.0 / 3.0, 1.0 / 3.0) | lags(1.0 / 3.0, 2.0 / 3.0),
+        "metachronal wave": lags(1.0 / 6.0, 1.0 / 2.0),
+    }
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Steps:
+    """The last steps of n feet: times of the model's clock (s) and durations (s).
+
+    `landings` (n,): touchdowns so far; `landed` (n,): times of the last ones; `strides` (n,): times between
+    the last two; `stances` (n,): durations of the last complete stances. `changed`: the time of the last
+    touchdown or lift; `spent` (n + 1,): time with 0 to n feet down since the first foot's last touchdown;
+    `support` (n + 1,): the shares of the stride before that.
+    """
+
+    landings: jax.Array
+    landed: jax.Array
+    strides: jax.Array
+    stances: jax.Array
+    changed: jax.Array
+    spent: jax.Array
+    support: jax.Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Footfalls:
+    """Declared footfalls; see `footfalls`."""
+
+    function: Callable[..., Any]
+    clock: str
+    legs: tuple[str, ...]
+    count: ClassVar[None] = None  # legs are counted by their names
+
+    @property
+    def gaits(self) -> tuple[str, ...]:
+        """The names of gaits of so many legs."""
+        return GAITS[len(self.legs)]
+
+    @property
+    def limbs(self) -> tuple[LimbLook, ...]:
+        """The limbs for figures; those of the left are the far ones."""
+        order = list(LEGS[len(self.legs)])
+        return tuple(LimbLook(leg, order.index(leg) // 2, leg.startswith("L")) for leg in self.legs)
+
+    @property
+    def observables(self) -> tuple[Quantity, ...]:
+        """What is read at crossings."""
+        legs, first = list(enumerate(self.legs, 1)), self.legs[0]
+        strides = [Quantity(f"stride_{i}", "s", f"time between touchdowns of {leg}") for i, leg in legs]
+        lags = [
+            Quantity(f"lag_{i}", "rad", f"touchdown of {leg} after that of {first}", circular=True)
+            for i, leg in legs[1:]
+        ]
+        duty = [Quantity(f"duty_{i}", "1", f"duty factor of {leg}", scale=1.0) for i, leg in legs]
+        support = [
+            Quantity(f"support_{k}", "1", f"share of the stride with {k} feet down", scale=1.0)
+            for k in range(len(legs) + 1)
+        ]
+        return (*strides, *lags, *duty, *support)
+
+    @property
+    def signals(self) -> tuple[Quantity, ...]:
+        """What traces record: the contacts."""
+        legs = enumerate(self.legs, 1)
+        return tuple(Quantity(f"contact_{i}", "1", f"whether {leg} is down") for i, leg in legs)
+
+    def begun(self, now: Float[Array, ""]) -> Steps:
+        """The steps of feet that have made none."""
+        n = len(self.legs)
+        none, shares = jnp.zeros(n), jnp.zeros(n + 1)
+        return Steps(jnp.zeros(n, jnp.int32), none, none, none, jnp.asarray(now, float), shares, shares)
+
+    def down(self, model: Model, params: Any, state: Any) -> Bool[Array, " feet"]:
+        """Whether each foot is down.
+
+        Raises:
+            ValueError: the declared function does not return a truth value for each leg.
+        """
+        down = jnp.asarray(self.function(model, params, state))
+        if down.shape != (len(self.legs),) or down.dtype != bool:
+            wanted = f"return ({len(self.legs)},) of bool, one for each of {', '.join(self.legs)}"
+            raise ValueError(f"footfalls returns {down.shape} of {down.dtype}, but must {wanted}")
+        return down
+
+    def after(
+        self, model: Model, params: Any, steps: Steps, before: Any, after: Any, reset: Float[Array, ""]
+    ) -> Steps:
+        """The steps after a change of the state, by which the clock has been set forward by `reset` (s)."""
+        was, down = self.down(model, params, before), self.down(model, params, after)
+        now = getattr(after, self.clock)
+        landed, changed = steps.landed + reset, steps.changed + reset
+        lands, lifts = down & ~was, was & ~down
+        known = steps.landings >= 1
+        feet = jnp.arange(len(self.legs) + 1) == jnp.sum(was)
+        moved = jnp.any(lands | lifts)
+        spent = steps.spent + jnp.where(feet & moved, now - changed, 0.0)
+        stride = jnp.where(known[0], now - landed[0], 0.0)
+        share = jnp.where(stride > 0.0, spent / jnp.where(stride > 0.0, stride, 1.0), 0.0)
+        return Steps(
+            steps.landings + lands.astype(jnp.int32),
+            jnp.where(lands, now, landed),
+            jnp.where(lands & known, now - landed, steps.strides),
+            jnp.where(lifts & known, now - landed, steps.stances),
+            jnp.where(moved, now, changed),
+            jnp.where(lands[0], 0.0, spent),
+            jnp.where(lands[0], share, steps.support),
+        )
+
+    def observed(self, model: Model, params: Any, state: Any, steps: Steps) -> dict[str, Float[Array, ""]]:
+        """The observables by name; lags and strides are 0 before two touchdowns."""
+        stride = steps.strides[0]
+        whole = jnp.where(stride > 0.0, stride, 1.0)
+        lag = jnp.where(stride > 0.0, (steps.landed - steps.landed[0]) / whole, 0.0)
+        lag = 2.0 * jnp.pi * (lag - jnp.floor(lag))
+        # a foot that has not landed for longer stands still, or is held up
+        steps_on = (steps.strides > 0.0) & (getattr(state, self.clock) - steps.landed <= 1.5 * stride)
+        share = steps.stances / jnp.where(steps.strides > 0.0, steps.strides, 1.0)
+        duty = jnp.where(steps_on, share, self.down(model, params, state).astype(float))
+        values = [*steps.strides, *lag[1:], *duty, *steps.support]
+        return dict(zip([q.name for q in self.observables], values, strict=True))
+
+    def gait(self, at: Mapping[str, Any]) -> Int[Array, ""]:
+        """The index of the gait with these observables; none unless each leg steps once a stride."""
+        numbers = range(1, len(self.legs) + 1)
+        strides, duty = (
+            jnp.stack([jnp.asarray(at[f"{k}_{i}"]) for i in numbers]) for k in ("stride", "duty")
+        )
+        touchdowns = [0.0, *(at[f"lag_{i}"] / (2.0 * jnp.pi) for i in numbers[1:])]
+        steady = jnp.abs(strides - strides[0]) <= _TOGETHER * strides[0]
+        walks = jnp.all((strides > 0.0) & steady & (duty > 0.0) & (duty < 1.0))
+        index = gait_index(dict(zip(self.legs, touchdowns, strict=True)), jnp.mean(duty))
+        return jnp.where(walks, index, len(self.gaits) - 1).astype(jnp.int32)
+
+
+def footfalls(clock: str, *, legs: Sequence[str]) -> Callable[[Callable[..., Any]], Any]:
+    """Declare a function (params, state) -> (n,) of bool, whether each foot is down, as a model's footfalls.
+
+    The model then has the signals `contact_1`, ..., the observables `stride_1`, ... (s), `lag_2`, ... (rad,
+    the touchdown after the first leg's), `duty_1`, ... and `support_0`, ... (shares of the first leg's stride
+    with so many feet down), of the last steps, and the names of their gaits: `gaits` and `label` may be left
+    out.
+
+    Args:
+        clock: the variable of the model, in s, whose rate is 1; a jump may set it back.
+        legs: L and R; LF, RF, LH and RH; or L1, R1, L2, R2, L3 and R3, in the order of the function's array.
+
+    Raises:
+        ValueError: other legs.
+
+    Example:
+        >>> import jax.numpy as jnp, gaitsweep as gs
+        >>> class Biped(gs.DeclaredModel):
+        ...     omega = gs.parameter("rad/s", "frequency of the legs", 6.0)
+        ...     phase = gs.variable("rad", "phase of leg", (0.1, 3.2), count=2, circular=True)
+        ...     down = gs.mode(True, "foot is down", count=2)
+        ...     time = gs.variable("s", "time since the last touchdown of the left foot")
+        ...
+        ...     def flow(self, p, s):
+        ...         return {"phase": p.omega * jnp.ones(2), "time": 1.0}
+        ...
+        ...     @gs.event("foot {} lands", count=2, section="first")
+        ...     def landing(self, p, s):
+        ...         return s.phase - 2.0 * jnp.pi
+        ...
+        ...     @landing.jump
+        ...     def land(self, p, s, i):
+        ...         time = 0.0 if i == 0 else s.time
+        ...         phase = s.phase.at[i].add(-2.0 * jnp.pi)
+        ...         return s.replace(phase=phase, down=s.down.at[i].set(True), time=time)
+        ...
+        ...     @gs.event("foot {} lifts", count=2)
+        ...     def lift(self, p, s):
+        ...         return s.phase - 2.0 * jnp.pi * 0.6
+        ...
+        ...     @lift.jump
+        ...     def lifted(self, p, s, i):
+        ...         return s.replace(down=s.down.at[i].set(False))
+        ...
+        ...     @gs.footfalls("time", legs=("L", "R"))
+        ...     def feet(self, p, s):
+        ...         return s.down
+        ...
+        ...     def period(self, p):
+        ...         return 2.0 * jnp.pi / p.omega
+        >>> table = gs.sweep(Biped(), omega=[6.0], run=gs.Settle(tolerance=1e-9)).table
+        >>> table["gait"].tolist(), table[["duty_2_end", "support_2_end"]].round(6).to_numpy().tolist()
+        (['walk'], [[0.6, 0.2]])
+    """
+    refuse_legs(legs)
+    return lambda function: Footfalls(function, clock, tuple(legs))

@@ -1,0 +1,143 @@
+"""The style that a figure, a job or `gs.plot.style` asks for: size, files, colours, names of gaits."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Iterator
+from contextvars import ContextVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, ValidationError
+
+from gaitsweep.errors import UserError
+from gaitsweep.schema.diagnostics import SchemaSection, found, from_pydantic
+from gaitsweep.schema.numbers import Count, Flag, InvalidValue, Positive, Text, checked, read_real, word
+from gaitsweep.schema.strict_model import StrictModel
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+FORMATS = ("png", "pdf", "svg")
+MILLIMETRES = {"column": 85.0, "page": 180.0}  # of one column of a paper, and of its full width
+_HEX = re.compile(r"#[0-9A-Fa-f]{6}")
+
+
+class StyleError(UserError, ValueError):
+    """A style has a field that does not exist, or a value that is not allowed."""
+
+
+def _read_width(value: Any) -> str | float:
+    if value in MILLIMETRES:
+        return value
+    try:
+        return read_real(value, low=50.0, high=500.0)
+    except InvalidValue:
+        text = "but must be column, page, or a number of mm from 50 to 500."
+        raise InvalidValue(f"is {found(value)}, {text}") from None
+
+
+def _read_colour(value: Any) -> str:
+    if isinstance(value, str) and _HEX.fullmatch(value):
+        return value
+    from matplotlib.colors import is_color_like, to_hex  # only for colours that are given by name
+
+    if not isinstance(value, str) or not is_color_like(value):
+        text = "but must be a colour such as '#0072B2' (in quotes) or a name that Matplotlib knows."
+        raise InvalidValue(f"is {found(value)}, {text}")
+    return to_hex(value)
+
+
+_Width = Annotated[float | Literal["column", "page"], BeforeValidator(checked(_read_width))]
+_Colour = Annotated[str, BeforeValidator(checked(_read_colour))]
+_Format = Annotated[Literal["png", "pdf", "svg"], word(*FORMATS)]
+_OneOrMore = BeforeValidator(lambda value: [value] if isinstance(value, str) else value)
+
+
+class FigureStyle(StrictModel):
+    """Fields of every figure, and of `style` for all figures of a job; those left out keep the default."""
+
+    width: _Width | None = Field(
+        default=None, description="width of the figure: column (85 mm), page (180 mm), or a number of mm"
+    )
+    height: Positive | None = Field(default=None, description="height of the figure, in mm")
+    format: Annotated[list[_Format], Field(min_length=1), _OneOrMore] | None = Field(
+        default=None, description="file format, png, pdf or svg, or a list of these; by default png"
+    )
+    dpi: Count | None = Field(default=None, description="pixels per inch of png files; by default 150")
+    colours: dict[Text, _Colour] | None = Field(default=None, description="colours of gaits, by name")
+    order: list[Text] | None = Field(default=None, description="gaits in the order of legends; others follow")
+    labels: dict[Text, Text] | None = Field(
+        default=None, description="labels of columns along axes and of gaits in legends, by name"
+    )
+    panel_letters: Flag | None = Field(
+        default=None, description="whether panels have the letters a, b, c, ..."
+    )
+    marks: Flag | None = Field(
+        default=None,
+        description="whether a figure of an incomplete or doubtful table says so; by default true",
+    )
+
+    def over(self, other: FigureStyle) -> FigureStyle:
+        """This style, with the fields of another where this one has none; colours and labels are joined."""
+        mine, below = dict(self), dict(other)
+        for name in FigureStyle.model_fields:
+            if isinstance(mine[name], dict) and below[name]:
+                mine[name] = {**below[name], **mine[name]}
+            elif mine[name] is None:
+                mine[name] = below[name]
+        return FigureStyle.model_construct(**{name: mine[name] for name in FigureStyle.model_fields})
+
+
+STYLE_FIELDS = tuple(FigureStyle.model_fields)
+_current: ContextVar[FigureStyle] = ContextVar("figure style", default=FigureStyle())  # noqa: B039 - frozen
+_axes: ContextVar[Axes | None] = ContextVar("axes of a figure", default=None)
+
+
+def current() -> FigureStyle:
+    """The style of the figure that is being drawn."""
+    return _current.get()
+
+
+def given_axes() -> Axes | None:
+    """The axes into which the figure that is being drawn goes, or None if it makes its own."""
+    return _axes.get()
+
+
+@contextlib.contextmanager
+def styled(style: FigureStyle, axes: Axes | None = None) -> Iterator[None]:
+    """A context in which figures have a style, over the styles around it, and go into `axes` if given."""
+    tokens = _current.set(style.over(_current.get())), _axes.set(_axes.get() if axes is None else axes)
+    try:
+        yield
+    finally:
+        _current.reset(tokens[0])
+        _axes.reset(tokens[1])
+
+
+def read_style(**fields: Any) -> FigureStyle:
+    """A style from its fields.
+
+    Raises:
+        StyleError: a field does not exist, or has a value that is not allowed.
+    """
+    try:
+        return FigureStyle.model_validate(fields)
+    except ValidationError as error:
+        wrong = from_pydantic(error, {"": SchemaSection("a style", FigureStyle)}, "")
+        raise StyleError("\n".join(map(str, wrong))) from None
+
+
+@contextlib.contextmanager
+def style(**fields: Any) -> Iterator[None]:
+    """A context in which all figures have a style: `with gs.plot.style(width="column", format="pdf"): ...`.
+
+    Args:
+        fields: those of `FigureStyle`: width, height, format, dpi, colours, order, labels, panel_letters,
+            marks. A figure's own arguments take precedence.
+
+    Raises:
+        StyleError: a field does not exist, or has a value that is not allowed.
+    """
+    with styled(read_style(**fields)):
+        yield

@@ -1,0 +1,337 @@
+"""The theme of figures: sizes, fonts, legends, colours and markers of gaits, axes of angles."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import textwrap
+from collections.abc import Iterable, Iterator, Sequence
+from types import MappingProxyType
+from typing import Any, cast
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+from matplotlib.ticker import FixedLocator, FuncFormatter, Locator, MultipleLocator
+
+from gaitsweep.contract import Outcome
+from gaitsweep.extension import gait_styles
+from gaitsweep.plot.columns import PlotError
+from gaitsweep.plot.figure_style import MILLIMETRES, current, given_axes
+
+_INCH = 25.4  # mm
+COLUMN, PAGE = (MILLIMETRES[name] / _INCH for name in ("column", "page"))  # inches
+HATCH = "/////"
+
+# Of outcomes that no model names; gaits have those of their extensions.
+COLOURS = MappingProxyType({"none": "#BBBBBB", Outcome.NOT_SETTLED: "#E4E4E4", Outcome.FAILED: "#3B3B3B"})
+MARKERS = MappingProxyType({"none": "x"})
+# Okabe and Ito's colours, distinct for colour-blind readers.
+SPARE_COLOURS = ("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#F0E442", "#000000")
+SPARE_MARKERS = ("o", "^", "s", "D", "v", "P", "X", "*")
+
+_POINTS = 8.0  # of text, unless the user's rcParams differ from Matplotlib's defaults
+_SIZES = {
+    "axes.titlesize": 8.5,
+    "axes.labelsize": 8.5,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "legend.fontsize": 7.5,
+    "legend.title_fontsize": 7.5,
+}
+_RC: dict[str, Any] = {
+    "legend.frameon": False,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "lines.linewidth": 1.0,
+    "figure.dpi": 150.0,
+    "savefig.dpi": 200.0,
+    "hatch.linewidth": 0.5,
+}
+_EMBEDDED = {"pdf.fonttype": 42, "ps.fonttype": 42}  # TrueType, which publishers ask for
+_STEPS = (0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0)  # of ticks, in pi
+_SHORT = 4  # labels of three letters along an axis of a turn
+_LETTER = 0.53  # mean width of a letter, as a share of the size of its font
+
+
+_FORMULA = re.compile(r"\$[^$]*\$")
+
+
+class _Figure(Figure):
+    """A figure whose files embed their fonts as Type 42."""
+
+    def savefig(self, fname: Any, **options: Any) -> None:
+        with mpl.rc_context(_unchanged(_EMBEDDED)):
+            super().savefig(fname, **options)
+
+
+class _OnePanel:
+    """Axes of the user in the place of a figure of one panel."""
+
+    def __init__(self, axes: Axes) -> None:
+        self.axes = axes
+
+    def subplots(self, rows: int = 1, columns: int = 1, *, squeeze: bool = True, **_: Any) -> Any:
+        if rows * columns != 1:
+            raise PlotError(f"This figure has {rows * columns} panels, but ax is one: leave ax out.")
+        return self.axes if squeeze else np.array([[self.axes]], object)
+
+    def add_subplot(self, *_: Any, projection: str | None = None) -> Axes:
+        if projection is not None:
+            raise PlotError("This figure has panels of its own, but ax is one: leave ax out.")
+        return self.axes
+
+    def add_gridspec(self, *_: Any, **__: Any) -> Any:
+        raise PlotError("This figure has several panels, but ax is one: leave ax out.")
+
+    subfigures = add_gridspec
+
+    def legend(self, *, loc: str, **look: Any) -> Legend:
+        return self.axes.legend(**look)
+
+    def colorbar(self, image: Any, *, ax: Any, **look: Any) -> Any:
+        return cast(Figure, self.axes.get_figure(root=True)).colorbar(image, ax=self.axes, **look)
+
+    def set_figheight(self, height: float) -> None:
+        """Keep the user's height."""
+
+
+def _unchanged(wanted: dict[Any, Any]) -> dict[Any, Any]:
+    """Those of some rcParams that the user has not changed."""
+    return {key: value for key, value in wanted.items() if mpl.rcParams[key] == mpl.rcParamsDefault[key]}
+
+
+class _TurnLocator(FixedLocator):
+    """Ticks over a turn, at every half turn where an axis is short."""
+
+    def __init__(self, steps: int) -> None:
+        super().__init__(np.linspace(0.0, 2 * np.pi, steps + 1).tolist())
+
+    def __call__(self) -> Any:
+        ticks = super().__call__()
+        short = self.axis is not None and self.axis.get_tick_space() < _SHORT
+        return ticks[:: (len(ticks) - 1) // 2] if short else ticks
+
+
+class _PiLocator(Locator):
+    """Ticks at round multiples of pi, as many as an axis has room for, at most seven."""
+
+    def __call__(self) -> Any:
+        assert self.axis is not None
+        return self.tick_values(*self.axis.get_view_interval())
+
+    def step(self) -> float:
+        """The distance of two ticks, in pi."""
+        assert self.axis is not None
+        span = abs(float(np.ptp(self.axis.get_view_interval()))) / np.pi
+        most = max(2, min(6, self.axis.get_tick_space()))
+        return next((step for step in _STEPS if span / step <= most), _STEPS[-1])
+
+    def tick_values(self, vmin: float, vmax: float) -> Any:
+        return MultipleLocator(self.step() * np.pi).tick_values(vmin, vmax)
+
+
+@contextlib.contextmanager
+def canvas(width: float, height: float, title: str | None = None) -> Iterator[Figure]:
+    """A context with an empty figure, in which Matplotlib has this theme; rcParams of the user are obeyed.
+
+    Args:
+        width, height: size in inches, unless the figure's style has another.
+        title: text above the figure.
+    """
+    given, asked = given_axes(), current()
+    scale = _unchanged({"font.size": _POINTS}).get("font.size", mpl.rcParams["font.size"]) / _POINTS
+    sizes = _unchanged({key: size * scale for key, size in _SIZES.items()})
+    with mpl.rc_context({**_unchanged(_RC), **sizes, "font.size": _POINTS * scale}):
+        if given is not None:
+            if title:
+                given.set_title(title)
+            yield cast(Figure, _OnePanel(given))
+            return
+        wide = width_of(width)
+        lines = wrapped(title, wide, 9.5) if title else ""
+        height += 0.16 * lines.count("\n")
+        figure = _Figure((wide, asked.height / _INCH if asked.height else height), layout="constrained")
+        FigureCanvasAgg(figure)
+        if lines:
+            figure.suptitle(lines, fontsize=points(9.5))
+        yield figure
+        if asked.width is not None:
+            _break_lines(figure)
+
+
+def _break_lines(figure: Figure) -> None:
+    """Break the lines of titles and labels that are longer than their panel, once the layout is known."""
+    figure.draw_without_rendering()
+    renderer = cast(FigureCanvasAgg, figure.canvas).get_renderer()
+    for axes in figure.axes:
+        if not axes.get_visible() or hasattr(axes, "zaxis"):
+            continue
+        panel = axes.get_window_extent(renderer)
+        titles = (axes.title, *(vars(axes)[f"_{side}_title"] for side in ("left", "right")))
+        for text in (axes.xaxis.label, axes.yaxis.label, *titles):
+            box = text.get_window_extent(renderer)
+            long, room = (box.height, panel.height) if text is axes.yaxis.label else (box.width, panel.width)
+            beside = min(0.15 * figure.dpi, panel.x0, figure.bbox.width - panel.x1)
+            room += 2.0 * max(beside, 0.0)
+            if text.get_text() and long > room:
+                text.set_text(
+                    wrapped(text.get_text(), room / figure.dpi, float(text.get_fontsize()) / points(1.0))
+                )
+
+
+def width_of(natural: float) -> float:
+    """The width in inches of the figure that is being drawn: its style's, else its natural one."""
+    asked = current().width
+    if asked is None:
+        return natural
+    return (MILLIMETRES[asked] if isinstance(asked, str) else asked) / _INCH
+
+
+def across(panels: int, most: int, natural: float, least: float) -> int:
+    """The number of panels in a row.
+
+    Args:
+        panels: the number of panels.
+        most: the most panels in a row.
+        natural: natural width of the figure, inches.
+        least: least width of a panel with its labels, inches.
+    """
+    return max(1, min(panels, most, int(width_of(natural) / least)))
+
+
+def points(size: float) -> float:
+    """A font size in the theme, larger or smaller if the user's `font.size` is."""
+    return size * mpl.rcParams["font.size"] / _POINTS
+
+
+def wrapped(text: str, inches: float, size: float) -> str:
+    """A text in lines that fit a width, at a font size of the theme."""
+    letters = max(int(inches * 72 / (_LETTER * points(size))), 8)
+    whole = _FORMULA.sub(lambda formula: formula[0].replace(" ", "\0"), text)  # no break in a formula
+    lines = (textwrap.fill(line, letters, break_long_words=False) for line in whole.split("\n"))
+    return "\n".join(lines).replace("\0", " ")
+
+
+def legend(
+    figure: Figure,
+    handles: Sequence[Any] | None = None,
+    labels: Sequence[str] | None = None,
+    *,
+    ncols: int = 2,
+    title: str | None = None,
+) -> None:
+    """The legend below a figure, in as many columns as its width allows.
+
+    Args:
+        figure: that of `canvas`.
+        handles, labels: entries and their texts; by default those of all panels.
+        ncols: the most columns.
+        title: text above the entries.
+    """
+    look: dict[str, Any] = {"loc": "outside lower center", "title": title}
+    look |= {"handles": handles} if handles is not None else {}
+    look |= {"labels": labels} if labels is not None else {}
+    if isinstance(figure, _OnePanel):
+        figure.legend(ncols=1, **look)
+        return
+    room = figure.get_figwidth() - 0.1
+    if title:
+        look["title"] = wrapped(title, room, 7.5)
+    renderer = cast(FigureCanvasAgg, figure.canvas).get_renderer()
+    made, columns = figure.legend(ncols=ncols, **look), ncols
+    while columns > 1 and made.get_window_extent(renderer).width > room * figure.dpi:
+        made.remove()
+        columns -= 1
+        made = figure.legend(ncols=columns, **look)
+    if made.get_window_extent(renderer).width > room * figure.dpi:
+        for text in made.get_texts():
+            text.set_text(wrapped(text.get_text(), room - 0.45, 7.5))
+
+
+def named(name: str) -> str:
+    """The label of a gait in legends: its style's, else its name."""
+    return (current().labels or {}).get(name, name)
+
+
+def ordered(names: Iterable[str]) -> list[str]:
+    """Gaits in the order of the style; others follow in their own order."""
+    names = list(names)
+    first = [name for name in current().order or () if name in names]
+    return [*first, *(name for name in names if name not in first)]
+
+
+def colours(names: Iterable[str]) -> dict[str, str]:
+    """A colour for each name: that of the style or of the gait, else spare colours in order."""
+    names, own = list(names), {name: colour for name, (colour, _) in gait_styles().items()} | dict(COLOURS)
+    own |= current().colours or {}
+    free = [colour for colour in SPARE_COLOURS if colour not in {own.get(name) for name in names}]
+    free = free or list(SPARE_COLOURS)
+    others = [name for name in names if name not in own]
+    spare = {name: free[number % len(free)] for number, name in enumerate(others)}
+    return {name: own.get(name) or spare[name] for name in names}
+
+
+def markers(names: Iterable[str]) -> dict[str, str]:
+    """A marker for each name, as for `colours`."""
+    names, own = list(names), {name: marker for name, (_, marker) in gait_styles().items()} | dict(MARKERS)
+    others = [name for name in names if name not in own]
+    spare = {name: SPARE_MARKERS[number % len(SPARE_MARKERS)] for number, name in enumerate(others)}
+    return {name: own.get(name) or spare[name] for name in names}
+
+
+def angle_axis(axes: Axes, which: str, steps: int = 4) -> None:
+    """Show an angle on axis x, y or z with ticks at multiples of pi, `steps` intervals per turn.
+
+    The axis extends from 0 to 2 pi, or only over the data if they take less than half of that.
+    """
+    if which in "xy" and not _half_a_turn(axes, which):
+        angle_ticks(axes, which)
+        return
+    getattr(axes, f"set_{which}lim")(0.0, 2 * np.pi)
+    axis = getattr(axes, f"{which}axis")
+    axis.set_major_locator(_TurnLocator(steps))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: in_pi(value)))
+
+
+def _half_a_turn(axes: Axes, which: str) -> bool:
+    """Whether the data of an axis and those that share it extend over half a turn, or there are no data."""
+    shared = getattr(axes, f"get_shared_{which}_axes")().get_siblings(axes)
+    spans = np.array([getattr(each.dataLim, f"interval{which}") for each in shared])
+    spans = spans[np.isfinite(spans).all(axis=1)]
+    return not len(spans) or float(np.ptp(spans)) >= np.pi
+
+
+def percent(share: float) -> str:
+    """Format a fraction in whole per cent, for a legend."""
+    return "<1" if 0.0 < share < 0.005 else f"{100 * share:.0f}"
+
+
+def angle_ticks(axes: Axes, which: str) -> None:
+    """Ticks at round multiples of pi on a part of the circle that axis x or y already shows."""
+    axis, locator = getattr(axes, f"{which}axis"), _PiLocator()
+    axis.set_major_locator(locator)
+    axis.set_major_formatter(FuncFormatter(lambda value, _: in_pi(value, fractions=locator.step() >= 0.25)))
+
+
+def in_pi(angle: float, *, fractions: bool = True) -> str:
+    """Format an angle (rad) as a multiple of pi: 3π/4, or 0.77π if it is not a simple fraction."""
+    turns = round(angle / np.pi, 4)
+    if turns == round(turns):
+        return {0: "0", 1: "π", -1: "−π"}.get(round(turns), f"{round(turns)}π").replace("-", "−")
+    if fractions and 4 * turns == round(4 * turns):
+        bottom = 2 if 2 * turns == round(2 * turns) else 4
+        top = round(turns * bottom)
+        return f"{'−' if top < 0 else ''}{'' if abs(top) == 1 else abs(top)}π/{bottom}"
+    return f"{turns:.4g}π".replace("-", "−")
+
+
+def message(axes: Axes, text: str) -> None:
+    """Write the reason into an empty panel."""
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color="#555555")

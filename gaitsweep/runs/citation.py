@@ -1,0 +1,144 @@
+"""Citation of a result: BibTeX entries of gaitsweep and of the model's paper, and a sentence on methods."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from gaitsweep import models
+from gaitsweep.errors import UserError
+from gaitsweep.kinds import RUN_KINDS
+from gaitsweep.runs.provenance import NOT_INSTALLED, paper_of
+from gaitsweep.runs.sentences import lengths_of_steps, self_check_sentence
+from gaitsweep.shipped import shipped
+from gaitsweep.table import Snapshot
+from gaitsweep.version import version
+
+_METHODS = {
+    "tsit5": "a Runge-Kutta pair of orders 5 and 4 with step control",
+    "rk4": "the classic Runge-Kutta method of order 4",
+    "propagator6": "a polynomial of order 6 for the propagator of the flow, which is linear between events",
+    "propagator": "a polynomial for the propagator of the flow, which is linear between events",
+    "semi_implicit": "the model's own steps of fixed length",
+}
+# Packages that compute the rows, in the order in which the sentence lists them.
+_PACKAGES = {"python": "Python", "jax": "JAX", "numpy": "NumPy", "llvmlite": "llvmlite", "mujoco": "MuJoCo"}
+_KEY = re.compile(r"@\w+\s*\{\s*([^\s,{}]+)\s*,")
+
+
+class CitationError(UserError):
+    """A result cannot be cited; the message says what is missing."""
+
+
+def tool_entry(made_by: str | None = None, commit: str | None = None) -> str:
+    """Format the BibTeX entry of gaitsweep, from CITATION.cff.
+
+    Args:
+        made_by: the version to cite; by default this one. The year is that of the version in CITATION.cff.
+        commit: the commit to cite.
+
+    Raises:
+        CitationError: this installation lacks CITATION.cff.
+    """
+    file, cited = shipped("CITATION.cff"), made_by or version()
+    try:
+        facts = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise CitationError(f"{file} is missing: install gaitsweep again.") from None
+    notes = [facts["license"], *([f"commit {commit}"] if commit else [])]
+    fields = {
+        "author": " and ".join(f"{{{author['name']}}}" for author in facts["authors"]),
+        "title": f"{{{facts['title']}}}",
+        "version": cited,
+        **({"year": str(facts["date-released"])[:4]} if cited == facts["version"] else {}),
+        "note": ", ".join(notes),
+    }
+    return _entry("software", "gaitsweep", fields)
+
+
+def citation_of(path: Path) -> tuple[str, list[str]]:
+    """Format the BibTeX entries and the sentence on methods of a result directory.
+
+    Returns:
+        The text, and sentences that say what is missing in it.
+
+    Raises:
+        TableError: it is not a result directory, or is damaged.
+        CitationError: rows are missing, or the manifest does not name the integration method.
+    """
+    snapshot = Snapshot.of(path)
+    snapshot.require_sound()
+    manifest, job = snapshot.manifest, snapshot.job
+    if not snapshot.complete:
+        raise CitationError(
+            f"{path} has {snapshot.rows_done} of {manifest['rows']} rows: run the same command to complete "
+            "it, then cite it."
+        )
+    if lacking := [name for name in ("method", "versions") if not manifest.get(name)]:
+        raise CitationError(
+            f"The manifest of {path} has no {lacking[0]}: run the job again with gaitsweep run."
+        )
+    name, missing = str(job.get("model", "")), []
+    paper = manifest.get("paper") or (paper_of(models.find(name)) if name in models.names() else None)
+    entries, cited = [tool_entry(manifest["versions"]["gaitsweep"], manifest.get("git_commit"))], ""
+    if paper is None:
+        missing.append(
+            f"The paper of {name} is missing: set `source`, a line, or `bibtex`, an entry, in its class, and "
+            "run the job again."
+        )
+    else:
+        entry = paper["bibtex"] or _entry("misc", re.sub(r"\W+", "_", name), {"note": paper["source"]})
+        key = _KEY.search(entry)
+        if key is None:
+            missing.append(f"`bibtex` of {name} is no BibTeX entry: it should begin like @article{{KEY,")
+        else:
+            entries.append(entry)
+            cited = f" [{key[1]}]"
+    return "\n\n".join([*entries, _methods(name + cited, job, manifest)]), missing
+
+
+def _entry(kind: str, key: str, fields: Mapping[str, str]) -> str:
+    lines = ",\n".join(f"  {name} = {{{value}}}" for name, value in fields.items())
+    return f"@{kind}{{{key},\n{lines}\n}}"
+
+
+def _methods(model: str, job: Mapping[str, Any], manifest: Mapping[str, Any]) -> str:
+    """Describe how a table was made. Names in brackets are keys of BibTeX entries."""
+    versions, numerics = manifest["versions"], job.get("numerics", {})
+    run, n = job.get("run", {}), manifest["rows"]
+    noun = f"{'set' if 'search' in job or 'sensitivity' in job else 'row'}{'s' * (n != 1)}"
+    axes = [f"{' with '.join(each['names'])} ({each['length']})" for each in manifest.get("axes", ())]
+    over = f" over {', '.join(axes)}" if axes else ""
+    steps = lengths_of_steps(manifest.get("dt"))
+    tolerances = [f"{name} {numerics[name]:g}" for name in ("rtol", "atol") if name in numerics]
+    packages = {title: versions.get(key, NOT_INSTALLED) for key, title in _PACKAGES.items()}
+    check = manifest.get("self_check") or {"verdict": "off"}
+    listed = ", ".join(f"{title} {each}" for title, each in packages.items() if each != NOT_INSTALLED)
+    sentences = [
+        f"The model {model} was simulated with gaitsweep {versions['gaitsweep']} [gaitsweep]: "
+        f"{n} {noun}{over}.",
+        _run(run),
+        f"Integration: {_METHODS.get(manifest['method'], 'the method')} ({manifest['method']}), "
+        + "".join(f"{each}, " for each in [*tolerances, *([f"steps of at most {steps}"] if steps else [])])
+        + f"in {manifest.get('precision', 'float64')}.",
+        "There was no self-check." if check["verdict"] == "off" else self_check_sentence(check),
+        f"Versions: {listed}.",
+    ]
+    return f"Methods: {' '.join(each for each in sentences if each)}"
+
+
+def _run(run: Mapping[str, Any]) -> str:
+    """Describe the run of each row, with the numbers of its fields; empty for sets without a run."""
+    kind = RUN_KINDS.get(str(run.get("kind")))
+    if kind is None:
+        return ""
+    idle = {name for switch, names in kind.idle_without.items() if not run.get(switch) for name in names}
+    limits = [
+        f"{key} {value:g}" for key, value in run.items() if type(value) in (int, float) and key not in idle
+    ]
+    name, _, what = str(kind.model_fields["kind"].description or run["kind"]).partition(": ")
+    return f"Run of each: {what} ({', '.join([name, *limits])})."

@@ -1,0 +1,189 @@
+"""Footfalls of constructed sequences, whose lags, duty factors, support and names of gaits are known."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import gaitsweep as gs
+from gaitsweep import DeclaredModel, event, footfalls, mode, parameter, variable
+from gaitsweep.dynamics.footfalls import GAITS, LEGS, gait_of_footfalls, support_patterns
+from gaitsweep.models.conformity import fault
+
+# Touchdowns as shares of a stride, in the order of `LEGS`, and the duty factor, of gaits as their sources
+# describe them. Fours are LF, RF, LH, RH; sixes L1, R1, L2, R2, L3, R3.
+FOOTFALLS = [
+    ("walk", [0.0, 0.5], 0.6),
+    ("run", [0.0, 0.5], 0.35),
+    ("hop", [0.0, 0.02], 0.3),
+    ("none", [0.0, 0.25], 0.4),
+    # Hildebrand 1965: the hind foot, then the fore foot of its side a quarter of the stride later
+    ("lateral sequence walk", [0.0, 0.5, 0.75, 0.25], 0.65),
+    ("lateral sequence run", [0.0, 0.5, 0.75, 0.25], 0.4),  # the running walk
+    ("lateral sequence walk", [0.0, 0.5, 0.65, 0.15], 0.65),  # in diagonal couplets
+    ("diagonal sequence walk", [0.0, 0.5, 0.25, 0.75], 0.65),  # of primates
+    ("diagonal sequence run", [0.0, 0.5, 0.25, 0.75], 0.4),
+    ("trot", [0.0, 0.5, 0.5, 0.0], 0.45),
+    ("trot", [0.0, 0.5, 0.54, 0.04], 0.55),
+    ("pace", [0.0, 0.5, 0.0, 0.5], 0.45),
+    ("pace", [0.0, 0.5, 0.95, 0.45], 0.45),
+    ("pronk", [0.0, 0.02, 0.98, 0.0], 0.3),
+    ("bound", [0.0, 0.0, 0.5, 0.5], 0.3),
+    ("bound", [0.0, 0.03, 0.7, 0.71], 0.3),
+    ("half-bound", [0.0, 0.15, 0.5, 0.5], 0.3),
+    # Hildebrand 1977: hind feet left, right, then fore feet in the same order, or in the other one
+    ("transverse gallop", [0.0, 0.15, 0.5, 0.65], 0.3),
+    ("transverse gallop", [0.0, 0.85, 0.5, 0.35], 0.3),
+    ("rotary gallop", [0.0, 0.85, 0.5, 0.65], 0.3),
+    ("none", [0.0, 0.5, 0.3, 0.3], 0.3),  # one pair alternates, the other lands together
+    ("tripod", [0.0, 0.5, 0.5, 0.0, 0.0, 0.5], 0.5),
+    # DeAngelis et al. 2019: legs follow those behind them by a third or a sixth
+    ("tetrapod", [2 / 3, 0.0, 1 / 3, 2 / 3, 0.0, 1 / 3], 0.65),
+    ("tetrapod", [2 / 3, 1 / 3, 1 / 3, 0.0, 0.0, 2 / 3], 0.65),
+    ("metachronal wave", [2 / 6, 5 / 6, 1 / 6, 4 / 6, 0.0, 3 / 6], 0.8),
+    ("none", [0.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0.5),
+]
+
+
+@pytest.mark.parametrize(("gait", "touchdowns", "duty"), FOOTFALLS)
+def test_gaits_have_the_names_of_their_sources(gait: str, touchdowns: list[float], duty: float) -> None:
+    """Whatever the instant from which touchdowns count, and in whichever order the legs are."""
+    legs = LEGS[len(touchdowns)]
+    order = np.random.default_rng(0).permutation(len(legs))
+    for shift in (0.0, 0.37, -2.2):
+        named = gait_of_footfalls(
+            [touchdowns[i] + shift for i in order], [duty] * len(legs), [legs[i] for i in order]
+        )
+        assert named == gait
+
+
+@dataclasses.dataclass(frozen=True)
+class Stepper(DeclaredModel):
+    """Legs that turn at one rate: they land at the phase 2 pi and lift at that of their duty factor."""
+
+    N: int = 4
+
+    omega = parameter("rad/s", "rate of the legs", 5.0, low=0.0, open_ends=True)
+    duty = parameter("1", "share of the turn on the ground", 0.6, low=0.0, high=1.0)
+    phase = variable("rad", "phase of leg", 0.0, count="N", circular=True)
+    down = mode(True, "leg is down", count="N")
+    time = variable("s", "time since the first leg's touchdown")
+
+    def flow(self, p, s):
+        return {"phase": p.omega * jnp.ones(self.N), "time": 1.0}
+
+    @event("foot {} lands", count="N", section="first", during=lambda s: ~s.down)
+    def landing(self, p, s):
+        return s.phase - 2.0 * jnp.pi
+
+    @landing.jump
+    def land(self, p, s, i):
+        phase, down = s.phase.at[i].add(-2.0 * jnp.pi), s.down.at[i].set(True)
+        return s.replace(phase=phase, down=down, time=0.0 if i == 0 else s.time)
+
+    @event("foot {} lifts", count="N", during=lambda s: s.down)
+    def lift(self, p, s):
+        return s.phase - 2.0 * jnp.pi * p.duty
+
+    @lift.jump
+    def lifted(self, p, s, i):
+        return s.replace(down=s.down.at[i].set(False))
+
+    def period(self, p):
+        return 2.0 * jnp.pi / p.omega
+
+
+class Biped(Stepper):
+    feet = footfalls("time", legs=LEGS[2])(lambda self, p, s: s.down)
+
+
+class Quadruped(Stepper):
+    feet = footfalls("time", legs=LEGS[4])(lambda self, p, s: s.down)
+
+
+class Hexapod(Stepper):
+    feet = footfalls("time", legs=LEGS[6])(lambda self, p, s: s.down)
+
+
+MODELS = {2: Biped(N=2), 4: Quadruped(), 6: Hexapod(N=6)}
+
+
+@pytest.mark.parametrize(
+    "legs", [2, pytest.param(4, marks=pytest.mark.slow), pytest.param(6, marks=pytest.mark.slow)]
+)
+def test_observables_are_those_of_the_constructed_footfalls(legs: int) -> None:
+    """Events are located to 1e-12 of a stride and tolerances are 1e-8: 1e-7 finds any other step."""
+    rows = [row for row in FOOTFALLS if len(row[1]) == legs and 0.0 < row[2] < 1.0]
+    lags = np.mod(np.array([row[1] for row in rows]), 1.0)
+    lags = np.mod(lags - lags[:, :1], 1.0)
+    start = np.mod(2.0 * np.pi * (0.9 - lags), 2.0 * np.pi)
+    duty = np.array([row[2] for row in rows])
+    axes = {f"phase_{i + 1}_0": start[:, i] for i in range(legs)} | {"duty": duty}
+    axes |= {f"down_{i + 1}_0": (start[:, i] < 2.0 * np.pi * duty).astype(float) for i in range(legs)}
+    table = gs.sweep(MODELS[legs], zip=axes, run=gs.Settle(tolerance=1e-9), verify=0).table
+    assert table["gait"].tolist() == [row[0] for row in rows]
+    assert set(table["status"]) == {"settled"}
+    for i in range(legs):
+        np.testing.assert_allclose(table[f"stride_{i + 1}_end"], 2.0 * np.pi / 5.0, atol=1e-7)
+        np.testing.assert_allclose(table[f"duty_{i + 1}_end"], duty, atol=1e-7)
+        if i:
+            away = table[f"lag_{i + 1}_end"].to_numpy() / (2.0 * np.pi) - lags[:, i]
+            np.testing.assert_allclose(away - np.round(away), 0.0, atol=1e-7)
+    for row, (at, share) in enumerate(zip(lags, duty, strict=True)):
+        patterns = support_patterns(at.tolist(), [share] * legs, LEGS[legs])
+        assert sum(patterns.values()) == pytest.approx(1.0)
+        for k in range(legs + 1):
+            known = sum(part for feet, part in patterns.items() if len(feet.split()) == k)
+            np.testing.assert_allclose(table[f"support_{k}_end"].to_numpy(float)[row], known, atol=1e-7)
+
+
+def test_support_patterns_are_the_feet_that_are_down() -> None:
+    """Hildebrand's lateral sequence walk of duty factor 5/8 stands on two or three feet."""
+    found = support_patterns([0.0, 0.5, 0.75, 0.25], [0.625] * 4, LEGS[4])
+    assert found == pytest.approx(
+        {
+            "LF RF LH": 0.125, "LF LH": 0.125, "LF LH RH": 0.125, "LF RH": 0.125,
+            "LF RF RH": 0.125, "RF RH": 0.125, "RF LH RH": 0.125, "RF LH": 0.125,
+        }
+    )  # fmt: skip
+
+
+def test_a_model_with_footfalls_has_names_limbs_and_contacts() -> None:
+    model = Quadruped()
+    assert fault(model) is None
+    assert model.gaits == GAITS[4]
+    assert [limb.name for limb in model.limbs] == ["LF", "RF", "LH", "RH"]
+    assert [q.name for q in model.signals][-4:] == [f"contact_{i}" for i in (1, 2, 3, 4)]
+    chart = model.chart()
+    assert chart is not None
+    names = [q.name for q in chart.coordinates]
+    assert names == ["phase_1", "phase_2", "phase_3", "phase_4"], "without the clock"
+
+
+def test_a_leg_that_does_not_step_once_a_stride_has_no_gait() -> None:
+    """The same lags, but the second leg lands twice as often, or has stopped in the air."""
+    feet = Biped._feet()
+    assert feet is not None
+    at = {"stride_1": 1.0, "stride_2": 1.0, "lag_2": np.pi, "duty_1": 0.6, "duty_2": 0.6}
+    names = [
+        feet.gaits[int(feet.gait({**at, **changed}))]
+        for changed in ({}, {"stride_2": 0.5}, {"duty_2": 0.0}, {"stride_1": 0.0, "stride_2": 0.0})
+    ]
+    assert names == ["walk", "none", "none", "none"]
+
+
+def test_footfalls_that_have_no_names_are_refused() -> None:
+    with pytest.raises(ValueError, match="allowed are, in any order, L, R; LF, RF, LH, RH; L1"):
+        footfalls("time", legs=("FL", "FR", "HL", "HR"))
+    with pytest.raises(TypeError, match="footfalls of the clock tme, no variable; did you mean time"):
+        type("Mine", (Stepper,), {"feet": footfalls("tme", legs=LEGS[4])(lambda self, p, s: s.down)})
+    with pytest.raises(TypeError, match="gaits of its own without label: leave gaits out"):
+        type("Mine", (Quadruped,), {"gaits": ("a", "b")})
+
+    class Numbers(Stepper):
+        feet = footfalls("time", legs=LEGS[4])(lambda self, p, s: s.down.astype(float))
+
+    assert "must return (4,) of bool, one for each of LF, RF, LH, RH" in (fault(Numbers()) or "")

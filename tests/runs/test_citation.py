@@ -1,0 +1,117 @@
+"""`gaitsweep cite`: entries that name the right paper and version, and what is refused."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+import gaitsweep as gs
+from gaitsweep.cli import main
+from gaitsweep.contract import Model
+from gaitsweep.runs.citation import tool_entry
+from gaitsweep.runs.provenance import git_commit
+from gaitsweep.version import version
+from tests.support.toy_directories import fill, open_toy
+
+Capture = pytest.CaptureFixture[str]
+HOPPER = Path(__file__).parents[2] / "gaitsweep" / "examples" / "hopper.py"
+
+
+def cited(path: Path, capsys: Capture) -> str:
+    capsys.readouterr()
+    assert main(["cite", str(path)]) == 0
+    return capsys.readouterr().out
+
+
+def fields(text: str, key: str) -> dict[str, str]:
+    """The fields of a BibTeX entry by its key."""
+    entry = re.search(rf"^@\w+\{{{key},\n(.*?)^\}}", text, re.MULTILINE | re.DOTALL)
+    assert entry is not None
+    return dict(re.findall(r"^  (\w+) = \{(.*?)\},?$", entry[1], re.MULTILINE | re.DOTALL))
+
+
+def test_the_entry_of_the_program_is_that_of_citation_cff(capsys: Capture) -> None:
+    facts = yaml.safe_load((Path(__file__).parents[2] / "CITATION.cff").read_text())
+    assert main(["cite"]) == 0
+    entry = fields(capsys.readouterr().out, "gaitsweep")
+    assert entry["title"] == f"{{{facts['title']}}}"
+    assert entry["version"] == facts["version"] == version()
+    assert entry["year"] == str(facts["date-released"].year)
+    assert "year" not in fields(tool_entry("0.0.1"), "gaitsweep")  # which CITATION.cff does not date
+
+
+def test_a_result_cites_its_paper_method_check_and_versions(tmp_path: Path, capsys: Capture) -> None:
+    gs.sweep(
+        "multilegged_reduced", psi_1=[1.0, 2.0], psi_2=2.0, psi_3=3.0,
+        run=gs.Settle(max_cycles=7), numerics={"dt": 0.04}, out=tmp_path / "chain",
+    )  # fmt: skip
+    text, manifest = cited(tmp_path / "chain", capsys), gs.load(tmp_path / "chain").attrs["manifest"]
+    assert fields(text, "ambe2021")["doi"] == "10.3389/fncir.2021.706064"
+    commit = git_commit()
+    assert commit is None or commit in fields(text, "gaitsweep")["note"]
+    methods = text.partition("Methods: ")[2]
+    for piece in (
+        "multilegged_reduced [ambe2021]",
+        f"gaitsweep {version()} [gaitsweep]",
+        "2 rows over psi_1 (2).",
+        "(settle, max_cycles 7, tolerance",
+        f"({manifest['method']}), steps of at most 0.04 s, in float64",
+        "Self-check: 2 rows rerun",
+        f"JAX {manifest['versions']['jax']}",
+    ):
+        assert piece in methods
+    assert "coarse" not in methods  # a field without effect, since the run does not refine
+
+
+@pytest.mark.parametrize(
+    ("line", "printed", "missing"),
+    [
+        ("", "", "The paper of cited_hopper:Hopper is missing"),
+        ('source = "Raibert 1986, Legged Robots"', "note = {Raibert 1986, Legged Robots}", ""),
+        ('bibtex = "@book{raibert86,\\n  year = {1986}\\n}"', "hopper:Hopper [raibert86] was", ""),
+        ('bibtex = "Raibert 1986"', "", "no BibTeX entry"),
+    ],
+)
+def test_a_users_model_gives_its_own_paper(
+    line: str, printed: str, missing: str, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(__import__("sys").modules, "cited_hopper", raising=False)
+    text = HOPPER.read_text().replace("    gaits = (", f"    {line}\n    gaits = (", 1)
+    Path("cited_hopper.py").write_text(text)
+    gs.sweep("cited_hopper:Hopper", launch_0=[2.5], verify=0, out="hops")
+    Path("cited_hopper.py").unlink()  # the directory alone has the reference
+    capsys.readouterr()
+    assert main(["cite", "hops"]) == 0
+    found = capsys.readouterr()
+    assert printed in found.out
+    assert "There was no self-check." in found.out
+    assert "rtol 1e-" in found.out  # the hopper's method has step control
+    assert missing in found.err
+    assert bool(missing) == bool(found.err)
+
+
+def test_every_model_of_a_paper_has_an_entry() -> None:
+    for name in gs.models.names():
+        kind: type[Model] = gs.models.find(name)
+        year = re.search(r"\d{4}", kind.source)
+        assert year is not None
+        assert f"year = {{{year[0]}}}" in kind.bibtex
+
+
+def test_what_is_missing_is_a_sentence(tmp_path: Path, capsys: Capture) -> None:
+    assert main(["cite", str(tmp_path / "nothing")]) == 2
+    assert "does not exist" in capsys.readouterr().err
+    with open_toy(tmp_path / "toy") as directory:
+        pass
+    assert main(["cite", str(tmp_path / "toy")]) == 2
+    assert "has 0 of 10 rows" in capsys.readouterr().err
+    with open_toy(tmp_path / "toy") as directory:
+        fill(directory)
+    assert main(["cite", str(tmp_path / "toy")]) == 2
+    assert "The manifest" in (said := capsys.readouterr().err)
+    assert "has no method" in said
