@@ -57,7 +57,10 @@ nitpick_ignore_regex = [
     ),
     (r"py:class", r"Path|Client|BaseModel|ndarray|Float"),
     # Names of unions in signatures, which the text beside them explains.
-    (r"py:class", r"AnyModel|ArrayLike|Rows|Scalar|SectionPoints|(gaitsweep\..*)?(Progress|ModelT|T)"),
+    (
+        r"py:class",
+        r"AnyModel|ArrayLike|Rows|Scalar|SectionPoints|(gaitsweep\..*)?(Progress|ModelT|T|FigureKind)",
+    ),
 ]
 napoleon_numpy_docstring = False
 napoleon_use_rtype = False

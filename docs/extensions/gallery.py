@@ -185,11 +185,16 @@ def _without_unused(kinds: Sequence[str], table: pd.DataFrame) -> pd.DataFrame:
 
 
 def setup(app: Any) -> dict[str, Any]:
-    """Draw the pictures before pages are read."""
-    app.connect("builder-inited", lambda app: draw_pictures())
+    """Draw the pictures before pages are read, in another process: the build forks, which JAX forbids."""
+    draw = [sys.executable, __file__, "--draw"]
+    app.connect("builder-inited", lambda app: subprocess.run(draw, cwd=ROOT, check=True))
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}
 
 
 if __name__ == "__main__":
-    for name in sys.argv[1:] or ENTRIES:
-        store(name)
+    sys.path.insert(0, str(ROOT))
+    if sys.argv[1:] == ["--draw"]:
+        draw_pictures()
+    else:
+        for name in sys.argv[1:] or ENTRIES:
+            store(name)
