@@ -84,7 +84,9 @@ html_extra_path = ["extra"]
 html_show_sourcelink = False
 html_copy_source = False
 html_math_renderer = "mathml"
-html_sidebars = {page: [] for page in ("docs/index", "docs/start", "docs/concepts", "search", "genindex")}
+html_sidebars = {
+    page: [] for page in ("docs/index", "docs/start", "docs/concepts", "docs/gallery", "search", "genindex")
+}
 html_theme_options = {
     "logo": {"text": f"gaitsweep {release}"},
     "show_prev_next": True,

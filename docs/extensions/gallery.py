@@ -24,11 +24,7 @@ TABLES, PICTURES = ROOT / "docs" / "gallery", ROOT / "build" / "gallery"
 LARGE = 50_000  # bytes of a table from which columns that its picture does not show are left out
 
 # Overrides of jobs that several kinds share.
-SLICES = (
-    "vary.psi_1.linspace=[0, 2*pi, 36]",
-    "vary.psi_2.linspace=[0, 2*pi, 36]",
-    "vary.psi_3.linspace=[0, 2*pi, 3]",
-)
+SLICES = ("vary.psi_3.linspace=[0, 2*pi, 3]",)
 OFFSETS = ("vary.k2=[0.08]", "vary.com_x.linspace=[-0.08, 0.08, 9]", "vary.sigma.linspace=[0, 1, 11]")
 FOLDS = (
     "params.omega=3.7",

@@ -22,7 +22,7 @@ from gaitsweep.analysis.continuation.stable_ranges import MARKS
 from gaitsweep.near_miss import allowing
 from gaitsweep.plot import theme
 from gaitsweep.plot.columns import PlotError, column, described, is_angle, moved_parameter
-from gaitsweep.plot.kind import Column, Observed, Title, figure_kind
+from gaitsweep.plot.kind import Column, Observable, Title, figure_kind
 from gaitsweep.schema.numbers import Real, Text
 
 _STABLE, _UNSTABLE = "#0072B2", "#D55E00"
@@ -42,7 +42,7 @@ WORDS = {
 def continuation(
     table: pd.DataFrame,
     *,
-    y: Observed | None = None,
+    y: Annotated[Observable | None, "observable of the model; by default the first"] = None,
     x: str | None = None,
     hue: Annotated[
         Column | None, "column of another parameter that differs between branches, or of the gait"
