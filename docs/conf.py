@@ -9,6 +9,9 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
+from typing import Any
+
+from docutils import nodes
 
 DOCS = Path(__file__).parent
 sys.path[:0] = [str(DOCS / "extensions"), str(DOCS.parent)]
@@ -30,6 +33,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "described_package",
+    "gallery",
     "mathml",
     "python_objects",
 ]
@@ -53,7 +57,10 @@ nitpick_ignore_regex = [
     ),
     (r"py:class", r"Path|Client|BaseModel|ndarray|Float"),
     # Names of unions in signatures, which the text beside them explains.
-    (r"py:class", r"AnyModel|ArrayLike|Rows|Scalar|SectionPoints|(gaitsweep\..*)?(Progress|ModelT|T)"),
+    (
+        r"py:class",
+        r"AnyModel|ArrayLike|Rows|Scalar|SectionPoints|(gaitsweep\..*)?(Progress|ModelT|T|FigureKind)",
+    ),
 ]
 napoleon_numpy_docstring = False
 napoleon_use_rtype = False
@@ -71,11 +78,15 @@ html_theme = "pydata_sphinx_theme"
 html_title = f"gaitsweep {release}"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
+html_js_files = ["copy.js"]
+html_favicon = "static/favicon.svg"
 html_extra_path = ["extra"]
 html_show_sourcelink = False
 html_copy_source = False
 html_math_renderer = "mathml"
-html_sidebars = {page: [] for page in ("docs/index", "docs/start", "docs/concepts", "search", "genindex")}
+html_sidebars = {
+    page: [] for page in ("docs/index", "docs/start", "docs/concepts", "docs/gallery", "search", "genindex")
+}
 html_theme_options = {
     "logo": {"text": f"gaitsweep {release}"},
     "show_prev_next": True,
@@ -88,3 +99,22 @@ html_theme_options = {
     "footer_end": [],
     "pygments_light_style": "a11y-high-contrast-light",
 }
+
+# Words that readers search for, of pages that say it in other words.
+SEARCH_WORDS = {
+    "docs/reference": "cite, citation, bibtex, doi, version",
+    "docs/own_figure": "colour, color, palette, colormap, style, size, font, pdf, svg",
+    "docs/start": "csv, export, excel, dataframe, install",
+    "docs/search": "fit, optimise, optimize, calibrate, search",
+    "docs/processes": "joblib, multiprocessing, parallel, jupyter",
+}
+
+
+def setup(app: Any) -> None:
+    """Give pages the keywords that the search of the site finds."""
+
+    def add(app: Any, doctree: nodes.document) -> None:
+        if words := SEARCH_WORDS.get(app.env.docname):
+            doctree.insert(0, nodes.meta(name="keywords", content=words))
+
+    app.connect("doctree-read", add)

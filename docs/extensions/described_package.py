@@ -12,6 +12,8 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+import gallery
+import yaml
 from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
 
@@ -86,8 +88,19 @@ _SECTIONS = {
     "numerics": "numerics",
     "engine": "engine",
     "figures": "figures-figures",
-    "search": "search-search",
+    "search": "fit-constants-search",
     "sensitivity": "sensitivity-sensitivity",
+}
+
+
+AXIS_EXAMPLES: dict[str, Any] = {
+    "values": {"m_B": {"values": [0.7, 0.9]}},
+    "linspace": {"psi_1": {"linspace": [0, "2*pi", 64], "at": "centre"}},
+    "logspace": {"K": {"logspace": [1.0e4, 1.0e6, 9]}},
+    "random": {"psi_1": {"random": [0, "2*pi", 100], "seed": 1}},
+    "sobol": {"psi_1": {"sobol": [0, "2*pi", 128]}},
+    "zip": {"psi_1": [1.0, 2.0, 3.0], "psi_2": [3.0, 2.0, 1.0]},
+    "sample": {"n": 64, "method": "sobol", "of": {"psi_1": [0, "2*pi"], "psi_2": [0, "2*pi"]}},
 }
 
 
@@ -97,12 +110,14 @@ def axes() -> Iterator[str]:
     for axis in vary["additionalProperties"]["anyOf"]:
         if "properties" in axis:
             yield from _part(axis, heading="###")
+            yield from _example({"vary": AXIS_EXAMPLES[axis["title"].lower()]})
     for group in ("zip", "sample"):
         schema = vary["properties"][group]
         yield f"### {group}\n\n{_sentence(schema['description'])}\n"
         one = schema["anyOf"][0]
         if "properties" in one:
             yield from _fields(one)
+        yield from _example({"vary": {group: AXIS_EXAMPLES[group]}})
 
 
 def runs() -> Iterator[str]:
@@ -110,8 +125,11 @@ def runs() -> Iterator[str]:
     from gaitsweep.kinds import RUN_KINDS
     from gaitsweep.plot import FIGURES
 
+    examples = {job["run"]["kind"]: job["run"] for job in map(gallery.job_of, gallery.ENTRIES)}
     for kind, part in RUN_KINDS.items():
         yield from _part(part.model_json_schema(), kind)
+        if kind in examples:
+            yield from _example({"run": examples[kind]})
         suited = [name for name, figure in FIGURES.items() if kind in figure.runs or name in part.figures]
         links = ", ".join(f"[`{name}`](#figure-{name.replace('_', '-')})" for name in suited)
         yield f"Figures: {links or 'none'}.\n"
@@ -124,6 +142,23 @@ def figures() -> Iterator[str]:
     for kind, part in FIGURES.items():
         yield f"(figure-{kind.replace('_', '-')})="
         yield from _part(part.model_json_schema(), kind)
+        if kind in gallery.ENTRIES:
+            yield f"![A figure of kind {kind}](../build/gallery/{kind}.png)\n"
+            yield from _example({"figures": [gallery.fields(kind)]})
+
+
+def pictures() -> Iterator[str]:
+    """A picture of each kind of figure, with its job and command."""
+    from gaitsweep.plot import FIGURES
+
+    yield "::::{container} gallery\n"
+    for kind in gallery.ENTRIES:
+        about = _escaped(_sentence(FIGURES[kind].model_json_schema()["description"]))
+        link, job = f"job_reference.md#figure-{kind.replace('_', '-')}", gallery.job_path(kind)
+        yield f":::{{container}} entry\n[![{kind}](../build/gallery/{kind}.png)]({link})\n"
+        yield f"**[{kind}]({link})** {about} Job: [{job.rpartition('/')[2]}](../{job}).\n"
+        yield f"```bash\n{gallery.command(kind)}\n```\n:::\n"
+    yield "::::\n"
 
 
 def numerics() -> Iterator[str]:
@@ -219,6 +254,7 @@ DESCRIBED = {
         sensitivity,
         measures,
         models,
+        pictures,
         statuses,
     )
 }
@@ -289,6 +325,19 @@ def _type(schema: Described) -> str:
             _type(items), "list"
         )
     return _TYPES.get(kinds, "")
+
+
+def _example(part: Mapping[str, Any]) -> Iterator[str]:
+    """A part of a job as YAML, with what stands under its first key in one line."""
+    [(name, inner)] = part.items()
+    lines = [f"- {_inline(each)}" for each in inner] if isinstance(inner, list) else [_inline(inner)]
+    text = f"{name}: {lines[0]}" if isinstance(inner, Mapping) else "\n  ".join([f"{name}:", *lines])
+    yield f"```yaml\n{text}\n```\n"
+
+
+def _inline(part: Any) -> str:
+    text = yaml.safe_dump(part, default_flow_style=True, sort_keys=False, width=10**6, allow_unicode=True)
+    return text.strip()
 
 
 def _sentence(text: str) -> str:

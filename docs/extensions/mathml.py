@@ -11,7 +11,7 @@ from sphinx.application import Sphinx
 
 def _formula(node: nodes.math | nodes.math_block, block: bool) -> str:
     text = node.astext()
-    if block and r"\\" in text:  # several lines
+    if block and r"\\" in text and r"\begin" not in text:  # several lines
         text = rf"\begin{{aligned}}{text}\end{{aligned}}"
     return tex2mathml(text, as_block=block)
 

@@ -7,6 +7,7 @@ import re
 import typing
 from typing import Any
 
+import gallery
 from docutils import nodes
 from matplotlib.figure import Figure
 from pydantic import BaseModel
@@ -91,6 +92,8 @@ def _described_fields(
     if lines and lines[-1]:
         lines.append("")
     lines += [f":param {key}: {_escaped(each.description or '')}" for key, each in fields.items()]
+    if what == "function" and kind in gallery.ENTRIES:
+        lines += ["", f".. image:: /build/gallery/{kind}.png", f"   :alt: A figure of kind {kind}"]
 
 
 def _escaped(text: str) -> str:

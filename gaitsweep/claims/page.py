@@ -25,6 +25,20 @@ _COLOURS = {
     ClaimVerdict.answered: ("#00704E", "#4FD0A5"),
     ClaimVerdict.not_run: ("#5C636B", "#A7AFB8"),
 }
+# The sections of the page: what disagrees with the paper first and open, the rest folded.
+_FIRST = (ClaimVerdict.not_reproduced, ClaimVerdict.open_constants)
+_ORDER = (*_FIRST, *(each for each in ClaimVerdict if each not in _FIRST))
+
+# A link to a folded claim or figure opens it, which not every browser does by itself.
+_SCRIPT = """<script>
+const reveal = () => {
+  const target = document.getElementById(location.hash.slice(1));
+  for (let at = target; at; at = at.parentElement) if (at.tagName === "DETAILS") at.open = true;
+  target?.scrollIntoView();
+};
+addEventListener("hashchange", reveal);
+reveal();
+</script>"""
 
 
 def _verdicts(scheme: int) -> str:
@@ -36,9 +50,13 @@ _STYLE = (
     SCHEMES
     + f":root {{ {_verdicts(0)} }}\n@media (prefers-color-scheme: dark) {{ :root {{ {_verdicts(1)} }} }}"
     + """
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 1.5rem auto; padding: 0 1rem;
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 80rem; margin: 1.5rem auto; padding: 0 1rem;
   color: var(--ink); background: var(--paper); }
-h1 { font-size: 1.5rem; margin-bottom: 0; } h2 { margin-top: 2.5rem; border-bottom: 1px solid var(--rule); }
+h1 { font-size: 1.5rem; margin-bottom: 0; } a { color: var(--link); }
+summary { cursor: pointer; margin-top: 2.5rem; border-bottom: 1px solid var(--rule); }
+summary h2 { display: inline; }
+.pair { display: grid; grid-template-columns: minmax(0, 1fr) minmax(0, 1fr); gap: 0 2rem; }
+.pair figure { position: sticky; top: 0; }
 article { border-left: 5px solid var(--colour); padding: .2rem 0 .2rem 1rem; margin: 1.4rem 0; }
 article h3 { font-size: 1rem; margin: 0; } article p { margin: .3rem 0; }
 .verdict { color: var(--colour); font-weight: 700; } .small { color: var(--faint); font-size: .9rem; }
@@ -48,6 +66,7 @@ code { background: var(--code); padding: 0 .2rem; overflow-wrap: anywhere; }
 figure { margin: 1rem 0; } img { max-width: 100%; height: auto; background: #fff; }
 figcaption { color: var(--faint); }
 table { border-collapse: collapse; } td { vertical-align: top; padding: .2rem 1rem .2rem 0; }
+@media (max-width: 50rem) { .pair { display: block; } .pair figure { position: static; } }
 @media (max-width: 40rem) { dl { grid-template-columns: 1fr; } dt { margin-top: .3rem; } }
 """
 )
@@ -62,26 +81,53 @@ def page(paper: str, table: pd.DataFrame, runs: Sequence[JobRun], *, quick: bool
         runs: the jobs that ran.
         quick: whether to state that these are the quick jobs.
     """
-    sections = [_head(paper, table, quick)]
+    failed = any(run.path is None for run in runs)
     shown: set[str] = set()
-    for where, claims in table.groupby("where", sort=False):
-        sections.append(f"<h2>{html.escape(str(where))}</h2>")
-        for claim in claims.to_dict("records"):
-            sections.append(_claim({str(key): value for key, value in claim.items()}))
-        for file in dict.fromkeys(claims["figure"]):
-            if file and file not in shown:
-                shown.add(file)
-                sections.append(figure_of(Path(file), f"{Path(file).parents[1].name}: {Path(file).stem}"))
-    sections.append(_jobs(runs))
-    return document(html.escape(paper), _STYLE, sections)
+    sections = [_head(paper, table, quick)]
+    sections += [_verdict(each, table, shown, failed) for each in _ORDER if each in set(table["verdict"])]
+    return document(html.escape(paper), _STYLE, [*sections, _jobs(runs), _SCRIPT])
+
+
+def _verdict(verdict: ClaimVerdict, table: pd.DataFrame, shown: set[str], failed: bool) -> str:
+    """The claims with one verdict, grouped by their figure, which stands beside them.
+
+    Args:
+        verdict: the verdict.
+        table: the claims.
+        shown: files of the figures that the page has so far; this section's are added.
+        failed: whether a job failed, so that claims which were not run are not folded.
+    """
+    mine = table.loc[table["verdict"] == verdict]
+    groups = "".join(_beside(str(file), claims, shown) for file, claims in mine.groupby("figure", sort=False))
+    is_open = verdict in _FIRST or (failed and verdict is ClaimVerdict.not_run)
+    return (
+        f"<details{' open' * is_open}><summary><h2>{len(mine)} {html.escape(verdict.words)}</h2></summary>"
+        f'<div id="{verdict.name}">{groups}</div></details>'
+    )
+
+
+def _beside(file: str, claims: pd.DataFrame, shown: set[str]) -> str:
+    """Claims with their figure beside them, or a link to it where the page has it already."""
+    articles = "".join(_claim({str(key): value for key, value in each.items()})
+                       for each in claims.to_dict("records"))  # fmt: skip
+    if not file:
+        return articles
+    path = Path(file)
+    name = f"{path.parents[1].name}: {path.stem}"
+    anchor = html.escape(f"figure {name}".replace(": ", "_").replace(" ", "_"))
+    if file in shown:
+        return f'{articles}<p class="small">Figure: <a href="#{anchor}">{html.escape(name)}</a></p>'
+    shown.add(file)
+    return f'<div class="pair"><div>{articles}</div><div id="{anchor}">{figure_of(path, name)}</div></div>'
 
 
 def _head(paper: str, table: pd.DataFrame, quick: bool) -> str:
     found = [ClaimVerdict(each) for each in table["verdict"]]
     lines = "".join(
-        f'<tr style="--colour: var(--{each.name})"><td class="verdict">{html.escape(each.words)}</td>'
-        f"<td>{found.count(each)}</td><td>{html.escape(each.sentence)}</td></tr>"
-        for each in ClaimVerdict
+        f'<tr style="--colour: var(--{each.name})"><td><a class="verdict" href="#{each.name}">'
+        f"{found.count(each)} {html.escape(each.words)}</a></td><td>{html.escape(each.sentence)}</td></tr>"
+        for each in _ORDER
+        if each in found
     )
     how = " These are the quick jobs, with fewer rows and wider tolerances." if quick else ""
     return (
@@ -113,7 +159,8 @@ def _claim(claim: dict[str, object]) -> str:
     )
     return (
         f'<article id="{html.escape(str(claim["id"]))}" style="--colour: var(--{found.name})">'
-        f'<h3><span class="verdict">{html.escape(found.words)}</span> {html.escape(str(claim["claim"]))}</h3>'
+        f'<h3><span class="verdict">{html.escape(str(claim["where"]))}</span> '
+        f"{html.escape(str(claim['claim']))}</h3>"
         f'<dl>{listed}</dl><p class="small"><code>{html.escape(str(claim["command"]))}</code></p></article>'
     )
 
