@@ -82,7 +82,9 @@ def mark(figure: Figure | Axes, notes: list[str]) -> None:
     text = "; ".join(notes)
     if not notes or text in (each.get_text() for each in figure.texts):  # one figure may draw another
         return
-    if "transAxes" in dir(figure):  # a panel; Matplotlib is not imported here, so that jobs are read fast
+    from matplotlib.figure import Figure  # jobs are read without Matplotlib
+
+    if not isinstance(figure, Figure):
         figure.text(1.0, 1.0, text, transform=figure.transAxes, **{**_LOOK, "va": "bottom"})
         return
     width, height = figure.get_size_inches()
@@ -97,5 +99,6 @@ def mark(figure: Figure | Axes, notes: list[str]) -> None:
         taken += _TITLE / (height + _BAND)
     engine = figure.get_layout_engine()
     if engine is not None:
-        engine.set(rect=(0.0, 0.0, 1.0, 1.0 - taken))  # pyright: ignore[reportCallIssue]
+        left, low, share_of_width, _ = engine.get()["rect"]
+        engine.set(rect=(left, low, share_of_width, 1.0 - taken))  # pyright: ignore[reportCallIssue]
     figure.text(1.0 - 0.05 / width, 1.0 - 0.5 * share, text, **_LOOK)

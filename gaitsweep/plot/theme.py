@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.legend import Legend
 from matplotlib.ticker import FixedLocator, FuncFormatter, Locator, MultipleLocator
 
@@ -159,11 +160,15 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
         height += 0.16 * lines.count("\n")
         figure = _Figure((wide, asked.height / _INCH if asked.height else height), layout="constrained")
         FigureCanvasAgg(figure)
+        if asked.width is not None:  # room for half of the label of a last tick, which the layout may miss
+            room = (0.0, 0.0, 1.0 - 0.07 / wide, 1.0)
+            cast(ConstrainedLayoutEngine, figure.get_layout_engine()).set(rect=room)
         if lines:
             figure.suptitle(lines, fontsize=points(9.5))
         yield figure
         if asked.width is not None:
             _break_lines(figure)
+            _break_lines(figure)  # broken labels may have made other panels narrower
 
 
 def _break_lines(figure: Figure) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -47,12 +48,13 @@ def _boxes(figure: Figure) -> Iterator[tuple[Text, Bbox]]:
 
 
 def _not_shown(axes: Axes) -> Iterator[Text]:
-    """Texts that Matplotlib keeps but does not draw; texts in space, whose boxes are those of no projection."""
+    """Texts that Matplotlib does not draw, and texts in space, which have no box on the page."""
     if not axes.get_visible():
-        yield from axes.findobj(Text)  # pyright: ignore[reportReturnType] - of this class
-    if hasattr(axes, "zaxis"):
+        yield from (text for text in axes.findobj(Text) if isinstance(text, Text))
+    space: Any = axes
+    if hasattr(space, "zaxis"):
         yield from axes.texts
-    for axis in (axes.xaxis, axes.yaxis, *([axes.zaxis] if hasattr(axes, "zaxis") else [])):  # pyright: ignore[reportAttributeAccessIssue]
+    for axis in (space.xaxis, space.yaxis, *([space.zaxis] if hasattr(space, "zaxis") else [])):
         shown = axis._update_ticks() if axes.axison else []
         for tick in {*axis.get_major_ticks(), *axis.get_minor_ticks()} - set(shown):
             yield from (tick.label1, tick.label2)

@@ -146,7 +146,8 @@ def hysteresis(
                 axes.tick_params(labelleft=False)
                 strip.tick_params(labelleft=False)
             if number + across >= len(shown):
-                strip.set_xlabel(described(table, parameter, 66 // across))
+                label, room = described(table, parameter, 66 // across), theme.width_of(width) / across - 0.8
+                strip.set_xlabel(theme.wrapped(label, room, 8.5))
                 strip.tick_params(labelbottom=True)
             _below(strip, handles)
         for axes in (*grid[len(shown) :], *below[len(shown) :]):

@@ -82,7 +82,8 @@ def source_place(
         panels[0].set_yticks([*range(1, legs + 1), legs + 2], [*map(str, range(1, legs + 1)), "neither"])
         panels[0].set_ylim(legs + 2.5, 0.5)
         for mesh, label in drawn.values():
-            figure.colorbar(mesh, ax=panels, label=f"share: {label}", shrink=0.9, pad=0.01)
+            side: dict[str, Any] = {"pad": 0.01} if across == len(x) else {"location": "bottom"}
+            figure.colorbar(mesh, ax=panels, label=f"share: {label}", shrink=0.9, **side)
     return figure
 
 

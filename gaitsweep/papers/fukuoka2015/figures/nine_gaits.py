@@ -14,7 +14,8 @@ from gaitsweep.papers.fukuoka2015.figures.gait_looks import CONTACTS, colour_of,
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART
 from gaitsweep.plot import PlannedTable, Positive, Refusal, Title, column, figure_kind, rows_where, theme
 
-_NARROW = 5.0  # inches; below, only the first column names its legs
+_NOTE = 1.5  # inches; width of the description of a cell
+_NARROW = 5.0  # inches; below, cells have their speed alone, and the first column names the legs
 _TILTS = ("hind leg first (tilted down)", "together (level)", "fore leg first (tilted up)")
 
 
@@ -45,22 +46,22 @@ def nine_gaits(
         column(table, name)
     gaits = gaits_in(table)
     wide = theme.width_of(theme.PAGE)
-    cell = wide / 3.0 - 0.3  # inches; of a cell's texts
+    cell = wide / 3.0 - 0.4  # inches; of a cell's texts
     narrow = wide < _NARROW
-    with theme.canvas(theme.PAGE, 6.3 if narrow else 4.9, title) as figure:
+    with theme.canvas(theme.PAGE, 4.9, title) as figure:
         grid = figure.subplots(3, 3)
         for place, gait in enumerate(CHART):
             axes = grid[place // 3, place % 3]
             found = gaits.loc[gaits["gait"] == gait]
             if len(found):
-                _example(axes, table, gait, found.loc[found["margin"].idxmax()], cycles, cell)
+                _example(axes, table, gait, found.loc[found["margin"].idxmax()], cycles, narrow)
             else:
                 _name(axes, gait)
-                _empty(axes, theme.wrapped("no row has it", cell, 8.0))
+                _empty(axes, "no row" if narrow else "no row has it")
             if place // 3 == 0:
                 heading = theme.wrapped(f"left fore, right hind:\n{_TILTS[place]}", cell, 7.5)
                 axes.annotate(
-                    heading, (0.5, 1.0), (0, 46 if narrow else 32), "axes fraction",
+                    heading, (0.5, 1.0), (0, 32 if narrow else 42), "axes fraction",
                     "offset points", ha="center", fontsize=theme.points(7.5),
                 )  # fmt: skip
             if place % 3 == 0:
@@ -73,14 +74,17 @@ def nine_gaits(
     return figure
 
 
-def _example(axes: Axes, table: pd.DataFrame, gait: str, of: pd.Series, cycles: float, cell: float) -> None:
+def _example(axes: Axes, table: pd.DataFrame, gait: str, of: pd.Series, cycles: float, narrow: bool) -> None:
     samples = rows_where(table, table["row"] == of["row"]).sort_values("t", kind="stable")
     samples = samples.assign(t=samples["t"] - samples["t"].min())
     end = cycles * float(of["period"])  # pyright: ignore[reportArgumentType]
     samples = rows_where(samples, samples["t"] <= end)
     footfalls(axes, samples)
     axes.set_xlim(0.0, end)
-    _name(axes, gait, theme.wrapped(", ".join(in_words(table, of, samples)), cell, 7.0))
+    words = in_words(table, of, samples)
+    _name(axes, gait, theme.wrapped(", ".join(words), _NOTE, 7.0) if not narrow else words[0])
+    last = float(f"{0.8 * end:.1g}")
+    axes.set_xticks([0.0, last], ["0", f"{last:g}"])
 
 
 def _empty(axes: Axes, text: str) -> None:
@@ -94,7 +98,7 @@ def _empty(axes: Axes, text: str) -> None:
 def _name(axes: Axes, gait: str, note: str = "") -> None:
     """The name of the gait above its cell, and below it a description of the example."""
     look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
-    above = 3 + 10 * (note.count("\n") + 1)
+    above = 3 + 9 * (note.count("\n") + 1)
     look |= {"fontsize": theme.points(8.5), "weight": "bold"}
     axes.annotate(label_of(gait), (0.0, 1.0), (0, above), color=colour_of(gait), **look)
     look |= {"fontsize": theme.points(7), "weight": "normal"}
