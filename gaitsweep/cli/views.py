@@ -67,7 +67,7 @@ def animate(
     trust: Trust = False,
     open_it: Open = False,
 ) -> None:
-    """Draw the walking model of one row as a movie, or a strip of poses."""
+    """Draw the walking model of one row as a movie or strip."""
     from gaitsweep.cli.progress import shown_progress
     from gaitsweep.plot import PlotError
     from gaitsweep.view.movie import row_movie as movie

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
-from matplotlib.figure import Figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _BAND = 0.2  # inches; height of the band added on top of the figure
 _TITLE = 0.22  # inches; height of the title
@@ -82,7 +82,7 @@ def mark(figure: Figure | Axes, notes: list[str]) -> None:
     text = "; ".join(notes)
     if not notes or text in (each.get_text() for each in figure.texts):  # one figure may draw another
         return
-    if not isinstance(figure, Figure):
+    if "transAxes" in dir(figure):  # a panel; Matplotlib is not imported here, so that jobs are read fast
         figure.text(1.0, 1.0, text, transform=figure.transAxes, **{**_LOOK, "va": "bottom"})
         return
     width, height = figure.get_size_inches()

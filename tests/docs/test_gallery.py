@@ -7,8 +7,9 @@ import runpy
 import pandas as pd
 import pytest
 
-from gaitsweep.plot import FIGURES
+from gaitsweep.plot import FIGURES, draw
 from tests.support import ROOT
+from tests.support.text_boxes import text_problems
 
 SCRIPT = "docs/extensions/gallery.py"
 GALLERY = runpy.run_path(str(ROOT / SCRIPT))
@@ -31,6 +32,8 @@ def test_tables_are_those_of_their_commands(kind: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", sorted(OURS))
-def test_pictures_are_drawn(kind: str) -> None:
+@pytest.mark.parametrize("width", ["column", "page"])
+def test_no_text_of_a_figure_is_cut_overlaps_or_is_small(kind: str, width: str) -> None:
     table = pd.read_parquet(GALLERY["table_of"](kind))
-    assert GALLERY["picture"](kind, table).startswith(b"\x89PNG")
+    spec = {key: value for key, value in GALLERY["fields"](kind).items() if key not in ("kind", "name")}
+    assert text_problems(draw(kind, table, **spec, width=width)) == []

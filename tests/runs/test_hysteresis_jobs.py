@@ -10,6 +10,7 @@ import yaml
 
 from gaitsweep import plot
 from gaitsweep.job import Job, load_job
+from gaitsweep.plot.figure_style import STYLE_FIELDS
 from tests.support.job_files import MAP, RAMP, refused, written
 
 STAIRS = "{kind: staircase, parameter: stiffness, path: [4, 9, 4], step: 1, dwell: 5}"
@@ -96,7 +97,7 @@ def test_a_figure_that_is_wrong(tmp_path: Path, run: str, figure: str, words: li
 
 def test_every_kind_of_figure_is_drawn_and_reads_what_its_job_says() -> None:
     for kind, part in plot.FIGURES.items():
-        assert set(part.model_fields) - {"kind", "name"} <= _arguments(kind)
+        assert set(part.model_fields) - {"kind", "name", *STYLE_FIELDS} <= _arguments(kind)
 
 
 def _arguments(kind: str) -> set[str]:

@@ -20,7 +20,8 @@ FUNCTIONS = {"flow": "a1", "period": "b2"}
 def _continued(path: Path, program: Mapping[str, str] = FUNCTIONS, parts: int = 9) -> list[str]:
     """Open a directory, make so many of its parts, and return what was said."""
     messages: list[str] = []
-    context: Any = SimpleNamespace(program=program, job=SimpleNamespace(model="own:Model"))
+    model = SimpleNamespace(source="", bibtex="")
+    context: Any = SimpleNamespace(program=program, job=SimpleNamespace(model="own:Model"), model=model)
     with open_toy(path, rows=20) as directory:
         continue_directory(context, directory, messages.append)
         for number in directory.missing_blocks()[:parts]:

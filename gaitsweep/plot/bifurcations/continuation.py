@@ -42,7 +42,9 @@ WORDS = {
 def continuation(
     table: pd.DataFrame,
     *,
-    y: Annotated[Observable | None, "observable of the model; by default the first"] = None,
+    y: Annotated[
+        Observable | None, "observable of the model; by default the first coordinate of the map that is one"
+    ] = None,
     x: str | None = None,
     hue: Annotated[
         Column | None, "column of another parameter that differs between branches, or of the gait"
