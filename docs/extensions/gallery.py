@@ -46,14 +46,7 @@ ENTRIES: dict[str, tuple[str, tuple[str, ...]]] = {
     "continuation": ("multilegged_continuation_grid", ()),
     "cycles": ("multilegged_cycles", ()),
     "folds": ("gaitsweep/examples/hopper.yaml", FOLDS),
-    "gait_transitions": (
-        "waist_quadruped_edges",
-        (
-            "vary.f.linspace=[2.0, 3.4, 15]",
-            "run.tolerance=1.0e-4",
-            "numerics={method: semi_implicit, dt: 2.0e-4}",
-        ),
-    ),
+    "gait_transitions": ("waist_quadruped_edges", ("vary.f.linspace=[2.0, 3.4, 15]", "run.max_time=240")),
     "hysteresis": ("planar_quadruped_walks_history", ()),
     "return_map": ("waist_quadruped_return_map", ("vary.delta_13.linspace=[2.65, 3.15, 20]",)),
     "stable_ranges": ("multilegged_continuation_grid", ()),
