@@ -86,6 +86,7 @@ _SECTIONS = {
     "vary": "what-varies-vary",
     "run": "run-kinds-run",
     "numerics": "numerics",
+    "style": "style-of-figures-style",
     "engine": "engine",
     "figures": "figures-figures",
     "search": "fit-constants-search",
@@ -138,13 +139,21 @@ def runs() -> Iterator[str]:
 def figures() -> Iterator[str]:
     """The kinds of figures."""
     from gaitsweep.plot import FIGURES
+    from gaitsweep.plot.figure_style import STYLE_FIELDS
 
     for kind, part in FIGURES.items():
         yield f"(figure-{kind.replace('_', '-')})="
-        yield from _part(part.model_json_schema(), kind)
+        described = part.model_json_schema()
+        own = {name: each for name, each in described["properties"].items() if name not in STYLE_FIELDS}
+        yield from _part(described | {"properties": own}, kind)
         if kind in gallery.ENTRIES:
             yield f"![A figure of kind {kind}](../build/gallery/{kind}.png)\n"
             yield from _example({"figures": [gallery.fields(kind)]})
+
+
+def style() -> Iterator[str]:
+    """The fields of `style`, which each figure may have too."""
+    yield from _fields(_schema()["$defs"]["FigureStyle"])
 
 
 def pictures() -> Iterator[str]:
@@ -248,6 +257,7 @@ DESCRIBED = {
         axes,
         runs,
         figures,
+        style,
         numerics,
         engine,
         search,

@@ -59,8 +59,11 @@ def _argument(name: str, field: FieldInfo) -> str:
 
 
 def _fields(part: type[BaseModel]) -> dict[str, FieldInfo]:
-    """The fields of a part of a job, but for its kind."""
-    return {name: field for name, field in part.model_fields.items() if name != "kind"}
+    """The fields of a part of a job, but for its kind, and for those of a style, which have a section."""
+    from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle
+
+    left_out = {"kind", *(STYLE_FIELDS if issubclass(part, FigureStyle) else ())}
+    return {name: field for name, field in part.model_fields.items() if name not in left_out}
 
 
 def _returns_without_type(
