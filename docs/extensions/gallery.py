@@ -69,7 +69,7 @@ ENTRIES: dict[str, tuple[str, tuple[str, ...]]] = {
         ("vary.zip={com_x: [-0.03], sigma: [0.75]}", "run.duration=1.6"),
     ),
     "loading_rule": ("planar_quadruped_offset", OFFSETS),
-    "nine_gaits": ("planar_quadruped_nine_traces", ("run.duration=2", "run.every=4.0e-3")),
+    "nine_gaits": ("planar_quadruped_nine_traces", ("run.every=4.0e-3",)),
     "speed_gaits": ("planar_quadruped_offset", OFFSETS),
 }
 
