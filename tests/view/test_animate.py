@@ -75,7 +75,7 @@ def test_a_movie_has_a_picture_for_each_moment(quadruped: Path, tmp_path: Path, 
     assert main(["animate", str(quadruped), "--out", str(out), *options]) == 0
     printed = capsys.readouterr()
     assert printed.out == f"{out}\n"
-    assert printed.err == ""  # no bar where nobody looks
+    assert printed.err == f"Link: {out.as_uri()}\n"  # no bar where nobody looks
     with Image.open(out) as gif:
         assert gif.n_frames == 5  # type: ignore[attr-defined] (0.2 s at half speed are 0.4 s, both ends shown)
         assert gif.size == (320, 180)
@@ -92,7 +92,7 @@ def test_movies_stand_with_the_figures_and_follow_the_cycle(chain: Path, capsys:
     assert main(["animate", str(chain), "--seconds", "2", "--fps", "5", *SMALL]) == 0  # auto, without an MJCF
     printed = capsys.readouterr()
     assert printed.out == f"{chain / 'figures' / 'animation_row0.gif'}\n"
-    assert printed.err == ""
+    assert printed.err == f"Link: {(chain / 'figures' / 'animation_row0.gif').as_uri()}\n"
     with Image.open(chain / "figures" / "animation_row0.gif") as gif:
         assert gif.n_frames == 2  # type: ignore[attr-defined] (ten times faster than life)
     assert movie.usual_speed(CYCLE) == 0.25
