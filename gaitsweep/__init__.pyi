@@ -53,7 +53,7 @@ from gaitsweep.skeleton import LimbLook as LimbLook
 from gaitsweep.skeleton import Skeleton as Skeleton
 from gaitsweep.table import TableError as TableError
 from gaitsweep.table import load as load
-from gaitsweep.view.movie.row_movie import write_movie as write_movie
-from gaitsweep.view.movie.row_movie import write_still as write_still
+from gaitsweep.view.row_movie import write_movie as write_movie
+from gaitsweep.view.row_movie import write_still as write_still
 
 __version__: str

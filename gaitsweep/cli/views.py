@@ -70,7 +70,7 @@ def animate(
     """Draw the walking model of one row as a movie or strip."""
     from gaitsweep.cli.progress import shown_progress
     from gaitsweep.plot import PlotError
-    from gaitsweep.view.movie import row_movie as movie
+    from gaitsweep.view import row_movie as movie
 
     if still is not None:
         moving = {"--start": start, "--seconds": seconds, "--speed": speed, "--fps": fps}

@@ -602,7 +602,8 @@ class Touching(Scuffing):
 
 
 @pytest.mark.parametrize(
-    ("engine", "model"), [("xla", Scuffing()), ("kernel", Scuffing()), ("kernel", Touching())]
+    ("engine", "model"),
+    [pytest.param("xla", Scuffing(), marks=pytest.mark.slow), ("kernel", Scuffing()), ("kernel", Touching())],
 )
 def test_a_condition_on_variables_is_judged_at_the_located_crossing(engine: str, model: Scuffing) -> None:
     """The height is sin(omega t), the lift the fractional part of rate t: times of scuffs are known.

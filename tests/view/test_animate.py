@@ -22,8 +22,8 @@ from gaitsweep.cli import main
 from gaitsweep.job import Job
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.table import Snapshot
+from gaitsweep.view import row_movie as movie
 from gaitsweep.view.movie import mujoco_movie, mujoco_painter
-from gaitsweep.view.movie import row_movie as movie
 from gaitsweep.view.movie.side_view import SWING
 from tests.support.trace_directories import (
     CYCLE,
