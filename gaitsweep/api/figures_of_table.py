@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Concatenate, ParamSpec
 
 import pandas as pd
 from matplotlib.figure import Figure
 
 from gaitsweep import plot
 
+Spec = ParamSpec("Spec")
 
-def _method(figure_of: Callable[..., Figure]) -> Callable[..., Figure]:
+
+def _method(
+    figure_of: Callable[Concatenate[pd.DataFrame, Spec], Figure],
+) -> Callable[Concatenate[FiguresOfTable, Spec], Figure]:
     """Convert a figure's function of a table to a method of `FiguresOfTable`."""
 
     @functools.wraps(figure_of)
-    def draw(self: FiguresOfTable, *args: Any, **spec: Any) -> Figure:
+    def draw(self: FiguresOfTable, *args: Spec.args, **spec: Spec.kwargs) -> Figure:
         return figure_of(self.table, *args, **spec)
 
     return draw

@@ -79,42 +79,39 @@ def animate(
             raise PlotError(
                 f"--still draws a single picture, to which {given[0]} does not apply: remove one of the two."
             )
-        pixels = movie.STILL_SIZE if size is None else _size(size)
         path = movie.write_still(
             directory,
             out,
             row=row,
             at=still,
-            size=pixels,
+            size=movie.STILL_SIZE if size is None else _size(size),
             renderer=renderer,
             lift=lift,
             trust=trust,
             on_message=print_message,
         )
-        print(path)
-        print_links([path], open_it)
-        return
-    began = time.monotonic()
-    with shown_progress("frames") as shown:
+    else:
+        began = time.monotonic()
+        with shown_progress("frames") as shown:
 
-        def on_progress(done: int, total: int) -> None:
-            shown(done, total, done / max(time.monotonic() - began, 1e-9), done / total, "")
+            def on_progress(done: int, total: int) -> None:
+                shown(done, total, done / max(time.monotonic() - began, 1e-9), done / total, "")
 
-        path = movie.write_movie(
-            directory,
-            out,
-            row=row,
-            start=start,
-            seconds=seconds,
-            speed=speed,
-            fps=25.0 if fps is None else fps,
-            size=movie.SIZE if size is None else _size(size),
-            renderer=renderer,
-            lift=lift,
-            trust=trust,
-            on_progress=on_progress,
-            on_message=print_message,
-        )
+            path = movie.write_movie(
+                directory,
+                out,
+                row=row,
+                start=start,
+                seconds=seconds,
+                speed=speed,
+                fps=25.0 if fps is None else fps,
+                size=movie.SIZE if size is None else _size(size),
+                renderer=renderer,
+                lift=lift,
+                trust=trust,
+                on_progress=on_progress,
+                on_message=print_message,
+            )
     print(path)
     print_links([path], open_it)
 

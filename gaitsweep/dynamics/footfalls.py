@@ -208,7 +208,7 @@ class Footfalls:
 
     @property
     def observables(self) -> tuple[Quantity, ...]:
-        """What is read at crossings."""
+        """Quantities that are read at crossings."""
         legs, first = list(enumerate(self.legs, 1)), self.legs[0]
         strides = [Quantity(f"stride_{i}", "s", f"time between touchdowns of {leg}") for i, leg in legs]
         lags = [
@@ -224,7 +224,7 @@ class Footfalls:
 
     @property
     def signals(self) -> tuple[Quantity, ...]:
-        """What traces record: the contacts."""
+        """Quantities that traces record: the contacts."""
         legs = enumerate(self.legs, 1)
         return tuple(Quantity(f"contact_{i}", "1", f"whether {leg} is down") for i, leg in legs)
 

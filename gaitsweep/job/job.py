@@ -177,7 +177,7 @@ class Job(StrictModel):
             else:
                 del dumped["numerics"][name]
         dumped["figures"] = [_without_style(figure) for figure in dumped["figures"]]
-        dumped["style"] = {name: value for name, value in dumped["style"].items() if value is not None}
+        dumped["style"] = _without_style(dumped["style"])
         if not dumped["style"]:
             del dumped["style"]
         return {name: dumped[name] for name in type(self).model_fields if name in dumped}
@@ -211,9 +211,9 @@ class Job(StrictModel):
         return _job_hash(self.resolved(), self.run, runs_on, steps)
 
 
-def _without_style(figure: dict[str, Any]) -> dict[str, Any]:
-    """A figure without the fields of a style that it leaves open."""
-    return {key: value for key, value in figure.items() if key not in STYLE_FIELDS or value is not None}
+def _without_style(fields: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a figure or a style without those of a style that are left open."""
+    return {key: value for key, value in fields.items() if key not in STYLE_FIELDS or value is not None}
 
 
 def _job_hash(resolved: dict[str, Any], run: RunKind, engine: dict[str, Any], steps: str | None) -> str:

@@ -16,6 +16,7 @@ from typing import (
     Any,
     ClassVar,
     Literal,
+    ParamSpec,
     Union,
     cast,
     get_args,
@@ -203,7 +204,7 @@ def check_window(figure: Any) -> Iterator[Refusal]:
 
 FIGURES: Registry[FigureKind] = Registry("figure", module="gaitsweep.plot.kinds")
 unregister = FIGURES.unregister
-Drawing = Callable[..., "Figure"]  # its own arguments, the fields of a style, and `ax`
+Spec = ParamSpec("Spec")
 
 
 def register(kind: type[FigureKind]) -> type[FigureKind]:
@@ -218,15 +219,19 @@ def register(kind: type[FigureKind]) -> type[FigureKind]:
     return kind
 
 
-def _in_style(draw: Drawing) -> Drawing:
-    """A drawing function that takes the fields of a style, and `ax`, besides its own arguments."""
+def _in_style(draw: Callable[Spec, Figure]) -> Callable[Spec, Figure]:
+    """A drawing function that takes the fields of a style, and `ax`, besides its own arguments.
+
+    Type checkers see its own arguments, so that they find one that is missing; `plot.draw` and `plot.style`
+    take a style in code that they check.
+    """
 
     @functools.wraps(draw)
     def drawn(*args: Any, ax: Axes | None = None, **spec: Any) -> Figure:
         asked = {name: spec.pop(name) for name in STYLE_FIELDS if name in spec}
         table = args[0] if args else spec.get("table")
         with styled(read_style(**asked), ax):
-            figure = draw(*args, **spec)
+            figure = draw(*args, **spec)  # pyright: ignore[reportCallIssue]
             panel = given_axes()
             figure = figure if panel is None else cast("Figure", panel.get_figure(root=True))
             if current().panel_letters and panel is None:
@@ -235,14 +240,14 @@ def _in_style(draw: Drawing) -> Drawing:
                 mark(figure if panel is None else panel, remarks(table))
         return figure
 
-    return drawn
+    return drawn  # pyright: ignore[reportReturnType] - a ParamSpec cannot have more keywords
 
 
 def figure_kind(
     *runs: str,
     check: Callable[[Any, PlannedTable], Iterator[Refusal]] | None = None,
     worked_out: tuple[str, ...] = (),
-) -> Callable[[Drawing], Drawing]:
+) -> Callable[[Callable[Spec, Figure]], Callable[Spec, Figure]]:
     """Register a function from a table to a figure as a kind; its figures carry remarks. A decorator.
 
     Arguments of the function with an annotated description are fields of the kind in a job, besides `name`.
@@ -253,7 +258,7 @@ def figure_kind(
         worked_out: columns that it adds to the table.
     """
 
-    def registered(draw: Drawing) -> Drawing:
+    def registered(draw: Callable[Spec, Figure]) -> Callable[Spec, Figure]:
         name, about = draw.__name__, (inspect.getdoc(draw) or "").partition("\n\n")[0]
         fields: dict[str, Any] = {
             "kind": (Literal[name], Field(description=f"{name}: {about}")),

@@ -45,7 +45,7 @@ def remarks(table: pd.DataFrame) -> list[str]:
 
 
 def _differences(check: Mapping[str, Any]) -> str:
-    """What a self-check warned of, such as `2 of 32 rows change gait`."""
+    """Differences that a self-check found, such as `2 of 32 rows change gait`."""
     rows = check.get("rows", 0)
     differ = [(check[name], words) for name, words in _DIFFERENCES.items() if check.get(name)]
     found = [f"{number} of {rows} rows {words}" for number, words in differ]

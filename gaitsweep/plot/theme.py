@@ -199,16 +199,17 @@ def width_of(natural: float) -> float:
     return (MILLIMETRES[asked] if isinstance(asked, str) else asked) / _INCH
 
 
-def across(panels: int, most: int, natural: float, least: float) -> int:
-    """The number of panels in a row.
+def shape(panels: int, natural: float, least: float, most: int | None = None) -> tuple[int, int]:
+    """The rows and columns of a grid of panels, at least one of each.
 
     Args:
         panels: the number of panels.
-        most: the most panels in a row.
         natural: natural width of the figure, inches.
         least: least width of a panel with its labels, inches.
+        most: the most panels in a row; by default all.
     """
-    return max(1, min(panels, most, int(width_of(natural) / least)))
+    columns = max(1, min(panels, most or panels, int(width_of(natural) / least)))
+    return -(-max(panels, 1) // columns), columns
 
 
 def points(size: float) -> float:

@@ -39,6 +39,7 @@ TYPES = (
 )
 WRONG = {
     "gs.Settle(max_cycle=150)": "max_cycle",
+    'gs.run("job.yaml").plot.basin(x="psi_1")': "y",
     "gs.nothing": "nothing",
     'gs.simulate("multilegged")': "duration",
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
@@ -35,16 +36,20 @@ JOB = {
     ("width", "inches"), [("column", 85 / 25.4), ("page", 180 / 25.4), (120, 120 / 25.4)]
 )
 def test_a_figure_has_the_width_of_its_style(width: str | float, inches: float) -> None:
-    assert plot.basin(settle_table(), **BASIN, width=width).get_figwidth() == pytest.approx(inches)
+    assert plot.draw("basin", settle_table(), **BASIN, width=width).get_figwidth() == pytest.approx(inches)
     with plot.style(width=width):
-        assert plot.basin(settle_table(), **BASIN).get_figwidth() == pytest.approx(inches)
-        assert plot.basin(settle_table(), **BASIN, width=60).get_figwidth() == pytest.approx(60 / 25.4)
-    assert plot.basin(settle_table(), **BASIN, height=50).get_figheight() == pytest.approx(50 / 25.4)
+        assert plot.draw("basin", settle_table(), **BASIN).get_figwidth() == pytest.approx(inches)
+        assert plot.draw("basin", settle_table(), **BASIN, width=60).get_figwidth() == pytest.approx(
+            60 / 25.4
+        )
+    assert plot.draw("basin", settle_table(), **BASIN, height=50).get_figheight() == pytest.approx(50 / 25.4)
 
 
 def test_colours_order_and_labels_of_gaits_and_columns() -> None:
-    look = {"colours": {"source": "#112233"}, "order": ["retrograde", "source"]}
-    figure = plot.basin(settle_table(), **BASIN, **look, labels={"source": "from within", "psi_1": "lag"})
+    look: dict[str, Any] = {"colours": {"source": "#112233"}, "order": ["retrograde", "source"]}
+    figure = plot.draw(
+        "basin", settle_table(), **BASIN, **look, labels={"source": "from within", "psi_1": "lag"}
+    )
     (legend,) = figure.legends
     names = [text.get_text().rpartition("  ")[0] for text in legend.get_texts()]
     assert names == ["retrograde", "from within", "direct"]
@@ -57,7 +62,7 @@ def test_panel_letters_and_marks_that_are_left_out() -> None:
     table.attrs["complete"] = False
     letters = ["a", "b", "c"]
     for panel_letters, marks in ((True, True), (False, False)):
-        figure = plot.basin(table, **BASIN, panel_letters=panel_letters, marks=marks)
+        figure = plot.draw("basin", table, **BASIN, panel_letters=panel_letters, marks=marks)
         written = [text.get_text() for axes in figure.axes for text in axes.texts]
         assert written == letters * panel_letters
         assert [text.get_text() for text in figure.texts] == ["incomplete"] * marks
@@ -66,24 +71,24 @@ def test_panel_letters_and_marks_that_are_left_out() -> None:
 def test_a_figure_of_one_panel_goes_into_given_axes() -> None:
     figure, (left, right) = plt.subplots(1, 2)
     one = settle_table().iloc[:16]
-    assert plot.basin(one, x="psi_1", y="psi_2", ax=right) is figure
+    assert plot.draw("basin", one, x="psi_1", y="psi_2", ax=right) is figure
     assert right.get_xlabel().startswith("$\\psi_{1}$")
     assert right.get_legend() is not None
     assert not left.has_data()
     with pytest.raises(PlotError, match="3 panels, but ax is one"):
-        plot.basin(settle_table(), **BASIN, ax=left)
+        plot.draw("basin", settle_table(), **BASIN, ax=left)
     plt.close(figure)
 
 
 def test_rcparams_of_the_user_are_obeyed_and_fonts_are_embedded_as_type_42() -> None:
     with mpl.rc_context({"font.size": 16.0, "lines.linewidth": 3.0}):
-        figure = plot.basin(settle_table(), **BASIN, title="Basins")
+        figure = plot.draw("basin", settle_table(), **BASIN, title="Basins")
         assert figure._suptitle.get_fontsize() == pytest.approx(19.0)  # type: ignore[attr-defined]
         assert figure.axes[0].xaxis.label.get_fontsize() == pytest.approx(17.0)
     assert mpl.rcParams["pdf.fonttype"] == 3
     for format_ in ("pdf", "ps"):
         file = io.BytesIO()
-        plot.basin(settle_table(), **BASIN).savefig(file, format=format_)
+        plot.draw("basin", settle_table(), **BASIN).savefig(file, format=format_)
         assert b"/Type3" not in file.getvalue()
         assert b"/FontType 3" not in file.getvalue()
 

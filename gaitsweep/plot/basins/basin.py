@@ -63,8 +63,7 @@ def basin(
     if len(values) > _MOST_PANELS:
         title = f"{title or ''} (the first {_MOST_PANELS} of {len(values)} panels)".strip()
         values = values[:_MOST_PANELS]
-    columns = theme.across(len(values), _PANELS_A_ROW, theme.PAGE, 1.6)
-    rows = -(-max(len(values), 1) // columns)
+    rows, columns = theme.shape(len(values), theme.PAGE, 1.6, _PANELS_A_ROW)
     numeric = pd.api.types.is_numeric_dtype(table[hue])
     width = theme.width_of(theme.COLUMN + 0.4 if columns == 1 else min(theme.PAGE, 2.4 * columns))
     side = (width - (1.3 if numeric else 0.6)) / columns

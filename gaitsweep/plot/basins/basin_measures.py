@@ -76,8 +76,8 @@ def basin_measures(
     """
     if panels:
         column(table, panels)
-    across = theme.across(3, 3, theme.PAGE, 2.0)
-    with theme.canvas(theme.PAGE, 2.7 * (3 // across), title) as figure:
+    down, across = theme.shape(3, theme.PAGE, 2.0)
+    with theme.canvas(theme.PAGE, 2.7 * down, title) as figure:
         if not len(table):
             theme.message(figure.add_subplot(), "no rows yet")
             return figure
@@ -85,7 +85,7 @@ def basin_measures(
             table = _with_attractors(table, panels)
         column(table, hue)
         measured = basins(table, axes, label=hue, by=panels or ())
-        shares, entropies, uncertain = figure.subplots(3 // across, across).ravel()
+        shares, entropies, uncertain = figure.subplots(down, across).ravel()
         _shares(shares, table, measured, panels)
         _entropies(entropies, table, measured, panels)
         first = axes[0] if axes else next(name for name in axes_of(table) if name != panels)

@@ -45,8 +45,7 @@ def cycles(
     lines = [part.sort_values("crossing") if "crossing" in part else part for _, part in _rows(table)]
     values = list(dict.fromkeys(part[hue].iloc[0] for part in lines))
     colour = _line_colours(values)
-    across = theme.across(len(names), len(names), theme.PAGE, 1.6)
-    down = -(-len(names) // across)
+    down, across = theme.shape(len(names), theme.PAGE, 1.6)
     with theme.canvas(theme.PAGE, 2.4 * down + (0.45 if len(values) > 1 else 0.0), title) as figure:
         panels = figure.subplots(down, across, sharex=True, squeeze=False).ravel()
         for axes in panels[len(names) :]:

@@ -120,8 +120,7 @@ def hysteresis(
     if x is not None:
         shown = [each._replace(table=_moving(each.table, parameter)) for each in shown]
         parameter = column(table, x, ("_n", ""))
-    across = theme.across(len(shown), _PANELS_A_ROW, theme.PAGE, 2.0)
-    down = -(-len(shown) // across)
+    down, across = theme.shape(len(shown), theme.PAGE, 2.0, _PANELS_A_ROW)
     width = theme.PAGE if len(shown) > 1 else theme.COLUMN + 1.2
     origin = _origin([panel.table for panel in shown if panel.table is not None], name)
     parted = [_parted(panel.table, name, parameter, least) for panel in shown]

@@ -69,8 +69,7 @@ def return_map(
     if len(values) > _MOST_PANELS:
         title = f"{title or ''} (the first {_MOST_PANELS} of {len(values)} panels)".strip()
     values = values[:_MOST_PANELS] or [None]
-    across = theme.across(len(values), _PANELS_A_ROW, theme.PAGE, 2.0)
-    down = -(-len(values) // across)
+    down, across = theme.shape(len(values), theme.PAGE, 2.0, _PANELS_A_ROW)
     width = theme.PAGE if len(values) > 1 else theme.COLUMN + 1.2
     with theme.canvas(width, (2.3 if across > 1 else 2.8) * down + 0.9, title) as figure:
         grid = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()

@@ -94,8 +94,7 @@ def gait_shares(
             column(table, name)
     if y is None:
         return _curves(table, x, title)
-    across = theme.across(len(_SHARES), len(_SHARES), theme.PAGE, 1.4)
-    down = -(-len(_SHARES) // across)
+    down, across = theme.shape(len(_SHARES), theme.PAGE, 1.4)
     with theme.canvas(theme.PAGE, 1.9 * down + 0.8, title) as figure:
         panels = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
         if not len(table):

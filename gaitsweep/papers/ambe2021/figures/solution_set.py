@@ -93,7 +93,7 @@ def solution_set(
 
 
 def _panels(figure: Figure) -> tuple[Any, Planes]:
-    if theme.across(2, 2, theme.PAGE, 2.5) == 2:
+    if theme.shape(2, theme.PAGE, 2.5) == (1, 2):
         grid = figure.add_gridspec(2, 2, width_ratios=(1.45, 1.0))
         places = grid[:, 0], grid[0, 1], grid[1, 1]
     else:

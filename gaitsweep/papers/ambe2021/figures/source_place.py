@@ -60,8 +60,7 @@ def source_place(
         raise PlotError("x is empty: name a profile that varies, such as m_slope.")
     for name in x:
         column(table, name)
-    across = theme.across(len(x), len(x), theme.PAGE, 1.4)
-    down = -(-len(x) // across)
+    down, across = theme.shape(len(x), theme.PAGE, 1.4)
     with theme.canvas(theme.PAGE, 3.3 * down, title) as figure:
         panels = figure.subplots(down, across, sharey=True, squeeze=False).ravel()
         for axes in panels[::across]:

@@ -108,8 +108,7 @@ def _touchdowns(N: int, chain: Chain, k: int, at: float, title: str | None) -> F
     rule, circle = rule_of(N, Branch("B", k), chain), float(touchdown_phase(chain))
     free = np.linspace(float(rule.low), float(rule.high), 41)
     theta = np.asarray(jax.vmap(lambda s: places(rule, s))(jnp.asarray(free)))
-    across = theme.across(len(legs), len(legs), theme.PAGE, 2.0)
-    down = -(-len(legs) // across)
+    down, across = theme.shape(len(legs), theme.PAGE, 2.0)
     with theme.canvas(theme.PAGE, 1.9 * down + 0.8, title) as figure:
         row = figure.subplots(down, across, sharey=True, squeeze=False).ravel()
         for axes, (leg, text) in zip(row, legs, strict=False):
@@ -168,10 +167,10 @@ def _order(N: int, chain: Chain, k: int, at: float, title: str | None) -> Figure
     theta = np.asarray(places(rule, s))
     when = np.mod(theta[k - 1] - theta, circle) / circle  # cycles after the touchdown of leg k
     stance = 2 * float(chain.beta) * np.pi / circle
-    across = theme.across(2, 2, theme.PAGE, 2.5)
-    height = (0.7 + 0.2 * (N + 1)) * (2 // across) + 0.8
+    down, across = theme.shape(2, theme.PAGE, 2.5)
+    height = (0.7 + 0.2 * (N + 1)) * down + 0.8
     with theme.canvas(theme.PAGE, height, title) as figure:
-        left, right = figure.subplots(2 // across, across, width_ratios=(1.15, 1.0)[:across])
+        left, right = figure.subplots(down, across, width_ratios=(1.15, 1.0)[:across])
         legs = range(1, N + 2)
         for turn in (-1, 0, 1):
             left.barh(legs, stance, left=when + turn, height=0.6, color="#444444")

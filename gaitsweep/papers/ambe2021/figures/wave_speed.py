@@ -63,9 +63,9 @@ def wave_speed(
     theory = found.sort_values(by=x).drop_duplicates(x)
     names = [gait for gait in extension.gait_styles if gait in set(found["gait"])]
     colour, marker = theme.colours(names), theme.markers(names)
-    across = theme.across(2, 2, theme.PAGE, 2.5)
-    with theme.canvas(theme.PAGE, 2.9 * (2 // across), title) as figure:
-        grid = figure.subplots(2 // across, across)
+    down, across = theme.shape(2, theme.PAGE, 2.5)
+    with theme.canvas(theme.PAGE, 2.9 * down, title) as figure:
+        grid = figure.subplots(down, across)
         for axes, (name, (label, curves)) in zip(grid, _PANELS.items(), strict=True):
             for curve, (text, line) in curves.items():
                 axes.plot(theory[x], theory[curve], line, color="black", lw=0.9, label=text)

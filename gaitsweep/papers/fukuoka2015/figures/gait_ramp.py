@@ -140,5 +140,6 @@ def _bar(axes: Axes, at: np.ndarray, t: np.ndarray, gaits: Sequence[str], height
     missing = step > 2.0 * np.median(step)
     begins = np.r_[at[0], np.where(missing, at[1:], middle)]
     ends = np.r_[np.where(missing, at[:-1], middle), at[-1]]
+    colour = {gait: colour_of(gait) for gait in set(gaits)}
     for low, high, gait in zip(begins, ends, gaits, strict=True):
-        axes.barh(height, high - low, _BAR, left=low, color=colour_of(gait), linewidth=0)
+        axes.barh(height, high - low, _BAR, left=low, color=colour[gait], linewidth=0)

@@ -106,8 +106,7 @@ def gait_series(
     if len(every) > len(parts):
         title = f"{title or ''} (the first {len(parts)} of {len(every)} strips)".strip()
     most = strip_columns or (_MOST_COLUMNS if len(parts) > _LONG else 1)
-    columns = theme.across(len(parts), most, theme.PAGE, 3.0)
-    down = -(-len(parts) // columns) or 1
+    down, columns = theme.shape(len(parts), theme.PAGE, 3.0, most)
     kinds = [kind for kind in _HEIGHTS if (kind != "gait" or strip) and (kind != "load" or loads)]
     heights = [_HEIGHTS[kind] for kind in kinds]
     height = down * (sum(heights) + 0.35) + 0.5

@@ -93,8 +93,7 @@ def loading_rule(
     missing = [name for name in names if name not in agreement]
     if missing:
         raise PlotError(f"{missing[0]} is not a measure of this table. Allowed: {', '.join(agreement)}.")
-    across = theme.across(len(names), _ACROSS, theme.PAGE, 1.9)
-    down = -(-len(names) // across)
+    down, across = theme.shape(len(names), theme.PAGE, 1.9, _ACROSS)
     present = set(pairs["gait"].astype(str))
     heading = title if only is None else f"{title or ''} {written(table, only, value)}".strip()
     with theme.canvas(theme.PAGE, (2.25 if across > 1 else 1.75) * down + 0.6, heading) as figure:

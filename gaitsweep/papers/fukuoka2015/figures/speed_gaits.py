@@ -77,8 +77,7 @@ def speed_gaits(
     bands: list[Any] = present if y == "gait" else sorted(table[y].dropna().unique())
     values = [None] if panels is None else sorted(table[panels].dropna().unique())
     height = max(0.23, 0.16 if len(bands) > 12 else 0.26) * max(len(bands), 3) + 0.9
-    across = theme.across(len(values), len(values), theme.PAGE, 1.2)
-    down = -(-len(values) // across)
+    down, across = theme.shape(len(values), theme.PAGE, 1.2)
     with theme.canvas(theme.PAGE, height * down + (0.0 if y == "gait" else 0.35), title) as figure:
         grid = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
         for axes in grid[len(values) :]:
