@@ -72,6 +72,9 @@ class _Figure(Figure):
             super().savefig(fname, **options)
 
 
+_Figure.__name__ = Figure.__name__  # what notebooks show
+
+
 class _OnePanel:
     """Axes of the user in the place of a figure of one panel."""
 
