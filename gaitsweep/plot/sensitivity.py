@@ -68,7 +68,7 @@ def _panel(axes: Axes, here: pd.DataFrame, indices: pd.DataFrame) -> dict[str, A
     known = any(np.isfinite(column(index, "value")).any() for index in drawn)
     if not known:
         axes.set_axis_off()
-        theme.message(axes, _wrapped(here["note"].iloc[0]))
+        theme.message(axes, here["note"].iloc[0])
         return {}
     place, thick = np.arange(len(names)), 0.8 / len(drawn)
     shown = {}
@@ -92,12 +92,3 @@ def _panel(axes: Axes, here: pd.DataFrame, indices: pd.DataFrame) -> dict[str, A
     else:
         axes.set_xlabel(f"{what} ({unit})" if unit != "1" else what)
     return shown
-
-
-def _wrapped(text: str) -> str:
-    words, lines = text.split(), [""]
-    for word in words:
-        if len(lines[-1]) + len(word) > 28:
-            lines.append("")
-        lines[-1] = f"{lines[-1]} {word}".strip()
-    return "\n".join(lines)

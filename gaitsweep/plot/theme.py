@@ -223,7 +223,8 @@ def points(size: float) -> float:
 def wrapped(text: str, inches: float, size: float) -> str:
     """A text in lines that fit a width, at a font size of the theme."""
     letters = max(int(inches * 72 / (_LETTER * points(size))), 8)
-    whole = _FORMULA.sub(lambda formula: formula[0].replace(" ", "\0"), text)  # no break in a formula
+    # no break in a formula, nor beside its sign of equality
+    whole = _FORMULA.sub(lambda formula: formula[0].replace(" ", "\0"), text).replace(" = ", "\0=\0")
     lines = (textwrap.fill(line, letters, break_long_words=False) for line in whole.split("\n"))
     return "\n".join(lines).replace("\0", " ")
 
@@ -342,5 +343,5 @@ def in_pi(angle: float, *, fractions: bool = True) -> str:
 
 
 def message(axes: Axes, text: str) -> None:
-    """Write the reason into an empty panel."""
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color="#555555")
+    """Write the reason, a sentence, into an empty panel."""
+    axes.text(0.5, 0.5, wrapped(text, 1.4, 8.0), transform=axes.transAxes, ha="center", va="center", color="#555555")

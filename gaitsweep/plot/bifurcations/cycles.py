@@ -59,7 +59,7 @@ def cycles(
             if is_angle(table, name):
                 theme.angle_axis(axes, "y")
             if not lines:
-                theme.message(axes, "no rows yet")
+                theme.message(axes, "The run has stored no row yet.")
         if 1 < len(values) <= _NAMED_LINES:
             labels, heading = _labels(table, lines, names, hue)
             handles = [Line2D([], [], color=colour[value], label=labels[value]) for value in values]

@@ -109,7 +109,7 @@ def _panel(
     """One map: points, curve, fixed points and ghosts; returns which of them occur."""
     steps = pairs(part, name)
     if not len(steps):
-        theme.message(axes, "no two crossings yet")
+        theme.message(axes, "No start has two crossings in succession with a value.")
         return set()
     here, change = _on_axis(steps["value"], origin), steps["change"].to_numpy(float)
     curve = drift(part, name, bandwidth=bandwidth)

@@ -83,7 +83,7 @@ def drift_law(
         axes.set_ylabel("cycles until settled")
         pairs = _pairs(table, kept, ends, hue, by_mass=of == "m")
         if not len(pairs):
-            theme.message(axes, "no row with unequal ends has settled")
+            theme.message(axes, "Of the rows with unequal ends none has settled.")
             return figure
         names = theme.ordered(sorted(pairs[hue].unique()))
         colour, marker = theme.colours(names), theme.markers(names)

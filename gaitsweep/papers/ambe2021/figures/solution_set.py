@@ -87,7 +87,7 @@ def solution_set(
             _mark(name, np.asarray(place, float), space, planes, number)
         _label(table, names, space, planes)
         if not kept:
-            theme.message(planes[0][0], "no row has settled")
+            theme.message(planes[0][0], "No row has settled yet.")
         _legend(figure, table, hue, shown, _named(table) if len(lines) else None, remark)
     return figure
 

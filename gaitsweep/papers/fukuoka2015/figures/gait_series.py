@@ -124,7 +124,7 @@ def gait_series(
                 theme.width_of(theme.PAGE) / columns,
             )
         if not parts:
-            theme.message(outer[0].subplots(), "nothing was recorded")
+            theme.message(outer[0].subplots(), "No sample of these rows was recorded in this time.")
         handles = [Line2D([], [], color=LEG_COLOURS[leg], lw=1.6, label=LIMBS[leg].name) for leg in LEGS]
         flight = (
             [Patch(color=FLIGHT, label="flight: no foot on the ground")] if any(map(_flies, parts)) else []
