@@ -93,7 +93,7 @@ def symbol(table: pd.DataFrame, name: str) -> str:
     if head in _GREEK or len(head) == 1:
         letter = f"\\{head}" if head in _GREEK else head
         return f"${letter}_{{{tail}}}$" if tail else f"${letter}$"
-    return base.replace("_", " ")
+    return _bare(base).replace("_", " ")
 
 
 def axis_label(table: pd.DataFrame, name: str) -> str:

@@ -344,4 +344,6 @@ def in_pi(angle: float, *, fractions: bool = True) -> str:
 
 def message(axes: Axes, text: str) -> None:
     """Write the reason, a sentence, into an empty panel."""
-    axes.text(0.5, 0.5, wrapped(text, 1.4, 8.0), transform=axes.transAxes, ha="center", va="center", color="#555555")
+    axes.text(
+        0.5, 0.5, wrapped(text, 1.4, 8.0), transform=axes.transAxes, ha="center", va="center", color="#555555"
+    )

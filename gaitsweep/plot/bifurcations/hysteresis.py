@@ -373,6 +373,8 @@ def _key(shown: list[_Panel], table: pd.DataFrame, parameter: str, drawn: set[st
         handles.append(Line2D([], [], label=f"{symbol(table, parameter)} {words}", **MARKER, **look))
     if any("settled" in each.columns and not each["settled"].to_numpy(bool).all() for each in stairs):
         handles.append(
-            Line2D([], [], ls="", marker="^", mfc="white", color="#555555", label="hold not settled", **MARKER)
+            Line2D(
+                [], [], ls="", marker="^", mfc="white", color="#555555", label="hold not settled", **MARKER
+            )
         )
     return handles
