@@ -128,7 +128,10 @@ def gait_series(
             )
         if not parts:
             theme.message(outer[0].subplots(), "No sample of these rows was recorded in this time.")
-        handles = [Line2D([], [], color=LEG_COLOURS[leg], lw=1.6, label=LIMBS[leg].name) for leg in LEGS]
+        handles = [
+            Line2D([], [], color=LEG_COLOURS[leg], ls=_line(leg), lw=1.6, label=LIMBS[leg].name)
+            for leg in LEGS
+        ]
         flight = (
             [Patch(color=FLIGHT, label="flight: no foot on the ground")] if any(map(_flies, parts)) else []
         )
@@ -154,6 +157,11 @@ def _strips(table: pd.DataFrame, window: Sequence[float] | None, strip: float | 
     return parts
 
 
+def _line(leg: str) -> Any:
+    """The line of a leg: dashed for hind legs, whose colours are like those of fore legs in grey print."""
+    return (0, (4, 1)) if LIMBS[leg].pair else "-"
+
+
 def _flies(part: pd.DataFrame) -> bool:
     """Whether there is an instant without a foot on the ground."""
     return bool((part[list(CONTACTS.values())].max(axis=1) < 0.5).any())
@@ -177,13 +185,14 @@ def _draw(
     footfalls(grid["feet"], part)
     for leg in LEGS:
         out = np.maximum(part[FLEXORS[leg]].to_numpy(float), 0.0)
-        grid["flexor"].plot(t, out, color=LEG_COLOURS[leg], lw=0.9)
+        grid["flexor"].plot(t, out, color=LEG_COLOURS[leg], ls=_line(leg), lw=0.9)
         if "load" in grid:
-            grid["load"].plot(t, part[f"F_{leg}"].to_numpy(float), color=LEG_COLOURS[leg], lw=0.8)
+            load = part[f"F_{leg}"].to_numpy(float)
+            grid["load"].plot(t, load, color=LEG_COLOURS[leg], ls=_line(leg), lw=0.8)
     grid["flexor"].set_ylabel("flexor\noutput")
     grid["pitch"].plot(t, part["pitch"].to_numpy(float), color="black", lw=0.9)
     grid["pitch"].axhline(0.0, color="#AAAAAA", lw=0.5, zorder=0)
-    grid["pitch"].set_ylabel("pitch, nose\ndown (rad)")
+    grid["pitch"].set_ylabel("pitch,\ndown (rad)")
     grid["pitch"].set_xlabel("time (s)")
     if "load" in grid:
         grid["load"].set_ylabel("load (N)")
