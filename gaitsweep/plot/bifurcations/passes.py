@@ -14,8 +14,8 @@ from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.transitions.jumps import STEEPER, where_it_moves
 
 UP, DOWN = "#E69F00", "#0072B2"  # distinct for colour-blind readers, and in lightness
-LINES = {UP: "-", DOWN: (0, (4, 2))}
-MARKER = {"ms": 5.0, "mew": 0.9}  # points: whether it is hollow is seen at 85 mm
+LINES: dict[str, Any] = {UP: "-", DOWN: (0, (4, 2))}
+MARKER: dict[str, Any] = {"ms": 5.0, "mew": 0.9}  # points: whether it is hollow is seen at 85 mm
 _GRID = 201  # values of the parameter at which two passes are compared
 
 
@@ -93,9 +93,15 @@ def draw_arrows(axes: Axes, passes: list[Pass], least: float) -> None:
     at = (begin + end) // 2
     for colour, curve in curves.items():
         above = curve[at] >= curves[DOWN if colour == UP else UP][at]
-        offset = ScaledTranslation(0.0, (7 if above else -7) / 72, axes.figure.dpi_scale_trans)
+        offset = ScaledTranslation(0.0, (9 if above else -9) / 72, axes.figure.dpi_scale_trans)
         way = half if colour == UP else -half
-        look: dict[str, Any] = {"arrowstyle": "-|>", "mutation_scale": 8, "shrinkA": 0, "shrinkB": 0}
+        look: dict[str, Any] = {
+            "arrowstyle": "-|>",
+            "mutation_scale": 9,
+            "zorder": 5,
+            "shrinkA": 0,
+            "shrinkB": 0,
+        }
         ends = (grid[at] - way, curve[at]), (grid[at] + way, curve[at])
         arrow = FancyArrowPatch(*ends, color=colour, lw=1.0, **look)
         arrow.set_transform(axes.transData + offset)

@@ -141,7 +141,10 @@ def _mark(points: Mapping[str, Sequence[float]], drawn: np.ndarray, space: Any, 
         plane.scatter(*places[:, pair].T, **ring)
     space.get_figure(root=True).draw_without_rendering()  # places the panels
     to_page = space.get_proj()
-    flat = [np.stack(proj3d.proj_transform(*each.T, to_page)[:2], axis=1) for each in (places, drawn)]
+    flat = [
+        np.stack(proj3d.proj_transform(each[:, 0], each[:, 1], each[:, 2], to_page)[:2], axis=1)
+        for each in (places, drawn)
+    ]
     _name(space, list(points), *flat)
     for plane, pair in planes:
         _name(plane, list(points), places[:, pair], drawn[:, pair])

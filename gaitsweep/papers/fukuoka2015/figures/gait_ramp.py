@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal
 
@@ -148,11 +149,12 @@ def _bar(axes: Axes, at: np.ndarray, t: np.ndarray, gaits: Sequence[str], height
     missing = step > 2.0 * np.median(step)
     begins = np.r_[at[0], np.where(missing, at[1:], middle)]
     ends = np.r_[np.where(missing, at[:-1], middle), at[-1]]
-    kinds = np.array([_kind(gait) for gait in gaits])
-    firsts = np.flatnonzero(np.r_[True, (kinds[1:] != kinds[:-1]) | missing])
-    for first, last in zip(firsts, np.r_[firsts[1:], len(at)] - 1, strict=True):
+    kinds = [_kind(gait) for gait in gaits]
+    turns = missing | [one != other for one, other in itertools.pairwise(kinds)]
+    firsts = [0, *(np.flatnonzero(turns) + 1).tolist(), len(at)]
+    for first, last in itertools.pairwise(firsts):
         low, colour = begins[first], colour_of(gaits[first])
-        bar = axes.barh(height, ends[last] - low, _BAR, left=low, color=colour, linewidth=0)
-        if abs(ends[last] - low) * letters > len(kinds[first]):
+        bar = axes.barh(height, ends[last - 1] - low, _BAR, left=low, color=colour, linewidth=0)
+        if abs(ends[last - 1] - low) * letters > len(kinds[first]):
             look: dict[str, Any] = {"fontsize": theme.points(7), "color": ink_on(gaits[first])}
             axes.bar_label(bar, [kinds[first]], label_type="center", **look)
