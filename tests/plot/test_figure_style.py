@@ -96,7 +96,7 @@ def test_rcparams_of_the_user_are_obeyed_and_fonts_are_embedded_as_type_42() -> 
 @pytest.mark.parametrize(
     "look", [plt.style.library["dark_background"], {"figure.facecolor": "none", "axes.facecolor": "none"}]
 )
-def test_figures_are_dark_on_white_whatever_the_notebook_s_style(look: dict[str, Any]) -> None:
+def test_figures_are_dark_on_white_whatever_the_notebook_s_style(look: dict[Any, Any]) -> None:
     def saved() -> bytes:
         file = io.BytesIO()
         plot.draw("basin", settle_table(), **BASIN).savefig(file, metadata={"Software": None})
