@@ -32,7 +32,7 @@ HATCH = "/////"
 # Of outcomes that no model names; gaits have those of their extensions.
 COLOURS = MappingProxyType({"none": "#BBBBBB", Outcome.NOT_SETTLED: "#E4E4E4", Outcome.FAILED: "#3B3B3B"})
 MARKERS = MappingProxyType({"none": "x"})
-HATCHES = MappingProxyType({"none": "xxxx", Outcome.NOT_SETTLED: HATCH, Outcome.FAILED: HATCH})
+HATCHES = MappingProxyType({"none": "xxx", Outcome.NOT_SETTLED: HATCH, Outcome.FAILED: HATCH})
 # Okabe and Ito's colours, distinct for colour-blind readers.
 SPARE_COLOURS = ("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#F0E442", "#000000")
 SPARE_MARKERS = ("o", "^", "s", "D", "v", "P", "X", "*")
@@ -59,6 +59,7 @@ _RC: dict[str, Any] = {
     "figure.dpi": 150.0,
     "savefig.dpi": 200.0,
     "hatch.linewidth": 0.5,
+    "legend.handleheight": 1.0,  # of which a hatch shows its pattern
 }
 _EMBEDDED = {"pdf.fonttype": 42, "ps.fonttype": 42}  # TrueType, which publishers ask for
 _STEPS = (0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0)  # of ticks, in pi
@@ -256,6 +257,8 @@ def legend(
     if isinstance(figure, _OnePanel):
         figure.legend(ncols=1, **look)
         return
+    if handles:  # as many columns as fill the rows
+        ncols = -(-len(handles) // -(-len(handles) // ncols))
     room = figure.get_figwidth() - 0.1
     if title:
         look["title"] = wrapped(title, room, 7.5)
@@ -395,4 +398,6 @@ def in_pi(angle: float, *, fractions: bool = True) -> str:
 
 def message(axes: Axes, text: str) -> None:
     """Write the reason into an empty panel."""
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color="#555555")
+    width = axes.get_position().width * cast(Figure, axes.get_figure(root=True)).get_figwidth()
+    lines = wrapped(text, 0.9 * width, 8.0)
+    axes.text(0.5, 0.5, lines, transform=axes.transAxes, ha="center", va="center", color="#555555")

@@ -108,7 +108,8 @@ def basin(
 def _shares(shown: pd.Series, names: Sequence[str], between: str = " ") -> list[str]:
     """The outcomes that occur, each with its share of the rows: `direct 46 %`."""
     shares = {name: float(np.mean(shown.to_numpy() == name)) for name in names if (shown == name).any()}
-    return [f"{theme.named(name)}{between}{theme.percent(shares[name])}\u00a0%" for name in shares]
+    texts = (f"{theme.named(name)}{between}{theme.percent(share)} %" for name, share in shares.items())
+    return [text.replace(" ", "\u00a0") for text in texts]  # no break of a line between a name and its share
 
 
 def _axes_of(table: pd.DataFrame, grid: Sequence[Axes], x: str, y: str, columns: int) -> None:

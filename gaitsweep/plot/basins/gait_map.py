@@ -20,7 +20,7 @@ from gaitsweep.plot.kind import GaitColumn, Horizontal, Title, Vertical, figure_
 
 OTHER = "another gait"  # settled, but in no gait of the model
 _HATCHED = (Outcome.NOT_SETTLED, Outcome.FAILED)
-_STRIPES = (r"\\", "--", "||")  # of the second gait of a set, the third, ...
+_STRIPES = ("\\\\\\", "---", "|||")  # of the second gait of a set, the third, ...
 _DOUBTFUL = "++++"  # of a set that may have more gaits
 
 
@@ -122,7 +122,7 @@ def _looks(sets: list[tuple[str, ...]]) -> dict[tuple[str, ...], _Look]:
         if len(whole) < len(each):
             tints = [theme.mixed(tint, "black" if each[-1] == Outcome.FAILED else "white") for tint in tints]
             fine = _DOUBTFUL
-        stripes = [(pattern, tint, 1.6) for pattern, tint in zip(itertools.cycle(_STRIPES), tints[1:])]
+        stripes = [(pattern, tint, 1.3) for pattern, tint in zip(itertools.cycle(_STRIPES), tints[1:])]
         looks[each] = _Look(tints, [*stripes, *([(fine, theme.line_on(tints[0]), 0.5)] if fine else [])])
     return looks
 
