@@ -51,7 +51,7 @@ def test_colours_order_and_labels_of_gaits_and_columns() -> None:
         "basin", settle_table(), **BASIN, **look, labels={"source": "from within", "psi_1": "lag"}
     )
     (legend,) = figure.legends
-    names = [text.get_text().rpartition("  ")[0] for text in legend.get_texts()]
+    names = [text.get_text() for text in legend.get_texts()]
     assert names == ["retrograde", "from within", "direct"]
     assert legend.get_patches()[1].get_facecolor() == to_rgba("#112233")
     assert [axes.get_xlabel() for axes in figure.axes] == ["lag"] * 3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from matplotlib.collections import Collection
+from matplotlib.collections import Collection, QuadMesh
 from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -34,15 +34,18 @@ def faces(part: Collection) -> np.ndarray:
 def test_basin_names_axes_panels_and_shares() -> None:
     figure = plot.draw("basin", settle_table(), x="psi_1", y="psi_2", panels="psi_3", title="Slices")
     rendered(figure)
-    assert [axes.get_title() for axes in figure.axes] == [
+    titles = [axes.get_title().partition("\n") for axes in figure.axes]
+    assert [value for value, _, _ in titles] == [
         r"$\psi_{3}$ = $0.4\,\pi$",
         r"$\psi_{3}$ = $\pi$",
         r"$\psi_{3}$ = $1.6\,\pi$",
     ]
+    shares = {" ".join(shares.split()) for _, _, shares in titles}
+    assert shares == {"direct 25 %, source 25 %, retrograde 50 %"}
     assert figure.axes[0].get_xlabel() == r"$\psi_{1}$ (rad)"
     assert figure.axes[0].get_ylabel() == r"$\psi_{2}$ (rad)"
     assert [tick.get_text() for tick in figure.axes[0].get_xticklabels()] == ["0", "π/2", "π", "3π/2", "2π"]
-    assert texts(figure) == ["direct  25 / 25 / 25 %", "source  25 / 25 / 25 %", "retrograde  50 / 50 / 50 %"]
+    assert texts(figure) == ["direct", "source", "retrograde"]
     assert [to_hex(patch.get_facecolor()) for patch in figure.legends[0].get_patches()] == [
         gait_styles()[gait][0].lower() for gait in ("direct", "source", "retrograde")
     ]
@@ -92,6 +95,17 @@ def test_basin_with_a_numeric_hue_has_a_colour_scale() -> None:
     rendered(figure)
     assert figure.axes[-1].get_ylabel() == "cycles"
     assert not texts(figure)
+
+
+def test_a_colour_scale_is_that_of_the_rows_that_are_not_hatched() -> None:
+    table = settle_table()
+    table.loc[table["row"] == 0, ["status", "cycles"]] = "cycle_limit", 9000
+    figure = plot.basin(table, x="psi_1", y="psi_2", panels="psi_3", hue="cycles")
+    rendered(figure)
+    mesh = figure.axes[0].collections[0]
+    assert isinstance(mesh, QuadMesh)
+    assert mesh.get_clim() == (50, 50)
+    assert np.ma.getmaskarray(np.ma.masked_invalid(mesh.get_array())).sum() == 1
 
 
 def test_basin_of_starts_on_no_grid_is_drawn_as_points() -> None:

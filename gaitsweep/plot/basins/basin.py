@@ -74,7 +74,8 @@ def basin(
     headings = []
     if panels:
         for value, part in zip(values, parts, strict=True):
-            shares = ", ".join(_shares(shown.loc[part.index], key))
+            # no break of a line between a name and its share
+            shares = ", ".join(text.replace(" ", "\u00a0") for text in _shares(shown.loc[part.index], key))
             headings.append(f"{written(table, panels, value)}\n{theme.wrapped(shares, side, 7.5)}".strip())
     lines = max((text.count("\n") for text in headings), default=0)
     height = rows * (side + 0.35 + 0.14 * lines) + (0.35 if numeric else 0.75)
@@ -108,8 +109,7 @@ def basin(
 def _shares(shown: pd.Series, names: Sequence[str], between: str = " ") -> list[str]:
     """The outcomes that occur, each with its share of the rows: `direct 46 %`."""
     shares = {name: float(np.mean(shown.to_numpy() == name)) for name in names if (shown == name).any()}
-    texts = (f"{theme.named(name)}{between}{theme.percent(share)} %" for name, share in shares.items())
-    return [text.replace(" ", "\u00a0") for text in texts]  # no break of a line between a name and its share
+    return [f"{theme.named(name)}{between}{theme.percent(share)} %" for name, share in shares.items()]
 
 
 def _axes_of(table: pd.DataFrame, grid: Sequence[Axes], x: str, y: str, columns: int) -> None:
