@@ -18,7 +18,7 @@ from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.columns import axis_label, row_names, written
 from gaitsweep.plot.limbs import limb_colours
-from gaitsweep.plot.theme import COLOURS
+from gaitsweep.plot.theme import COLOURS, HATCH
 from tests.support.plot_tables import AXES, POINTS, TURN, crossing_table, rendered, settle_table, trace_table
 
 
@@ -84,7 +84,7 @@ def test_basin_hatches_rows_that_failed_and_leaves_missing_cells_white() -> None
     figure = plot.basin(table, x="psi_1", y="psi_2")
     rendered(figure)
     assert {"not settled  7 %", "failed  7 %"} < set(texts(figure))
-    assert len([patch for patch in figure.axes[0].patches if patch.get_hatch()]) == 2
+    assert len([patch for patch in figure.axes[0].patches if patch.get_hatch() == HATCH]) == 2
     cells = faces(figure.axes[0].collections[0]).reshape(4, 4, 4)
     assert cells[3, 3, 3] == 0.0
     assert tuple(cells[0, 0]) == to_rgba(COLOURS["failed"])
@@ -99,13 +99,14 @@ def test_basin_with_a_numeric_hue_has_a_colour_scale() -> None:
 
 def test_a_colour_scale_is_that_of_the_rows_that_are_not_hatched() -> None:
     table = settle_table()
+    table["cycles"] = 50 + table["row"]
     table.loc[table["row"] == 0, ["status", "cycles"]] = "cycle_limit", 9000
     figure = plot.basin(table, x="psi_1", y="psi_2", panels="psi_3", hue="cycles")
     rendered(figure)
     mesh = figure.axes[0].collections[0]
     assert isinstance(mesh, QuadMesh)
-    assert mesh.get_clim() == (50, 50)
-    assert np.ma.getmaskarray(np.ma.masked_invalid(mesh.get_array())).sum() == 1
+    assert mesh.get_clim() == (51, 97)
+    assert np.isnan(np.asarray(mesh.get_array(), float)).sum() == 1
 
 
 def test_basin_of_starts_on_no_grid_is_drawn_as_points() -> None:

@@ -7,18 +7,18 @@ extension = gs.Extension(
     models={"planar_quadruped": "gaitsweep.papers.fukuoka2015.planar_quadruped:PlanarQuadruped"},
     figures=("gaitsweep.papers.fukuoka2015.figures",),
     analyses=("gaitsweep.papers.fukuoka2015.analyses",),
-    # a colour for each family of gaits, a marker and a hatch for its side, in the order of speed
+    # a colour for each family of gaits, a marker and a hatch for each gait, in the order of speed
     gait_styles={
         "D-walk": ("#8C4A00", "v", "xxxx"),
         "L-walk": ("#E69F00", "^", ""),
         "trot": ("#0072B2", "o", ""),
         "uR-canter": ("#56B4E9", ">", r"\\\\"),
         "uL-canter": ("#56B4E9", "<", "||||"),
-        "R-canter": ("#009E73", ">", "...."),
-        "L-canter": ("#009E73", "<", "----"),
-        "RT-gallop": ("#CC79A7", ">", "++++"),
-        "LT-gallop": ("#CC79A7", "<", "oo"),
-        "unsteady": ("#999999", "x", "**"),
+        "R-canter": ("#009E73", "s", "...."),
+        "L-canter": ("#009E73", "D", "----"),
+        "RT-gallop": ("#CC79A7", "P", "++++"),
+        "LT-gallop": ("#CC79A7", "X", "oo"),
+        "unsteady": ("#999999", "*", "**"),
     },
     functions={
         "gait_bouts": "gaitsweep.papers.fukuoka2015.analysis.gait_bouts:gait_bouts",

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -87,10 +89,10 @@ def basin(
         looks = theme.colours(names), theme.markers(names), theme.hatches(names)
         # rows that are hatched do not stretch the scale
         sound = table.loc[~shown.isin(_HATCHED), hue]
-        limits = (sound.min(), sound.max()) if numeric else None
+        scale = {"cmap": "viridis", "norm": Normalize(sound.min(), sound.max())} if numeric else None
         image = None
         for number, (axes, part) in enumerate(zip(grid, parts, strict=False)):
-            drawn = _cells(axes, part, x, y, hue, shown.loc[part.index], limits, looks, table)
+            drawn = _cells(axes, part, x, y, hue, shown.loc[part.index], scale, looks, table)
             image = drawn or image
             if headings:
                 axes.set_title(headings[number], fontsize=theme.points(7.5))
@@ -133,7 +135,7 @@ def _cells(
     y: str,
     hue: str,
     shown: pd.Series,
-    limits: tuple | None,
+    scale: dict[str, Any] | None,
     looks: _Looks,
     table: pd.DataFrame,
 ) -> ScalarMappable | None:
@@ -145,8 +147,7 @@ def _cells(
     log_axes(axes, part, x=x, y=y)
     shown = shown.loc[part.index]
     colour, marker, hatch = looks
-    names = [name for name in shown.unique() if limits is None or name in _HATCHED]
-    scale = None if limits is None else {"cmap": "viridis", "vmin": limits[0], "vmax": limits[1]}
+    names = [name for name in shown.unique() if scale is None or name in _HATCHED]
     values = part[hue].where(~shown.isin(_HATCHED)) if scale else None
     grid = cell_grid(part, x, y, table)
     if grid is None:

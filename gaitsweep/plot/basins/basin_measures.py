@@ -142,8 +142,8 @@ def _shares(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | Non
 def _entropies(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None) -> None:
     place = _along(axes, table, panels, measured)
     axes.set_ylabel("entropy (nats)")
-    if measured.panels["basin_entropy"].isna().all():
-        theme.message(axes, _reason(measured, f"is narrower than the boxes of {BOX} cells a side"))
+    if np.isnan(measured.panels["basin_entropy"].to_numpy(float)).all():
+        _explain(axes, measured, f"is narrower than the boxes of {BOX} cells a side")
         return
     at = [place[value] for value in (measured.panels[panels] if panels else [None])]
     for name, colour, marker in (("basin_entropy", "#0072B2", "o"), ("boundary_entropy", "#D55E00", "s")):
@@ -160,10 +160,11 @@ def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | 
         rf"error of a start $\varepsilon$ ({unit})" if unit else r"error of a start $\varepsilon$"
     )
     axes.set_ylabel("share of uncertain starts")
-    if not (measured.uncertainty["uncertain"] > 0.0).any():
+    if not np.any(measured.uncertainty["uncertain"].to_numpy(float) > 0.0):
         empty = measured.uncertainty.empty
         lack = "is too narrow to compare starts" if empty else "has no boundary between outcomes"
-        theme.message(axes, _reason(measured, lack))
+        axes.set_xticks([])
+        _explain(axes, measured, lack)
         return
     values = list(measured.panels[panels]) if panels else [None]
     many = len(values) > _MOST_NAMED
@@ -191,11 +192,16 @@ def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | 
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22))
 
 
-def _reason(measured: Basins, lack: str) -> str:
-    """The sentence of an empty panel."""
-    if not measured.panels["grid"].any():
-        return "The starts form no complete grid, which this measure needs."
-    return f"The grid of starts {lack}."
+def _explain(axes: Axes, measured: Basins, lack: str) -> None:
+    """Write the reason into a panel without a measure."""
+    whole = measured.panels["grid"].to_numpy(bool).any()
+    reason = (
+        f"The grid of starts {lack}."
+        if whole
+        else "The starts form no complete grid, which this measure needs."
+    )
+    theme.message(axes, reason)
+    axes.set_yticks([])
 
 
 def _shades_of(axes: Axes, table: pd.DataFrame, measured: pd.DataFrame, panels: str) -> None:

@@ -72,12 +72,8 @@ def gait_transitions(
             middle = 0.5 * (edge["low"] + edge["high"])
             axes.axvline(middle, color=tint, lw=0.8, ls=":")
             # the marker of the gait, which is told apart in grey
-            look: dict[str, Any] = {
-                "marker": marker[str(edge["gait"])],
-                "ls": "",
-                "color": "#333333",
-                "mfc": "white",
-            }
+            look: dict[str, Any] = {"marker": marker[str(edge["gait"])], "mfc": tint}
+            look |= {"ls": "", "color": "#333333"}
             axes.plot([middle], [0.96], transform=axes.get_xaxis_transform(), ms=5.0, **look)
             handles.append((Patch(facecolor=tint, alpha=0.3), Line2D([], [], ms=4.0, **look)))
             labels.append(_words(table, x, edge))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
+import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -107,10 +108,10 @@ def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
             at, up = area[side].to_numpy(float), area["up"].to_numpy(float)
             by = area[f"{side}_by"].to_numpy(str)
             lost = ~np.isin(by, ["start", "range"])
-            axes.plot(np.where(lost, at, np.nan), up, color="#333333", lw=1.0, zorder=3)
+            axes.plot(np.where(lost, at, np.nan), up, color=mpl.rcParams["axes.edgecolor"], lw=1.0, zorder=3)
             for mark, shape in MARKERS.items():
                 here = by == mark
-                look: dict[str, Any] = {"ms": 4.5, "color": "#333333", "mfc": "white", "zorder": 4}
+                look: dict[str, Any] = {"ms": 4.5, "color": "black", "mfc": "white", "zorder": 4}
                 axes.plot(at[here], up[here], shape, **look)
 
 
@@ -139,6 +140,6 @@ def _key(areas: dict[str, pd.DataFrame]) -> tuple[list[Any], list[str]]:
         labels.append(f"{theme.named(one)} and {theme.named(other)} stable")
     every = {by for area in areas.values() for by in (*area["low_by"], *area["high_by"])}
     kinds = [kind for kind in MARKERS if kind in every]
-    look: dict[str, Any] = {"ls": "", "ms": 4.5, "color": "#333333", "mfc": "white"}
+    look: dict[str, Any] = {"ls": "", "ms": 4.5, "color": "black", "mfc": "white"}
     handles += [Line2D([], [], marker=MARKERS[kind], **look) for kind in kinds]
     return handles, [*labels, *(WORDS.get(kind, kind) for kind in kinds)]

@@ -118,7 +118,7 @@ def gait_shares(
 def _map(axes: Axes, shares: pd.DataFrame, table: pd.DataFrame, x: str, y: str, gait: str) -> Any:
     """Cells if the sets form a grid, averaged over a cell's sets; else a point for each set."""
     look = {"cmap": "viridis", "vmin": 0.0, "vmax": 1.0, "rasterized": True}
-    cells = shares.groupby([x, y], as_index=False)[gait].mean()
+    cells = pd.DataFrame(shares.groupby([x, y])[gait].mean()).reset_index()
     grid = cell_grid(cells, x, y, table)
     if grid is not None:
         return axes.pcolormesh(*grid.edges, grid.placed(cells, cells[gait]), **look)
