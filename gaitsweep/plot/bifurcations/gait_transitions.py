@@ -64,6 +64,8 @@ def gait_transitions(
         marker = theme.markers(colour)
         handles = _points(axes, table[x].to_numpy(float), place, shown.to_numpy(), names, (colour, marker))
         labels = [theme.named(name) for name in names]
+        if not np.isfinite(place[(shown != Outcome.FAILED).to_numpy()]).any():
+            theme.message(axes, f"No row that did not fail has a value of {symbol(table, name)}.")
         lost = transition_points_by_gait(table, x, start, hue)
         lost = lost.loc[lost["gait"].isin(list(colour)).to_numpy()]
         for edge in lost.to_dict("records"):

@@ -93,7 +93,8 @@ def gait_shares(
     with theme.canvas(theme.PAGE, 1.9 * down + 0.8, title) as figure:
         panels = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
         if not len(table):
-            theme.message(panels[0], "no rows yet")
+            for axes in panels:
+                theme.message(axes, "no rows yet")
             return figure
         shares = shares_of(table)
         drawn = None

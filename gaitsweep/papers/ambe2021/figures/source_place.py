@@ -73,7 +73,8 @@ def source_place(
         for axes in panels[len(x) :]:
             axes.set_visible(False)
         if not len(table):
-            theme.message(panels[0], "no rows yet")
+            for axes in panels[: len(x)]:
+                theme.message(axes, "no rows yet")
             return figure
         shares, drawn = places_of(table), {}
         legs = int(shares["leg"].to_numpy().max())
