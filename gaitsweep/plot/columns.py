@@ -100,7 +100,7 @@ def symbol(table: pd.DataFrame, name: str) -> str:
     quantities = table.attrs.get("quantities", {})
     recorded = _bare(name) in quantities or (name in quantities and name not in axes_of(table))
     base = _bare(name) if recorded and name not in _WORDS else base_name(name)
-    return _WORDS.get(base) or _formula(base) or base.replace("_", " ")
+    return _WORDS.get(base) or _formula(base) or _bare(base).replace("_", " ")
 
 
 def _formula(name: str) -> str | None:
@@ -131,25 +131,15 @@ def unit_of(table: pd.DataFrame, name: str) -> str:
 
 
 def described(table: pd.DataFrame, name: str, width: int = 44) -> str:
-    """A column's meaning, symbol and unit in lines of `width`, as the label of an axis."""
+    """A column's meaning, symbol (if it has one) and unit in lines of `width`, as the label of an axis."""
     meaning = "" if _labelled(name) else settable(str(_quantity(table, name).get("meaning", "")))
     label, unit = axis_label(table, name), unit_of(table, name)
     if not meaning or len(meaning) > 2 * width or label.startswith(meaning):
         return label
-    text = "\n".join(_in_symbols(table, line) for line in textwrap.wrap(meaning, width))
-    if "$" in symbol(table, name):
-        return f"{text}, {label}"
-    return f"{text} ({unit})" if unit else text  # a name without a symbol adds nothing to its meaning
-
-
-def _in_symbols(table: pd.DataFrame, text: str) -> str:
-    """A text with symbols in the place of names such as phi_2 and pi."""
-
-    def replaced(match: re.Match[str]) -> str:
-        word = match[0]
-        return symbol(table, word) if "_" in word or word in _GREEK else word
-
-    return text if "$" in text else re.sub(r"[A-Za-z]\w*", replaced, text).replace(" - ", " − ")
+    lines = textwrap.wrap(meaning, width)
+    # a name in words would say less than the meaning
+    end = f", {label}" if "$" in label else f" ({unit})" if unit else ""
+    return "\n".join([*lines[:-1], lines[-1] + end])
 
 
 def written(table: pd.DataFrame, name: str, value: object) -> str:
