@@ -69,7 +69,7 @@ _INK = (
     "figure.edgecolor", "savefig.facecolor", "savefig.edgecolor", "legend.labelcolor",
     "axes3d.xaxis.panecolor", "axes3d.yaxis.panecolor", "axes3d.zaxis.panecolor",
 )  # fmt: skip
-_PAPER = {key: mpl.rcParamsDefault[key] for key in _INK}
+_PAPER: dict[Any, Any] = {key: mpl.rcParamsDefault[key] for key in _INK}
 _STEPS = (0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0)  # of ticks, in pi
 _SHORT = 4  # labels of three letters along an axis of a turn
 _LETTER = 0.53  # mean width of a letter, as a share of the size of its font
