@@ -22,7 +22,7 @@ const ASIDE = [0.28, 0.22];
 const SERIES = ["#E69F00", "#0072B2", "#009E73", "#CC79A7", "#D55E00", "#56B4E9"];
 const SWING = "#D55E00";                        // of limbs off the ground, where limbs have no colours of their own
 const SYMBOLS = { "o": "circle", "s": "square", "^": "triangle-up", "D": "diamond", "v": "triangle-down",
-  "x": "x", "P": "cross", "X": "x", "*": "star" };
+  "<": "triangle-left", ">": "triangle-right", "x": "x", "P": "cross", "X": "x", "*": "star" };
 const FONT = "system-ui, -apple-system, Segoe UI, Roboto, DejaVu Sans, sans-serif";
 
 // Of plotly.js' buttons those that stay in the page: others offer an upload.
