@@ -57,7 +57,7 @@ def test_reversing_the_legs_maps_direct_to_retrograde(N: int) -> None:
     for branch in branches(N):
         beyond = 2 if branch.kind == "A" else 3
         mirrors.setdefault(branch, Branch(branch.kind, N + beyond - branch.k))
-    psi = solution_sets(N, samples=8, section=N + 1)[:, 1:-1]
+    psi = solution_sets(N, samples=22, section=N + 1)[:, 1:-1]  # as many as above: one program of labels
     reversed_legs = -psi[:, :, ::-1].reshape(-1, N)  # section N + 1 becomes section 1
     gait, k, distance = (np.asarray(out).reshape(len(psi), -1) for out in labels(reversed_legs))
     for row, branch in enumerate(branches(N)):

@@ -123,7 +123,7 @@ def test_sets_on_their_own_section_are_the_printed_equations(N: int) -> None:
 
     psi_A = 2 * (1 - beta) * np.pi - (3 * m_B - OTHER.m) * b
     psi_B = 2 * (1 - beta) * np.pi - m_B * b
-    rules = lag_rules(N, OTHER)
+    rules = jax.jit(lag_rules, static_argnums=0)(N, OTHER)
     for branch, low, high in zip(branches(N), rules.low, rules.high, strict=True):
         if branch.kind == "direct":
             ends = [2 * (1 - beta) * np.pi, 2 * beta * np.pi + m_B * b]
