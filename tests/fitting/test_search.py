@@ -239,6 +239,7 @@ def test_misses_are_the_distance_from_what_is_wanted(tmp_path: Path) -> None:
     assert np.allclose(table["score"], np.sqrt((table[f"{MISS}speed"] ** 2 + table[f"{MISS}apex"] ** 2) / 2))
 
 
+@pytest.mark.slow("cma-3", "nsga3-3", "sobol-1")
 @pytest.mark.parametrize("side_by_side", [1, 3])
 @pytest.mark.parametrize("method", METHODS)
 def test_a_search_that_was_stopped_goes_on_to_the_bit(

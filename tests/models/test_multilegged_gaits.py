@@ -40,6 +40,7 @@ def test_known_points_of_the_full_model_take_their_gait() -> None:
     assert labels(almost)[0].tolist() == [NONE, LOCKED, NONE]
 
 
+@pytest.mark.slow("4", "6")
 @pytest.mark.parametrize("N", LEGS)
 def test_every_point_of_a_set_takes_the_sets_label(N: int) -> None:
     # the ends left out: there the next set is as near
@@ -51,6 +52,7 @@ def test_every_point_of_a_set_takes_the_sets_label(N: int) -> None:
     assert distance.max() < 1e-12
 
 
+@pytest.mark.slow("4", "6")
 @pytest.mark.parametrize("N", LEGS)
 def test_reversing_the_legs_maps_direct_to_retrograde(N: int) -> None:
     mirrors = {Branch("direct", N): Branch("B", 2), Branch("B", 2): Branch("direct", N)}

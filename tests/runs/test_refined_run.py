@@ -36,7 +36,7 @@ def job(run: dict | None = None, **changes) -> gs.Job:
         "vary": vary,
         "run": REFINED if run is None else run,
         "numerics": {"dt": 0.05},
-        "engine": {"block": 200, "lanes": 32, "name": "xla"},
+        "engine": {"block": 200, "lanes": 32},
         "figures": [{"kind": "basin", "x": "theta_1", "y": "theta_2", "panels": "shift"}],
     }
     return gs.Job(**{**given, **changes})
