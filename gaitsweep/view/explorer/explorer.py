@@ -52,6 +52,9 @@ _MOST_SERIES = 6
 _NAMED = 3
 # Differences in angles up to this value between a row simulated again and the table are not reported, rad.
 _APART = 1e-2
+# The page, and the parts that its marks stand for.
+_TEMPLATE = "explorer.html"
+_PARTS = {"style": "explorer.css", "script": "explorer.js", "gif": "gif.js"}
 _OF_MANY_ROWS = ("refine", "over", "coarse")  # fields of a run that choose among its rows
 
 
@@ -170,7 +173,7 @@ def _page(
     if not len(table):
         raise ArgumentError("No row has ended yet, so there is nothing to explore.")
     script = compressed(plotly.encode())
-    frame_size = len(script) + sum(len(_part(name)) for name in ("html", "css", "js")) + 4000
+    frame_size = len(script) + sum(len(_part(name)) for name in (_TEMPLATE, *_PARTS.values())) + 4000
     room = int(max_size * _MB) - frame_size
     least = f"The page needs {(frame_size + 0.2 * _MB) / _MB:.1f} MB even without walks"
     if room < 0.2 * _MB:
@@ -533,10 +536,8 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"{type(value)} is not JSON")
 
 
-def _part(ending: str) -> str:
-    return (
-        resources.files("gaitsweep.view.explorer").joinpath("page", f"explorer.{ending}").read_text("utf-8")
-    )
+def _part(name: str) -> str:
+    return resources.files("gaitsweep.view.explorer").joinpath("page", name).read_text("utf-8")
 
 
 def _filled(texts: Mapping[str, str], plotly: str, data: str, size: str) -> str:
@@ -544,10 +545,9 @@ def _filled(texts: Mapping[str, str], plotly: str, data: str, size: str) -> str:
     parts = {f"{{{{{name}}}}}": html.escape(text) for name, text in texts.items()}
     parts |= {
         "{{size}}": size,
-        "{{style}}": _part("css"),
-        "{{script}}": _part("js"),
+        **{f"{{{{{mark}}}}}": _part(name) for mark, name in _PARTS.items()},
         "{{data}}": data,
         "{{plotly}}": plotly,
     }
     # all at once, so that no text is searched for marks
-    return re.sub("|".join(map(re.escape, parts)), lambda mark: parts[mark[0]], _part("html"))
+    return re.sub("|".join(map(re.escape, parts)), lambda mark: parts[mark[0]], _part(_TEMPLATE))
