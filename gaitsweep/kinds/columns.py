@@ -87,7 +87,7 @@ class Records:
 
     def label(self, name: str, absent: float | None = None) -> Real[np.ndarray, " records"]:
         """A gait's number or a trait (n,); `absent` (by default 0 or NaN) where it was not read."""
-        if name in self.block.labels:
+        if self.place is None or name in self.block.labels:
             return self.of_row(self.block.labels[name])
         labels = self.block.sample_labels[name]
         if absent is None:

@@ -92,6 +92,7 @@ def test_evaluations_of_branches_within_a_factor_of_two(
     cost, rows = job.run.cost(job.design, 1.0, 1.0), job.design.n_rows
     evaluated, settling = flown / rows, job.run.settle  # type: ignore[union-attr]
     assert cost.longer is not None
+    assert cost.longer_records is not None
     if folds:
         assert cost.likely < settling + evaluated < cost.longer
         assert (cost.longer - settling) / 6.0 < evaluated

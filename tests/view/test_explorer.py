@@ -187,6 +187,7 @@ def test_a_model_without_skeleton_or_feet_shows_its_observables(wells: Path) -> 
     fields = fields_of(wells / "explore.html")
     assert fields["figure"] is None
     assert fields["limbs"] == []
+    assert "500 cycles" in fields["statuses"]["cycle_limit"]  # the job's limit
     assert [each["name"] for each in fields["series"]] == ["x"]
     columns = {column["name"]: column for column in fields["columns"]}
     np.testing.assert_allclose(columns["x_end"]["values"], result["x_end"], rtol=1e-6)
@@ -772,7 +773,7 @@ def test_a_motion_is_saved_as_a_gif(basins: Path, tmp_path: Path, both: bool) ->
     assert file.stem.startswith("chain_row_3")
     assert f"{file.stat().st_size / 1e6:.1f} MB" in told
     with PIL.Image.open(file) as gif:
-        assert gif.n_frames > 20
+        assert gif.n_frames > 20  # type: ignore[attr-defined]
         pictures, durations = [], []
         for picture in PIL.ImageSequence.Iterator(gif):
             pictures.append(np.asarray(picture.convert("RGB"), int))
@@ -822,7 +823,10 @@ def test_the_page_in_a_browser(basins: Path, tmp_path: Path) -> None:
             elif isinstance(value, str) and value:
                 assert told == value.split(" ")[0]
         assert page.evaluate("location.hash") == f"#row={row}"
-        assert str(start["gait"]) in page.evaluate("document.getElementById('ended').textContent")
+        ended = page.evaluate("document.getElementById('ended').textContent")
+        assert str(start["gait"]) in ended
+        assert ("at a fixed point" in ended) is (start["attractor_period"] == 1)
+        assert "or repeats" not in ended
         # the nearest start that leads elsewhere, by the link and by its key
         text = page.evaluate("document.getElementById('elsewhere').textContent")
         distance = re.search(r"([\d.]+) cells? away", text)

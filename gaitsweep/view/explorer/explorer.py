@@ -29,6 +29,7 @@ from gaitsweep.plot.provenance_marks import remarks
 from gaitsweep.runs.prepare import RunContext, prepare
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.self_check import changes, circular
+from gaitsweep.runs.sentences import status_sentence
 from gaitsweep.skeleton import LimbLook
 from gaitsweep.table import load, replace_file, writing
 from gaitsweep.version import version
@@ -181,7 +182,7 @@ def _page(
     context = prepare(job)
     table = _labelled(table, context)
     shown = map_of(table, job, *axes, _most_records(table, context.design.names, _TABLE_SHARE * room))
-    fields = _table_fields(shown, context.design.names)
+    fields = _table_fields(shown, context.design.names, table.attrs["job"])
     room -= len(compressed(_json(fields)))
     if room < 0:
         raise ExplorerSizeError(f"The table alone is larger than --max-size, {max_size:g} MB.")
@@ -244,8 +245,8 @@ def _most_records(table: pd.DataFrame, exact: Sequence[str], room: float) -> int
     return max(int(room / size), 100)
 
 
-def _table_fields(shown: StartMap, exact: Sequence[str]) -> dict[str, Any]:
-    """The map and the records in the format of the page."""
+def _table_fields(shown: StartMap, exact: Sequence[str], fields_of_job: Mapping[str, Any]) -> dict[str, Any]:
+    """The map and the records in the format of the page, and the sentences of their statuses."""
     fields: dict[str, Any] = {
         "kind": shown.kind,
         "x": shown.axis("x"),
@@ -258,7 +259,7 @@ def _table_fields(shown: StartMap, exact: Sequence[str]) -> dict[str, Any]:
             {"name": html_symbol(shown.table, each.name), "texts": each.texts, "of": each.of_record.tolist()}
             for each in shown.slices
         ],
-        "statuses": {status.name: status.sentence for status in Status},
+        "statuses": {status.name: status_sentence(status.name, fields_of_job) for status in Status},
     }
     if shown.edges is not None and shown.at is not None:
         fields |= {

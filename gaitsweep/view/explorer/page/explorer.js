@@ -440,7 +440,9 @@ function showRecord() {
   const i = chosen, outcome = outcomeOf(i), status = textOf(columns.status, i);
   $("chosen").innerHTML = titleHtml(i);
   $("ended").replaceChildren(chip(outcome), outcome.name);
-  const sentence = data.statuses[status];
+  const period = status === "settled" && columns.attractor_period ? numberAt("attractor_period", i) : NaN;
+  const sentence = !(period > 0) ? data.statuses[status]
+    : `The state at the section repeats ${period === 1 ? "at a fixed point" : `on an orbit of ${period} crossings`}.`;
   const whole = recordsOf.get(raw(columns.row, i)).length > 1 ? "the whole row: " : "";
   if (data.passes.length) $("ended").append(`; ${passText(passOf(i))}`);
   $("ended").append(`; ${whole}${status}${sentence ? ": " + sentence : ""}`);
