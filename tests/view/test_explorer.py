@@ -825,7 +825,7 @@ def test_the_page_in_a_browser(basins: Path, tmp_path: Path) -> None:
         assert page.evaluate("location.hash") == f"#row={row}"
         ended = page.evaluate("document.getElementById('ended').textContent")
         assert str(start["gait"]) in ended
-        assert ("at a fixed point" in ended) is (start["attractor_period"] == 1)
+        assert ("at a fixed point" in ended) == (start["attractor_period"] == 1)
         assert "or repeats" not in ended
         # the nearest start that leads elsewhere, by the link and by its key
         text = page.evaluate("document.getElementById('elsewhere').textContent")
