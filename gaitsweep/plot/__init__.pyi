@@ -19,7 +19,7 @@ from gaitsweep.plot.columns import written as written
 from gaitsweep.plot.figure_style import FigureStyle as FigureStyle
 from gaitsweep.plot.figure_style import StyleError as StyleError
 from gaitsweep.plot.figure_style import style as style
-from gaitsweep.plot.footfalls import contact_intervals as contact_intervals
+from gaitsweep.plot.footprint_diagrams import contact_intervals as contact_intervals
 from gaitsweep.plot.kind import FIGURES as FIGURES
 from gaitsweep.plot.kind import TEXT_COLUMNS as TEXT_COLUMNS
 from gaitsweep.plot.kind import AlongAxis as AlongAxis

@@ -93,7 +93,7 @@ def symbol(table: pd.DataFrame, name: str) -> str:
     if head in _GREEK or len(head) == 1:
         letter = f"\\{head}" if head in _GREEK else head
         return f"${letter}_{{{tail}}}$" if tail else f"${letter}$"
-    return base.replace("_", " ")
+    return _bare(base).replace("_", " ")
 
 
 def axis_label(table: pd.DataFrame, name: str) -> str:
@@ -114,13 +114,15 @@ def unit_of(table: pd.DataFrame, name: str) -> str:
 
 
 def described(table: pd.DataFrame, name: str, width: int = 44) -> str:
-    """A column's meaning, symbol and unit in lines of `width`, as the label of an axis."""
+    """A column's meaning, symbol (if it has one) and unit in lines of `width`, as the label of an axis."""
     meaning = "" if _labelled(name) else settable(str(_quantity(table, name).get("meaning", "")))
-    label = axis_label(table, name)
+    label, unit = axis_label(table, name), unit_of(table, name)
     if not meaning or len(meaning) > 2 * width or label.startswith(meaning):
         return label
     lines = textwrap.wrap(meaning, width)
-    return "\n".join([*lines[:-1], f"{lines[-1]}, {label}"])
+    # a name in words would say less than the meaning
+    end = f", {label}" if "$" in label else f" ({unit})" if unit else ""
+    return "\n".join([*lines[:-1], lines[-1] + end])
 
 
 def written(table: pd.DataFrame, name: str, value: object) -> str:

@@ -56,6 +56,14 @@ _RC: dict[str, Any] = {
     "hatch.linewidth": 0.5,
 }
 _EMBEDDED = {"pdf.fonttype": 42, "ps.fonttype": 42}  # TrueType, which publishers ask for
+# Dark ink on a white page in every notebook: the colours and black lines of figures are made for it.
+_INK = (
+    "text.color", "lines.color", "patch.edgecolor", "axes.edgecolor", "axes.labelcolor", "axes.facecolor",
+    "xtick.color", "ytick.color", "xtick.labelcolor", "ytick.labelcolor", "grid.color", "figure.facecolor",
+    "figure.edgecolor", "savefig.facecolor", "savefig.edgecolor", "legend.labelcolor",
+    "axes3d.xaxis.panecolor", "axes3d.yaxis.panecolor", "axes3d.zaxis.panecolor",
+)  # fmt: skip
+_PAPER = {key: mpl.rcParamsDefault[key] for key in _INK}
 _STEPS = (0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0)  # of ticks, in pi
 _SHORT = 4  # labels of three letters along an axis of a turn
 _LETTER = 0.53  # mean width of a letter, as a share of the size of its font
@@ -65,11 +73,15 @@ _FORMULA = re.compile(r"\$[^$]*\$")
 
 
 class _Figure(Figure):
-    """A figure whose files embed their fonts as Type 42."""
+    """A figure whose files embed their fonts as Type 42, and whose page is white in dark notebooks too."""
 
     def savefig(self, fname: Any, **options: Any) -> None:
-        with mpl.rc_context(_unchanged(_EMBEDDED)):
+        with mpl.rc_context({**_unchanged(_EMBEDDED), **_PAPER}):
             super().savefig(fname, **options)
+
+    def draw(self, renderer: Any) -> None:
+        with mpl.rc_context(_PAPER):  # ticks are made as they are drawn
+            super().draw(renderer)
 
 
 _Figure.__name__ = Figure.__name__  # what notebooks show
@@ -143,7 +155,9 @@ class _PiLocator(Locator):
 
 @contextlib.contextmanager
 def canvas(width: float, height: float, title: str | None = None) -> Iterator[Figure]:
-    """A context with an empty figure, in which Matplotlib has this theme; rcParams of the user are obeyed.
+    """A context with an empty figure, in which Matplotlib has this theme.
+
+    The user's rcParams are obeyed, but for the colours of page and ink.
 
     Args:
         width, height: size in inches, unless the figure's style has another.
@@ -152,7 +166,8 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
     given, asked = given_axes(), current()
     scale = _unchanged({"font.size": _POINTS}).get("font.size", mpl.rcParams["font.size"]) / _POINTS
     sizes = _unchanged({key: size * scale for key, size in _SIZES.items()})
-    with mpl.rc_context({**_unchanged(_RC), **sizes, "font.size": _POINTS * scale}):
+    paper = _PAPER if given is None else {}
+    with mpl.rc_context({**_unchanged(_RC), **sizes, **paper, "font.size": _POINTS * scale}):
         if given is not None:
             if title:
                 given.set_title(title)
@@ -223,7 +238,8 @@ def points(size: float) -> float:
 def wrapped(text: str, inches: float, size: float) -> str:
     """A text in lines that fit a width, at a font size of the theme."""
     letters = max(int(inches * 72 / (_LETTER * points(size))), 8)
-    whole = _FORMULA.sub(lambda formula: formula[0].replace(" ", "\0"), text)  # no break in a formula
+    # no break in a formula, nor beside its sign of equality
+    whole = _FORMULA.sub(lambda formula: formula[0].replace(" ", "\0"), text).replace(" = ", "\0=\0")
     lines = (textwrap.fill(line, letters, break_long_words=False) for line in whole.split("\n"))
     return "\n".join(lines).replace("\0", " ")
 
@@ -342,5 +358,7 @@ def in_pi(angle: float, *, fractions: bool = True) -> str:
 
 
 def message(axes: Axes, text: str) -> None:
-    """Write the reason into an empty panel."""
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color="#555555")
+    """Write the reason, a sentence, into an empty panel."""
+    axes.text(
+        0.5, 0.5, wrapped(text, 1.4, 8.0), transform=axes.transAxes, ha="center", va="center", color="#555555"
+    )

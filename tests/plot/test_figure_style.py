@@ -93,6 +93,20 @@ def test_rcparams_of_the_user_are_obeyed_and_fonts_are_embedded_as_type_42() -> 
 
 
 @pytest.mark.parametrize(
+    "look", [plt.style.library["dark_background"], {"figure.facecolor": "none", "axes.facecolor": "none"}]
+)
+def test_figures_are_dark_on_white_whatever_the_notebook_s_style(look: dict[str, Any]) -> None:
+    def saved() -> bytes:
+        file = io.BytesIO()
+        plot.draw("basin", settle_table(), **BASIN).savefig(file, metadata={"Software": None})
+        return file.getvalue()
+
+    plain = saved()
+    with mpl.rc_context(look):
+        assert saved() == plain
+
+
+@pytest.mark.parametrize(
     ("fields", "sentence"),
     [
         ({"width": "wide"}, 'width is "wide", but must be column, page, or a number of mm from 50 to 500.'),

@@ -223,7 +223,8 @@ def test_footprints_show_a_window_and_name_limbs_as_movies_do() -> None:
     rendered(figure)
     assert above.get_xlim() == pytest.approx((0.0, 20.0 / 15.0))
     beyond = plot.draw("footprints", table, window=[60.0, 70.0]).axes[0]
-    assert [text.get_text() for text in beyond.texts] == ["recorded from 0 to 49.95 s only"]
+    (reason,) = beyond.texts
+    assert reason.get_text().split("\n") == ["This row was recorded", "from 0 to 49.95 s only."]
 
 
 def test_rows_are_named_by_what_differs_between_them() -> None:
@@ -246,7 +247,7 @@ def test_footprints_of_many_legs_and_of_rows_without_samples() -> None:
     )
     rendered(figure)
     assert figure.axes[1].get_title("left") == "lost"
-    assert [text.get_text() for text in figure.axes[1].texts] == ["nothing was recorded"]
+    assert [text.get_text() for text in figure.axes[1].texts] == ["No sample of this row\nwas recorded."]
 
 
 def test_names_on_axes() -> None:
