@@ -1,9 +1,10 @@
 from typing import Any
 
 from gaitsweep.plot import theme as theme
+from gaitsweep.plot.basins.cells import CellGrid as CellGrid
 from gaitsweep.plot.basins.cells import cell_edges as cell_edges
-from gaitsweep.plot.basins.cells import filled as filled
-from gaitsweep.plot.basins.cells import on_grid as on_grid
+from gaitsweep.plot.basins.cells import cell_grid as cell_grid
+from gaitsweep.plot.basins.cells import hatch_cells as hatch_cells
 from gaitsweep.plot.columns import PlotError as PlotError
 from gaitsweep.plot.columns import axis_label as axis_label
 from gaitsweep.plot.columns import column as column

@@ -37,6 +37,7 @@ def figures() -> list[tuple[str, pd.DataFrame, dict[str, Any]]]:
     ]
 
 
+@pytest.mark.slow("solution_set--", "footprints--", "shock--")
 @pytest.mark.parametrize(
     ("kind", "table", "spec"), figures(), ids=lambda each: each if isinstance(each, str) else ""
 )

@@ -15,7 +15,7 @@ from gaitsweep import plot
 from gaitsweep.extension import gait_styles
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.bifurcations.passes import DOWN, UP
-from gaitsweep.plot.theme import COLOURS, angle_ticks, in_pi
+from gaitsweep.plot.theme import COLOURS, HATCH, angle_ticks, in_pi
 from tests.support.hysteresis_tables import (
     FOLD,
     delta,
@@ -268,9 +268,11 @@ def test_gait_map_names_the_set_of_each_cell() -> None:
     # darker: its start from the walk fell
     assert max(cells[1, 8][:3]) < max(to_rgba(gait_styles()["trot"][0])[:3])
     assert tuple(cells[1, 0]) == to_rgba(gait_styles()["walk"][0])
-    assert tuple(cells[1, 4]) == to_rgba("#009E73")
+    assert tuple(cells[1, 4]) == to_rgba(gait_styles()["trot"][0])
+    (striped,) = [each for each in axes.patches if each.get_edgecolor() == to_rgba(gait_styles()["walk"][0])]
+    assert striped.get_path().contains_point((0.0, 0.75))
     assert tuple(cells[0, 8]) == to_rgba(COLOURS["none"])
-    assert len([patch for patch in axes.patches if patch.get_hatch()]) == 1  # neighbours as one
+    assert len([patch for patch in axes.patches if patch.get_hatch() == HATCH]) == 2
     assert sum(int(text.split("  ")[1].split()[0]) for text in texts(figure)) in (99, 100, 101)
 
 
@@ -279,7 +281,19 @@ def test_gait_map_of_starts_on_no_grid() -> None:
     table["f"] = np.random.default_rng(1).uniform(-1, 1, 12).repeat(2)
     figure = plot.gait_map(table, x="f", y="beta")
     rendered(figure)
-    assert len(np.asarray(figure.axes[0].collections[0].get_offsets())) == 12
+    assert sum(len(np.asarray(line.get_xdata())) for line in figure.axes[0].lines) == 12
+
+
+def test_gait_map_of_values_that_the_job_draws_has_points() -> None:
+    """A Sobol sequence of 24 values lies on a grid of 32, of which 8 columns would be empty stripes."""
+    drawn = (np.arange(32)[np.arange(32) % 4 > 0] + 0.5) / 32
+    table = settle_table([0.7, 0.75, 0.8], [-1.0, 1.0], others=drawn).rename(
+        columns={"f": "beta", "beta": "f"}
+    )
+    table.attrs["job"] = {"vary": {"f": {"sobol": [0, 1, 24]}, "beta": [0.7, 0.75, 0.8]}}
+    axes = plot.gait_map(table, x="f", y="beta").axes[0]
+    assert not axes.collections
+    assert sum(len(np.asarray(line.get_xdata())) for line in axes.lines) == 3 * 24
 
 
 @pytest.mark.parametrize(

@@ -73,7 +73,7 @@ OBSERVABLES = (
     Quantity("pitch_twice", "1", "share of the pitch's variance likewise that goes twice a cycle",
              scale=_FOLLOWS),
     *_of_legs("since", "s", "time since {}'s last swing onset", r"t", scale=1.0),
-    *_of_legs("late_load", "N", "mean load on {} in late stance (see `cycle`)", r"F_\mathrm{late}"),
+    *_of_legs("late_load", "N", "mean load on {} in late stance", r"F_\mathrm{late}"),
     *_of_legs("stance_load", "N", "mean load on {} in stance", "F"),
     *_of_legs("late_pitch", "rad", "mean pitch in {}'s late stance", r"\phi_\mathrm{late}", scale=1.0),
     *_of_legs("stance_pitch", "rad", "mean pitch in {}'s stance", r"\phi", scale=1.0),
