@@ -125,7 +125,7 @@ class ResultDirectory:
                 directory.notes.append(
                     f"{damaged.what}: it will be rewritten, since the table's parts belong to this job."
                 )
-            if not lock.exclusive:
+            if not lock.file_system_has_locks:
                 directory.notes.append(
                     f"The file system of {path} has no locks: do not run this job twice at the same time."
                 )

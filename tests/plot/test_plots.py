@@ -19,11 +19,16 @@ from gaitsweep.plot import PlotError
 from gaitsweep.plot.columns import axis_label, row_names, written
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.plot.theme import COLOURS
-from tests.support.plot_tables import AXES, POINTS, TURN, crossing_table, rendered, settle_table, trace_table
-
-
-def texts(figure: Figure) -> list[str]:
-    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+from tests.support.plot_tables import (
+    AXES,
+    POINTS,
+    TURN,
+    crossing_table,
+    legend_texts,
+    rendered,
+    settle_table,
+    trace_table,
+)
 
 
 def faces(part: Collection) -> np.ndarray:
@@ -42,7 +47,11 @@ def test_basin_names_axes_panels_and_shares() -> None:
     assert figure.axes[0].get_xlabel() == r"$\psi_{1}$ (rad)"
     assert figure.axes[0].get_ylabel() == r"$\psi_{2}$ (rad)"
     assert [tick.get_text() for tick in figure.axes[0].get_xticklabels()] == ["0", "π/2", "π", "3π/2", "2π"]
-    assert texts(figure) == ["direct  25 / 25 / 25 %", "source  25 / 25 / 25 %", "retrograde  50 / 50 / 50 %"]
+    assert legend_texts(figure) == [
+        "direct  25 / 25 / 25 %",
+        "source  25 / 25 / 25 %",
+        "retrograde  50 / 50 / 50 %",
+    ]
     assert [to_hex(patch.get_facecolor()) for patch in figure.legends[0].get_patches()] == [
         gait_styles()[gait][0].lower() for gait in ("direct", "source", "retrograde")
     ]
@@ -70,7 +79,7 @@ def test_basin_has_the_legends_colours_in_every_panel_whatever_the_gaits_are_cal
 
 
 def _key(figure: Figure) -> list[tuple[str, Patch]]:
-    return list(zip(texts(figure), figure.legends[0].get_patches(), strict=True))
+    return list(zip(legend_texts(figure), figure.legends[0].get_patches(), strict=True))
 
 
 def test_basin_hatches_rows_that_failed_and_leaves_missing_cells_white() -> None:
@@ -80,7 +89,7 @@ def test_basin_hatches_rows_that_failed_and_leaves_missing_cells_white() -> None
     table = table.loc[table["row"] < 15]  # the first panel, its last cell missing
     figure = plot.basin(table, x="psi_1", y="psi_2")
     rendered(figure)
-    assert {"not settled  7 %", "failed  7 %"} < set(texts(figure))
+    assert {"not settled  7 %", "failed  7 %"} < set(legend_texts(figure))
     assert len([patch for patch in figure.axes[0].patches if patch.get_hatch()]) == 2
     cells = faces(figure.axes[0].collections[0]).reshape(4, 4, 4)
     assert cells[3, 3, 3] == 0.0
@@ -91,7 +100,7 @@ def test_basin_with_a_numeric_hue_has_a_colour_scale() -> None:
     figure = plot.basin(settle_table(), x="psi_1", y="psi_2", panels="psi_3", hue="cycles")
     rendered(figure)
     assert figure.axes[-1].get_ylabel() == "cycles"
-    assert not texts(figure)
+    assert not legend_texts(figure)
 
 
 def test_basin_of_starts_on_no_grid_is_drawn_as_points() -> None:
@@ -120,7 +129,7 @@ def test_solution_set_has_three_panels_lines_points_and_counts() -> None:
     ]
     assert (low.get_xlabel(), high.get_ylabel()) == (r"$\psi_{1}$ (rad)", r"$\psi_{3}$ (rad)")
     assert {text.get_text() for text in low.texts} == {"a", "b", "c"}
-    assert texts(figure) == [
+    assert legend_texts(figure) == [
         "direct (11)",
         "source (12)",
         "retrograde (24)",
@@ -168,7 +177,7 @@ def test_cycles_break_lines_where_an_angle_wraps() -> None:
     assert np.isnan(longest.get_ydata()).sum() == 1  # of the start at 5.9
     steps = np.abs(np.diff(np.asarray(longest.get_ydata(), float)))
     assert np.nanmax(steps) < np.pi
-    assert texts(figure) == ["(0.50)", "(3.00)", "(5.90)"]
+    assert legend_texts(figure) == ["(0.50)", "(3.00)", "(5.90)"]
     assert len({line.get_color() for line in axes.lines}) == 3
 
 

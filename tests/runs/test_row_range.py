@@ -151,13 +151,13 @@ def test_locks_of_blocks_count_what_was_begun(tmp_path: Path) -> None:
         mine.begin(100_000)
         assert not theirs.take(100_000, "you")
         assert theirs.take(99_999, "you")
-        assert theirs.begun(100_000) == (1, "me")
+        assert theirs.unfinished_starts(100_000) == (1, "me")
         mine.close()  # as when its process is killed
         assert theirs.take(100_000, "you")
         theirs.begin(100_000)
-        assert theirs.begun(100_000) == (2, "you")
+        assert theirs.unfinished_starts(100_000) == (2, "you")
         theirs.end(100_000)
-        assert theirs.begun(100_000).times == 0
+        assert theirs.unfinished_starts(100_000).starts == 0
 
 
 def test_a_writer_sees_only_sound_parts(job: gs.Job, tmp_path: Path) -> None:

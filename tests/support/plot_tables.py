@@ -1,4 +1,4 @@
-"""Small tables such as runs leave them, made without simulating, for the tests of figures."""
+"""Small synthetic tables of runs, and readers of legends, for the tests of figures."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import io
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS
@@ -50,5 +51,11 @@ def trace_table(legs: int = 4, rows: int = 2) -> pd.DataFrame:
 
 
 def rendered(figure: Figure) -> None:
-    """Draw it, small: some mistakes only show then."""
+    """Render a small image: some mistakes raise only then."""
     figure.savefig(io.BytesIO(), format="png", dpi=40)
+
+
+def legend_texts(part: Figure | Axes) -> list[str]:
+    """The texts of the legends of a figure, or of the legend of axes."""
+    legends = part.legends if isinstance(part, Figure) else [part.get_legend()]
+    return [text.get_text() for legend in legends if legend is not None for text in legend.get_texts()]
