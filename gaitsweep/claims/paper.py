@@ -149,9 +149,9 @@ class Paper(StrictModel):
     def job_file(self, name: str) -> Path:
         """The file of one of the jobs."""
         written = self.jobs[name].job
-        beside = self._file.parent / written
-        places = (beside, *(folder / written for folder in job_folders()))
-        return next((file for file in places if file.is_file()), beside)
+        beside_claims = self._file.parent / written
+        places = (beside_claims, *(folder / written for folder in job_folders()))
+        return next((file for file in places if file.is_file()), beside_claims)
 
     def only(self, names: Iterable[str]) -> Paper:
         """The paper with some of its claims.

@@ -223,7 +223,7 @@ class Design:
         if name in self._places and not self.uses(name):
             return True
         count = math.prod(self.groups[place].length for place in self.spans(name))
-        texts = (self.settings.get(each) for each in self.closure([name]))
+        texts = (self.settings.get(closed_name) for closed_name in self.closure([name]))
         letters = sum(len(text) for text in texts if isinstance(text, str))
         return count <= MOST_CHECKED and count * letters <= MOST_WORK
 

@@ -321,7 +321,7 @@ def _columns_of_run(
 def read_settings(
     part: type[T],
     field: str,
-    beside: Sequence[str],
+    other_fields: Sequence[str],
     written: Mapping[str, Any],
     wrong: list[Diagnostic],
 ) -> T | None:
@@ -329,9 +329,9 @@ def read_settings(
 
     Errors are added to `wrong`.
     """
-    rest = {key: value for key, value in written.items() if key not in beside}
+    rest = {key: value for key, value in written.items() if key not in other_fields}
     for key in [key for key in rest if key not in part.model_fields]:
-        wrong.append(unknown_field((field, str(key)), field, [*beside, *part.model_fields]))
+        wrong.append(unknown_field((field, str(key)), field, [*other_fields, *part.model_fields]))
         del rest[key]
     return read_model(part, rest, (field,), wrong)
 

@@ -42,8 +42,10 @@ class Config:
         except JobError as error:
             # errors without a line are reported at the job's field
             self.diagnostics.extend(
-                each if each.line else Diagnostic(("config",), f"names {each.file}, which {each.text}")
-                for each in error.diagnostics
+                diagnostic
+                if diagnostic.line
+                else Diagnostic(("config",), f"names {diagnostic.file}, which {diagnostic.text}")
+                for diagnostic in error.diagnostics
             )
             return
         self._merge(self._document.data)

@@ -66,8 +66,8 @@ class ModelSpec:
 
     def unknown(self, name: str, field: str) -> str | None:
         """The reason why `name` is not allowed in `params`, `start` or `vary`, or None."""
-        here = {"params": self.parameters, "start": self.starts, "vary": self.quantities}[field]
-        if name in here:
+        allowed = {"params": self.parameters, "start": self.starts, "vary": self.quantities}[field]
+        if name in allowed:
             return None
         if name in self.structure:
             cannot = "cannot vary" if field == "vary" else "cannot be a start value"
@@ -79,7 +79,7 @@ class ModelSpec:
         noun = {"params": "a parameter", "start": "a start value", "vary": "a parameter or start value"}[
             field
         ]
-        return f"is not {noun} of {self.model.name}{near_miss.suggestion(name, here)}"
+        return f"is not {noun} of {self.model.name}{near_miss.suggestion(name, allowed)}"
 
 
 def read_model_spec(
@@ -153,9 +153,13 @@ def _instance(
     except Exception as error:  # a user's model may refuse its structure in any way
         return None, [Diagnostic(("structure",), f"is not accepted by {name}: {str(error).rstrip('.')}.")]
     names = [*parameters, *starts, *shape]
-    for each in names:
-        if each in RESERVED or names.count(each) > 1:
-            what = f"a quantity named {each}, which is reserved" if each in RESERVED else f"{each} twice"
+    for quantity_name in names:
+        if quantity_name in RESERVED or names.count(quantity_name) > 1:
+            what = (
+                f"a quantity named {quantity_name}, which is reserved"
+                if quantity_name in RESERVED
+                else f"{quantity_name} twice"
+            )
             return None, [Diagnostic(("model",), f"is {name}, which has {what}: rename it.")]
     if name not in models.names() and (wrong := fault(model)) is not None:
         return None, [Diagnostic(("model",), f"is {name}, {wrong}")]

@@ -156,7 +156,7 @@ def _stalled_by(records: Records) -> pd.Categorical:
     ]
     categories = sorted(set(guards))
     codes = np.full(len(words), -1)
-    codes[stalled] = [categories.index(each) for each in guards]
+    codes[stalled] = [categories.index(guard) for guard in guards]
     return pd.Categorical.from_codes(codes, categories=categories)
 
 

@@ -85,10 +85,10 @@ class Continuation(FollowsFixedPoints):
     ) -> pd.DataFrame:
         """The branches of rows first..last-1; `on_progress` is called before each of their steps."""
         mapping, values, table = self.followed(rows, spec, np.arange(first, last), on_progress)
-        found = table["stable"].notna().to_numpy()
-        table = self.records(rows, first, mapping, values, table, found, found, {})
+        has_point = table["stable"].notna().to_numpy()
+        table = self.records(rows, first, mapping, values, table, has_point, has_point, {})
         # missing numbers would be read as such, and those of other blocks are flags
-        return table if found.any() else table.assign(stable=pd.Series([None] * len(table), dtype=object))
+        return table if has_point.any() else table.assign(stable=pd.Series([None] * len(table), dtype=object))
 
     def followed(
         self,

@@ -71,8 +71,12 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(
-        " " if each in "\n\t" else each if each.isprintable() else each.encode("unicode_escape").decode()
-        for each in text
+        " "
+        if character in "\n\t"
+        else character
+        if character.isprintable()
+        else character.encode("unicode_escape").decode()
+        for character in text
     )
 
 

@@ -56,9 +56,9 @@ def not_text(value: str) -> str | None:
     """The first character of a text that figures cannot show, in words, or None."""
     if value.isprintable():
         return None
-    for each in value:
-        if unicodedata.category(each) in ("Cc", "Cs") and each not in "\t\n\r":
-            return f"the control character U+{ord(each):04X}"
+    for character in value:
+        if unicodedata.category(character) in ("Cc", "Cs") and character not in "\t\n\r":
+            return f"the control character U+{ord(character):04X}"
     return None
 
 
@@ -156,13 +156,13 @@ def read_each(value: Any) -> float | dict[str, float]:
         raise InvalidValue(
             "is an empty mapping, but must be a number above 0, or such numbers by the names of observables."
         )
-    each = {}
+    positive_numbers = {}
     for name, number in value.items():
         try:
-            each[read_text(name)] = read_real(number, low=0.0, open_ends=True)
+            positive_numbers[read_text(name)] = read_real(number, low=0.0, open_ends=True)
         except InvalidValue as error:
             raise InvalidValue(f"has {name}, which {error}") from None
-    return each
+    return positive_numbers
 
 
 def read_text(value: Any) -> str:

@@ -137,8 +137,8 @@ class Document:
 
     def located(self, error: JobError) -> JobError:
         """The error with the location of each diagnostic, in the order of the lines."""
-        found = [self.locate(diagnostic) for diagnostic in error.diagnostics]
-        return JobError(sorted(found, key=lambda diagnostic: diagnostic.line or 0))
+        diagnostics = [self.locate(diagnostic) for diagnostic in error.diagnostics]
+        return JobError(sorted(diagnostics, key=lambda diagnostic: diagnostic.line or 0))
 
 
 def read_document(path: Path) -> Document:

@@ -57,11 +57,11 @@ class BranchPoints:
         """These branch points, with `others` in the rows `which`."""
 
         def put(
-            mine: Shaped[np.ndarray, "branches ..."], theirs: Shaped[np.ndarray, "some ..."]
+            own: Shaped[np.ndarray, "branches ..."], theirs: Shaped[np.ndarray, "some ..."]
         ) -> Shaped[np.ndarray, "branches ..."]:
-            mine = np.array(mine)
-            mine[which] = theirs
-            return mine
+            own = np.array(own)
+            own[which] = theirs
+            return own
 
         return jax.tree.map(put, self, others)
 
@@ -89,19 +89,19 @@ class ContinuationProblem:
         parameter: str,
         within: Sequence[float],
         values: dict[str, PerBranch],
-        held: ConservedConstraints,
+        constraints: ConservedConstraints,
         at: Float[np.ndarray, "branches coordinates"],
     ) -> ContinuationProblem:
         """The problem with the weights of branches that start at the coordinates `at` (n, size)."""
         low, high = float(min(within)), float(max(within))
         n, size = at.shape
-        weights = np.zeros((n, size + len(held.which) + 1))
+        weights = np.zeros((n, size + len(constraints.which) + 1))
         weights[:, :size] = 1.0 / (sizes(at) ** 2 * size)
         weights[:, -1] = 1.0 / (high - low) ** 2
-        return cls(mapping, parameter, low, high, values, held, weights)
+        return cls(mapping, parameter, low, high, values, constraints, weights)
 
     def __getitem__(self, which: np.ndarray) -> ContinuationProblem:
-        values = {name: each[which] for name, each in self.values.items()}
+        values = {name: column[which] for name, column in self.values.items()}
         return dataclasses.replace(self, values=values, held=self.held[which], weights=self.weights[which])
 
     def evaluated(self, points: Points, parameter: PerBranch) -> MapEvaluation:
@@ -158,11 +158,11 @@ class ContinuationProblem:
         parameter, drift = before.parameter + change[:, -1], before.drift + change[:, size:-1]
         images = problem.evaluated(points[rows], parameter)
         tangent = problem.tangents(images, before.tangent)
-        found = BranchPoints(points[rows], drift, parameter, tangent, images, count[rows])
+        followed = BranchPoints(points[rows], drift, parameter, tangent, images, count[rows])
         # a branch cannot continue where the map has no derivative; the other branches can
         count[rows[~np.isfinite(tangent).all(axis=1)]] = 0
         on = np.flatnonzero(count[rows])
-        return branch_points.merged(rows[on], found[on]), count > 0
+        return branch_points.merged(rows[on], followed[on]), count > 0
 
     def _corrected(
         self, branch_points: BranchPoints, guess: Unknowns, normal: Unknowns, goal: PerBranch
@@ -190,14 +190,14 @@ class ContinuationProblem:
             norm[rows] = now
             rest = np.flatnonzero(good & ~fixed)
             if rest.size:
-                mine, miss = rows[rest], np.concatenate([miss, off[:, None]], axis=1)[rest]
+                active, miss = rows[rest], np.concatenate([miss, off[:, None]], axis=1)[rest]
                 if taken > 1:
-                    matrix[mine] += _broyden_update(problem[rest].weights, step[mine], miss)
-                step[mine] = _solved(matrix[mine], -miss)
-                change[mine] += step[mine]
+                    matrix[active] += _broyden_update(problem[rest].weights, step[active], miss)
+                step[active] = _solved(matrix[active], -miss)
+                change[active] += step[active]
                 back = self.mapping.difference(some.at[rest], images.points.at[rest])
-                moved = images.points.at[rest] + back + step[mine, :size]
-                points = points.merged(mine, Points(moved, images.points[rest].modes))
+                moved = images.points.at[rest] + back + step[active, :size]
+                points = points.merged(active, Points(moved, images.points[rest].modes))
         return points, change, count
 
     def bordered(
@@ -218,11 +218,11 @@ def _solved(
     matrices: Float[np.ndarray, "systems unknowns unknowns"], right: Float[np.ndarray, "systems unknowns"]
 ) -> Float[np.ndarray, "systems unknowns"]:
     """The solutions (n, m) of n linear systems; NaN where a matrix is singular or not finite."""
-    found = np.full_like(right, np.nan)
+    solutions = np.full_like(right, np.nan)
     for k in np.flatnonzero(np.all(np.isfinite(matrices), axis=(1, 2))):
         with contextlib.suppress(np.linalg.LinAlgError):
-            found[k] = np.linalg.solve(matrices[k], right[k])
-    return found
+            solutions[k] = np.linalg.solve(matrices[k], right[k])
+    return solutions
 
 
 def _broyden_update(

@@ -198,7 +198,7 @@ def force_balance_error() -> float:
     largest = 0.0
     for _ in range(50):
         length = values["L"] - random.uniform(0.0, values["a"], legs)
-        x, load = (np.asarray(each)[0] for each in heights(length[None]))
+        x, load = (np.asarray(solved)[0] for solved in heights(length[None]))
         pull = values["kappa"] * np.diff(x)
         sides = np.append(pull, 0.0) - np.append(0.0, pull) + load - masses * values["g"]
         in_the_air = np.where(x > length + 1e-12, np.abs(load), 0.0)
@@ -301,16 +301,16 @@ def reduced_multipliers(*, kind: str, k: int) -> list[float]:
     branch, _, s = _at(N, kind, k, 0.45)
     psi = _solution(N, branch, s, touchdown_phase(Chain()))
     mapping, points = _reduced_map(N, np.asarray(psi)[None])
-    found = mapping.multipliers(points)
-    return sorted((float(each) for each in np.real(np.ravel(found))), reverse=True)
+    factors = mapping.multipliers(points)
+    return sorted((float(factor) for factor in np.real(np.ravel(factors))), reverse=True)
 
 
 @measure
 def theory_eigenvalues(*, kind: str, k: int, N: int) -> list[float]:
     """Eigenvalues of the linear map of a cycle, eq. (21), in falling order (1)."""
     branch, _, s = _at(N, kind, k, 0.45)
-    found = eigenvalues(linear_map(N, branch, s))
-    return sorted((float(each) for each in np.real(found)), reverse=True)
+    factors = eigenvalues(linear_map(N, branch, s))
+    return sorted((float(factor) for factor in np.real(factors)), reverse=True)
 
 
 @measure
@@ -318,8 +318,8 @@ def linear_map_error(*, N: int) -> float:
     """Largest difference of the coefficients of det(lambda - P_k) from those of eqs. (22) and (26) (1)."""
     largest = 0.0
     for branch, s in _sets(N):
-        found = characteristic_polynomial(linear_map(N, branch, s))
-        largest = max(largest, float(np.abs(found - np.poly(multipliers(N, branch))).max()))
+        coefficients = characteristic_polynomial(linear_map(N, branch, s))
+        largest = max(largest, float(np.abs(coefficients - np.poly(multipliers(N, branch))).max()))
     return largest
 
 
@@ -333,7 +333,7 @@ def touchdown_relation_error(*, N: int = 9) -> float:
 def table_2(*, number: int) -> list[str]:
     """Whether the legs in front of and behind a leg of the set S are reset before it: no, yes or none."""
     words = {None: "none", False: "no", True: "yes"}
-    return [words[each] for beside, known in TABLE_2.items() if known == number for each in beside]
+    return [words[reset] for neighbours, known in TABLE_2.items() if known == number for reset in neighbours]
 
 
 @measure
@@ -342,7 +342,7 @@ def order_sets_agree(*, N: int = 9) -> float:
     agree = []
     for branch, s in _sets(N):
         sets = reset_sets(N, branch, s)
-        alone = {i for i, each in enumerate(sets, 1) if not each.front and not each.rear}
+        alone = {i for i, reset_set in enumerate(sets, 1) if not reset_set.front and not reset_set.rear}
         first = {i for i in alone if i <= branch.k - 2}
         last = {i for i in alone if i >= branch.k + 2}
         agree.append(order_sets(N, branch, s) == (frozenset(first), frozenset(last)))
@@ -383,15 +383,15 @@ def wave_numbers(*, which: str, beta: float = 0.8) -> float:
     """The theory's wavelength (legs), speed printed or exact (legs/s), or lag (rad), at a duty factor."""
     chain = Chain(beta=beta)
     speeds = wave_speed(chain_defaults()["omega"], chain)
-    found = {
+    allowed = {
         "wavelength": wavelength(chain),
         "printed": speeds.printed,
         "exact": speeds.exact,
         "lag": lag(chain),
     }
-    if which not in found:
-        raise MeasureError(f"which is {which}. Allowed: {', '.join(found)}.")
-    return float(found[which])
+    if which not in allowed:
+        raise MeasureError(f"which is {which}. Allowed: {', '.join(allowed)}.")
+    return float(allowed[which])
 
 
 @measure
@@ -437,7 +437,7 @@ def _last_steps(table: pd.DataFrame, names: list[str]) -> np.ndarray:
     rows = [part.sort_values(by="crossing")[names].to_numpy(float) for _, part in table.groupby("row")]
     if min(map(len, rows)) < 2:
         raise MeasureError("A row has fewer than two crossings.")
-    return np.stack([each[-1] - each[-2] for each in rows])
+    return np.stack([values[-1] - values[-2] for values in rows])
 
 
 @measure
@@ -445,14 +445,14 @@ def distinct_ends(table: pd.DataFrame) -> list[float]:
     """Number of values of each relative phase over all rows, taken as one if within 0.02 rad (1)."""
     ends = table.sort_values(by="crossing").groupby("row").tail(1)
     steps = (np.diff(np.sort(numbers(ends, name))) for name in psi_columns(table, "_n"))
-    return [float(1 + np.count_nonzero(each > 0.02)) for each in steps]
+    return [float(1 + np.count_nonzero(change > 0.02)) for change in steps]
 
 
 @measure
 def gait_ends(table: pd.DataFrame, *, gait: str, phases: Sequence[str]) -> list[float]:
     """Median settled values of relative phases in a gait (rad)."""
     rows = _settled(table, gait)
-    return [float(np.median(numbers(rows, f"{each}_end"))) for each in phases]
+    return [float(np.median(numbers(rows, f"{phase}_end"))) for phase in phases]
 
 
 @measure
@@ -487,8 +487,8 @@ def distance_from_planes(table: pd.DataFrame) -> float:
     The planes are at the medians of psi_1 over direct and source waves, and of psi_3 over source and
     retrograde waves.
     """
-    first = np.median(np.concatenate([numbers(_settled(table, each), "psi_1_end") for each in WAVES[:2]]))
-    third = np.median(np.concatenate([numbers(_settled(table, each), "psi_3_end") for each in WAVES[1:]]))
+    first = np.median(np.concatenate([numbers(_settled(table, gait), "psi_1_end") for gait in WAVES[:2]]))
+    third = np.median(np.concatenate([numbers(_settled(table, gait), "psi_3_end") for gait in WAVES[1:]]))
     rows = masked(table, table["status"] == "settled")
     away = np.minimum(
         np.abs(wrapped_difference(numbers(rows, "psi_1_end") - first)),
@@ -517,12 +517,12 @@ def slopes_of_segments(
 @measure
 def gap_between_lines(table: pd.DataFrame) -> list[float]:
     """Smallest distances of settled direct and source, and source and retrograde waves (rad)."""
-    found = []
+    gaps = []
     for one, other in (("direct", "source"), ("source", "retrograde")):
         a, b = (np.asarray(_settled(table, each), float) for each in (one, other))
         nearest = [np.sqrt((np.asarray(wrapped_difference(b - each)) ** 2).sum(axis=1)).min() for each in a]
-        found.append(float(min(nearest)))
-    return found
+        gaps.append(float(min(nearest)))
+    return gaps
 
 
 @measure
@@ -561,7 +561,7 @@ def _parts(mask: np.ndarray) -> np.ndarray:
         back = tuple(-cells for cells in shift)  # np.roll moves the neighbour at `shift` to the cell itself
         both = mask & np.roll(mask, back, (0, 1))
         pairs.append((cell[both], np.roll(cell, back, (0, 1))[both]))
-    i, j = (np.concatenate(each) for each in zip(*pairs, strict=True))
+    i, j = (np.concatenate(ends) for ends in zip(*pairs, strict=True))
     graph = coo_matrix((np.ones(len(i)), (i, j)), shape=(mask.size, mask.size))
     _, labels = connected_components(graph, directed=False)
     return np.unique(labels[mask.ravel()], return_counts=True)[1]
@@ -570,24 +570,24 @@ def _parts(mask: np.ndarray) -> np.ndarray:
 @measure
 def settled_phases(table: pd.DataFrame, *, row: int) -> list[float]:
     """Relative phases on section 1 at the end of a row of a trace (rad)."""
-    return [float(each) for each in relative_phases(one_row(table, row), springs_of(table))]
+    return [float(phase) for phase in relative_phases(one_row(table, row), springs_of(table))]
 
 
 @measure
 def leads(table: pd.DataFrame, *, row: int, links: Sequence[int] | None = None) -> list[float]:
     """The time by which each leg swings before the one in front of it, times omega (rad)."""
     part, N = one_row(table, row), springs_of(table)
-    found = passages(part, N)
-    return [float(found.leads[link - 1]) * chain_defaults()["omega"] for link in links or range(1, N + 1)]
+    swings = passages(part, N)
+    return [float(swings.leads[link - 1]) * chain_defaults()["omega"] for link in links or range(1, N + 1)]
 
 
 @measure
 def directions(table: pd.DataFrame, *, row: int) -> list[str]:
     """Direction in which swings pass over each link: forwards, backwards, or free where the lag is free."""
     part, N = one_row(table, row), springs_of(table)
-    found = passages(part, N)
+    swings = passages(part, N)
     branch, _ = nearest_set(N, Chain(), relative_phases(part, N))
-    words = ["forwards" if lead < found.period / 2 else "backwards" for lead in found.leads]
+    words = ["forwards" if lead < swings.period / 2 else "backwards" for lead in swings.leads]
     words[free_link(N, branch) - 1] = "free"
     return words
 
@@ -595,8 +595,8 @@ def directions(table: pd.DataFrame, *, row: int) -> list[str]:
 @measure
 def unequal_intervals(table: pd.DataFrame, *, row: int) -> float:
     """Largest difference of the intervals between swings of a row's wave, over their mean (1)."""
-    found = waves(one_row(table, row))
-    return float(numbers(found, "spread")[0] / numbers(found, "lag")[0])
+    wave = waves(one_row(table, row))
+    return float(numbers(wave, "spread")[0] / numbers(wave, "lag")[0])
 
 
 @measure
@@ -628,9 +628,9 @@ def simulated_order(table: pd.DataFrame, *, row: int, legs: Sequence[int]) -> st
 
 def _order(table: pd.DataFrame, row: int, legs: Sequence[int]) -> list[int]:
     """Legs in their order of passing mid-stance after the first of them."""
-    found = passages(one_row(table, row), springs_of(table))
-    behind = np.mod(-np.append(0.0, np.cumsum(found.leads)), found.period)  # of leg 1, s
-    after = {leg: np.mod(behind[leg - 1] - behind[legs[0] - 1] + 1e-9, found.period) for leg in legs}
+    swings = passages(one_row(table, row), springs_of(table))
+    behind = np.mod(-np.append(0.0, np.cumsum(swings.leads)), swings.period)  # of leg 1, s
+    after = {leg: np.mod(behind[leg - 1] - behind[legs[0] - 1] + 1e-9, swings.period) for leg in legs}
     return sorted(legs, key=lambda leg: after[leg])
 
 
@@ -638,7 +638,7 @@ def _order(table: pd.DataFrame, row: int, legs: Sequence[int]) -> list[int]:
 def reset_set_numbers(table: pd.DataFrame, *, row: int, k: int) -> list[float]:
     """The number 1 to 8 of the set S of each leg, by the simulated order of a cycle from leg k on (1)."""
     others = [leg for leg in range(1, springs_of(table) + 2) if leg != k]
-    return [float(each.number) for each in sets_of_order(_order(table, row, [k, *others]))]
+    return [float(reset_set.number) for reset_set in sets_of_order(_order(table, row, [k, *others]))]
 
 
 @measure
@@ -671,13 +671,13 @@ def neighbours_at_touchdown(table: pd.DataFrame, *, row: int, k: int) -> float:
 def touchdown_phases_apart(table: pd.DataFrame) -> float:
     """Largest difference of the legs' times from one passage of mid-stance to the next, times omega (rad)."""
     N, omega = springs_of(table), chain_defaults()["omega"]
-    found = []
+    periods = []
     for _, part in table.groupby("row"):
         part = part.sort_values(by="t")
         for leg in range(1, N + 2):
             pair = {"t": part["t"], "phase_1": part[f"phase_{leg}"], "phase_2": part[f"phase_{leg}"]}
-            found.append(passages(pd.DataFrame(pair), 1).period)
-    return float(omega * (max(found) - min(found)))
+            periods.append(passages(pd.DataFrame(pair), 1).period)
+    return float(omega * (max(periods) - min(periods)))
 
 
 @measure
@@ -704,8 +704,8 @@ def drift_over_law(table: pd.DataFrame, *, where: Condition | None = None) -> li
         table: a return_map table.
         where: a condition over the columns of `source_drift`, such as `m_slope != 0`.
     """
-    found = records(source_drift(table), where)
-    ratios = numbers(found, "drift") / numbers(found, "law_on_ground")
+    drifts = records(source_drift(table), where)
+    ratios = numbers(drifts, "drift") / numbers(drifts, "law_on_ground")
     return [float(ratios.min()), float(ratios.max())]
 
 
@@ -748,8 +748,8 @@ def mirror_error(table: pd.DataFrame) -> float:
 @measure
 def worst_ratio(table: pd.DataFrame, *, column: str, over: str, where: Condition | None = None) -> float:
     """The ratio of two columns of measured waves that is farthest from 1, over rows of a condition (1)."""
-    found = records(waves(table), where)
-    ratio = numbers(found, column) / numbers(found, over)
+    measured = records(waves(table), where)
+    ratio = numbers(measured, column) / numbers(measured, over)
     return float(ratio[np.abs(ratio - 1.0).argmax()])
 
 
@@ -776,8 +776,8 @@ def no_gaits(table: pd.DataFrame, *, where: Condition, less: Condition) -> float
     """Share of sets of parameters without any of the three gaits: of one condition minus of another (1)."""
     shares = gait_shares(table)
     one, other = (
-        float(np.mean((np.asarray(records(shares, each)[list(WAVES)]) == 0.0).all(axis=1)))
-        for each in (where, less)
+        float(np.mean((np.asarray(records(shares, condition)[list(WAVES)]) == 0.0).all(axis=1)))
+        for condition in (where, less)
     )
     return one - other
 

@@ -93,8 +93,8 @@ def phase_rate_error() -> float:
         for i, j in pairs:
             lead = leads[f"delta_star_{min(i, j) + 1}{max(i, j) + 1}"] * (1.0 if i < j else -1.0)
             wanted[i] -= gains[f"K_{i + 1}{j + 1}"] * math.sin(phi[i] - phi[j] - lead)
-        found = phase_rates(p, _state(phi=jnp.asarray(phi)), jnp.zeros(()))
-        worst = max(worst, float(np.max(np.abs(np.asarray(found) - wanted))))
+        computed = phase_rates(p, _state(phi=jnp.asarray(phi)), jnp.zeros(()))
+        worst = max(worst, float(np.max(np.abs(np.asarray(computed) - wanted))))
     return worst
 
 
@@ -157,10 +157,10 @@ def ground_force_error() -> float:
         contact = at[:, 2] <= 0.0
         sunk = at - np.concatenate([anchor, np.zeros((4, 1))], axis=1)
         wanted = np.where(contact[:, None], -float(m.K_TL) * sunk - float(m.D_TL) * speed, 0.0)
-        found = m.ground_forces(
+        computed = m.ground_forces(
             jnp.asarray(at), jnp.asarray(speed), jnp.asarray(anchor), jnp.asarray(contact)
         )
-        worst = max(worst, float(np.max(np.abs(np.stack([f.force for f in found]) - wanted))))
+        worst = max(worst, float(np.max(np.abs(np.stack([f.force for f in computed]) - wanted))))
     return worst
 
 
@@ -179,8 +179,8 @@ def angular_velocity_error() -> float:
         q = np.concatenate([np.zeros(3), quaternion(angles), np.zeros(9)])
         v = np.concatenate([np.zeros(3), b @ turning, np.zeros(9)])
         moved = (quaternion(angles + step * turning) - quaternion(angles - step * turning)) / (2.0 * step)
-        found = np.asarray(rates(body()[0], jnp.asarray(q), jnp.asarray(v)))[3:7]
-        worst = max(worst, float(np.max(np.abs(found - moved))))
+        computed = np.asarray(rates(body()[0], jnp.asarray(q), jnp.asarray(v)))[3:7]
+        worst = max(worst, float(np.max(np.abs(computed - moved))))
     return worst
 
 
@@ -201,9 +201,9 @@ def mechanics_error(*, of: str) -> float:
         mujoco.mj_forward(by, data)
         if of == "kinetic_energy":
             mujoco.mj_energyVel(by, data)
-            found, wanted = np.array([functions[of](m, q, v)]), np.array([data.energy[1]])
+            computed, wanted = np.array([functions[of](m, q, v)]), np.array([data.energy[1]])
         elif of == "feet":
-            found = np.asarray(functions[of](m, q, v))
+            computed = np.asarray(functions[of](m, q, v))
             wanted = np.stack([data.site(f"foot_{i + 1}").xpos for i in LIMBS])
         else:
             data.qfrc_applied = tau
@@ -212,8 +212,8 @@ def mechanics_error(*, of: str) -> float:
                 mujoco.mj_jacSite(by, data, jacobian, None, site)
                 data.qfrc_applied += jacobian.T @ forces[i]
             mujoco.mj_forward(by, data)
-            found, wanted = np.asarray(functions["accelerations"](m, q, v, tau, forces)), data.qacc
-        worst = max(worst, float(np.max(np.abs(found - wanted)) / np.max(np.abs(wanted))))
+            computed, wanted = np.asarray(functions["accelerations"](m, q, v, tau, forces)), data.qacc
+        worst = max(worst, float(np.max(np.abs(computed - wanted)) / np.max(np.abs(wanted))))
     return worst
 
 
@@ -262,12 +262,12 @@ def _state(**changed: Any) -> State:
 
 def _moments() -> list[tuple[np.ndarray, np.ndarray]]:
     """Random positions and velocities of the whole body."""
-    rng, found = np.random.default_rng(2), []
+    rng, moments = np.random.default_rng(2), []
     for _ in range(STATES):
         turn = Rotation.from_euler("ZXY", rng.uniform(-0.5, 0.5, 3)).as_quat(scalar_first=True)
         q = np.concatenate([rng.normal(0.0, 0.2, 3), turn, rng.uniform(-0.8, 0.8, 9)])
-        found.append((q, rng.normal(0.0, 1.0, 15)))
-    return found
+        moments.append((q, rng.normal(0.0, 1.0, 15)))
+    return moments
 
 
 def _by_cosines(x: float, z: float, link: float, bend: float) -> tuple[float, float]:
@@ -285,8 +285,8 @@ def transition_at(
 ) -> float:
     """Middle of the interval in which a ramp or staircase jumps as the parameter is `rising` or `falling`."""
     points = transition_points(table, observable, parameter, least)
-    mine = points.loc[points["direction"] == direction]
-    return _first_middle(mine, f"No row jumps as {parameter} is {direction}.")
+    points_of_direction = points.loc[points["direction"] == direction]
+    return _first_middle(points_of_direction, f"No row jumps as {parameter} is {direction}.")
 
 
 @measure
@@ -297,15 +297,15 @@ def hysteresis_widths(
     points = transition_points(table, observable, parameter, by=[] if by is None else [by])
     middle = (points["low"] + points["high"]) / 2.0
     groups = sorted(table[by].dropna().unique()) if by is not None else [None]
-    found = []
+    widths = []
     for group in groups:
-        here = points["direction"].notna() if group is None else points[by] == group
-        ways = {way: middle[here & (points["direction"] == way)] for way in ("rising", "falling")}
+        in_group = points["direction"].notna() if group is None else points[by] == group
+        ways = {way: middle[in_group & (points["direction"] == way)] for way in ("rising", "falling")}
         if any(way.empty for way in ways.values()):
             place = "" if group is None else f" at {by} = {group:g}"
             raise AnalysisError(f"The observable does not jump in each direction{place}.")
-        found.append(float(ways["rising"].iloc[0] - ways["falling"].iloc[0]))
-    return found
+        widths.append(float(ways["rising"].iloc[0] - ways["falling"].iloc[0]))
+    return widths
 
 
 @measure
@@ -337,8 +337,8 @@ def gait_lost_at(
 ) -> float:
     """Middle of the interval of the parameter in which settled rows lose a gait."""
     points = transition_points_by_gait(table, parameter, start)
-    mine = points.loc[(points["gait"] == gait) & (points["direction"] == direction)]
-    return _first_middle(mine, f"The gait {gait} is not lost as {parameter} is {direction}.")
+    losses = points.loc[(points["gait"] == gait) & (points["direction"] == direction)]
+    return _first_middle(losses, f"The gait {gait} is not lost as {parameter} is {direction}.")
 
 
 def _first_middle(points: pd.DataFrame, without: str) -> float:
@@ -353,10 +353,10 @@ def kinds_of_fixed_points(
     table: pd.DataFrame, *, observable: str, parameter: str, at: float, bandwidth: float | None = None
 ) -> list[str]:
     """Kinds of the fixed points of the return map at a value of the parameter, in order of the observable."""
-    found = fixed_points(table, observable, parameter, bandwidth)
-    here = np.flatnonzero(np.isclose(found[parameter].to_numpy(float), at))
-    order = here[np.argsort(found["value"].to_numpy(float)[here])]
-    return ["stable" if found["stable"].iloc[k] else "unstable" for k in order]
+    points = fixed_points(table, observable, parameter, bandwidth)
+    at_value = np.flatnonzero(np.isclose(points[parameter].to_numpy(float), at))
+    order = at_value[np.argsort(points["value"].to_numpy(float)[at_value])]
+    return ["stable" if points["stable"].iloc[k] else "unstable" for k in order]
 
 
 @measure
@@ -370,13 +370,13 @@ def stable_until(
     bandwidth: float | None = None,
 ) -> float:
     """Largest (`max`) or smallest (`min`) parameter at which the return map has a stable point in a range."""
-    found = fixed_points(table, observable, parameter, bandwidth)
+    points = fixed_points(table, observable, parameter, bandwidth)
     low, high = between
-    value, stable = found["value"].to_numpy(float), found["stable"].to_numpy(bool)
-    mine = found[parameter].to_numpy(float)[stable & (value >= low) & (value <= high)]
-    if not mine.size:
+    value, stable = points["value"].to_numpy(float), points["stable"].to_numpy(bool)
+    stable_values = points[parameter].to_numpy(float)[stable & (value >= low) & (value <= high)]
+    if not stable_values.size:
         raise AnalysisError(f"No stable fixed point has {observable} between {low:g} and {high:g}.")
-    return float(mine.max() if take == "max" else mine.min())
+    return float(stable_values.max() if take == "max" else stable_values.min())
 
 
 @measure
@@ -384,11 +384,11 @@ def share_with_unstable_between(
     table: pd.DataFrame, *, observable: str, parameter: str, bandwidth: float | None = None
 ) -> float:
     """Share of the parameter values with two stable fixed points that have an unstable one between (1)."""
-    found = fixed_points(table, observable, parameter, bandwidth)
+    points = fixed_points(table, observable, parameter, bandwidth)
     several = [
-        [bool(stable) for stable in here.sort_values("value")["stable"]]
-        for _, here in found.groupby(parameter)
-        if np.count_nonzero(here["stable"].to_numpy(bool)) >= 2
+        [bool(stable) for stable in points_at_value.sort_values("value")["stable"]]
+        for _, points_at_value in points.groupby(parameter)
+        if np.count_nonzero(points_at_value["stable"].to_numpy(bool)) >= 2
     ]
     if not several:
         raise AnalysisError("No value of the parameter has two stable fixed points.")
@@ -417,14 +417,14 @@ def gap_of_edges(
 @measure
 def directions_of_loss(*tables: pd.DataFrame, observable: str, parameters: Sequence[str]) -> list[str]:
     """Direction of each table's parameter in which the observable jumps down."""
-    found = []
+    directions = []
     for table, parameter in zip(tables, parameters, strict=True):
         points = transition_points(table, observable, parameter)
         down = points.loc[points["size"] < 0.0, "direction"]
         if down.empty:
             raise AnalysisError(f"{observable} does not jump down as {parameter} moves.")
-        found.append(str(down.iloc[0]))
-    return found
+        directions.append(str(down.iloc[0]))
+    return directions
 
 
 @measure
@@ -501,8 +501,8 @@ def gait_kept(table: pd.DataFrame, *, gait: str) -> float:
     rows = first.loc[first["same"], "row"]
     if rows.empty:
         raise AnalysisError(f"No row has the gait {gait} on the first stair.")
-    kept = shown.loc[shown["row"].isin(rows)].groupby("row")["same"].all()
-    return float(np.mean(kept.to_numpy()))
+    always_same = shown.loc[shown["row"].isin(rows)].groupby("row")["same"].all()
+    return float(np.mean(always_same.to_numpy()))
 
 
 @measure
@@ -578,7 +578,7 @@ def touchdown_lags(
     if window is not None:
         t = table["t"].to_numpy(float)
         table = table.loc[(t >= window[0]) & (t <= window[1])]
-    found = []
+    lags = []
     for (i, j), middle in zip(pairs, near or [math.pi] * len(pairs), strict=True):
         first, second = _touchdowns(table, row, i), _touchdowns(table, row, j)
         cycle = float(np.median(np.diff(first)))
@@ -587,8 +587,8 @@ def touchdown_lags(
                 raise AnalysisError(f"Foot {foot} of row {row} does not touch down once a cycle.")
         after = second[:, None] - first[None, :]
         lag = np.asarray(mean_direction(TURN * (after / cycle).ravel()))
-        found.append(float(unwrap_from(lag, middle - math.pi)))
-    return found
+        lags.append(float(unwrap_from(lag, middle - math.pi)))
+    return lags
 
 
 @measure

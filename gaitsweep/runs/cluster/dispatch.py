@@ -366,12 +366,12 @@ class Dispatch:
     def _free_stranded(self) -> None:
         """Submit tasks again that only lost workers may run."""
         present = set(self.workers.names)
-        gone = [
+        stranded = [
             n for n, task in self.flight.items() if task.only is not None and not present & set(task.only)
         ]
-        if gone:
-            self.workers.client.cancel([self.flight[number].future for number in gone], force=True)
-            self._give_back(gone)
+        if stranded:
+            self.workers.client.cancel([self.flight[number].future for number in stranded], force=True)
+            self._give_back(stranded)
 
     def _expire(self) -> None:
         """End workers of which no task has ended for too long; a task may wait behind another."""

@@ -78,7 +78,7 @@ def solution_set(
     lines, remark = _theory(table, list(axes)) if theory else (np.zeros((0, 2, 3)), None)
     with theme.canvas(theme.PAGE, 4.3, title) as figure:
         space, planes = _panels(figure)
-        kept = _scatter(table, names, hue, shown, space, planes)
+        drawn = _scatter(table, names, hue, shown, space, planes)
         for ends in lines:
             space.plot(*ends.T, color="black", lw=0.9, zorder=5)
             for plane, pair in planes:
@@ -86,7 +86,7 @@ def solution_set(
         for number, (name, place) in enumerate(points.items()):
             _mark(name, np.asarray(place, float), space, planes, number)
         _label(table, names, space, planes)
-        if not kept:
+        if not drawn:
             theme.message(planes[0][0], "no row has settled")
         _legend(figure, table, hue, shown, _named(table) if len(lines) else None, remark)
     return figure
@@ -112,21 +112,21 @@ def _scatter(
     """The settled rows in all three panels; how many there are."""
     order = theme.ordered(in_order(table, hue, shown))
     colour, marker = theme.colours(order), theme.markers(order)
-    kept = 0
+    drawn = 0
     for name in order:
-        mine = rows_where(table, shown == name)
-        if name in (Outcome.NOT_SETTLED, Outcome.FAILED) or not len(mine):
+        rows = rows_where(table, shown == name)
+        if name in (Outcome.NOT_SETTLED, Outcome.FAILED) or not len(rows):
             continue
-        place = mine[names].to_numpy(float)
-        place = np.where([is_angle(table, each) for each in names], np.mod(place, 2 * np.pi), place)
+        place = rows[names].to_numpy(float)
+        place = np.where([is_angle(table, column) for column in names], np.mod(place, 2 * np.pi), place)
         width = 0.8 if marker[name] == "x" else 0
         look = {"color": colour[name], "marker": marker[name], "linewidths": width, "clip_on": False}
-        size = float(np.clip(3e3 / len(mine), 9.0, 16.0))  # larger than the width of the lines over them
+        size = float(np.clip(3e3 / len(rows), 9.0, 16.0))  # larger than the width of the lines over them
         space.scatter(*place.T, s=size, depthshade=False, **look)
         for plane, pair in planes:
             plane.scatter(*place[:, pair].T, s=size, rasterized=True, **look)
-        kept += len(mine)
-    return kept
+        drawn += len(rows)
+    return drawn
 
 
 def _mark(name: str, place: np.ndarray, space: Any, planes: Planes, number: int) -> None:

@@ -81,14 +81,16 @@ def gait_ramp(
     along = along.loc[np.isfinite(along[parameter if x == "parameter" else x])]
     parts = [table if value is None else rows_where(table, table[str(panels)] == value) for value in values]
     rows = [np.unique(part["row"].to_numpy(int)) for part in parts]
-    heights = [max(len(each), 1) for each in rows]
+    heights = [max(len(rows_of_panel), 1) for rows_of_panel in rows]
     present = set(along["gait"].astype(str))
     with theme.canvas(theme.PAGE, 0.42 * sum(heights) + 0.35 * len(parts) + 0.9, title) as figure:
         grid = figure.subplots(len(parts), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
-        for axes, value, each in zip(grid, values, rows, strict=True):
+        for axes, value, rows_of_panel in zip(grid, values, rows, strict=True):
             axes.set_title("" if value is None else written(table, str(panels), value), loc="left")
-            names = row_names(rows_where(table, table["row"].isin(each.tolist())), [panels] if panels else [])
-            _panel(axes, along, [(row, names[row]) for row in each], parameter, x == "speed")
+            names = row_names(
+                rows_where(table, table["row"].isin(rows_of_panel.tolist())), [panels] if panels else []
+            )
+            _panel(axes, along, [(row, names[row]) for row in rows_of_panel], parameter, x == "speed")
         grid[-1].set_xlabel(axis_label(table, parameter) if x == "parameter" else "measured speed (m/s)")
         shown = [gait for gait in theme.ordered(ORDER) if gait in present]
         handles = [Patch(color=colour_of(gait), label=_kind(gait)) for gait in shown]
@@ -112,9 +114,9 @@ def _panel(
 ) -> None:
     look: dict[str, Any] = {"fontsize": theme.points(7), "va": "center", "ha": "right", "color": "#444444"}
     for place, (row, _) in enumerate(rows):
-        mine = along.loc[along["row"] == row]
+        cycles = along.loc[along["row"] == row]
         for down in (0, 1):
-            part = mine.loc[mine["pass"] == down]
+            part = cycles.loc[cycles["pass"] == down]
             height = place + (0.22 if down else -0.22)
             falls = len(part) > 1 and part[parameter].iloc[-1] < part[parameter].iloc[0]
             at = part["speed" if measured else parameter].to_numpy(float)
