@@ -162,7 +162,7 @@ def _blocks(
     before = directory.rows_done
     on_progress(before, n, 0.0, before / n, "compiling")
     for place in range(0, len(missing), together):
-        parts = [directory.rows_of(number) for number in missing[place : place + together]]
+        parts = [directory.layout.rows_of(number) for number in missing[place : place + together]]
         rows = np.concatenate([np.arange(first, last) for first, last in parts])
         done = directory.rows_done
 

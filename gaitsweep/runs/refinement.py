@@ -117,7 +117,7 @@ class Refinement:
         """Write the missing parts from the simulated rows and the labels (n,) of all rows."""
         at = simulated["row"].to_numpy()
         for number in self.directory.missing_blocks():
-            start, stop = self.directory.rows_of(number)
+            start, stop = self.directory.layout.rows_of(number)
             own_rows = simulated.iloc[np.searchsorted(at, start) : np.searchsorted(at, stop)]
             others = np.setdiff1d(np.arange(start, stop, dtype=np.int64), own_rows["row"])
             filled = self._inferred_frame(others, labels[others], simulated)

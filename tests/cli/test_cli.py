@@ -83,7 +83,7 @@ class FakeRunner(types.ModuleType):
             for number in directory.missing_blocks():
                 if self.error is not None and number == self.error_after_blocks:
                     raise self.error
-                rows = np.arange(*directory.rows_of(number), dtype=np.int64)
+                rows = np.arange(*directory.layout.rows_of(number), dtype=np.int64)
                 status = np.where(rows == 3, "fell", "settled")
                 directory.write_part(number, pd.DataFrame({"row": rows, "status": status}))
                 if on_progress is not None:

@@ -25,7 +25,7 @@ def _continued(path: Path, program: Mapping[str, str] = FUNCTIONS, parts: int = 
     with open_toy(path, rows=20) as directory:
         continue_directory(context, directory, messages.append)
         for number in directory.missing_blocks()[:parts]:
-            directory.write_part(number, block_frame(*directory.rows_of(number)))
+            directory.write_part(number, block_frame(*directory.layout.rows_of(number)))
     return messages
 
 

@@ -62,7 +62,7 @@ def test_a_tally_reads_each_part_once_as_parts_come(tmp_path: Path, monkeypatch:
         assert directory.tally("outcome") == {}
         total: dict[str, int] = {}
         for number in directory.missing_blocks():
-            frame = block_frame(*directory.rows_of(number))
+            frame = block_frame(*directory.layout.rows_of(number))
             directory.write_part(number, frame)
             for name in frame["outcome"].astype(str):
                 total[name] = total.get(name, 0) + 1

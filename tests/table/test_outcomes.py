@@ -38,7 +38,7 @@ def test_tables_of_before_get_the_column_when_they_are_loaded(tmp_path: Path, ol
         fill(directory)
     with open_toy(before) as directory:
         for number in range(3):
-            frame = block_frame(*directory.rows_of(number))
+            frame = block_frame(*directory.layout.rows_of(number))
             directory.write_part(number, frame.drop(columns="outcome") if number in older else frame)
     expected = load(now)
     pd.testing.assert_frame_equal(load(before), expected)

@@ -119,7 +119,7 @@ def test_all_records_of_a_chosen_row_are_read(tmp_path: Path) -> None:
     frame = block_frame(0, 10).loc[np.repeat(np.arange(10), 3)].reset_index(drop=True)
     with open_toy(tmp_path / "toy") as directory:
         for number in range(3):
-            start, stop = directory.rows_of(number)
+            start, stop = directory.layout.rows_of(number)
             directory.write_part(number, frame[frame["row"].between(start, stop - 1)])
     assert load(tmp_path / "toy", ["row"], [2, 7])["row"].tolist() == [2, 2, 2, 7, 7, 7]
 
@@ -209,9 +209,9 @@ def test_an_interrupted_table_ends_byte_for_byte_as_an_uninterrupted_one(tmp_pat
         fill(directory)
     with open_toy(tmp_path / "broken", rows=50) as directory:
         for number in (7, 1, 4):
-            directory.write_part(number, block_frame(*directory.rows_of(number)))
+            directory.write_part(number, block_frame(*directory.layout.rows_of(number)))
     with open_toy(tmp_path / "broken", rows=50) as directory:
-        assert len(directory.missing_blocks()) == directory.n_blocks - 3
+        assert len(directory.missing_blocks()) == len(directory.layout.blocks) - 3
         fill(directory)
     assert files_of(tmp_path / "whole" / "table") == files_of(tmp_path / "broken" / "table")
     pd.testing.assert_frame_equal(load(tmp_path / "whole"), load(tmp_path / "broken"), check_exact=True)
@@ -459,7 +459,7 @@ WRITER = textwrap.dedent("""
     with open_toy(Path(sys.argv[1]), rows=1000, block=10) as directory:
         print("ready", flush=True)
         for number in directory.missing_blocks():
-            directory.write_part(number, block_frame(*directory.rows_of(number)))
+            directory.write_part(number, block_frame(*directory.layout.rows_of(number)))
             directory.update_manifest(last=number)
     print("done", flush=True)
 """)

@@ -300,7 +300,7 @@ class Dispatch:
         self.flight.update(zip(numbers, tasks, strict=True))
 
     def _rows(self, number: int) -> np.ndarray | None:
-        return None if self.rows_in is None else self.rows_in(*self.directory.rows_of(number))
+        return None if self.rows_in is None else self.rows_in(*self.directory.layout.rows_of(number))
 
     def _take_ended(self) -> int:
         """Process the tasks that have ended, well or not; return their number."""
