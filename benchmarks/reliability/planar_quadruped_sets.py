@@ -59,10 +59,10 @@ def reference(values: Values, nudge: bool, crossings: int) -> Found:
 
     The steps are `values["dt"]` (s); moved upwards by 1e-9 m at the start where `nudge` says so.
     """
-    found = crossings_of(_xml(), values, crossings, dt=values["dt"], nudge=1e-9 if nudge else 0.0)
-    if found is None:
+    result = crossings_of(_xml(), values, crossings, dt=values["dt"], nudge=1e-9 if nudge else 0.0)
+    if result is None:
         return Found("fell")
-    last = found[-1]
+    last = result[-1]
     return Found(
         "complete",
         {"delta_1": last.delta_1, "delta_2": last.delta_2, "period": last.period, "speed": last.speed},

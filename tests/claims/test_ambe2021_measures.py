@@ -39,15 +39,15 @@ def table() -> pd.DataFrame:
 
 
 def test_waves_of_the_theory_have_its_wavelength_and_exact_speed(table: pd.DataFrame) -> None:
-    found = waves(table)
-    assert list(found["gait"]) == ["direct", "retrograde", "source"]
-    assert list(found["k"]) == [0, 2, 6]
-    assert list(found["free_link"]) == [9, 1, 5]
-    assert np.allclose(found["wavelength"], found["wavelength_27"], atol=1e-9)
-    assert np.allclose(found["speed"], found["speed_exact"], atol=1e-9)
-    assert np.allclose(found["period"], CIRCLE / OMEGA, atol=1e-9)
-    assert np.max(found["spread"]) < 1e-9
-    assert np.max(found["distance"]) < 1e-6
+    result = waves(table)
+    assert list(result["gait"]) == ["direct", "retrograde", "source"]
+    assert list(result["k"]) == [0, 2, 6]
+    assert list(result["free_link"]) == [9, 1, 5]
+    assert np.allclose(result["wavelength"], result["wavelength_27"], atol=1e-9)
+    assert np.allclose(result["speed"], result["speed_exact"], atol=1e-9)
+    assert np.allclose(result["period"], CIRCLE / OMEGA, atol=1e-9)
+    assert np.max(result["spread"]) < 1e-9
+    assert np.max(result["distance"]) < 1e-6
 
 
 def test_directions_and_order_of_a_wave(table: pd.DataFrame) -> None:
@@ -92,8 +92,8 @@ def test_three_lines_at_right_angles() -> None:
     assert measures.free_range(table, gait="source", phase="psi_2") == pytest.approx([1.1, 5.1])
     assert measures.gait_ends(table, gait="direct", phases=["psi_1", "psi_3"]) == pytest.approx([1.1, 3.1])
     bent = settled("source", np.stack([low, s, np.minimum(s + 4.0, 5.3)], axis=1))
-    found = measures.slopes_of_segments(bent, gait="source", free="psi_2", other="psi_3", within=0.15)
-    assert found == pytest.approx([1.0, 0.0])
+    result = measures.slopes_of_segments(bent, gait="source", free="psi_2", other="psi_3", within=0.15)
+    assert result == pytest.approx([1.0, 0.0])
     table.loc[3, "psi_2_end"] += 0.5  # off both planes only where psi_1 and psi_3 are, too
     assert measures.distance_from_planes(table) == pytest.approx(0.0, abs=1e-12)
 
@@ -163,7 +163,7 @@ def test_the_theory_of_ten_legs_satisfies_the_printed_equations(table: pd.DataFr
     assert measures.slopes_of_fig10(table, k=3) == pytest.approx([1.0, 0.0], abs=1e-9)
 
 
-def test_every_claim_has_a_number_that_a_wrong_one_would_miss() -> None:
+def test_every_claim_has_a_tolerance_that_excludes_wrong_values() -> None:
     paper = read_paper("ambe2021")
     assert len(paper.claims) > 100
     for claim in paper.claims:

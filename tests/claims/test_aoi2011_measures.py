@@ -49,13 +49,13 @@ def test_widths_by_group_and_change_of_transitions(stairs: pd.DataFrame) -> None
     both.attrs = stairs.attrs
     columns = ["row", "mass", *(name for name in both.columns if name not in ("row", "mass"))]
     both = both.loc[:, columns]
-    found = measures.hysteresis_widths(both, observable="delta_13", parameter="f", by="mass")
-    assert found[0] == pytest.approx(found[1])
+    result = measures.hysteresis_widths(both, observable="delta_13", parameter="f", by="mass")
+    assert result[0] == pytest.approx(result[1])
     change = measures.least_change_of_transition(both, observable="delta_13", parameter="f", by=["mass"])
     assert change == pytest.approx(0.3)
 
 
-def test_the_range_in_which_both_branches_stand(stairs: pd.DataFrame) -> None:
+def test_the_range_in_which_both_branches_exist(stairs: pd.DataFrame) -> None:
     both = stairs.assign(mass=1.0)
     (width,) = measures.ranges_of_both(both, observable="delta_13", parameter="f", apart=0.5, by="mass")
     assert width == pytest.approx(2.0 * FOLD, abs=2.0 * STAIR)
@@ -64,8 +64,8 @@ def test_the_range_in_which_both_branches_stand(stairs: pd.DataFrame) -> None:
 
 
 def test_directions_in_which_the_upper_branch_is_lost(stairs: pd.DataFrame) -> None:
-    found = measures.directions_of_loss(stairs, stairs, observable="delta_13", parameters=["f", "f"])
-    assert found == ["falling", "falling"]
+    result = measures.directions_of_loss(stairs, stairs, observable="delta_13", parameters=["f", "f"])
+    assert result == ["falling", "falling"]
 
 
 def test_gaits_are_lost_at_the_folds() -> None:
@@ -119,19 +119,19 @@ def trace(lags: tuple[float, float, float, float], broken: float = 0.0) -> pd.Da
 def test_lags_of_touchdowns(broken: float) -> None:
     """A break of 15 ms within the stance is not taken for a swing."""
     table = trace((0.0, np.pi, 2.0, 2.0 + np.pi), broken)
-    found = measures.touchdown_lags(table, row=0, pairs=[[1, 2], [1, 3], [3, 4]])
-    np.testing.assert_allclose(found, [np.pi, 2.0, np.pi], atol=0.03)
+    result = measures.touchdown_lags(table, row=0, pairs=[[1, 2], [1, 3], [3, 4]])
+    np.testing.assert_allclose(result, [np.pi, 2.0, np.pi], atol=0.03)
     assert measures.order_of_footfalls(table, row=0) == "1-3-2-4"
     together = trace((0.0, np.pi, np.pi - 0.1, 2.0 * np.pi - 0.1), broken)
     assert measures.order_of_footfalls(together, row=0) == "1+4-2+3"
 
 
-def test_lags_are_given_on_the_turn_asked_for() -> None:
+def test_lags_are_on_the_requested_turn() -> None:
     """Foot 2 is 0.1 rad ahead of foot 1: -0.1 rad near 0, and 2 pi - 0.1 without."""
     table = trace((0.1, 0.0, 2.0, 3.0))
     for near, wanted in (([0.0], -0.1), (None, 2.0 * np.pi - 0.1)):
-        found = measures.touchdown_lags(table, row=0, pairs=[[1, 2]], near=near)
-        np.testing.assert_allclose(found, [wanted], atol=0.03)
+        result = measures.touchdown_lags(table, row=0, pairs=[[1, 2]], near=near)
+        np.testing.assert_allclose(result, [wanted], atol=0.03)
 
 
 def test_no_lag_of_a_foot_that_lands_twice_a_cycle() -> None:
@@ -164,8 +164,8 @@ def test_slip_is_that_of_the_rows_own_body(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_slip_goes_on_through_a_bounce(tmp_path: Path) -> None:
-    """Feet on a body at 0.01 m/s, down for 1 s but for 40 ms, slip by 0.01 m; but for 80 ms, by half."""
+def test_slip_continues_through_a_bounce(tmp_path: Path) -> None:
+    """On a body at 0.01 m/s, feet in contact for 1 s but for 40 ms slip by 0.01 m; but for 80 ms, by half."""
     run = {"kind": "trace", "duration": 0.1, "every": 2.0e-2}
     ran = gs.run(gs.Job(name="bounce", model="waist_quadruped", run=run, verify=0), tmp_path / "out").table
     t = np.linspace(0.0, 1.0, 1001)
@@ -177,8 +177,8 @@ def test_slip_goes_on_through_a_bounce(tmp_path: Path) -> None:
         assert measures.foot_slip(table) == pytest.approx(wanted, rel=0.1)
 
 
-def test_way_and_slip() -> None:
-    """Along a line with a sway of one cycle no way aside is left; on a circle it is the sagitta's share."""
+def test_path_and_slip() -> None:
+    """A straight path with a sway of one cycle has no sideways share; a circle has that of its sagitta."""
     t = np.arange(0.0, 4.0, 1e-2)
     straight = pd.DataFrame({"row": 0, "t": t, "q_0": 0.2 * t, "q_1": 0.01 * np.sin(2.0 * np.pi * t / 0.4)})
     assert measures.sideways_share(straight) < 1e-3

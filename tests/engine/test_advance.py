@@ -74,8 +74,8 @@ def test_location_takes_few_attempts() -> None:
 
 
 @pytest.mark.slow
-def test_an_event_that_rounding_hides_is_let_go() -> None:
-    """A step that fired from further back need not fire again from a state a few ulps before the event.
+def test_an_event_hidden_by_rounding_is_dropped() -> None:
+    """A step that fired from farther back need not fire again from a state a few ulps before the event.
 
     (Met on a GPU: 7 of 4 096 rows of Fig. 5 halved their brackets down to 5e-324 s and stood still.)
     """
@@ -138,7 +138,7 @@ def test_endless_events_stall_one_row_only() -> None:
 @pytest.mark.slow("1", "5")
 @pytest.mark.parametrize("crossings", [1, 3, 5, 40])
 def test_crossings_of_a_stall_are_not_complete(crossings: int) -> None:
-    """A row whose section is crossed again and again at one instant has not recorded what was asked."""
+    """A row whose section is crossed repeatedly at one instant is not complete."""
     reset = np.array([-1.0, 2.5])
     recorder = CrossingRecorder(Neuron(), crossings=crossings)
     result = run_rows(Neuron(), recorder, {"v_0": np.zeros(2)}, params={"reset": reset})
@@ -149,8 +149,8 @@ def test_crossings_of_a_stall_are_not_complete(crossings: int) -> None:
 
 
 @pytest.mark.slow
-def test_rows_that_fail_harm_no_other() -> None:
-    """Falling, diverging and NaN end their own rows; the others are as in a run of their own, to the bit."""
+def test_failed_rows_do_not_change_others() -> None:
+    """Rows that fall, diverge or become NaN end; the others equal those of a run of their own, to the bit."""
     model = Toy()
     params = {
         "ceiling": np.array([1e3, 0.05, 1e3, 1e300, 1e3]),

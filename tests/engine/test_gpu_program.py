@@ -195,7 +195,7 @@ def test_the_chain_thread_by_thread(on_card: Any, contraction: bool, monkeypatch
 
 
 def test_constants_that_differ_between_rows(on_card: Any) -> None:
-    """What all rows share is in constant memory and what differs is not; the numbers are the same."""
+    """Only constants that all rows share are in constant memory; results are the same."""
     starts = {"launch_1": np.full(20, 1.3)}
     recorder = CrossingRecorder(Toy(), crossings=6)
     alike, mixed = (
@@ -218,7 +218,7 @@ def test_constants_that_differ_between_rows(on_card: Any) -> None:
 def test_sweeps_that_vary_the_same_constants_share_a_kernel(
     on_card: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whether their rows happen to be alike or not; the numbers are those of a kernel of their own."""
+    """They share it whether or not their rows have equal values; results equal those of own kernels."""
     running: dict[frozenset[str], set[str]] = {}
 
     class CudaDevice(cuda.CudaDevice):  # the fixture's
@@ -229,19 +229,19 @@ def test_sweeps_that_vary_the_same_constants_share_a_kernel(
 
     monkeypatch.setattr(cuda, "CudaDevice", CudaDevice)
     recorder, starts = CrossingRecorder(Toy(), crossings=4), {"launch_1": np.full(8, 1.3)}
-    found = {}
+    results = {}
     for varied in (frozenset[str](), frozenset({"kick"})):
         running[varied] = set()
         for other in (1.0, 1.2):
             kicks = np.array([1.0, other, other, 1.0] * 2)
             options: dict[str, Any] = {"params": {"kick": kicks}, "numerics": NUMERICS, "lanes": 4}
-            found[varied, other] = on_card(Toy(), recorder, starts, varied=varied, **options)
+            results[varied, other] = on_card(Toy(), recorder, starts, varied=varied, **options)
     assert [len(sources) for sources in running.values()] == [2, 1]
     for other in (1.0, 1.2):
-        same(*(found[varied, other] for varied in running))
+        same(*(results[varied, other] for varied in running))
 
 
-def test_constants_that_depend_on_what_varies() -> None:
+def test_constants_that_depend_on_varied_parameters() -> None:
     """Through a function that is compiled by itself too."""
 
     @jax.jit
@@ -252,6 +252,6 @@ def test_constants_that_depend_on_what_varies() -> None:
         return {"a": inner(values["x"]), "b": values["y"] * 3, "c": jnp.ones(()), "d": starts["x"] + 1}
 
     shape = jax.ShapeDtypeStruct((), jnp.float64)
-    found = dependences(constants, {"x": shape, "y": shape}, {"x": shape})
-    assert ["y" in names for names in found] == [False, True, False, False]
-    assert ["x" in names for names in found] == [True, False, False, True]
+    result = dependences(constants, {"x": shape, "y": shape}, {"x": shape})
+    assert ["y" in names for names in result] == [False, True, False, False]
+    assert ["x" in names for names in result] == [True, False, False, True]

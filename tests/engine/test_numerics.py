@@ -53,8 +53,8 @@ def test_tsitouras_coefficients_meet_the_order_conditions() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", ["xla", "kernel"])
-def test_a_model_that_says_nothing_is_integrated_to_its_tolerance(engine: str) -> None:
-    """A neuron that fires and a mass that bounces, both in closed form; tolerances 1e-8, 1e-10."""
+def test_default_numerics_meet_their_tolerance(engine: str) -> None:
+    """A neuron that fires and a mass that bounces, in closed form, with tolerances 1e-8 and 1e-10."""
     random = np.random.default_rng(5)
     v_0, current = random.uniform(-0.9, 1.5, 24), random.uniform(0.05, 30.0, 24)
     exact = np.array([firing_times(v, i, 2.0, -1.0, 10) for v, i in zip(v_0, current, strict=True)])
@@ -112,10 +112,10 @@ def test_the_chains_rates_bound_the_eigenvalues_of_every_mode() -> None:
         if trial % 2:
             given |= {"D": 10 ** random.uniform(0.5, 3.3), "sigma": 10 ** random.uniform(-1.0, 2.0)}
         params = _params(model, given)
-        found = np.max(np.abs(_eigenvalues(params)))
+        result = np.max(np.abs(_eigenvalues(params)))
         bound = float(jnp.max(model.fast_modes(params)[0]))
-        assert found <= bound * (1 + 1e-9) + 1e-9, given
-        assert found > 0.66 * bound, given
+        assert result <= bound * (1 + 1e-9) + 1e-9, given
+        assert result > 0.66 * bound, given
 
 
 @pytest.mark.slow
@@ -125,8 +125,8 @@ def test_eigenvalues_of_a_flow_are_found_by_its_flags() -> None:
     params = _params(model, {"m_B": 0.7})
     start = {"psi_1": 1.0, "psi_2": 2.0, "psi_3": 3.0, "phi_1": jnp.nan}
     state = model.init(params, {k: jnp.asarray(v) for k, v in start.items()})
-    found = np.abs(flow_eigenvalues(model, params, state)).max()
-    assert found == pytest.approx(np.abs(_eigenvalues(params)).max(), rel=1e-9)
+    result = np.abs(flow_eigenvalues(model, params, state)).max()
+    assert result == pytest.approx(np.abs(_eigenvalues(params)).max(), rel=1e-9)
     limit = slowest_limit(model, params, state, "propagator6")
     known = float(longest_step(model, "propagator6", params))  # type: ignore[arg-type]
     assert known <= limit < 1.3 * known
@@ -145,7 +145,7 @@ def test_steps_are_stable_at_their_limit_and_not_far_beyond() -> None:
 
 
 @pytest.mark.parametrize("name", models.names())
-def test_every_model_knows_its_step(name: str) -> None:
+def test_every_model_has_a_step(name: str) -> None:
     model = models.find(name)()
     params = scalars(model)
     dt = float(step_of(model, Numerics().resolve(model), params))
@@ -201,8 +201,8 @@ def test_an_explicit_step_is_refused_where_it_is_too_long(numerics: dict, senten
     Job(**fields, numerics={"method": "propagator6", "dt": 25e-3})
 
 
-def test_a_step_is_compared_as_rows_begin_where_only_some_sets_were_looked_at() -> None:
-    """Also where some rows of the job are simulated, as in a round of a refined run."""
+def test_steps_of_unexamined_rows_are_checked_when_they_begin() -> None:
+    """Also in a round of a refined run, where only some rows of the job are simulated."""
     start = {"psi_1": 1, "psi_2": 2, "psi_3": 3}
     job = Job(
         name="some", model="multilegged", start=start, run={"kind": "settle"}, vary={"m_B": [0.9, 0.9, 0.7]}
@@ -234,12 +234,12 @@ def _eigenvalues(p: Any) -> np.ndarray:
     def laplacian(w: np.ndarray) -> np.ndarray:
         return np.diag(np.append(w, 0.0) + np.append(0.0, w)) - np.diag(w, 1) - np.diag(w, -1)
 
-    found = []
+    results = []
     for contact in itertools.product((0.0, 1.0), repeat=n):
         stiffness = (laplacian(kappa) + K * np.diag(contact)) / masses[:, None]
         damping = (laplacian(np.full(n - 1, sigma)) + D * np.diag(contact)) / masses[:, None]
-        found.append(np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -damping]])))
-    return np.array(found)
+        results.append(np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -damping]])))
+    return np.array(results)
 
 
 def _growth(name: str, z: complex) -> complex:
@@ -256,7 +256,7 @@ def _growth(name: str, z: complex) -> complex:
 
 @pytest.mark.slow
 def test_float32_rows_are_not_given_tolerances_below_their_resolution() -> None:
-    """In float32 an adaptive step cannot meet 1e-8: rows still come to their end."""
+    """An adaptive step cannot meet 1e-8 in float32, but rows still end."""
     numerics = Numerics(precision="float32", rtol=1e-5, atol=1e-6)
     result = run_rows(
         Toy(), CrossingRecorder(Toy(), crossings=5), {"launch_1": np.ones(2)}, numerics=numerics
@@ -267,7 +267,7 @@ def test_float32_rows_are_not_given_tolerances_below_their_resolution() -> None:
 
 @pytest.mark.slow
 def test_reading_a_job_leaves_every_core_to_its_run(tmp_path: Any) -> None:
-    """JAX counts its devices at its first computation, which is that of a job's steps."""
+    """JAX counts its devices at its first computation, that of a job's steps."""
     (tmp_path / "job.yaml").write_text(
         "name: cores\nmodel: multilegged\nstart: {psi_1: 1, psi_2: 2, psi_3: 3}\nrun: {kind: settle}\n"
     )

@@ -37,11 +37,11 @@ class Hidden:
         return self.real
 
 
-def test_no_cpu_is_asked_for_where_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The CPU's kernels run all the same, starts worked out on the device that there is."""
+def test_kernels_run_where_jax_may_not_use_the_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Starts are computed on the device that JAX may use."""
     hidden = Hidden(monkeypatch)
     assert lane.host_device() is hidden.real[0]
-    found = run_rows(
+    result = run_rows(
         Toy(),
         CrossingRecorder(Toy(), crossings=4),
         {"launch_1": 1.3},
@@ -49,7 +49,7 @@ def test_no_cpu_is_asked_for_where_there_is_none(monkeypatch: pytest.MonkeyPatch
         engine="kernel",
         on="cpu",
     )
-    np.testing.assert_allclose(found.samples[:, 2], launches(1.3, 0.5, 0.5, 4), atol=1e-9)
+    np.testing.assert_allclose(result.samples[:, 2], launches(1.3, 0.5, 0.5, 4), atol=1e-9)
     assert "cpu" not in hidden.asked
 
 
@@ -80,16 +80,16 @@ def _in_a_fork(call: Callable[[], object]) -> str:
         signal.alarm(20)
         try:
             call()
-            said = "nothing"
+            message = "nothing"
         except BaseException as error:
-            said = f"{type(error).__name__}: {error}"
-        os.write(writer, said.encode())
+            message = f"{type(error).__name__}: {error}"
+        os.write(writer, message.encode())
         os._exit(0)
     os.close(writer)
     with os.fdopen(reader) as pipe:
-        said = pipe.read()
+        message = pipe.read()
     os.waitpid(child, 0)
-    return said
+    return message
 
 
 @pytest.mark.slow
@@ -104,7 +104,7 @@ def test_a_fork_refuses_to_compute() -> None:
         lambda: mapping(np.ones(len(mapping.coordinates))),
         lambda: mapping.settled({"launch_1": 1.0}),
     ):
-        said = _in_a_fork(call)
-        assert said.startswith("UnsupportedSystem"), said
-        assert all(word in said for word in ("spawn", "client=", "all cores"))
+        message = _in_a_fork(call)
+        assert message.startswith("UnsupportedSystem"), message
+        assert all(word in message for word in ("spawn", "client=", "all cores"))
     assert _in_a_fork(lambda: gs.Settle(max_cycles=3)) == "nothing"

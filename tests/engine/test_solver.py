@@ -58,7 +58,7 @@ def test_order_on_a_linear_flow(name: str, order: int, counts: tuple[int, ...]) 
     ("kept", "order"), [(PROPAGATOR6, 6), (PROPAGATOR, 8)], ids=["propagator6", "propagator"]
 )
 def test_polynomials_are_the_best_of_their_degree(kept: tuple[float, ...], order: int) -> None:
-    """No worse than a fit made anew, by more than a fiftieth; and bounded beyond the range of the fit."""
+    """Their error exceeds that of a new fit by at most a fiftieth, and they are bounded beyond its range."""
     z = -np.linspace(0.0, 20.0, 4001)
     anew = exponential_polynomial.shares(order, len(kept), 20.0)
     worst, least = (np.abs(exponential_polynomial.value(s, z) - np.exp(z)).max() for s in (kept, anew))
@@ -70,8 +70,8 @@ def test_polynomials_are_the_best_of_their_degree(kept: tuple[float, ...], order
 
 
 @pytest.mark.parametrize("model", LINEAR, ids=lambda model: model.name)
-def test_flows_that_are_said_to_be_linear(model: HybridModel) -> None:
-    """The flow at twice the way is twice the change of the flow, in the modes of the start."""
+def test_flows_declared_linear_are_linear(model: HybridModel) -> None:
+    """Twice the displacement changes the flow by twice as much, in the modes of the start."""
     params = scalars(model)
     start = {
         q.name: jnp.asarray(0.7 if q.default is None else float(q.default)) for q in model.initial_conditions
@@ -155,8 +155,8 @@ def test_labels_do_not_depend_on_the_method() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name, method in METHODS.items() if method.step is not None])
-def test_derivatives_go_through_every_method(name: str) -> None:
-    """Of a landing time over the launch speed u: 2 d/(w^2 d^2 + u^2), the toy's closed form."""
+def test_every_method_is_differentiable(name: str) -> None:
+    """The derivative of a landing time over the launch speed u is 2 d/(w^2 d^2 + u^2) for the toy."""
     model, u, w, d = Toy(), 1.0, 2.0, 0.5
     params = scalars(model)
     run = crossing_of(model, Numerics(dt=1e-3, method=name).resolve(model), "xla")

@@ -106,7 +106,7 @@ def test_the_schema_and_the_refusals_name_them() -> None:
         job([{"kind": "cycles", "y": ["launch_1"]}], kind="settle")
 
 
-def test_what_is_not_registered_is_refused() -> None:
+def test_unregistered_kinds_are_refused() -> None:
     with pytest.raises(JobError, match=r"run\.kind: \"doublings\" is not"):
         job()
     with pytest.raises(JobError, match=r"figures\[0\]\.kind: \"times\" is not"):

@@ -65,7 +65,7 @@ def crossings(
         K=values["K_foot"], D=values["D_foot"], mu=values["mu"], v_slip=values["v_slip"],
     )  # fmt: skip
     walker.data.qpos[1] += nudge
-    found: list[Crossing] = []
+    results: list[Crossing] = []
     onset, last_x = [0.0] * 4, float(walker.data.qpos[0])
     for k in range(round(3.0 * (count + 2) / dt)):
         before = walker.u_f
@@ -82,8 +82,8 @@ def crossings(
         if began[LF]:
             shifts = [(onset[LH] - onset[RF]) / period, (onset[RH] - onset[LF]) / period]
             delta_1, delta_2 = (shift - math.floor(shift + 0.5) for shift in shifts)
-            found.append(Crossing(onset[LF], delta_1, delta_2, period, (x - last_x) / period))
+            results.append(Crossing(onset[LF], delta_1, delta_2, period, (x - last_x) / period))
             last_x = x
-            if len(found) == count:
-                return found
+            if len(results) == count:
+                return results
     return None

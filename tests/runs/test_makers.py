@@ -108,9 +108,9 @@ def test_other_versions_may_trace_the_same_function_differently(
     with monkeypatch.context() as patch:
         _elsewhere(patch, jax="0.4.1")
         _continued(tmp_path / "a", parts=2)
-    said = _continued(tmp_path / "a", {**FUNCTIONS, "flow": "c3"})
-    assert len(said) == 2
-    assert "flow of own:Model" in said[0]
+    message = _continued(tmp_path / "a", {**FUNCTIONS, "flow": "c3"})
+    assert len(message) == 2
+    assert "flow of own:Model" in message[0]
     assert _manifest(tmp_path / "a")[PROGRAM]["flow"] == "c3"
 
 

@@ -122,9 +122,9 @@ class Page:
     def cpu_time(self) -> float:
         """CPU time of all processes of the browser so far, s."""
         session, self._session = self._session, None
-        found = self.call("SystemInfo.getProcessInfo")["processInfo"]
+        result = self.call("SystemInfo.getProcessInfo")["processInfo"]
         self._session = session
-        return sum(each["cpuTime"] for each in found)
+        return sum(each["cpuTime"] for each in result)
 
     def open(self, path: Path, fragment: str = "") -> None:
         """Open a file and wait until the page says that it is ready."""

@@ -32,8 +32,8 @@ QUANTITIES = {
 
 def roots(f: float) -> np.ndarray:
     """The fixed points x at a value of the parameter, ascending."""
-    found = np.roots([-1.0, 0.0, 1.0, f])
-    return np.sort(found[np.abs(found.imag) < 1e-9].real)
+    result = np.roots([-1.0, 0.0, 1.0, f])
+    return np.sort(result[np.abs(result.imag) < 1e-9].real)
 
 
 def delta(x: np.ndarray | float, centre: float = CENTRE) -> np.ndarray:
