@@ -17,18 +17,11 @@ from pydantic import Field
 from gaitsweep import near_miss
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.errors import ArgumentError
-from gaitsweep.fitting.fit_job import (
-    FitJob,
-    by_name,
-    read_file,
-    read_fit_job,
-    read_free,
-    read_measure,
-    read_settings,
-)
+from gaitsweep.fitting.fit_fields import by_name, read_file, read_free, read_measure, read_settings
+from gaitsweep.fitting.fit_job import FitJob, read_fit_job
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.optimisers import METHODS, missing_package
-from gaitsweep.fitting.robustness import ROBUST, Robust, own_constants, robust_target, wrong_robust
+from gaitsweep.fitting.robustness import ROBUST, Robust, check_robust, own_constants, robust_target
 from gaitsweep.fitting.targets import MISS, Target, TargetValue
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, read_model, refuse
@@ -241,7 +234,7 @@ def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Searc
     options = read_settings(SearchOptions, "search", ("free", "targets"), search, wrong)
     every = targets
     if options is not None and options.robust is not None:
-        wrong.extend(wrong_robust(options.robust, free, targets))
+        wrong.extend(check_robust(options.robust, free, targets))
         every = {**targets, ROBUST: robust_target(options.robust)}
     read = Search(free, every, SearchOptions(budget=1) if options is None else options)
     if targets and not read.counted:

@@ -17,19 +17,10 @@ from pydantic import Field
 
 from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.designs import METHODS, SensitivityDesign, design_of
-from gaitsweep.fitting.fit_job import (
-    FitJob,
-    by_name,
-    read_file,
-    read_fit_job,
-    read_free,
-    read_measure,
-    read_settings,
-    wrong_constants,
-    wrong_measures,
-)
+from gaitsweep.fitting.fit_fields import by_name, read_file, read_free, read_measure, read_settings
+from gaitsweep.fitting.fit_job import FitJob, check_constants, check_measures, read_fit_job
 from gaitsweep.fitting.free_parameters import FreeParameter
-from gaitsweep.fitting.measures import Measure
+from gaitsweep.fitting.measure import Measure
 from gaitsweep.fitting.population import Population
 from gaitsweep.job import Job
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, refuse
@@ -167,7 +158,7 @@ def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
             free[name] = around
     refuse(wrong)
     fit = dataclasses.replace(fit, free=free)
-    refuse([*wrong_constants(fit), *wrong_measures(fit)])
+    refuse([*check_constants(fit), *check_measures(fit)])
     if analysis.method != "one_at_a_time" and importlib.util.find_spec("SALib") is None:
         raise ArgumentError(
             f"sensitivity.method {analysis.method} needs the package SALib: pip install 'gaitsweep[search]'."

@@ -10,7 +10,7 @@ from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep.angle_difference import wrapped_difference
 from gaitsweep.contract import Model
-from gaitsweep.fitting.measures import Measure, Measured
+from gaitsweep.fitting.measure import Measure, Measured
 from gaitsweep.schema.diagnostics import found
 from gaitsweep.schema.numbers import Flag, InvalidValue, Positive, checked, read_real
 from gaitsweep.schema.strict_model import StrictModel

@@ -47,10 +47,10 @@ _LOADED: dict[str, Callable[..., None]] = {}
 
 
 def compiled(chunk: Chunk, *, contraction: bool = True) -> tuple[Callable[[Any, Any, int], None], int]:
-    """The function `run(S, kept, polls)` that advances all tiles by a chunk, and the slots of a lane.
+    """The function `run(S, samples, polls)` that advances all tiles by a chunk, and the slots of a lane.
 
-    `S` (tiles, slots * lanes) float64, aligned to vectors; `samples` (tiles * lanes, BUFFER, width) receives the
-    rows to keep. The kernel is compiled now, or loaded from the cache.
+    `S` (tiles, slots * lanes) float64, aligned to vectors; `samples` (tiles * lanes, BUFFER, width)
+    receives the rows to keep. The kernel is compiled now, or loaded from the cache.
     """
     tile = Tile(chunk, TILE, contraction)
     kinds = ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64
