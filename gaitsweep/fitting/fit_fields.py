@@ -12,13 +12,13 @@ from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measure import Measure
 from gaitsweep.fitting.ramp_measures import GaitSequence, Transition
 from gaitsweep.fitting.row_measures import Coexistence, Edge, Failures, Order, Prominence, Share, Value
-from gaitsweep.job.load import laid_over
+from gaitsweep.job.load import read_with_overrides
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.schema.diagnostics import (
     Diagnostic,
     JobError,
     SchemaSection,
-    found,
+    quoted,
     read_model,
     unknown_field,
     wrong_kind,
@@ -39,7 +39,7 @@ def by_name(value: Any, takes: str, path: FieldPath, wrong: list[Diagnostic]) ->
     if isinstance(value, Mapping) and value:
         yield from ((str(name), entry) for name, entry in value.items())
     else:
-        begin = "is missing: it" if value is None else f"is {found(value)}, but"
+        begin = "is missing: it" if value is None else f"is {quoted(value)}, but"
         wrong.append(Diagnostic(path, f"{begin} takes {takes}."))
 
 
@@ -51,7 +51,7 @@ def read_free(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> dict[str,
             written = {"low": written[0], "high": written[1]}
         if not isinstance(written, Mapping):
             allowed = near_miss.allowing(FreeParameter.model_fields)
-            text = f"is {found(written)}, but takes [low, high], or fields. {allowed}"
+            text = f"is {quoted(written)}, but takes [low, high], or fields. {allowed}"
             wrong.append(Diagnostic((*path, name), text))
             continue
         if (part := read_model(FreeParameter, written, (*path, name), wrong)) is not None:
@@ -86,12 +86,12 @@ def _read_run(measure: type[Measure], value: Any, path: FieldPath, wrong: list[D
         return value
     kinds = {kind_of(run): run for run in measure.runs}
     if not isinstance(value, Mapping):
-        text = f"is {found(value)}, but takes fields, kind among them: {' or '.join(kinds)}."
+        text = f"is {quoted(value)}, but takes fields, kind among them: {' or '.join(kinds)}."
         wrong.append(Diagnostic(path, text))
         return None
     kind = value.get("kind", next(iter(kinds)) if len(kinds) == 1 else None)
     if not isinstance(kind, str) or kind not in kinds:
-        begin = "is missing" if kind is None else f"is {found(kind)}"
+        begin = "is missing" if kind is None else f"is {quoted(kind)}"
         text = f"{begin}, but the run of a measure ({kind_of(measure)}) is {' or '.join(kinds)}."
         wrong.append(Diagnostic((*path, "kind"), text))
         return None
@@ -127,7 +127,7 @@ def read_file(path: str | Path, overrides: Sequence[str], read: Any) -> Any:
     """
     path = job_file(path)
     with effort.limited():
-        document = laid_over(path, overrides)
+        document = read_with_overrides(path, overrides)
         try:
             return read(document.data, path.parent)
         except JobError as error:

@@ -24,7 +24,7 @@ from gaitsweep.kinds.run_kind import RunKind, table_columns
 from gaitsweep.schema.diagnostics import (
     Diagnostic,
     JobError,
-    found,
+    quoted,
     refuse,
 )
 from gaitsweep.schema.diagnostics import Path as FieldPath
@@ -248,7 +248,7 @@ def check_constants(fit: FitJob) -> list[Diagnostic]:
         quantity = fit.spec.quantities[name]
         for end in parameter.ends:
             if not isinstance(end, int | float) or isinstance(end, bool):
-                wrong.append(Diagnostic(path, f"has the choice {found(end)}, but takes numbers."))
+                wrong.append(Diagnostic(path, f"has the choice {quoted(end)}, but takes numbers."))
             elif not inside(np.array([float(end)]), quantity)[0]:
                 wrong.append(Diagnostic(path, f"goes to {end:g}, but {must(quantity)}."))
     return wrong

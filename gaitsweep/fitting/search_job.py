@@ -24,7 +24,7 @@ from gaitsweep.fitting.optimisers import METHODS, missing_package
 from gaitsweep.fitting.robustness import ROBUST, Robust, check_robust, own_constants, robust_target
 from gaitsweep.fitting.targets import MISS, Target, TargetValue
 from gaitsweep.runs.prepare import RunContext
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, read_model, refuse
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, read_model, refuse
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Seed, Text, word
 from gaitsweep.schema.strict_model import StrictModel, plain
 from gaitsweep.table import TableError, load
@@ -227,7 +227,7 @@ def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Searc
     """
     search = data.get("search")
     if not isinstance(search, Mapping):
-        text = "is missing" if search is None else f"is {found(search)}"
+        text = "is missing" if search is None else f"is {quoted(search)}"
         raise JobError([Diagnostic(("search",), f"{text}: it has free, targets, budget, and method.")])
     free = read_free(search.get("free"), ("search", "free"), wrong)
     targets = _read_targets(search.get("targets"), free, wrong)
@@ -275,7 +275,7 @@ def _known(search: Search, fit: FitJob) -> tuple[dict[str, Any], ...]:
             for name, known_set in _sets_of(entry, search, fit.folder):
                 values = fit.own_values(known_set)
                 outside = [
-                    f"{name}has {constant} at {found(values[constant])}, {why}"
+                    f"{name}has {constant} at {quoted(values[constant])}, {why}"
                     for constant, free in search.free.items()
                     if (why := free.outside(values[constant])) is not None
                 ]
@@ -326,7 +326,7 @@ def _read_targets(
     for name, fields in by_name(value, takes, path, wrong):
         target_path = (*path, name)
         if not isinstance(fields, Mapping):
-            wrong.append(Diagnostic(target_path, f"is {found(fields)}, but takes fields (key: value)."))
+            wrong.append(Diagnostic(target_path, f"is {quoted(fields)}, but takes fields (key: value)."))
             continue
         aims = {key: field for key, field in fields.items() if key in TargetValue.model_fields}
         target_value = read_model(TargetValue, aims, target_path, wrong)

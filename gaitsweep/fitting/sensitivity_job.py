@@ -23,7 +23,7 @@ from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measure import Measure
 from gaitsweep.fitting.population import Population
 from gaitsweep.job import Job
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, refuse
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, refuse
 from gaitsweep.schema.numbers import Count, Seed, word
 from gaitsweep.schema.strict_model import StrictModel
 
@@ -134,7 +134,7 @@ def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
     wrong: list[Diagnostic] = []
     written = data.get("sensitivity")
     if not isinstance(written, Mapping):
-        text = "is missing" if written is None else f"is {found(written)}"
+        text = "is missing" if written is None else f"is {quoted(written)}"
         needs = f"{text}: it has parameters, outputs, method, and n."
         raise JobError([Diagnostic(("sensitivity",), needs)])
     ranges, shares = _read_parameters(written.get("parameters"), wrong)
@@ -184,11 +184,11 @@ def _read_parameters(
             continue
         match = _PER_CENT.fullmatch(written) if isinstance(written, str) else None
         if match is None:
-            text = f"is {found(written)}, but takes [low, high], or a share of the job's value such as 10%."
+            text = f"is {quoted(written)}, but takes [low, high], or a share of the job's value such as 10%."
             wrong.append(Diagnostic(parameter_path, text))
         elif not 0.0 < (share := float(match[1]) / 100.0) <= 1.0:
             wrong.append(
-                Diagnostic(parameter_path, f"is {found(written)}, but must be above 0% and at most 100%.")
+                Diagnostic(parameter_path, f"is {quoted(written)}, but must be above 0% and at most 100%.")
             )
         else:
             shares[name] = share
