@@ -199,7 +199,7 @@ def sensitivity() -> Iterator[str]:
 
 def measures() -> Iterator[str]:
     """The measures of searches and sensitivity analyses."""
-    from gaitsweep.fitting.fit_job import MEASURES
+    from gaitsweep.fitting.fit_fields import MEASURES
 
     for kind, part in MEASURES.items():
         yield from _part(part.model_json_schema(), kind, label="measure")

@@ -20,8 +20,8 @@ from gaitsweep.schema.diagnostics import (
     Diagnostic,
     JobError,
     SchemaSection,
-    found,
     from_pydantic,
+    quoted,
     unknown_name,
 )
 from gaitsweep.schema.numbers import Stem
@@ -258,7 +258,7 @@ def _misfit(claim: Claim) -> str | None:
         except ValidationError as error:
             first = error.errors()[0]
             reason = first.get("ctx", {}).get("error") or f"{first['msg'].rstrip('.')}."
-            return f"has {name}: {found(value)}, which the measure {claim.measure} does not accept: {reason}"
+            return f"has {name}: {quoted(value)}, which the measure {claim.measure} does not accept: {reason}"
     return None
 
 

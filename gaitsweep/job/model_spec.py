@@ -14,7 +14,7 @@ from gaitsweep.contract import Model, Quantity
 from gaitsweep.engine.sweep.xla import refuse_missing_platform
 from gaitsweep.expression import RESERVED
 from gaitsweep.models.conformity import fault
-from gaitsweep.schema.diagnostics import Diagnostic, Path, found
+from gaitsweep.schema.diagnostics import Diagnostic, Path, quoted
 from gaitsweep.schema.numbers import (
     InvalidValue,
     read_flag,
@@ -113,7 +113,7 @@ def read_model_spec(
             diagnostics.append(
                 Diagnostic(
                     path,
-                    f"is {found(value)}, but structure.{key} is {found(seen[key])}: remove one of the two.",
+                    f"is {quoted(value)}, but structure.{key} is {quoted(seen[key])}: remove one of the two.",
                 )
             )
     for key, value in shape.items():
@@ -173,7 +173,7 @@ def read_settings(raw: Any, field: str, spec: ModelSpec) -> tuple[dict[str, floa
     if not isinstance(raw, Mapping):
         return {}, [
             Diagnostic(
-                (field,), f"is {found(raw)}, but must be a mapping of names to numbers (name: number)."
+                (field,), f"is {quoted(raw)}, but must be a mapping of names to numbers (name: number)."
             )
         ]
     settings: dict[str, float | str] = {}
@@ -198,9 +198,9 @@ def _read_setting(value: Any, quantity: Quantity) -> float | str:
     if switch and isinstance(value, bool):
         return float(value)
     if switch and isinstance(value, str) and value.lower() in ("yes", "no", "on", "off"):
-        raise InvalidValue(f"is {found(value)}, but must be true, false or a number from 0 to 1.")
+        raise InvalidValue(f"is {quoted(value)}, but must be true, false or a number from 0 to 1.")
     if isinstance(value, (list, tuple, Mapping)):
-        raise InvalidValue(f"is {found(value)}, but must be one number; lists and axes belong under vary.")
+        raise InvalidValue(f"is {quoted(value)}, but must be one number; lists and axes belong under vary.")
     read, default = read_number(value), quantity.default
     # the same formula stays the same text, with which a job's hash was made
     if isinstance(read, str) and isinstance(default, str) and read == read_number(default):

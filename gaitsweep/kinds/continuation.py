@@ -15,7 +15,7 @@ from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.kinds.columns import Column, observed
+from gaitsweep.kinds.columns import Column, observed_at_crossings
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
 from gaitsweep.schema.diagnostics import Diagnostic
@@ -56,7 +56,7 @@ class Continuation(FollowsFixedPoints):
             Column("point"),
             *([Column("branch", repeats=False)] if self.crossing else []),
             Column(self.parameter, repeats=False),
-            *observed(model, "n"),
+            *observed_at_crossings(model),
             Column("gait"),
             Column("time", repeats=False),
             *(Column(f"drift_{name}", repeats=False) for name in self.fix),

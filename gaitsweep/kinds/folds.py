@@ -18,7 +18,7 @@ from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.expression import ExpressionError
-from gaitsweep.kinds.columns import Column, observed
+from gaitsweep.kinds.columns import Column, observed_at_crossings
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
@@ -61,7 +61,7 @@ class Folds(FollowsFixedPoints):
         return [
             Column("point"),
             *(_fold_column(model, name) for name in self.parameters),
-            *observed(model, "n"),
+            *observed_at_crossings(model),
             Column("gait"),
             Column("time", repeats=False),
             Column("multiplier", repeats=False),

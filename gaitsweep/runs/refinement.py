@@ -133,10 +133,10 @@ class Refinement:
             kind = like[name].to_numpy().dtype
             return np.full(n, -1) if names_gait(name) else np.full(n, np.nan if kind.kind == "f" else 0, kind)
 
-        traits = {q.name: unread(q.name) for q in model.label_fields}
+        fields = {q.name: unread(q.name) for q in model.label_fields}
         nothing = RowOutcome.empty(rows, self.context.spec.recorder.numbers, len(model.observables))
         nothing.status[:] = Status.inferred
-        labels = {"gait": gaits, **traits}
+        labels = {"gait": gaits, **fields}
         return self.context.table(dataclasses.replace(nothing, labels=labels))
 
 

@@ -16,8 +16,9 @@ from matplotlib.axes import Axes
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Model
+from gaitsweep.design.design import row_params
 from gaitsweep.job import Job
-from gaitsweep.job.load import row_params, stored_job
+from gaitsweep.job.load import stored_job
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.columns import rows_where, written

@@ -11,8 +11,8 @@ from pydantic import ValidationError
 
 import gaitsweep as gs
 import toy_model
-from gaitsweep.fitting.fit_job import MEASURES
-from gaitsweep.fitting.measures import RowMeasure
+from gaitsweep.fitting.fit_fields import MEASURES
+from gaitsweep.fitting.measure import RowMeasure
 from gaitsweep.fitting.search_job import read_search
 from gaitsweep.schema.diagnostics import JobError
 
@@ -148,7 +148,7 @@ def test_wrong_fields_are_refused(kind: str, fields: dict[str, Any], sentence: s
     ],
 )
 def test_names_that_the_model_lacks_are_refused(kind: str, fields: dict[str, Any], sentence: str) -> None:
-    result = measure(kind, **fields).wrong(["status", "gait", "apex_end", "cycles"], TOY)
+    result = measure(kind, **fields).field_error(["status", "gait", "apex_end", "cycles"], TOY)
     assert result is not None
     assert sentence in " ".join(result)
 

@@ -56,7 +56,7 @@ class ConservedConstraints:
         fix: Sequence[str] | Mapping[str, object],
         conserved: Float[np.ndarray, "points conserved"],
     ) -> ConservedConstraints:
-        """Constrain the quantities named by `fix` to its values, or to those in `conserved` (n, all of them).
+        """Constrain the quantities named by `fix` to its values, or to those in `conserved`.
 
         Raises:
             ValueError: the map conserves no quantity of that name.

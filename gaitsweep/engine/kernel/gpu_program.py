@@ -202,13 +202,13 @@ def same(chunk: Chunk, varying: Collection[int]) -> dict[int, int]:
 
 def _steady(chunk: Chunk) -> dict[int, int]:
     """The nodes that are constant along a trajectory and read by attempts or polls, with their slots."""
-    given = {at: slot for slot, at in chunk.steady.items()}
+    slots = {at: slot for slot, at in chunk.steady.items()}
     wanted = [*chunk.attempt.values(), *chunk.polled, *chunk.quiet, chunk.eventful]
-    for at in chunk.program.needed(wanted, given):
+    for at in chunk.program.needed(wanted, slots):
         node = chunk.program.nodes[at]
         if node.op == "input" and chunk.program.steady[at]:
-            given[at] = chunk.slot_of(at)
-    return given
+            slots[at] = chunk.slot_of(at)
+    return slots
 
 
 def _varies(chunk: Chunk, at: int, varying: Collection[int]) -> bool:

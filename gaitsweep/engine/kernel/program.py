@@ -91,35 +91,35 @@ class Program:
             return None
         return self.constant(result, kind)
 
-    def needed(self, wanted: Iterable[int], given: Container[int] = ()) -> list[int]:
-        """The nodes on which `wanted` depend, in order, these included; arguments of `given` are left out."""
+    def needed(self, wanted: Iterable[int], known: Container[int] = ()) -> list[int]:
+        """The nodes on which `wanted` depend, in order, these included; arguments of `known` are left out."""
         reached: set[int] = set()
         waiting = list(wanted)
         while waiting:
             at = waiting.pop()
             if at not in reached:
                 reached.add(at)
-                if at not in given:
+                if at not in known:
                     waiting.extend(self.nodes[at].args)
         return sorted(reached)
 
     def likely(self, wanted: Sequence[int]) -> tuple[list[int], int]:
         """Nodes that equal `wanted` where all conditions have their usual value, and whether one has not."""
-        told: dict[int, int] = {}  # flags, where the conditions before them have their usual value
+        settled: dict[int, int] = {}  # flags, where the conditions before them have their usual value
         exception = self.constant(False, "bool")
         for at in self.needed(wanted):
             if self.nodes[at].kind == "bool":
-                flag = self._with(at, told)
+                flag = self._with(at, settled)
                 usual = self.usual.get(at)
                 if usual is not None:
                     exception = self.apply("or", exception, self.apply("not", flag) if usual else flag)
                     flag = self.constant(usual, "bool")
-                told[at] = flag
+                settled[at] = flag
         # numbers that the conditions need are computed anyway
         now = {at: at for at in self.needed([exception]) if self.nodes[at].kind != "bool"}
         for at in self.needed(wanted):
             if at in self.usual:
-                now[at] = told[at]
+                now[at] = settled[at]
             now.setdefault(at, self._with(at, now))
         return [now[at] for at in wanted], exception
 

@@ -29,7 +29,7 @@ def statements(
     language: Language,
     program: Program,
     wanted: Sequence[int],
-    given: Mapping[int, str],
+    known: Mapping[int, str],
     order: Sequence[int] | None = None,
 ) -> tuple[list[str], list[str]]:
     """The lines that compute the nodes `wanted`, and an expression for each of these nodes.
@@ -38,12 +38,12 @@ def statements(
         language: the language of the lines.
         program: the program.
         wanted: the nodes to compute.
-        given: expressions of nodes that are available already, such as inputs.
+        known: expressions of nodes that are available already, such as inputs.
         order: the nodes to compute, with all that they need, in the order of their lines; by default that
             of the program.
     """
-    names = dict(given)
-    lines = name_all(language, program, program.needed(wanted, given) if order is None else order, names)
+    names = dict(known)
+    lines = name_all(language, program, program.needed(wanted, known) if order is None else order, names)
     return lines, [names[at] if at in names else _literal(language, program, at) for at in wanted]
 
 

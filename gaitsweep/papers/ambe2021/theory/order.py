@@ -37,6 +37,27 @@ class Jump(NamedTuple):
     change: np.ndarray
 
 
+# whether the neighbours in front (i - 1) and behind (i + 1) are reset; None where there is no such leg
+TABLE_2: dict[tuple[bool | None, bool | None], int] = {
+    (None, False): 1,
+    (None, True): 2,
+    (False, False): 3,
+    (True, True): 4,
+    (False, True): 5,
+    (True, False): 6,
+    (False, None): 7,
+    (True, None): 8,
+}
+
+
+class ResetSet(NamedTuple):
+    """The set S of a leg: its number 1 .. 8, and whether its neighbours are reset before it touches down."""
+
+    number: int
+    front: bool | None
+    rear: bool | None
+
+
 def touchdown_order(
     N: int, branch: Branch, s: float, chain: Chain = TABLE_1, section: int | None = None
 ) -> tuple[int, ...]:
@@ -123,34 +144,13 @@ def jumps(N: int, branch: Branch, chain: Chain = TABLE_1, section: int | None = 
     return tuple(sorted(exchanges, key=lambda jump: jump.s))
 
 
-# whether the neighbours in front (i - 1) and behind (i + 1) are reset; None where there is no such leg
-TABLE_2: dict[tuple[bool | None, bool | None], int] = {
-    (None, False): 1,
-    (None, True): 2,
-    (False, False): 3,
-    (True, True): 4,
-    (False, True): 5,
-    (True, False): 6,
-    (False, None): 7,
-    (True, None): 8,
-}
-
-
-class ResetSet(NamedTuple):
-    """The set S of a leg: its number 1 .. 8, and whether its neighbours are reset before it touches down."""
-
-    number: int
-    front: bool | None
-    rear: bool | None
-
-
 def reset_sets(
     N: int, branch: Branch, s: float, chain: Chain = TABLE_1, section: int | None = None
 ) -> tuple[ResetSet, ...]:
     """The set of each leg, 1 .. N+1, at the free phase s.
 
     Args:
-        N, branch, chain: as in `solution_set`.
+        N, branch, chain: as in `rule_of`.
         s: the free phase, rad.
         section: the leg at whose touchdown the cycle begins; by default the set's k.
 
