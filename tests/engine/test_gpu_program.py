@@ -16,10 +16,10 @@ import pytest
 
 from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.kernel import cuda
-from gaitsweep.engine.kernel.c_source import TYPES, C, function, stored
+from gaitsweep.engine.kernel.c_source import function
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.program import Kind, Program
-from gaitsweep.engine.kernel.source import statements
+from gaitsweep.engine.kernel.source import C, statements
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
@@ -43,12 +43,12 @@ class Compiled:
     """A program's nodes as a C function of its inputs, which have the kinds `inputs`."""
 
     def __init__(self, program: Program, inputs: list[int], outputs: list[int], folder: Path) -> None:
-        self.types = [TYPES[program.nodes[at].kind] for at in inputs]
-        self.results = [TYPES[program.nodes[at].kind] for at in outputs]
+        self.types = [C.types[program.nodes[at].kind] for at in inputs]
+        self.results = [C.types[program.nodes[at].kind] for at in outputs]
         given = {at: f"x{k}" for k, at in enumerate(inputs)}
-        lines, results = statements(C(), program, outputs, given)
+        lines, results = statements(C, program, outputs, given)
         lines += [
-            f"out[{k}] = {stored(program.nodes[at].kind, result)};"
+            f"out[{k}] = {C.stored(program.nodes[at].kind, result)};"
             for k, (at, result) in enumerate(zip(outputs, results, strict=True))
         ]
         parameters = [f"const {kind} {name}" for kind, name in zip(self.types, given.values(), strict=True)]
@@ -80,7 +80,7 @@ def test_every_operation_in_c_is_that_of_numpy(kind: Kind, tmp_path: Path) -> No
     args |= dict.fromkeys(("fma", "fms", "fnma"), (a, b, a))
     nodes = {name: program.write(name, *args.get(name, (a,))) for name in sorted(names)}
     compiled = Compiled(program, [a, b, condition], list(nodes.values()), tmp_path)
-    number = _NUMPY[TYPES[kind]]
+    number = _NUMPY[C.types[kind]]
     values = [True, False] if kind == "bool" else SPECIAL
     with np.errstate(all="ignore"):
         points = [(number(x), number(y), flag) for x in values for y in values for flag in (True, False)]

@@ -27,10 +27,9 @@ from gaitsweep.engine.kernel.cache import binary_of
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.contraction import contracted
 from gaitsweep.engine.kernel.llvm_code import ARRAY, DOUBLE, INDEX, VOID, loop
-from gaitsweep.engine.kernel.python_source import Python, loaded, stored
 from gaitsweep.engine.kernel.registers import steps
 from gaitsweep.engine.kernel.schedule import from_the_end
-from gaitsweep.engine.kernel.source import name_all
+from gaitsweep.engine.kernel.source import PYTHON, name_all
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL
 
 _HAS = llvm.get_host_cpu_features()
@@ -194,23 +193,23 @@ class Tile:
         for what, at in steps(program, order, places, overwrites, registers, flag):
             kind = nodes[at].kind
             if what == "compute":
-                lines += name_all(Python(), program, [at], names)
+                lines += name_all(PYTHON, program, [at], names)
                 continue
             if what == "load":
                 if at in touched:
                     lines.append("barrier()")
                     touched.clear()
                 names[at] = f"x{at}"
-                lines.append(f"{names[at]} = {loaded(kind, places[at])}")
+                lines.append(f"{names[at]} = {PYTHON.loaded(kind, places[at])}")
             else:
                 if what == "store":
                     stores = [f"s[{room * self.lanes}]"]
                     room += 1
                 else:
                     stores = targets[at]
-                    name_all(Python(), program, [at], names)  # a constant
+                    name_all(PYTHON, program, [at], names)  # a constant
                 places[at] = stores[0]
-                lines += [f"{place} = {stored(kind, names[at])}" for place in stores]
+                lines += [f"{place} = {PYTHON.stored(kind, names[at])}" for place in stores]
             touched.add(at)
         self.slots = max(self.slots, room)
         return lines if flag is None else [*lines, f"unusual = {names[flag]}"]

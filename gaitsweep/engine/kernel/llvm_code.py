@@ -1,7 +1,7 @@
 """Compiles the functions of a kernel to machine code by LLVM.
 
 A stage of a kernel is straight-line Python with up to a thousand statements, of which each expression becomes
-an instruction directly. The language is that of `python_source`: assignments to names and to elements of one
+an instruction directly. The language is that of `source.PYTHON`: assignments to names and to elements of one
 flat array, arithmetic, single comparisons, `a if c else b`, calls of functions of numbers, and `if any(c)`
 with `else`, in which names are not defined for later.
 """

@@ -16,8 +16,7 @@ from gaitsweep.engine.kernel import llvm_code
 from gaitsweep.engine.kernel.cpu_program import TILE, loaded_once
 from gaitsweep.engine.kernel.llvm_code import ARRAY, INDEX, VOID, loop
 from gaitsweep.engine.kernel.program import Program
-from gaitsweep.engine.kernel.python_source import Python, loaded, stored
-from gaitsweep.engine.kernel.source import statements
+from gaitsweep.engine.kernel.source import PYTHON, statements
 from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
 from gaitsweep.engine.sweep.lane import OneLane, host_device
 
@@ -54,10 +53,12 @@ def _by_kernel(of_one: Callable[..., Any], values: Any, starts: Any) -> Callable
     slots, samples, keep = tracer.read(jax.make_jaxpr(of_one)(values, starts), inputs_of_row)
     inputs, outputs = [int(nodes) for nodes in inputs_of_row], [*slots.tolist(), *samples.tolist(), int(keep)]
     names = {at: f"x{i}" for i, at in enumerate(inputs)}
-    lines, results = statements(Python(), program, outputs, names)
-    loads = [f"x{i} = {loaded(program.nodes[at].kind, f's[{i * TILE}]')}" for i, at in enumerate(inputs)]
+    lines, results = statements(PYTHON, program, outputs, names)
+    loads = [
+        f"x{i} = {PYTHON.loaded(program.nodes[at].kind, f's[{i * TILE}]')}" for i, at in enumerate(inputs)
+    ]
     stores = [
-        f"s[{(len(inputs) + k) * TILE}] = {stored(program.nodes[at].kind, result)}"
+        f"s[{(len(inputs) + k) * TILE}] = {PYTHON.stored(program.nodes[at].kind, result)}"
         for k, (at, result) in enumerate(zip(outputs, results, strict=True))
     ]
     body = "\n".join(f"    {line}" for line in [*loads, *lines, *stores])
