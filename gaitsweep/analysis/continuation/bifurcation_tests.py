@@ -390,7 +390,7 @@ def _on_step(
             turns &= abs(crossing.here.tangent[0, -1]) > FLAT * (problem.high - problem.low)
         elif zero is not None and abs(branch_test(problem, zero[0])[0]) < SMALL * np.max(np.abs(ends)):
             specials.append(Special("branch_point", zero[1], zero[0]))
-    for test, kind_of in ((fold_test, turn_kind), (flip_test, _flip_kind), (pair_test, pair_kind)):
+    for test, kind_of in ((fold_test, turn_kind), (flip_test, lambda *_: "flip"), (pair_test, pair_kind)):
         if test in changed and (turns or test is not fold_test):
             zero = located_on_branch(problem, before, length, test, changed[test])
             kind = kind_of(problem, zero[0]) if zero is not None else ""
@@ -402,10 +402,6 @@ def _on_step(
     if not specials and abs(int(counts[1]) - int(counts[0])) > 1:
         return None
     return sorted(specials, key=lambda special: special.arclength)
-
-
-def _flip_kind(problem: ContinuationProblem, at_flip: BranchPoints) -> str:
-    return "flip"
 
 
 def _between(

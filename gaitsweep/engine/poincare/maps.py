@@ -32,14 +32,14 @@ Image = tuple[Coordinates, State, Integer, dict[str, Real[Array, ""]]]
 ManyCoordinates = Float[np.ndarray, "... coordinates"]
 
 
-class _Batch:
-    """Arrays of n points or images, as a JAX pytree."""
+class Batch:
+    """A JAX pytree whose arrays have n points or images as their first axis."""
 
     def __getitem__(self, which: Any) -> Self:
         return jax.tree.map(lambda leaf: leaf[which], self)
 
     def merged(self, which: Int[np.ndarray, " some"], others: Self) -> Self:
-        """These, with those at the indices `which` replaced by `others`."""
+        """The batch with the elements at the indices `which` replaced by `others`."""
         return jax.tree.map(partial(_put, which), self, others)
 
 
@@ -51,7 +51,7 @@ def listed(at: Any) -> str:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Points(_Batch):
+class Points(Batch):
     """A batch of points: their coordinates `at` (n, size), and states `modes` with their discrete modes."""
 
     at: Float[np.ndarray, "points coordinates"]
@@ -66,7 +66,7 @@ class Points(_Batch):
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class MapEvaluation(_Batch):
+class MapEvaluation(Batch):
     """The images of n points under a map, and their derivatives.
 
     `points` are the images; `status` (n,) their `ReturnStatus`; `observed` the observables (n,) by name;
