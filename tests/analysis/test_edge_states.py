@@ -1,4 +1,4 @@
-"""Edge states: saddles, cycles and worse on the edges between basins, against maps whose edges are known."""
+"""Edge states between basins, fixed, periodic or chaotic, on maps whose edges are known."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gaitsweep.analysis.continuation.multipliers import multipliers
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.poincare.maps import Points
+from gaitsweep.engine.poincare.maps import Coordinates, Points, Values
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
@@ -22,7 +22,7 @@ from gaitsweep.papers.ambe2021.theory.gaits import locked_state
 from landscape_model import Landscape, curve
 
 
-def saddle(values, x):
+def saddle(values: Values, x: Coordinates) -> Coordinates:
     """(s, w) -> (s + r s (1 - s^2), w/2 + 0.4) with s = u - bend w^2.
 
     Attractors at s = +-1; saddle at s = 0, w = 0.8.
@@ -32,22 +32,22 @@ def saddle(values, x):
     return jnp.stack([s + values["r"] * s * (1.0 - s**2) + values["bend"] * w**2, w])
 
 
-def three(values, x):
+def three(values: Values, x: Coordinates) -> Coordinates:
     """Attractors at pi/3, pi and 5 pi/3, repellers half-way, multiplier 1 + 3 pull."""
     return x + values["pull"] * jnp.sin(3.0 * x)
 
 
-def turning(values, x):
+def turning(values: Values, x: Coordinates) -> Coordinates:
     """Attractors 0 and {2, -2}; the edge between them is the cycle {1, -1}, multiplier 1.3 a cycle."""
     return -(x + 0.05 * x * (x**2 - 1.0) * (4.0 - x**2))
 
 
-def chaotic(values, x):
+def chaotic(values: Values, x: Coordinates) -> Coordinates:
     """Attractors x = +-1; on the edge x = 0 the other coordinate never comes to rest."""
     return jnp.stack([x[0] + 0.5 * x[0] * (1.0 - x[0] ** 2), 1.0 - 1.9 * x[1] ** 2])
 
 
-def broken(values, x):
+def broken(values: Values, x: Coordinates) -> Coordinates:
     """Attractors +-1, and no fixed point between: the map jumps at .2."""
     return 0.5 * x + 0.5 * jnp.where(x > 0.2, 1.0, -1.0)
 

@@ -10,17 +10,18 @@ import gaitsweep as gs
 from gaitsweep.analysis.continuation.continuation import ArclengthSteps
 from gaitsweep.analysis.continuation.fold_curves import fold_curves
 from gaitsweep.analysis.continuation.plain_map import PlainMap
+from gaitsweep.engine.poincare.maps import Coordinates, Values
 from gaitsweep.errors import ArgumentError
 
 STEPS = ArclengthSteps(first=0.02, longest=0.05, shortest=1e-4, most=120)
 
 
-def cusp(values, x):
+def cusp(values: Values, x: Coordinates) -> Coordinates:
     """Folds where 27 r^2 = 4 a^3, x = +-sqrt(a/3); cusp at r = a = 0."""
     return x + 0.3 * (values["r"] + values["a"] * x - x**3)
 
 
-def coupled(values, x):
+def coupled(values: Values, x: Coordinates) -> Coordinates:
     """The same, sheared and shifted, with a second direction that contracts; cusp at r = 0.3, a = -.2."""
     u, y = x[0] - x[1], x[1]
     u_next = u + 0.3 * ((values["r"] - 0.3) + (values["a"] + 0.2) * u - u**3)
@@ -28,7 +29,7 @@ def coupled(values, x):
     return jnp.stack([u_next + y_next, y_next])
 
 
-def conserving(values, x):
+def conserving(values: Values, x: Coordinates) -> Coordinates:
     """The cusp's map in x - y; x + y stays what it is."""
     u = 0.5 * (x[0] - x[1])
     moved = 0.3 * (values["r"] + values["a"] * u - u**3)

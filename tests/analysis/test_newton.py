@@ -10,16 +10,16 @@ from gaitsweep.analysis.continuation.multipliers import multipliers
 from gaitsweep.analysis.continuation.newton import NewtonOutcome, newton
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.poincare.maps import BATCH_SIZES
+from gaitsweep.engine.poincare.maps import BATCH_SIZES, Coordinates, Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 
 
-def fold(values, x):
+def fold(values: Values, x: Coordinates) -> Coordinates:
     return x + values["r"] - x**2
 
 
-def pulled(values, x):
+def pulled(values: Values, x: Coordinates) -> Coordinates:
     """Two angles pulled towards 1 and 6 rad."""
     return x + values["pull"] * jnp.sin(jnp.array([1.0, 6.0]) - x)
 
@@ -83,7 +83,7 @@ def test_angles_are_compared_around_the_circle() -> None:
     np.testing.assert_allclose(apart, 0.0, atol=1e-8)
 
 
-def line(values, x):
+def line(values: Values, x: Coordinates) -> Coordinates:
     """Conserves x + y where nothing leaks, and pulls y towards x^2."""
     pull = 0.5 * (x[1] - x[0] ** 2)
     return jnp.stack([x[0] + pull, x[1] - pull + values["leak"]])

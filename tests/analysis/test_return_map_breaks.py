@@ -1,7 +1,8 @@
-"""Return maps tell nothing where their data break off: jumps, gaps, cusps, branches, the end of a turn."""
+"""Breaks in the data of return maps: jumps, gaps, cusps, branches and the cut of a circle."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,9 @@ def crossings(values: np.ndarray, name: str = "v") -> pd.DataFrame:
     return pd.DataFrame({"row": row, "crossing": crossing, "status": "complete", f"{name}_n": value})
 
 
-def iterated(function, starts: np.ndarray, count: int, noise: float = 0.0) -> np.ndarray:
+def iterated(
+    function: Callable[[np.ndarray], np.ndarray], starts: np.ndarray, count: int, noise: float = 0.0
+) -> np.ndarray:
     """Values (starts, count) of a map from some starts."""
     random = np.random.default_rng(5)
     course = [np.asarray(starts, float)]

@@ -1,4 +1,4 @@
-"""A table as an xarray dataset: each number stands at its axes' values, names are flags."""
+"""A table as an xarray dataset: numbers at the values of their axes, names as flags."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The three papers by `gaitsweep reproduce PAPER --quick`: jobs run, and what is missed was tried."""
+"""Quick reproductions of the three papers: their jobs run, and all of their claims are tested."""
 
 from __future__ import annotations
 

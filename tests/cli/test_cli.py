@@ -1,4 +1,4 @@
-"""The command line: what it prints, its exit codes, and that every refusal is a sentence."""
+"""The command line: output, exit codes, and error messages of one sentence."""
 
 from __future__ import annotations
 

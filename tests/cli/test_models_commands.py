@@ -1,4 +1,4 @@
-"""The commands `new-model` and `check-model`: what they write, what they refuse, and in which words."""
+"""The commands `new-model` and `check-model`: files, reports and error messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command `gaitsweep search`, and what other commands say of searches: output, exit codes, refusals."""
+"""The command `gaitsweep search`, and other commands on searches: output, exit codes, refusals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Models by declaration: what the contract gets of them, and when their events happen."""
+"""Declared models: their members of the contract, and the times of their events."""
 
 from __future__ import annotations
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,17 +12,20 @@ import numpy as np
 import pytest
 
 from firing_neuron import Neuron, firing_times
-from gaitsweep.contract import Status
+from gaitsweep.contract import Model, Status
 from gaitsweep.engine.advance import Halt, advance, start
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
+from gaitsweep.row_outcome import RowOutcome
 from tests.support.sweeping import run_rows, scalars
 from toy_model import Toy, bounce_times, flight_time
 
 
-def crossing_times(model, starts, count, **options):
+def crossing_times(
+    model: Model, starts: Mapping[str, Any], count: int, **options: Any
+) -> tuple[RowOutcome, np.ndarray]:
     result = run_rows(model, CrossingRecorder(model, crossings=count), starts, **options)
     return result, result.samples[:, 1].reshape(len(result.status), count + 1)[:, 1:]
 

@@ -1,4 +1,4 @@
-"""Compiled programs are stored by everything with which a model computes."""
+"""Caches of compiled programs are keyed on everything that a model computes with."""
 
 from __future__ import annotations
 

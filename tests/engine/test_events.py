@@ -1,4 +1,4 @@
-"""Events: sections by a plane, flows without any, and rows that they stall, told by their guards' names."""
+"""Events: sections by a plane, flows without any, and stalled rows with the names of their guards."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The cache of kernels: what is damaged or cannot be kept is compiled again, and is never another program."""
+"""The cache of kernels: damaged or missing entries are compiled again, and no other program is loaded."""
 
 from __future__ import annotations
 

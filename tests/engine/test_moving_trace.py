@@ -1,4 +1,4 @@
-"""Traces along which a parameter moves: the same motion as a ramp's, sampled in time; what is refused."""
+"""Traces along which a parameter moves: the motion of a ramp, sampled in time, and refusals."""
 
 from __future__ import annotations
 

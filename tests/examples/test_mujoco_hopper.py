@@ -1,4 +1,4 @@
-"""A model of an MJCF beside MuJoCo's own simulation in C, and what it refuses."""
+"""A model from an MJCF against MuJoCo's simulation in C, and its refusals."""
 
 # MuJoCo's compiled modules come without types.
 # pyright: reportAttributeAccessIssue=false

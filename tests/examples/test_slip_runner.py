@@ -1,4 +1,4 @@
-"""The spring-mass runner beside its own equations in SciPy and what is published of it."""
+"""The spring-mass runner against its equations in SciPy and published results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jobs that cannot be run: each is refused by a sentence: where it is wrong, what is allowed or meant."""
+"""Invalid jobs: each is refused with its place, the allowed values or the near miss."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Expressions: the numbers of Python itself, for floats, arrays and tracers; nothing else is ever run."""
+"""Expressions: Python's values for floats, arrays and tracers; no other code is executed."""
 
 from __future__ import annotations
 

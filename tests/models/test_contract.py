@@ -21,7 +21,9 @@ from gaitsweep.contract import (
     FixedStepDynamics,
     HybridModel,
     Model,
+    Params,
     Simultaneous,
+    State,
     Status,
     SteppedModel,
 )
@@ -40,7 +42,7 @@ def model(request: pytest.FixtureRequest) -> Model:
     return request.param()
 
 
-def begun(model: Model):
+def begun(model: Model) -> tuple[Params, State]:
     params = scalars(model)
     random = np.random.default_rng(1)
     start = {}

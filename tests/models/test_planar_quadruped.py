@@ -1,4 +1,4 @@
-"""The planar quadruped: its body and its steps against MuJoCo C, its starts, and what it reads of a walk."""
+"""The planar quadruped: its body and steps against MuJoCo C, its starts, and measurements of a walk."""
 
 # MuJoCo's compiled modules come without types.
 # pyright: reportAttributeAccessIssue=false

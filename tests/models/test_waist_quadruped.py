@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +33,14 @@ STEPS = Numerics(dt=2e-4, method="semi_implicit")
 LOCATED = Numerics(dt=3e-4, method="rk4")
 
 
-def crossings(starts, count=100, *, params=None, numerics=STEPS, engine="kernel"):
+def crossings(
+    starts: Sequence[float] | np.ndarray,
+    count: int = 100,
+    *,
+    params: Mapping[str, Any] | None = None,
+    numerics: Numerics = STEPS,
+    engine: str = "kernel",
+) -> np.ndarray:
     """The observables at `count` landings of limb 3, (rows, count + 1, observables)."""
     recorder = CrossingRecorder(MODEL, crossings=count)
     result = run_rows(

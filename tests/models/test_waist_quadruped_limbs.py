@@ -1,4 +1,4 @@
-"""Couplings between all limbs, fore and hind bodies that differ, and what the feet do in a cycle."""
+"""Couplings between all limbs, different fore and hind bodies, and signals of the feet in a cycle."""
 
 # MuJoCo's compiled modules come without types.
 # pyright: reportAttributeAccessIssue=false

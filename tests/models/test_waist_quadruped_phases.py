@@ -1,4 +1,4 @@
-"""The quadruped with a swing along half an ellipse: the paper's trot and walk, and a pace that stands."""
+"""The quadruped with a swing along half an ellipse: the paper's trot and walk, and a stable pace."""
 
 from __future__ import annotations
 

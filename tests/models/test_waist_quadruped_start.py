@@ -1,4 +1,4 @@
-"""The end of the quadruped's start: delta_13 is let go of at T_hold, wherever in a step that is."""
+"""The end of the quadruped's start: delta_13 is released at T_hold, anywhere inside a step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which cells a refinement simulates, and that what it infers is what a full grid has."""
+"""The cells that a refinement simulates, and its inferred labels against those of a full grid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`gaitsweep cite`: entries that name the right paper and version, and what is refused."""
+"""The command `gaitsweep cite`: entries with the right paper and version, and refusals."""
 
 from __future__ import annotations
 

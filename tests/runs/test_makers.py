@@ -1,4 +1,4 @@
-"""A result directory says what made each of its parts, and is continued by the same program only."""
+"""A result directory records the maker of each part, and is continued by the same program only."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The jobs of the planar quadruped's page: what their tables have to show, with new starts."""
+"""The jobs of the planar quadruped's page give the documented results from new starts."""
 
 from __future__ import annotations
 

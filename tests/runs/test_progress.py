@@ -1,4 +1,4 @@
-"""Progress of runs: nothing is estimated before it is measured, and finished blocks are counted by gait."""
+"""Progress of runs: estimates follow measurements, and finished blocks are counted by gait."""
 
 from __future__ import annotations
 

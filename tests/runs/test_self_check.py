@@ -1,4 +1,4 @@
-"""Self-checks of runs: rows repeated as they were and with finer steps, and what differs."""
+"""Self-checks of runs: rows repeated with the same and with finer steps, and their differences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of a table with very many rows show an even selection of them, and say which."""
+"""Figures of very large tables show an even selection of rows, with a remark on it."""
 
 from __future__ import annotations
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -307,7 +310,9 @@ def test_a_model_of_which_no_row_runs_is_not_good(monkeypatch: pytest.MonkeyPatc
     assert trial(Unlabelled).faults == ["of which no row can be run: vary is refused."]
 
 
-def rate_and_power(kind: type[gs.HybridModel], move, **start: float) -> tuple[float, float]:
+def rate_and_power(
+    kind: type[gs.HybridModel], move: Callable[..., Any], **start: float
+) -> tuple[float, float]:
     """The rate of a model's energy at a start that is moved, and the power that its terms exchange."""
     model = _with_rates(kind)()
     params = scalars(model)

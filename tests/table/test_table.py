@@ -1,4 +1,4 @@
-"""Result directories: parts that survive any interruption, refusals, and what `load` gives back."""
+"""Result directories: parts that survive any interruption, refusals, and loaded tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The explorer's page: its numbers are those of the table, its walks those of the same starts."""
+"""The explorer's page: its numbers against the table, its motions against runs of the same starts."""
 
 from __future__ import annotations
 

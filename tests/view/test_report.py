@@ -1,4 +1,4 @@
-"""The report of a result directory: its counts add up, and what it says is what the table holds."""
+"""The report of a result directory: its counts add up and agree with the table."""
 
 from __future__ import annotations
 

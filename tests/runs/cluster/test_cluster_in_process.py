@@ -1,4 +1,4 @@
-"""A job's blocks computed by Dask workers that are threads of this process: what needs no process to die."""
+"""A job's blocks computed by Dask workers in threads of this process, without losses of processes."""
 
 from __future__ import annotations
 
