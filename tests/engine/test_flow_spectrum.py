@@ -1,0 +1,72 @@
+"""Eigenvalues of flows between events, and the rates by which models bound them."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from gaitsweep.engine.flow_spectrum import flow_eigenvalues, slowest_limit
+from gaitsweep.engine.numerics import longest_step
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+
+
+def _params(model: Multilegged, values: dict[str, float]) -> Any:
+    return BatchedReturnMap(model, tuple(values.items())).params({})
+
+
+def _eigenvalues(p: Any) -> np.ndarray:
+    """Eigenvalues of the chain's masses on springs, for every combination of feet on the ground."""
+    masses, kappa = np.asarray(p.masses), np.asarray(p.kappa)
+    sigma, K, D = float(p.sigma), float(p.K), float(p.D)
+    n = masses.size
+
+    def laplacian(w: np.ndarray) -> np.ndarray:
+        return np.diag(np.append(w, 0.0) + np.append(0.0, w)) - np.diag(w, 1) - np.diag(w, -1)
+
+    spectra = []
+    for contact in itertools.product((0.0, 1.0), repeat=n):
+        stiffness = (laplacian(kappa) + K * np.diag(contact)) / masses[:, None]
+        damping = (laplacian(np.full(n - 1, sigma)) + D * np.diag(contact)) / masses[:, None]
+        spectra.append(np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -damping]])))
+    return np.array(spectra)
+
+
+@pytest.mark.slow
+def test_the_chains_rates_bound_the_eigenvalues_of_every_mode() -> None:
+    """Over masses, springs and grounds far from the paper's: never below, and within a third of them."""
+    random = np.random.default_rng(0)
+    for trial in range(60):
+        model = Multilegged(int(random.choice([3, 4])))
+        values = {
+            "m_B": random.uniform(0.3, 3.0),
+            "m_1": random.uniform(0.3, 3.0),
+            "kappa": 10 ** random.uniform(1.0, 5.0),
+            "kappa_1": 10 ** random.uniform(1.0, 4.0),
+            "K": 10 ** random.uniform(4.0, 6.3),
+        }
+        if trial % 2:
+            values |= {"D": 10 ** random.uniform(0.5, 3.3), "sigma": 10 ** random.uniform(-1.0, 2.0)}
+        params = _params(model, values)
+        largest = np.max(np.abs(_eigenvalues(params)))
+        bound = float(jnp.max(model.fast_modes(params)[0]))
+        assert largest <= bound * (1 + 1e-9) + 1e-9, values
+        assert largest > 0.66 * bound, values
+
+
+@pytest.mark.slow
+def test_eigenvalues_of_a_flow_are_found_by_its_flags() -> None:
+    """The chain's flow, differentiated, has the eigenvalues of its matrices; the slowest limit follows."""
+    model = Multilegged()
+    params = _params(model, {"m_B": 0.7})
+    start = {"psi_1": 1.0, "psi_2": 2.0, "psi_3": 3.0, "phi_1": jnp.nan}
+    state = model.init(params, {k: jnp.asarray(v) for k, v in start.items()})
+    largest = np.abs(flow_eigenvalues(model, params, state)).max()
+    assert largest == pytest.approx(np.abs(_eigenvalues(params)).max(), rel=1e-9)
+    limit = slowest_limit(model, params, state, "propagator6")
+    known = float(longest_step(model, "propagator6", params))  # type: ignore[arg-type]
+    assert known <= limit < 1.3 * known
