@@ -1,10 +1,13 @@
-"""Processes in which JAX cannot compute: without its CPU (JAX_PLATFORMS=cuda), or forked."""
+"""Devices of a process: without JAX's CPU (JAX_PLATFORMS=cuda), forked, and with all of its cores."""
 
 from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -108,3 +111,26 @@ def test_a_fork_refuses_to_compute() -> None:
         assert message.startswith("UnsupportedSystem"), message
         assert all(word in message for word in ("spawn", "client=", "all cores"))
     assert _in_a_fork(lambda: gs.Settle(max_cycles=3)) == "nothing"
+
+
+@pytest.mark.slow
+def test_reading_a_job_leaves_every_core_to_its_run(tmp_path: Any) -> None:
+    """JAX counts its devices at its first computation, which is that of a job's steps."""
+    (tmp_path / "job.yaml").write_text(
+        "name: cores\nmodel: multilegged\nstart: {psi_1: 1, psi_2: 2, psi_3: 3}\nrun: {kind: settle}\n"
+    )
+    code = (
+        "import os; from gaitsweep.job import load_job; "
+        "from gaitsweep.engine.sweep.xla import local_devices; "
+        "load_job('job.yaml'); print(len(local_devices()) == len(os.sched_getaffinity(0)))"
+    )
+    environment = {**os.environ, "JAX_PLATFORMS": "cpu", "PYTHONPATH": str(Path(__file__).parents[2])}
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.strip() == "True"

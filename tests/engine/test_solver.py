@@ -175,3 +175,25 @@ def test_methods_for_linear_flows_are_refused_elsewhere() -> None:
         assert "linear" in (refusal(name, Neuron(), "float64") or "")
         assert "float64" in (refusal(name, Multilegged(), "float32") or "")
     assert refusal("rk4", Neuron(), "float32") is None
+
+
+def _growth(name: str, z: complex) -> complex:
+    """Factor of a step of x' = z x, dt = 1, from the method's own code on a complex flow of two numbers."""
+    shares = {"rk4": (1.0,) * 4, "propagator6": PROPAGATOR6, "propagator": PROPAGATOR}[name]
+    total, term = 1.0 + 0.0j, 1.0 + 0.0j
+    for k, share in enumerate(shares, start=1):
+        term *= z / k
+        total += share * term
+    return total
+
+
+def test_steps_are_stable_at_their_limit_and_not_far_beyond() -> None:
+    """|R| <= 1 at the limit along each direction; twice the limit of the real axis is unstable."""
+    for name in ("rk4", "propagator6", "propagator"):
+        method = METHODS[name]
+        for damping, limit in method.limits:
+            if damping == 0.0:
+                continue  # an undamped motion neither grows nor dies in the flow itself
+            z = limit * (-damping + 1j * np.sqrt(1.0 - damping**2))
+            assert abs(_growth(name, z)) <= 1.0 + 1e-3, (name, damping)
+        assert abs(_growth(name, -2.0 * method.limits[-1][1])) > 1.0

@@ -22,12 +22,12 @@ from gaitsweep.api.result import Result
 from gaitsweep.cli import commands
 from gaitsweep.plot import theme
 from gaitsweep.runs.dataset import MissingPackageError
-from gaitsweep.view.explorer.choice import boundary, spread, subgrid
 from gaitsweep.view.explorer.encoding import RESOLUTION, motion_fields, packed
 from gaitsweep.view.explorer.explorer import explorer_of
 from gaitsweep.view.explorer.plotly_source import quicker
 from gaitsweep.view.explorer.replays import Motion, Pictures, Stretch, pictures_of
 from gaitsweep.view.explorer.start_map import CELLS, StartMap, columns_of, html_symbol, with_next
+from gaitsweep.view.explorer.traced_cells import boundary, spread, subgrid
 from gaitsweep.view.movie.animation import Clip
 from gaitsweep.view.movie.side_view import heading, projected, turned
 from hostile_texts import ATTACK, HostileTexts

@@ -19,7 +19,7 @@ from gaitsweep.row_outcome import RowOutcome
 
 
 def labelled(spec: SweepSpec, block: Block) -> RowOutcome:
-    """The rows of a block with `gait` (see `gait_codes`) and label fields, of each row or of each sample."""
+    """The rows of a block with `gait` (a code of `gait_codes`) and label fields, of each row or sample."""
     rows = block.result()
     readings = spec.recorder.readings(rows)
     if readings is None:

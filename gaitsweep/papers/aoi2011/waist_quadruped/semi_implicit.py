@@ -160,7 +160,7 @@ def fastest_motion(p: Params) -> tuple[jax.Array, jax.Array]:
 
     A limb is two rods on a hip whose compliance is that of half a body; ground and joints act as springs and
     dampers. Compared with the largest eigenvalue of the Jacobian of the whole body, its error is between -6 %
-    and 50 %, for nine of ten parameter sets between 0 and 15 % (`tests/engine/test_numerics.py`).
+    and 50 %, for nine of ten parameter sets between 0 and 15 % (`tests/engine/test_flow_spectrum.py`).
     """
     m = p.mechanics
     # the straighter limb's, and the stiffer direction's
