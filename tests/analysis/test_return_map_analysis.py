@@ -9,7 +9,7 @@ import pytest
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.analysis.transitions.return_map import branches, drift, fixed_points, ghosts, pairs
 from gaitsweep.angle_difference import wrapped_difference
-from tests.support.hysteresis_tables import CENTRE, FOLD, SCALE, TURN, delta, dressed, map_table, roots
+from tests.support.hysteresis_tables import CENTRE, FOLD, SCALE, TURN, delta, map_table, roots, with_attrs
 
 EPS = 0.05
 
@@ -92,7 +92,7 @@ def test_an_alternating_row_at_a_fixed_point_does_not_bias_the_slope() -> None:
         "status": "complete",
         "delta_13_n": 2.6 + jitter,
     }
-    table = dressed(pd.concat([table, pd.DataFrame(lingering)], ignore_index=True), "return_map")
+    table = with_attrs(pd.concat([table, pd.DataFrame(lingering)], ignore_index=True), "return_map")
     result = fixed_points(table, "delta_13", by="f")
     assert result["stable"].tolist() == [True, False, True]
     assert result["value"].tolist() == pytest.approx([2.3, 2.6, 2.9], abs=0.005)
@@ -184,7 +184,7 @@ def test_an_observable_that_is_not_an_angle() -> None:
 
 def test_poor_tables() -> None:
     table = map_table(starts=3, crossings=3)
-    nothing = dressed(table.assign(delta_13_n=np.nan), "return_map")
+    nothing = with_attrs(table.assign(delta_13_n=np.nan), "return_map")
     for poor in (table, table.iloc[:0], nothing, table.loc[table["crossing"] == 1]):
         assert not len(fixed_points(poor, "delta_13", by="f"))
         assert not len(ghosts(poor, "delta_13", by="f"))
