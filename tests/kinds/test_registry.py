@@ -18,7 +18,7 @@ from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.job import Job, JobError, schema
-from gaitsweep.kinds.columns import CROSSING, STATUS, Column, observed
+from gaitsweep.kinds.columns import CROSSING, STATUS, Column, observed_at_crossings
 from gaitsweep.kinds.run_kind import Cost
 from gaitsweep.runs.estimate import estimate
 from gaitsweep.schema.numbers import Count, Text
@@ -36,7 +36,7 @@ class Doublings(kinds.RunKind):
 
     def columns(self, model: Model) -> list[Column]:
         twice = Column("twice", lambda records: 2.0 * records["t"], repeats=False)
-        return [CROSSING, Column("t", repeats=False), twice, STATUS, *observed(model, "n")]
+        return [CROSSING, Column("t", repeats=False), twice, STATUS, *observed_at_crossings(model)]
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         return Cost(self.crossings * cycle, self.crossings * cycle, self.crossings)
