@@ -66,7 +66,7 @@ def extensions() -> Mapping[str, Extension]:
     Raises:
         ExtensionError: one does not import, is no `Extension`, or adds a model of a name that is taken.
     """
-    found: dict[str, Extension] = {}
+    by_name: dict[str, Extension] = {}
     models: dict[str, str] = {}
     for entry, owner in _entries():
         try:
@@ -80,41 +80,43 @@ def extensions() -> Mapping[str, Extension]:
             wrong = f"{entry.value}, which is not a gaitsweep.Extension"
             raise ExtensionError(f"The extension {entry.name} of {owner} is {wrong}.")
         remedy = f"uninstall {owner} or the other package"
-        if entry.name in found:
+        if entry.name in by_name:
             raise ExtensionError(f"There are two extensions named {entry.name}: {remedy}.")
         for name in extension.models:
             if name in models:
                 both = f"The extensions {models[name]} and {entry.name} both have a model {name}"
                 raise ExtensionError(f"{both}: {remedy}.")
             models[name] = entry.name
-        found[entry.name] = extension
-    return MappingProxyType(found)
+        by_name[entry.name] = extension
+    return MappingProxyType(by_name)
 
 
 def model_paths() -> dict[str, str]:
     """The models of all extensions, "package.module:Class" by name."""
-    return {name: path for each in extensions().values() for name, path in each.models.items()}
+    return {name: path for extension in extensions().values() for name, path in extension.models.items()}
 
 
 @functools.cache
 def gait_styles() -> Mapping[str, Style]:
     """The styles of the gaits of all extensions; of a name that two have, the first one's."""
-    found: dict[str, Style] = {}
+    styles: dict[str, Style] = {}
     for extension in extensions().values():
-        found = {**extension.gait_styles, **found}
-    return MappingProxyType(found)
+        styles = {**extension.gait_styles, **styles}
+    return MappingProxyType(styles)
 
 
 def import_all(kind: str) -> None:
     """Import the modules of one kind of all extensions (figures, ...), which register what they define."""
-    for name in itertools.chain.from_iterable(getattr(each, kind) for each in extensions().values()):
+    for name in itertools.chain.from_iterable(
+        getattr(extension, kind) for extension in extensions().values()
+    ):
         importlib.import_module(name)
 
 
 def folders(kind: str) -> list[Path]:
     """The folders of all extensions of one kind: jobs, configs or claims."""
-    given = (getattr(each, kind) for each in extensions().values())
-    return list(dict.fromkeys(folder for folder in given if folder is not None))
+    declared = (getattr(extension, kind) for extension in extensions().values())
+    return list(dict.fromkeys(folder for folder in declared if folder is not None))
 
 
 Entries = list[tuple[importlib.metadata.EntryPoint, str]]
@@ -123,8 +125,8 @@ Entries = list[tuple[importlib.metadata.EntryPoint, str]]
 def _entries() -> Entries:
     """Entry points, and the package of each, gaitsweep's own first; those of a checkout where it is one."""
     installed = _installed()
-    own = _of_checkout() or [each for each in installed if each[1] == "gaitsweep"]
-    return [*own, *(each for each in installed if each[1] != "gaitsweep")]
+    own = _of_checkout() or [entry for entry in installed if entry[1] == "gaitsweep"]
+    return [*own, *(entry for entry in installed if entry[1] != "gaitsweep")]
 
 
 def _of_checkout() -> Entries:
@@ -132,8 +134,8 @@ def _of_checkout() -> Entries:
     if not _CHECKOUT.is_file():
         return []
     project = tomllib.loads(_CHECKOUT.read_text(encoding="utf-8")).get("project", {})
-    given = project["entry-points"][GROUP] if project.get("name") == "gaitsweep" else {}
-    entries = (importlib.metadata.EntryPoint(name, value, GROUP) for name, value in given.items())
+    declared = project["entry-points"][GROUP] if project.get("name") == "gaitsweep" else {}
+    entries = (importlib.metadata.EntryPoint(name, value, GROUP) for name, value in declared.items())
     return [(entry, "gaitsweep") for entry in entries]
 
 

@@ -14,9 +14,9 @@ from gaitsweep.api.keywords import AnyModel, job_of
 from gaitsweep.api.result import Result, run_in_memory
 from gaitsweep.api.result import run as run_job
 from gaitsweep.contract import Status
+from gaitsweep.design.design import row_params
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
-from gaitsweep.job.load import row_params
 from gaitsweep.kinds import Settle, Trace
 
 if TYPE_CHECKING:

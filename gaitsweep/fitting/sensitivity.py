@@ -19,7 +19,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
 from gaitsweep.fitting.free_parameters import Sets
 from gaitsweep.fitting.indices import Output, indices, unwrapped
-from gaitsweep.fitting.measures import Measure, MeasuredByName
+from gaitsweep.fitting.measure import Measure, MeasuredByName
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.sensitivity_job import FAILURES, SensitivityJob
 from gaitsweep.job.numerics import rows_of_a_part
@@ -164,7 +164,7 @@ def _blocks(
     before = directory.rows_done
     on_progress(before, n, 0.0, before / n, "compiling")
     for place in range(0, len(missing), together):
-        parts = [directory.rows_of(number) for number in missing[place : place + together]]
+        parts = [directory.layout.rows_of(number) for number in missing[place : place + together]]
         rows = np.concatenate([np.arange(first, last) for first, last in parts])
         done = directory.rows_done
 

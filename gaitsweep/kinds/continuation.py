@@ -15,7 +15,7 @@ from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.kinds.columns import Column, observed
+from gaitsweep.kinds.columns import Column, observed_at_crossings
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints, unknowns
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
 from gaitsweep.schema.diagnostics import Diagnostic
@@ -60,7 +60,7 @@ class Continuation(FollowsFixedPoints):
             Column("point"),
             *([Column("branch", repeats=False)] if self.crossing else []),
             Column(self.parameter, repeats=False),
-            *observed(model, "n"),
+            *observed_at_crossings(model),
             Column("gait"),
             Column("time", repeats=False),
             *(Column(f"drift_{name}", repeats=False) for name in self.fix),
@@ -101,10 +101,10 @@ class Continuation(FollowsFixedPoints):
     ) -> pd.DataFrame:
         """The branches of rows first..last-1; `on_progress` is called before each of their steps."""
         mapping, values, table = self.followed(rows, spec, np.arange(first, last), on_progress)
-        found = table["stable"].notna().to_numpy()
-        table = self.records(rows, first, mapping, values, table, found, found, {})
+        has_point = table["stable"].notna().to_numpy()
+        table = self.records(rows, first, mapping, values, table, has_point, has_point, {})
         # missing numbers would be read as such, and those of other blocks are flags
-        return table if found.any() else table.assign(stable=pd.Series([None] * len(table), dtype=object))
+        return table if has_point.any() else table.assign(stable=pd.Series([None] * len(table), dtype=object))
 
     def followed(
         self,

@@ -66,12 +66,12 @@ class Trace(RunKind):
             )
             return [Diagnostic(("run", "every"), text)]
         if self.parameter is None:
-            given = [name for name in _MOVING if name in self.model_fields_set and getattr(self, name)]
+            written = [name for name in _MOVING if name in self.model_fields_set and getattr(self, name)]
             return [
                 Diagnostic(
                     ("run", name), "has no effect without run.parameter: name the parameter that moves."
                 )
-                for name in given
+                for name in written
             ]
         for name in ("path", "rate"):
             if getattr(self, name) is None:

@@ -70,7 +70,7 @@ def advice(check: dict[str, Any], dt: float | None) -> str:
 
 def lengths_of_steps(dt: object) -> str:
     """Format the shortest and the longest of the rows' steps (s): "0.02 to 0.03 s"; empty if unknown."""
-    spans = [f"{each:.6g}" for each in dt] if isinstance(dt, list) else []
+    spans = [f"{step:.6g}" for step in dt] if isinstance(dt, list) else []
     return f"{' to '.join(dict.fromkeys(spans))} s" if spans else ""
 
 
@@ -96,7 +96,7 @@ def settings_of(manifest: Mapping[str, Any]) -> dict[str, str]:
     known = {
         **manifest, **manifest.get("timings", {}), **manifest.get("paper", {}),
         "dt": lengths_of_steps(manifest.get("dt")),
-        "versions": ", ".join(f"{name} {each}" for name, each in versions if each != NOT_INSTALLED),
+        "versions": ", ".join(f"{name} {version}" for name, version in versions if version != NOT_INSTALLED),
     }  # fmt: skip
     lines = {
         title: ", ".join(form.format(known[name]) for name, form in words.items() if known.get(name))

@@ -24,7 +24,7 @@ def examples(module: str) -> list[doctest.DocTest]:
 
 
 @pytest.mark.parametrize("module", MODULES)
-def test_examples_give_what_they_show(module: str) -> None:
+def test_examples_print_their_output(module: str) -> None:
     runner = doctest.DocTestRunner(optionflags=SHOWN)
     for test in examples(module):
         report: list[str] = []

@@ -75,23 +75,25 @@ def searched(fields: dict[str, Any], out: Path) -> SearchResult:
 
 
 def test_planted_constants_are_found_again(tmp_path: Path) -> None:
-    found = gs.search(TOY, tmp_path / "out")
-    best = found.identifiability.best.iloc[0]
+    result = gs.search(TOY, tmp_path / "out")
+    best = result.identifiability.best.iloc[0]
     assert best["kick"] == pytest.approx(KICK, rel=0.01)
     assert best["stiffness"] == pytest.approx(STIFFNESS, rel=0.01)
-    assert found.identifiability.fitting > 20
-    assert {each.verdict for each in found.identifiability.constants} == {"pinned"}
+    assert result.identifiability.fitting > 20
+    assert {constant.verdict for constant in result.identifiability.constants} == {"pinned"}
     assert re.fullmatch(
-        r"SearchResult\(400 sets: least score \S+, \d+ fit all targets; in .*/out\)", repr(found)
+        r"SearchResult\(400 sets: least score \S+, \d+ fit all targets; in .*/out\)", repr(result)
     )
-    fitting = found.identifiability.fitting
-    said = rf"Identifiability: {fitting} sets fit\n  kick: best \S+, \S+ to \S+ \(pinned\)\n  stiffness: .*"
-    assert re.fullmatch(said, repr(found.identifiability))
-    assert list(found.table["row"]) == list(range(400))
-    assert found.finalists is not None
+    fitting = result.identifiability.fitting
+    message = (
+        rf"Identifiability: {fitting} sets fit\n  kick: best \S+, \S+ to \S+ \(pinned\)\n  stiffness: .*"
+    )
+    assert re.fullmatch(message, repr(result.identifiability))
+    assert list(result.table["row"]) == list(range(400))
+    assert result.finalists is not None
     # events are located, so that half the step changes nothing
-    assert np.allclose(found.finalists["speed"], found.finalists["speed_half"], atol=1e-9)
-    assert all(file.is_file() for file in found.figures)
+    assert np.allclose(result.finalists["speed"], result.finalists["speed_half"], atol=1e-9)
+    assert all(file.is_file() for file in result.figures)
 
 
 def by_keywords(fields: dict[str, Any], **more: Any) -> Any:
@@ -140,7 +142,7 @@ def test_measures_may_have_a_run_of_their_own(tmp_path: Path) -> None:
     np.testing.assert_allclose(found["speed"], last, rtol=1e-6)
 
 
-def test_workers_of_a_client_send_the_rows_here() -> None:
+def test_workers_of_a_client_return_the_rows() -> None:
     distributed = pytest.importorskip("distributed")
     fields = job(budget=32, finalists=0)
     with (
@@ -242,7 +244,7 @@ def test_misses_are_the_distance_from_what_is_wanted(tmp_path: Path) -> None:
 @pytest.mark.slow("cma-3", "nsga3-3", "sobol-1")
 @pytest.mark.parametrize("side_by_side", [1, 3])
 @pytest.mark.parametrize("method", METHODS)
-def test_a_search_that_was_stopped_goes_on_to_the_bit(
+def test_a_stopped_search_continues_to_the_same_bits(
     method: str, side_by_side: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = job(method=method, budget=120, population=24, side_by_side=side_by_side)
@@ -266,7 +268,7 @@ def test_a_search_that_was_stopped_goes_on_to_the_bit(
     assert_frame_equal(resumed, whole, check_exact=True)
 
 
-def test_a_front_keeps_what_no_other_set_beats(tmp_path: Path) -> None:
+def test_a_front_has_the_nondominated_sets(tmp_path: Path) -> None:
     # a kick that gives twice the speed: the two targets exclude each other
     targets = copy.deepcopy(TOY["search"]["targets"])
     targets["apex"] |= {"wanted": np.hypot(0.5, 2 * SPEED / np.sqrt(20.0)) - 0.5 + 1.0}
@@ -465,7 +467,7 @@ def test_a_measure_has_no_part_of_another_ones_conditions(tmp_path: Path) -> Non
         assert np.allclose(table[name], np.hypot(0.5, speed * np.sqrt(mass / stiffness)) - 0.5, rtol=1e-6)
 
 
-def test_a_start_without_default_has_to_be_set_by_every_measure(tmp_path: Path) -> None:
+def test_a_start_without_default_is_required_of_every_measure(tmp_path: Path) -> None:
     psi = {"kind": "value", "of": "psi_1", "wanted": 1.0, "error": 0.1}
     asked = {
         "name": "chain",
@@ -495,7 +497,7 @@ def test_one_constant_is_enough(method: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_search_of_which_all_sets_fail_ends_well(method: str, tmp_path: Path) -> None:
+def test_a_search_whose_sets_all_fail_completes(method: str, tmp_path: Path) -> None:
     asked = job(method=method, budget=64)
     asked["params"]["ceiling"] = 1e-3
     found = run_search(read_search(asked, Path.cwd()), tmp_path / "out", figures=method == "sobol")
@@ -508,9 +510,9 @@ def test_a_search_of_which_all_sets_fail_ends_well(method: str, tmp_path: Path) 
 def test_a_front_of_twelve_targets(tmp_path: Path) -> None:
     apex = {"kind": "value", "of": "apex", "wanted": APEX, "error": 0.01}
     targets = {f"mass_{i}": {**apex, "at": {"mass": 1.0 + 0.2 * i}} for i in range(12)}
-    found = gs.search(job(method="nsga3", targets=targets, budget=96, population=32), tmp_path / "out")
-    assert set(found.table["status"].astype(str)) == {"complete"}
-    assert all(file.is_file() for file in found.figures)
+    result = gs.search(job(method="nsga3", targets=targets, budget=96, population=32), tmp_path / "out")
+    assert set(result.table["status"].astype(str)) == {"complete"}
+    assert all(file.is_file() for file in result.figures)
 
 
 def test_choices_that_the_model_refuses_together_have_no_values() -> None:
@@ -550,8 +552,8 @@ def test_a_full_disk_loses_one_batch(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.slow
-def test_the_shipped_search_asks_for_its_planted_constants() -> None:
-    """What it wants is what the chain does at kappa = 100, beta = 0.8."""
+def test_the_targets_of_the_shipped_search_are_those_of_its_constants() -> None:
+    """The targets are the results of the chain at kappa = 100, beta = 0.8."""
     shipped = load_search(SWEEPS / "multilegged_search.yaml")
     values = {"kappa": np.array([100.0]), "beta": np.array([0.8])}
     for name, measured in shipped.fit.population().measure(values).items():
@@ -604,14 +606,16 @@ def test_optimisers_stay_in_their_ranges_and_repeat(method: str) -> None:
     assert not np.array_equal(first, points(2))
 
 
-def test_finalists_that_depend_on_the_step_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_finalists_that_depend_on_the_step_are_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     measure = Population.measure
 
     def shifted(self: Population, *given: Any, share: float = 1.0, **more: Any) -> Any:
-        found = measure(self, *given, share=share, **more)
+        result = measure(self, *given, share=share, **more)
         if share != 1.0:
-            found["speed"].values[0] += 0.02
-        return found
+            result["speed"].values[0] += 0.02
+        return result
 
     messages: list[str] = []
     asked = read_search(job(budget=64), Path.cwd())
@@ -638,12 +642,12 @@ def test_finalists_are_kept(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_shipped_search_finds_its_planted_constants(tmp_path: Path) -> None:
-    found = gs.search(SWEEPS / "multilegged_search.yaml", tmp_path / "out")
-    best = found.identifiability.best.iloc[0]
+    result = gs.search(SWEEPS / "multilegged_search.yaml", tmp_path / "out")
+    best = result.identifiability.best.iloc[0]
     assert best["kappa"] == pytest.approx(100.0, rel=0.01)
     assert best["beta"] == pytest.approx(0.8, rel=0.01)
     assert abs(best["miss_retrograde_psi_3"]) < 1.0  # held back
-    assert {each.verdict for each in found.identifiability.constants} == {"pinned"}
+    assert {constant.verdict for constant in result.identifiability.constants} == {"pinned"}
 
 
 @pytest.mark.slow
@@ -697,17 +701,17 @@ def test_workers_of_a_cluster_measure_the_same(tmp_path: Path) -> None:
         shared = run_search(asked, tmp_path / "shared", cluster=workers)
     assert_frame_equal(shared.table, alone.table, check_exact=True)
     parts = sorted((tmp_path / "alone" / "table").glob("*.parquet"))
-    assert [each.read_bytes() for each in parts] == [
-        (tmp_path / "shared" / "table" / each.name).read_bytes() for each in parts
+    assert [part.read_bytes() for part in parts] == [
+        (tmp_path / "shared" / "table" / part.name).read_bytes() for part in parts
     ]
     assert not (tmp_path / "shared" / "batch").exists()
 
 
 def test_the_shipped_phases_are_a_set_of_the_shipped_search() -> None:
-    found = load_search(SWEEPS / "waist_quadruped_phases_search.yaml")
-    points = optimiser("sobol", len(found.free), 1, 0, 64, found.options.seed).ask(8501)
+    result = load_search(SWEEPS / "waist_quadruped_phases_search.yaml")
+    points = optimiser("sobol", len(result.free), 1, 0, 64, result.options.seed).ask(8501)
     shipped = yaml.safe_load((SWEEPS.parent / "configs" / "aoi2011_phases.yaml").read_text())["params"]
-    for name, column in sets_at(found.free, points[-1:]).items():
+    for name, column in sets_at(result.free, points[-1:]).items():
         assert float(column[0]) == pytest.approx(shipped.get(name, 0), rel=1e-4), name
 
 
@@ -753,8 +757,8 @@ def test_a_known_set_may_be_a_config(tmp_path: Path) -> None:
     assert read_search(job(known=["own.yaml"]), tmp_path).written != search.written
 
 
-def test_a_known_config_does_not_shape_the_model() -> None:
-    """Constants that its own structure lacks have the model's default; what both have is the config's."""
+def test_a_known_config_does_not_change_the_structure() -> None:
+    """Constants that its structure lacks have the model's default; common ones have the config's value."""
     fields = yaml.safe_load((SWEEPS / "waist_quadruped_front.yaml").read_text())
     fields["search"]["known"] = ["builtin:aoi2011_ellipse"]
     del fields["structure"]

@@ -21,7 +21,9 @@ from gaitsweep.contract import (
     FixedStepDynamics,
     HybridModel,
     Model,
+    Params,
     Simultaneous,
+    State,
     Status,
     SteppedModel,
 )
@@ -40,7 +42,7 @@ def model(request: pytest.FixtureRequest) -> Model:
     return request.param()
 
 
-def begun(model: Model):
+def begun(model: Model) -> tuple[Params, State]:
     params = scalars(model)
     random = np.random.default_rng(1)
     start = {}
@@ -119,7 +121,7 @@ def test_models_are_values(model: Model) -> None:
 
 
 @pytest.mark.slow("multilegged", "multilegged_reduced", "planar_quadruped", "waist_quadruped")
-def test_functions_give_what_they_promise(model: Model) -> None:
+def test_functions_have_the_declared_results(model: Model) -> None:
     params, state = begun(model)
     observed = model.observe(params, state)
     assert set(observed) == {q.name for q in model.observables}
@@ -165,7 +167,7 @@ def test_dynamics_keep_shapes_and_modes(model: Model) -> None:
 
 @pytest.mark.slow("multilegged", "planar_quadruped", "waist_quadruped")
 def test_functions_are_pure_and_batchable(model: Model) -> None:
-    """Under jit and vmap they give what they give alone: no Python branch on a value, no hidden state."""
+    """Under jit and vmap they give the same results: no Python branch on a value, no hidden state."""
     params, state = begun(model)
 
     def moved(params, state):
@@ -183,7 +185,7 @@ def test_functions_are_pure_and_batchable(model: Model) -> None:
 
 
 @pytest.mark.slow
-def test_check_model_finds_nothing_wrong(model: Model) -> None:
+def test_check_model_finds_no_fault(model: Model) -> None:
     assert faults(type(model)) == []
 
 
@@ -194,8 +196,8 @@ class _NotIndependent(MultileggedReduced):
 
 
 @pytest.mark.slow
-def test_jumps_that_depend_on_their_order_cannot_be_called_independent() -> None:
-    """The chain's are; those of the reduced chain, where neighbours share a load, are not."""
+def test_only_jumps_that_commute_are_independent() -> None:
+    """Those of the chain commute; those of the reduced chain, where neighbours share a load, do not."""
     assert faults(Multilegged) == []
     wrong = faults(_NotIndependent)
     assert wrong

@@ -47,9 +47,9 @@ def gaits(sigma: Any, seeds: Any, **params: float) -> pd.DataFrame:
     names = ["crossing", "t", *(f"{quantity.name}_n" for quantity in model.observables)]
     table = pd.DataFrame(block.samples, columns=names).assign(row=block.owner)
     table["status"] = np.where(block.status == Status.complete, "complete", "fell")[block.owner]
-    found = gait_of(onsets_of_crossings(table), window=(READ, DURATION), rows=range(grid.size))
+    result = gait_of(onsets_of_crossings(table), window=(READ, DURATION), rows=range(grid.size))
     late = table.loc[table["t"] > READ].groupby("row")[["speed_n", "flight_n"]].mean()
-    return found.set_index("row").assign(
+    return result.set_index("row").assign(
         sigma=grid, seed=seed, speed=late["speed_n"], flight=late["flight_n"], fell=block.status
     )
 
@@ -83,9 +83,9 @@ def test_speeds_periods_and_flight_are_the_pages(fed_back: pd.DataFrame) -> None
 
 
 def test_without_load_feedback_it_trots_at_every_speed() -> None:
-    found = gaits([0.0, 0.25, 0.5, 0.75, 1.0], [20, 21], k2=0.0)
-    assert np.all(found["gait"] == "trot")
-    speed = found.pivot_table(index="sigma", values="speed")["speed"]
+    result = gaits([0.0, 0.25, 0.5, 0.75, 1.0], [20, 21], k2=0.0)
+    assert np.all(result["gait"] == "trot")
+    speed = result.pivot_table(index="sigma", values="speed")["speed"]
     assert speed.is_monotonic_increasing
     assert speed.loc[0.0] == pytest.approx(0.29, abs=0.02)
     assert speed.loc[1.0] == pytest.approx(2.55, abs=0.05)
@@ -97,8 +97,8 @@ def test_without_the_hips_feedback_it_falls() -> None:
         assert np.all(gaits([0.0, 0.5, 1.0], [20, 21], k1=k1, k2=0.0)["fell"] == Status.fell)
 
 
-def test_either_lead_comes_of_either_start() -> None:
-    """At one speed the gallop leads with right or left, by the first pair and the perturbation."""
+def test_each_start_gives_its_lead() -> None:
+    """At one speed the first pair and the perturbation decide whether the gallop leads with right or left."""
     both = gaits([1.0], range(20, 26))
     assert set(both["gait"]) == GALLOPS
 
@@ -115,8 +115,8 @@ def test_the_compliant_foot_gives_mujocos_gaits_and_speeds() -> None:
         walker = InMujoco(mujoco.MjModel.from_xml_string(mjcf()), place, np.array(start.u), pair=1)
         onsets(walker, READ)
         x = walker.data.qpos[0]
-        found = [(LEGS[leg], t) for leg, t in onsets(walker, DURATION - READ)]
-        named = gait_of(pd.DataFrame(found, columns=["leg", "t"]).assign(row=0)).iloc[0]["gait"]
+        results = [(LEGS[leg], t) for leg, t in onsets(walker, DURATION - READ)]
+        named = gait_of(pd.DataFrame(results, columns=["leg", "t"]).assign(row=0)).iloc[0]["gait"]
         group = next(each for each in (WALKS, {"trot"}, CANTERS, GALLOPS) if named in each)
         assert by_tree.loc[place, "gait"] in group, place
         speed = (walker.data.qpos[0] - x) / (DURATION - READ)
@@ -174,7 +174,7 @@ def _by_touchdowns(loads: np.ndarray, by_onsets: str = "trot") -> tuple[str, str
 
 
 @pytest.mark.parametrize("gait", CHART)
-def test_footfalls_name_their_gait_whatever_the_network_does(gait: str) -> None:
+def test_footfalls_determine_the_gait_independent_of_the_network(gait: str) -> None:
     by_onsets, by_touchdowns, shifts = _by_touchdowns(footfalls(gait))
     assert (by_onsets, by_touchdowns) == ("trot", gait)
     np.testing.assert_allclose(shifts, 0.2 * np.array(signs(gait)), atol=0.004)  # steps of 0.002 of a cycle

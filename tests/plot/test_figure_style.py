@@ -1,4 +1,4 @@
-"""Styles of figures: where they come from, which takes precedence, and what they change."""
+"""Styles of figures: where they come from, which takes precedence, what they change; angles on axes."""
 
 from __future__ import annotations
 
@@ -8,18 +8,21 @@ from typing import Any
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
+import numpy as np
 import pytest
 import yaml
 from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
 
 import gaitsweep as gs
 from gaitsweep import plot
 from gaitsweep.cli import main
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.figure_style import FORMATS, StyleError
+from gaitsweep.plot.theme import angle_ticks, in_pi
 from gaitsweep.runs.figures import draw_figures
 from gaitsweep.table import Snapshot
-from tests.support.plot_tables import settle_table
+from tests.support.plot_tables import rendered, settle_table
 
 BASIN = {"x": "psi_1", "y": "psi_2", "panels": "psi_3"}
 JOB = {
@@ -139,3 +142,23 @@ def test_a_job_has_a_style_that_its_figures_may_replace(
     assert main(["plot", str(result.path), "--width", "wide"]) == 2
     assert "width is" in capsys.readouterr().err
     assert {file.suffix[1:] for file in draw_figures(result.path)} == set(FORMATS)
+
+
+def test_angles_as_multiples_of_pi() -> None:
+    pi = np.pi
+    assert [in_pi(angle) for angle in (0, pi, -pi, 2 * pi, pi / 2, -pi / 4, 3 * pi / 4)] == [
+        "0",
+        "π",
+        "−π",
+        "2π",
+        "π/2",
+        "−π/4",
+        "3π/4",
+    ]
+    assert [in_pi(angle, fractions=False) for angle in (0.75 * pi, -0.05 * pi)] == ["0.75π", "−0.05π"]
+    figure = Figure()
+    axes = figure.subplots()
+    axes.set_xlim(2.2, 3.0)
+    angle_ticks(axes, "x")
+    rendered(figure)
+    assert "0.85π" in [tick.get_text() for tick in axes.get_xticklabels()]

@@ -19,7 +19,16 @@ from gaitsweep.plot import PlotError
 from gaitsweep.plot.columns import axis_label, row_names, written
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.plot.theme import COLOURS, HATCH
-from tests.support.plot_tables import AXES, POINTS, TURN, crossing_table, rendered, settle_table, trace_table
+from tests.support.plot_tables import (
+    AXES,
+    POINTS,
+    TURN,
+    crossing_table,
+    legend_texts,
+    rendered,
+    settle_table,
+    trace_table,
+)
 
 
 def texts(figure: Figure) -> list[str]:
@@ -73,7 +82,7 @@ def test_basin_has_the_legends_colours_in_every_panel_whatever_the_gaits_are_cal
 
 
 def _key(figure: Figure) -> list[tuple[str, Patch]]:
-    return list(zip(texts(figure), figure.legends[0].get_patches(), strict=True))
+    return list(zip(legend_texts(figure), figure.legends[0].get_patches(), strict=True))
 
 
 def test_basin_hatches_rows_that_failed_and_leaves_missing_cells_white() -> None:
@@ -94,7 +103,7 @@ def test_basin_with_a_numeric_hue_has_a_colour_scale() -> None:
     figure = plot.basin(settle_table(), x="psi_1", y="psi_2", panels="psi_3", hue="cycles")
     rendered(figure)
     assert figure.axes[-1].get_ylabel() == "cycles"
-    assert not texts(figure)
+    assert not legend_texts(figure)
 
 
 def test_a_colour_scale_is_that_of_the_rows_that_are_not_hatched() -> None:
@@ -135,7 +144,7 @@ def test_solution_set_has_three_panels_lines_points_and_counts() -> None:
     ]
     assert (low.get_xlabel(), high.get_ylabel()) == (r"$\psi_{1}$ (rad)", r"$\psi_{3}$ (rad)")
     assert {text.get_text() for text in low.texts} == {"a", "b", "c"}
-    assert texts(figure) == [
+    assert legend_texts(figure) == [
         "direct (11)",
         "source (12)",
         "retrograde (24)",
@@ -183,7 +192,7 @@ def test_cycles_break_lines_where_an_angle_wraps() -> None:
     assert np.isnan(longest.get_ydata()).sum() == 1  # of the start at 5.9
     steps = np.abs(np.diff(np.asarray(longest.get_ydata(), float)))
     assert np.nanmax(steps) < np.pi
-    assert texts(figure) == ["(0.50)", "(3.00)", "(5.90)"]
+    assert legend_texts(figure) == ["(0.50)", "(3.00)", "(5.90)"]
     assert len({line.get_color() for line in axes.lines}) == 3
 
 

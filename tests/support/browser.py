@@ -167,7 +167,7 @@ class Page:
         raise TimeoutError(f"{condition}; errors: {self.errors}")
 
     def least_contrast(self) -> tuple[float, str]:
-        """The least contrast of a text with what is behind it (WCAG 2.2), and that text."""
+        """The least contrast of a text with its background (WCAG 2.2), and that text."""
         ratio, text = self.evaluate(_LEAST_CONTRAST)
         return ratio, text
 
@@ -177,7 +177,7 @@ class Page:
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
     def press(self, key: str) -> None:
-        """Press a key and let go."""
+        """Press and release a key."""
         text = {"text": key} if len(key) == 1 else {}
         for kind in ("keyDown", "keyUp"):
             self.call(

@@ -90,8 +90,8 @@ def run_rows(
     return RowOutcome.concat([blocks[number] for number in sorted(blocks)])
 
 
-def same(one, other) -> None:
-    """Two results of a sweep are equal, value for value."""
+def same(one: RowOutcome, other: RowOutcome) -> None:
+    """Assert that two results of a sweep are equal to the last bit."""
     for field in ("status", "cycles", "attempts", "t_end", "last", "owner", "samples"):
         np.testing.assert_array_equal(getattr(one, field), getattr(other, field), err_msg=field)
     for kind in ("labels", "sample_labels"):

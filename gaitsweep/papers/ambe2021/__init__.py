@@ -20,7 +20,12 @@ extension = gs.Extension(
         "gait_shares": "gaitsweep.papers.ambe2021.analysis.gait_shares:gait_shares",
         "multilegged_theory": "gaitsweep.papers.ambe2021.theory",
     },
-    measures=("gaitsweep.papers.ambe2021.measures",),
+    measures=(
+        "gaitsweep.papers.ambe2021.equation_measures",
+        "gaitsweep.papers.ambe2021.theory_measures",
+        "gaitsweep.papers.ambe2021.settled_measures",
+        "gaitsweep.papers.ambe2021.wave_measures",
+    ),
     jobs=JOBS,
     configs=CONFIGS,
     claims=CLAIMS,

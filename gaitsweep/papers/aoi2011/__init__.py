@@ -10,7 +10,11 @@ extension = gs.Extension(
         "trot": ("#0072B2", "o", ""),
         "pace": ("#D55E00", "v", "...."),
     },
-    measures=("gaitsweep.papers.aoi2011.measures",),
+    measures=(
+        "gaitsweep.papers.aoi2011.equation_measures",
+        "gaitsweep.papers.aoi2011.transition_measures",
+        "gaitsweep.papers.aoi2011.motion_measures",
+    ),
     jobs=JOBS,
     configs=CONFIGS,
     claims=CLAIMS,

@@ -194,14 +194,14 @@ def _exact(axes: Axes, table: pd.DataFrame, x: str, y: str | None, gait: str) ->
     grid = np.stack([each.ravel() for each in np.meshgrid(along, up)], axis=1)
     sets = pd.DataFrame(grid[:, : 2 if y else 1], columns=[x, y] if y else [x])
     L = np.broadcast_to(parameters_of(table, sets)["L"], (len(sets),))
-    there = existence(springs_of(table), chains_of(table, sets), L)[gait].reshape(len(up), len(along))
+    exists = existence(springs_of(table), chains_of(table, sets), L)[gait].reshape(len(up), len(along))
     if y:
-        if there.any() and not there.all():
+        if exists.any() and not exists.all():
             look = {"colors": _EXACT["color"], "linewidths": _EXACT["lw"]}
-            axes.contour(along, up, there.astype(float), [0.5], **look)
+            axes.contour(along, up, exists.astype(float), [0.5], **look)
     else:
         drawn = [float(np.asarray(line.get_xdata(), float)[0]) for line in axes.get_lines()]
-        for turn in np.flatnonzero(np.diff(there[0].astype(int))):
+        for turn in np.flatnonzero(np.diff(exists[0].astype(int))):
             at, step = 0.5 * (along[turn] + along[turn + 1]), along[turn + 1] - along[turn]
             if min(abs(at - each) for each in drawn) > step:  # not drawn twice for two gaits or conditions
                 axes.axvline(at, zorder=0, **_EXACT)

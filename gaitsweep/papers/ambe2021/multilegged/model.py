@@ -205,7 +205,7 @@ class Multilegged(HybridModel):
         def along(name: str, first: str, last: str, n: int) -> jax.Array:
             own = [values[f"{name}_{i}"] for i in range(2, n)] if self.profile else None
             inner = [values[name]] * (n - 2) if own is None else own
-            return jnp.stack([jnp.asarray(each) for each in (values[first], *inner, values[last])])
+            return jnp.stack([jnp.asarray(value) for value in (values[first], *inner, values[last])])
 
         arrays = {
             "masses": along("m", "m_1", "m_end", self.N + 1),

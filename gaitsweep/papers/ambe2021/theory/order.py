@@ -37,6 +37,27 @@ class Jump(NamedTuple):
     change: np.ndarray
 
 
+# whether the neighbours in front (i - 1) and behind (i + 1) are reset; None where there is no such leg
+TABLE_2: dict[tuple[bool | None, bool | None], int] = {
+    (None, False): 1,
+    (None, True): 2,
+    (False, False): 3,
+    (True, True): 4,
+    (False, True): 5,
+    (True, False): 6,
+    (False, None): 7,
+    (True, None): 8,
+}
+
+
+class ResetSet(NamedTuple):
+    """The set S of a leg: its number 1 .. 8, and whether its neighbours are reset before it touches down."""
+
+    number: int
+    front: bool | None
+    rear: bool | None
+
+
 def touchdown_order(
     N: int, branch: Branch, s: float, chain: Chain = TABLE_1, section: int | None = None
 ) -> tuple[int, ...]:
@@ -118,34 +139,13 @@ def jumps(N: int, branch: Branch, chain: Chain = TABLE_1, section: int | None = 
     """
     leg = branch.k if section is None else section
     rule, circle = rule_of(N, branch, chain), touchdown_phase(chain)
-    found = []
+    exchanges = []
     for number, s in enumerate(np.asarray(_meetings(rule, circle, leg)), start=1):
         if float(rule.low) + APART < s < float(rule.high) - APART:
             above, below = (_solution(rule, jnp.asarray(s + side), circle, leg) for side in (APART, -APART))
             change = np.asarray(above - below) - 2.0 * APART * np.asarray(rule.slope)
-            found.append(Jump(float(s), number, wrapped_difference(change)))
-    return tuple(sorted(found, key=lambda jump: jump.s))
-
-
-# whether the neighbours in front (i - 1) and behind (i + 1) are reset; None where there is no such leg
-TABLE_2: dict[tuple[bool | None, bool | None], int] = {
-    (None, False): 1,
-    (None, True): 2,
-    (False, False): 3,
-    (True, True): 4,
-    (False, True): 5,
-    (True, False): 6,
-    (False, None): 7,
-    (True, None): 8,
-}
-
-
-class ResetSet(NamedTuple):
-    """The set S of a leg: its number 1 .. 8, and whether its neighbours are reset before it touches down."""
-
-    number: int
-    front: bool | None
-    rear: bool | None
+            exchanges.append(Jump(float(s), number, wrapped_difference(change)))
+    return tuple(sorted(exchanges, key=lambda jump: jump.s))
 
 
 def reset_sets(
@@ -154,7 +154,7 @@ def reset_sets(
     """The set of each leg, 1 .. N+1, at the free phase s.
 
     Args:
-        N, branch, chain: as in `solution_set`.
+        N, branch, chain: as in `rule_of`.
         s: the free phase, rad.
         section: the leg at whose touchdown the cycle begins; by default the set's k.
 
@@ -166,8 +166,8 @@ def reset_sets(
 def sets_of_order(order: Sequence[int]) -> tuple[ResetSet, ...]:
     """The set of each leg, 1 .. N+1, for legs that touch down in this order."""
     turn = {leg: place for place, leg in enumerate(order)}
-    beside = [[turn[j] < turn[i] if j in turn else None for j in (i - 1, i + 1)] for i in sorted(order)]
-    return tuple(ResetSet(TABLE_2[front, rear], front, rear) for front, rear in beside)
+    resets = [[turn[j] < turn[i] if j in turn else None for j in (i - 1, i + 1)] for i in sorted(order)]
+    return tuple(ResetSet(TABLE_2[front, rear], front, rear) for front, rear in resets)
 
 
 def touchdown_residuals(N: int, branch: Branch, s: float, chain: Chain = TABLE_1) -> np.ndarray:
@@ -187,16 +187,16 @@ def touchdown_residuals(N: int, branch: Branch, s: float, chain: Chain = TABLE_1
     circle = float(touchdown_phase(chain))
     theta = _places(rule_of(N, branch, chain), s)
     phi = np.asarray(phases_on_section(theta, touchdown_phase(chain), branch.k))  # on section k
-    found = []
-    for i, each in enumerate(reset_sets(N, branch, s, chain), start=1):
-        gone = circle - phi[i - 1]  # from the touchdown of leg k to that of leg i, rad
-        beside = [
-            (phi[j - 1] + gone - (circle if reset else 0.0))
-            for j, reset in ((i - 1, each.front), (i + 1, each.rear))
+    residuals = []
+    for i, reset_set in enumerate(reset_sets(N, branch, s, chain), start=1):
+        delay = circle - phi[i - 1]  # from the touchdown of leg k to that of leg i, rad
+        neighbour_phases = [
+            (phi[j - 1] + delay - (circle if reset else 0.0))
+            for j, reset in ((i - 1, reset_set.front), (i + 1, reset_set.rear))
             if reset is not None
         ]
         mass = chain.m_1 if i == 1 else chain.m_end if i == N + 1 else chain.m
-        mean = sum(leg_length(np.array(beside), chain)) / len(beside)
-        sag = float(mass) * float(chain.g) / len(beside) / float(chain.kappa)
-        found.append(leg_length(np.array(circle), chain) - (mean - sag))
-    return np.array(found)
+        mean = sum(leg_length(np.array(neighbour_phases), chain)) / len(neighbour_phases)
+        sag = float(mass) * float(chain.g) / len(neighbour_phases) / float(chain.kappa)
+        residuals.append(leg_length(np.array(circle), chain) - (mean - sag))
+    return np.array(residuals)

@@ -62,8 +62,8 @@ def eigenvalues(matrix: np.ndarray) -> np.ndarray:
     _, block = scipy.sparse.csgraph.connected_components(
         np.abs(matrix) > NOTHING, directed=True, connection="strong"
     )
-    found = [np.linalg.eigvals(matrix[np.ix_(block == i, block == i)]) for i in np.unique(block)]
-    values = np.concatenate(found)
+    of_blocks = [np.linalg.eigvals(matrix[np.ix_(block == i, block == i)]) for i in np.unique(block)]
+    values = np.concatenate(of_blocks)
     return values[np.argsort(-np.abs(values), kind="stable")]
 
 
@@ -88,9 +88,9 @@ def linear_map(
     for leg in order_of_places(theta, float(circle), section or branch.k):
         phi = circle - np.mod(theta[leg - 1] - theta, circle)
         pull = np.zeros(N + 1)
-        beside = {i: k[min(i, leg - 1)] for i in (leg - 2, leg) if 0 <= i <= N}
-        for i, spring in beside.items():
-            share = spring * a[i] / (sum(beside.values()) * a[leg - 1])
+        neighbour_springs = {i: k[min(i, leg - 1)] for i in (leg - 2, leg) if 0 <= i <= N}
+        for i, spring in neighbour_springs.items():
+            share = spring * a[i] / (sum(neighbour_springs.values()) * a[leg - 1])
             pull[i] = _slope(float(phi[i]), chain) * share
         ahead[leg - 1] = (ahead[leg - 1] - pull @ ahead) / (1.0 - pull.sum())
     differences = np.diff(np.eye(N + 1), axis=0)

@@ -172,8 +172,8 @@ def _heading(table: pd.DataFrame, part: pd.DataFrame, number: int, titles: Seque
     if titles is not None:
         return titles[number] if number < len(titles) else ""
     row = part["row"].iloc[0]
-    found = gaits_in(rows_where(table, table["row"] == row)).iloc[0]
-    return ", ".join([str(found["gait"]), *in_words(table, found, part)])
+    gait = gaits_in(rows_where(table, table["row"] == row)).iloc[0]
+    return ", ".join([str(gait["gait"]), *in_words(table, gait, part)])
 
 
 def _draw(
@@ -212,12 +212,12 @@ def _bouts(axes: Axes, part: pd.DataFrame, along: pd.DataFrame, wide: float) -> 
     """The gait bouts as bars with their names, and the speed at both ends; returns the gaits."""
     axes.set_axis_off()
     axes.set_ylim(0.0, 1.0)
-    mine = rows_where(along, along["row"] == part["row"].iloc[0])
+    cycles = rows_where(along, along["row"] == part["row"].iloc[0])
     low, high = float(part["t"].iloc[0]), float(part["t"].iloc[-1])
     axes.set_xlim(low, high)
     width = (wide - _BESIDE) / (high - low)  # inches a second
     drawn = set()
-    for spell in gait_bouts(mine, "gait", _LEAST).to_dict("records"):
+    for spell in gait_bouts(cycles, "gait", _LEAST).to_dict("records"):
         begin, end = max(float(spell["begin"]), low), min(float(spell["end"]), high)
         if end <= begin:
             continue
@@ -227,9 +227,9 @@ def _bouts(axes: Axes, part: pd.DataFrame, along: pd.DataFrame, wide: float) -> 
         if (end - begin) * width > _LETTER * len(name):
             look: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": theme.points(7)}
             axes.text(0.5 * (begin + end), 0.3, name, **look)
-    if "speed" in mine.columns and len(mine):
+    if "speed" in cycles.columns and len(cycles):
         for at in (low, high):
-            v = np.interp(at, mine["t"].to_numpy(float), mine["speed"].to_numpy(float))
+            v = np.interp(at, cycles["t"].to_numpy(float), cycles["speed"].to_numpy(float))
             side: Any = "left" if at == low else "right"
             axes.text(at, 1.0, f"{v:.2f} m/s", va="top", fontsize=theme.points(7), color="#444444", ha=side)
     return drawn

@@ -105,12 +105,12 @@ def _bands(axes: Axes, part: pd.DataFrame, y: str, bands: list[Any], speed: str,
     axes.grid(axis="y", color="#EEEEEE", lw=0.6)
     axes.set_axisbelow(True)
     for place, band in enumerate(bands):
-        mine = rows_where(part, part[y] == band)
-        at = mine[speed].to_numpy(float)
-        moving = Status.UNDECIDED.among(mine["status"])
+        rows = rows_where(part, part[y] == band)
+        at = rows[speed].to_numpy(float)
+        moving = Status.UNDECIDED.among(rows["status"])
         offset = _stacked(at, _SAME * extent) * _SPREAD
         for gait in theme.ordered(ORDER):
-            which = (mine["gait"] == gait).to_numpy()
+            which = (rows["gait"] == gait).to_numpy()
             look = {"color": colour_of(gait), "marker": marker_of(gait), "ms": 3.2, "mew": 0.6, "ls": ""}
             for some, face in ((which & ~moving, colour_of(gait)), (which & moving, "white")):
                 if some.any():

@@ -143,7 +143,7 @@ def observed(params: Params, state: State) -> dict[str, jax.Array]:
         "pitch_range": c.pitch_range,
         "pitch_once": once,
         "pitch_twice": twice,
-        **{f"{name}_{leg}": each[i] for name, each in of_legs.items() for i, leg in enumerate(LEGS)},
+        **{f"{name}_{leg}": values[i] for name, values in of_legs.items() for i, leg in enumerate(LEGS)},
         "power_hip": c.power[0],
         "power_knee": c.power[1],
         "cost_of_transport": cost,
@@ -160,7 +160,7 @@ def signalled(params: Params, state: State) -> dict[str, jax.Array]:
     of_legs |= {"P_hip": hip, "P_knee": knee}
     down = (s.load > 0.0).astype(s.q.dtype)
     return {
-        **{f"{name}_{leg}": each[i] for name, each in of_legs.items() for i, leg in enumerate(LEGS)},
+        **{f"{name}_{leg}": values[i] for name, values in of_legs.items() for i, leg in enumerate(LEGS)},
         **{f"contact_{i + 1}": down[i] for i in range(len(LEGS))},
         "x": s.q[X],
         "z": s.q[Z],
