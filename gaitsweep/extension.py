@@ -21,6 +21,7 @@ from types import MappingProxyType
 from gaitsweep.errors import UserError
 
 GROUP = "gaitsweep.extensions"
+Style = tuple[str, str] | tuple[str, str, str]  # colour, marker, hatch
 _CHECKOUT = Path(__file__).parents[1] / "pyproject.toml"
 
 
@@ -37,7 +38,8 @@ class Extension:
         figures: modules whose functions are decorated by `gaitsweep.plot.figure_kind`.
         run_kinds: modules whose classes are decorated by `gaitsweep.kinds.register`.
         analyses: modules with `app`, a `typer.Typer` whose commands `gaitsweep analyse` has.
-        gait_styles: the colour and the Matplotlib marker of each gait, which all figures share.
+        gait_styles: the colour and the Matplotlib marker of each gait, which all figures share; a third
+            entry is the hatch of its areas, by default one that grey print needs.
         functions: what `gs.analyses` has, "package.module:function" or a whole module by name.
         measures: modules whose functions are decorated by `gaitsweep.claims.measure`.
         jobs: a folder of jobs, which `builtin:NAME` finds.
@@ -49,7 +51,7 @@ class Extension:
     figures: tuple[str, ...] = ()
     run_kinds: tuple[str, ...] = ()
     analyses: tuple[str, ...] = ()
-    gait_styles: Mapping[str, tuple[str, str]] = dataclasses.field(default_factory=dict)
+    gait_styles: Mapping[str, Style] = dataclasses.field(default_factory=dict)
     functions: Mapping[str, str] = dataclasses.field(default_factory=dict)
     measures: tuple[str, ...] = ()
     jobs: Path | None = None
@@ -95,9 +97,9 @@ def model_paths() -> dict[str, str]:
 
 
 @functools.cache
-def gait_styles() -> Mapping[str, tuple[str, str]]:
-    """The colours and markers of the gaits of all extensions; of a name that two have, the first one's."""
-    styles: dict[str, tuple[str, str]] = {}
+def gait_styles() -> Mapping[str, Style]:
+    """The styles of the gaits of all extensions; of a name that two have, the first one's."""
+    styles: dict[str, Style] = {}
     for extension in extensions().values():
         styles = {**extension.gait_styles, **styles}
     return MappingProxyType(styles)

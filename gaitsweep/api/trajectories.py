@@ -137,7 +137,7 @@ def simulate(
     status = Status[str(recorded["status"].iloc[-1])]
     if status.name in Status.FAILED:
         warnings.warn(f"The trajectory ended as {status.name}: {status.sentence}", stacklevel=2)
-    signals = recorded.drop(columns=["row", "status", "stalled_by"])
+    signals = recorded.drop(columns=["row", "gait", "status", "stalled_by"])
     quantities = recorded.attrs["quantities"]
     units = {name: "s" if name == "t" else quantities[name]["unit"] for name in map(str, signals.columns)}
     signals.attrs = {**recorded.attrs, "units": units, "status": status.name}

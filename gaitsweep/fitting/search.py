@@ -98,6 +98,7 @@ def run_search(
     *,
     on_progress: Progress | None = None,
     on_message: Callable[[str], None] = lambda _: None,
+    figures: bool = True,
     cluster: Cluster | None = None,
 ) -> SearchResult:
     """Measure the sets that a search's directory still lacks, and find which constants they pin.
@@ -107,6 +108,7 @@ def run_search(
         out: its result directory, `results/NAME` by default.
         on_progress: progress callback.
         on_message: called with each note and warning, a sentence.
+        figures: draw the figures at the end.
         cluster: computes the rows, if this process does not; it is left open.
 
     Raises:
@@ -143,8 +145,8 @@ def run_search(
         if (doubt := _depends_on_the_step(job, finalists)) is not None:
             on_message(f"Warning: {doubt}")
         directory.update_manifest(complete=True, counts=directory.counts(), search=near.summary())
-        figures = draw_search(path, job, table, near)
-    return SearchResult(job, path, table, near, finalists, tuple(figures))
+        drawn = draw_search(path, job, table, near) if figures else []
+    return SearchResult(job, path, table, near, finalists, tuple(drawn))
 
 
 def draw_again(path: Path) -> list[Path]:

@@ -87,8 +87,8 @@ class Records:
 
     def label(self, name: str, absent: float | None = None) -> Real[np.ndarray, " records"]:
         """A gait's number or a trait (n,); `absent` (by default 0 or NaN) where it was not read."""
-        if self.place is None:
-            return self.block.labels[name]
+        if self.place is None or name in self.block.labels:
+            return self.of_row(self.block.labels[name])
         labels = self.block.sample_labels[name]
         if absent is None:
             absent = 0 if labels.dtype.kind in "iu" else np.nan

@@ -25,7 +25,7 @@ from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.engine.sweep.labels import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import STATUSES, gaits
-from gaitsweep.kinds.run_kind import BlockProgress, Cost, RunKind, table_columns
+from gaitsweep.kinds.run_kind import BlockProgress, RunKind, table_columns
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
 
@@ -133,22 +133,6 @@ class FollowsFixedPoints(RunKind):
         """The lengths of the steps, before each of which `on_step` is called as `ArclengthSteps` says."""
         return ArclengthSteps(self.step, self.longest, self.shortest, self.most, on_step)
 
-    def cost_of_points(
-        self, rows: Design, cycle: float, points: float, most: float, cycles_of_point: float
-    ) -> Cost:
-        """The cost of a row with likely `points`, and at most `most`.
-
-        Args:
-            rows: the job's rows.
-            cycle: attempts in a cycle.
-            points: the likely number of points without a limit.
-            most: the limit.
-            cycles_of_point: cycles of a point, for each number of the map's state and one more.
-        """
-        points, cycles_per_point = min(points, most), cycles_of_point * (_unknowns(rows) + 1)
-        likely, longest = ((self.settle + count * cycles_per_point) * cycle for count in (points, most))
-        return Cost(likely, longest, max(points, 1.0))
-
     def records(
         self,
         rows: Design,
@@ -202,7 +186,7 @@ def _gait_numbers(
     return gait_codes(np.asarray(label(mapping.complete(values, n), dict(observed))))
 
 
-def _unknowns(rows: Design) -> int:
+def unknowns(rows: Design) -> int:
     """The number of coordinates of the rows' return map."""
     chart = rows.model.chart()
     if chart is not None:

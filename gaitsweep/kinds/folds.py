@@ -19,7 +19,7 @@ from gaitsweep.design import Design
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.expression import ExpressionError
 from gaitsweep.kinds.columns import Column, observed_at_crossings
-from gaitsweep.kinds.fixed_points import FollowsFixedPoints
+from gaitsweep.kinds.fixed_points import FollowsFixedPoints, unknowns
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.numbers import Count, Positive, Real, Text
@@ -112,7 +112,10 @@ class Folds(FollowsFixedPoints):
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         """A row's curve likely crosses its ranges once, with at most `most` points in each direction."""
         points = POINTS_SHARE * (1.0 / self.longest + math.log2(self.longest / self.step))
-        return self.cost_of_points(rows, cycle, points, 2.0 * self.most, DERIVATIVES_A_POINT)
+        points, most = min(points, 2.0 * self.most), 2.0 * self.most
+        each = DERIVATIVES_A_POINT * (unknowns(rows) + 1)
+        likely, longest = ((self.settle + count * each) * cycle for count in (points, most))
+        return Cost(likely, longest, max(points, 1.0))
 
     def block_table(
         self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress

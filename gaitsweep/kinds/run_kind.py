@@ -55,11 +55,16 @@ class Schedule(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Cost:
-    """Likely and largest number of attempts of a row, and the number of its records."""
+    """Likely and largest number of attempts of a row, and the number of its records.
+
+    `longer` and `longer_records` are those of a row whose branch folds, for kinds that follow branches.
+    """
 
     likely: float
     most: float
     records: float = 1.0
+    longer: float | None = None
+    longer_records: float | None = None
 
 
 class RunKind(StrictModel, abc.ABC):

@@ -10,7 +10,7 @@ from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.ramp import RampSchedule
 from gaitsweep.engine.recorders.trace import TraceRecorder as Recorder
-from gaitsweep.kinds.columns import STALLED_BY, STATUS, Column, signals
+from gaitsweep.kinds.columns import GAIT, STALLED_BY, STATUS, Column, signals
 from gaitsweep.kinds.ramp import moving_columns
 from gaitsweep.kinds.run_kind import Cost, RunKind
 from gaitsweep.schema.diagnostics import Diagnostic
@@ -54,7 +54,7 @@ class Trace(RunKind):
     def columns(self, model: Model) -> list[Column]:
         schedule = self.schedule()
         moving = [] if schedule is None else moving_columns(str(self.parameter), schedule, repeats=True)
-        return [*moving, Column("t"), *signals(model), STATUS, STALLED_BY]
+        return [*moving, Column("t"), *signals(model), GAIT, STATUS, STALLED_BY]
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
         if self.every > self.duration:

@@ -70,6 +70,10 @@ class FigureStyle(StrictModel):
     labels: dict[Text, Text] | None = Field(
         default=None, description="labels of columns along axes and of gaits in legends, by name"
     )
+    hatches: Flag | None = Field(
+        default=None,
+        description="whether areas of gaits are hatched, which grey print needs; by default true",
+    )
     panel_letters: Flag | None = Field(
         default=None, description="whether panels have the letters a, b, c, ..."
     )
@@ -133,8 +137,8 @@ def style(**fields: Any) -> Iterator[None]:
     """A context in which all figures have a style: `with gs.plot.style(width="column", format="pdf"): ...`.
 
     Args:
-        fields: those of `FigureStyle`: width, height, format, dpi, colours, order, labels, panel_letters,
-            marks. A figure's own arguments take precedence.
+        fields: those of `FigureStyle`: width, height, format, dpi, colours, order, labels, hatches,
+            panel_letters, marks. A figure's own arguments take precedence.
 
     Raises:
         StyleError: a field does not exist, or has a value that is not allowed.

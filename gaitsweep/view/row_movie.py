@@ -9,6 +9,7 @@ import contextlib
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -132,7 +133,8 @@ def read_motion(
     ended = str(part["status"].iloc[-1])
     if kind == "trace":
         t, signals = _recorded(part, directory, names)
-        gait = ""  # a trace has no crossings to read it from
+        # that of the row's end; tables of older versions have none
+        gait = _gait_of(part.iloc[-1]) if "gait" in part.columns and job.run.moved is None else ""
     else:
         t, signals, gait = _simulated(job, part, row, start, seconds)
     finite = np.isfinite(np.stack([t, *signals.values()])).all(axis=0)
@@ -185,12 +187,16 @@ def _simulated(
     (replayed,) = replayer.replayed(Windows(last - first, first))
     kept = replayed.t <= last * (1.0 + 1e-9)
     record = part.iloc[max(int(np.count_nonzero(times <= last * (1.0 + 1e-9))) - 1, 0)]
+    if "gait" not in part.columns and replayed.gait != -1:  # crossings of a return map
+        record = {**record, "gait": gaits(context.model, np.array([replayed.gait]))[0]}
+    signals = {key: values[kept] for key, values in replayed.signals.items()}
+    return replayed.t[kept], signals, _gait_of(record) or str(record["status"]).replace("_", " ")
+
+
+def _gait_of(record: Mapping[str, Any] | pd.Series) -> str:
+    """The gait of a record; empty if it has none."""
     gait = record.get("gait")
-    if gait is None and replayed.gait != -1:  # crossings of a return map
-        gait = gaits(context.model, np.array([replayed.gait]))[0]
-    unknown = gait is None or pd.isna(gait) or gait == "none"
-    name = str(record["status"]).replace("_", " ") if unknown else str(gait)
-    return replayed.t[kept], {key: values[kept] for key, values in replayed.signals.items()}, name
+    return "" if gait is None or pd.isna(gait) or gait == "none" else str(gait)
 
 
 def _samples(table: pd.DataFrame, directory: Path, row: int) -> pd.DataFrame:

@@ -117,6 +117,7 @@ def test_a_slope_below_minus_one_is_unstable() -> None:
     assert not np.any(found["stable"])
 
 
+@pytest.mark.slow("1.0", "3.0")
 @pytest.mark.parametrize("shift", [0.0, 1.0, 3.0, 6.2])
 def test_maps_of_the_whole_circle(shift: float) -> None:
     """X' = x + eps sin(x - shift), started all around: one fixed point of each kind, wherever the cut is."""

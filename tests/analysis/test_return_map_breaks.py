@@ -140,6 +140,7 @@ def test_the_logistic_map_with_a_gap_in_its_data(rows: int) -> None:
         assert told.between(star + half, star + half + 0.05).any()
 
 
+@pytest.mark.slow("0.3-0.0-3.0", "0.3-0.05-3.3", "2.0-0.0-3.3", "2.0-0.05-3.0")
 @pytest.mark.parametrize("advance", [3.0, 3.3])
 @pytest.mark.parametrize("noise", [0.0, 0.05])
 @pytest.mark.parametrize("depth", [0.3, 2.0])
@@ -151,6 +152,7 @@ def test_an_angle_that_turns_by_half_a_turn_and_more(advance: float, noise: floa
     assert not len(fixed_points(crossings(np.mod(values, TURN), "psi_1"), "psi_1"))
 
 
+@pytest.mark.slow("0.02", "6.27")
 @pytest.mark.parametrize("place", [0.0, 0.02, 3.0, 6.27])
 def test_the_end_of_the_turn_is_no_break(place: float) -> None:
     """Psi' = psi - 0.3 sin(psi - place): one stable and one unstable point, wherever the circle is cut."""

@@ -50,11 +50,8 @@ def test_functions_of_rows_as_jax_computes_them(
     np.testing.assert_array_equal(np.isnan(mine["root"]), given[0]["x"] < 0.5)
 
 
-@pytest.mark.parametrize(
-    "model",
-    [Multilegged(), pytest.param(WaistQuadruped(), marks=pytest.mark.slow), PlanarQuadruped()],
-    ids=lambda m: m.name,
-)
+@pytest.mark.slow("multilegged", "waist_quadruped")
+@pytest.mark.parametrize("model", [Multilegged(), WaistQuadruped(), PlanarQuadruped()], ids=lambda m: m.name)
 def test_kernels_open_rows_as_xla_does(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
     values, starts = sample(model, 5)
     starts = {**starts, STEP_FACTOR: np.ones(5)}

@@ -65,6 +65,11 @@ def settled(chain: BatchedReturnMap) -> Points:
     return points
 
 
+def masses(engine: str = "kernel") -> BatchedReturnMap:
+    """Two bouncing masses."""
+    return BatchedReturnMap(Toy(2), numerics=Numerics(dt=1e-3, method="rk4"), engine=engine)
+
+
 @pytest.mark.slow("xla")
 @pytest.mark.parametrize("engine", ["xla", "kernel"])
 def test_saltation_of_a_bouncing_mass(engine: str) -> None:
@@ -74,8 +79,8 @@ def test_saltation_of_a_bouncing_mass(engine: str) -> None:
     with speed u_2 > u, is then at d(cos wT - 1) + u_2/w sin wT. Selects alone would leave out T's derivative,
     -23 % of the entry, for example.
     """
-    model, w, d, r, kick = Toy(2), 2.0, 0.5, 0.5, 0.5
-    mapping = BatchedReturnMap(model, numerics=Numerics(dt=1e-3, method="rk4"), engine=engine)
+    w, d, r, kick = 2.0, 0.5, 0.5, 0.5
+    mapping = masses(engine)
     names = [quantity.name for quantity in mapping.coordinates]
     assert names == [f"{part}_{i}" for part in ("height", "speed", "launch") for i in (1, 2)]
     starts, way = mapping.settled({"launch_1": 0.8, "launch_2": 2.0}, {}, 0)
@@ -167,24 +172,37 @@ def test_jacobian_of_the_chain(chain: BatchedReturnMap, settled: Points) -> None
     np.testing.assert_allclose(found.d_parameter, chain.difference(*ends) / (2.0 * step), rtol=0, atol=2e-6)
 
 
-def test_images_without_derivatives_are_the_same(chain: BatchedReturnMap, settled: Points) -> None:
+@pytest.mark.slow("chain")
+@pytest.mark.parametrize("model", ["chain", "masses"])
+def test_images_without_derivatives_are_the_same(model: str, request: pytest.FixtureRequest) -> None:
     """Through a kernel of their own, in any number; how they were filled up does not matter."""
-    found, images = chain.linearised(settled, {}), chain.images(settled, {})
+    if model == "chain":
+        mapping, settled = request.getfixturevalue("chain"), request.getfixturevalue("settled")
+    else:
+        mapping = masses()
+        settled, _ = mapping.settled({"launch_1": np.array([0.8, 1.0, 1.3]), "launch_2": 2.0}, {}, 0)
+    found, images = mapping.linearised(settled, {}), mapping.images(settled, {})
     np.testing.assert_allclose(images.points.at, found.points.at, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(images.conserved_jacobian, found.conserved_jacobian)
     assert np.isnan(images.jacobian).all()
-    one = chain.images(settled[np.array([1])], {})
+    one = mapping.images(settled[np.array([1])], {})
     np.testing.assert_array_equal(one.points.at[0], images.points.at[1])
 
 
-def test_place_and_read_are_each_others_inverse(chain: BatchedReturnMap, settled: Points) -> None:
+def test_place_and_read_are_each_others_inverse(chain: BatchedReturnMap) -> None:
+    """At starts of each gait, and beside them."""
     chart, params = chain.chart, scalars(Multilegged())
-    for k in range(len(settled)):
-        like = jax.tree.map(jnp.asarray, settled[k].modes)
-        state = chart.from_coordinates(params, jnp.asarray(settled.at[k]), like)
-        assert bool(chart.covers(params, state))
-        np.testing.assert_allclose(np.asarray(chart.to_coordinates(params, state)), settled.at[k], atol=1e-14)
-        np.testing.assert_allclose(np.asarray(state.x), np.asarray(like.x), atol=1e-9)
+    init, read, place = (jax.jit(f) for f in (chain.model.init, chart.to_coordinates, chart.from_coordinates))
+    random = np.random.default_rng(1)
+    for k in range(3):
+        like = init(params, {"phi_1": np.nan, **{name: psi[k] for name, psi in GAITS.items()}})
+        at = read(params, like)
+        for beside in (0.0, 1e-3):
+            there = at + beside * random.normal(size=at.shape)
+            state = place(params, there, like)
+            assert bool(chart.covers(params, state))
+            np.testing.assert_allclose(read(params, state), there, atol=1e-14)
+            assert beside or np.allclose(state.x, like.x, rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.slow
@@ -267,7 +285,8 @@ def test_no_derivative_in_steps_of_fixed_length() -> None:
     crossing = crossing_of(model, Numerics(dt=2e-4, method="semi_implicit").resolve(model))
     params = scalars(model)
     state = jax.tree.map(
-        lambda x: jnp.asarray(x, jnp.result_type(x)), model.init(params, {"delta_13": jnp.asarray(2.8)})
+        lambda x: jnp.asarray(x, jnp.result_type(x)),
+        jax.jit(model.init)(params, {"delta_13": jnp.asarray(2.8)}),
     )
     numbers = [leaf for leaf in jax.tree.leaves(state) if jnp.issubdtype(leaf.dtype, jnp.floating)]
     assert numbers

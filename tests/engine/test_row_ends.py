@@ -69,6 +69,7 @@ class Turned(Turning):
         return {"psi": state.x + TURN * state.y}
 
 
+@pytest.mark.slow("xla")
 @pytest.mark.parametrize("engine", ENGINES)
 def test_an_angle_that_jumps_to_and_fro_over_the_wrap_settles(engine: str) -> None:
     """Settles by |0.9^n (0.9^-10 - 1)| < 10 tolerances, as an angle away from the wrap does."""
@@ -85,6 +86,7 @@ def test_an_angle_that_jumps_to_and_fro_over_the_wrap_settles(engine: str) -> No
     assert found.numbers["period"].tolist() == [1] * 3
 
 
+@pytest.mark.slow("xla")
 @pytest.mark.parametrize("engine", ENGINES)
 def test_an_angle_that_goes_on_by_a_turn_each_cycle_settles(engine: str) -> None:
     """With and without whole turns in the numbers that the model gives."""
@@ -177,7 +179,7 @@ RECORDERS = {
 }
 
 
-@pytest.mark.slow("crossings-kernel", "trace-kernel")
+@pytest.mark.slow("crossings-kernel", "trace-kernel", "hold-xla", "trace-xla")
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("kind", RECORDERS)
 def test_numbers_that_leave_all_bounds_end_a_row(kind: str, engine: str) -> None:
@@ -223,7 +225,7 @@ def test_a_row_that_falls_keeps_what_it_had_before(engine: str) -> None:
     assert found.cycles[0] == len(mine) - 1 == 1
 
 
-@pytest.mark.slow("1-0-kernel", "101-0-kernel")
+@pytest.mark.slow("1-0-kernel", "101-0-kernel", "1-0-xla", "32-3-xla")
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(("count", "after"), [(1, 0), (BUFFER, 3), (3 * BUFFER + 5, 0)])
 def test_every_crossing_is_kept_once(count: int, after: int, engine: str) -> None:

@@ -54,6 +54,7 @@ def test_order_on_a_linear_flow(name: str, order: int, counts: tuple[int, ...]) 
     assert abs(slope - order) < 0.2, (slope, errors)
 
 
+@pytest.mark.slow("propagator")
 @pytest.mark.parametrize(
     ("kept", "order"), [(PROPAGATOR6, 6), (PROPAGATOR, 8)], ids=["propagator6", "propagator"]
 )
@@ -76,14 +77,15 @@ def test_flows_that_are_said_to_be_linear(model: HybridModel) -> None:
     start = {
         q.name: jnp.asarray(0.7 if q.default is None else float(q.default)) for q in model.initial_conditions
     }
-    state = model.init(params, start)
-    rates = model.flow(params, state)
+    flow = jax.jit(model.flow)
+    state = jax.jit(model.init)(params, start)
+    rates = flow(params, state)
     random = np.random.default_rng(0)
     way = {name: random.normal(size=rate.shape) for name, rate in rates.items()}
 
     def at(share: float) -> dict[str, jax.Array]:
         moved = {name: getattr(state, name) + share * way[name] for name in way}
-        return model.flow(params, dataclasses.replace(state, **moved))
+        return flow(params, dataclasses.replace(state, **moved))
 
     once, twice = at(1.0), at(2.0)
     for name, rate in rates.items():

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-import gaitsweep as gs
 import toy_model
 from gaitsweep.fitting.fit_fields import MEASURES
 from gaitsweep.fitting.measure import RowMeasure
+from gaitsweep.fitting.search import run_search
 from gaitsweep.fitting.search_job import read_search
 from gaitsweep.schema.diagnostics import JobError
 
@@ -173,7 +173,8 @@ def search(**targets: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_a_measure_may_set_a_free_constant(tmp_path: Path) -> None:
-    found = gs.search(search(all={"at": {"mass": 1}}, unkicked={"at": {"kick": 0.25}}), tmp_path / "out")
+    job = search(all={"at": {"mass": 1}}, unkicked={"at": {"kick": 0.25}})
+    found = run_search(read_search(job, Path()), tmp_path / "out", figures=False)
     kick, restitution = (found.table[name].to_numpy(float) for name in ("kick", "restitution"))
     assert found.table["all"].to_numpy(float) == pytest.approx(kick / (1.0 - restitution), rel=1e-6)
     assert found.table["unkicked"].to_numpy(float) == pytest.approx(0.25 / (1.0 - restitution), rel=1e-6)
@@ -181,7 +182,8 @@ def test_a_measure_may_set_a_free_constant(tmp_path: Path) -> None:
 
 def test_a_measure_may_set_all_free_constants(tmp_path: Path) -> None:
     fixed = {"at": {"kick": 0.5, "restitution": 0.5}}
-    found = gs.search(search(all={"at": {"mass": 1}}, fixed=fixed), tmp_path / "out")
+    job = search(all={"at": {"mass": 1}}, fixed=fixed)
+    found = run_search(read_search(job, Path()), tmp_path / "out", figures=False)
     assert found.table["fixed"].to_numpy(float) == pytest.approx(np.ones(8), rel=1e-6)
 
 

@@ -135,16 +135,16 @@ def test_functions_give_what_they_promise(model: Model) -> None:
     assert float(model.period(params)) > 0.0
 
 
-@pytest.mark.slow("multilegged", "planar_quadruped", "waist_quadruped")
+@pytest.mark.slow("multilegged", "multilegged_reduced", "planar_quadruped", "waist_quadruped")
 def test_dynamics_keep_shapes_and_modes(model: Model) -> None:
     """`flow` gives rates of the state's fields; `jump` keeps shapes, types and, without events, values."""
     params, state = begun(model)
     if isinstance(model, HybridModel):
-        rates = model.flow(params, state)
+        rates = jax.jit(model.flow)(params, state)
         for name, rate in rates.items():
             field = getattr(state, name)
             assert (field.shape, field.dtype) == (rate.shape, rate.dtype), name
-        guards = model.guards(params, state)
+        guards = jax.jit(model.guards)(params, state)
         assert bool(jnp.all(jnp.isfinite(guards)))
     else:
         assert isinstance(model, SteppedModel)
@@ -154,15 +154,16 @@ def test_dynamics_keep_shapes_and_modes(model: Model) -> None:
         guards = model.events(params, state, after)
         assert guards.dtype == bool
     assert guards.ndim == 1
-    still = model.jump(params, state, jnp.zeros(guards.shape, bool))
-    jumped = model.jump(params, state, jnp.ones(guards.shape, bool))
+    jump = jax.jit(model.jump)
+    still = jump(params, state, jnp.zeros(guards.shape, bool))
+    jumped = jump(params, state, jnp.ones(guards.shape, bool))
     for before, after, quiet in zip(*(jax.tree.leaves(each) for each in (state, jumped, still)), strict=True):
         assert (before.shape, before.dtype) == (after.shape, after.dtype)
         np.testing.assert_array_equal(before, quiet)
     assert not bool(model.section(params, state, jnp.zeros(guards.shape, bool)))
 
 
-@pytest.mark.slow("planar_quadruped", "waist_quadruped")
+@pytest.mark.slow("multilegged", "planar_quadruped", "waist_quadruped")
 def test_functions_are_pure_and_batchable(model: Model) -> None:
     """Under jit and vmap they give what they give alone: no Python branch on a value, no hidden state."""
     params, state = begun(model)

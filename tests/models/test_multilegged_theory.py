@@ -64,7 +64,7 @@ def own_legs(N: int) -> np.ndarray:
     return np.array([branch.k for branch in branches(N)])
 
 
-@pytest.mark.slow("4-table 1", "6-table 1", "9-other", "9-table 1")
+@pytest.mark.slow("4-table 1", "6-table 1", "9-other", "9-table 1", "6-other")
 @pytest.mark.parametrize("chain", [TABLE_1, OTHER], ids=["table 1", "other"])
 @pytest.mark.parametrize("N", LEGS)
 def test_solutions_on_section_1_are_fixed_points_of_the_reduced_map(N: int, chain: Chain) -> None:
@@ -111,6 +111,7 @@ def _printed(N: int, branch: Branch, chain: Chain, psi: np.ndarray, early: np.nd
     return printed
 
 
+@pytest.mark.slow("4", "6")
 @pytest.mark.parametrize("N", LEGS)
 def test_sets_on_their_own_section_are_the_printed_equations(N: int) -> None:
     b, beta, m_B = float(shift(OTHER)), OTHER.beta, OTHER.m_1
@@ -123,7 +124,7 @@ def test_sets_on_their_own_section_are_the_printed_equations(N: int) -> None:
 
     psi_A = 2 * (1 - beta) * np.pi - (3 * m_B - OTHER.m) * b
     psi_B = 2 * (1 - beta) * np.pi - m_B * b
-    rules = lag_rules(N, OTHER)
+    rules = jax.jit(lag_rules, static_argnums=0)(N, OTHER)
     for branch, low, high in zip(branches(N), rules.low, rules.high, strict=True):
         if branch.kind == "direct":
             ends = [2 * (1 - beta) * np.pi, 2 * beta * np.pi + m_B * b]
@@ -141,7 +142,7 @@ def test_order_sets_come_into_play_for_more_legs() -> None:
     assert np.ptp(psi[:, 2]) < 1e-12
 
 
-@pytest.mark.slow("9")
+@pytest.mark.slow("9", "4")
 @pytest.mark.parametrize("N", LEGS)
 def test_transport_between_sections_is_exact_and_undone_by_going_back(N: int) -> None:
     circle = touchdown_phase(TABLE_1)

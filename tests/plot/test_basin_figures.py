@@ -17,6 +17,7 @@ from gaitsweep.table import load
 from tests.support.basin_tables import grid_table
 from tests.support.job_tables import table_of
 from tests.support.plot_tables import rendered
+from tests.support.text_boxes import text_problems
 
 TURN = 2 * np.pi
 
@@ -94,6 +95,27 @@ def test_poor_tables(kind: str) -> None:
         rendered(draw(kind, poor, **named))
     with pytest.raises(PlotError, match="did you mean gait"):
         draw(kind, one, **named, hue="gate")
+
+
+@pytest.mark.parametrize(
+    ("rows", "entropies", "uncertain"),
+    [
+        ("random", "no complete grid", "no complete grid"),
+        ("narrow", "narrower than", "too narrow"),
+        ("one gait", None, "no boundary"),
+    ],
+)
+def test_an_empty_panel_says_why(rows: str, entropies: str | None, uncertain: str) -> None:
+    one = table().query("p == 2.0")
+    poor = {
+        "random": one.sample(60, random_state=0),
+        "narrow": one.loc[one["psi_1"] < 0.8],
+        "one gait": one.assign(gait="1"),
+    }[rows]
+    figure = draw("basin_measures", poor, axes=["psi_1", "psi_2"], width="column")
+    assert text_problems(figure) == []
+    for axes, reason in zip(figure.axes[1:], (entropies, uncertain), strict=True):
+        assert reason is None or reason in " ".join(axes.texts[0].get_text().split())
 
 
 @pytest.mark.parametrize("kind", ["basin", "gait_map"])

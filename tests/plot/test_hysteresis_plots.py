@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from matplotlib.colors import to_hex, to_rgba
+from matplotlib.colors import to_hex, to_rgb, to_rgba
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyArrowPatch
+from matplotlib.patches import FancyArrowPatch, Rectangle
 
 from gaitsweep import plot
 from gaitsweep.extension import gait_styles
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.bifurcations.passes import DOWN, UP
-from gaitsweep.plot.theme import COLOURS, angle_ticks, in_pi
+from gaitsweep.plot.theme import COLOURS, HATCH, angle_ticks, in_pi
 from tests.support.hysteresis_tables import (
     FOLD,
     delta,
@@ -27,8 +27,6 @@ from tests.support.hysteresis_tables import (
 )
 from tests.support.plot_tables import rendered
 
-RISES, FALLS = "/" * 4, "\\" * 4  # hatches of the two bands
-
 
 def texts(figure: Figure) -> list[str]:
     return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
@@ -38,7 +36,21 @@ def labels(axes) -> list[str]:
     return [text.get_text() for text in axes.get_legend().get_texts()]
 
 
-def test_hysteresis_of_a_staircase_shades_the_jumps() -> None:
+def bars(axes) -> dict[str, list[float]]:
+    """The ends of the bars at jumps, by colour; rising passes have theirs at the top."""
+    found: dict[str, list[float]] = {}
+    for patch in (each for each in axes.patches if isinstance(each, Rectangle)):
+        low, high = patch.get_y(), patch.get_y() + patch.get_height()
+        if (low, high) == (0.0, 1.0):
+            assert (patch.get_alpha(), patch.get_hatch()) == (0.1, None)  # points stay visible over the tint
+            continue
+        assert low > 0.9 if to_hex(patch.get_facecolor()).upper() == UP else high < 0.1
+        ends = [patch.get_x(), patch.get_x() + patch.get_width()]
+        found[to_hex(patch.get_facecolor()).upper()] = sorted(ends)
+    return found
+
+
+def test_hysteresis_of_a_staircase_marks_the_jumps() -> None:
     figure = plot.draw("hysteresis", staircase_table(), y="delta_13", title="Hysteresis")
     rendered(figure)
     axes = figure.axes[0]
@@ -46,12 +58,8 @@ def test_hysteresis_of_a_staircase_shades_the_jumps() -> None:
     assert axes.get_ylabel() == "phase of the fore leg ahead of\nthe hind leg, $\\Delta_{13}$ (rad)"
     assert axes.get_title() == "held at each value"
     assert labels(axes) == ["$f$ rises: 0.3 to 0.4 Hz", "$f$ falls: −0.4 to −0.3 Hz"]
-    spans = [patch.get_extents().transformed(axes.transData.inverted()) for patch in axes.patches[-2:]]
-    assert sorted((span.x0, span.x1) for span in spans) == [
-        (pytest.approx(-0.4), pytest.approx(-0.3)),
-        (pytest.approx(0.3), pytest.approx(0.4)),
-    ]
-    assert texts(figure) == ["$f$ rises", "$f$ falls"]
+    assert bars(axes) == {UP: pytest.approx([0.3, 0.4]), DOWN: pytest.approx([-0.4, -0.3])}
+    assert texts(figure) == ["$f$ rises →", "$f$ falls ←"]
     holds = {
         line.get_marker(): line
         for line in axes.lines
@@ -107,17 +115,16 @@ def test_arrows_stand_where_the_passes_differ_and_nowhere_else() -> None:
     assert not [patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)]
 
 
-def test_the_two_bands_differ_in_hatch_and_their_overlap_is_explained() -> None:
-    table = staircase_table()
-    figure = plot.hysteresis(table, y="delta_13")
-    legend = figure.axes[0].get_legend()
-    assert legend is not None
-    assert [handle.get_hatch() for handle in legend.get_patches()] == [RISES, FALLS]
-    late = table["pass"] == 0  # the way up jumps where the way down does
-    values = table["delta_13_n"].to_numpy()
-    low = (table["f"] < -0.35).to_numpy()
-    table["delta_13_n"] = np.where(late, np.where(low, 2.3, 2.9), values)
-    assert labels(plot.hysteresis(table, y="delta_13").axes[0])[-1] == "where both overlap"
+def test_the_two_passes_differ_in_grey_print() -> None:
+    """By their lines and by the lightness of their colours, whose scale goes from 0 to 1."""
+    for table in (staircase_table(), ramp_table(steps=1000)):
+        axes = plot.hysteresis(table, y="delta_13").axes[0]
+        drawn = {
+            line.get_color(): line.get_linestyle() for line in axes.lines if line.get_linestyle() != "None"
+        }
+        assert drawn == {UP: "-", DOWN: "--"}
+    light, dark = (np.dot(to_rgb(colour), (0.3, 0.59, 0.11)) for colour in (UP, DOWN))
+    assert light > dark + 0.25
 
 
 def test_hysteresis_over_a_measured_observable() -> None:
@@ -127,18 +134,9 @@ def test_hysteresis_over_a_measured_observable() -> None:
     over = plot.hysteresis(table, y="delta_13", x="speed")
     rendered(over)
     axes, plain = over.axes[0], plot.hysteresis(table, y="delta_13").axes[0]
-    assert axes.get_xlabel() == "speed n"
-
-    def edges(of) -> dict:
-        found = {}
-        for patch in of.patches:
-            if patch.get_hatch():
-                span = patch.get_extents().transformed(of.transData.inverted())
-                found[patch.get_hatch()] = sorted((span.x0, span.x1))
-        return found
-
-    speeds, values = edges(axes), edges(plain)
-    for here, there in ((RISES, FALLS), (FALLS, RISES)):
+    assert axes.get_xlabel() == "speed"
+    speeds, values = bars(axes), bars(plain)
+    for here, there in ((UP, DOWN), (DOWN, UP)):
         assert speeds[here] == pytest.approx(sorted(0.2 - 0.05 * f for f in values[there]))
     thin = [line for line in axes.lines if np.size(line.get_xdata()) > 900]
     assert [line.get_color() for line in thin] == [DOWN, UP]
@@ -154,7 +152,7 @@ def test_hysteresis_shows_a_ramp_and_holds_side_by_side() -> None:
     left, right = figure.axes
     assert (left.get_title(), right.get_title()) == ("moved slowly (0.01 Hz/s)", "held 8 s at each value")
     assert left.get_ylim() == right.get_ylim()
-    assert texts(figure) == ["$f$ rises", "$f$ falls", "hold not settled"]
+    assert texts(figure) == ["$f$ rises →", "$f$ falls ←", "hold not settled"]
     thin = [line for line in left.lines if np.size(line.get_xdata()) > 900]
     assert [line.get_color() for line in thin] == [UP, DOWN]
     assert all(line.get_marker() in ("", "None") for line in left.lines)
@@ -166,9 +164,8 @@ def test_hysteresis_beside_a_directory(tmp_path: Path) -> None:
     ramp.attrs["path"] = str(tmp_path / "ramp")
     figure = plot.hysteresis(ramp, y="delta_13", with_table="stairs")
     rendered(figure)
-    assert [text.get_text().split("\n")[:2] for text in figure.axes[1].texts] == [
-        ["stairs", "has no table yet:"]
-    ]
+    (reason,) = figure.axes[1].texts
+    assert " ".join(reason.get_text().split()).startswith("stairs has no table yet:")
 
 
 def test_hysteresis_of_an_angle_that_goes_over_zero_is_not_torn() -> None:
@@ -216,12 +213,18 @@ def test_return_map_marks_fixed_points_and_ghosts(form: str) -> None:
         "ghost: slow passage, with its change",
     ]
     label = (
-        "change from one crossing\nto the next (rad)"
+        "change of $\\Delta_{13}$ to\nthe next crossing (rad)"
         if form == "change"
-        else "$\\Delta_{13}$ at the next crossing (rad)"
+        else "$\\Delta_{13}$ at\nthe next crossing (rad)"
     )
     assert left.get_ylabel() == label
     assert all("π" in tick.get_text() for tick in left.get_xticklabels())
+
+
+def test_a_return_map_whose_points_lie_near_the_diagonal_is_drawn_as_the_change() -> None:
+    for eps, form in ((0.02, "change of"), (0.9, "$\\Delta_{13}$ at")):
+        table = map_table([0.0], starts=60, crossings=20, eps=eps)
+        assert plot.return_map(table, y="delta_13").axes[0].get_ylabel().startswith(form)
 
 
 def test_branches_are_solid_where_stable_and_open_where_not() -> None:
@@ -265,9 +268,11 @@ def test_gait_map_names_the_set_of_each_cell() -> None:
     # darker: its start from the walk fell
     assert max(cells[1, 8][:3]) < max(to_rgba(gait_styles()["trot"][0])[:3])
     assert tuple(cells[1, 0]) == to_rgba(gait_styles()["walk"][0])
-    assert tuple(cells[1, 4]) == to_rgba("#009E73")
+    assert tuple(cells[1, 4]) == to_rgba(gait_styles()["trot"][0])
+    (striped,) = [each for each in axes.patches if each.get_edgecolor() == to_rgba(gait_styles()["walk"][0])]
+    assert striped.get_path().contains_point((0.0, 0.75))
     assert tuple(cells[0, 8]) == to_rgba(COLOURS["none"])
-    assert len([patch for patch in axes.patches if patch.get_hatch()]) == 1  # neighbours as one
+    assert len([patch for patch in axes.patches if patch.get_hatch() == HATCH]) == 2
     assert sum(int(text.split("  ")[1].split()[0]) for text in texts(figure)) in (99, 100, 101)
 
 
@@ -276,7 +281,19 @@ def test_gait_map_of_starts_on_no_grid() -> None:
     table["f"] = np.random.default_rng(1).uniform(-1, 1, 12).repeat(2)
     figure = plot.gait_map(table, x="f", y="beta")
     rendered(figure)
-    assert len(np.asarray(figure.axes[0].collections[0].get_offsets())) == 12
+    assert sum(len(np.asarray(line.get_xdata())) for line in figure.axes[0].lines) == 12
+
+
+def test_gait_map_of_values_that_the_job_draws_has_points() -> None:
+    """A Sobol sequence of 24 values lies on a grid of 32, of which 8 columns would be empty stripes."""
+    drawn = (np.arange(32)[np.arange(32) % 4 > 0] + 0.5) / 32
+    table = settle_table([0.7, 0.75, 0.8], [-1.0, 1.0], others=drawn).rename(
+        columns={"f": "beta", "beta": "f"}
+    )
+    table.attrs["job"] = {"vary": {"f": {"sobol": [0, 1, 24]}, "beta": [0.7, 0.75, 0.8]}}
+    axes = plot.gait_map(table, x="f", y="beta").axes[0]
+    assert not axes.collections
+    assert sum(len(np.asarray(line.get_xdata())) for line in axes.lines) == 3 * 24
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ def job(run: dict | None = None, **changes) -> gs.Job:
         "vary": vary,
         "run": REFINED if run is None else run,
         "numerics": {"dt": 0.05},
-        "engine": {"block": 200, "lanes": 32, "name": "xla"},
+        "engine": {"block": 200, "lanes": 32},
         "figures": [{"kind": "basin", "x": "theta_1", "y": "theta_2", "panels": "shift"}],
     }
     return gs.Job(**{**given, **changes})
@@ -135,10 +135,19 @@ def test_parts_that_are_lost_or_damaged_are_made_again(whole: Path, tmp_path: Pa
 @pytest.mark.parametrize("engine", [{"devices": 1}, {"block": 70}])
 def test_neither_devices_nor_blocks_count(whole: Path, tmp_path: Path, engine: dict) -> None:
     other = job(engine={**job().engine.model_dump(), **engine})
-    table = gs.run(other, tmp_path / "out").table
+    _same(gs.run(other, tmp_path / "out").table, gs.load(whole))
+
+
+@pytest.mark.slow
+def test_devices_of_xla_do_not_count(tmp_path: Path) -> None:
+    xla = {**job().engine.model_dump(), "name": "xla"}
+    _same(*(gs.run(job(engine={**xla, "devices": n}), tmp_path / str(n)).table for n in (1, 2)))
+
+
+def _same(table: pd.DataFrame, other: pd.DataFrame) -> None:
     columns = [name for name in table if name != "away"]  # labels are read in blocks, to their last bits
-    pd.testing.assert_frame_equal(table.loc[:, columns], gs.load(whole).loc[:, columns], check_exact=True)
-    np.testing.assert_allclose(table["away"], gs.load(whole)["away"], atol=1e-12)
+    pd.testing.assert_frame_equal(table.loc[:, columns], other.loc[:, columns], check_exact=True)
+    np.testing.assert_allclose(table["away"], other["away"], atol=1e-12)
 
 
 @pytest.mark.slow

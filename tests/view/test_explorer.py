@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import gzip
 import importlib.util
+import itertools
 import json
 import math
 import re
@@ -13,6 +14,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import PIL.Image
+import PIL.ImageColor
+import PIL.ImageSequence
 import pytest
 from typer.testing import CliRunner
 
@@ -183,6 +187,7 @@ def test_a_model_without_skeleton_or_feet_shows_its_observables(wells: Path) -> 
     fields = fields_of(wells / "explore.html")
     assert fields["figure"] is None
     assert fields["limbs"] == []
+    assert "500 cycles" in fields["statuses"]["cycle_limit"]  # the job's limit
     assert [each["name"] for each in fields["series"]] == ["x"]
     columns = {column["name"]: column for column in fields["columns"]}
     np.testing.assert_allclose(columns["x_end"]["values"], result["x_end"], rtol=1e-6)
@@ -749,6 +754,42 @@ def _check_chain(page: Page) -> None:
 
 @pytest.mark.slow
 @NO_BROWSER
+@pytest.mark.parametrize("both", [False, True])
+def test_a_motion_is_saved_as_a_gif(basins: Path, tmp_path: Path, both: bool) -> None:
+    """A reader of GIFs finds the pictures and the times of the page's stretch, and a body that moves."""
+    with browser() as page:
+        page.size(1280, 900)
+        page.open(basins / "explore.html", "#row=3")
+        page.evaluate("play(false)")
+        if both:
+            page.evaluate("document.getElementById('compare').click()")
+        file = page.downloaded(tmp_path, "document.getElementById('save-gif').click()")
+        told = page.wait("/saved/.test($('copied').textContent) && $('copied').textContent")
+        seconds, loops = page.evaluate("[lengthOf(motion) / clock.speed, motion.loops]")
+        size, paper = page.evaluate("GIF_SIZE"), page.evaluate("shade.paper")
+        assert all(each.startswith(("file:", "data:", "blob:")) for each in page.requests)
+        assert page.windows == page.messages == page.errors == []
+    assert file.suffix == ".gif"
+    assert file.stem.startswith("chain_row_3")
+    assert f"{file.stat().st_size / 1e6:.1f} MB" in told
+    with PIL.Image.open(file) as gif:
+        assert gif.n_frames > 20  # type: ignore[attr-defined]
+        pictures, durations = [], []
+        for picture in PIL.ImageSequence.Iterator(gif):
+            pictures.append(np.asarray(picture.convert("RGB"), int))
+            durations.append(picture.info["duration"] / 1000.0)
+    assert sum(durations) == pytest.approx(seconds + (0.0 if loops else 0.6), abs=2 * durations[0])
+    assert pictures[0].shape[1] == (2 if both else 1) * size[0]
+    assert (pictures[0][-1, -1] == PIL.ImageColor.getrgb(paper)).all()
+    changed = [np.abs(after - before).max(axis=2) > 30 for before, after in itertools.pairwise(pictures)]
+    halves = [slice(None, size[0]), slice(size[0], None)] if both else [slice(None)]
+    for half in halves:  # each body moves, but for where all its legs stand, and the line above it does not
+        assert np.mean([each[-size[1] :, half].any() for each in changed]) > 0.5
+    assert not any(each[: -size[1]].any() for each in changed)
+
+
+@pytest.mark.slow
+@NO_BROWSER
 def test_the_page_in_a_browser(basins: Path, tmp_path: Path) -> None:
     table = gs.load(basins)
     with browser() as page:
@@ -782,7 +823,10 @@ def test_the_page_in_a_browser(basins: Path, tmp_path: Path) -> None:
             elif isinstance(value, str) and value:
                 assert told == value.split(" ")[0]
         assert page.evaluate("location.hash") == f"#row={row}"
-        assert str(start["gait"]) in page.evaluate("document.getElementById('ended').textContent")
+        ended = page.evaluate("document.getElementById('ended').textContent")
+        assert str(start["gait"]) in ended
+        assert ("at a fixed point" in ended) == (start["attractor_period"] == 1)
+        assert "or repeats" not in ended
         # the nearest start that leads elsewhere, by the link and by its key
         text = page.evaluate("document.getElementById('elsewhere').textContent")
         distance = re.search(r"([\d.]+) cells? away", text)

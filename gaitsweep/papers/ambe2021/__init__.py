@@ -10,10 +10,10 @@ extension = gs.Extension(
     },
     figures=("gaitsweep.papers.ambe2021.figures",),
     gait_styles={
-        "direct": ("#E69F00", "o"),
-        "source": ("#009E73", "s"),
-        "retrograde": ("#0072B2", "^"),
-        "locked": ("#CC79A7", "D"),
+        "direct": ("#E69F00", "o", ""),
+        "source": ("#009E73", "s", "...."),
+        "retrograde": ("#0072B2", "^", ""),
+        "locked": ("#CC79A7", "D", r"\\\\"),
     },
     analyses=("gaitsweep.papers.ambe2021.analyses",),
     functions={

@@ -16,7 +16,7 @@ from matplotlib.text import Text
 
 from gaitsweep.mathtext import settable
 from gaitsweep.plot import theme
-from gaitsweep.plot.footfalls import contact_intervals
+from gaitsweep.plot.footprint_diagrams import contact_intervals
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.skeleton import Limb, Skeleton
 from gaitsweep.view.movie.side_view import SideView, bounds

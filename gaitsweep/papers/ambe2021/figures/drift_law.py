@@ -31,10 +31,10 @@ from gaitsweep.plot import (
 EQUAL = 1e-9  # largest difference between equal ends, in the unit of the parameter
 ENDS = {"m": ("m_1", "m_end"), "kappa": ("kappa_1", "kappa_end"), "a": ("a_1", "a_end")}
 APART = {
-    "m": "difference of head's and tail's mass |m$_{N+1}$ − m$_1$|, kg",
-    "kappa": "drift of E, unequal end springs, rad a cycle",
-    "a": "drift of E, unequal end amplitudes, rad a cycle",
-    "ends": "drift of E, unequal ends, rad a cycle",
+    "m": "difference of head's and tail's mass, $|m_{N+1} - m_1|$ (kg)",
+    "kappa": "drift of the sum of relative phases $E$ with unequal end springs (rad per cycle)",
+    "a": "drift of the sum of relative phases $E$ with unequal end amplitudes (rad per cycle)",
+    "ends": "drift of the sum of relative phases $E$ with unequal ends (rad per cycle)",
 }
 
 
@@ -79,11 +79,11 @@ def drift_law(
     settled = rows_where(table, ~outcome(table, hue).isin([Outcome.NOT_SETTLED, Outcome.FAILED, "none"]))
     with theme.canvas(theme.COLUMN + 0.9, 3.1, title) as figure:
         axes = figure.subplots()
-        axes.set_xlabel(APART[of])
+        axes.set_xlabel(theme.wrapped(APART[of], theme.width_of(theme.COLUMN + 0.9) - 0.8, 8.5))
         axes.set_ylabel("cycles until settled")
         pairs = _pairs(table, settled, ends, hue, by_mass=of == "m")
         if not len(pairs):
-            theme.message(axes, "no row with unequal ends has settled")
+            theme.message(axes, "Of the rows with unequal ends none has settled.")
             return figure
         names = theme.ordered(sorted(pairs[hue].unique()))
         colour, marker = theme.colours(names), theme.markers(names)
@@ -101,7 +101,9 @@ def drift_law(
                 **{**look, "color": None, "edgecolors": colour[name]},
             )  # fmt: skip
         law = pairs.groupby("apart")["law"].first().sort_index()
-        axes.plot(law.index, law, color="black", lw=0.9, label="drift along all of the line")
+        axes.plot(
+            law.index, law, color="black", lw=0.9, label="law: drift along all of the line, eqs. (30)-(32)"
+        )
         for axis, scale in ((axes.xaxis, axes.set_xscale), (axes.yaxis, axes.set_yscale)):
             scale("log")
             _ticks(axis)

@@ -37,27 +37,6 @@ class Jump(NamedTuple):
     change: np.ndarray
 
 
-# whether the neighbours in front (i - 1) and behind (i + 1) are reset; None where there is no such leg
-TABLE_2: dict[tuple[bool | None, bool | None], int] = {
-    (None, False): 1,
-    (None, True): 2,
-    (False, False): 3,
-    (True, True): 4,
-    (False, True): 5,
-    (True, False): 6,
-    (False, None): 7,
-    (True, None): 8,
-}
-
-
-class ResetSet(NamedTuple):
-    """The set S of a leg: its number 1 .. 8, and whether its neighbours are reset before it touches down."""
-
-    number: int
-    front: bool | None
-    rear: bool | None
-
-
 def touchdown_order(
     N: int, branch: Branch, s: float, chain: Chain = TABLE_1, section: int | None = None
 ) -> tuple[int, ...]:
@@ -70,7 +49,7 @@ def touchdown_order(
 
     Source: Fig. 9.
     """
-    theta, circle = np.asarray(places(rule_of(N, branch, chain), s)), float(touchdown_phase(chain))
+    theta, circle = np.asarray(_places(rule_of(N, branch, chain), s)), float(touchdown_phase(chain))
     return order_of_places(theta, circle, section or branch.k)
 
 
@@ -104,9 +83,9 @@ def order_sets(
     """
     chain.equal_inner_legs("the threshold of eq. (18)")
     circle = touchdown_phase(chain)
-    psi = solution(rule_of(N, branch, chain), jnp.asarray(s), circle, branch.k)
+    psi = _solution(rule_of(N, branch, chain), jnp.asarray(s), circle, branch.k)
     threshold = 2.0 * chain.beta * jnp.pi + 2.0 * reset(chain) - chain.m * shift(chain)
-    early = np.flatnonzero(np.asarray(touches_early(psi, circle, jnp.asarray(threshold), branch.k))) + 1
+    early = np.flatnonzero(np.asarray(_touches_early(psi, circle, jnp.asarray(threshold), branch.k))) + 1
     return frozenset(early[early < branch.k].tolist()), frozenset(early[early > branch.k].tolist())
 
 
@@ -124,6 +103,10 @@ def meetings(rule: LagRule, circle: jax.Array, section: Leg) -> jax.Array:
     return jnp.where(rate == 0.0, rule.high, jnp.minimum(meeting, rule.high))
 
 
+# as one program each: operation by operation, JAX would compile every one by itself
+_meetings, _places, _solution, _touches_early = map(jax.jit, (meetings, places, solution, touches_early))
+
+
 def jumps(N: int, branch: Branch, chain: Chain = TABLE_1, section: int | None = None) -> tuple[Jump, ...]:
     """The jumps of a set, in order of rising free phase.
 
@@ -136,12 +119,33 @@ def jumps(N: int, branch: Branch, chain: Chain = TABLE_1, section: int | None = 
     leg = branch.k if section is None else section
     rule, circle = rule_of(N, branch, chain), touchdown_phase(chain)
     exchanges = []
-    for number, s in enumerate(np.asarray(meetings(rule, circle, leg)), start=1):
+    for number, s in enumerate(np.asarray(_meetings(rule, circle, leg)), start=1):
         if float(rule.low) + APART < s < float(rule.high) - APART:
-            above, below = (solution(rule, jnp.asarray(s + side), circle, leg) for side in (APART, -APART))
+            above, below = (_solution(rule, jnp.asarray(s + side), circle, leg) for side in (APART, -APART))
             change = np.asarray(above - below) - 2.0 * APART * np.asarray(rule.slope)
             exchanges.append(Jump(float(s), number, wrapped_difference(change)))
     return tuple(sorted(exchanges, key=lambda jump: jump.s))
+
+
+# whether the neighbours in front (i - 1) and behind (i + 1) are reset; None where there is no such leg
+TABLE_2: dict[tuple[bool | None, bool | None], int] = {
+    (None, False): 1,
+    (None, True): 2,
+    (False, False): 3,
+    (True, True): 4,
+    (False, True): 5,
+    (True, False): 6,
+    (False, None): 7,
+    (True, None): 8,
+}
+
+
+class ResetSet(NamedTuple):
+    """The set S of a leg: its number 1 .. 8, and whether its neighbours are reset before it touches down."""
+
+    number: int
+    front: bool | None
+    rear: bool | None
 
 
 def reset_sets(
@@ -181,7 +185,7 @@ def touchdown_residuals(N: int, branch: Branch, s: float, chain: Chain = TABLE_1
     """
     chain.equal_inner_legs("the balance of eq. (14)")
     circle = float(touchdown_phase(chain))
-    theta = places(rule_of(N, branch, chain), s)
+    theta = _places(rule_of(N, branch, chain), s)
     phi = np.asarray(phases_on_section(theta, touchdown_phase(chain), branch.k))  # on section k
     residuals = []
     for i, reset_set in enumerate(reset_sets(N, branch, s, chain), start=1):
