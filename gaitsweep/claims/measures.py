@@ -143,7 +143,7 @@ def records(table: pd.DataFrame, where: str | None, may_be_empty: bool = False) 
     """The records of a table that fulfil a condition; without a condition, all records.
 
     Raises:
-        MeasureError: no record fulfils the condition, and `empty` results are not allowed.
+        MeasureError: no record fulfils the condition, and `may_be_empty` is false.
         ExpressionError: the condition cannot be evaluated over the table's columns.
     """
     rows = table

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gaitsweep.fitting.measure import RowMeasure
 from pydantic import ValidationError
 
 import toy_model
 from gaitsweep.fitting.fit_fields import MEASURES
+from gaitsweep.fitting.measure import RowMeasure
 from gaitsweep.fitting.search import run_search
 from gaitsweep.fitting.search_job import read_search
 from gaitsweep.schema.diagnostics import JobError

@@ -117,14 +117,14 @@ def _scatter(
     colour, marker = theme.colours(order), theme.markers(order)
     places = [np.zeros((0, 3))]
     for name in order:
-        rows = rows_where(table, shown == name)
-        if name in (Outcome.NOT_SETTLED, Outcome.FAILED) or not len(rows):
+        mine = rows_where(table, shown == name)
+        if name in (Outcome.NOT_SETTLED, Outcome.FAILED) or not len(mine):
             continue
-        place = rows[names].to_numpy(float)
-        place = np.where([is_angle(table, column) for column in names], np.mod(place, 2 * np.pi), place)
+        place = mine[names].to_numpy(float)
+        place = np.where([is_angle(table, each) for each in names], np.mod(place, 2 * np.pi), place)
         width = 0.8 if marker[name] == "x" else 0
         look = {"color": colour[name], "marker": marker[name], "linewidths": width, "clip_on": False}
-        size = float(np.clip(3e3 / len(rows), 9.0, 16.0))  # larger than the width of the lines over them
+        size = float(np.clip(3e3 / len(mine), 9.0, 16.0))  # larger than the width of the lines over them
         space.scatter(*place.T, s=size, depthshade=False, **look)
         for plane, pair in planes:
             plane.scatter(*place[:, pair].T, s=size, rasterized=True, **look)

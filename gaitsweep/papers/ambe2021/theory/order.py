@@ -37,27 +37,6 @@ class Jump(NamedTuple):
     change: np.ndarray
 
 
-# whether the neighbours in front (i - 1) and behind (i + 1) are reset; None where there is no such leg
-TABLE_2: dict[tuple[bool | None, bool | None], int] = {
-    (None, False): 1,
-    (None, True): 2,
-    (False, False): 3,
-    (True, True): 4,
-    (False, True): 5,
-    (True, False): 6,
-    (False, None): 7,
-    (True, None): 8,
-}
-
-
-class ResetSet(NamedTuple):
-    """The set S of a leg: its number 1 .. 8, and whether its neighbours are reset before it touches down."""
-
-    number: int
-    front: bool | None
-    rear: bool | None
-
-
 def touchdown_order(
     N: int, branch: Branch, s: float, chain: Chain = TABLE_1, section: int | None = None
 ) -> tuple[int, ...]:
@@ -146,6 +125,27 @@ def jumps(N: int, branch: Branch, chain: Chain = TABLE_1, section: int | None = 
             change = np.asarray(above - below) - 2.0 * APART * np.asarray(rule.slope)
             exchanges.append(Jump(float(s), number, wrapped_difference(change)))
     return tuple(sorted(exchanges, key=lambda jump: jump.s))
+
+
+# whether the neighbours in front (i - 1) and behind (i + 1) are reset; None where there is no such leg
+TABLE_2: dict[tuple[bool | None, bool | None], int] = {
+    (None, False): 1,
+    (None, True): 2,
+    (False, False): 3,
+    (True, True): 4,
+    (False, True): 5,
+    (True, False): 6,
+    (False, None): 7,
+    (True, None): 8,
+}
+
+
+class ResetSet(NamedTuple):
+    """The set S of a leg: its number 1 .. 8, and whether its neighbours are reset before it touches down."""
+
+    number: int
+    front: bool | None
+    rear: bool | None
 
 
 def reset_sets(

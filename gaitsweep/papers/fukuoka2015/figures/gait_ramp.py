@@ -117,9 +117,9 @@ def _panel(
 ) -> None:
     look: dict[str, Any] = {"fontsize": theme.points(11), "va": "center", "ha": "right", "weight": "bold"}
     for place, (row, _) in enumerate(rows):
-        cycles = along.loc[along["row"] == row]
+        mine = along.loc[along["row"] == row]
         for down in (0, 1):
-            part = cycles.loc[cycles["pass"] == down]
+            part = mine.loc[mine["pass"] == down]
             height = place + (0.22 if down else -0.22)
             falls = len(part) > 1 and part[parameter].iloc[-1] < part[parameter].iloc[0]
             at = part["speed" if measured else parameter].to_numpy(float)

@@ -172,8 +172,8 @@ def _heading(table: pd.DataFrame, part: pd.DataFrame, number: int, titles: Seque
     if titles is not None:
         return titles[number] if number < len(titles) else ""
     row = part["row"].iloc[0]
-    gait = gaits_in(rows_where(table, table["row"] == row)).iloc[0]
-    return ", ".join([str(gait["gait"]), *in_words(table, gait, part)])
+    found = gaits_in(rows_where(table, table["row"] == row)).iloc[0]
+    return ", ".join([str(found["gait"]), *in_words(table, found, part)])
 
 
 def _draw(
@@ -212,7 +212,7 @@ def _bouts(axes: Axes, part: pd.DataFrame, along: pd.DataFrame, wide: float) -> 
     """The gait bouts as bars with their names, and the speed at both ends; returns the gaits."""
     axes.set_axis_off()
     axes.set_ylim(0.0, 1.0)
-    cycles = rows_where(along, along["row"] == part["row"].iloc[0])
+    mine = rows_where(along, along["row"] == part["row"].iloc[0])
     low, high = float(part["t"].iloc[0]), float(part["t"].iloc[-1])
     axes.set_xlim(low, high)
     width = (wide - _BESIDE) / (high - low)  # inches a second
@@ -229,7 +229,7 @@ def _bouts(axes: Axes, part: pd.DataFrame, along: pd.DataFrame, wide: float) -> 
             axes.text(0.5 * (begin + end), 0.3, name, **look)
     if "speed" in cycles.columns and len(cycles):
         for at in (low, high):
-            v = np.interp(at, cycles["t"].to_numpy(float), cycles["speed"].to_numpy(float))
+            v = np.interp(at, mine["t"].to_numpy(float), mine["speed"].to_numpy(float))
             side: Any = "left" if at == low else "right"
             axes.text(at, 1.0, f"{v:.2f} m/s", va="top", fontsize=theme.points(7), color="#444444", ha=side)
     return drawn
