@@ -34,6 +34,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "described_package",
     "gallery",
+    "home_explorer",
     "mathml",
     "python_objects",
 ]
