@@ -47,9 +47,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
 
     def begin(app: Sphinx) -> None:
         words = [sys.executable, __file__]
-        process.append(
-            subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        )
+        process.append(subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True))
 
     def finish(app: Sphinx, error: Exception | None) -> None:
         output, _ = process[0].communicate()
