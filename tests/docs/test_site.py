@@ -142,7 +142,7 @@ def test_the_home_page_has_an_explorer_that_answers(site: Path) -> None:
 def test_the_search_finds_other_words_for_things(site: Path, word: str) -> None:
     with browser() as page:
         page.call("Page.navigate", url=f"{(site / 'search.html').as_uri()}?q={word}")
-        page.wait("document.querySelector('#search-results li a')")
+        page.wait("document.querySelectorAll('#search-results li a').length")
         assert page.errors == []
 
 
