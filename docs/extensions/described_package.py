@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import gallery
+import home_explorer
 import yaml
 from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
@@ -157,6 +158,13 @@ def style() -> Iterator[str]:
     yield from _fields(_schema()["$defs"]["FigureStyle"])
 
 
+def explorer() -> Iterator[str]:
+    """The explorer in a frame, and a link to the whole page."""
+    page = home_explorer.PAGE
+    yield f'<iframe class="explorer" src="{page}" title="Explorer of 300 starts" loading="lazy"></iframe>\n'
+    yield f'<p><a href="{page}">Open the explorer in a page of its own</a></p>\n'
+
+
 def pictures() -> Iterator[str]:
     """A picture of each kind of figure, with its job and command."""
     from gaitsweep.plot import FIGURES
@@ -266,6 +274,7 @@ DESCRIBED = {
         measures,
         models,
         pictures,
+        explorer,
         statuses,
     )
 }

@@ -1,4 +1,4 @@
-"""Animations of one row of a trace: the frames of a movie, and a strip of poses over a cycle."""
+"""Animations of one row: the frames of a movie, and a strip of poses over a cycle."""
 
 from __future__ import annotations
 

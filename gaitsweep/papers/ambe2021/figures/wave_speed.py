@@ -73,7 +73,7 @@ def wave_speed(
                 mine = found[np.asarray(found["gait"] == gait)]
                 look = {"s": 30, "linewidths": 1.2, "zorder": 4, "label": f"simulated: {theme.named(gait)}"}
                 open_ring = {"facecolors": "none", "edgecolors": colour[gait], "marker": marker[gait]}
-                axes.scatter(of_gait[x], of_gait[name], **look, **open_ring)
+                axes.scatter(mine[x], mine[name], **look, **open_ring)
             axes.set_xlabel(described(table, x))
             axes.set_ylabel(label)
             axes.set_ylim(bottom=0)

@@ -217,7 +217,7 @@ def _bouts(axes: Axes, part: pd.DataFrame, along: pd.DataFrame, wide: float) -> 
     axes.set_xlim(low, high)
     width = (wide - _BESIDE) / (high - low)  # inches a second
     drawn = set()
-    for spell in gait_bouts(cycles, "gait", _LEAST).to_dict("records"):
+    for spell in gait_bouts(mine, "gait", _LEAST).to_dict("records"):
         begin, end = max(float(spell["begin"]), low), min(float(spell["end"]), high)
         if end <= begin:
             continue
@@ -227,7 +227,7 @@ def _bouts(axes: Axes, part: pd.DataFrame, along: pd.DataFrame, wide: float) -> 
         if (end - begin) * width > _LETTER * len(name):
             look: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": theme.points(7)}
             axes.text(0.5 * (begin + end), 0.3, name, **look)
-    if "speed" in cycles.columns and len(cycles):
+    if "speed" in mine.columns and len(mine):
         for at in (low, high):
             v = np.interp(at, mine["t"].to_numpy(float), mine["speed"].to_numpy(float))
             side: Any = "left" if at == low else "right"
