@@ -22,7 +22,7 @@ from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Real, Text
 
 # Images and derivatives of the map for each point of a branch: without folds; and with folds, where steps are
-# tried again and bifurcations are located. Measured on the chain and on the waist quadruped.
+# tried again and bifurcations are located. Measured on two models.
 PLAIN, FOLDED = (4.0, 1.2), (13.0, 2.0)
 # Time of an image with its derivative along one direction, as a multiple of that of an image alone.
 DERIVATIVE = 3.0

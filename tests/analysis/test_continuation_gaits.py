@@ -90,7 +90,7 @@ def test_figure_where_two_gaits_are_stable() -> None:
     table = pd.concat(parts, ignore_index=True)
     figure = draw(table, x="r", y="up")
     named = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert named == ["walk stable", "trot stable", "walk and trot: both stable"]
+    assert named == ["walk stable", "trot stable", "walk and trot stable"]
     both = np.asarray(figure.axes[0].collections[-1].get_paths()[0].vertices)
     assert [float(both[:, 0].min()), float(both[:, 0].max())] == [1.0, 2.0]
     more = table.query("gait == 'walk'").assign(row=lambda t: t["row"] + 4)

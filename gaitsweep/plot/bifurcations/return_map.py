@@ -42,8 +42,7 @@ def return_map(
     y: Observed,
     panels: Panels = None,
     form: Annotated[
-        Literal["change", "next"] | None,
-        word("change", "next"),
+        Annotated[Literal["change", "next"], word("change", "next")] | None,
         "change: y's change over y; next: the next y over y; by default next, but change where all points "
         "lie near the diagonal",
     ] = None,
