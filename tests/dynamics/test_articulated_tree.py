@@ -81,6 +81,7 @@ def near(mine: Any, theirs: Any, relative: float) -> None:
 
 # Both sides round in another order; 1e-10 leaves room for a badly conditioned mass matrix, while a wrong
 # term of any size shows at random states.
+@pytest.mark.slow
 @given(seeds)
 @settings(max_examples=15)
 def test_accelerations_and_forces_are_mujocos(seed: int) -> None:

@@ -91,6 +91,7 @@ def test_the_contracts_quantities_follow_from_the_declarations() -> None:
     assert [q.name for q in Balls(N=3).parameters] == ["g", "floor_1", "floor_2", "floor_3"]
 
 
+@pytest.mark.slow
 def test_states_are_pytrees_that_keep_types_and_shapes() -> None:
     model = Balls()
     p = scalars(model)

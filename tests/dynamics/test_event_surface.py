@@ -112,6 +112,7 @@ class Wheel(DeclaredModel):
         return 1.0 + 0.0 * p.gamma
 
 
+@pytest.mark.slow
 def test_a_rimless_wheel_rolls_or_stops() -> None:
     """Its speed after a landing is cos(2 a) (4 g sin(a) sin(slope) / sin(2 a)^2)^(1/2) (McGeer 1990).
 

@@ -23,6 +23,8 @@ from gaitsweep.papers.aoi2011.waist_quadruped.in_mjx import variants
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import mjcf
 from tests.support.random_trees import unit
 
+pytestmark = pytest.mark.slow  # MJX compiles for seconds
+
 DT = 2e-4
 FEET = [f"foot_{i + 1}" for i in range(4)]
 LINKS = {"link_mass": 0.1, "link_length": 0.08}

@@ -96,6 +96,7 @@ def _opened(chunk: Chunk) -> np.ndarray:
     return tile
 
 
+@pytest.mark.slow
 def test_damaged_code_is_compiled_again(cache: Path, chunk: Chunk, compilations: list[float]) -> None:
     right = _opened(chunk)
     (file,) = (cache / "kernels").iterdir()

@@ -79,6 +79,7 @@ def test_modules_beside_are_those_that_are_imported(folder: tuple[Path, str]) ->
     assert not [name for name in beside if name.startswith(("jax", "numpy", "gaitsweep"))]
 
 
+@pytest.mark.slow
 def test_an_edit_beside_the_model_is_another_job(folder: tuple[Path, str]) -> None:
     path, package = folder
     job, before = found(path)

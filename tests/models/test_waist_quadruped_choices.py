@@ -212,6 +212,7 @@ def test_a_touchdown_is_a_landing_from_the_gate_on(gate: float, lands: bool) -> 
     assert float(after.phi[2]) == float(p.phi_AEP if lands else before.phi[2])
 
 
+@pytest.mark.slow
 def test_a_late_landing_without_a_reset_continues_along_the_line() -> None:
     """Phase and desired x are the same before and after the landing; a reset sets the phase back."""
     p, before, after = landed(1.6, late_reset=0.0)
@@ -274,6 +275,7 @@ def test_the_grounds_vertical_spring_and_damper_are_its_own() -> None:
     assert (float(followed.K_N), float(followed.D_N)) == (2e4, 100.0)
 
 
+@pytest.mark.slow
 def test_no_force_leaves_the_cone_of_friction() -> None:
     """Within the cone the anchor stays; beyond it the force is mu times the load, in its old direction."""
     stick = scalars(MODEL).mechanics

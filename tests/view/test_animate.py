@@ -220,6 +220,7 @@ def test_a_row_without_a_trace_is_simulated_again(tmp_path: Path, run: dict[str,
     assert out.name == "animation_row0.gif"
 
 
+@pytest.mark.slow("True")
 @pytest.mark.parametrize("moves", [False, True])
 def test_a_trace_has_the_gait_of_its_end(tmp_path: Path, moves: bool) -> None:
     """The title of its movie has it, but for a trace whose parameter moves, which may have several."""

@@ -353,6 +353,7 @@ def python_of(fields: dict[str, Any], record: int) -> str:
     return fields["python"].replace("@row@", str(columns["row"])).replace("@vary@", values)
 
 
+@pytest.mark.slow
 def test_the_copied_python_is_the_row(
     logarithmic: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
