@@ -106,9 +106,9 @@ class FollowsFixedPoints(RunKind):
         return wrong
 
     def starting_points(
-        self, rows: Design, spec: SweepSpec, sample: Int[np.ndarray, " sampled"], share: float
-    ) -> tuple[StartingPoints, StartingPoints]:
-        """The fixed points at which branches begin, computed again with a fraction of the step."""
+        self, rows: Design, spec: SweepSpec, sample: Int[np.ndarray, " sampled"], *shares: float
+    ) -> list[StartingPoints]:
+        """The fixed points at which branches begin, computed again with each fraction of the step."""
         mapping, values, starts = self.return_map(rows, spec, sample)
 
         def found(one: BatchedReturnMap) -> StartingPoints:
@@ -117,7 +117,7 @@ class FollowsFixedPoints(RunKind):
             seen = [fixed.images.observed[q.name] for q in rows.model.observables]
             return StartingPoints(fixed.converged, np.stack(seen, axis=1))
 
-        return found(mapping), found(mapping.refined(share))
+        return [found(mapping.refined(share)) for share in shares]
 
     def return_map(
         self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"]

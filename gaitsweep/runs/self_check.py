@@ -22,6 +22,7 @@ from gaitsweep.design import Design
 from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.numerics import STEP_FACTOR, tolerance_scale
 from gaitsweep.engine.poincare.maps import wrap_difference
+from gaitsweep.engine.poincare.return_map import REFINED
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder, end_values
 from gaitsweep.engine.recorders.recorder import Recorder
@@ -255,7 +256,12 @@ def compare_stored(
     run, rerun = context.job.run, _Rerun(context, on_progress)
     if isinstance(again.result, StartingPoints):
         assert isinstance(run, FollowsFixedPoints)
-        differs = _other_beginnings(context.model, run, again.result, again.rows, stored(again.rows))
+        records = stored(again.rows)
+        differs = _other_beginnings(context.model, run, again.result, again.rows, records)
+        if differs.any():
+            # a branch that was lost or has a kink was followed again from the fixed point of the refined map
+            refined = run.starting_points(context.design, context.spec, again.rows[differs], REFINED)[0]
+            differs[differs] = _other_beginnings(context.model, run, refined, again.rows[differs], records)
     elif run.one_a_row:
         differs = rerun.other_ends(again, stored(again.rows))
     else:
@@ -391,7 +397,7 @@ class _Rerun:
     def compare_starting_points(self, run: FollowsFixedPoints, rows: np.ndarray, check: SelfCheck) -> Again:
         """Compare the fixed points at which the branches of rows (n,) begin; return the rerun."""
         model, spec = self.context.model, self.context.spec
-        once, finer = run.starting_points(self.context.design, spec, rows, FINER)
+        once, finer = run.starting_points(self.context.design, spec, rows, 1.0, FINER)
         both = once.found & finer.found
         check.status_differs = int(np.sum(once.found != finer.found))
         change = changes(model, once.observed, finer.observed)
