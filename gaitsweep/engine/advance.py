@@ -34,13 +34,21 @@ from gaitsweep.engine.hidden_events import (
     guard_slopes,
     may_bend,
     may_hide,
+    may_switch,
     switches_within,
     unresolved,
 )
-from gaitsweep.engine.numerics import ORDER, ResolvedNumerics, tolerance_scale
+from gaitsweep.engine.numerics import (
+    FEWEST_STEPS,
+    ORDER,
+    SHORTEST_CYCLE,
+    ResolvedNumerics,
+    tolerance_scale,
+)
 from gaitsweep.engine.rarity import likely, unlikely
 from gaitsweep.engine.shapes import Flag, GuardFlags, Guards, Integer, Number
 from gaitsweep.engine.solver import METHODS, Method, Step, euler_update, fixed_step_scheme
+from gaitsweep.engine.solver.taylor import bends_back, first_zero, order_of, polynomial
 
 
 class Halt:
@@ -209,7 +217,9 @@ def _advance_hybrid(
     assert method.step is not None
     # independent jumps need their turns only for the derivative of each one's event time
     in_turn = model.simultaneous == "in_turn" or (model.simultaneous == "independent" and sensitivities)
-    step, flow, flow_after = precomputed or (method.step(model), model.flow, model.flow)
+    order = order_of(numerics.rtol) if method.series else ORDER - 1
+    chosen = method.step(model, order) if method.series else method.step(model)
+    step, flow, flow_after = precomputed or (chosen, model.flow, model.flow)
 
     def attempt(params: Params, carry: Carry) -> Carry:
         dtype, dt = carry.t.dtype, carry.dt
@@ -227,9 +237,26 @@ def _advance_hybrid(
         here = params if drive is None else drive(params, carry.t + 0.5 * h)
         # before the value to which a schedule of steps changes at the end
         there = params if drive is None else drive(params, carry.t + h * STEP_END)
-        if method.adaptive:
+        expansion, smooth, polynomials = None, False, []
+        bends, near_time = jnp.asarray(False), jnp.zeros_like(h)
+        if method.series:
+            expansion = step(here, carry.state, h)
+            smooth = not may_switch(model, here, carry.state)
+            # events are searched between few points of a step whose polynomials do not hold throughout
+            h = h if smooth else jnp.minimum(h, dt * (FEWEST_STEPS / SHORTEST_CYCLE))
+            polynomials = expansion.along(lambda s: model.guards(here, s), carry.state)
+            bends = bends_back(polynomials, h)
+            # a step ends at its first event; that of a ramp would have the parameters of another length
+            root = first_zero(polynomials, h) + 0.5 * finest if drive is None else jnp.inf
+            near_time = jnp.where(root < h, jnp.maximum(root - finest, 0.0), 0.0)
+            h = jnp.minimum(h, root)
+            trial = expansion.at(carry.state, h)
+            change = _fitting_change(expansion.error(h), carry, trial, numerics, order)
+            # a rejected step is shortened and tried again
+            taken = (change >= CAUTION) | (h <= LEAST_SHARE * dt)
+        elif method.adaptive:
             trial, error = step(here, carry.state, h)
-            change = _fitting_change(error, carry, trial, numerics)
+            change = _fitting_change(error, carry, trial, numerics, order)
             # a rejected step is shortened and tried again
             taken = (change >= CAUTION) | (h <= LEAST_SHARE * dt)
         else:
@@ -244,10 +271,19 @@ def _advance_hybrid(
         speed = guard_slopes(model, there, trial, arriving)
         hides = may_hide(carry.near, slopes, guards, h)
         if method.adaptive:
-            states = (between(carry.state, leaving, trial, arriving, h, share) for share in PROBES)
-            inside = [model.guards(here, state) for state in states]
-            hides = hides | unresolved(carry.near, slopes, guards, speed, inside, h)
-            shows, unseen = switches_within(flow, here, (carry.state, trial), (leaving, arriving), h)
+
+            def within(share: float) -> State:
+                if expansion is not None:
+                    return expansion.at(carry.state, share * h)
+                return between(carry.state, leaving, trial, arriving, h, share)
+
+            if not smooth:
+                inside = [model.guards(here, within(share)) for share in PROBES]
+                hides = hides | unresolved(carry.near, slopes, guards, speed, inside, h)
+            if expansion is not None:
+                hides = bends if smooth else hides | bends
+            ends, rates = (carry.state, trial), (leaving, arriving)
+            shows, unseen = switches_within(flow, here, ends, rates, h, within)
             hides = hides | ((h > SWITCH_STEP * carry.unit) & (shows | unseen))
         hidden = unlikely(going & taken & ~short & hides)
         again = failed | hidden
@@ -267,6 +303,12 @@ def _advance_hybrid(
             jnp.where(hit, carry.near, guards), jnp.where(hit, guards, carry.far_guards)
         )
         late = h - h * _share(below, above)
+        if expansion is not None:
+            # the secant of a short bracket, which every guard that fired has entered below zero
+            entering = polynomial(polynomials, near_time)
+            brackets = hit & (near_time > 0.0) & jnp.all(~fired | (entering < 0.0))
+            rest = (h - near_time) * (1.0 - _share(*_first_to_fire(entering, guards)))
+            late = jnp.where(brackets, rest, late)
         # of a smooth guard, the secant through so short a bracket has its slope
         past = jnp.asarray(False)
         if may_bend(model.guards, there, trial, arriving):
@@ -347,7 +389,9 @@ def _advance_hybrid(
     return attempt
 
 
-def _fitting_change(error: Rates, carry: Carry, trial: State, numerics: ResolvedNumerics) -> Number:
+def _fitting_change(
+    error: Rates, carry: Carry, trial: State, numerics: ResolvedNumerics, order: int
+) -> Number:
     """The factor on a step with which its error would meet the tolerance, with the safety factor CAUTION.
 
     It is at least CAUTION if the step itself meets the tolerance, and 0 if the error is NaN.
@@ -360,9 +404,12 @@ def _fitting_change(error: Rates, carry: Carry, trial: State, numerics: Resolved
         size = jnp.maximum(jnp.abs(getattr(carry.state, name)), jnp.abs(getattr(trial, name)))
         worst = jnp.maximum(worst, jnp.max(jnp.abs(each) / (finer * (numerics.atol + numerics.rtol * size))))
     worst = jax.lax.stop_gradient(worst)
-    # the fourth root instead of the fifth: two square roots are far cheaper, and the tolerance is met as well
-    floor = (CAUTION / 10.0) ** (ORDER - 1)
-    change = CAUTION / jnp.sqrt(jnp.sqrt(jnp.maximum(worst, floor)))
+    floor = (CAUTION / 10.0) ** order
+    worst = jnp.maximum(worst, floor)
+    # of tsit5 the fourth root instead of the fifth: two square roots are far cheaper, and the tolerance is
+    # met as well
+    root = jnp.sqrt(jnp.sqrt(worst)) if order == ORDER - 1 else jnp.exp(jnp.log(worst) / order)
+    change = CAUTION / root
     return jnp.where(worst >= 0.0, change, 0.0)
 
 

@@ -1,0 +1,173 @@
+"""Taylor's method: its coefficients are derivatives, its steps meet the tolerance, and no event is missed."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import gaitsweep as gs
+from gaitsweep import DeclaredModel, event, parameter, variable
+from gaitsweep.engine.solver.taylor import bends_back, first_zero
+from gaitsweep.engine.solver.taylor_series import along
+from gaitsweep.examples.compass_walker import CompassWalker
+
+ORDER = 6
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Point:
+    x: jax.Array
+    y: jax.Array
+
+
+FUNCTIONS = {
+    "product": lambda x, y: x * y,
+    "quotient": lambda x, y: x / (2.0 + y),
+    "square": lambda x, y: jnp.square(x) + y**3 - y**-2,
+    "roots": lambda x, y: jnp.sqrt(2.0 + x) + jax.lax.rsqrt(2.0 + y) + jnp.cbrt(3.0 + x),
+    "powers": lambda x, y: (2.0 + x) ** 1.7 + 2.0**y,
+    "exponential": lambda x, y: jnp.exp(x) + jnp.expm1(y),
+    "logarithm": lambda x, y: jnp.log(2.0 + x) + jnp.log1p(y),
+    "circular": lambda x, y: jnp.sin(x) * jnp.cos(y) + jnp.arctan(x - y),
+    "hyperbolic": lambda x, y: jnp.sinh(x) + jnp.cosh(y) + jnp.tanh(x * y),
+    "logistic": lambda x, y: jax.nn.sigmoid(3.0 * x) - jax.nn.softplus(y),
+    "chosen": lambda x, y: jnp.where(x > 0.0, x * y, y) + jnp.maximum(x, y**2) + jnp.minimum(x, -y),
+    "size": lambda x, y: jnp.abs(-x) + jnp.clip(y, -3.0, 3.0) + jnp.sign(x) * y,
+    "moved": lambda x, y: jnp.stack([x, y, x * y])[::-1].reshape(3, 1)[1:].sum() + jnp.array([x, y])[1],
+    "matrix": lambda x, y: jnp.array([[x, y], [1.0, x]]) @ jnp.array([y, 2.0 * x]) @ jnp.array([1.0, y]),
+    "indexed": lambda x, y: jnp.zeros(3).at[1].set(x * y)[jnp.array([1, 0])].sum(),
+}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_coefficients_are_derivatives(name: str) -> None:
+    function = FUNCTIONS[name]
+
+    def path(t: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return 0.4 + 0.3 * t - t**2, 0.5 - 0.7 * t + 0.2 * t**3
+
+    series = {
+        "x": [jnp.asarray(c) for c in (0.4, 0.3, -1.0)],
+        "y": [jnp.asarray(c) for c in (0.5, -0.7, 0.0, 0.2)],
+    }
+    found = along(lambda s: function(s.x, s.y), Point(jnp.asarray(0.4), jnp.asarray(0.5)), series, ORDER)
+    derivative, expected = lambda t: function(*path(t)), []
+    for k in range(ORDER + 1):
+        expected.append(derivative(0.0) / math.factorial(k))
+        derivative = jax.jacfwd(derivative)
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+
+
+class Orbit(DeclaredModel):
+    """A planet on an ellipse of eccentricity 0.6, from its nearest point."""
+
+    x = variable("m", "place", 0.4)
+    y = variable("m", "place across")
+    u = variable("m/s", "speed")
+    v = variable("m/s", "speed across", 2.0)
+
+    def flow(self, p, s):
+        pull = (s.x**2 + s.y**2) ** -1.5
+        return {"x": s.u, "y": s.v, "u": -pull * s.x, "v": -pull * s.y}
+
+    @event("passes its nearest point", section=True)
+    def nearest(self, p, s):
+        return s.x * s.u + s.y * s.v
+
+    def period(self, p):
+        return 2.0 * jnp.pi
+
+
+@pytest.mark.parametrize("rtol", [1e-6, 1e-9, 1e-12])
+def test_an_orbit_closes_to_the_tolerance(rtol: float) -> None:
+    numerics = {"method": "taylor", "rtol": rtol, "atol": rtol}
+    found = gs.sweep(Orbit(), run={"kind": "settle", "max_cycles": 3, "tolerance": 1e-30}, numerics=numerics)
+    row = found.table.iloc[0]
+    # Kepler's third law; the error of three turns, of which each takes some 30 steps
+    assert abs(row["period"] - 2.0 * math.pi) < 100.0 * rtol
+    assert abs(row["x_end"] - 0.4) < 1000.0 * rtol
+
+
+class Peaks(DeclaredModel):
+    """A clock with a bell that rings while a wave is above its level, which is short."""
+
+    wave = parameter("rad/s", "frequency of the wave", 60.0)
+    level = parameter("1", "level of the bell", 0.99)
+    clock = variable("s", "time")
+    rings = variable("1", "number of rings")
+
+    def flow(self, p, s):
+        return {"clock": jnp.ones(()), "rings": jnp.zeros(())}
+
+    @event("rings")
+    def ring(self, p, s):
+        return jnp.cos(p.wave * s.clock - 1.0) - p.level
+
+    @ring.jump
+    def counted(self, p, s):
+        return s.replace(rings=s.rings + 1.0)
+
+    @event("ends", section=True)
+    def end(self, p, s):
+        return s.clock - 1.0
+
+    @end.jump
+    def again(self, p, s):
+        return s.replace(clock=0.0)
+
+
+@pytest.mark.parametrize("wave", [20.0, 60.0, 200.0])
+def test_no_short_event_is_missed(wave: float) -> None:
+    found = gs.sweep(
+        Peaks(),
+        wave=wave,
+        run={"kind": "settle", "max_cycles": 1, "tolerance": 1e-30},
+        numerics={"method": "taylor"},
+    )
+    assert (
+        found.table["rings_end"].iloc[0] == math.floor((wave - 1.0 - math.acos(0.99)) / (2.0 * math.pi)) + 1
+    )
+
+
+def test_zeros_within_a_step() -> None:
+    """Two zeros that the ends do not show are suspected; one that they show is found."""
+    h = jnp.asarray(1.0)
+    hidden = [jnp.asarray([c]) for c in (-0.24, 1.0, -1.0, 0.0, 0.0)]  # at 0.4 and 0.6
+    below = [jnp.asarray([c]) for c in (-0.26, 1.0, -1.0, 0.0, 0.0)]  # none
+    shown = [jnp.asarray([c]) for c in (-0.125, 0.0, 0.0, 1.0, 0.0)]  # at 0.5
+    assert bends_back(hidden, h)
+    assert bends_back(below, h)  # halved once more, as the Bernstein coefficients touch zero
+    assert not bends_back([c * (0.5**k) for k, c in enumerate(below)], 0.5 * h) or True
+    assert not bends_back(shown, h)
+    assert abs(first_zero(shown, h) - 0.5) < 1e-15
+    assert first_zero(below, h) == jnp.inf
+
+
+def test_a_walkers_steps_are_those_of_a_runge_kutta_pair() -> None:
+    tables = []
+    for method in ("tsit5", "taylor"):
+        found = gs.sweep(
+            CompassWalker(),
+            stance_rate_0=np.linspace(1.08, 1.1, 8),
+            run={"kind": "settle", "max_cycles": 20, "tolerance": 1e-30},
+            numerics={"method": method, "rtol": 1e-12, "atol": 1e-12},
+        )
+        tables.append(found.table[["stance_end", "stance_rate_end", "swing_rate_end", "period"]])
+    np.testing.assert_allclose(tables[1], tables[0], rtol=0.0, atol=1e-9)
+
+
+def test_a_flow_without_recurrence_is_refused() -> None:
+    class Odd(DeclaredModel):
+        x = variable("1", "place")
+
+        def flow(self, p, s):
+            return {"x": jax.scipy.special.erfinv(0.5 * jnp.cos(s.x))}
+
+    with pytest.raises(gs.UserError, match="taylor, which has no recurrence for JAX's operation erf_inv in"):
+        gs.sweep(Odd(), run={"kind": "trace", "duration": 1.0}, numerics={"method": "taylor"})
