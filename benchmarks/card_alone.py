@@ -136,8 +136,8 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     print(f"{'':24} {'attempts/s':>12} {'registers':>10} {'bytes in memory':>16} {'ready in, s':>12}")
     for case in CASES:
-        found = measure(case, chosen.lanes, not chosen.no_contraction)
-        numbers = f"{found.rate:12.3g} {found.registers:10} {found.spilled:16} {found.ready:12.1f}"
+        result = measure(case, chosen.lanes, not chosen.no_contraction)
+        numbers = f"{result.rate:12.3g} {result.registers:10} {result.spilled:16} {result.ready:12.1f}"
         print(f"{case.name:24} {numbers}", flush=True)
 
 

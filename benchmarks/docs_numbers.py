@@ -133,15 +133,15 @@ def sourced(text: str) -> Iterator[tuple[str, str]]:
         section = _section(text, comment.start())
         if kind == "recorded":
             _command(numbers.replace("\\\n", " ").splitlines()[0])
-        found = [" ".join(braces[2].split()) for braces in _BRACES.finditer(numbers)]
-        if not found:
+        results = [" ".join(braces[2].split()) for braces in _BRACES.finditer(numbers)]
+        if not results:
             raise ValueError(f"line {line}: no number in braces")
         file = ROOT / source
         if kind == "given" and "/" in source and not file.is_file():
             raise ValueError(f"line {line}: there is no {source}")
         written = re.sub(r"(?<=\d)_(?=\d)", "", file.read_text()) if file.is_file() else ""
         held = {float(_plain(number)) for number in re.findall(_NUMBER, written)}
-        for digits in found:
+        for digits in results:
             _must_stand(digits, section, line)
             if file.is_file() and float(_plain(digits)) not in held:
                 raise ValueError(f"line {line}: {digits} is not in {source}")
@@ -225,14 +225,14 @@ def compared(check: Check, outputs: Outputs) -> Iterator[tuple[int, str, str]]:
     except ChildProcessError as error:
         printed, problem = "", f"differs: {error}"
     for line in check.lines:
-        found = next(filter(None, map(line.pattern.search, printed.splitlines())), None)
+        result = next(filter(None, map(line.pattern.search, printed.splitlines())), None)
         for i, stated in enumerate(line.stated):
-            if problem or found is None:
+            if problem or result is None:
                 outcome = problem or "differs: the command prints no such line"
-            elif stated.equals(found[i + 1]):
+            elif stated.equals(result[i + 1]):
                 outcome = "equal"
             else:
-                outcome = f"differs: the command prints {found[i + 1]}"
+                outcome = f"differs: the command prints {result[i + 1]}"
             yield line.number, stated.digits, outcome
 
 

@@ -95,8 +95,8 @@ def measure(
         timings, block = min((run(rows) for _ in range(repeats)), key=lambda pair: pair[0].run_s)
     if len(block.samples) != rows * (crossings + 1):
         return missing(name, f"{rows - np.unique(block.owner).size} rows or some crossings are missing")
-    found = block.samples.reshape(rows, crossings + 1, -1)[:, 1:, 2:5]
-    error = errors(found, true[np.arange(rows) % len(true), 1 : crossings + 1])
+    result = block.samples.reshape(rows, crossings + 1, -1)[:, 1:, 2:5]
+    error = errors(result, true[np.arange(rows) % len(true), 1 : crossings + 1])
     return {
         "name": name,
         "steps_per_second": timings.attempts / timings.run_s,

@@ -35,14 +35,14 @@ def main() -> None:
     asked = parser.parse_args()
     if program() is None:
         raise SystemExit("There is no Chromium on this machine (apt-get install chromium).")
-    found: dict[str, list[tuple[float, float, float]]] = {"a new browser": [], "the same again": []}
+    results: dict[str, list[tuple[float, float, float]]] = {"a new browser": [], "the same again": []}
     for _ in range(asked.repeat):
         with browser() as page:
             page.size(1280, 900)
-            for times in found.values():
+            for times in results.values():
                 times.append(opened(page, asked.page))
     print(f"{asked.page}: {asked.page.stat().st_size / 1e6:.1f} MB, {asked.repeat} browsers")
-    for name, times in found.items():
+    for name, times in results.items():
         shown, ready, spent = (statistics.median(each) for each in zip(*times, strict=True))
         span = f"{min(t[1] for t in times):.2f} to {max(t[1] for t in times):.2f}"
         print(f"{name:15} shown {shown:.2f} s, map {ready:.2f} s ({span}), CPU {spent:.2f} s")

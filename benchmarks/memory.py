@@ -44,7 +44,7 @@ def make_up(path: Path, template: Path, points: int) -> None:
     with ResultDirectory.open(path, context.job.resolved(engine=context.engine), context.layout) as directory:
         describe(context, directory)
         for number in directory.missing_blocks():
-            first, last = directory.rows_of(number)
+            first, last = directory.layout.rows_of(number)
             frame = records.iloc[np.arange(first, last) % len(records)].reset_index(drop=True)
             frame = frame.assign(row=np.arange(first, last), **context.design.columns(first, last))
             directory.write_part(number, frame)

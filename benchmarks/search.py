@@ -85,9 +85,9 @@ def main() -> None:
     alone = ours("kernel", "semi_implicit", STEP, 5.0, None, precision="mixed")
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
-        found = gs.search(job(chosen.sets, chosen.population, chosen.seed), Path(folder) / "search")
+        result = gs.search(job(chosen.sets, chosen.population, chosen.seed), Path(folder) / "search")
         took = time.perf_counter() - began
-    values = found.table[list(HOLDS)].to_numpy()
+    values = result.table[list(HOLDS)].to_numpy()
     whole = np.isfinite(values)
     holds = whole.sum() * (START + HOLD) / took
     print(f"{jax.devices()[0].device_kind}: {chosen.sets} sets by four holds of {HOLD:g} s in {took:.0f} s,")

@@ -55,12 +55,12 @@ def main() -> None:
         }
         print("  clock    CPU")
         for name, (command, removed) in commands.items():
-            found = []
+            results = []
             for _ in range(repeat):
                 for each in removed:
                     shutil.rmtree(each, ignore_errors=True)
-                found.append(run(command, cache))
-            clock, spent = (statistics.median(each) for each in zip(*found, strict=True))
+                results.append(run(command, cache))
+            clock, spent = (statistics.median(each) for each in zip(*results, strict=True))
             print(f"{clock:5.1f} s {spent:5.1f} s  {name}", flush=True)
 
 

@@ -58,8 +58,8 @@ def sweep_rate(
         params: dict[str, np.ndarray] = dict(varied)
         for quantity in (*model.parameters, *model.initial_conditions):
             if quantity.name not in {**params, **starts} and quantity in model.parameters:
-                found = evaluate(quantity.default, params)  # type: ignore[arg-type]
-                params[quantity.name] = np.broadcast_to(np.asarray(found, float), (n,))
+                result = evaluate(quantity.default, params)  # type: ignore[arg-type]
+                params[quantity.name] = np.broadcast_to(np.asarray(result, float), (n,))
         begin = {
             q.name: np.asarray(starts.get(q.name, np.full(n, q.default)), float)
             for q in model.initial_conditions

@@ -117,7 +117,7 @@ def _run(platform: str, given: list[str]) -> Command:
                 sys.exit(done.stderr.decode())
             timings = json.loads(Path(folder, "run", "manifest.json").read_text())["timings"]
             runs.append(Command(timings["attempts"] / timings["run_s"], whole))
-    return Command(max(each.rate for each in runs), min(each.whole for each in runs))
+    return Command(max(run.rate for run in runs), min(run.whole for run in runs))
 
 
 def _number(program: str, environment: dict[str, str] | None = None) -> float:

@@ -92,7 +92,7 @@ def main() -> None:
         "semi_implicit": f"steps of {1e3 * STEP:g} ms",
         "rk4": f"rk4 {1e3 * LOCATED:g} ms, located events",
     }
-    found: list[tuple[str, str, Rate]] = []
+    results: list[tuple[str, str, Rate]] = []
     cases = [
         ("kernel", "semi_implicit", "tree", "float64"),
         ("kernel", "semi_implicit", "tree", "mixed"),
@@ -105,15 +105,17 @@ def main() -> None:
         lanes = chosen.lanes if engine == "kernel" else None
         rates = ours(engine, method, dt, chosen.seconds, lanes, body, precision)
         in_mixed = ", mixed precision" if precision == "mixed" else ""
-        found.append((f"gaitsweep, {engine}, {body}, {names[method]}{in_mixed}", precision, rates))
+        results.append((f"gaitsweep, {engine}, {body}, {names[method]}{in_mixed}", precision, rates))
     threads, platform = os.cpu_count(), devices[0].platform
-    found.append((f"MuJoCo C, {threads} threads, body alone", "float64", mujoco_c(*alone(), chosen.seconds)))
-    found.append((f"MJX on the {platform}, body alone", "float64", mjx_alone(*alone(), chosen.seconds)))
+    results.append(
+        (f"MuJoCo C, {threads} threads, body alone", "float64", mujoco_c(*alone(), chosen.seconds))
+    )
+    results.append((f"MJX on the {platform}, body alone", "float64", mjx_alone(*alone(), chosen.seconds)))
     single = mjx_alone(*alone(), chosen.seconds, "float32")
-    found.append((f"MJX on the {platform}, body alone, single", "mixed", single))
-    base = {"float64": found[0][2].simulated, "mixed": found[1][2].simulated}
+    results.append((f"MJX on the {platform}, body alone, single", "mixed", single))
+    base = {"float64": results[0][2].simulated, "mixed": results[1][2].simulated}
     print(f"{'':62} {'steps/s':>10} {'simulated s/s':>14} {'ratio':>8} {'ready in, s':>12}")
-    for name, precision, (steps, simulated, ready) in found:
+    for name, precision, (steps, simulated, ready) in results:
         print(f"{name:62} {steps:10.3g} {simulated:14.4g} {base[precision] / simulated:8.3g} {ready:12.1f}")
 
 

@@ -34,6 +34,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "described_package",
     "gallery",
+    "home_explorer",
     "mathml",
     "python_objects",
 ]
@@ -83,6 +84,7 @@ html_favicon = "static/favicon.svg"
 html_extra_path = ["extra"]
 html_show_sourcelink = False
 html_copy_source = False
+html_show_search_summary = False  # it fetches pages, which browsers refuse for a site opened from disk
 html_math_renderer = "mathml"
 html_sidebars = {
     page: [] for page in ("docs/index", "docs/start", "docs/concepts", "docs/gallery", "search", "genindex")

@@ -25,14 +25,14 @@ WAY = (
     ("parts are checked, joined and read as one table", "gaitsweep.table.reading:load"),
     ("figures are drawn from the table alone", "gaitsweep.runs.figures:draw_figures"),
 )
-WIDE, HIGH, NAME = 1080, 34, 200
+WIDTH, BAR_HEIGHT, NAME_WIDTH = 1080, 34, 200  # pixels
 
 
 def layers() -> list[list[str]]:
     """Names of the rooms, from the top layer to the ground."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    found = settings["tool"]["importlinter"]["contracts"][0]["layers"]
-    return [[name.strip().removeprefix("gaitsweep.") for name in layer.split("|")] for layer in found]
+    ordered = settings["tool"]["importlinter"]["contracts"][0]["layers"]
+    return [[name.strip().removeprefix("gaitsweep.") for name in layer.split("|")] for layer in ordered]
 
 
 def sentence(room: str) -> str:
@@ -50,29 +50,28 @@ def place(target: str) -> str:
     """
     module, _, name = target.partition(":")
     file = ROOT / (module.replace(".", "/") + ".py")
-    known = ast.walk(ast.parse(file.read_text()))
-    if not any(isinstance(each, ast.FunctionDef | ast.ClassDef) and each.name == name for each in known):
+    nodes = ast.walk(ast.parse(file.read_text()))
+    if not any(isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name == name for node in nodes):
         raise LookupError(f"{file.relative_to(ROOT)} has no {name}")
     return f"{file.relative_to(ROOT)}:{name}"
 
 
 def picture() -> str:
-    """The picture as SVG text: a bar a layer, and beside it the steps of a row that are made there."""
+    """The picture as SVG text: a bar for each room, and beside it the steps of a row that happen there."""
     steps: dict[str, list[str]] = {}
     for number, (_, target) in enumerate(WAY, 1):
-        place(target)
         steps.setdefault(target.split(".")[1].partition(":")[0], []).append(str(number))
     lines, y = [], 10
     for layer in layers():
         for room in layer:
             text = html.escape(sentence(room))
-            size = f'width="{WIDE - 70}" height="{HIGH - 6}"'
+            size = f'width="{WIDTH - 70}" height="{BAR_HEIGHT - 6}"'
             lines.append(f'<rect x="60" y="{y}" {size} rx="4" fill="#eef2f5"/>')
             lines.append(f'<text x="72" y="{y + 19}" font-weight="bold">{room}</text>')
-            lines.append(f'<text x="{72 + NAME}" y="{y + 19}">{text}</text>')
+            lines.append(f'<text x="{72 + NAME_WIDTH}" y="{y + 19}">{text}</text>')
             numbers = ", ".join(steps.get(room, []))
             lines.append(f'<text x="30" y="{y + 19}" text-anchor="middle">{numbers}</text>')
-            y += HIGH
+            y += BAR_HEIGHT
         y += 6
     y += 14
     for number, (what, target) in enumerate(WAY, 1):
@@ -81,7 +80,7 @@ def picture() -> str:
         y += 22
     body = "\n".join(lines)
     style = 'font-family="sans-serif" font-size="14" fill="#222"'
-    return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDE} {y}" {style}>\n{body}\n</svg>\n'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {y}" {style}>\n{body}\n</svg>\n'
 
 
 if __name__ == "__main__":

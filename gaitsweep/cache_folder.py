@@ -29,10 +29,10 @@ def cache_folder(name: str) -> Path | None:
             base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gaitsweep"
         folder = Path(base) / name
         folder.parent.parent.mkdir(parents=True, exist_ok=True)
-        for each in (folder.parent, folder):
-            each.mkdir(mode=0o700, exist_ok=True)
-            if (reason := _unsafe(each)) is not None:
-                _warn_once(f"The cache {each} is not used: {reason}.")
+        for directory in (folder.parent, folder):
+            directory.mkdir(mode=0o700, exist_ok=True)
+            if (reason := _unsafe(directory)) is not None:
+                _warn_once(f"The cache {directory} is not used: {reason}.")
                 return None
         with tempfile.TemporaryFile(dir=folder):
             return folder
@@ -89,7 +89,7 @@ def _is_own_group(group: int, user: int) -> bool:
     import pwd
 
     try:
-        name, found = pwd.getpwuid(user).pw_name, grp.getgrgid(group)
+        name, entry = pwd.getpwuid(user).pw_name, grp.getgrgid(group)
     except KeyError:
         return False
-    return found.gr_name == name and not set(found.gr_mem) - {name}
+    return entry.gr_name == name and not set(entry.gr_mem) - {name}

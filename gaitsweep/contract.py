@@ -60,8 +60,10 @@ class StatusNames(frozenset[str]):
 
     def among(self, values: ArrayLike) -> Bool[np.ndarray, " *rows"]:
         """Which statuses (n,), names or the engine's numbers, are among these."""
-        found = np.asarray(values)
-        return np.isin(found, [Status[name] for name in self] if found.dtype.kind in "iu" else list(self))
+        statuses = np.asarray(values)
+        return np.isin(
+            statuses, [Status[name] for name in self] if statuses.dtype.kind in "iu" else list(self)
+        )
 
 
 class _OfVerdict:

@@ -185,15 +185,15 @@ def fulfilled(
         raise ExpressionError(f"{_quoted(condition)} does not name a column.")
     known = {name: read(columns[name]) for name in used}
     with np.errstate(all="ignore"):
-        found = _truth(condition, tree, known)
-    return np.array(np.broadcast_to(found, np.shape(next(iter(known.values())))), bool)
+        truth = _truth(condition, tree, known)
+    return np.array(np.broadcast_to(truth, np.shape(next(iter(known.values())))), bool)
 
 
 def _truth(text: str, node: ast.expr, columns: Mapping[str, np.ndarray]) -> Any:
     """The truth values of a condition's part, which `_check_condition` has let through."""
     match node:
         case ast.BoolOp():
-            parts = [_truth(text, each, columns) for each in node.values]
+            parts = [_truth(text, part, columns) for part in node.values]
             return functools.reduce(np.logical_and if isinstance(node.op, ast.And) else np.logical_or, parts)
         case ast.UnaryOp():
             return np.logical_not(_truth(text, node.operand, columns))
@@ -202,7 +202,7 @@ def _truth(text: str, node: ast.expr, columns: Mapping[str, np.ndarray]) -> Any:
                 raise _error_in(text, f"{node.id} is a column of values, not of truth values: compare it.")
             return columns[node.id]
         case ast.Compare():
-            operands = [_operand(text, each, columns) for each in (node.left, *node.comparators)]
+            operands = [_operand(text, part, columns) for part in (node.left, *node.comparators)]
             pairs = zip(operands, node.ops, operands[1:], strict=False)
             return functools.reduce(np.logical_and, [_compared(text, *pair) for pair in pairs])
     raise AssertionError(node)
@@ -211,7 +211,7 @@ def _truth(text: str, node: ast.expr, columns: Mapping[str, np.ndarray]) -> Any:
 def _operand(text: str, node: ast.expr, columns: Mapping[str, np.ndarray]) -> Any:
     """Numbers as float64, texts as str or an array of object, a list as a list of these."""
     if isinstance(node, (ast.List, ast.Tuple)):
-        return [_operand(text, each, columns) for each in node.elts]
+        return [_operand(text, item, columns) for item in node.elts]
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
         return node.value
     if isinstance(node, ast.Name) and node.id in columns and columns[node.id].dtype.kind not in "biuf":
@@ -226,10 +226,10 @@ def _operand(text: str, node: ast.expr, columns: Mapping[str, np.ndarray]) -> An
 
 def _compared(text: str, left: Any, how: ast.cmpop, right: Any) -> Any:
     if isinstance(right, list):
-        alike = [_compared(text, left, ast.Eq(), each) for each in right]
-        found = functools.reduce(np.logical_or, alike, np.zeros(np.shape(left), bool))
-        return np.logical_not(found) if isinstance(how, ast.NotIn) else found
-    texts = [isinstance(each, str) or np.asarray(each).dtype.kind == "O" for each in (left, right)]
+        alike = [_compared(text, left, ast.Eq(), item) for item in right]
+        equal = functools.reduce(np.logical_or, alike, np.zeros(np.shape(left), bool))
+        return np.logical_not(equal) if isinstance(how, ast.NotIn) else equal
+    texts = [isinstance(item, str) or np.asarray(item).dtype.kind == "O" for item in (left, right)]
     if texts[0] != texts[1]:
         raise ExpressionError(f"{_quoted(text)} compares text with a number.")
     if texts[0] and type(how) not in (ast.Eq, ast.NotEq):
@@ -341,17 +341,17 @@ def _check_condition(text: str, node: ast.expr) -> None:
     """Refuse text that is not a condition; its length limits the depth of the recursion."""
     match node:
         case ast.BoolOp():
-            for each in node.values:
-                _check_condition(text, each)
+            for part in node.values:
+                _check_condition(text, part)
         case ast.UnaryOp(op=ast.Not()):
             _check_condition(text, node.operand)
         case ast.Compare():
             _check_operand(text, node.left)
-            for how, each in zip(node.ops, node.comparators, strict=True):
+            for how, part in zip(node.ops, node.comparators, strict=True):
                 if type(how) in _COMPARISONS:
-                    _check_operand(text, each)
-                elif isinstance(how, (ast.In, ast.NotIn)) and isinstance(each, (ast.List, ast.Tuple)):
-                    for one in each.elts:
+                    _check_operand(text, part)
+                elif isinstance(how, (ast.In, ast.NotIn)) and isinstance(part, (ast.List, ast.Tuple)):
+                    for one in part.elts:
                         _check_operand(text, one)
                 else:
                     raise _error_in(text, "only < <= > >= == != and in [...] are comparisons.")

@@ -21,6 +21,7 @@ from types import MappingProxyType
 from gaitsweep.errors import UserError
 
 GROUP = "gaitsweep.extensions"
+Style = tuple[str, str] | tuple[str, str, str]  # colour, marker, hatch
 _CHECKOUT = Path(__file__).parents[1] / "pyproject.toml"
 
 
@@ -37,7 +38,8 @@ class Extension:
         figures: modules whose functions are decorated by `gaitsweep.plot.figure_kind`.
         run_kinds: modules whose classes are decorated by `gaitsweep.kinds.register`.
         analyses: modules with `app`, a `typer.Typer` whose commands `gaitsweep analyse` has.
-        gait_styles: the colour and the Matplotlib marker of each gait, which all figures share.
+        gait_styles: the colour and the Matplotlib marker of each gait, which all figures share; a third
+            entry is the hatch of its areas, by default one that grey print needs.
         functions: what `gs.analyses` has, "package.module:function" or a whole module by name.
         measures: modules whose functions are decorated by `gaitsweep.claims.measure`.
         jobs: a folder of jobs, which `builtin:NAME` finds.
@@ -49,7 +51,7 @@ class Extension:
     figures: tuple[str, ...] = ()
     run_kinds: tuple[str, ...] = ()
     analyses: tuple[str, ...] = ()
-    gait_styles: Mapping[str, tuple[str, str]] = dataclasses.field(default_factory=dict)
+    gait_styles: Mapping[str, Style] = dataclasses.field(default_factory=dict)
     functions: Mapping[str, str] = dataclasses.field(default_factory=dict)
     measures: tuple[str, ...] = ()
     jobs: Path | None = None
@@ -64,7 +66,7 @@ def extensions() -> Mapping[str, Extension]:
     Raises:
         ExtensionError: one does not import, is no `Extension`, or adds a model of a name that is taken.
     """
-    found: dict[str, Extension] = {}
+    by_name: dict[str, Extension] = {}
     models: dict[str, str] = {}
     for entry, owner in _entries():
         try:
@@ -78,41 +80,43 @@ def extensions() -> Mapping[str, Extension]:
             wrong = f"{entry.value}, which is not a gaitsweep.Extension"
             raise ExtensionError(f"The extension {entry.name} of {owner} is {wrong}.")
         remedy = f"uninstall {owner} or the other package"
-        if entry.name in found:
+        if entry.name in by_name:
             raise ExtensionError(f"There are two extensions named {entry.name}: {remedy}.")
         for name in extension.models:
             if name in models:
                 both = f"The extensions {models[name]} and {entry.name} both have a model {name}"
                 raise ExtensionError(f"{both}: {remedy}.")
             models[name] = entry.name
-        found[entry.name] = extension
-    return MappingProxyType(found)
+        by_name[entry.name] = extension
+    return MappingProxyType(by_name)
 
 
 def model_paths() -> dict[str, str]:
     """The models of all extensions, "package.module:Class" by name."""
-    return {name: path for each in extensions().values() for name, path in each.models.items()}
+    return {name: path for extension in extensions().values() for name, path in extension.models.items()}
 
 
 @functools.cache
-def gait_styles() -> Mapping[str, tuple[str, str]]:
-    """The colours and markers of the gaits of all extensions; of a name that two have, the first one's."""
-    found: dict[str, tuple[str, str]] = {}
+def gait_styles() -> Mapping[str, Style]:
+    """The styles of the gaits of all extensions; of a name that two have, the first one's."""
+    styles: dict[str, Style] = {}
     for extension in extensions().values():
-        found = {**extension.gait_styles, **found}
-    return MappingProxyType(found)
+        styles = {**extension.gait_styles, **styles}
+    return MappingProxyType(styles)
 
 
 def import_all(kind: str) -> None:
     """Import the modules of one kind of all extensions (figures, ...), which register what they define."""
-    for name in itertools.chain.from_iterable(getattr(each, kind) for each in extensions().values()):
+    for name in itertools.chain.from_iterable(
+        getattr(extension, kind) for extension in extensions().values()
+    ):
         importlib.import_module(name)
 
 
 def folders(kind: str) -> list[Path]:
     """The folders of all extensions of one kind: jobs, configs or claims."""
-    given = (getattr(each, kind) for each in extensions().values())
-    return list(dict.fromkeys(folder for folder in given if folder is not None))
+    declared = (getattr(extension, kind) for extension in extensions().values())
+    return list(dict.fromkeys(folder for folder in declared if folder is not None))
 
 
 Entries = list[tuple[importlib.metadata.EntryPoint, str]]
@@ -121,8 +125,8 @@ Entries = list[tuple[importlib.metadata.EntryPoint, str]]
 def _entries() -> Entries:
     """Entry points, and the package of each, gaitsweep's own first; those of a checkout where it is one."""
     installed = _installed()
-    own = _of_checkout() or [each for each in installed if each[1] == "gaitsweep"]
-    return [*own, *(each for each in installed if each[1] != "gaitsweep")]
+    own = _of_checkout() or [entry for entry in installed if entry[1] == "gaitsweep"]
+    return [*own, *(entry for entry in installed if entry[1] != "gaitsweep")]
 
 
 def _of_checkout() -> Entries:
@@ -130,8 +134,8 @@ def _of_checkout() -> Entries:
     if not _CHECKOUT.is_file():
         return []
     project = tomllib.loads(_CHECKOUT.read_text(encoding="utf-8")).get("project", {})
-    given = project["entry-points"][GROUP] if project.get("name") == "gaitsweep" else {}
-    entries = (importlib.metadata.EntryPoint(name, value, GROUP) for name, value in given.items())
+    declared = project["entry-points"][GROUP] if project.get("name") == "gaitsweep" else {}
+    entries = (importlib.metadata.EntryPoint(name, value, GROUP) for name, value in declared.items())
     return [(entry, "gaitsweep") for entry in entries]
 
 

@@ -26,8 +26,8 @@ def nearest(word: str, allowed: Iterable[str]) -> str | None:
     for name in itertools.islice(allowed, _MOST_COMPARED):
         if len(name) <= 2 * _LONGEST_WORD:
             by_lower.setdefault(name.lower(), name)
-    found = difflib.get_close_matches(word.lower(), list(by_lower), n=1, cutoff=0.6)
-    return by_lower[found[0]] if found else None
+    matches = difflib.get_close_matches(word.lower(), list(by_lower), n=1, cutoff=0.6)
+    return by_lower[matches[0]] if matches else None
 
 
 def suggestion(word: str, allowed: Iterable[str]) -> str:

@@ -82,8 +82,8 @@ class RowOutcome:
         # how many words hold the guards is known only from a trajectory
         shapes = {"last": (observables,), "fired": (0,)}
         arrays = {
-            each.name: np.full((row.size, *shapes.get(each.name, ())), each.absent, each.dtype)
-            for each in (*ENGINE_NUMBERS, *numbers)
+            number.name: np.full((row.size, *shapes.get(number.name, ())), number.absent, number.dtype)
+            for number in (*ENGINE_NUMBERS, *numbers)
         }
         return cls(row, arrays, np.zeros(row.size, np.int64), np.zeros((0, width)))
 

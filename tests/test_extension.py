@@ -1,8 +1,9 @@
-"""Extensions: what is refused of them, in which words, and that the papers are three of them."""
+"""Extensions: the papers, other packages, and refusals with their messages."""
 
 from __future__ import annotations
 
 import importlib.metadata
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -20,7 +21,7 @@ def entry(name: str, value: str) -> tuple[importlib.metadata.EntryPoint, str]:
 
 
 @pytest.fixture
-def installed(monkeypatch: pytest.MonkeyPatch):
+def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
     """A function that installs extensions of another package."""
 
     def install(*entries: tuple[importlib.metadata.EntryPoint, str]) -> None:

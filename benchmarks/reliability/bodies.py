@@ -88,19 +88,19 @@ def arm(
 
 
 def _contacts() -> dict[str, str]:
-    found = {}
+    results = {}
     for shape, text in SHAPES.items():
         for condim in (1, 3, 4, 6) if shape in ("sphere", "box") else (3,):
-            found[f"plane {shape} condim {condim}"] = thrown(f"{text} condim='{condim}'")
-        found[f"plane {shape} elliptic"] = thrown(text, option="<option timestep='0.002' cone='elliptic'/>")
-    found["plane sphere condim 1 elliptic"] = thrown(
+            results[f"plane {shape} condim {condim}"] = thrown(f"{text} condim='{condim}'")
+        results[f"plane {shape} elliptic"] = thrown(text, option="<option timestep='0.002' cone='elliptic'/>")
+    results["plane sphere condim 1 elliptic"] = thrown(
         "size='.1' condim='1'", "type='plane' size='5 5 .1' condim='1'", option="<option cone='elliptic'/>"
     )
-    found["plane capsule steep"] = thrown("type='capsule' size='.05 .2' friction='.3' euler='-15 -30 0'")
-    found["plane capsule slope"] = thrown(
+    results["plane capsule steep"] = thrown("type='capsule' size='.05 .2' friction='.3' euler='-15 -30 0'")
+    results["plane capsule slope"] = thrown(
         SHAPES["capsule"], "type='plane' size='5 5 .1' euler='25 10 0' pos='0 0 -.1'"
     )
-    found["plane box slope"] = thrown(
+    results["plane box slope"] = thrown(
         SHAPES["box"], "type='plane' size='5 5 .1' euler='25 10 0' pos='0 0 -.1'"
     )
     pairs = [
@@ -125,10 +125,10 @@ def _contacts() -> dict[str, str]:
         ("cylinder", "mesh"),
     ]
     for one, other in pairs:
-        found[f"pair {one} {other}"] = thrown(SHAPES[one], SHAPES[other] + " pos='.03 .02 0'")
+        results[f"pair {one} {other}"] = thrown(SHAPES[one], SHAPES[other] + " pos='.03 .02 0'")
     for one in ("sphere", "capsule", "box", "mesh", "cylinder"):
-        found[f"pair {one} hfield"] = thrown(SHAPES[one], "type='hfield' hfield='h'")
-    found["pair parallel capsules"] = (
+        results[f"pair {one} hfield"] = thrown(SHAPES[one], "type='hfield' hfield='h'")
+    results["pair parallel capsules"] = (
         thrown("type='capsule' size='.05 .1' euler='0 0 0'", "type='capsule' size='.05 .3' pos='0 0 .1'")
         .replace("euler='20 30 10'", "")
         .replace("qpos='0 0 .25 .95 .2 .22 .05' qvel='.5 .2 -1 .3 .2 .1'", "qpos='0.02 0 .51 1 0 0 0'")
@@ -147,23 +147,23 @@ def _contacts() -> dict[str, str]:
         "surfacevel": "surfacevel='1 0 0 0 0 0'",
         "contype": "contype='2'",
     }.items():
-        found[f"contact {name}"] = thrown(f"size='.1' {text}")
+        results[f"contact {name}"] = thrown(f"size='.1' {text}")
     for name, text in {
         "pair": "<pair geom1='g' geom2='floor' condim='4' friction='.5 .4 .01 .001 .001' solref='.03 1'/>",
         "pair margin": "<pair geom1='g' geom2='floor' margin='.03'/>",
         "pair solreffriction": "<pair geom1='g' geom2='floor' solreffriction='.05 1'/>",
         "exclude": "<exclude body1='world' body2='b'/>",
     }.items():
-        found[f"contact {name}"] = thrown("size='.1'", more=f"<contact>{text}</contact>")
+        results[f"contact {name}"] = thrown("size='.1'", more=f"<contact>{text}</contact>")
     for name in ("max_contact_points", "max_geom_pairs"):
         number = f"<custom><numeric name='{name}' data='1'/></custom>"
-        found[f"contact {name}"] = thrown(SHAPES["box"], more=number)
-    return found
+        results[f"contact {name}"] = thrown(SHAPES["box"], more=number)
+    return results
 
 
 def _joints() -> dict[str, str]:
     limited = "range='-20 20' limited='true'"
-    found = {
+    results = {
         f"joint {name}": arm(text)
         for name, text in {
             "plain": "",
@@ -186,10 +186,10 @@ def _joints() -> dict[str, str]:
             "actuatorgravcomp": "actuatorgravcomp='true'",
         }.items()
     }
-    found["joint slide limited"] = arm("range='-.05 .05' limited='true'", kind="slide")
-    found["joint ball limited"] = arm("range='0 25' limited='true'", kind="ball", motor="")
-    found["joint gravcomp"] = arm(body="gravcomp='.7'")
-    found["joint mocap"] = arm(world="<body name='m' mocap='true' pos='0 0 .9'><geom size='.1'/></body>")
+    results["joint slide limited"] = arm("range='-.05 .05' limited='true'", kind="slide")
+    results["joint ball limited"] = arm("range='0 25' limited='true'", kind="ball", motor="")
+    results["joint gravcomp"] = arm(body="gravcomp='.7'")
+    results["joint mocap"] = arm(world="<body name='m' mocap='true' pos='0 0 .9'><geom size='.1'/></body>")
     tendon = "<tendon><spatial name='t' {}><site site='wall'/>{}<site site='tip'/></spatial></tendon>"
     wrap = "<geom name='w' type='{}' size='.08 .1' pos='.3 0 1.1' contype='0' conaffinity='0'/>"
     for name, text in {
@@ -201,15 +201,15 @@ def _joints() -> dict[str, str]:
         "armature": "armature='.1'",
         "deadband": "stiffness='20' springlength='.2 .4'",
     }.items():
-        found[f"tendon {name}"] = arm(after=tendon.format(text, ""))
+        results[f"tendon {name}"] = arm(after=tendon.format(text, ""))
     for shape in ("sphere", "cylinder"):
         text = tendon.format("stiffness='20'", "<geom geom='w'/>")
-        found[f"tendon wrap {shape}"] = arm(after=text, world=wrap.format(shape))
-    found["tendon pulley"] = arm(
+        results[f"tendon wrap {shape}"] = arm(after=text, world=wrap.format(shape))
+    results["tendon pulley"] = arm(
         after="<tendon><spatial name='t' stiffness='20'><site site='wall'/><site site='s'/>"
         "<pulley divisor='2'/><site site='s'/><site site='wall'/></spatial></tendon>"
     )
-    found["tendon fixed"] = arm(
+    results["tendon fixed"] = arm(
         after="<tendon><fixed name='t' stiffness='3'><joint joint='j' coef='2'/></fixed></tendon>"
     )
     slider = "<body pos='1 0 1'><joint name='x' axis='0 1 0'/><geom size='.1' pos='.1 0 0' mass='1'/></body>"
@@ -219,8 +219,8 @@ def _joints() -> dict[str, str]:
         "weld": "<weld name='e' body1='two'/>",
         "inactive": "<joint joint1='j' joint2='x' active='false'/>",
     }.items():
-        found[f"equality {name}"] = arm(after=f"<equality>{text}</equality>", world=slider)
-    return found
+        results[f"equality {name}"] = arm(after=f"<equality>{text}</equality>", world=slider)
+    return results
 
 
 def _actuators() -> dict[str, str]:
@@ -253,11 +253,11 @@ def _actuators() -> dict[str, str]:
         "dcmotor": "<dcmotor joint='j' motorconst='.1' resistance='1'/>",
         "group disabled": "<motor joint='j' group='2'/>",
     }
-    found = {f"actuator {name}": arm(motor=text, after=tendon) for name, text in texts.items()}
+    results = {f"actuator {name}": arm(motor=text, after=tendon) for name, text in texts.items()}
     disabled = "<option timestep='0.002' actuatorgroupdisable='2'/>"
-    found["actuator group disabled"] = arm(motor=texts["group disabled"], option=disabled)
-    found["actuator none"] = arm(motor="")
-    return found
+    results["actuator group disabled"] = arm(motor=texts["group disabled"], option=disabled)
+    results["actuator none"] = arm(motor="")
+    return results
 
 
 def _sensors() -> dict[str, str]:
@@ -283,51 +283,53 @@ def _sensors() -> dict[str, str]:
         "insidesite": "objtype='body' objname='two' site='wall'",
     }
     limited = "range='-20 20' limited='true'"
-    found = {
+    results = {
         f"sensor {kind}": arm(
             limited if "limit" in kind else "",
             after=f"{tendon if 'tendon' in kind else ''}<sensor><{kind} name='x' {text}/></sensor>",
         )
         for kind, text in texts.items()
     }
-    found["sensor force of a tendon"] = arm(after=f"{tendon}<sensor><force name='x' site='tip'/></sensor>")
+    results["sensor force of a tendon"] = arm(after=f"{tendon}<sensor><force name='x' site='tip'/></sensor>")
     for kind, text in {
         "accelerometer": site,
         "framelinacc": frame,
         "jointvel": joint,
         "framepos": frame,
     }.items():
-        found[f"sensor cutoff {kind}"] = arm(after=f"<sensor><{kind} name='x' {text} cutoff='.3'/></sensor>")
+        results[f"sensor cutoff {kind}"] = arm(
+            after=f"<sensor><{kind} name='x' {text} cutoff='.3'/></sensor>"
+        )
     for name, text in {
         "delay": "nsample='10' delay='.01'",
         "interval": "interval='.02'",
         "noise": "noise='.1'",
     }.items():
-        found[f"sensor {name}"] = arm(after=f"<sensor><jointvel name='x' joint='j' {text}/></sensor>")
+        results[f"sensor {name}"] = arm(after=f"<sensor><jointvel name='x' joint='j' {text}/></sensor>")
     for kind in ("jointpos", "actuatorfrc", "clock"):
         text = f"<sensor><{kind} name='x' {texts[kind]}/></sensor>"
-        found[f"sensor RK4 {kind}"] = arm(after=text, option="<option timestep='0.005' integrator='RK4'/>")
+        results[f"sensor RK4 {kind}"] = arm(after=text, option="<option timestep='0.005' integrator='RK4'/>")
     on = "<site name='pad' type='sphere' size='.12'/>"
     touch = thrown("size='.1'", more="<sensor><touch name='x' site='pad'/></sensor>")
-    found["sensor touch"] = touch.replace("</body></worldbody>", f"{on}</body></worldbody>")
+    results["sensor touch"] = touch.replace("</body></worldbody>", f"{on}</body></worldbody>")
     for name, text in {
         "geoms": "geom1='g' geom2='floor' data='found force dist pos'",
         "bodies": "body1='b' data='force'",
         "all": "num='2' data='found force'",
         "net": "geom1='g' reduce='netforce' data='force'",
     }.items():
-        found[f"sensor contact {name}"] = thrown(
+        results[f"sensor contact {name}"] = thrown(
             "size='.1'", more=f"<sensor><contact name='x' {text}/></sensor>"
         )
     ranging = thrown("size='.1'", more="<sensor><rangefinder name='x' site='pad'/></sensor>")
-    found["sensor rangefinder plane"] = ranging.replace("</body></worldbody>", f"{on}</body></worldbody>")
-    return found
+    results["sensor rangefinder plane"] = ranging.replace("</body></worldbody>", f"{on}</body></worldbody>")
+    return results
 
 
 def _options() -> dict[str, str]:
-    found = {}
+    results = {}
     for name in ("Euler", "RK4", "implicit", "implicitfast"):
-        found[f"option {name}"] = arm(
+        results[f"option {name}"] = arm(
             "damping='.3'", option=f"<option timestep='0.005' integrator='{name}'/>"
         )
     for name, text in {
@@ -343,8 +345,8 @@ def _options() -> dict[str, str]:
         "RK4": "integrator='RK4'",
         "implicitfast": "integrator='implicitfast'",
     }.items():
-        found[f"thrown option {name}"] = thrown(SHAPES["box"], option=f"<option timestep='0.002' {text}/>")
-    found["option fluidshape"] = thrown("size='.1' fluidshape='ellipsoid'", option="<option density='50'/>")
+        results[f"thrown option {name}"] = thrown(SHAPES["box"], option=f"<option timestep='0.002' {text}/>")
+    results["option fluidshape"] = thrown("size='.1' fluidshape='ellipsoid'", option="<option density='50'/>")
     for flag in (
         "constraint",
         "limit",
@@ -359,7 +361,7 @@ def _options() -> dict[str, str]:
         "eulerdamp",
     ):
         option = f"<option timestep='0.002'><flag {flag}='disable'/></option>"
-        found[f"flag no {flag}"] = arm(
+        results[f"flag no {flag}"] = arm(
             "damping='.3' stiffness='1' range='-20 20' limited='true'",
             motor="<motor name='a' joint='j' ctrlrange='-.1 .1'/>",
             after="<sensor><jointpos joint='j'/></sensor>",
@@ -367,7 +369,7 @@ def _options() -> dict[str, str]:
         )
     for flag in ("override", "energy", "fwdinv", "invdiscrete", "sleep"):
         option = f"<option timestep='0.002'><flag {flag}='enable'/></option>"
-        found[f"flag {flag}"] = thrown("size='.1'", option=option)
+        results[f"flag {flag}"] = thrown("size='.1'", option=option)
     filtered = "<general joint='j' dyntype='filter' dynprm='.3' gainprm='3'/>"
     for name, text in {
         "act": "act='2'",
@@ -378,10 +380,10 @@ def _options() -> dict[str, str]:
     }.items():
         mocap = "<body mocap='true' pos='0 0 .5'><geom type='capsule' size='.05 .2'/></body>"
         sensor = "<sensor><clock/><framepos objtype='body' objname='two'/></sensor>"
-        found[f"keyframe {name}"] = arm(
+        results[f"keyframe {name}"] = arm(
             motor=filtered, world=mocap, after=f"{sensor}<keyframe><key name='home' {text}/></keyframe>"
         )
-    return found
+    return results
 
 
 def model_of(xml: str) -> gs.MjcfModel:
@@ -408,15 +410,15 @@ def judged(xml: str) -> tuple[str, str]:
         return "not MuJoCo's", str(error)
     try:
         model.mjx_body  # noqa: B018 - compiles it
-        found = compare(model, STEPS)
+        result = compare(model, STEPS)
     except ValueError as error:
         return "refused", str(error)
-    said = cautions(model.mjx_body.mj_model)
-    early = [str(each) for each in found.wrong if each.step <= FIRST_USE]
-    if found.wrong:
-        verdict = "warned" if said or early else "silent"
-        return verdict, (said + early + [str(each) for each in found.wrong])[0]
-    return ("sensitive" if found.partings else "agrees"), f"{found.largest:.1e}"
+    message = cautions(model.mjx_body.mj_model)
+    early = [str(each) for each in result.wrong if each.step <= FIRST_USE]
+    if result.wrong:
+        verdict = "warned" if message or early else "silent"
+        return verdict, (message + early + [str(each) for each in result.wrong])[0]
+    return ("sensitive" if result.partings else "agrees"), f"{result.largest:.1e}"
 
 
 def main() -> int:

@@ -93,15 +93,15 @@ def ours_of(subject: Subject, job: Job, crossing: int) -> list[Found]:
         table = gs.run(job, Path(folder) / "run").table
     columns = {name: name if name == "t" else f"{name}_n" for name in subject.observables}
     last = table.loc[table["crossing"] == crossing].set_index("row")
-    found = []
+    results = []
     for row, status in table.groupby("row")["status"].last().to_dict().items():
         if status == "complete":
             seen = {name: float(last.loc[row, column]) for name, column in columns.items()}
-            found.append(Found("complete", seen))
+            results.append(Found("complete", seen))
         else:
             # every status but a fall says that the row was lost
-            found.append(Found("fell" if status == "fell" else "failed"))
-    return found
+            results.append(Found("fell" if status == "fell" else "failed"))
+    return results
 
 
 def theirs_of(subject: Callable[[int], Subject], crossings: int, job: tuple[Values, bool]) -> Found:
@@ -157,6 +157,6 @@ def counts(verdicts: list[Verdict]) -> dict[str, int]:
 
 def holds(verdicts: list[Verdict]) -> bool:
     """The guarantee: no set silently wrong, at most 1 % lost of those where the other integrator is sound."""
-    found = counts(verdicts)
-    judged_sets = found[SOUND] + found[WRONG] + found[LOST]
-    return found[WRONG] == 0 and found[LOST] <= MOST_LOST * judged_sets
+    result = counts(verdicts)
+    judged_sets = result[SOUND] + result[WRONG] + result[LOST]
+    return result[WRONG] == 0 and result[LOST] <= MOST_LOST * judged_sets

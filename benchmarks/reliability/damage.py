@@ -115,25 +115,25 @@ class Outcome:
 def tried(case: Case, path: Path, files: list[Path]) -> Outcome:
     """Read a damaged directory by every way there is, then run its job again."""
     outcome = Outcome()
-    said: list[str] = []
+    messages: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
             outcome.harmless = same(gs.load(path), case.table)
             outcome.silent = not outcome.harmless
         except TableError as error:
-            said.append(str(error))
+            messages.append(str(error))
         for look in (Snapshot.of, write_report):
             try:
-                found = look(path)
-                if isinstance(found, Snapshot):
-                    said.extend(
-                        fault.sentence for fault in (*found.files.faults.values(), *found.files.strangers)
+                result = look(path)
+                if isinstance(result, Snapshot):
+                    messages.extend(
+                        fault.sentence for fault in (*result.files.faults.values(), *result.files.strangers)
                     )
             except TableError as error:
-                said.append(str(error))
-    said.extend(str(warning.message) for warning in caught)
-    outcome.named = all(any(file.name in text for text in said) for file in files)
+                messages.append(str(error))
+    messages.extend(str(warning.message) for warning in caught)
+    outcome.named = all(any(file.name in text for text in messages) for file in files)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         gs.run(case.job, path)

@@ -74,12 +74,12 @@ def numbers(solution: Solution, row: pd.DataFrame) -> tuple[str, float]:
     for name, right in solution.columns.items():
         if name not in row:
             continue
-        found = row[name].to_numpy(float)
+        result = row[name].to_numpy(float)
         right = np.atleast_1d(np.asarray(right, float))
-        if found.shape != right.shape:
+        if result.shape != right.shape:
             return status, np.inf
         scale = solution.period if name in ("t", "t_end") else solution.scales.get(name, 1.0)
-        worst = np.max(np.abs(found - right), initial=0.0) / scale
+        worst = np.max(np.abs(result - right), initial=0.0) / scale
         error = max(error, np.inf if np.isnan(worst) else float(worst))
     return status, error
 
@@ -95,11 +95,11 @@ def run_together(family: Family, cases: list[Case], engine: str) -> tuple[pd.Dat
             zip=zipped(cases),
         )
         table = result.table
-    said = [str(each.message) for each in caught if each.category is UserWarning]
+    messages = [str(each.message) for each in caught if each.category is UserWarning]
     check = table.attrs["manifest"].get("self_check") or {}
     if check.get("verdict") == "warned":
-        said.append(f"self-check: {check}")
-    return table, "; ".join(said)
+        messages.append(f"self-check: {check}")
+    return table, "; ".join(messages)
 
 
 def zipped(cases: list[Case]) -> dict[str, Any]:
@@ -116,9 +116,9 @@ def jacobians(family: Family, cases: list[Case], engine: str) -> tuple[list[str]
             model, {"zip": zipped(cases)}, run=gs.ReturnMap(crossings=1), engine={"name": engine}, verify=0
         )
         mapping = PoincareMap(job, 1, ())
-        found = mapping.jacobian(mapping.settled({}, 0))
-    said = [str(each.message) for each in caught if each.category is UserWarning]
-    return mapping.coordinates, found, "; ".join(said)
+        result = mapping.jacobian(mapping.settled({}, 0))
+    messages = [str(each.message) for each in caught if each.category is UserWarning]
+    return mapping.coordinates, result, "; ".join(messages)
 
 
 def off(family: Family, case: Case, coordinates: list[str], found: np.ndarray) -> float:
@@ -154,8 +154,8 @@ def verdicts_on(family: Family, cases: list[Case], engine: str) -> list[Verdict]
             if not error <= TOLERANCE:
                 outcome, said, error = asked_alone(family, cases[i], solutions[i], engine)
             verdicts[i] = Verdict(family.name, cases[i], outcome, said, error)
-    found = [each for each in verdicts if each is not None]
-    return with_jacobians(family, found, engine) if family.jacobian else found
+    results = [verdict for verdict in verdicts if verdict is not None]
+    return with_jacobians(family, results, engine) if family.jacobian else results
 
 
 def asked_alone(family: Family, case: Case, right: Solution, engine: str) -> tuple[str, str, float]:
@@ -174,28 +174,28 @@ def asked_alone(family: Family, case: Case, right: Solution, engine: str) -> tup
 
 def with_jacobians(family: Family, verdicts: list[Verdict], engine: str) -> list[Verdict]:
     """The verdicts, where models whose Jacobian is wrong no longer agree."""
-    found = list(verdicts)
+    result = list(verdicts)
     chosen = [i for i, each in enumerate(verdicts) if each.case.differentiable]
     if not chosen:
-        return found
+        return result
     try:
         coordinates, matrices, spoken = jacobians(family, [verdicts[i].case for i in chosen], engine)
     except UserError as refusal:
         for i in chosen:
-            found[i] = worse(verdicts[i], LOST, f"refused: {refusal}", np.nan)
-        return found
+            result[i] = worse(verdicts[i], LOST, f"refused: {refusal}", np.nan)
+        return result
     for place, i in enumerate(chosen):
         error = off(family, verdicts[i].case, coordinates, matrices[place])
         if error <= TOLERANCE:
-            found[i] = dataclasses.replace(verdicts[i], jacobian_error=error)
+            result[i] = dataclasses.replace(verdicts[i], jacobian_error=error)
         elif not np.isfinite(matrices[place]).all():
-            found[i] = worse(verdicts[i], LOST, "the Jacobian is NaN", np.nan)
+            result[i] = worse(verdicts[i], LOST, "the Jacobian is NaN", np.nan)
         else:
             # what was said of many maps may be about another one
             said = spoken and jacobians(family, [verdicts[i].case], engine)[2]
             outcome = MARKED if said else SILENT
-            found[i] = worse(verdicts[i], outcome, f"Jacobian off by {error:.1e} {said}".strip(), error)
-    return found
+            result[i] = worse(verdicts[i], outcome, f"Jacobian off by {error:.1e} {said}".strip(), error)
+    return result
 
 
 def worse(verdict: Verdict, outcome: str, said: str, error: float) -> Verdict:
@@ -263,8 +263,10 @@ HEADER = f"{HEADER}\n{'':60s}  time, state  Jacobian    time"
 
 def line(name: str, verdicts: list[Verdict], seconds: float) -> str:
     """A line of the table; errors are those of models that agree or are silent."""
-    counts = [sum(each.outcome == outcome for each in verdicts) for outcome in (AGREE, LOST, MARKED, SILENT)]
-    judged = [each for each in verdicts if each.outcome in (AGREE, SILENT)]
+    counts = [
+        sum(verdict.outcome == outcome for verdict in verdicts) for outcome in (AGREE, LOST, MARKED, SILENT)
+    ]
+    judged = [verdict for verdict in verdicts if verdict.outcome in (AGREE, SILENT)]
 
     def largest(errors: list[float]) -> str:
         known = [error for error in errors if not np.isnan(error)]
@@ -280,17 +282,17 @@ def listed(verdicts: list[Verdict], most: int) -> str:
     """Messages about models, with their values: so many of each family and outcome, and one that agrees."""
     lines: list[str] = []
     seen: dict[tuple[str, str], int] = {}
-    for each in verdicts:
-        place = (each.family, each.outcome)
-        if each.outcome == AGREE and not each.said:
+    for verdict in verdicts:
+        place = (verdict.family, verdict.outcome)
+        if verdict.outcome == AGREE and not verdict.said:
             continue
         seen[place] = seen.get(place, 0) + 1
-        if seen[place] > (1 if each.outcome == AGREE else most):
+        if seen[place] > (1 if verdict.outcome == AGREE else most):
             continue
-        values = ", ".join(f"{name}={value!r}" for name, value in each.case.values.items())
+        values = ", ".join(f"{name}={value!r}" for name, value in verdict.case.values.items())
         lines.append(
-            f"{each.family}, {each.outcome}: {each.said}; error {each.error:.1e}, Jacobian "
-            f"{each.jacobian_error:.1e}; {each.case.run.model_dump(exclude_defaults=True)}; {values}"
+            f"{verdict.family}, {verdict.outcome}: {verdict.said}; error {verdict.error:.1e}, Jacobian "
+            f"{verdict.jacobian_error:.1e}; {verdict.case.run.model_dump(exclude_defaults=True)}; {values}"
         )
     return "\n".join(lines)
 
@@ -327,7 +329,7 @@ def main(arguments: list[str] | None = None) -> int:
     print(line("all", verdicts, time.monotonic() - begun))
     if text := listed(verdicts, chosen.most):
         print(text)
-    return 1 if any(each.outcome == SILENT for each in verdicts) else 0
+    return 1 if any(verdict.outcome == SILENT for verdict in verdicts) else 0
 
 
 if __name__ == "__main__":

@@ -138,7 +138,7 @@ def verdicts(
     if fault is not None:
         fault.plant(tree)
     others = [each for each in os.environ.get("PYTHONPATH", "").split(os.pathsep) if each]
-    path = os.pathsep.join([str(tree), *(each for each in others if Path(each).resolve() != ROOT)])
+    path = os.pathsep.join([str(tree), *(other for other in others if Path(other).resolve() != ROOT)])
     place = {**os.environ, "PYTHONPATH": path, "GAITSWEEP_CACHE": str(folder / "cache")}
     command = [sys.executable, "-m", "gaitsweep", "reproduce", paper, "--quick"]
     command += ["--claims", ",".join(claims), "--out", str(out)]
@@ -150,8 +150,8 @@ def verdicts(
     if code not in (0, EXIT_FAILURE) or not table.is_file():
         print(f"{folder.name}: {(folder / 'log').read_text()[-3000:]}", file=sys.stderr)
         return dict.fromkeys(claims, ClaimVerdict.not_run)
-    found = pd.read_parquet(table)
-    return dict(zip(found["id"], found["verdict"], strict=True))
+    result = pd.read_parquet(table)
+    return dict(zip(result["id"], result["verdict"], strict=True))
 
 
 # the cores are set in a process of its own, before JAX counts them; with threads here, no fork may run Python
@@ -188,7 +188,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--claims", type=int, default=20, help="claims drawn from each paper")
-    names = [fault.name for each in FAULTS.values() for fault in each]
+    names = [fault.name for value in FAULTS.values() for fault in value]
     parser.add_argument("--fault", action="append", choices=names, help="one of them; may be repeated")
     parser.add_argument("--workers", type=int, help=f"runs at a time; else one for {CORES} cores")
     parser.add_argument(

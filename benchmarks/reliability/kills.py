@@ -284,13 +284,13 @@ def main() -> int:
         }
         print(f"{'kind':<14}{'kills':>7}{'too late':>10}{'tables':>8}{'oldest lost row, s':>20}{'faults':>8}")
         for kind, future in runs.items():
-            found = future.result()
-            oldest = math.nan if kind in UNCOUNTED else found.oldest
+            result = future.result()
+            oldest = math.nan if kind in UNCOUNTED else result.oldest
             numbers = (
-                f"{found.kills:>7}{found.late:>10}{found.tables:>8}{oldest:>20.2f}{len(found.faults):>8}"
+                f"{result.kills:>7}{result.late:>10}{result.tables:>8}{oldest:>20.2f}{len(result.faults):>8}"
             )
             print(f"{kind:<14}{numbers}", flush=True)
-            for fault in found.faults:
+            for fault in result.faults:
                 print(f"  {fault}", file=sys.stderr)
     done = [future.result() for future in runs.values()]
     kills, faults = sum(one.kills for one in done), sum(len(one.faults) for one in done)

@@ -182,8 +182,8 @@ def _any(value: Any) -> bool:
 
 
 def _pick(data: Any, rng: random.Random, inside: Callable[[Any], bool] = _any) -> tuple[Any, Any]:
-    found = _places(data, inside)
-    return rng.choice(found) if found else (data, "name")
+    result = _places(data, inside)
+    return rng.choice(result) if result else (data, "name")
 
 
 def _edited(word: str, rng: random.Random) -> str:

@@ -138,9 +138,9 @@ def _forget_peak() -> None:
 def _peak() -> float:
     """The most memory (MB) since `_forget_peak`; since the process began where that cannot be told."""
     with contextlib.suppress(OSError):
-        found = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
-        if found:
-            return int(found[1]) / 1000.0
+        result = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
+        if result:
+            return int(result[1]) / 1000.0
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000.0
 
 

@@ -39,16 +39,16 @@ SUBJECTS: dict[str, tuple[Callable[[int], Subject], int]] = {
 
 def table(verdicts: list[Verdict]) -> str:
     """The counts and the errors of the sets that are sound or wrong, as lines of text."""
-    found = counts(verdicts)
+    result = counts(verdicts)
     errors = [v.apart for v in verdicts if v.outcome in (SOUND, WRONG) and not math.isnan(v.apart)]
     fell = sum(v.outcome == SOUND and v.theirs.status == "fell" for v in verdicts)
     lines = [
         ("sets", f"{len(verdicts)}"),
-        ("agree", f"{found[SOUND]}, of which {fell} fall in both"),
-        ("silently wrong by more than 1e-2 rad, or in the status", f"{found[WRONG]}"),
-        ("lost where the independent integrator is sound", f"{found[LOST]}"),
-        ("sensitive: the independent integrator disagrees with itself", f"{found[SENSITIVE]}"),
-        ("the independent integrator failed", f"{found['unknown']}"),
+        ("agree", f"{result[SOUND]}, of which {fell} fall in both"),
+        ("silently wrong by more than 1e-2 rad, or in the status", f"{result[WRONG]}"),
+        ("lost where the independent integrator is sound", f"{result[LOST]}"),
+        ("sensitive: the independent integrator disagrees with itself", f"{result[SENSITIVE]}"),
+        ("the independent integrator failed", f"{result['unknown']}"),
     ]
     if errors:
         shares = np.percentile(errors, [50, 95, 100])

@@ -1,9 +1,9 @@
 """Random sets of the planar quadruped against a loop in MuJoCo C on the same compliant feet.
 
 The model is defined by its steps (semi-implicit, 1 ms or what stiff feet allow), so the loop takes the same
-steps: compared are the body, the feet, the network and the reading of the cycle. How far such steps are from
-the solution of the equations is told apart (`parameters --finer`). With `body: mjx` there are MuJoCo's own
-contacts, which have no other solution than MuJoCo's to compare with.
+steps, and body, feet, network and the readings of a cycle are compared. The distance of such steps from the
+solution of the equations is measured separately (`parameters --finer`). With `body: mjx` contacts are
+MuJoCo's own, for which there is no other solution to compare with.
 """
 
 from __future__ import annotations
@@ -55,14 +55,14 @@ def draw(random: np.random.Generator, n: int) -> list[Values]:
 
 
 def reference(values: Values, nudge: bool, crossings: int) -> Found:
-    """MuJoCo's masses and kinematics, forces of the feet and Euler steps of the network in NumPy.
+    """Run MuJoCo C's masses and kinematics with forces of the feet and Euler steps of the network in NumPy.
 
-    The steps are `values["dt"]` (s); moved upwards by 1e-9 m at the start where `nudge` says so.
+    The steps are `values["dt"]` (s). With `nudge` the torso starts 1e-9 m higher.
     """
-    found = crossings_of(_xml(), values, crossings, dt=values["dt"], nudge=1e-9 if nudge else 0.0)
-    if found is None:
+    recorded = crossings_of(_xml(), values, crossings, dt=values["dt"], nudge=1e-9 if nudge else 0.0)
+    if recorded is None:
         return Found("fell")
-    last = found[-1]
+    last = recorded[-1]
     return Found(
         "complete",
         {"delta_1": last.delta_1, "delta_2": last.delta_2, "period": last.period, "speed": last.speed},
@@ -83,9 +83,9 @@ def subject(crossings: int) -> Subject:
         reference=partial(reference, crossings=crossings),
         starts=("seed", "pair"),
         same_steps=True,
-        ranges="sigma 0-1, k2 0-.12, com_x -.05-.06 m, hip_x .22-.34 m, mu .5-1.2; torso_mass x .6-1.5, "
-        "torso_inertia x .7-1.4, v_slip x .7-2, foot_mass x .6-2; x .5-2: upper_mass, lower_mass, Kv_hip, "
-        "Kv_knee, K_foot, D_foot; seeds 0-999, both pairs",
+        ranges="sigma 0-1, k2 0-0.12, com_x -0.05-0.06 m, hip_x 0.22-0.34 m, mu 0.5-1.2; "
+        "torso_mass x 0.6-1.5, torso_inertia x 0.7-1.4, v_slip x 0.7-2, foot_mass x 0.6-2; x 0.5-2: "
+        "upper_mass, lower_mass, Kv_hip, Kv_knee, K_foot, D_foot; seeds 0-999, both pairs",
         about="MuJoCo C's body, feet as springs and dampers, the model's own steps "
         "(tests/reference/planar_quadruped_varied.py)",
     )

@@ -63,12 +63,12 @@ def reference(values: Values, nudge: bool, crossings: int) -> Found:
     given = {name: value for name, value in values.items() if name != "delta_13"}
     p = resolve({**defaults, **FIXED, **given}, {})
     try:
-        found = landings(xml, p, start, crossings, rtol=SECOND_RTOL if nudge else RTOL)
+        result = landings(xml, p, start, crossings, rtol=SECOND_RTOL if nudge else RTOL)
     except Fallen:
         return Found("fell")
     except LateEvent:
         return Found("failed")
-    last, before = found[-1], found[-2]
+    last, before = result[-1], result[-2]
     one, two, three, four = (float(a) for a in last.phases)
     period = last.time - before.time
     return Found(

@@ -25,11 +25,11 @@ class Sweep(ctypes.Structure):
 def run(starts: Starts, crossings: int, dt: float = 4e-3) -> Found:
     """All starts on all cores (OMP_NUM_THREADS: on so many)."""
     rows = len(starts.z)
-    found = Found.empty(rows, crossings)
-    arrays = (starts.z, starts.modes, found.crossings, found.attempts)
+    result = Found.empty(rows, crossings)
+    arrays = (starts.z, starts.modes, result.crossings, result.attempts)
     task = Sweep(rows, crossings, PATIENCE * crossings, 0, *(array.ctypes.data for array in arrays))
     library(SOURCE)[0].run(ctypes.byref(Table.of(Parameters(), dt)), ctypes.byref(task))
-    return found
+    return result
 
 
 def measure(lanes: int = 1024, crossings: int = 5, dt: float = 4e-3) -> Row:

@@ -140,8 +140,8 @@ class Card:
     def run(self, starts: Starts, crossings: int, dt: float = 4e-3) -> Found:
         cuda, rows = self.cuda, len(starts.z)
         # filled with NaN (all bits set) by the device
-        found = Found(np.empty((rows, crossings, LEGS)), np.empty(rows, np.int64))
-        arrays: list[NDArray[Any]] = [starts.z, starts.modes, found.crossings, found.attempts]
+        result = Found(np.empty((rows, crossings, LEGS)), np.empty(rows, np.int64))
+        arrays: list[NDArray[Any]] = [starts.z, starts.modes, result.crossings, result.attempts]
         pointers = [c_void_p() for _ in arrays]
         try:
             for pointer, array in zip(pointers, arrays, strict=True):
@@ -149,7 +149,7 @@ class Card:
             for pointer, array in zip(pointers[:2], arrays[:2], strict=True):
                 copied = cuda.cuMemcpyHtoD_v2(pointer, c_void_p(array.ctypes.data), c_size_t(array.nbytes))
                 checked(copied, "cuMemcpyHtoD")
-            words = c_size_t(found.crossings.nbytes // 4)
+            words = c_size_t(result.crossings.nbytes // 4)
             checked(cuda.cuMemsetD32_v2(pointers[2], c_uint(0xFFFFFFFF), words), "cuMemsetD32")
             checked(cuda.cuCtxSynchronize(), "cuMemsetD32")
             self._launch(Table.of(Parameters(), dt), rows, crossings, pointers)
@@ -159,7 +159,7 @@ class Card:
         finally:
             for pointer in pointers:
                 cuda.cuMemFree_v2(pointer)
-        return found
+        return result
 
     def _launch(self, table: Table, rows: int, crossings: int, pointers: list[c_void_p]) -> None:
         arguments = [table, c_int(rows), c_int(crossings), c_int(PATIENCE * crossings), *pointers]

@@ -232,10 +232,10 @@ def run(starts: Starts, crossings: int, dt: float = 4e-3) -> Found:
     contact, segment = starts.modes[:, :LEGS], starts.modes[:, LEGS:]
     slope, foot = p.slopes[segment], (p.slopes * (p.corners - p.origins))[segment]
     z = np.concatenate([starts.z, slope, foot, contact], axis=1, dtype=float)
-    found = Found.empty(len(z), crossings)
-    filled = found.crossings, found.attempts
+    result = Found.empty(len(z), crossings)
+    filled = result.crossings, result.attempts
     sweep(Table(*springs, *rest), z, segment.astype(int), dt, PATIENCE * crossings, *filled)
-    return found
+    return result
 
 
 def measure(lanes: int = 1024, crossings: int = 5, dt: float = 4e-3) -> Row:

@@ -108,7 +108,7 @@ def jump(batch: Batch) -> NDArray[np.bool_]:
 def sweep(batch: Batch, crossings: int, dt: float, located: bool) -> tuple[Array, int]:
     """Psi at the first `crossings` crossings of each lane, and the steps (one for all lanes) that it took."""
     lanes = len(batch.z)
-    found = np.full((lanes, crossings, batch.p.N), np.nan)
+    result = np.full((lanes, crossings, batch.p.N), np.nan)
     count = np.zeros(lanes, int)
     full = np.full(lanes, dt)
     steps = 0
@@ -119,10 +119,10 @@ def sweep(batch: Batch, crossings: int, dt: float, located: bool) -> tuple[Array
         batch.z = z
         closed = np.flatnonzero(jump(batch))
         kept = closed[count[closed] < crossings]
-        found[kept, count[kept]] = np.diff(batch.z[kept, 2], axis=1) % TURN
+        result[kept, count[kept]] = np.diff(batch.z[kept, 2], axis=1) % TURN
         count[closed] += 1
         steps += 1
-    return found, steps
+    return result, steps
 
 
 def measure(located: bool = False, lanes: int = 1024, crossings: int = 1, dt: float = 2e-3) -> Row:

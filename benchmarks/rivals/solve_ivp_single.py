@@ -28,7 +28,7 @@ def measure(exact: bool = False, trajectories: int = 3, crossings: int = 3, rtol
         for psi in true[:, 0]
     ]
     seconds = (time.perf_counter() - begun) / (trajectories * crossings)
-    found = np.array([[c.psi for c in record.crossings[1 : crossings + 1]] for record in records])
+    result = np.array([[c.psi for c in record.crossings[1 : crossings + 1]] for record in records])
     steps = sum(record.steps for record in records) / (trajectories * crossings)
     return {
         "name": "exact propagator, one at a time"
@@ -36,7 +36,7 @@ def measure(exact: bool = False, trajectories: int = 3, crossings: int = 3, rtol
         else f"solve_ivp DOP853, rtol {rtol:g}, one at a time",
         "steps_per_second": float("nan") if exact else steps / seconds,
         "cycles_per_second": 1.0 / seconds,
-        "error_rad": float(np.quantile(errors(found, true[:, 1 : crossings + 1]), 0.95)),
+        "error_rad": float(np.quantile(errors(result, true[:, 1 : crossings + 1]), 0.95)),
         "note": f"{seconds:.3f} s a gait cycle, {trajectories} starts of {crossings} cycles",
     }
 

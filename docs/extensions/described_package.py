@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import gallery
+import home_explorer
 import yaml
 from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
@@ -20,6 +21,26 @@ from sphinx.errors import ExtensionError
 Described = Mapping[str, Any]  # a JSON schema
 
 MARK = re.compile(r"^<!-- described: (?P<name>[a-z_]+) -->$", re.MULTILINE)
+
+_FIELD_COLUMNS = ("field", "meaning", "value", "default")
+_SECTIONS = {
+    "vary": "what-varies-vary",
+    "run": "run-kinds-run",
+    "numerics": "numerics",
+    "style": "style-of-figures-style",
+    "engine": "engine",
+    "figures": "figures-figures",
+    "search": "fit-constants-search",
+    "sensitivity": "sensitivity-sensitivity",
+}
+_TYPES = {
+    "number": "number",
+    "integer": "whole number",
+    "string": "text",
+    "boolean": "true or false",
+    "array": "list",
+    "object": "fields",
+}
 
 
 def commands() -> Iterator[str]:
@@ -43,7 +64,7 @@ def _commands(group: Any, before: str, heading: str) -> Iterator[str]:
             continue
         usage = command.get_usage(typer.Context(command, info_name=words)).removeprefix("Usage: ")
         yield f"```text\n{re.sub(r'[{}]', '', ' '.join(usage.split()))}\n```\n"
-        rows = [_parameter(each) for each in command.params]
+        rows = [_parameter(parameter) for parameter in command.params]
         if rows:
             yield from _table(("argument or option", "meaning"), rows)
 
@@ -54,44 +75,25 @@ def _parameter(parameter: Any) -> tuple[str, str]:
     written = " ".join([*parameter.opts[:1], *([parameter.metavar] if parameter.metavar else [])])
     name = f"`{written}`" if option else f"`{parameter.metavar or parameter.name}`"
     default = parameter.default
-    told = parameter.help or ""
-    if option and default not in (None, False, "", ()) and "default" not in told and not _infinite(default):
-        told = f"{told} Default: {default}."
-    return name, _escaped(told)
+    text = parameter.help or ""
+    if option and default not in (None, False, "", ()) and "default" not in text and not _infinite(default):
+        text = f"{text} Default: {default}."
+    return name, _escaped(text)
 
 
 def _infinite(value: Any) -> bool:
     values = value if isinstance(value, tuple) else (value,)
-    return any(isinstance(each, float) and math.isinf(each) for each in values)
+    return any(isinstance(item, float) and math.isinf(item) for item in values)
 
 
 def job_fields() -> Iterator[str]:
     """The fields of a job."""
-    described = _schema()
-    fields = {name: each for name, each in described["properties"].items() if name not in _SECTIONS}
-    sections = {name: each for name, each in described["properties"].items() if name in _SECTIONS}
-    required = described["required"]
-    rows = [_field(name, each, required) for name, each in fields.items()]
-    rows += [
-        (f"[`{name}`](#{_SECTIONS[name]})", *_field(name, each, required)[1:])
-        for name, each in sections.items()
-    ]
-    order = {name: place for place, name in enumerate(described["properties"])}
-    rows.sort(key=lambda row: order[re.sub(r"[\[\]`]|\(.*", "", row[0])])
+    job = _schema()
+    rows = []
+    for name, schema in job["properties"].items():
+        title, *rest = _field(name, schema, job["required"])
+        rows.append((f"[{title}](#{_SECTIONS[name]})" if name in _SECTIONS else title, *rest))
     yield from _table(_FIELD_COLUMNS, rows)
-
-
-_FIELD_COLUMNS = ("field", "meaning", "value", "default")
-_SECTIONS = {
-    "vary": "what-varies-vary",
-    "run": "run-kinds-run",
-    "numerics": "numerics",
-    "style": "style-of-figures-style",
-    "engine": "engine",
-    "figures": "figures-figures",
-    "search": "fit-constants-search",
-    "sensitivity": "sensitivity-sensitivity",
-}
 
 
 AXIS_EXAMPLES: dict[str, Any] = {
@@ -144,7 +146,7 @@ def figures() -> Iterator[str]:
     for kind, part in FIGURES.items():
         yield f"(figure-{kind.replace('_', '-')})="
         described = part.model_json_schema()
-        own = {name: each for name, each in described["properties"].items() if name not in STYLE_FIELDS}
+        own = {name: schema for name, schema in described["properties"].items() if name not in STYLE_FIELDS}
         yield from _part(described | {"properties": own}, kind)
         if kind in gallery.ENTRIES:
             yield f"![A figure of kind {kind}](../build/gallery/{kind}.png)\n"
@@ -154,6 +156,13 @@ def figures() -> Iterator[str]:
 def style() -> Iterator[str]:
     """The fields of `style`, which each figure may have too."""
     yield from _fields(_schema()["$defs"]["FigureStyle"])
+
+
+def explorer() -> Iterator[str]:
+    """The explorer in a frame, and a link to the whole page."""
+    page = home_explorer.PAGE
+    yield f'<iframe class="explorer" src="{page}" title="Explorer of 300 starts" loading="lazy"></iframe>\n'
+    yield f'<p><a href="{page}">Open the explorer in a page of its own</a></p>\n'
 
 
 def pictures() -> Iterator[str]:
@@ -199,7 +208,7 @@ def sensitivity() -> Iterator[str]:
 
 def measures() -> Iterator[str]:
     """The measures of searches and sensitivity analyses."""
-    from gaitsweep.fitting.fit_job import MEASURES
+    from gaitsweep.fitting.fit_fields import MEASURES
 
     for kind, part in MEASURES.items():
         yield from _part(part.model_json_schema(), kind, label="measure")
@@ -224,8 +233,8 @@ def models() -> Iterator[str]:
             ("Start values", instance.initial_conditions),
         ):
             rows = []
-            for each in quantities:
-                name, unit, default, allowed, meaning, source = show.quantity(each)
+            for q in quantities:
+                name, unit, default, allowed, meaning, source = show.quantity(q)
                 rows.append((name, meaning, unit, default, allowed, source))
             yield f"### {title}\n"
             yield from _table(("name", "meaning", "unit", "default", "allowed", "source"), _coded(rows))
@@ -236,7 +245,7 @@ def models() -> Iterator[str]:
         ):
             if quantities:
                 yield f"### {title}\n"
-                rows = _coded((each.name, each.meaning, each.unit) for each in quantities)
+                rows = _coded((q.name, q.meaning, q.unit) for q in quantities)
                 yield from _table(("name", "meaning", "unit"), rows)
         yield f"### Gaits\n\n{', '.join(f'`{gait}`' for gait in kind.gaits)}.\n"
 
@@ -265,6 +274,7 @@ DESCRIBED = {
         measures,
         models,
         pictures,
+        explorer,
         statuses,
     )
 }
@@ -290,7 +300,8 @@ def _part(
 def _fields(schema: Described) -> Iterator[str]:
     """The fields of a part of a job, but for its kind."""
     required = schema.get("required", [])
-    rows = [_field(name, each, required) for name, each in schema["properties"].items() if name != "kind"]
+    fields = {name: field for name, field in schema["properties"].items() if name != "kind"}
+    rows = [_field(name, field, required) for name, field in fields.items()]
     yield from _table(_FIELD_COLUMNS, rows)
 
 
@@ -304,25 +315,15 @@ def _field(name: str, schema: Described, required: Sequence[str]) -> tuple[str, 
     return f"`{name}`", _escaped(schema.get("description", "")), _type(schema), default
 
 
-_TYPES = {
-    "number": "number",
-    "integer": "whole number",
-    "string": "text",
-    "boolean": "true or false",
-    "array": "list",
-    "object": "fields",
-}
-
-
 def _type(schema: Described) -> str:
     """Allowed values of a field, in words; numbers may be arithmetic, which a schema writes as text."""
     if "enum" in schema:
-        return ", ".join(f"`{each}`" for each in schema["enum"])
+        return ", ".join(f"`{value}`" for value in schema["enum"])
     if "const" in schema:
         return f"`{schema['const']}`"
     if "anyOf" in schema or "oneOf" in schema:
         kinds = [
-            _type(each) for each in schema.get("anyOf", schema.get("oneOf", ())) if each.get("type") != "null"
+            _type(kind) for kind in schema.get("anyOf", schema.get("oneOf", ())) if kind.get("type") != "null"
         ]
         return " or ".join(dict.fromkeys(kinds)).replace("fields or fields", "fields")
     kinds = schema.get("type", "object" if "$ref" in schema else "")
@@ -340,7 +341,7 @@ def _type(schema: Described) -> str:
 def _example(part: Mapping[str, Any]) -> Iterator[str]:
     """A part of a job as YAML, with what stands under its first key in one line."""
     [(name, inner)] = part.items()
-    lines = [f"- {_inline(each)}" for each in inner] if isinstance(inner, list) else [_inline(inner)]
+    lines = [f"- {_inline(item)}" for item in inner] if isinstance(inner, list) else [_inline(inner)]
     text = f"{name}: {lines[0]}" if isinstance(inner, Mapping) else "\n  ".join([f"{name}:", *lines])
     yield f"```yaml\n{text}\n```\n"
 

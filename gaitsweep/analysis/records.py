@@ -101,14 +101,14 @@ def sound(table: pd.DataFrame, *columns: str) -> Bool[np.ndarray, " records"]:
     Rows that failed lose their last `BEFORE_A_FALL` crossings. All records of a staircase are kept: each is
     the end of a hold that the model completed.
     """
-    kept = np.asarray(np.isfinite(table[list(columns)].to_numpy(float)).all(axis=1))
+    finite = np.asarray(np.isfinite(table[list(columns)].to_numpy(float)).all(axis=1))
     if "status" not in table.columns or "stair" in table.columns:
-        return kept
+        return finite
     fell = Status.FAILED.among(table["status"])
     if fell.any():
         to_the_end = table.groupby("row").cumcount(ascending=False).to_numpy()
-        kept = kept & ~(fell & (to_the_end < BEFORE_A_FALL))
-    return np.asarray(kept, bool)
+        finite = finite & ~(fell & (to_the_end < BEFORE_A_FALL))
+    return np.asarray(finite, bool)
 
 
 def outcome_labels(table: pd.DataFrame, label: str) -> pd.Series:
@@ -128,7 +128,7 @@ def outcome_labels(table: pd.DataFrame, label: str) -> pd.Series:
 def in_order(table: pd.DataFrame, label: str, labels: pd.Series) -> list[str]:
     """The outcomes that occur: in the order of the label's categories, rows without a label last."""
     kind = table[label].dtype
-    known = [str(each) for each in kind.categories] if isinstance(kind, pd.CategoricalDtype) else []
+    known = [str(category) for category in kind.categories] if isinstance(kind, pd.CategoricalDtype) else []
     present = set(labels.unique())
     others = sorted(present - set(known) - set(Outcome))
     order = [*(name for name in known if name != Outcome.NO_GAIT), *others, *map(str, Outcome)]

@@ -173,7 +173,6 @@ class _Fit(Generic[FitT]):
         ranges: the keyword of the constants that vary.
         load, read: functions that read a job from a file, and from a mapping of its fields.
         run: function that runs a job.
-        gone: the fields of a result that a run in memory does not have, with their values then.
     """
 
     section: str
@@ -181,7 +180,6 @@ class _Fit(Generic[FitT]):
     load: Callable[[str | Path, Sequence[str]], Any]
     read: Callable[[Mapping[str, Any], Path], Any]
     run: Callable[..., FitT]
-    gone: Mapping[str, Any]
 
     def result(
         self,
@@ -219,9 +217,9 @@ class _Fit(Generic[FitT]):
             refuse_of_session(written["model"])
             return self._run(job, out, on_progress, client)
         with tempfile.TemporaryDirectory(prefix="gaitsweep_") as folder:
-            result = self._run(job, folder, on_progress, client, collect=True)
+            result = self._run(job, folder, on_progress, client, in_memory=True)
         del result.table.attrs["path"]
-        return dataclasses.replace(result, **self.gone)
+        return dataclasses.replace(result, path=None)
 
     def _run(
         self,
@@ -229,14 +227,14 @@ class _Fit(Generic[FitT]):
         out: str | Path | None,
         on_progress: Progress | None,
         client: Client | None,
-        collect: bool = False,
+        in_memory: bool = False,
     ) -> FitT:
         on_progress = progress_lines("sets") if on_progress is None else on_progress
-        cluster = None if client is None else cluster_of(client, collect=collect)
-        return self.run(job, out, on_progress=on_progress, on_message=warn, cluster=cluster)
+        cluster = None if client is None else cluster_of(client, collect=in_memory)
+        return self.run(
+            job, out, on_progress=on_progress, on_message=warn, figures=not in_memory, cluster=cluster
+        )
 
 
-_SEARCH = _Fit("search", "free", load_search, read_search, run_search, {"path": None, "figures": ()})
-_SENSITIVITY = _Fit(
-    "sensitivity", "parameters", load_sensitivity, read_sensitivity, run_sensitivity, {"path": None}
-)
+_SEARCH = _Fit("search", "free", load_search, read_search, run_search)
+_SENSITIVITY = _Fit("sensitivity", "parameters", load_sensitivity, read_sensitivity, run_sensitivity)

@@ -14,9 +14,9 @@ from gaitsweep.api.keywords import AnyModel, job_of
 from gaitsweep.api.result import Result, run_in_memory
 from gaitsweep.api.result import run as run_job
 from gaitsweep.contract import Status
+from gaitsweep.design.design import row_params
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
-from gaitsweep.job.load import row_params
 from gaitsweep.kinds import Settle, Trace
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def simulate(
     status = Status[str(recorded["status"].iloc[-1])]
     if status.name in Status.FAILED:
         warnings.warn(f"The trajectory ended as {status.name}: {status.sentence}", stacklevel=2)
-    signals = recorded.drop(columns=["row", "status", "stalled_by"])
+    signals = recorded.drop(columns=["row", "gait", "status", "stalled_by"])
     quantities = recorded.attrs["quantities"]
     units = {name: "s" if name == "t" else quantities[name]["unit"] for name in map(str, signals.columns)}
     signals.attrs = {**recorded.attrs, "units": units, "status": status.name}

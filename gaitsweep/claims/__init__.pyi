@@ -10,5 +10,5 @@ from gaitsweep.claims.measures import records as records
 from gaitsweep.claims.measures import stances as stances
 from gaitsweep.claims.measures import value as value
 from gaitsweep.claims.paper import read_paper as read_paper
-from gaitsweep.job.load import row_params as row_params
+from gaitsweep.design.design import row_params as row_params
 from gaitsweep.job.load import stored_job as stored_job

@@ -143,16 +143,16 @@ def records(table: pd.DataFrame, where: str | None, may_be_empty: bool = False) 
     """The records of a table that fulfil a condition; without a condition, all records.
 
     Raises:
-        MeasureError: no record fulfils the condition, and `empty` results are not allowed.
+        MeasureError: no record fulfils the condition, and `may_be_empty` is false.
         ExpressionError: the condition cannot be evaluated over the table's columns.
     """
-    found = table
+    rows = table
     if where is not None:
-        found = masked(table, fulfilled(where, {str(name): each for name, each in table.items()}, _plain))
-        found.attrs = table.attrs
-    if found.empty and not may_be_empty:
+        rows = masked(table, fulfilled(where, {str(name): column for name, column in table.items()}, _plain))
+        rows.attrs = table.attrs
+    if rows.empty and not may_be_empty:
         raise MeasureError(f"No record of the table fulfils {where}." if where else "The table is empty.")
-    return found
+    return rows
 
 
 def _plain(column: pd.Series) -> Shaped[np.ndarray, " rows"]:

@@ -43,7 +43,7 @@ reveal();
 
 def _verdicts(scheme: int) -> str:
     """The CSS properties of the verdicts' colours: scheme 0 is light, 1 is dark."""
-    return " ".join(f"--{each.name}: {colours[scheme]};" for each, colours in _COLOURS.items())
+    return " ".join(f"--{verdict.name}: {colours[scheme]};" for verdict, colours in _COLOURS.items())
 
 
 _STYLE = (
@@ -84,7 +84,9 @@ def page(paper: str, table: pd.DataFrame, runs: Sequence[JobRun], *, quick: bool
     failed = any(run.path is None for run in runs)
     shown: set[str] = set()
     sections = [_head(paper, table, quick)]
-    sections += [_verdict(each, table, shown, failed) for each in _ORDER if each in set(table["verdict"])]
+    sections += [
+        _verdict(verdict, table, shown, failed) for verdict in _ORDER if verdict in set(table["verdict"])
+    ]
     return document(html.escape(paper), _STYLE, [*sections, _jobs(runs), _SCRIPT])
 
 
@@ -97,19 +99,21 @@ def _verdict(verdict: ClaimVerdict, table: pd.DataFrame, shown: set[str], failed
         shown: files of the figures that the page has so far; this section's are added.
         failed: whether a job failed, so that claims which were not run are not folded.
     """
-    mine = table.loc[table["verdict"] == verdict]
-    groups = "".join(_beside(str(file), claims, shown) for file, claims in mine.groupby("figure", sort=False))
+    judged = table.loc[table["verdict"] == verdict]
+    groups = "".join(
+        _beside(str(file), claims, shown) for file, claims in judged.groupby("figure", sort=False)
+    )
     is_open = verdict in _FIRST or (failed and verdict is ClaimVerdict.not_run)
     return (
-        f"<details{' open' * is_open}><summary><h2>{len(mine)} {html.escape(verdict.words)}</h2></summary>"
+        f"<details{' open' * is_open}><summary><h2>{len(judged)} {html.escape(verdict.words)}</h2></summary>"
         f'<div id="{verdict.name}">{groups}</div></details>'
     )
 
 
 def _beside(file: str, claims: pd.DataFrame, shown: set[str]) -> str:
     """Claims with their figure beside them, or a link to it where the page has it already."""
-    articles = "".join(_claim({str(key): value for key, value in each.items()})
-                       for each in claims.to_dict("records"))  # fmt: skip
+    articles = "".join(_claim({str(key): value for key, value in record.items()})
+                       for record in claims.to_dict("records"))  # fmt: skip
     if not file:
         return articles
     path = Path(file)
@@ -122,12 +126,13 @@ def _beside(file: str, claims: pd.DataFrame, shown: set[str]) -> str:
 
 
 def _head(paper: str, table: pd.DataFrame, quick: bool) -> str:
-    found = [ClaimVerdict(each) for each in table["verdict"]]
+    verdicts = [ClaimVerdict(verdict) for verdict in table["verdict"]]
     lines = "".join(
-        f'<tr style="--colour: var(--{each.name})"><td><a class="verdict" href="#{each.name}">'
-        f"{found.count(each)} {html.escape(each.words)}</a></td><td>{html.escape(each.sentence)}</td></tr>"
-        for each in _ORDER
-        if each in found
+        f'<tr style="--colour: var(--{verdict.name})"><td><a class="verdict" href="#{verdict.name}">'
+        f"{verdicts.count(verdict)} {html.escape(verdict.words)}</a></td>"
+        f"<td>{html.escape(verdict.sentence)}</td></tr>"
+        for verdict in _ORDER
+        if verdict in verdicts
     )
     how = " These are the quick jobs, with fewer rows and wider tolerances." if quick else ""
     return (
@@ -137,7 +142,7 @@ def _head(paper: str, table: pd.DataFrame, quick: bool) -> str:
 
 
 def _claim(claim: dict[str, object]) -> str:
-    found = ClaimVerdict(str(claim["verdict"]))
+    verdict = ClaimVerdict(str(claim["verdict"]))
     unit = "" if claim["unit"] in ("", "1") else f" {claim['unit']}"
     fields = {
         "paper": f"{claim['paper']}{unit}",
@@ -152,13 +157,13 @@ def _claim(claim: dict[str, object]) -> str:
         ("tried", "tried"),
         ("open", "not in the paper"),
     ):
-        if claim[key] and (key not in ("tried", "open") or found is not ClaimVerdict.reproduced):
+        if claim[key] and (key not in ("tried", "open") or verdict is not ClaimVerdict.reproduced):
             fields[words] = str(claim[key])
     listed = "".join(
         f"<dt>{html.escape(key)}</dt><dd>{html.escape(text)}</dd>" for key, text in fields.items() if text
     )
     return (
-        f'<article id="{html.escape(str(claim["id"]))}" style="--colour: var(--{found.name})">'
+        f'<article id="{html.escape(str(claim["id"]))}" style="--colour: var(--{verdict.name})">'
         f'<h3><span class="verdict">{html.escape(str(claim["where"]))}</span> '
         f"{html.escape(str(claim['claim']))}</h3>"
         f'<dl>{listed}</dl><p class="small"><code>{html.escape(str(claim["command"]))}</code></p></article>'

@@ -20,8 +20,8 @@ from gaitsweep.schema.diagnostics import (
     Diagnostic,
     JobError,
     SchemaSection,
-    found,
     from_pydantic,
+    quoted,
     unknown_name,
 )
 from gaitsweep.schema.numbers import Stem
@@ -149,9 +149,9 @@ class Paper(StrictModel):
     def job_file(self, name: str) -> Path:
         """The file of one of the jobs."""
         written = self.jobs[name].job
-        beside = self._file.parent / written
-        places = (beside, *(folder / written for folder in job_folders()))
-        return next((file for file in places if file.is_file()), beside)
+        beside_claims = self._file.parent / written
+        places = (beside_claims, *(folder / written for folder in job_folders()))
+        return next((file for file in places if file.is_file()), beside_claims)
 
     def only(self, names: Iterable[str]) -> Paper:
         """The paper with some of its claims.
@@ -258,7 +258,7 @@ def _misfit(claim: Claim) -> str | None:
         except ValidationError as error:
             first = error.errors()[0]
             reason = first.get("ctx", {}).get("error") or f"{first['msg'].rstrip('.')}."
-            return f"has {name}: {found(value)}, which the measure {claim.measure} does not accept: {reason}"
+            return f"has {name}: {quoted(value)}, which the measure {claim.measure} does not accept: {reason}"
     return None
 
 

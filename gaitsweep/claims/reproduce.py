@@ -67,14 +67,14 @@ class Reproduction:
     @property
     def counts(self) -> dict[str, int]:
         """The number of claims with each verdict."""
-        found = list(self.table["verdict"])
-        return {each.value: found.count(each.value) for each in ClaimVerdict}
+        verdicts = list(self.table["verdict"])
+        return {verdict.value: verdicts.count(verdict.value) for verdict in ClaimVerdict}
 
     @property
     def by_constants(self) -> dict[str, int]:
         """The number of claims that simulations reproduce with each set of constants, the largest first."""
-        mine = self.table["simulated"] & (self.table["verdict"] == ClaimVerdict.reproduced.value)
-        return dict(Counter(self.table.loc[mine, "constants"].tolist()).most_common())
+        reproduced = self.table["simulated"] & (self.table["verdict"] == ClaimVerdict.reproduced.value)
+        return dict(Counter(self.table.loc[reproduced, "constants"].tolist()).most_common())
 
     @property
     def page(self) -> Path:
@@ -137,7 +137,9 @@ class _Reproducing:
                 self.runs[name] = self._run(name)
         table = pd.DataFrame([self._row(*claims) for claims in asked])
         # a folder that is passed on does not tell where it was made
-        stored = table.assign(figure=[each and os.path.relpath(each, folder) for each in table["figure"]])
+        stored = table.assign(
+            figure=[figure and os.path.relpath(figure, folder) for figure in table["figure"]]
+        )
         _write(folder, TABLE, lambda file: stored.to_parquet(file, index=False, write_page_checksum=True))
         text = page(paper.paper, table, list(self.runs.values()), quick=self.quick)
         _write(folder, PAGE, lambda file: file.write(text.encode()))
@@ -150,7 +152,9 @@ class _Reproducing:
         # a quick job is small, so that its self-check would take longer than its rows
         fields = job.set_ | ({"verify": 0, **(job.quick or {})} if self.quick else {})
         overrides = [f"{key}={_inline(value)}" for key, value in fields.items()]
-        command = " ".join([f"gaitsweep run {_short(file)}", *(f"--set '{each}'" for each in overrides)])
+        command = " ".join(
+            [f"gaitsweep run {_short(file)}", *(f"--set '{override}'" for override in overrides)]
+        )
         began = time.perf_counter()
         try:
             run_job(load_job(file, overrides), path, on_progress=self.on_progress, on_message=self.on_message)
@@ -193,8 +197,8 @@ class _Reproducing:
     def _row(self, written_claim: Claim, judged: Claim | None) -> dict[str, object]:
         """The verdict on a claim as a record; `judged` is the claim as `--quick` asks for it, if it does."""
         began = time.perf_counter()
-        ours, found, why = self._judge(judged)
-        if judged is not None and why and found is ClaimVerdict.not_run:
+        ours, verdict, why = self._judge(judged)
+        if judged is not None and why and verdict is ClaimVerdict.not_run:
             self.on_message(f"{judged.id} has no verdict: {why}")
         seconds = time.perf_counter() - began
         claim = judged or written_claim
@@ -213,7 +217,7 @@ class _Reproducing:
             "value": float(ours) if isinstance(ours, (int, float)) else float("nan"),
             "unit": claim.unit,
             "allowed": allowed(claim),
-            "verdict": found.value,
+            "verdict": verdict.value,
             "why": why,
             "because": claim.because,
             "chosen": claim.chosen,
@@ -258,7 +262,7 @@ def written(value: Value) -> str:
         return value
     if isinstance(value, (int, float)):
         return f"{value:.6g}"
-    return ", ".join(written(each) for each in value)
+    return ", ".join(written(item) for item in value)
 
 
 def allowed(claim: Claim) -> str:

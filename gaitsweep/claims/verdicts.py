@@ -81,7 +81,7 @@ def agrees(claim: Claim, ours: Value) -> bool:
         return same_length and all(_number(b) and abs(a - b) <= claim.tolerance for a, b in pairs)
     if claim.interval is not None:
         low, high = claim.interval
-        return all(_number(each) and low <= each <= high for each in _items(ours))
+        return all(_number(item) and low <= item <= high for item in _items(ours))
     expected: Any = claim.paper if claim.equals is None else claim.equals
     return _listed(expected) == _listed(ours) and list(_items(expected)) == list(_items(ours))
 

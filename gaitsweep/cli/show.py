@@ -37,14 +37,18 @@ _PIPED_WIDTH = 240  # columns, where the output is no terminal
 
 def estimate(needs: Estimate) -> str:
     """Format the resources that a job would need."""
-    time = f"about {duration(needs.seconds)}"
+    folds = needs.records_longer > needs.records
+    time, records = f"about {duration(needs.seconds)}", f"about {needs.records}"
+    if folds:
+        time += f", {duration(needs.seconds_longer)} if each branch folds twice and is followed again"
+        records += f", {needs.records_longer} if each branch folds twice"
     if needs.seconds_most > 1.05 * needs.seconds:
         time += f", at most {duration(needs.seconds_most)} (measured on the first rows)"
     refined = f", about {needs.simulated} of them simulated" if needs.simulated < needs.rows else ""
     return aligned(
         {
             "rows": f"{needs.rows} in {needs.blocks} block{'s' * (needs.blocks != 1)}{refined}",
-            **({"records": f"about {needs.records}"} if needs.records > needs.rows else {}),
+            **({"records": records} if needs.records > needs.rows else {}),
             "engine": f"{needs.engine} on {needs.device}, {needs.lanes} lanes",
             "memory": f"about {size(needs.memory_bytes)}",
             "disk": f"about {size(needs.disk_bytes)}",

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int, UInt
 from pydantic import BeforeValidator, Field
 
 from gaitsweep.expression import ExpressionError, evaluate, names_in
-from gaitsweep.schema.diagnostics import found
+from gaitsweep.schema.diagnostics import quoted
 from gaitsweep.schema.numbers import InvalidValue, Number, PointCount, Seed, Text, checked, word
 from gaitsweep.schema.strict_model import StrictModel
 
@@ -25,7 +25,7 @@ _SOBOL_CHUNK = 2**16  # points drawn at a time: a power of two, as the sequence 
 
 def _of_length(value: Any, length: int, words: str) -> Any:
     if not isinstance(value, (list, tuple)) or len(value) != length:
-        raise InvalidValue(f"is {found(value)}, but must be {words}.")
+        raise InvalidValue(f"is {quoted(value)}, but must be {words}.")
     return value
 
 

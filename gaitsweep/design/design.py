@@ -10,10 +10,11 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from gaitsweep.contract import Model, Quantity
+from gaitsweep.contract import Model, Params, Quantity
 from gaitsweep.design.axes import LinearSpacing, ListAxis, RangeAxis
 from gaitsweep.design.vary import Group
 from gaitsweep.expression import names_in, resolve
@@ -223,7 +224,7 @@ class Design:
         if name in self._places and not self.uses(name):
             return True
         count = math.prod(self.groups[place].length for place in self.spans(name))
-        texts = (self.settings.get(each) for each in self.closure([name]))
+        texts = (self.settings.get(closed_name) for closed_name in self.closure([name]))
         letters = sum(len(text) for text in texts if isinstance(text, str))
         return count <= MOST_CHECKED and count * letters <= MOST_WORK
 
@@ -252,6 +253,18 @@ class Design:
         if not 0 <= start <= stop <= self.n_rows:
             raise IndexError(f"Rows {start} to {stop} are out of range: the job has {self.n_rows} rows.")
         return np.arange(start, stop, dtype=np.int64)
+
+
+def row_params(design: Design, row: int) -> Params:
+    """The model's parameters of a row, a frozen pytree.
+
+    Raises:
+        IndexError: the design does not have this row.
+    """
+    values, _ = design.values(row, row + 1)
+    return design.model.params(
+        {name: jnp.asarray(value[0]) for name, value in design.model.on_host(values).items()}
+    )
 
 
 def inside(values: Float[np.ndarray, " *rows"], quantity: Quantity) -> np.ndarray:

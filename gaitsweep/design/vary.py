@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 from gaitsweep import near_miss
 from gaitsweep.contract import Quantity
 from gaitsweep.design.axes import AXIS_KINDS, MOST_LISTED, Axis, RangeAxis, Sample, Values
-from gaitsweep.schema.diagnostics import Diagnostic, Path, found, read_model, unknown_field
+from gaitsweep.schema.diagnostics import Diagnostic, Path, quoted, read_model, unknown_field
 
 MOST_ROWS = 10**9
 MOST_DRAWN = 2 * 10**7  # numbers of random and sobol points, which are held while a job runs
@@ -80,7 +80,7 @@ def read_vary(raw: Any, quantities: Mapping[str, Quantity], refuse: Callable[[st
     if raw is None:
         return vary
     if not isinstance(raw, Mapping):
-        vary.refuse(("vary",), f"is {found(raw)}, but must be a mapping of names to axes (name: axis).")
+        vary.refuse(("vary",), f"is {quoted(raw)}, but must be a mapping of names to axes (name: axis).")
         return vary
     for name, value in raw.items():
         path: Path = ("vary", str(name))
@@ -124,7 +124,7 @@ def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> tuple[Axis, dic
     if not isinstance(value, Mapping):
         kinds_of = ", ".join(AXIS_KINDS)
         text = (
-            f"is {found(value)}, but must be a list or one of {kinds_of}; a single value belongs "
+            f"is {quoted(value)}, but must be a list or one of {kinds_of}; a single value belongs "
             "under params."
         )
         vary.refuse(path, text)
@@ -185,7 +185,7 @@ def _switch(item: Any, quantity: Quantity | None) -> Any:
 def _read_zip(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
     if not isinstance(value, Mapping) or not value:
         vary.refuse(
-            path, f"is {found(value)}, but must be a mapping of names to axes of equal length (name: axis)."
+            path, f"is {quoted(value)}, but must be a mapping of names to axes of equal length (name: axis)."
         )
         return {}
     axes: dict[str, Axis] = {}
@@ -205,7 +205,7 @@ def _read_zip(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
 
 def _read_sample(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
     if not isinstance(value, Mapping):
-        text = f"is {found(value)}, but must be a mapping. {near_miss.allowing(Sample.model_fields)}"
+        text = f"is {quoted(value)}, but must be a mapping. {near_miss.allowing(Sample.model_fields)}"
         vary.refuse(path, text)
         return {}
     sample = read_model(Sample, dict(value), path, vary.diagnostics, "a sample")

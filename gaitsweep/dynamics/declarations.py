@@ -101,13 +101,13 @@ class Variable(CountedQuantity):
         """The initial conditions, with their defaults; none where a job may not set them."""
         if self.start is None:
             return ()
-        found = self.quantities(model, name)
-        defaults = self.start if isinstance(self.start, tuple) else (self.start,) * len(found)
-        if len(defaults) != len(found):
-            raise ValueError(f"{name} has {len(defaults)} start values, but {len(found)} numbers")
+        quantities = self.quantities(model, name)
+        defaults = self.start if isinstance(self.start, tuple) else (self.start,) * len(quantities)
+        if len(defaults) != len(quantities):
+            raise ValueError(f"{name} has {len(defaults)} start values, but {len(quantities)} numbers")
         return tuple(
             dataclasses.replace(q, name=f"{q.name}_0", meaning=f"{q.meaning} at the start", default=default)
-            for q, default in zip(found, defaults, strict=True)
+            for q, default in zip(quantities, defaults, strict=True)
         )
 
     def read(self, value: Float[Array, " ..."], /) -> Float[Array, " ..."]:
@@ -429,8 +429,8 @@ def variable(
         (['phase'], ['phase', 'turned'])
     """
     quantity = _quantity(unit, meaning, None, low, high, open_ends, circular, symbol, "", scale)
-    given = start if start is None or isinstance(start, (int, float, str)) else tuple(start)
-    return Variable(count, quantity, given, start is not None if observed is None else observed, signal)
+    start_value = start if start is None or isinstance(start, (int, float, str)) else tuple(start)
+    return Variable(count, quantity, start_value, start is not None if observed is None else observed, signal)
 
 
 def mode(start: bool | int | Sequence[bool | int], meaning: str, *, count: int | str | None = None) -> Any:

@@ -127,15 +127,15 @@ class Declared(Model):
         """
         first: dict[Event, str] = {}
         inherited = dict(cls.declarations)
-        for name, each in cls.declarations.items():
-            if not isinstance(each, Event) or first.setdefault(each, name) == name:
+        for name, declaration in cls.declarations.items():
+            if not isinstance(declaration, Event) or first.setdefault(declaration, name) == name:
                 continue
-            if getattr(cls, first[each], None) is not each:
+            if getattr(cls, first[declaration], None) is not declaration:
                 del inherited[name]
-            elif getattr(cls, name, None) is not each:
+            elif getattr(cls, name, None) is not declaration:
                 raise TypeError(
-                    f"{cls.__name__} defines {name}, the name of the jump of {first[each]} in its base: "
-                    f"declare the event {first[each]} again, with its jump."
+                    f"{cls.__name__} defines {name}, the name of the jump of {first[declaration]} in its "
+                    f"base: declare the event {first[declaration]} again, with its jump."
                 )
         return inherited
 
@@ -159,11 +159,11 @@ class Declared(Model):
 
     @classmethod
     def _refuse_contradictions(cls) -> None:
-        base = next(each for each in cls.__mro__ if getattr(each, "declarations", None) == {})
+        base = next(base for base in cls.__mro__ if getattr(base, "declarations", None) == {})
         for name in cls.declarations:
             if name in ("replace", *cls._added_fields()) or hasattr(base, name):
                 raise TypeError(f"{cls.__name__} declares {name}, a name that every model has: rename it.")
-        if (events := cls.declared_events()) and not any(each.section for each in events):
+        if (events := cls.declared_events()) and not any(event.section for event in events):
             remedy = "write section=True for the one that ends a cycle"
             raise TypeError(f"{cls.__name__} has events but no section: {remedy}.")
         feet, variables = cls._feet(), cls._named(Variable)
@@ -174,7 +174,11 @@ class Declared(Model):
             remedy = f"leave gaits out, which then are {', '.join(feet.gaits)}, or write label"
             raise TypeError(f"{cls.__name__} has footfalls and gaits of its own without label: {remedy}.")
         sizes = cls._default_sizes()
-        counts = {name: each.count for name, each in cls.declarations.items() if isinstance(each.count, str)}
+        counts = {
+            name: declared.count
+            for name, declared in cls.declarations.items()
+            if isinstance(declared.count, str)
+        }
         for name, count in counts.items():
             if count not in sizes and not hasattr(cls, count):
                 field = f"a field of its structure{suggestion(count, sizes) if sizes else ': it has none.'}"
@@ -186,7 +190,7 @@ class Declared(Model):
     @classmethod
     def _default_sizes(cls) -> dict[str, Any]:
         """The fields of the structure with their defaults; the class is no dataclass yet."""
-        hints = {k: v for each in reversed(cls.__mro__) for k, v in inspect.get_annotations(each).items()}
+        hints = {k: v for base in reversed(cls.__mro__) for k, v in inspect.get_annotations(base).items()}
         values = {k: getattr(cls, k, None) for k, hint in hints.items() if "ClassVar" not in str(hint)}
         return {k: v.default if isinstance(v, dataclasses.Field) else v for k, v in values.items()}
 
@@ -220,7 +224,11 @@ class Declared(Model):
     @classmethod
     def _named(cls, kind: type) -> dict[str, Any]:
         """The declarations of one kind, by name."""
-        return {name: each for name, each in cls.declarations.items() if isinstance(each, kind)}
+        return {
+            name: declaration
+            for name, declaration in cls.declarations.items()
+            if isinstance(declaration, kind)
+        }
 
     @classmethod
     def declared_events(cls) -> list[Event]:
@@ -230,29 +238,31 @@ class Declared(Model):
 
     def single_events(self) -> list[SingleEvent]:
         """The declared events, one for each component and direction."""
-        return [single for each in self.declared_events() for single in each.singles(self)]
+        return [single for event in self.declared_events() for single in event.singles(self)]
 
     # what the contract asks for
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:
-        return tuple(q for name, each in self._named(Parameter).items() for q in each.quantities(self, name))
+        return tuple(
+            q for name, parameter in self._named(Parameter).items() for q in parameter.quantities(self, name)
+        )
 
     @property
     def initial_conditions(self) -> tuple[Quantity, ...]:
         declared = {**self._named(Variable), **self._named(Mode)}
-        return tuple(q for name, each in declared.items() for q in each.starts(self, name))
+        return tuple(q for name, declaration in declared.items() for q in declaration.starts(self, name))
 
     @property
     def observables(self) -> tuple[Quantity, ...]:
         recorded, feet = self._recorded("observed"), self._feet()
-        declared = (q for name, each in recorded.items() for q in each.recorded(self, name))
+        declared = (q for name, declaration in recorded.items() for q in declaration.recorded(self, name))
         return (*declared, *(feet.observables if feet is not None else ()))
 
     @property
     def signals(self) -> tuple[Quantity, ...]:
         recorded, feet = self._recorded("signal"), self._feet()
-        declared = (q for name, each in recorded.items() for q in each.recorded(self, name))
+        declared = (q for name, declaration in recorded.items() for q in declaration.recorded(self, name))
         return (*declared, *(feet.signals if feet is not None else ()))
 
     @property
@@ -262,8 +272,10 @@ class Declared(Model):
 
     def params(self, values: Values, /) -> Any:
         fields = {}
-        for name, each in self._named(Parameter).items():
-            fields[name] = each.gathered([jnp.asarray(values[q.name]) for q in each.quantities(self, name)])
+        for name, parameter in self._named(Parameter).items():
+            fields[name] = parameter.gathered(
+                [jnp.asarray(values[q.name]) for q in parameter.quantities(self, name)]
+            )
         return self.Params(**fields)
 
     def observe(self, params: Any, state: Any, /) -> dict[str, Real[Array, ""]]:
@@ -286,9 +298,9 @@ class Declared(Model):
 
     def beyond_at_start(self, params: Any, state: Any, /) -> dict[str, Bool[Array, ""]]:
         return {
-            each.name: each.within(state) & self._is_beyond(each, params, state)
-            for each in self.single_events()
-            if each.declared.rising and each.jumps
+            event.name: event.within(state) & self._is_beyond(event, params, state)
+            for event in self.single_events()
+            if event.declared.rising and event.jumps
         }
 
     # how it is built
@@ -296,12 +308,12 @@ class Declared(Model):
     def _started(self, start: Values) -> dict[str, Any]:
         """The declared fields of a state at t = 0."""
         fields: dict[str, Any] = {}
-        for name, each in self._named(Variable).items():
-            numbers = [jnp.asarray(start[q.name]) for q in each.starts(self, name)]
-            fields[name] = each.gathered(numbers) if numbers else jnp.zeros(each.shape(self))
-        for name, each in self._named(Mode).items():
-            fields[name] = each.at_start(
-                self, [start.get(q.name, q.default) for q in each.starts(self, name)]
+        for name, declaration in self._named(Variable).items():
+            numbers = [jnp.asarray(start[q.name]) for q in declaration.starts(self, name)]
+            fields[name] = declaration.gathered(numbers) if numbers else jnp.zeros(declaration.shape(self))
+        for name, declaration in self._named(Mode).items():
+            fields[name] = declaration.at_start(
+                self, [start.get(q.name, q.default) for q in declaration.starts(self, name)]
             )
         if (feet := self._feet()) is not None:
             fields[STEPS] = feet.begun(fields[feet.clock])
@@ -325,15 +337,15 @@ class Declared(Model):
         return {name: recorded[name] for name in cls.declarations if getattr(recorded.get(name), kind, False)}
 
     def _read(self, kind: str, params: Any, state: Any) -> dict[str, jax.Array]:
-        read = (each.values(self, name, params, state) for name, each in self._recorded(kind).items())
+        read = (reading.values(self, name, params, state) for name, reading in self._recorded(kind).items())
         return {name: value for values in read for name, value in values.items()}
 
     def _flags(self, fired: Bool[Array, " events"]) -> Iterator[tuple[SingleEvent, Bool[Array, " guards"]]]:
         """Each event with the flags of its guards."""
         first = 0
-        for each in self.single_events():
-            last = first + len(each.guard_names)
-            yield each, fired[first:last]
+        for event in self.single_events():
+            last = first + len(event.guard_names)
+            yield event, fired[first:last]
             first = last
 
 
@@ -394,7 +406,7 @@ class DeclaredModel(Declared, HybridModel):
 
     @classmethod
     def _other_fields(cls) -> list[str]:
-        return [ARMING] if any(each.rising for each in cls.declared_events()) else []
+        return [ARMING] if any(event.rising for event in cls.declared_events()) else []
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -405,7 +417,7 @@ class DeclaredModel(Declared, HybridModel):
 
     def _armed(self) -> list[SingleEvent]:
         """The events that are armed by their function's sign."""
-        return [each for each in self.single_events() if each.declared.rising]
+        return [event for event in self.single_events() if event.declared.rising]
 
     def init(self, params: Any, start: Values, /) -> Any:
         fields = self._started(start)
@@ -423,9 +435,9 @@ class DeclaredModel(Declared, HybridModel):
         seen = _Surfaces(self, params, state)
         unit = self.period(params)
         modes = []
-        for each in self._armed():
-            surface, rate = seen.of(each), seen.rate(each)
-            turned = False if crossed and each.is_section else self._turned(each, params, state)
+        for event in self._armed():
+            surface, rate = seen.of(event), seen.rate(event)
+            turned = False if crossed and event.is_section else self._turned(event, params, state)
             band = surface.band(jnp.zeros(()), unit, rate) if crossed else surface.rounding
             modes.append(surface.begun(band, rate, turned))
         return state.replace(arming=_stacked(modes)) if modes else state
@@ -448,35 +460,35 @@ class DeclaredModel(Declared, HybridModel):
     def guards(self, params: Any, state: Any, /) -> Float[Array, " guards"]:
         seen = _Surfaces(self, params, state)
         guards: list[jax.Array] = []
-        for place, each in zip(self._places(), self.single_events(), strict=True):
+        for place, event in zip(self._places(), self.single_events(), strict=True):
             if place is None:
-                values = [each.height(self, params, state)]
+                values = [event.height(self, params, state)]
             else:
-                values = [*seen.of(each).guards(_at(state.arming, place))]
-            guards += [jnp.where(each.within(state), value, -1.0) for value in values]
+                values = [*seen.of(event).guards(_at(state.arming, place))]
+            guards += [jnp.where(event.within(state), value, -1.0) for value in values]
         return jnp.stack(guards) if guards else jnp.zeros((0,))
 
     def _places(self) -> list[int | None]:
         """The place of each event among those that are armed."""
         armed = self._armed()
-        return [armed.index(each) if each.declared.rising else None for each in self.single_events()]
+        return [armed.index(event) if event.declared.rising else None for event in self.single_events()]
 
     @property
     def guard_names(self) -> tuple[str, ...]:
-        return tuple(name for each in self.single_events() for name in each.guard_names)
+        return tuple(name for event in self.single_events() for name in event.guard_names)
 
     def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
         after, rates = state, {}
-        for place, (each, flags) in zip(self._places(), self._flags(fired), strict=True):
-            if not each.jumps:
+        for place, (event, flags) in zip(self._places(), self._flags(fired), strict=True):
+            if not event.jumps:
                 continue
-            happens = each.happens(flags) & each.holds(params, state)
+            happens = event.happens(flags) & event.holds(params, state)
             if place is None:
-                after = _where(happens, each.jumped(self, params, after), after)
+                after = _where(happens, event.jumped(self, params, after), after)
                 continue
             # a body whose bounces have accumulated stays as it is, until its row ends
             happens = happens & ~_at(state.arming, place).accumulated
-            applied, rates[each] = self._applied(each, params, after)
+            applied, rates[event] = self._applied(event, params, after)
             after = _where(happens, applied, after)
         after = self._rearmed(params, state, after, fired, rates) if self._armed() else after
         return self._stepped(params, state, after)
@@ -519,38 +531,38 @@ class DeclaredModel(Declared, HybridModel):
             jnp.stack([jnp.where(flags[e][0], was.of(e).late(was.rate(e), unit), 0.0) for e in events])
         )
         modes = []
-        for place, each in enumerate(events):
-            surface, rate, mode = now.of(each), now.rate(each), _at(before.arming, place)
-            band = surface.band(late, unit, was.rate(each), rate)
-            crossed, returned = flags[each]
-            holds = each.holds(params, before)
-            rate = jnp.where(crossed & holds, rates.get(each, rate), rate)
-            new = surface.jumped(mode, crossed, returned, band, rate, holds & each.jumps)
-            if each.declared.during is not None:
-                begins = each.within(after) & ~each.within(before)
-                new = _where(begins, surface.begun(band, rate, self._turned(each, params, after)), new)
+        for place, event in enumerate(events):
+            surface, rate, mode = now.of(event), now.rate(event), _at(before.arming, place)
+            band = surface.band(late, unit, was.rate(event), rate)
+            crossed, returned = flags[event]
+            holds = event.holds(params, before)
+            rate = jnp.where(crossed & holds, rates.get(event, rate), rate)
+            new = surface.jumped(mode, crossed, returned, band, rate, holds & event.jumps)
+            if event.declared.during is not None:
+                begins = event.within(after) & ~event.within(before)
+                new = _where(begins, surface.begun(band, rate, self._turned(event, params, after)), new)
             modes.append(new)
         arming = _stacked(modes)
         after = after.replace(arming=arming)
-        resting = [each for each in self.single_events() if each.declared.resting is not None]
+        resting = [event for event in self.single_events() if event.declared.resting is not None]
         if not resting:
             return after
         # a state that an event with a jump would meet again within no time
         soon = [
-            each.within(after) & each.holds(params, after) & arming.armed[k] & now.returns_soon(each, unit)
-            for k, each in enumerate(events)
-            if each.jumps
+            event.within(after) & event.holds(params, after) & arming.armed[k] & now.returns_soon(event, unit)
+            for k, event in enumerate(events)
+            if event.jumps
         ]
         comes_to_rest = jnp.any(jnp.stack(soon)) | jnp.any(arming.accumulated)
-        for each in resting:
-            rests = each.happens(flags[each]) & each.holds(params, before) & comes_to_rest
-            after = _where(rests, self._begun(params, each.rested(self, params, after)), after)
+        for event in resting:
+            rests = event.happens(flags[event]) & event.holds(params, before) & comes_to_rest
+            after = _where(rests, self._begun(params, event.rested(self, params, after)), after)
         return after
 
     def section(self, params: Any, before: Any, fired: Bool[Array, " events"], /) -> Bool[Array, ""]:
         closed = jnp.zeros((), bool)
-        for each, happens in self.happening(params, before, fired).items():
-            if each.is_section:
+        for event, happens in self.happening(params, before, fired).items():
+            if event.is_section:
                 closed = closed | happens
         return closed
 
@@ -558,7 +570,9 @@ class DeclaredModel(Declared, HybridModel):
         self, params: Any, before: Any, fired: Bool[Array, " events"]
     ) -> dict[SingleEvent, Bool[Array, ""]]:
         """Whether each event happens by the flags of its guards, at the state before its jump."""
-        return {each: each.happens(flags) & each.holds(params, before) for each, flags in self._flags(fired)}
+        return {
+            event: event.happens(flags) & event.holds(params, before) for event, flags in self._flags(fired)
+        }
 
     def _is_beyond(self, event: SingleEvent, params: Any, state: Any) -> Bool[Array, ""]:
         passed = ~_at(state.arming, self._armed().index(event)).armed
@@ -570,7 +584,11 @@ class DeclaredModel(Declared, HybridModel):
 
     def energies(self, params: Any, state: Any, /) -> dict[str, Float[Array, ""]]:
         readings = self._named(Reading)
-        return {name: each.function(self, params, state) for name, each in readings.items() if each.is_energy}
+        return {
+            name: reading.function(self, params, state)
+            for name, reading in readings.items()
+            if reading.is_energy
+        }
 
     def chart(self) -> Chart | None:
         return _SectionCoordinates(self)
@@ -581,7 +599,9 @@ class _Surfaces:
 
     def __init__(self, model: DeclaredModel, params: Any, state: Any) -> None:
         self._model, self._params, self._state = model, params, state
-        names = (name for name, each in model.declarations.items() if isinstance(each, Variable))
+        names = (
+            name for name, declaration in model.declarations.items() if isinstance(declaration, Variable)
+        )
         self._point = {name: getattr(state, name) for name in names}
         self._seen: dict[SingleEvent, EventSurface] = {}
 
@@ -628,11 +648,11 @@ def _where(condition: Bool[Array, ""], yes: Any, no: Any) -> Any:
 
 
 def _at(armed: Arming, place: int) -> Arming:
-    return jax.tree.map(lambda each: each[place], armed)
+    return jax.tree.map(lambda leaf: leaf[place], armed)
 
 
 def _stacked(modes: list[Arming]) -> Arming:
-    return jax.tree.map(lambda *each: jnp.stack(each), *modes)
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *modes)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -643,18 +663,18 @@ class _SectionCoordinates(Chart):
 
     @property
     def coordinates(self) -> tuple[Quantity, ...]:
-        return tuple(q for name, each in self._variables() for q in each.quantities(self.model, name))
+        return tuple(q for name, variable in self._variables() for q in variable.quantities(self.model, name))
 
     def to_coordinates(self, params: Any, state: Any, /) -> Float[Array, " coordinates"]:
         return jnp.concatenate(
-            [jnp.ravel(each.read(getattr(state, name))) for name, each in self._variables()]
+            [jnp.ravel(variable.read(getattr(state, name))) for name, variable in self._variables()]
         )
 
     def from_coordinates(self, params: Any, at: Float[Array, " coordinates"], modes: Any, /) -> Any:
         fields, first = {}, 0
-        for name, each in self._variables():
-            last = first + each.size(self.model)
-            fields[name] = at[first:last].reshape(each.shape(self.model))
+        for name, variable in self._variables():
+            last = first + variable.size(self.model)
+            fields[name] = at[first:last].reshape(variable.shape(self.model))
             first = last
         state = self.model.complete(params, modes.replace(**fields))
         return self.model._begun(params, state, crossed=True)

@@ -153,7 +153,7 @@ class EventSurface:
             jax.lax.stop_gradient(jnp.where(returned, 0.0, level)),
             jnp.where(returned, 0, returns).astype(mode.returns.dtype),
         )
-        return jax.tree.map(lambda old, each: jnp.where(mode.accumulated, old, each), mode, new)
+        return jax.tree.map(lambda old, value: jnp.where(mode.accumulated, old, value), mode, new)
 
     @property
     def _beyond(self) -> Float[Array, ""]:

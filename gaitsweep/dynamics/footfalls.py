@@ -46,11 +46,11 @@ Legs = Mapping[str, Any]
 def gait_index(touchdowns: Legs, duty: Any) -> Int[Array, ""]:
     """The index in `GAITS` of the gait with these touchdowns (shares of a stride) and mean duty factor."""
     names = GAITS[len(touchdowns)]
-    found = jnp.asarray(len(names) - 1, jnp.int32)
+    index = jnp.asarray(len(names) - 1, jnp.int32)
     rules = {2: _of_two, 4: _of_four, 6: _of_six}[len(touchdowns)](touchdowns, duty)
     for name, rule in reversed(rules.items()):
-        found = jnp.where(rule, names.index(name), found)
-    return found.astype(jnp.int32)
+        index = jnp.where(rule, names.index(name), index)
+    return index.astype(jnp.int32)
 
 
 def gait_of_footfalls(touchdowns: Sequence[float], duty: Sequence[float], legs: Sequence[str]) -> str:
@@ -103,8 +103,8 @@ def refuse_legs(legs: Sequence[str]) -> None:
     Raises:
         ValueError: with those that have them.
     """
-    if sorted(legs) not in [sorted(each) for each in LEGS.values()]:
-        allowed = "; ".join(", ".join(each) for each in LEGS.values())
+    if sorted(legs) not in [sorted(known) for known in LEGS.values()]:
+        allowed = "; ".join(", ".join(known) for known in LEGS.values())
         raise ValueError(f"legs is {', '.join(map(str, legs))}: allowed are, in any order, {allowed}.")
 
 

@@ -51,12 +51,12 @@ def links(n: int, pairs: Iterable[tuple[int, int]]) -> Float[np.ndarray, "legs l
     Raises:
         ValueError: a pair has one leg twice, or a leg that does not exist.
     """
-    found = np.zeros((n, n))
+    weights = np.zeros((n, n))
     for i, j in pairs:
         if i == j or not (0 <= i < n and 0 <= j < n):
             raise ValueError(f"({i}, {j}) is not a pair of {n} legs: give two of 0 to {n - 1}")
-        found[i, j] = found[j, i] = 1.0
-    return found
+        weights[i, j] = weights[j, i] = 1.0
+    return weights
 
 
 def rates(

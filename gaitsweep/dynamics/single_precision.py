@@ -33,17 +33,17 @@ def worked_in(dtype: Any, function: Callable[..., Any]) -> Callable[..., Any]:
 
     def worked(*args: Any) -> Any:
         closed, shape = jax.make_jaxpr(function, return_shape=True)(*args)
-        given = [_single(jnp.asarray(leaf)) for leaf in jax.tree.leaves(args)]
-        found = _evaluated(closed, given)
-        return jax.tree.unflatten(jax.tree.structure(shape), [_double(value) for value in found])
+        inputs = [_single(jnp.asarray(leaf)) for leaf in jax.tree.leaves(args)]
+        outputs = _evaluated(closed, inputs)
+        return jax.tree.unflatten(jax.tree.structure(shape), [_double(value) for value in outputs])
 
     return worked
 
 
-def _evaluated(closed: core.ClosedJaxpr, given: Sequence[Any]) -> list[Any]:
+def _evaluated(closed: core.ClosedJaxpr, inputs: Sequence[Any]) -> list[Any]:
     """The outputs of a jaxpr whose float64 operations are done in float32."""
     program = closed.jaxpr
-    known: dict[Any, Any] = dict(zip(program.invars, given, strict=True))
+    known: dict[Any, Any] = dict(zip(program.invars, inputs, strict=True))
     known |= dict(zip(program.constvars, [_single(constant) for constant in closed.consts], strict=True))
 
     def read(atom: Any) -> Any:
@@ -54,7 +54,7 @@ def _evaluated(closed: core.ClosedJaxpr, given: Sequence[Any]) -> list[Any]:
         params = equation.params
         inner = params.get("jaxpr", params.get("call_jaxpr"))
         if equation.primitive.name in ("pjit", "jit", "closed_call", "custom_jvp_call"):
-            found = _evaluated(inner, values)
+            outputs = _evaluated(inner, values)
         elif any(isinstance(p, core.Jaxpr | core.ClosedJaxpr) for p in jax.tree.leaves(params)):
             raise ValueError(
                 f"{equation.primitive.name} cannot be evaluated in float32 inside a float64 program. "
@@ -62,9 +62,9 @@ def _evaluated(closed: core.ClosedJaxpr, given: Sequence[Any]) -> list[Any]:
             )
         else:
             typed = {name: _single_dtype(value) for name, value in params.items()}
-            found = equation.primitive.bind(*values, **typed)
-            found = found if equation.primitive.multiple_results else [found]
-        known |= dict(zip(equation.outvars, found, strict=True))
+            outputs = equation.primitive.bind(*values, **typed)
+            outputs = outputs if equation.primitive.multiple_results else [outputs]
+        known |= dict(zip(equation.outvars, outputs, strict=True))
     return [read(atom) for atom in program.outvars]
 
 

@@ -234,17 +234,17 @@ def _advance_hybrid(
         going = likely(carry.halt == Halt.GOING)
         room = jnp.maximum(carry.stop - carry.t, 0.0)
         h = jnp.where(going, jnp.minimum(carry.h, room), 0.0)
-        here = params if drive is None else drive(params, carry.t + 0.5 * h)
+        params_within = params if drive is None else drive(params, carry.t + 0.5 * h)
         # before the value to which a schedule of steps changes at the end
-        there = params if drive is None else drive(params, carry.t + h * STEP_END)
+        params_at_end = params if drive is None else drive(params, carry.t + h * STEP_END)
         expansion, smooth, polynomials = None, False, []
         bends, near_time = jnp.asarray(False), jnp.zeros_like(h)
         if method.series:
-            expansion = step(here, carry.state, h)
-            smooth = not may_switch(model, here, carry.state)
+            expansion = step(params_within, carry.state, h)
+            smooth = not may_switch(model, params_within, carry.state)
             # events are searched between few points of a step whose polynomials do not hold throughout
             h = h if smooth else jnp.minimum(h, dt * (FEWEST_STEPS / SHORTEST_CYCLE))
-            polynomials = expansion.along(lambda s: model.guards(here, s), carry.state)
+            polynomials = expansion.along(lambda s: model.guards(params_within, s), carry.state)
             bends = bends_back(polynomials, h)
             # a step ends at its first event; that of a ramp would have the parameters of another length
             root = first_zero(polynomials, h) + 0.5 * finest if drive is None else jnp.inf
@@ -255,20 +255,20 @@ def _advance_hybrid(
             # a rejected step is shortened and tried again
             taken = (change >= CAUTION) | (h <= LEAST_SHARE * dt)
         elif method.adaptive:
-            trial, error = step(here, carry.state, h)
+            trial, error = step(params_within, carry.state, h)
             change = _fitting_change(error, carry, trial, numerics, order)
             # a rejected step is shortened and tried again
             taken = (change >= CAUTION) | (h <= LEAST_SHARE * dt)
         else:
-            trial, change, taken = step(here, carry.state, h), None, jnp.asarray(True)
-        guards = model.guards(there, trial)
+            trial, change, taken = step(params_within, carry.state, h), None, jnp.asarray(True)
+        guards = model.guards(params_at_end, trial)
         fired = guards >= 0.0
         failed = unlikely(going & ~taken)
         short = unlikely(h <= CHAIN_STEP * carry.unit)
         still = short & (h == 0.0)
-        leaving, arriving = flow(here, carry.state), flow_after(there, trial)
-        slopes = guard_slopes(model, here, carry.state, leaving)
-        speed = guard_slopes(model, there, trial, arriving)
+        leaving, arriving = flow(params_within, carry.state), flow_after(params_at_end, trial)
+        slopes = guard_slopes(model, params_within, carry.state, leaving)
+        speed = guard_slopes(model, params_at_end, trial, arriving)
         hides = may_hide(carry.near, slopes, guards, h)
         if method.adaptive:
 
@@ -278,12 +278,12 @@ def _advance_hybrid(
                 return between(carry.state, leaving, trial, arriving, h, share)
 
             if not smooth:
-                inside = [model.guards(here, within(share)) for share in PROBES]
+                inside = [model.guards(params_within, within(share)) for share in PROBES]
                 hides = hides | unresolved(carry.near, slopes, guards, speed, inside, h)
             if expansion is not None:
                 hides = bends if smooth else hides | bends
             ends, rates = (carry.state, trial), (leaving, arriving)
-            shows, unseen = switches_within(flow, here, ends, rates, h, within)
+            shows, unseen = switches_within(flow, params_within, ends, rates, h, within)
             hides = hides | ((h > SWITCH_STEP * carry.unit) & (shows | unseen))
         hidden = unlikely(going & taken & ~short & hides)
         again = failed | hidden
@@ -311,7 +311,7 @@ def _advance_hybrid(
             late = jnp.where(brackets, rest, late)
         # of a smooth guard, the secant through so short a bracket has its slope
         past = jnp.asarray(False)
-        if may_bend(model.guards, there, trial, arriving):
+        if may_bend(model.guards, params_at_end, trial, arriving):
             past = jnp.any(fired & (guards > LARGEST_LATE * tolerance * speed))
         # once the bracket is as short as the tolerance, the rates need not be trusted
         astray = hit & (late <= tolerance) & past & (h > tolerance)
@@ -357,8 +357,8 @@ def _advance_hybrid(
             end = euler_update(end, arriving, jnp.where(leaves, -shift, 0.0))
             t = t + later - jnp.where(leaves, shift, 0.0)
             shift = jnp.where(leaves, 0.0, shift + jnp.where(owed, later, 0.0))
-        after = model.jump(there, end, jumping)
-        crossed = owed | (land & model.section(there, trial, jumping))
+        after = model.jump(params_at_end, end, jumping)
+        crossed = owed | (land & model.section(params_at_end, trial, jumping))
         # at its own time, which needs the rates after the last jump, if other guards have jumped since
         closed = crossed & ((land & ~remaining & ~owed) | leaves)
         timed = unlikely(on & (h >= room) & ~leaves)
@@ -367,7 +367,7 @@ def _advance_hybrid(
         halt = jnp.where(closed, Halt.CROSSING, jnp.where(timed, Halt.TIME, Halt.GOING))
         if method.adaptive:
             # many cycles can pass between two polls of the recorder, so a fall is tested after every step
-            down = (on | land) & model.failed(there, select(land, after, end))
+            down = (on | land) & model.failed(params_at_end, select(land, after, end))
             halt = jnp.where(down, Halt.FELL, halt)
         stuck = land & (chain > _longest_chain(model, guards))
         halt = jnp.where(stuck, Halt.FELL, halt).astype(carry.halt.dtype)
@@ -400,9 +400,11 @@ def _fitting_change(
     assert numerics.atol is not None
     finer = tolerance_scale(carry.share)
     worst = jnp.zeros_like(carry.t)
-    for name, each in error.items():
+    for name, error_of_field in error.items():
         size = jnp.maximum(jnp.abs(getattr(carry.state, name)), jnp.abs(getattr(trial, name)))
-        worst = jnp.maximum(worst, jnp.max(jnp.abs(each) / (finer * (numerics.atol + numerics.rtol * size))))
+        worst = jnp.maximum(
+            worst, jnp.max(jnp.abs(error_of_field) / (finer * (numerics.atol + numerics.rtol * size)))
+        )
     worst = jax.lax.stop_gradient(worst)
     floor = (CAUTION / 10.0) ** order
     worst = jnp.maximum(worst, floor)
@@ -469,11 +471,11 @@ def _share(below: Number, above: Number) -> Number:
 
 
 def _next_bracket(
-    carry: Carry, h: Number, guards: Guards, on: Flag, hit: Flag, land: Flag, kept: GuardFlags
+    carry: Carry, h: Number, guards: Guards, on: Flag, hit: Flag, land: Flag, keeps: GuardFlags
 ) -> dict[str, Num[Array, " ..."]]:
     """The bracket after this attempt, with its far end (back) or its near end (on) at the trial.
 
-    `kept` are the guards whose values at the trial are kept: at an instant with jumps only that which jumps.
+    `keeps` are the guards whose values at the trial are kept: at an instant with jumps only that which jumps.
     """
     back = hit & ~land
     rest = carry.far - h
@@ -489,7 +491,7 @@ def _next_bracket(
     return {
         "near": jnp.where(on, guards, carry.near),
         "far": jnp.where(waits, carry.far, far),
-        "far_guards": jnp.where(kept, guards, carry.far_guards),
+        "far_guards": jnp.where(keeps, guards, carry.far_guards),
         "weight": jnp.where(waits, carry.weight, weight),
         "trials": jnp.where(waits, carry.trials, trials),
     }
@@ -525,10 +527,10 @@ def _implicit_event_time(
 
 def _first_of(flags: GuardFlags) -> GuardFlags:
     """The first flag that is set, alone."""
-    found, first = jnp.zeros((), bool), []
+    taken, first = jnp.zeros((), bool), []
     for i in range(flags.size):
-        first.append(flags[i] & ~found)
-        found = found | flags[i]
+        first.append(flags[i] & ~taken)
+        taken = taken | flags[i]
     return jnp.stack(first) if first else flags
 
 
@@ -538,14 +540,14 @@ def _advance_stepped(model: FixedStepDynamics, numerics: ResolvedNumerics, drive
         going = carry.halt == Halt.GOING
         # a simulator's step cannot be shortened, so a stop is at the nearest end of a step
         timed = carry.stop - carry.t <= 0.5 * dt
-        here = params if drive is None else drive(params, carry.t + 0.5 * dt)
-        trial = model.step(here, carry.state, jnp.asarray(dt, numerics.stepped))
-        fired = model.events(here, carry.state, trial)
+        params_within = params if drive is None else drive(params, carry.t + 0.5 * dt)
+        trial = model.step(params_within, carry.state, jnp.asarray(dt, numerics.stepped))
+        fired = model.events(params_within, carry.state, trial)
         hit = jnp.any(fired)
-        closed = hit & model.section(here, trial, fired)
+        closed = hit & model.section(params_within, trial, fired)
         stepped = dataclasses.replace(
             carry,
-            state=select(hit, model.jump(here, trial, fired), trial),
+            state=select(hit, model.jump(params_within, trial, fired), trial),
             t=carry.t + dt,
             attempts=carry.attempts + 1,
             halt=jnp.where(closed, Halt.CROSSING, Halt.GOING).astype(carry.halt.dtype),

@@ -58,8 +58,11 @@ def cached_by_content(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]
 
         @functools.wraps(function)
         def found(*args: P.args, **options: P.kwargs) -> T:
-            models = [each if isinstance(each, Model) else getattr(each, "model", None) for each in args]
-            contents = tuple(content_of(each) for each in models if isinstance(each, Model))
+            models = [
+                argument if isinstance(argument, Model) else getattr(argument, "model", None)
+                for argument in args
+            ]
+            contents = tuple(content_of(argument) for argument in models if isinstance(argument, Model))
             return kept(contents, args, tuple(sorted(options.items())))
 
         return found
@@ -146,10 +149,10 @@ class _Reader:
         self.digest.update(f"{what} {len(data)}:".encode() + data)
 
     def _all(self, what: str, values: Any) -> None:
-        found = list(values)
-        self._say(what, str(len(found)).encode())
-        for each in found:
-            self.read(each)
+        items = list(values)
+        self._say(what, str(len(items)).encode())
+        for item in items:
+            self.read(item)
 
     def _function(self, function: types.FunctionType) -> None:
         digest, names = _code(function.__code__)
@@ -246,13 +249,13 @@ def _code(code: types.CodeType) -> tuple[bytes, tuple[str, ...]]:
         shape = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
         digest.update(repr((shape, code.co_names, code.co_varnames, code.co_freevars)).encode())
         digest.update(code.co_code + getattr(code, "co_exceptiontable", b""))
-        for each in code.co_consts:
-            if isinstance(each, types.CodeType):
-                inner, more = _code(each)
+        for constant in code.co_consts:
+            if isinstance(constant, types.CodeType):
+                inner, more = _code(constant)
                 digest.update(inner)
                 names |= dict.fromkeys(more)
             else:
-                digest.update(f"{type(each).__name__} {each!r}".encode())
+                digest.update(f"{type(constant).__name__} {constant!r}".encode())
         known = _CODES[code] = digest.digest(), tuple(names)
     return known
 

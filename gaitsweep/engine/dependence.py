@@ -9,7 +9,7 @@ import jax
 from jax.extend.core import Literal
 
 
-def dependences(function: Callable[..., Any], *given: Any) -> list[frozenset[str]]:
+def dependences(function: Callable[..., Any], *inputs: Any) -> list[frozenset[str]]:
     """The names of the arguments on which each array that a function returns depends.
 
     A result of a function that is compiled by itself, or of a branch, counts as dependent on all arguments of
@@ -17,10 +17,10 @@ def dependences(function: Callable[..., Any], *given: Any) -> list[frozenset[str
 
     Args:
         function: of mappings of arrays by name.
-        given: shapes and dtypes of its arguments, each a mapping.
+        inputs: shapes and dtypes of its arguments, each a mapping.
     """
-    program = jax.make_jaxpr(function)(*given).jaxpr
-    paths = [path for path, _ in jax.tree_util.tree_flatten_with_path(given)[0]]
+    program = jax.make_jaxpr(function)(*inputs).jaxpr
+    paths = [path for path, _ in jax.tree_util.tree_flatten_with_path(inputs)[0]]
     names = {
         variable: frozenset({path[-1].key}) for variable, path in zip(program.invars, paths, strict=True)
     }

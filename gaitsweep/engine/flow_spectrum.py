@@ -42,19 +42,19 @@ def flow_eigenvalues(model: HybridModel, params: Params, state: State) -> Inexac
         flat, unravel = jax.flatten_util.ravel_pytree(moving)
 
         def rates(x: Float[Array, " fields"]) -> Float[Array, " fields"]:
-            given = model.flow(params, dataclasses.replace(state, **unravel(x)))
-            shaped = {name: jnp.broadcast_to(given[name], jnp.shape(moving[name])) for name in names}
+            flow_rates = model.flow(params, dataclasses.replace(state, **unravel(x)))
+            shaped = {name: jnp.broadcast_to(flow_rates[name], jnp.shape(moving[name])) for name in names}
             return jax.flatten_util.ravel_pytree(shaped)[0]
 
         return jax.jacfwd(rates)(flat)
 
-    found = []
+    spectra = []
     for combination in itertools.product((False, True), repeat=len(flags)):
         now = [np.array(leaf) for leaf in leaves]
         for (i, k), flag in zip(flags, combination, strict=True):
             now[i].reshape(-1)[k] = flag
-        found.append(np.linalg.eigvals(np.asarray(matrix(jax.tree.unflatten(tree, now)))))
-    return np.array(found)
+        spectra.append(np.linalg.eigvals(np.asarray(matrix(jax.tree.unflatten(tree, now)))))
+    return np.array(spectra)
 
 
 def slowest_limit(model: HybridModel, params: Params, state: State, method: str) -> float:

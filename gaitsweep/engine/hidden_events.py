@@ -158,7 +158,7 @@ def switching(flow: Callable[[Params, State], Rates], params: Params, state: Sta
     for equation in equations:
         operation, result = equation.primitive.name, values[equation.outvars[0]]
         args = [v.val if isinstance(v, Literal) else values[v] for v in equation.invars]
-        if not all(jnp.issubdtype(jnp.result_type(each), jnp.floating) for each in args):
+        if not all(jnp.issubdtype(jnp.result_type(argument), jnp.floating) for argument in args):
             continue
         if operation == "rem":
             levels.append(jnp.ravel(jnp.floor(args[0] / jnp.where(args[1] == 0.0, 1.0, args[1]))))
@@ -258,7 +258,9 @@ def switches_within(
     # below zero at both ends, as a guard that may fire in between
     side = jnp.where(before.surfaces < 0.0, 1.0, -1.0)
     near, end = side * before.surfaces, side * after.surfaces
-    slopes, end_slopes = (side * slopes_along(surfaces, *each) for each in zip(ends, rates, strict=True))
+    slopes, end_slopes = (
+        side * slopes_along(surfaces, *state_and_rates) for state_and_rates in zip(ends, rates, strict=True)
+    )
     inside = [side * surfaces(within(share)) for share in PROBES]
     hides = may_hide(near, slopes, end, h) | unresolved(near, slopes, end, end_slopes, inside, h)
     return shows, hides

@@ -23,15 +23,15 @@ def float_leaves(tree: Any) -> list[Any]:
 
 def with_float_leaves(tree: Any, numbers: Iterable[Any]) -> Any:
     """The tree with its float leaves replaced by `numbers`."""
-    given = iter(numbers)
-    return jax.tree.map(lambda leaf: next(given) if is_float(leaf) else leaf, tree)
+    remaining = iter(numbers)
+    return jax.tree.map(lambda leaf: next(remaining) if is_float(leaf) else leaf, tree)
 
 
 def tangent_of(tree: Any, numbers: Iterable[Any]) -> Any:
     """The tangent of a tree in JAX: `numbers` for its float leaves, float0 for its modes."""
-    given = iter(numbers)
+    remaining = iter(numbers)
     return jax.tree.map(
-        lambda leaf: next(given) if is_float(leaf) else np.zeros(np.shape(leaf), jax.dtypes.float0), tree
+        lambda leaf: next(remaining) if is_float(leaf) else np.zeros(np.shape(leaf), jax.dtypes.float0), tree
     )
 
 

@@ -4,54 +4,31 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
-from gaitsweep import effort, near_miss
+from gaitsweep import near_miss
 from gaitsweep.design.design import inside, must
 from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.fitting.free_parameters import FreeParameter
-from gaitsweep.fitting.measures import (
-    Coexistence,
-    Edge,
-    Failures,
-    FixedPoint,
-    Measure,
-    Order,
-    Prominence,
-    Share,
-    Value,
-)
+from gaitsweep.fitting.measure import Measure
 from gaitsweep.fitting.population import Population, job_with_run
-from gaitsweep.fitting.ramp_measures import GaitSequence, Transition
 from gaitsweep.job import Job
 from gaitsweep.job.config import Config
-from gaitsweep.job.load import laid_over
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec
 from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.kinds.run_kind import RunKind, table_columns
 from gaitsweep.schema.diagnostics import (
     Diagnostic,
     JobError,
-    SchemaSection,
-    found,
-    read_model,
+    quoted,
     refuse,
-    unknown_field,
-    wrong_kind,
 )
 from gaitsweep.schema.diagnostics import Path as FieldPath
-from gaitsweep.schema.strict_model import Registry, StrictModel, kind_of
-from gaitsweep.shipped import job_file
 
-T = TypeVar("T", bound=StrictModel)
-MEASURES: Registry[Measure] = Registry(
-    "measure",
-    [Value, Edge, Share, Coexistence, Order, Prominence, Failures, FixedPoint, Transition, GaitSequence],
-)
 # Fields of a job that have no place beside sets of constants.
 _WITHOUT = ("vary", "figures")
 
@@ -168,73 +145,6 @@ class FitJob:
         return Population(self.job_of, self.structure, self.measures)
 
 
-def by_name(value: Any, takes: str, path: FieldPath, wrong: list[Diagnostic]) -> Iterator[tuple[str, Any]]:
-    """Yield names and entries of a field that takes such; if it has none, an error is added to `wrong`."""
-    if isinstance(value, Mapping) and value:
-        yield from ((str(name), entry) for name, entry in value.items())
-    else:
-        begin = "is missing: it" if value is None else f"is {found(value)}, but"
-        wrong.append(Diagnostic(path, f"{begin} takes {takes}."))
-
-
-def read_free(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> dict[str, FreeParameter]:
-    """Read the free constants by name; errors are added to `wrong`."""
-    read = {}
-    for name, written in by_name(value, "constants by name, such as kappa: {low: 1, high: 2}", path, wrong):
-        if isinstance(written, list) and len(written) == 2:  # [low, high] is short for it
-            written = {"low": written[0], "high": written[1]}
-        if not isinstance(written, Mapping):
-            allowed = near_miss.allowing(FreeParameter.model_fields)
-            text = f"is {found(written)}, but takes [low, high], or fields. {allowed}"
-            wrong.append(Diagnostic((*path, name), text))
-            continue
-        if (part := read_model(FreeParameter, written, (*path, name), wrong)) is not None:
-            read[name] = part
-    return read
-
-
-def read_measure(
-    value: Any, path: FieldPath, wrong: list[Diagnostic], beside: type[StrictModel] | None = None
-) -> Measure | None:
-    """Read a measure; errors are added to `wrong`; `beside` has further fields that are allowed."""
-    if (bad := wrong_kind(path, value, MEASURES)) is not None:
-        wrong.append(bad)
-        return None
-    kind = value["kind"]
-    part = MEASURES[kind]
-    own = SchemaSection("", part).fields
-    more = () if beside is None else SchemaSection("", beside).fields
-    unknown = [key for key in value if key not in own]
-    wrong.extend(unknown_field((*path, str(key)), f"a measure ({kind})", [*own, *more]) for key in unknown)
-    fields = {key: entry for key, entry in value.items() if key in own}
-    if "run" in fields and "run" in own:
-        if (run := _read_run(part, fields["run"], (*path, "run"), wrong)) is None:
-            return None
-        fields["run"] = run
-    return read_model(part, fields, path, wrong)
-
-
-def _read_run(measure: type[Measure], value: Any, path: FieldPath, wrong: list[Diagnostic]) -> RunKind | None:
-    """Read the run of a measure of this kind; errors are added to `wrong`."""
-    if isinstance(value, measure.runs):
-        return value
-    kinds = {kind_of(run): run for run in measure.runs}
-    if not isinstance(value, Mapping):
-        text = f"is {found(value)}, but takes fields, kind among them: {' or '.join(kinds)}."
-        wrong.append(Diagnostic(path, text))
-        return None
-    kind = value.get("kind", next(iter(kinds)) if len(kinds) == 1 else None)
-    if not isinstance(kind, str) or kind not in kinds:
-        begin = "is missing" if kind is None else f"is {found(kind)}"
-        text = f"{begin}, but the run of a measure ({kind_of(measure)}) is {' or '.join(kinds)}."
-        wrong.append(Diagnostic((*path, "kind"), text))
-        return None
-    if value.get("refine") is not None:
-        wrong.append(Diagnostic((*path, "refine"), "has no place in the run of a measure: take it out."))
-        return None
-    return read_model(kinds[kind], value, path, wrong)
-
-
 def read_fit_job(
     field: str,
     data: Mapping[str, Any],
@@ -272,9 +182,9 @@ def read_fit_job(
         Job.model_validate(written, context={"folder": folder})  # raises the errors of the model
         raise JobError([Diagnostic(("model",), "is missing.")])
     fit = FitJob(field, written, folder, free, measures, spec, config.raw)
-    wrong.extend(_wrong_run(fit))
-    wrong.extend(wrong_constants(fit))
-    wrong.extend(wrong_measures(fit))
+    wrong.extend(_check_run(fit))
+    wrong.extend(check_constants(fit))
+    wrong.extend(check_measures(fit))
     refuse(wrong)
     for structure in fit.structures:
         try:
@@ -290,7 +200,7 @@ def read_fit_job(
             if measure.on_map and (refusal := derivative_refusal(method, job.design.model)) is not None:
                 text = f"is fixed_point, but by {method} a return map has no derivative: {refusal}"
                 wrong.append(Diagnostic((*path, "kind"), text))
-            if (bad := measure.wrong(columns, job.design.model)) is not None:
+            if (bad := measure.field_error(columns, job.design.model)) is not None:
                 key, text = bad
                 wrong.append(Diagnostic((*path, key), text))
         refuse(wrong)
@@ -318,40 +228,7 @@ def _columns_of_run(
     return table_columns(job.design, job.run)
 
 
-def read_settings(
-    part: type[T],
-    field: str,
-    beside: Sequence[str],
-    written: Mapping[str, Any],
-    wrong: list[Diagnostic],
-) -> T | None:
-    """Read the settings of a search or an analysis, which stand in `field` beside the fields `beside`.
-
-    Errors are added to `wrong`.
-    """
-    rest = {key: value for key, value in written.items() if key not in beside}
-    for key in [key for key in rest if key not in part.model_fields]:
-        wrong.append(unknown_field((field, str(key)), field, [*beside, *part.model_fields]))
-        del rest[key]
-    return read_model(part, rest, (field,), wrong)
-
-
-def read_file(path: str | Path, overrides: Sequence[str], read: Any) -> Any:
-    """Apply `read(data, folder)` to a YAML file with overrides; errors get file and line.
-
-    Raises:
-        JobError: all errors, with file and line.
-    """
-    path = job_file(path)
-    with effort.limited():
-        document = laid_over(path, overrides)
-        try:
-            return read(document.data, path.parent)
-        except JobError as error:
-            raise document.located(error) from None
-
-
-def wrong_constants(fit: FitJob) -> list[Diagnostic]:
+def check_constants(fit: FitJob) -> list[Diagnostic]:
     """Diagnostics of the free constants of a job."""
     wrong = []
     for name, parameter in fit.free.items():
@@ -371,13 +248,13 @@ def wrong_constants(fit: FitJob) -> list[Diagnostic]:
         quantity = fit.spec.quantities[name]
         for end in parameter.ends:
             if not isinstance(end, int | float) or isinstance(end, bool):
-                wrong.append(Diagnostic(path, f"has the choice {found(end)}, but takes numbers."))
+                wrong.append(Diagnostic(path, f"has the choice {quoted(end)}, but takes numbers."))
             elif not inside(np.array([float(end)]), quantity)[0]:
                 wrong.append(Diagnostic(path, f"goes to {end:g}, but {must(quantity)}."))
     return wrong
 
 
-def _wrong_run(fit: FitJob) -> list[Diagnostic]:
+def _check_run(fit: FitJob) -> list[Diagnostic]:
     """Diagnostics of the run kind of a job whose rows have to end in one record each."""
     run = fit.config.get("run")
     kind = run.get("kind") if isinstance(run, Mapping) else None
@@ -407,7 +284,7 @@ def _free_field(fit: FitJob) -> str:
     return "free" if fit.field == "search" else "parameters"
 
 
-def wrong_measures(fit: FitJob) -> list[Diagnostic]:
+def check_measures(fit: FitJob) -> list[Diagnostic]:
     """Diagnostics of the conditions of measures."""
     wrong = []
     for name, measure in fit.measures.items():

@@ -18,8 +18,9 @@ from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.fitting.fixed_point_measure import FixedPoint
 from gaitsweep.fitting.free_parameters import Sets
-from gaitsweep.fitting.measures import FixedPoint, Measure, Measured, MeasuredByName, RowMeasure
+from gaitsweep.fitting.measure import Measure, Measured, MeasuredByName, RowMeasure
 from gaitsweep.fitting.ramp_measures import RampMeasure, crossings_of
 from gaitsweep.job import Job, JobError
 from gaitsweep.job.step_lengths import longer_than_right

@@ -11,15 +11,9 @@ import numpy as np
 from pydantic import Field, WithJsonSchema
 
 from gaitsweep.contract import Model, Status
-from gaitsweep.fitting.measures import (
-    Gaits,
-    Measure,
-    Measured,
-    column,
-    unit_of,
-    wrong_column,
-    wrong_gaits,
-)
+from gaitsweep.fitting.measure import Measure, Measured
+from gaitsweep.fitting.measure_fields import FieldError, Gaits, error_of_column, error_of_gaits
+from gaitsweep.fitting.measured_columns import column, unit_of, unit_of_parameter
 from gaitsweep.kinds import Ramp, RunKind
 from gaitsweep.schema.numbers import Count, CountOrZero, Text
 
@@ -52,8 +46,8 @@ class RampMeasure(Measure):
         """Measure n sets, each with a row for every condition."""
 
     @abc.abstractmethod
-    def wrong_names(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
-        """Return as `wrong` does, for the names of gaits and columns."""
+    def name_error(self, columns: Sequence[str], model: Model) -> FieldError:
+        """Return as `field_error` does, for the names of gaits and columns."""
 
     def _in_pass(self, row: Crossings, number: int | None) -> Mapping[str, np.ndarray]:
         """Return the crossings at which the parameter moves, of one pass or of all."""
@@ -64,13 +58,13 @@ class RampMeasure(Measure):
             counts &= seen["pass"] == number
         return {name: values[counts] for name, values in seen.items()}
 
-    def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
+    def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
         if self.run.parameter in self.at:
             return "at", f"sets {self.run.parameter}, which the ramp moves: take it out."
         number, passes = getattr(self, "pass_", None), len(self.run.path) - 1
         if number is not None and number >= passes:
             return "pass", f"is {number}, but the path has {passes} passes, of which the first is 0."
-        return self.wrong_names(columns, model)
+        return self.name_error(columns, model)
 
 
 class Transition(RampMeasure):
@@ -119,15 +113,15 @@ class Transition(RampMeasure):
 
     def unit(self, model: Model) -> str:
         if self.of_ is None or self.of_ == self.run.parameter:
-            return {q.name: q.unit for q in model.parameters}.get(self.run.parameter, "1")
+            return unit_of_parameter(self.run.parameter, model)
         if self.of_ == "t":
             return "s"
         return unit_of(self.of_, model)
 
-    def wrong_names(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
-        wrong = wrong_gaits("gait", self.gait, model) or wrong_gaits("to", self.to, model)
-        if wrong is not None:
-            return wrong
+    def name_error(self, columns: Sequence[str], model: Model) -> FieldError:
+        error = error_of_gaits("gait", self.gait, model) or error_of_gaits("to", self.to, model)
+        if error is not None:
+            return error
         if both := [gait for gait in self.to if gait in self.gait]:
             return "to", f"has {both[0]}, which is in gait too."
         if self.of_ is None:
@@ -135,7 +129,7 @@ class Transition(RampMeasure):
         circular = [q.name for q in model.observables if q.circular]
         if self.of_.removesuffix(_SUFFIX) in circular:
             return "of", f"is {self.of_}, an angle, which has no middle between two crossings."
-        return wrong_column(self.of_, [name.removesuffix(_SUFFIX) for name in columns])
+        return error_of_column(self.of_, [name.removesuffix(_SUFFIX) for name in columns])
 
 
 class GaitSequence(RampMeasure):
@@ -171,8 +165,8 @@ class GaitSequence(RampMeasure):
     def unit(self, model: Model) -> str:
         return "1"
 
-    def wrong_names(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
-        return wrong_gaits("gaits", itertools.chain(*self.gaits), model)
+    def name_error(self, columns: Sequence[str], model: Model) -> FieldError:
+        return error_of_gaits("gaits", itertools.chain(*self.gaits), model)
 
 
 def crossings_of(table: Mapping[str, np.ndarray], n_rows: int) -> list[Crossings]:

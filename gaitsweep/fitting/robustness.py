@@ -12,7 +12,8 @@ from gaitsweep import near_miss
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.fitting.fit_job import FitJob
 from gaitsweep.fitting.free_parameters import FreeParameter, Sets
-from gaitsweep.fitting.measures import At, Measure
+from gaitsweep.fitting.measure import Measure
+from gaitsweep.fitting.measure_fields import Conditions, FieldError
 from gaitsweep.fitting.targets import Target, TargetValue
 from gaitsweep.kinds import RunKind
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
@@ -41,7 +42,7 @@ class ShareKept(Measure):
     """The share of a set's neighbours that keep some targets."""
 
     kind: Literal["robust"] = Field(description="robust: the share of neighbours that keep the targets named")
-    at: At = Field(default_factory=dict, description="no rows of its own")
+    at: Conditions = Field(default_factory=dict, description="no rows of its own")
 
     def unit(self, model: Model) -> str:
         return "1"
@@ -50,7 +51,7 @@ class ShareKept(Measure):
     def own_run(self) -> RunKind | None:
         return None
 
-    def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
+    def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
         return None
 
 
@@ -59,7 +60,7 @@ def robust_target(robust: Robust) -> Target:
     return Target(ROBUST, ShareKept(kind="robust"), robust)
 
 
-def wrong_robust(
+def check_robust(
     robust: Robust, free: Mapping[str, FreeParameter], targets: Mapping[str, Target]
 ) -> list[Diagnostic]:
     """Check the field against the search's constants and targets."""

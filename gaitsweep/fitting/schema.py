@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from gaitsweep.fitting.fit_job import MEASURES
+from gaitsweep.fitting.fit_fields import MEASURES
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.search_job import SearchOptions
 from gaitsweep.fitting.sensitivity_job import Analysis

@@ -29,7 +29,7 @@ from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
 from gaitsweep.fitting.free_parameters import Sets, sets_at
 from gaitsweep.fitting.identifiability import Identifiability, identifiability
-from gaitsweep.fitting.measures import Measured, MeasuredByName
+from gaitsweep.fitting.measure import Measured, MeasuredByName
 from gaitsweep.fitting.optimisers import Optimiser, optimiser
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.robustness import ROBUST, share_kept
@@ -98,6 +98,7 @@ def run_search(
     *,
     on_progress: Progress | None = None,
     on_message: Callable[[str], None] = lambda _: None,
+    figures: bool = True,
     cluster: Cluster | None = None,
 ) -> SearchResult:
     """Measure the sets that a search's directory still lacks, and find which constants they pin.
@@ -107,6 +108,7 @@ def run_search(
         out: its result directory, `results/NAME` by default.
         on_progress: progress callback.
         on_message: called with each note and warning, a sentence.
+        figures: draw the figures at the end.
         cluster: computes the rows, if this process does not; it is left open.
 
     Raises:
@@ -143,8 +145,8 @@ def run_search(
         if (doubt := _depends_on_the_step(job, finalists)) is not None:
             on_message(f"Warning: {doubt}")
         directory.update_manifest(complete=True, counts=directory.counts(), search=near.summary())
-        figures = draw_search(path, job, table, near)
-    return SearchResult(job, path, table, near, finalists, tuple(figures))
+        drawn = draw_search(path, job, table, near) if figures else []
+    return SearchResult(job, path, table, near, finalists, tuple(drawn))
 
 
 def draw_again(path: Path) -> list[Path]:
@@ -243,7 +245,7 @@ class _Search:
         do not depend on where a search was stopped.
         """
         missing = set(self.directory.missing_blocks())
-        if len(missing) < self.directory.n_blocks:
+        if len(missing) < len(self.directory.layout.blocks):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # that it is not complete
                 self.known = load(self.directory.path)
@@ -253,10 +255,10 @@ class _Search:
         # a cluster takes one batch at a time
         threads = 1 if self.population.run_elsewhere is not None else self.side_by_side
         with _Batches(threads, self._report) as self.batches:
-            for number in range(self.directory.n_blocks):
+            for number in self.directory.layout.blocks:
                 if len(chosen) == self.side_by_side:
                     yield from self._end(*chosen.popleft())
-                first, stop = self.directory.rows_of(number)
+                first, stop = self.directory.layout.rows_of(number)
                 sets = sets_at(self.job.free, self.optimiser.ask(stop - first))
                 chosen.append((number, sets))
                 self.batches.begin(partial(self._measured, sets) if number in missing else lambda _: None)
@@ -287,7 +289,7 @@ class _Search:
     def _end(self, number: int, sets: Sets) -> Iterator[tuple[int, pd.DataFrame]]:
         """Yield a batch that is not on disk, and give its scores to the optimiser."""
         measured = self.batches.oldest()
-        first, stop = self.directory.rows_of(number)
+        first, stop = self.directory.layout.rows_of(number)
         if measured is None:
             frame = self._known(number, first, stop, sets)
         else:
@@ -300,7 +302,7 @@ class _Search:
 
     def _report(self, under_way: list[SweepProgress]) -> None:
         """Report an upper estimate of the progress, since rows that are not needed are left out."""
-        total, rows_per_set = self.directory.n_rows, self.population.rows_of_a_set
+        total, rows_per_set = self.directory.layout.rows, self.population.rows_of_a_set
         new = self.directory.rows_done - self.before
         new += sum(int(now.share * now.rows / rows_per_set) for now in under_way)
         rate = new / max(time.perf_counter() - self.began, 1e-9)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from gaitsweep.fitting.identifiability import PARTS, Constant, Identifiability
 from gaitsweep.fitting.search_job import Search
 from gaitsweep.fitting.targets import FAILED_MISS, MISS
 from gaitsweep.plot import theme
-from gaitsweep.plot.columns import symbol, unit_of
+from gaitsweep.plot.columns import described
 from gaitsweep.runs.set_status import SetStatus
 from gaitsweep.table import own_folder, replace_file
 
@@ -94,7 +93,7 @@ def _convergence(table: pd.DataFrame) -> Figure:
         axes.set_xlim(0.5, numbers.max() + 0.5)
         axes.set_xlabel("sets measured")
         axes.set_ylabel("score: root mean square miss,\nin reading errors")
-        figure.legend(loc="outside upper center", ncols=2)
+        theme.legend(figure, ncols=4)
     return figure
 
 
@@ -109,23 +108,19 @@ def _score_axis(axes: Axes, scores: np.ndarray) -> None:
 
 def _constants(free: Mapping[str, FreeParameter], table: pd.DataFrame, near: Identifiability) -> Figure:
     """Draw the least score over each constant's range, and the values of the near-best sets."""
-    columns = min(len(free), 4)
-    rows = math.ceil(len(free) / columns)
-    with theme.canvas(theme.PAGE, 0.6 + 1.5 * rows) as figure:
+    rows, columns = theme.shape(len(free), theme.PAGE, 1.5, 4)
+    fits = f"{near.fitting} sets fit all targets" if near.fitting else f"{len(near.best)} near-best sets"
+    title = f"Blue: least score in each twentieth of a range. Orange: {fits}."
+    with theme.canvas(theme.PAGE, 0.6 + 1.6 * rows, title) as figure:
         panels = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
         for axes, constant in zip(panels, near.constants, strict=False):
             _profile(axes, free[constant.name], constant, near.best)
-            unit = unit_of(table, constant.name)
-            # the unit of a long name is below it
-            gap = "\n" if len(constant.name) > _LONG_NAME else " "
-            axes.set_xlabel(symbol(table, constant.name) + (f"{gap}({unit})" if unit else ""))
+            room = theme.width_of(theme.PAGE) / columns - 0.3
+            axes.set_xlabel(theme.wrapped(described(table, constant.name), room, 8.5))
         for axes in panels[len(free) :]:
             axes.set_visible(False)
         for axes in panels[::columns]:
             axes.set_ylabel("least score")
-        fits = f"{near.fitting} sets fit all targets" if near.fitting else f"{len(near.best)} near-best sets"
-        title = f"Blue: least score in each twentieth of a range. Orange: {fits}."
-        figure.suptitle(title, fontsize=8.5)
     return figure
 
 
@@ -190,7 +185,7 @@ def _misses(search: Search, table: pd.DataFrame, near: Identifiability) -> Figur
         axes.set_ylim(-limit, limit)
         axes.set_xlim(-0.3, len(names) - 0.7)
         axes.set_ylabel("miss, in reading errors")
-        figure.legend(loc="outside upper center", ncols=5)
+        theme.legend(figure, ncols=5)
     return figure
 
 

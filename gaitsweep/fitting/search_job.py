@@ -17,21 +17,14 @@ from pydantic import Field
 from gaitsweep import near_miss
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.errors import ArgumentError
-from gaitsweep.fitting.fit_job import (
-    FitJob,
-    by_name,
-    read_file,
-    read_fit_job,
-    read_free,
-    read_measure,
-    read_settings,
-)
+from gaitsweep.fitting.fit_fields import by_name, read_file, read_free, read_measure, read_settings
+from gaitsweep.fitting.fit_job import FitJob, read_fit_job
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.optimisers import METHODS, missing_package
-from gaitsweep.fitting.robustness import ROBUST, Robust, own_constants, robust_target, wrong_robust
+from gaitsweep.fitting.robustness import ROBUST, Robust, check_robust, own_constants, robust_target
 from gaitsweep.fitting.targets import MISS, Target, TargetValue
 from gaitsweep.runs.prepare import RunContext
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, read_model, refuse
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, read_model, refuse
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Seed, Text, word
 from gaitsweep.schema.strict_model import StrictModel, plain
 from gaitsweep.table import TableError, load
@@ -234,14 +227,14 @@ def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Searc
     """
     search = data.get("search")
     if not isinstance(search, Mapping):
-        text = "is missing" if search is None else f"is {found(search)}"
+        text = "is missing" if search is None else f"is {quoted(search)}"
         raise JobError([Diagnostic(("search",), f"{text}: it has free, targets, budget, and method.")])
     free = read_free(search.get("free"), ("search", "free"), wrong)
     targets = _read_targets(search.get("targets"), free, wrong)
     options = read_settings(SearchOptions, "search", ("free", "targets"), search, wrong)
     every = targets
     if options is not None and options.robust is not None:
-        wrong.extend(wrong_robust(options.robust, free, targets))
+        wrong.extend(check_robust(options.robust, free, targets))
         every = {**targets, ROBUST: robust_target(options.robust)}
     read = Search(free, every, SearchOptions(budget=1) if options is None else options)
     if targets and not read.counted:
@@ -282,7 +275,7 @@ def _known(search: Search, fit: FitJob) -> tuple[dict[str, Any], ...]:
             for name, known_set in _sets_of(entry, search, fit.folder):
                 values = fit.own_values(known_set)
                 outside = [
-                    f"{name}has {constant} at {found(values[constant])}, {why}"
+                    f"{name}has {constant} at {quoted(values[constant])}, {why}"
                     for constant, free in search.free.items()
                     if (why := free.outside(values[constant])) is not None
                 ]
@@ -333,7 +326,7 @@ def _read_targets(
     for name, fields in by_name(value, takes, path, wrong):
         target_path = (*path, name)
         if not isinstance(fields, Mapping):
-            wrong.append(Diagnostic(target_path, f"is {found(fields)}, but takes fields (key: value)."))
+            wrong.append(Diagnostic(target_path, f"is {quoted(fields)}, but takes fields (key: value)."))
             continue
         aims = {key: field for key, field in fields.items() if key in TargetValue.model_fields}
         target_value = read_model(TargetValue, aims, target_path, wrong)

@@ -19,7 +19,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
 from gaitsweep.fitting.free_parameters import Sets
 from gaitsweep.fitting.indices import Output, indices, unwrapped
-from gaitsweep.fitting.measures import Measure, MeasuredByName
+from gaitsweep.fitting.measure import Measure, MeasuredByName
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.sensitivity_job import FAILURES, SensitivityJob
 from gaitsweep.job.numerics import rows_of_a_part
@@ -104,6 +104,7 @@ def run_sensitivity(
     *,
     on_progress: Progress | None = None,
     on_message: Callable[[str], None] = lambda _: None,
+    figures: bool = True,
     cluster: Cluster | None = None,
 ) -> Sensitivity:
     """Measure the sets that a directory still lacks, then compute and draw the indices.
@@ -113,6 +114,7 @@ def run_sensitivity(
         out: the result directory, `results/NAME` by default.
         on_progress: progress callback of the sets.
         on_message: called with each note and warning, a sentence.
+        figures: draw the indices at the end.
         cluster: computes the rows, if this process does not; it is left open.
 
     Raises:
@@ -145,7 +147,7 @@ def run_sensitivity(
             on_message(f"Warning: {half_step.sentence}")
         on_progress(n, n, 0.0, 1.0, "indices")
         result = dataclasses.replace(_analysed(job, table, context.model), path=path, half_step=half_step)
-        _write(result, path)
+        _write(result, path, figures)
     return result
 
 
@@ -162,7 +164,7 @@ def _blocks(
     before = directory.rows_done
     on_progress(before, n, 0.0, before / n, "compiling")
     for place in range(0, len(missing), together):
-        parts = [directory.rows_of(number) for number in missing[place : place + together]]
+        parts = [directory.layout.rows_of(number) for number in missing[place : place + together]]
         rows = np.concatenate([np.arange(first, last) for first, last in parts])
         done = directory.rows_done
 
@@ -277,12 +279,14 @@ def _analysed(job: SensitivityJob, table: pd.DataFrame, model: Model) -> Sensiti
     return Sensitivity(table, index_table)
 
 
-def _write(result: Sensitivity, path: Path) -> None:
+def _write(result: Sensitivity, path: Path, figures: bool) -> None:
     with writing(f"{path / INDICES_FILE} could not be written"):
         replace_file(
             path / INDICES_FILE,
             lambda file: result.indices.to_parquet(file, index=False, write_page_checksum=True),
         )
+    if not figures:
+        return
     with writing(f"{path / FIGURES / FIGURE} could not be written"):
         (path / FIGURES).mkdir(exist_ok=True)
         replace_file(

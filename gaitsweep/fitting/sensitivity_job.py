@@ -17,22 +17,13 @@ from pydantic import Field
 
 from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.designs import METHODS, SensitivityDesign, design_of
-from gaitsweep.fitting.fit_job import (
-    FitJob,
-    by_name,
-    read_file,
-    read_fit_job,
-    read_free,
-    read_measure,
-    read_settings,
-    wrong_constants,
-    wrong_measures,
-)
+from gaitsweep.fitting.fit_fields import by_name, read_file, read_free, read_measure, read_settings
+from gaitsweep.fitting.fit_job import FitJob, check_constants, check_measures, read_fit_job
 from gaitsweep.fitting.free_parameters import FreeParameter
-from gaitsweep.fitting.measures import Measure
+from gaitsweep.fitting.measure import Measure
 from gaitsweep.fitting.population import Population
 from gaitsweep.job import Job
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, refuse
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, refuse
 from gaitsweep.schema.numbers import Count, Seed, word
 from gaitsweep.schema.strict_model import StrictModel
 
@@ -143,7 +134,7 @@ def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
     wrong: list[Diagnostic] = []
     written = data.get("sensitivity")
     if not isinstance(written, Mapping):
-        text = "is missing" if written is None else f"is {found(written)}"
+        text = "is missing" if written is None else f"is {quoted(written)}"
         needs = f"{text}: it has parameters, outputs, method, and n."
         raise JobError([Diagnostic(("sensitivity",), needs)])
     ranges, shares = _read_parameters(written.get("parameters"), wrong)
@@ -167,7 +158,7 @@ def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
             free[name] = around
     refuse(wrong)
     fit = dataclasses.replace(fit, free=free)
-    refuse([*wrong_constants(fit), *wrong_measures(fit)])
+    refuse([*check_constants(fit), *check_measures(fit)])
     if analysis.method != "one_at_a_time" and importlib.util.find_spec("SALib") is None:
         raise ArgumentError(
             f"sensitivity.method {analysis.method} needs the package SALib: pip install 'gaitsweep[search]'."
@@ -193,11 +184,11 @@ def _read_parameters(
             continue
         match = _PER_CENT.fullmatch(written) if isinstance(written, str) else None
         if match is None:
-            text = f"is {found(written)}, but takes [low, high], or a share of the job's value such as 10%."
+            text = f"is {quoted(written)}, but takes [low, high], or a share of the job's value such as 10%."
             wrong.append(Diagnostic(parameter_path, text))
         elif not 0.0 < (share := float(match[1]) / 100.0) <= 1.0:
             wrong.append(
-                Diagnostic(parameter_path, f"is {found(written)}, but must be above 0% and at most 100%.")
+                Diagnostic(parameter_path, f"is {quoted(written)}, but must be above 0% and at most 100%.")
             )
         else:
             shares[name] = share

@@ -10,8 +10,8 @@ from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep.angle_difference import wrapped_difference
 from gaitsweep.contract import Model
-from gaitsweep.fitting.measures import Measure, Measured
-from gaitsweep.schema.diagnostics import found
+from gaitsweep.fitting.measure import Measure, Measured
+from gaitsweep.schema.diagnostics import quoted
 from gaitsweep.schema.numbers import Flag, InvalidValue, Positive, checked, read_real
 from gaitsweep.schema.strict_model import StrictModel
 
@@ -25,10 +25,10 @@ MISS = "miss_"
 def _read_value_or_range(value: Any) -> tuple[float, float]:
     if isinstance(value, list | tuple):
         if len(value) != 2:
-            raise InvalidValue(f"is {found(value)}, but takes a number, or [low, high].")
+            raise InvalidValue(f"is {quoted(value)}, but takes a number, or [low, high].")
         low, high = (read_real(end) for end in value)
         if low > high:
-            raise InvalidValue(f"is {found(value)}, but low is not above high.")
+            raise InvalidValue(f"is {quoted(value)}, but low is not above high.")
         return low, high
     number = read_real(value)
     return number, number

@@ -134,7 +134,7 @@ def remarks_on_rows(design: Design, name: str) -> list[str]:
         return []
 
     def where(place: int) -> str:
-        at = ", ".join(f"{name} = {each[place]:.6g}" for name, each in varied.items())
+        at = ", ".join(f"{name} = {column[place]:.6g}" for name, column in varied.items())
         more = ", ..." if len(design.names) > NAMED else ""
         return f" at the start of row {rows[place]}" + (f" ({at}{more})" if at else "")
 
@@ -168,8 +168,8 @@ def _check_path(design: Design, spec: ModelSpec, run: RunKind, movement: Movemen
         few = rows * len(path) <= MOST_CHECKED and len(path) <= _MOST_TURNS
         turns = sorted(set(path)) if few else [min(path), max(path)]
         for value in turns:
-            there = dataclasses.replace(design, settings={**design.settings, moving: value})
-            diagnostic = _check_quantity(there, spec, name, spec.parameters[name])
+            design_at_value = dataclasses.replace(design, settings={**design.settings, moving: value})
+            diagnostic = _check_quantity(design_at_value, spec, name, spec.parameters[name])
             if diagnostic is not None:
                 where = f"where the {run.kind_name} has {moving} = {value:g}."
                 text = f"{diagnostic.text.removesuffix('.')}, {where}"

@@ -12,7 +12,7 @@ from typing import Any
 from gaitsweep.design.vary import written_names
 from gaitsweep.kinds import parameter_written
 from gaitsweep.schema import diagnostics
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, unknown_field
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, unknown_field
 from gaitsweep.schema.yaml_document import Document, read_document
 from gaitsweep.shipped import config_file
 
@@ -33,7 +33,7 @@ class Config:
         if not isinstance(named, (str, Path)) or not str(named).strip():
             self.diagnostics.append(
                 Diagnostic(
-                    ("config",), f"is {found(named)}, but must be the path of a YAML file or builtin:NAME."
+                    ("config",), f"is {quoted(named)}, but must be the path of a YAML file or builtin:NAME."
                 )
             )
             return
@@ -42,8 +42,10 @@ class Config:
         except JobError as error:
             # errors without a line are reported at the job's field
             self.diagnostics.extend(
-                each if each.line else Diagnostic(("config",), f"names {each.file}, which {each.text}")
-                for each in error.diagnostics
+                diagnostic
+                if diagnostic.line
+                else Diagnostic(("config",), f"names {diagnostic.file}, which {diagnostic.text}")
+                for diagnostic in error.diagnostics
             )
             return
         self._merge(self._document.data)
@@ -72,7 +74,7 @@ class Config:
         for section in ("structure", "params"):
             theirs = data.get(section)
             if theirs is not None and not isinstance(theirs, Mapping):
-                text = f"is {found(theirs)}, but must be a mapping of names to numbers (name: number)."
+                text = f"is {quoted(theirs)}, but must be a mapping of names to numbers (name: number)."
                 self.diagnostics.append(self._document.locate(Diagnostic((section,), text)))
                 continue
             own = self.raw.get(section)

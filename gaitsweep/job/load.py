@@ -6,13 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
-
 from gaitsweep import effort, models
-from gaitsweep.design.design import Design
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job.job import Job
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, found
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted
 from gaitsweep.schema.diagnostics import Path as FieldPath
 from gaitsweep.schema.yaml_document import Document, read_document, read_value
 from gaitsweep.shipped import job_file
@@ -38,22 +35,23 @@ def load_job(path: str | Path, overrides: Sequence[str] = ()) -> Job:
         )
     path = job_file(path)
     with effort.limited():
-        document = laid_over(path, overrides)
+        document = read_with_overrides(path, overrides)
         try:
             return Job.model_validate(document.data, context={"folder": path.parent})
         except JobError as error:
             raise document.located(error) from None
 
 
-def laid_over(path: Path, overrides: Sequence[str]) -> Document:
+def read_with_overrides(path: Path, overrides: Sequence[str]) -> Document:
     """Read a YAML file and apply the overrides `key=value`; raises JobError."""
     document = read_document(path)
     for override in overrides:
-        _lay_over(document, override)
+        _override(document, override)
     return document
 
 
-def _lay_over(document: Document, override: str) -> None:
+def _override(document: Document, override: str) -> None:
+    """Set the field of an override "key=value"; fields that contain it are created as needed."""
     origin = f"--set {override if len(override) <= 60 else f'{override[:57]}...'}"
     key, equals, text = override.partition("=")
     parts = tuple(part.strip() for part in key.split("."))
@@ -66,23 +64,22 @@ def _lay_over(document: Document, override: str) -> None:
             ]
         )
     value = read_value(text, origin)
-    inside = document.data
+    section = document.data
     for depth, part in enumerate(parts[:-1]):
-        if inside.get(part) is None:
-            inside[part] = {}
-        inside = inside[part]
-        if not isinstance(inside, dict):
-            text = f"is {found(inside)} and has no fields to set."
+        if section.get(part) is None:
+            section[part] = {}
+        section = section[part]
+        if not isinstance(section, dict):
+            text = f"is {quoted(section)} and has no fields to set."
             raise JobError([Diagnostic(parts[: depth + 1], text, place=origin)])
-    inside[parts[-1]] = value
-    _mark(document, parts, origin)
+    section[parts[-1]] = value
+    _note_place(document, parts, origin)
 
 
-def _mark(document: Document, parts: FieldPath, origin: str) -> None:
-    """Note the override as the place of this field and of those that it created."""
-    inner = [place for place in document.places if place[: len(parts)] == parts]
-    for place in inner:
-        del document.places[place]
+def _note_place(document: Document, parts: FieldPath, origin: str) -> None:
+    """Make the override the place of this field, and of the fields that it created, in error messages."""
+    for path in [path for path in document.places if path[: len(parts)] == parts]:
+        del document.places[path]
     for length in range(1, len(parts) + 1):
         if document.places.setdefault(parts[:length], origin) == origin:
             document.overridden.append(parts[:length])
@@ -104,19 +101,3 @@ def stored_job(attrs: Mapping[Any, Any], trust: bool = False) -> Job:
     except models.ModelError as error:
         raise JobError([Diagnostic(("model",), str(error))]) from error
     return Job.model_validate(attrs["job"])
-
-
-def row_params(design: Design, row: int) -> Any:
-    """The frozen pytree of parameters of a row.
-
-    Args:
-        design: the job's rows.
-        row: its number.
-
-    Raises:
-        IndexError: the job does not have this row.
-    """
-    values, _ = design.values(row, row + 1)
-    return design.model.params(
-        {name: jnp.asarray(value[0]) for name, value in design.model.on_host(values).items()}
-    )

@@ -14,7 +14,7 @@ from gaitsweep.contract import Model, Quantity
 from gaitsweep.engine.sweep.xla import refuse_missing_platform
 from gaitsweep.expression import RESERVED
 from gaitsweep.models.conformity import fault
-from gaitsweep.schema.diagnostics import Diagnostic, Path, found
+from gaitsweep.schema.diagnostics import Diagnostic, Path, quoted
 from gaitsweep.schema.numbers import (
     InvalidValue,
     read_flag,
@@ -66,8 +66,8 @@ class ModelSpec:
 
     def unknown(self, name: str, field: str) -> str | None:
         """The reason why `name` is not allowed in `params`, `start` or `vary`, or None."""
-        here = {"params": self.parameters, "start": self.starts, "vary": self.quantities}[field]
-        if name in here:
+        allowed = {"params": self.parameters, "start": self.starts, "vary": self.quantities}[field]
+        if name in allowed:
             return None
         if name in self.structure:
             cannot = "cannot vary" if field == "vary" else "cannot be a start value"
@@ -79,7 +79,7 @@ class ModelSpec:
         noun = {"params": "a parameter", "start": "a start value", "vary": "a parameter or start value"}[
             field
         ]
-        return f"is not {noun} of {self.model.name}{near_miss.suggestion(name, here)}"
+        return f"is not {noun} of {self.model.name}{near_miss.suggestion(name, allowed)}"
 
 
 def read_model_spec(
@@ -113,7 +113,7 @@ def read_model_spec(
             diagnostics.append(
                 Diagnostic(
                     path,
-                    f"is {found(value)}, but structure.{key} is {found(seen[key])}: remove one of the two.",
+                    f"is {quoted(value)}, but structure.{key} is {quoted(seen[key])}: remove one of the two.",
                 )
             )
     for key, value in shape.items():
@@ -153,9 +153,13 @@ def _instance(
     except Exception as error:  # a user's model may refuse its structure in any way
         return None, [Diagnostic(("structure",), f"is not accepted by {name}: {str(error).rstrip('.')}.")]
     names = [*parameters, *starts, *shape]
-    for each in names:
-        if each in RESERVED or names.count(each) > 1:
-            what = f"a quantity named {each}, which is reserved" if each in RESERVED else f"{each} twice"
+    for quantity_name in names:
+        if quantity_name in RESERVED or names.count(quantity_name) > 1:
+            what = (
+                f"a quantity named {quantity_name}, which is reserved"
+                if quantity_name in RESERVED
+                else f"{quantity_name} twice"
+            )
             return None, [Diagnostic(("model",), f"is {name}, which has {what}: rename it.")]
     if name not in models.names() and (wrong := fault(model)) is not None:
         return None, [Diagnostic(("model",), f"is {name}, {wrong}")]
@@ -169,7 +173,7 @@ def read_settings(raw: Any, field: str, spec: ModelSpec) -> tuple[dict[str, floa
     if not isinstance(raw, Mapping):
         return {}, [
             Diagnostic(
-                (field,), f"is {found(raw)}, but must be a mapping of names to numbers (name: number)."
+                (field,), f"is {quoted(raw)}, but must be a mapping of names to numbers (name: number)."
             )
         ]
     settings: dict[str, float | str] = {}
@@ -194,9 +198,9 @@ def _read_setting(value: Any, quantity: Quantity) -> float | str:
     if switch and isinstance(value, bool):
         return float(value)
     if switch and isinstance(value, str) and value.lower() in ("yes", "no", "on", "off"):
-        raise InvalidValue(f"is {found(value)}, but must be true, false or a number from 0 to 1.")
+        raise InvalidValue(f"is {quoted(value)}, but must be true, false or a number from 0 to 1.")
     if isinstance(value, (list, tuple, Mapping)):
-        raise InvalidValue(f"is {found(value)}, but must be one number; lists and axes belong under vary.")
+        raise InvalidValue(f"is {quoted(value)}, but must be one number; lists and axes belong under vary.")
     read, default = read_number(value), quantity.default
     # the same formula stays the same text, with which a job's hash was made
     if isinstance(read, str) and isinstance(default, str) and read == read_number(default):

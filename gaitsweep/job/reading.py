@@ -19,7 +19,7 @@ from gaitsweep.job.model_spec import ModelSpec, read_model_spec, read_settings
 from gaitsweep.job.step_lengths import check_numerics, check_steps
 from gaitsweep.kinds import parameter_written
 from gaitsweep.kinds.run_kind import Checked, RunKind, table_columns
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, found, from_pydantic
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, from_pydantic, quoted
 from gaitsweep.schema.numbers import SCOPE, Scope
 
 FITS = ("search", "sensitivity")  # fields of jobs that a command of the same name reads
@@ -43,7 +43,7 @@ def read_job(
         JobError: all errors in the job.
     """
     if not isinstance(data, Mapping):
-        raise JobError([Diagnostic((), f"is {found(data)}, but a job must be a mapping (key: value).")])
+        raise JobError([Diagnostic((), f"is {quoted(data)}, but a job must be a mapping (key: value).")])
     if others := [key for key in FITS if data.get(key) is not None]:
         text = f"belongs to another command: run this job with `gaitsweep {others[0]}`."
         raise JobError([Diagnostic((others[0],), text)])

@@ -124,9 +124,9 @@ def check_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> lis
     if not wrong.size:
         return []
     worst = int(wrong[np.argmin(longest[wrong])])
-    there = design.at(steps.rows[[worst]], design.names)
+    worst_row = design.at(steps.rows[[worst]], design.names)
     named = [name for name in design.names if _matters(design, name, steps)]
-    where = ", ".join(f"{name} = {there[name][0]:.6g}" for name in named)
+    where = ", ".join(f"{name} = {worst_row[name][0]:.6g}" for name in named)
     rows = round(wrong.size * steps.each) if not steps.sampled else None
     of = f"{rows} of {design.n_rows}" if rows is not None else f"some of {design.n_rows}"
     text = (
@@ -180,17 +180,19 @@ def _steps(
     model = design.model
     values = design.at(rows, [quantity.name for quantity in model.parameters])
     function = _function(model, numerics)
-    found = []
+    steps_by_place = []
     for place in run.places():
-        there = {**values, **{name: np.full(rows.size, at) for name, at in place.items()}}
-        there = resolve(design.following(*place), there, functions_of(np))
+        row_values = {**values, **{name: np.full(rows.size, at) for name, at in place.items()}}
+        row_values = resolve(design.following(*place), row_values, functions_of(np))
         n = rows.size
         # few sizes are compiled: small sets one by one, many in chunks that are filled up
         room = n if n <= FEW_SETS else _CHUNK
-        padded = {k: np.resize(np.broadcast_to(v, rows.shape).astype(float), room) for k, v in there.items()}
-        given = function(model.on_host(padded))
-        found.append([np.asarray(column)[:n] for column in given])
-    dt, longest = (np.min(np.stack(column), axis=0) for column in zip(*found, strict=True))
+        padded = {
+            k: np.resize(np.broadcast_to(v, rows.shape).astype(float), room) for k, v in row_values.items()
+        }
+        step_and_longest = function(model.on_host(padded))
+        steps_by_place.append([np.asarray(column)[:n] for column in step_and_longest])
+    dt, longest = (np.min(np.stack(column), axis=0) for column in zip(*steps_by_place, strict=True))
     return dt, longest
 
 
@@ -216,8 +218,8 @@ def _deciding(model: Model, numerics: ResolvedNumerics, design: Design) -> list[
 
     def one(values: dict[str, jax.Array]) -> list[jax.Array]:
         params = model.params(values)
-        found = recommended_step(model, numerics, params), longest_step(model, numerics.method, params)
-        return [x for x in found if x is not None]
+        lengths = recommended_step(model, numerics, params), longest_step(model, numerics.method, params)
+        return [x for x in lengths if x is not None]
 
     number = jax.ShapeDtypeStruct((), jnp.float64)
     deciding = frozenset[str]().union(*dependences(one, dict.fromkeys(names, number)))

@@ -87,33 +87,46 @@ class Records:
 
     def label(self, name: str, absent: float | None = None) -> Real[np.ndarray, " records"]:
         """A gait's number or a trait (n,); `absent` (by default 0 or NaN) where it was not read."""
-        if self.place is None:
-            return self.block.labels[name]
+        if self.place is None or name in self.block.labels:
+            return self.of_row(self.block.labels[name])
         labels = self.block.sample_labels[name]
         if absent is None:
             absent = 0 if labels.dtype.kind in "iu" else np.nan
         return _placed(labels, self.place, absent)
 
 
-def observed(
-    model: Model,
-    suffix: str,
-    values: Callable[[RowOutcome], Float[np.ndarray, "rows observables"]] = lambda block: block.last,
-) -> list[Column]:
-    """The observables at a crossing: `psi_1_n`; those where a row ended: `psi_1_end`.
+def _placed(
+    values: Real[np.ndarray, "samples ..."], place: Int[np.ndarray, " records"], absent: float
+) -> Real[np.ndarray, "records ..."]:
+    """The value at each place, or `absent` if the place is -1."""
+    last = np.full((1, *values.shape[1:]), absent, values.dtype)
+    return np.concatenate([values, last])[place]
 
-    `values` gives the latter (n, k) from the results of a block; by default those of the last crossing.
+
+def observed_at_crossings(model: Model) -> list[Column]:
+    """The observables at each crossing, such as `psi_1_n`."""
+    return [Column(f"{q.name}_n", None, q, False) for q in model.observables]
+
+
+def observed_at_end(
+    model: Model,
+    values: Callable[[RowOutcome], Float[np.ndarray, "rows observables"]] = lambda rows: rows.last,
+) -> list[Column]:
+    """The observables where each row ended, such as `psi_1_end`.
+
+    Args:
+        model: the model.
+        values: function from the results of a block's rows to the observables; by default those of the last
+            crossing.
     """
-    if suffix == "n":
-        return [Column(f"{q.name}_n", None, q, False) for q in model.observables]
     return [
-        Column(f"{q.name}_{suffix}", lambda records, i=i: values(records.block)[:, i], q, False)
+        Column(f"{q.name}_end", lambda records, i=i: values(records.block)[:, i], q, False)
         for i, q in enumerate(model.observables)
     ]
 
 
-def traits(model: Model) -> list[Column]:
-    """Observables that the model reads together with the gait."""
+def label_fields(model: Model) -> list[Column]:
+    """The fields that the model labels besides the gait."""
 
     def read(records: Records, name: str) -> Any:
         return gaits(model, records.label(name, -1)) if names_gait(name) else records.label(name)
@@ -124,6 +137,13 @@ def traits(model: Model) -> list[Column]:
 def signals(model: Model) -> list[Column]:
     """The signals of a sample; contacts of feet count as repeating."""
     return [Column(q.name, None, q, q.name.startswith("contact_")) for q in model.signals]
+
+
+def row_number(quantity: Quantity) -> Column:
+    """A number of the row (`RowNumber`), the same in all of its records."""
+    return Column(
+        quantity.name, lambda records: records.of_row(records.block.numbers[quantity.name]), quantity
+    )
 
 
 def _status(records: Records) -> pd.Categorical:
@@ -156,22 +176,8 @@ def _stalled_by(records: Records) -> pd.Categorical:
     ]
     categories = sorted(set(guards))
     codes = np.full(len(words), -1)
-    codes[stalled] = [categories.index(each) for each in guards]
+    codes[stalled] = [categories.index(guard) for guard in guards]
     return pd.Categorical.from_codes(codes, categories=categories)
-
-
-STATUS = Column("status", _status)
-STALLED_BY = Column("stalled_by", _stalled_by)
-CROSSING = Column("crossing", _crossing)
-GAIT = Column("gait", _gait)
-OUTCOME = Column("outcome", lambda records: outcomes(_gait(records), _status(records)))
-
-
-def row_number(quantity: Quantity) -> Column:
-    """A number of the row (`RowNumber`), the same in all of its records."""
-    return Column(
-        quantity.name, lambda records: records.of_row(records.block.numbers[quantity.name]), quantity
-    )
 
 
 def _slowest(records: Records) -> pd.Categorical:
@@ -181,6 +187,11 @@ def _slowest(records: Records) -> pd.Categorical:
     return pd.Categorical.from_codes(codes.tolist(), categories=names)
 
 
+STATUS = Column("status", _status)
+STALLED_BY = Column("stalled_by", _stalled_by)
+CROSSING = Column("crossing", _crossing)
+GAIT = Column("gait", _gait)
+OUTCOME = Column("outcome", lambda records: outcomes(_gait(records), _status(records)))
 SLOWEST = Column("slowest", _slowest)
 
 
@@ -197,14 +208,6 @@ def gaits(model: Model, codes: Int[np.ndarray, " rows"]) -> pd.Categorical:
         places[codes == code] = place
     names += [f"{UNKNOWN_GAIT} ({code + (code < 0)})" for code in outside.tolist()]
     return pd.Categorical.from_codes(places.tolist(), categories=names)
-
-
-def _placed(
-    values: Real[np.ndarray, "samples ..."], place: Int[np.ndarray, " records"], absent: float
-) -> Real[np.ndarray, "records ..."]:
-    """The value at each place, or `absent` if the place is -1."""
-    last = np.full((1, *values.shape[1:]), absent, values.dtype)
-    return np.concatenate([values, last])[place]
 
 
 def quantities_of(model: Model, columns: Sequence[Column] = ()) -> dict[str, dict[str, Any]]:

@@ -25,7 +25,7 @@ from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.engine.sweep.labels import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import STATUSES, gaits
-from gaitsweep.kinds.run_kind import BlockProgress, Cost, RunKind, table_columns
+from gaitsweep.kinds.run_kind import BlockProgress, RunKind, table_columns
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
 
@@ -124,30 +124,14 @@ class FollowsFixedPoints(RunKind):
     ) -> tuple[BatchedReturnMap, dict[str, Any], Values]:
         """The return map of rows (n,), their parameters at the start, and their starts."""
         parameters, starts = rows.values_in(numbers)
-        following = rows.following(*(each.parameter for each in self.movements))
+        following = rows.following(*(column.parameter for column in self.movements))
         mapping = BatchedReturnMap(rows.model, tuple(following.items()), spec.numerics, spec.engine)
-        values = {name: each for name, each in parameters.items() if name not in following}
+        values = {name: column for name, column in parameters.items() if name not in following}
         return mapping, values, starts
 
     def steps(self, on_step: Callable[[Any, Any], None]) -> ArclengthSteps:
         """The lengths of the steps, before each of which `on_step` is called as `ArclengthSteps` says."""
         return ArclengthSteps(self.step, self.longest, self.shortest, self.most, on_step)
-
-    def cost_of_points(
-        self, rows: Design, cycle: float, points: float, most: float, cycles_of_point: float
-    ) -> Cost:
-        """The cost of a row with likely `points`, and at most `most`.
-
-        Args:
-            rows: the job's rows.
-            cycle: attempts in a cycle.
-            points: the likely number of points without a limit.
-            most: the limit.
-            cycles_of_point: cycles of a point, for each number of the map's state and one more.
-        """
-        points, each = min(points, most), cycles_of_point * (_unknowns(rows) + 1)
-        likely, longest = ((self.settle + count * each) * cycle for count in (points, most))
-        return Cost(likely, longest, max(points, 1.0))
 
     def records(
         self,
@@ -156,7 +140,7 @@ class FollowsFixedPoints(RunKind):
         mapping: BatchedReturnMap,
         values: Values,
         table: pd.DataFrame,
-        found: Bool[np.ndarray, " records"],
+        has_point: Bool[np.ndarray, " records"],
         sound: Bool[np.ndarray, " records"],
         renamed: Mapping[str, str],
     ) -> pd.DataFrame:
@@ -168,18 +152,18 @@ class FollowsFixedPoints(RunKind):
             mapping: the return map.
             values: parameters of the block's rows (n,), by name.
             table: the branches; its `row` counts from 0.
-            found: mask of the records that have a point.
+            has_point: mask of the records that have a point.
             sound: mask of the records of rows with the status `complete`.
             renamed: new names of columns, besides those of observables.
         """
         model, row = rows.model, table["row"].to_numpy(np.int64)
         codes = np.full(len(table), -1)
-        if found.any():
-            moving = {each.parameter for each in self.movements}
-            at = {name: each[row[found]] for name, each in values.items() if name not in moving}
-            at |= {name: table.loc[found, name].to_numpy(float) for name in moving}
-            seen = {q.name: table.loc[found, q.name].to_numpy(float) for q in model.observables}
-            codes[found] = _gait_numbers(mapping, at, seen, int(found.sum()))
+        if has_point.any():
+            moving = {column.parameter for column in self.movements}
+            at = {name: column[row[has_point]] for name, column in values.items() if name not in moving}
+            at |= {name: table.loc[has_point, name].to_numpy(float) for name in moving}
+            seen = {q.name: table.loc[has_point, q.name].to_numpy(float) for q in model.observables}
+            codes[has_point] = _gait_numbers(mapping, at, seen, int(has_point.sum()))
         status = np.where(sound, Status.complete.name, Status.no_fixed_point.name)
         table = table.rename(columns={**renamed, **{q.name: f"{q.name}_n" for q in model.observables}})
         table = table.assign(
@@ -202,7 +186,7 @@ def _gait_numbers(
     return gait_codes(np.asarray(label(mapping.complete(values, n), dict(observed))))
 
 
-def _unknowns(rows: Design) -> int:
+def unknowns(rows: Design) -> int:
     """The number of coordinates of the rows' return map."""
     chart = rows.model.chart()
     if chart is not None:
@@ -211,5 +195,7 @@ def _unknowns(rows: Design) -> int:
     def begin(values: Any, start: Any) -> Any:
         return rows.model.init(rows.model.params(values), start)
 
-    first = [{name: each[0] for name, each in part.items()} for part in rows.values_in(np.zeros(1, np.int64))]
+    first = [
+        {name: column[0] for name, column in part.items()} for part in rows.values_in(np.zeros(1, np.int64))
+    ]
     return sum(int(np.size(leaf)) for leaf in jax.tree.leaves(jax.eval_shape(begin, *first)))

@@ -9,7 +9,7 @@ from pydantic import Field
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder, end_values
-from gaitsweep.kinds.columns import GAIT, OUTCOME, STALLED_BY, STATUS, Column, observed, traits
+from gaitsweep.kinds.columns import GAIT, OUTCOME, STALLED_BY, STATUS, Column, label_fields, observed_at_end
 from gaitsweep.kinds.run_kind import Cost, RunKind
 from gaitsweep.schema.numbers import Positive
 
@@ -37,10 +37,10 @@ class FixedTime(RunKind):
             Column("cycles"),
             Column("t_end", repeats=False),
             STALLED_BY,
-            *observed(model, "end", end_values),
+            *observed_at_end(model, end_values),
             GAIT,
             OUTCOME,
-            *traits(model),
+            *label_fields(model),
         ]
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:

@@ -18,8 +18,8 @@ from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.expression import ExpressionError
-from gaitsweep.kinds.columns import Column, observed
-from gaitsweep.kinds.fixed_points import FollowsFixedPoints
+from gaitsweep.kinds.columns import Column, observed_at_crossings
+from gaitsweep.kinds.fixed_points import FollowsFixedPoints, unknowns
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.numbers import Count, Positive, Real, Text
@@ -61,7 +61,7 @@ class Folds(FollowsFixedPoints):
         return [
             Column("point"),
             *(_fold_column(model, name) for name in self.parameters),
-            *observed(model, "n"),
+            *observed_at_crossings(model),
             Column("gait"),
             Column("time", repeats=False),
             Column("multiplier", repeats=False),
@@ -112,7 +112,10 @@ class Folds(FollowsFixedPoints):
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         """A row's curve likely crosses its ranges once, with at most `most` points in each direction."""
         points = POINTS_SHARE * (1.0 / self.longest + math.log2(self.longest / self.step))
-        return self.cost_of_points(rows, cycle, points, 2.0 * self.most, DERIVATIVES_A_POINT)
+        points, most = min(points, 2.0 * self.most), 2.0 * self.most
+        each = DERIVATIVES_A_POINT * (unknowns(rows) + 1)
+        likely, longest = ((self.settle + count * each) * cycle for count in (points, most))
+        return Cost(likely, longest, max(points, 1.0))
 
     def block_table(
         self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
@@ -122,7 +125,7 @@ class Folds(FollowsFixedPoints):
         points, _ = mapping.settled(starts, values, self.settle)
         curves = []
         for row in range(last - first):
-            mine = {name: each[[row]] for name, each in values.items()}
+            row_values = {name: column[[row]] for name, column in values.items()}
 
             def on_step(points: Sequence[int], shares: Sequence[float], row: int = row) -> None:
                 what = f"{points[0]} points of its curve" if points[0] else "searching its fold"
@@ -131,28 +134,30 @@ class Folds(FollowsFixedPoints):
             curve = fold_curves(
                 mapping,
                 points[np.array([row])],
-                {name: each for name, each in mine.items() if name not in self.parameters},
+                {name: column for name, column in row_values.items() if name not in self.parameters},
                 parameters=self.parameters,
                 within=self.within,
-                begin={name: mine[name] for name in self.parameters},
+                begin={name: row_values[name] for name in self.parameters},
                 fix=self.fix,
                 steps=self.steps(on_step),
             )
             curves.append(curve.assign(row=row))
         table = pd.concat(curves, ignore_index=True)
-        found = table["special"].notna().to_numpy() if "special" in table else np.zeros(len(table), bool)
+        has_fold = table["special"].notna().to_numpy() if "special" in table else np.zeros(len(table), bool)
         failed = table["end"].isin([outcome.name for outcome in NewtonOutcome]).to_numpy(bool)
         renamed = {name: f"{name}_fold" for name in self.parameters}
-        table = self.records(rows, first, mapping, values, table, found, ~failed, renamed)
+        table = self.records(rows, first, mapping, values, table, has_fold, ~failed, renamed)
         # without a fold, the parameters are those at which the row begins
-        table.loc[~found, list(renamed.values())] = np.nan
+        table.loc[~has_fold, list(renamed.values())] = np.nan
         whole = ("unstable", "side", "corrections")
         return table.assign(**{name: table[name].astype(float).fillna(0).astype(np.int64) for name in whole})
 
 
 def _fold_column(model: Model, name: str) -> Column:
     """Column of the parameter's value at the fold."""
-    found = next((each for each in model.parameters if each.name == name), None)
-    if found is not None:
-        found = dataclasses.replace(found, name=f"{name}_fold", meaning=f"{found.meaning}, at the fold")
-    return Column(f"{name}_fold", quantity=found, repeats=False)
+    quantity = next((q for q in model.parameters if q.name == name), None)
+    if quantity is not None:
+        quantity = dataclasses.replace(
+            quantity, name=f"{name}_fold", meaning=f"{quantity.meaning}, at the fold"
+        )
+    return Column(f"{name}_fold", quantity=quantity, repeats=False)

@@ -12,7 +12,7 @@ from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.ramp import RampSchedule
-from gaitsweep.kinds.columns import CROSSING, GAIT, STALLED_BY, STATUS, Column, Records, observed
+from gaitsweep.kinds.columns import CROSSING, GAIT, STALLED_BY, STATUS, Column, Records, observed_at_crossings
 from gaitsweep.kinds.run_kind import Cost, RunKind
 from gaitsweep.schema.numbers import Flag, NotNegative, Positive, Real, Text
 
@@ -44,7 +44,7 @@ class Ramp(RunKind):
     def columns(self, model: Model) -> list[Column]:
         moving = moving_columns(self.parameter, self.schedule(), repeats=False)
         read = [GAIT] if self.gaits else []
-        seen = [*observed(model, "n"), *read]
+        seen = [*observed_at_crossings(model), *read]
         return [CROSSING, *moving, Column("t", repeats=False), STATUS, STALLED_BY, *seen]
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:

@@ -9,7 +9,7 @@ from pydantic import Field
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.kinds.columns import CROSSING, STALLED_BY, STATUS, Column, observed
+from gaitsweep.kinds.columns import CROSSING, STALLED_BY, STATUS, Column, observed_at_crossings
 from gaitsweep.kinds.run_kind import Cost, RunKind
 from gaitsweep.schema.numbers import Count, CountOrZero
 
@@ -29,7 +29,7 @@ class ReturnMap(RunKind):
         return CrossingRecorder(model, self.crossings, self.after_cycles)
 
     def columns(self, model: Model) -> list[Column]:
-        return [CROSSING, Column("t", repeats=False), STATUS, STALLED_BY, *observed(model, "n")]
+        return [CROSSING, Column("t", repeats=False), STATUS, STALLED_BY, *observed_at_crossings(model)]
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         attempts = float(self.after_cycles + self.crossings) * cycle

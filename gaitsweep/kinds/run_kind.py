@@ -55,11 +55,16 @@ class Schedule(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Cost:
-    """Likely and largest number of attempts of a row, and the number of its records."""
+    """Likely and largest number of attempts of a row, and the number of its records.
+
+    `longer` and `longer_records` are those of a row whose branch folds, for kinds that follow branches.
+    """
 
     likely: float
     most: float
     records: float = 1.0
+    longer: float | None = None
+    longer_records: float | None = None
 
 
 class RunKind(StrictModel, abc.ABC):
@@ -101,7 +106,7 @@ class RunKind(StrictModel, abc.ABC):
     @classmethod
     def __pydantic_init_subclass__(cls, **options: Any) -> None:
         shown = inspect.signature(cls)  # what a notebook shows: `kind` may be left out
-        known = [each for name, each in shown.parameters.items() if name != "kind"]
+        known = [parameter for name, parameter in shown.parameters.items() if name != "kind"]
         cls.__signature__ = shown.replace(parameters=known)
 
     @classmethod
@@ -166,7 +171,7 @@ class RunKind(StrictModel, abc.ABC):
 
     def all_columns(self, model: Model) -> list[Column]:
         """The columns, and those of the recorder's numbers that have a quantity."""
-        declared = (each.quantity for each in self.recorder(model).numbers if each.quantity is not None)
+        declared = (number.quantity for number in self.recorder(model).numbers if number.quantity is not None)
         return [*self.columns(model), *map(row_number, declared)]
 
     def table(
@@ -183,10 +188,10 @@ class RunKind(StrictModel, abc.ABC):
             records = Records.one_a_row(model, block)
         else:
             records = Records.one_a_sample(model, block, self.recorder(model).names)
-        found: dict[str, Any] = {"row": records.rows}
-        found |= {name: records.of_row(values) for name, values in axes.items()}
-        found |= {column.name: column.of(records) for column in self.all_columns(model)}
-        return pd.DataFrame(found)
+        columns: dict[str, Any] = {"row": records.rows}
+        columns |= {name: records.of_row(values) for name, values in axes.items()}
+        columns |= {column.name: column.of(records) for column in self.all_columns(model)}
+        return pd.DataFrame(columns)
 
 
 @runtime_checkable

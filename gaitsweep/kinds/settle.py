@@ -13,7 +13,16 @@ from gaitsweep.design import Design
 from gaitsweep.engine.recorders.settle import SettleRecorder as Recorder
 from gaitsweep.engine.recorders.settle import tolerances
 from gaitsweep.engine.sweep.boundary_cells import Grid
-from gaitsweep.kinds.columns import GAIT, OUTCOME, SLOWEST, STALLED_BY, STATUS, Column, observed, traits
+from gaitsweep.kinds.columns import (
+    GAIT,
+    OUTCOME,
+    SLOWEST,
+    STALLED_BY,
+    STATUS,
+    Column,
+    label_fields,
+    observed_at_end,
+)
 from gaitsweep.kinds.run_kind import Cost, RunKind
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import (
@@ -90,11 +99,11 @@ class Settle(RunKind):
             Column("t_end", repeats=False),
             SLOWEST,
             STALLED_BY,
-            *observed(model, "end"),
+            *observed_at_end(model),
             GAIT,
             OUTCOME,
             Column("attractor_period", lambda records: records["period"]),
-            *traits(model),
+            *label_fields(model),
         ]
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:

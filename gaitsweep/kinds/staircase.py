@@ -22,8 +22,8 @@ from gaitsweep.kinds.columns import (
     STATUS,
     Column,
     Records,
-    observed,
-    traits,
+    label_fields,
+    observed_at_crossings,
 )
 from gaitsweep.kinds.run_kind import Cost, RunKind
 from gaitsweep.kinds.settle import check_tolerance
@@ -86,9 +86,9 @@ class Staircase(RunKind):
             SLOWEST,
             STATUS,
             STALLED_BY,
-            *observed(model, "n"),
+            *observed_at_crossings(model),
             GAIT,
-            *traits(model),
+            *label_fields(model),
         ]
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:

@@ -10,7 +10,7 @@ from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.ramp import RampSchedule
 from gaitsweep.engine.recorders.trace import TraceRecorder as Recorder
-from gaitsweep.kinds.columns import STALLED_BY, STATUS, Column, signals
+from gaitsweep.kinds.columns import GAIT, STALLED_BY, STATUS, Column, signals
 from gaitsweep.kinds.ramp import moving_columns
 from gaitsweep.kinds.run_kind import Cost, RunKind
 from gaitsweep.schema.diagnostics import Diagnostic
@@ -54,7 +54,7 @@ class Trace(RunKind):
     def columns(self, model: Model) -> list[Column]:
         schedule = self.schedule()
         moving = [] if schedule is None else moving_columns(str(self.parameter), schedule, repeats=True)
-        return [*moving, Column("t"), *signals(model), STATUS, STALLED_BY]
+        return [*moving, Column("t"), *signals(model), GAIT, STATUS, STALLED_BY]
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
         if self.every > self.duration:
@@ -66,12 +66,12 @@ class Trace(RunKind):
             )
             return [Diagnostic(("run", "every"), text)]
         if self.parameter is None:
-            given = [name for name in _MOVING if name in self.model_fields_set and getattr(self, name)]
+            written = [name for name in _MOVING if name in self.model_fields_set and getattr(self, name)]
             return [
                 Diagnostic(
                     ("run", name), "has no effect without run.parameter: name the parameter that moves."
                 )
-                for name in given
+                for name in written
             ]
         for name in ("path", "rate"):
             if getattr(self, name) is None:

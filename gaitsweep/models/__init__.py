@@ -117,10 +117,10 @@ def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
         raise ModelError(f"is {name}, which is not a valid name; {_OWN}.")
     module = _import(name, module_name, [] if name in known else [*folders, Path.cwd()])
     if not hasattr(module, attribute):
-        classes = {key: each for key, each in vars(module).items() if inspect.isclass(each)}
-        own = {key: each for key, each in classes.items() if issubclass(each, Model)}
+        classes = {key: member for key, member in vars(module).items() if inspect.isclass(member)}
+        own = {key: member for key, member in classes.items() if issubclass(member, Model)}
         package = module_name.partition(".")[0]  # not the bases, which a user's module imports from here
-        known = [key for key, each in own.items() if each.__module__.partition(".")[0] == package]
+        known = [key for key, member in own.items() if member.__module__.partition(".")[0] == package]
         near = near_miss.suggestion(attribute, known)
         raise ModelError(f"is {name}, but {module_name} has no {attribute}{near}")
     return _as_model(name, getattr(module, attribute))
@@ -149,13 +149,14 @@ def find_of_table(attrs: Mapping[Any, Any], trust: bool = False) -> type[Model]:
     top = name.partition(":")[0].partition(".")[0]
     if trust or name in model_paths() or name in _SESSION or top in sys.modules or not top.isidentifier():
         return find(name, [folder for folder in theirs if folder.is_dir()] if trust else ())
-    here = _place_of(top, [*sys.path, str(Path.cwd())])
-    if here is not None and here.parent.resolve().is_relative_to(directory.resolve()):
-        theirs, here = [here.parent], None  # the working directory is the stranger's
+    own_place = _place_of(top, [*sys.path, str(Path.cwd())])
+    if own_place is not None and own_place.parent.resolve().is_relative_to(directory.resolve()):
+        theirs, own_place = [own_place.parent], None  # the working directory is the stranger's
     place = next(
-        (each.resolve() for folder in theirs if (each := _place_of(top, [str(folder)])) is not None), None
+        (location.resolve() for folder in theirs if (location := _place_of(top, [str(folder)])) is not None),
+        None,
     )
-    if here is None and place is not None:
+    if own_place is None and place is not None:
         raise ModelError(
             f"is {name}, whose code is in {place}: it came with {directory} and would run with your "
             "permissions. Use --trust (trust=True in Python) if you trust its author, or put the module into "
@@ -171,13 +172,13 @@ def _place_of(top: str, folders: list[str]) -> Path | None:
     return next((Path(place).absolute() for place in places if place is not None), None)
 
 
-def _as_model(name: str, found: object) -> type[Model]:
-    if not inspect.isclass(found) or not issubclass(found, (HybridModel, SteppedModel)):
+def _as_model(name: str, member: object) -> type[Model]:
+    if not inspect.isclass(member) or not issubclass(member, (HybridModel, SteppedModel)):
         raise ModelError(f"is {name}, which is not a model: derive it from HybridModel or SteppedModel.")
-    if inspect.isabstract(found):
-        missing = ", ".join(sorted(found.__abstractmethods__))
+    if inspect.isabstract(member):
+        missing = ", ".join(sorted(member.__abstractmethods__))
         raise ModelError(f"is {name}, which is not a complete model: it lacks {missing}.")
-    return found
+    return member
 
 
 def _import(name: str, module_name: str, folders: list[Path]) -> object:
@@ -211,7 +212,7 @@ def _missing(module_name: str, missing: str | None, folders: list[Path]) -> str 
     places = [place for place in places if place.is_dir()]
     if not places:
         return None
-    near = near_miss.nearest(last, sorted({each for place in places for each in modules_in(place)}))
+    near = near_miss.nearest(last, sorted({module for place in places for module in modules_in(place)}))
     meant = "." if near is None else f"; did you mean {'.'.join([*package, near])}?"
     looked = " and ".join(str(place) for place in places)
     return f"no module of that name is installed or in {looked}{meant}"

@@ -154,9 +154,9 @@ def _event_functions(model: Declared, params: Any, state: Any) -> None:
     """Refuse event functions that do not return one real number, by the events' names."""
     for event in model.declared_events():
         name = f"for the event {event.name!r}"
-        given = _given(name, lambda p, s, event=event: event.function(model, p, s), params, state)
-        _shaped(name, given, event.counted.shape(model))
-        if (kind := _kind(given)) != "real numbers":
+        result = _given(name, lambda p, s, event=event: event.function(model, p, s), params, state)
+        _shaped(name, result, event.counted.shape(model))
+        if (kind := _kind(result)) != "real numbers":
             wanted = "a real number that rises through zero: s.x - 2.0, not s.x > 2.0"
             raise _returns(name, kind, wanted)
         conditions = {"during": (event.during, (state,)), "when": (event.when, (params, state))}
@@ -164,9 +164,9 @@ def _event_functions(model: Declared, params: Any, state: Any) -> None:
             if condition is None:
                 continue
             name = f"{which}= of the event {event.name!r}"
-            given = _given(name, condition, *seen)
-            if _kind(given) != "booleans" or jnp.shape(given) not in ((), event.counted.shape(model)):
-                raise _returns(name, f"{_kind(given)} {jnp.shape(given)}", "a condition, such as s.x > 0.0")
+            result = _given(name, condition, *seen)
+            if _kind(result) != "booleans" or jnp.shape(result) not in ((), event.counted.shape(model)):
+                raise _returns(name, f"{_kind(result)} {jnp.shape(result)}", "a condition, such as s.x > 0.0")
 
 
 def _called_by_init(model: Any, params: Any, state: Any) -> None:
@@ -192,25 +192,25 @@ def _jump_functions(model: Declared, params: Any, state: Any) -> None:
 def _events(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
     """The shape of the flags of events."""
     if isinstance(model, HybridModel):
-        name, found = "guards", _given("guards", model.guards, params, state)
+        name, result = "guards", _given("guards", model.guards, params, state)
     else:
         assert isinstance(model, FixedStepDynamics)
         after = _given("step", model.step, params, state, _NUMBER)
         _alike("step", state, after)
-        name, found = "events", _given("events", model.events, params, state, after)
-    if getattr(found, "ndim", None) != 1:
-        shape = getattr(found, "shape", type(found).__name__)
+        name, result = "events", _given("events", model.events, params, state, after)
+    if getattr(result, "ndim", None) != 1:
+        shape = getattr(result, "shape", type(result).__name__)
         raise _returns(name, shape, "one number for each event, (n,): use jnp.stack")
     if isinstance(model, HybridModel):
-        if _kind(found) != "real numbers":
-            raise _returns("guards", _kind(found), "real numbers")
+        if _kind(result) != "real numbers":
+            raise _returns("guards", _kind(result), "real numbers")
         names = model.guard_names
-        if not isinstance(names, tuple) or not all(isinstance(each, str) for each in names):
+        if not isinstance(names, tuple) or not all(isinstance(guard_name, str) for guard_name in names):
             raise _returns("guard_names", repr(names), "a tuple of texts")
-        if names and len(names) != found.shape[0]:
-            count = found.shape[0]
+        if names and len(names) != result.shape[0]:
+            count = result.shape[0]
             raise _Fault(f"guard_names returns {len(names)} names, but guards returns {count} numbers.")
-    return jax.ShapeDtypeStruct(found.shape, bool)
+    return jax.ShapeDtypeStruct(result.shape, bool)
 
 
 def _given(name: str, function: Callable[..., Any], *args: Any) -> Any:
@@ -252,27 +252,29 @@ def _rates(state: Any, rates: Any) -> None:
 def _moved_or_jumped(model: Model, params: Any, state: Any, events: Any, rates: Mapping[str, Any]) -> None:
     """Refuse a declared variable without a rate that no jump changes: its rate was forgotten."""
     declared = model.declarations.items() if isinstance(model, Declared) else ()
-    still = [name for name, each in declared if isinstance(each, Variable) and name not in rates]
+    still = [
+        name for name, declaration in declared if isinstance(declaration, Variable) and name not in rates
+    ]
     if not still:
         return
     # a scalar program has one node for equal values
     tracer, before = Tracer(Program()), (params, state, events)
-    given = jax.tree.unflatten(jax.tree.structure(before), tracer.inputs(before, 0, steady=False))
+    inputs = jax.tree.unflatten(jax.tree.structure(before), tracer.inputs(before, 0, steady=False))
     try:
-        nodes = tracer.read(jax.make_jaxpr(model.jump)(*before), jax.tree.leaves(given))
+        nodes = tracer.read(jax.make_jaxpr(model.jump)(*before), jax.tree.leaves(inputs))
     except UnsupportedError:
         return
     after = jax.tree.unflatten(jax.tree.structure(state), nodes)
     for name in still:
-        if np.array_equal(getattr(given[1], name), getattr(after, name)):
+        if np.array_equal(getattr(inputs[1], name), getattr(after, name)):
             constant = "return its rate, or 0.0 if it is constant"
             raise _Fault(f"flow returns no rate of {name}, and no jump changes it: {constant}.")
 
 
-def _kind(found: Any) -> str:
+def _kind(array: Any) -> str:
     """The kind of numbers of an array."""
     kinds = {"b": "booleans", "i": "whole numbers", "u": "whole numbers", "f": "real numbers"}
-    return kinds.get(jnp.result_type(found).kind, "complex numbers")
+    return kinds.get(jnp.result_type(array).kind, "complex numbers")
 
 
 def _continuous(state: Any) -> list[str]:
@@ -296,23 +298,23 @@ def _alike(name: str, before: Any, after: Any) -> None:
                 raise _Fault(f"{name} returns {it}, but init returns it with {what} {was}.")
 
 
-def _scalar(name: str, found: Any) -> None:
-    _shaped(name, found, ())
+def _scalar(name: str, value: Any) -> None:
+    _shaped(name, value, ())
 
 
-def _shaped(name: str, found: Any, shape: tuple[int, ...]) -> None:
-    if getattr(found, "shape", None) != shape:
+def _shaped(name: str, value: Any, shape: tuple[int, ...]) -> None:
+    if getattr(value, "shape", None) != shape:
         wanted = f"{shape[0]} numbers, {shape}, as count= says" if shape else "one number, ()"
-        raise _returns(name, getattr(found, "shape", type(found).__name__), wanted)
+        raise _returns(name, getattr(value, "shape", type(value).__name__), wanted)
 
 
-def _named(name: str, found: Any, kind: str, wanted: Iterable[str]) -> None:
-    given = list(found) if isinstance(found, Mapping) else []
-    for each in wanted:
-        if each not in given:
-            outputs = ", ".join(map(str, given)) or "no names"
-            raise _Fault(f"{name} does not return {each}, one of its {kind}; it returns {outputs}.")
-        _scalar(f"{name}, {each},", found[each])
+def _named(name: str, returned: Any, kind: str, wanted: Iterable[str]) -> None:
+    names = list(returned) if isinstance(returned, Mapping) else []
+    for wanted_name in wanted:
+        if wanted_name not in names:
+            outputs = ", ".join(map(str, names)) or "no names"
+            raise _Fault(f"{name} does not return {wanted_name}, one of its {kind}; it returns {outputs}.")
+        _scalar(f"{name}, {wanted_name},", returned[wanted_name])
 
 
 def faults(kind: type[Model]) -> list[str]:
@@ -334,8 +336,8 @@ def faults(kind: type[Model]) -> list[str]:
         wrong = list(_of_quantities(model))
     except Exception as error:  # a user's class may raise anything
         return [f"which raises {type(error).__name__} when it is created: {str(error).rstrip('.')}."]
-    if (found := fault(model)) is not None:
-        return list(dict.fromkeys([*wrong, _traced(model) or found])) if wrong else [found]
+    if (first_fault := fault(model)) is not None:
+        return list(dict.fromkeys([*wrong, _traced(model) or first_fault])) if wrong else [first_fault]
     try:
         return list(_by_value(model))
     except ExpressionError as error:
@@ -344,15 +346,15 @@ def faults(kind: type[Model]) -> list[str]:
 
 def _unread_structure(kind: type[Model]) -> str | None:
     """Fields annotated as structure in a class that is not a dataclass, which so have no effect."""
-    for each in kind.__mro__:
-        if not issubclass(each, Model) or each.__module__.startswith("gaitsweep.contract"):
+    for base in kind.__mro__:
+        if not issubclass(base, Model) or base.__module__.startswith("gaitsweep.contract"):
             continue
-        own = vars(each).get("__dataclass_fields__", {})
-        for name, hint in inspect.get_annotations(each).items():
+        own = vars(base).get("__dataclass_fields__", {})
+        for name, hint in inspect.get_annotations(base).items():
             constant = get_origin(hint) is ClassVar or str(hint).startswith(("ClassVar", "typing.ClassVar"))
             if name not in own and not constant:
                 return (
-                    f"whose class {each.__name__} annotates {name} but is not a dataclass, so no job can set "
+                    f"whose class {base.__name__} annotates {name} but is not a dataclass, so no job can set "
                     "it: write @dataclasses.dataclass(frozen=True) before the class."
                 )
     return None
@@ -433,7 +435,7 @@ class _Begun:
     @property
     def own_state(self) -> dict[str, Any]:
         """The state less what arms its events, which is NaN where a guard is."""
-        return {name: each for name, each in vars(self.state).items() if name != ARMING}
+        return {name: value for name, value in vars(self.state).items() if name != ARMING}
 
 
 jax.tree_util.register_dataclass(_Begun)
@@ -479,14 +481,14 @@ def _by_value(model: Model) -> Iterator[str]:
     # a simulator has thousands of operations, and each set of its parameters is a body
     costly = model.host_parameters or not isinstance(model, HybridModel)
     values, starts = sample(model, _SAMPLE // 8 if costly else _SAMPLE)
-    found, known = _at_points(model, values, starts), {**values, **starts}
-    default = jax.tree.map(lambda leaf: leaf[:1], found)
+    begun, known = _at_points(model, values, starts), {**values, **starts}
+    default = jax.tree.map(lambda leaf: leaf[:1], begun)
     if bool(default.fallen[0]):
         yield "but its function failed returns True for its default start."
     if default.guards is not None:
         yield from _not_finite("guards", default.guards, lambda row: written(known, row))
     yield from _sound(default, lambda row: written(known, row))
-    yield from _in_order(model, found, lambda row: written(known, row))
+    yield from _in_order(model, begun, lambda row: written(known, row))
 
 
 def faults_of_rows(model: Model, values: Columns, starts: Columns, where: Where) -> list[str]:
@@ -499,12 +501,12 @@ def faults_of_rows(model: Model, values: Columns, starts: Columns, where: Where)
     Returns:
         Ends of sentences, as in `fault`.
     """
-    found = _at_points(model, values, starts)
-    said = [*_sound(found, where), *_in_order(model, found, where)]
-    if np.all(found.fallen):
+    begun = _at_points(model, values, starts)
+    said = [*_sound(begun, where), *_in_order(model, begun, where)]
+    if np.all(begun.fallen):
         said.append(f"but its function failed returns True{where(0)} and at all other starts tried.")
-    known = True if found.guards is None else ~np.any(np.isnan(found.guards), axis=1)
-    for name, beyond in found.beyond.items():
+    known = True if begun.guards is None else ~np.any(np.isnan(begun.guards), axis=1)
+    for name, beyond in begun.beyond.items():
         if (row := _first_row(beyond & known)) is not None:
             said.append(
                 f"which begins on or beyond the surface of its event {name!r}{where(row)}: "
@@ -517,44 +519,44 @@ def _at_points(model: Model, values: Columns, starts: Columns) -> _Begun:
     return _begun(model)(dict(model.on_host(values)), dict(starts))
 
 
-def _sound(found: _Begun, where: Where) -> Iterator[str]:
+def _sound(begun: _Begun, where: Where) -> Iterator[str]:
     """Faults of starts: numbers that are not finite, and changes although no event has fired."""
     numbers = {
-        "init": found.own_state,
-        "observe": found.observed,
-        "signal": found.signals,
-        "flow": found.rates,
-        "step": found.stepped,
+        "init": begun.own_state,
+        "observe": begun.observed,
+        "signal": begun.signals,
+        "flow": begun.rates,
+        "step": begun.stepped,
     }
-    for name, given in numbers.items():
-        yield from _not_finite(name, given, where)
+    for name, values in numbers.items():
+        yield from _not_finite(name, values, where)
     for (path, old), new in zip(
-        jax.tree.leaves_with_path(found.state), jax.tree.leaves(found.still), strict=True
+        jax.tree.leaves_with_path(begun.state), jax.tree.leaves(begun.still), strict=True
     ):
         field = jax.tree_util.keystr(path).lstrip(".")
         row = _first_row((np.asarray(old) != new) & ~(np.isnan(old) & np.isnan(new)))
         if row is not None:
             text = f"but its function jump changes {field} although no event has fired{where(row)}"
             yield f"{text}: use jnp.where(fired[i], ...)."
-    if (row := _first_row(found.closes)) is not None:
+    if (row := _first_row(begun.closes)) is not None:
         yield f"but its function section closes a cycle although no event has fired{where(row)}."
 
 
-def _in_order(model: Model, found: _Begun, where: Where) -> Iterator[str]:
+def _in_order(model: Model, begun: _Begun, where: Where) -> Iterator[str]:
     """Faults of periods, labels and events at any start."""
-    period, gait = found.period, found.gait
+    period, gait = begun.period, begun.gait
     if (row := _first_row(~((period > 0.0) & (period < math.inf)))) is not None:
         result = f"{period[row]:g}{where(row)}"
         yield f"but its function {_returns('period', result, 'seconds above 0')}"
-    seen = np.all([np.isfinite(each) for each in found.observed.values()], axis=0)
+    seen = np.all([np.isfinite(values) for values in begun.observed.values()], axis=0)
     if (row := _first_row(seen & ~((gait >= 0) & (gait < len(model.gaits))))) is not None:
         wanted = f"the index of a gait, 0 to {len(model.gaits) - 1}"
         yield f"but its function {_returns('label', f'gait {gait[row]}{where(row)}', wanted)}"
     if not isinstance(model, HybridModel):
         return
-    params, state, guards = found.params, found.state, found.guards
+    params, state, guards = begun.params, begun.state, begun.guards
     assert guards is not None
-    leaves = [np.reshape(leaf, (len(guards), -1)) for leaf in jax.tree.leaves(found.own_state)]
+    leaves = [np.reshape(leaf, (len(guards), -1)) for leaf in jax.tree.leaves(begun.own_state)]
     sound = np.all(np.concatenate([np.isfinite(np.asarray(leaf, float)) for leaf in leaves], axis=1), axis=1)
     if (row := _first_row(sound & np.any(np.isnan(guards), axis=1))) is not None:
         name = _guard(model, int(np.argmax(np.isnan(guards[row]))))
@@ -592,12 +594,12 @@ def _dependent(model: HybridModel, params: Any, state: Any) -> Bool[np.ndarray, 
             ~jnp.isclose(a, b, rtol=1e-9, atol=1e-12, equal_nan=True)
             for a, b in zip(jax.tree.leaves(at_once), jax.tree.leaves(in_turn), strict=True)
         ]
-        return (i < j) & jnp.any(jnp.concatenate([jnp.ravel(each) for each in off]))
+        return (i < j) & jnp.any(jnp.concatenate([jnp.ravel(difference) for difference in off]))
 
     pairs = jnp.repeat(jnp.arange(count), count), jnp.tile(jnp.arange(count), count)
     over_pairs = jax.vmap(of_pair, (None, None, 0, 0))
-    found = jax.jit(jax.vmap(lambda p, s: over_pairs(p, s, *pairs)))(params, state)
-    return np.asarray(found).reshape(-1, count, count)
+    dependent = jax.jit(jax.vmap(lambda p, s: over_pairs(p, s, *pairs)))(params, state)
+    return np.asarray(dependent).reshape(-1, count, count)
 
 
 def _without_end(model: HybridModel, params: Any, state: Any) -> Bool[np.ndarray, "starts guards"]:
@@ -634,8 +636,8 @@ def sample(model: Model, n: int) -> tuple[Columns, Columns]:
     def drawn(quantities: Sequence[Quantity], known: Mapping[str, Any], start: bool) -> Columns:
         formulas = {q.name: q.default for q in quantities if isinstance(q.default, str)}
         numbers = {q.name: _spread(random, n, q, start) for q in quantities if q.name not in formulas}
-        found = resolve(formulas, {**known, **numbers})
-        return {q.name: np.broadcast_to(np.asarray(found[q.name], float), (n,)) for q in quantities}
+        resolved = resolve(formulas, {**known, **numbers})
+        return {q.name: np.broadcast_to(np.asarray(resolved[q.name], float), (n,)) for q in quantities}
 
     parameters = drawn(model.parameters, sizes, False)
     return parameters, drawn(model.initial_conditions, {**sizes, **parameters}, True)
@@ -658,7 +660,7 @@ def _spread(
 
 def written(values: Columns, row: int) -> str:
     """The values of a row that differ from the first: " at w = 2, x_0 = 2.4"; the first has the defaults."""
-    differ = [f"{name} = {each[row]:.6g}" for name, each in values.items() if each[row] != each[0]]
+    differ = [f"{name} = {column[row]:.6g}" for name, column in values.items() if column[row] != column[0]]
     if not differ:
         return " at the model's defaults"
     return " at " + ", ".join(differ[:NAMED]) + (", ..." if len(differ) > NAMED else "")
@@ -670,8 +672,8 @@ def _middle(quantity: Quantity) -> float:
     return float(np.clip(1.0, quantity.low, quantity.high) if quantity.default is None else quantity.default)
 
 
-def _not_finite(name: str, found: Any, where: Where) -> Iterator[str]:
-    for path, leaf in jax.tree.leaves_with_path(found):
+def _not_finite(name: str, tree: Any, where: Where) -> Iterator[str]:
+    for path, leaf in jax.tree.leaves_with_path(tree):
         numbers = np.asarray(leaf, float)
         if (row := _first_row(~np.isfinite(numbers))) is not None:
             field = jax.tree_util.keystr(path).strip(".[]'")

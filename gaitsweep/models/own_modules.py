@@ -39,9 +39,9 @@ def modules_beside(module: ModuleType) -> dict[str, Path]:
         return {}
     name = module.__name__
     top = name.partition(".")[0] if _installed(folder) else None
-    found: dict[str, Path] = {}
-    _follow(name, folder, top, found, set())
-    return found
+    files: dict[str, Path] = {}
+    _follow(name, folder, top, files, set())
+    return files
 
 
 def modules_in(folder: Path) -> list[str]:
@@ -61,9 +61,9 @@ def installed(module: ModuleType) -> bool:
     return folder is None or _installed(folder)
 
 
-def folder_of_class(found: type) -> Path | None:
+def folder_of_class(class_: type) -> Path | None:
     """The folder from which the module of a user's class is imported; None for an installed one."""
-    module = sys.modules.get(found.__module__)
+    module = sys.modules.get(class_.__module__)
     if module is None or installed(module):
         return None
     return _folder_of(module)
@@ -91,16 +91,16 @@ def data_files() -> Iterator[dict[Path, Stamp]]:
     _listen()
     opened: set[str] = set()
     outer = _OPENED.set(opened)
-    found: dict[Path, Stamp] = {}
+    stamps: dict[Path, Stamp] = {}
     try:
-        yield found
+        yield stamps
     finally:
         _OPENED.reset(outer)
         for name in opened:
             file = Path(name).absolute()
             with contextlib.suppress(OSError):
                 if file.suffix not in _CODE and file.is_file() and not any(map(_installed, file.parents)):
-                    found[file] = stamp_of(file)
+                    stamps[file] = stamp_of(file)
 
 
 @functools.cache
@@ -119,7 +119,7 @@ def _listen() -> None:
 
 @functools.cache
 def _package_folders() -> frozenset[Path]:
-    return frozenset(Path(each).resolve() for each in sysconfig.get_paths().values())
+    return frozenset(Path(folder).resolve() for folder in sysconfig.get_paths().values())
 
 
 def _installed(folder: Path) -> bool:
@@ -127,7 +127,7 @@ def _installed(folder: Path) -> bool:
     return folder in _package_folders() or folder.name in ("site-packages", "dist-packages")
 
 
-def _follow(name: str, folder: Path, top: str | None, found: dict[str, Path], seen: set[str]) -> None:
+def _follow(name: str, folder: Path, top: str | None, files: dict[str, Path], seen: set[str]) -> None:
     """Add a module after those that it imports; circular imports are visited once."""
     if name in seen or (file := _file_of(name, folder)) is None:
         return
@@ -135,15 +135,15 @@ def _follow(name: str, folder: Path, top: str | None, found: dict[str, Path], se
         return
     seen.add(name)
     if "." in name:  # importing a module runs its parent packages first
-        _follow(name.rpartition(".")[0], folder, top, found, seen)
+        _follow(name.rpartition(".")[0], folder, top, files, seen)
     package = name if file.name == "__init__.py" else name.rpartition(".")[0]
     try:
         imported = _imports(file, stamp_of(file), package)
     except OSError:
         return
-    for each in imported:
-        _follow(each, folder, top, found, seen)
-    found[name] = file
+    for imported_name in imported:
+        _follow(imported_name, folder, top, files, seen)
+    files[name] = file
 
 
 def _file_of(name: str, folder: Path) -> Path | None:

@@ -96,9 +96,9 @@ def _digests(model: Model) -> Iterator[tuple[str, str]]:
     number = jax.ShapeDtypeStruct((), float)
     values: Any = {quantity.name: number for quantity in model.parameters}
     if model.host_parameters:
-        given = {q.name: np.array([_some(q.default)]) for q in model.parameters}
+        defaults = {q.name: np.array([_some(q.default)]) for q in model.parameters}
         try:
-            values = model.on_host(given)
+            values = model.on_host(defaults)
         except Exception:  # defaults need not make a body
             return
         yield "on_host", _digest_of_text(repr({name: _bytes(value) for name, value in values.items()}))
@@ -123,10 +123,10 @@ def _digests(model: Model) -> Iterator[tuple[str, str]]:
 
 def _digest(shapes: dict[str, Any], name: str, function: Callable[..., Any]) -> Iterator[tuple[str, str]]:
     """The name and digest of a function, or nothing where it cannot be traced; `shapes` gets its results."""
-    arguments = (shapes.get(each) for each in _ARGUMENTS[name])
+    arguments = (shapes.get(shape) for shape in _ARGUMENTS[name])
     try:
         jaxpr, shapes[name] = jax.make_jaxpr(
-            lambda *given: function(*given),  # a function that JAX has not seen
+            lambda *inputs: function(*inputs),  # a function that JAX has not seen
             return_shape=True,
         )(*arguments)
     except Exception:  # a user's function may raise anything
@@ -170,8 +170,8 @@ def _add_parameter(add: Callable[[bytes], None], value: Any) -> None:
     """Add a parameter of an operation: programs by their content, arrays by their bits."""
     if isinstance(value, tuple | list):
         add(f"{len(value)} ".encode())
-        for each in value:
-            _add_parameter(add, each)
+        for item in value:
+            _add_parameter(add, item)
     elif isinstance(value, np.ndarray | np.generic | jax.Array):
         add(_bytes(value))
     elif hasattr(getattr(value, "jaxpr", value), "eqns"):

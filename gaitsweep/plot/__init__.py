@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from gaitsweep.lazy_names import attach_stub
 from gaitsweep.plot.kind import FIGURES
-from gaitsweep.public_names import attach_stub
 
 _public, _, __all__ = attach_stub(__name__, __file__)
 

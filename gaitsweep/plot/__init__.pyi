@@ -1,9 +1,10 @@
 from typing import Any
 
 from gaitsweep.plot import theme as theme
+from gaitsweep.plot.basins.cells import CellGrid as CellGrid
 from gaitsweep.plot.basins.cells import cell_edges as cell_edges
-from gaitsweep.plot.basins.cells import filled as filled
-from gaitsweep.plot.basins.cells import on_grid as on_grid
+from gaitsweep.plot.basins.cells import cell_grid as cell_grid
+from gaitsweep.plot.basins.cells import hatch_cells as hatch_cells
 from gaitsweep.plot.columns import PlotError as PlotError
 from gaitsweep.plot.columns import axis_label as axis_label
 from gaitsweep.plot.columns import column as column
@@ -19,7 +20,7 @@ from gaitsweep.plot.columns import written as written
 from gaitsweep.plot.figure_style import FigureStyle as FigureStyle
 from gaitsweep.plot.figure_style import StyleError as StyleError
 from gaitsweep.plot.figure_style import style as style
-from gaitsweep.plot.footfalls import contact_intervals as contact_intervals
+from gaitsweep.plot.footprint_diagrams import contact_intervals as contact_intervals
 from gaitsweep.plot.kind import FIGURES as FIGURES
 from gaitsweep.plot.kind import TEXT_COLUMNS as TEXT_COLUMNS
 from gaitsweep.plot.kind import AlongAxis as AlongAxis

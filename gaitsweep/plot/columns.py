@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _GREEK = frozenset(
-    {"alpha", "beta", "gamma", "delta", "eta", "kappa", "mu", "omega", "phi", "psi", "sigma", "tau", "theta"}
+    {"alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda", "mu", "nu"}
+    | {"xi", "pi", "rho", "sigma", "tau", "phi", "chi", "psi", "omega"}
 )
 _UNITS = {"t": "s", "t_end": "s", "crossing": "", "cycles": ""}
 _WORDS = {"t": "time", "t_end": "time at the end", "crossing": "cycle", "cycles": "cycles"}
@@ -56,6 +57,17 @@ def moved_parameter(table: pd.DataFrame) -> str | None:
     return table.attrs.get("job", {}).get("run", {}).get("parameter")
 
 
+def is_drawn(table: pd.DataFrame, name: str) -> bool:
+    """Whether the table's job draws the values of a column: at random, or from a Sobol sequence."""
+    for form, group in written_groups(table.attrs.get("job", {}).get("vary")):
+        if form == "sample":
+            if name in group.get("of", {}):
+                return True
+        elif isinstance(axis := group.get(name), Mapping) and {"random", "sobol"} & set(axis):
+            return True
+    return False
+
+
 def is_logarithmic(table: pd.DataFrame, name: str) -> bool:
     """Whether the table's job varies a column in equal ratios (`logspace`), on a logarithmic axis."""
     groups = written_groups(table.attrs.get("job", {}).get("vary"))
@@ -82,18 +94,23 @@ def symbol(table: pd.DataFrame, name: str) -> str:
     """
     if name in (labels := current().labels or {}):
         return labels[name]
-    quantities = table.attrs.get("quantities", {})
-    base = _bare(name) if name not in quantities and _bare(name) in quantities else base_name(name)
     known = _quantity(table, name).get("symbol")
     if known and can_be_set(f"${known}$"):
         return f"${known}$"
-    if base in _WORDS:
-        return _WORDS[base]
-    head, _, tail = base.partition("_")
-    if head in _GREEK or len(head) == 1:
-        letter = f"\\{head}" if head in _GREEK else head
-        return f"${letter}_{{{tail}}}$" if tail else f"${letter}$"
-    return base.replace("_", " ")
+    quantities = table.attrs.get("quantities", {})
+    recorded = _bare(name) in quantities or (name in quantities and name not in axes_of(table))
+    base = _bare(name) if recorded and name not in _WORDS else base_name(name)
+    return _WORDS.get(base) or _formula(base) or _bare(base).replace("_", " ")
+
+
+def _formula(name: str) -> str | None:
+    """The symbol in TeX of a name that begins with a letter, Latin or Greek, and may have an index."""
+    head, _, tail = name.partition("_")
+    if head not in _GREEK and len(head) != 1:
+        return None
+    letter = f"\\{head}" if head in _GREEK else head
+    index = rf"\mathrm{{{tail}}}" if len(tail) > 1 and tail.isalpha() else tail
+    return f"${letter}_{{{index}}}$" if tail else f"${letter}$"
 
 
 def axis_label(table: pd.DataFrame, name: str) -> str:
@@ -114,13 +131,15 @@ def unit_of(table: pd.DataFrame, name: str) -> str:
 
 
 def described(table: pd.DataFrame, name: str, width: int = 44) -> str:
-    """A column's meaning, symbol and unit in lines of `width`, as the label of an axis."""
+    """A column's meaning, symbol (if it has one) and unit in lines of `width`, as the label of an axis."""
     meaning = "" if _labelled(name) else settable(str(_quantity(table, name).get("meaning", "")))
-    label = axis_label(table, name)
+    label, unit = axis_label(table, name), unit_of(table, name)
     if not meaning or len(meaning) > 2 * width or label.startswith(meaning):
         return label
     lines = textwrap.wrap(meaning, width)
-    return "\n".join([*lines[:-1], f"{lines[-1]}, {label}"])
+    # a name in words would say less than the meaning
+    end = f", {label}" if "$" in label else f" ({unit})" if unit else ""
+    return "\n".join([*lines[:-1], lines[-1] + end])
 
 
 def written(table: pd.DataFrame, name: str, value: object) -> str:

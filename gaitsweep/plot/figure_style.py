@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, ValidationError
 
 from gaitsweep.errors import UserError
-from gaitsweep.schema.diagnostics import SchemaSection, found, from_pydantic
+from gaitsweep.schema.diagnostics import SchemaSection, from_pydantic, quoted
 from gaitsweep.schema.numbers import Count, Flag, InvalidValue, Positive, Text, checked, read_real, word
 from gaitsweep.schema.strict_model import StrictModel
 
@@ -34,7 +34,7 @@ def _read_width(value: Any) -> str | float:
         return read_real(value, low=50.0, high=500.0)
     except InvalidValue:
         text = "but must be column, page, or a number of mm from 50 to 500."
-        raise InvalidValue(f"is {found(value)}, {text}") from None
+        raise InvalidValue(f"is {quoted(value)}, {text}") from None
 
 
 def _read_colour(value: Any) -> str:
@@ -44,7 +44,7 @@ def _read_colour(value: Any) -> str:
 
     if not isinstance(value, str) or not is_color_like(value):
         text = "but must be a colour such as '#0072B2' (in quotes) or a name that Matplotlib knows."
-        raise InvalidValue(f"is {found(value)}, {text}")
+        raise InvalidValue(f"is {quoted(value)}, {text}")
     return to_hex(value)
 
 
@@ -69,6 +69,10 @@ class FigureStyle(StrictModel):
     order: list[Text] | None = Field(default=None, description="gaits in the order of legends; others follow")
     labels: dict[Text, Text] | None = Field(
         default=None, description="labels of columns along axes and of gaits in legends, by name"
+    )
+    hatches: Flag | None = Field(
+        default=None,
+        description="whether areas of gaits are hatched, which grey print needs; by default true",
     )
     panel_letters: Flag | None = Field(
         default=None, description="whether panels have the letters a, b, c, ..."
@@ -133,8 +137,8 @@ def style(**fields: Any) -> Iterator[None]:
     """A context in which all figures have a style: `with gs.plot.style(width="column", format="pdf"): ...`.
 
     Args:
-        fields: those of `FigureStyle`: width, height, format, dpi, colours, order, labels, panel_letters,
-            marks. A figure's own arguments take precedence.
+        fields: those of `FigureStyle`: width, height, format, dpi, colours, order, labels, hatches,
+            panel_letters, marks. A figure's own arguments take precedence.
 
     Raises:
         StyleError: a field does not exist, or has a value that is not allowed.

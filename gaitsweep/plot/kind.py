@@ -34,7 +34,7 @@ from gaitsweep.mathtext import can_be_set
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle, current, given_axes, read_style, styled
 from gaitsweep.plot.provenance_marks import letter_panels, mark, remarks
-from gaitsweep.schema.diagnostics import Path, found
+from gaitsweep.schema.diagnostics import Path, quoted
 from gaitsweep.schema.numbers import Positive, Real, Stem, Text
 from gaitsweep.schema.strict_model import Registry, kind_of
 
@@ -189,7 +189,7 @@ class FigureKind(FigureStyle):
                           for at, each in enumerate(written)]  # fmt: skip
         for path, text in texts:
             if not can_be_set(text):
-                begin = f"is {found(text)}, whose formula Matplotlib cannot typeset"
+                begin = f"is {quoted(text)}, whose formula Matplotlib cannot typeset"
                 yield path, f"{begin}: write TeX between two dollar signs, and \\$ for a dollar sign."
 
     def __reduce__(self) -> tuple[Callable[..., FigureKind], tuple[str, dict[str, Any]]]:
@@ -199,7 +199,7 @@ class FigureKind(FigureStyle):
 def check_window(figure: Any) -> Iterator[Refusal]:
     """Errors of a figure's window."""
     if figure.window is not None and not figure.window[0] < figure.window[1]:
-        yield ("window",), f"is {found(figure.window)}, but its beginning must be before its end."
+        yield ("window",), f"is {quoted(figure.window)}, but its beginning must be before its end."
 
 
 FIGURES: Registry[FigureKind] = Registry("figure", module="gaitsweep.plot.kinds")

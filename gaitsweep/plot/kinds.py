@@ -15,6 +15,6 @@ from gaitsweep.plot.bifurcations.gait_transitions import gait_transitions as gai
 from gaitsweep.plot.bifurcations.hysteresis import hysteresis as hysteresis
 from gaitsweep.plot.bifurcations.return_map import return_map as return_map
 from gaitsweep.plot.bifurcations.stable_ranges import stable_ranges as stable_ranges
-from gaitsweep.plot.footfalls import footprints as footprints
+from gaitsweep.plot.footprint_diagrams import footprints as footprints
 
 import_all("figures")

@@ -7,19 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from gaitsweep.table.self_check_fields import DIFFERENCES
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _BAND = 0.2  # inches; height of the band added on top of the figure
 _TITLE = 0.22  # inches; height of the title
-_DIFFERENCES = {
-    "stored_differs": "not reproduced",
-    "status_differs": "end otherwise",
-    "gait_differs": "change gait",
-    "count_differs": "change their count",
-    "moved": "depend on the step",
-}
 _LETTERED = "panel with its letter"
 _LOOK: dict[str, Any] = {"fontsize": 7.5, "color": "#B00020", "weight": "bold", "ha": "right", "va": "center"}
 
@@ -47,8 +42,9 @@ def remarks(table: pd.DataFrame) -> list[str]:
 def _differences(check: Mapping[str, Any]) -> str:
     """Differences that a self-check found, such as `2 of 32 rows change gait`."""
     rows = check.get("rows", 0)
-    differ = [(check[name], words) for name, words in _DIFFERENCES.items() if check.get(name)]
-    found = [f"{number} of {rows} rows {words}" for number, words in differ]
+    found = [
+        f"{check[name]} of {rows} rows {words.mark}" for name, words in DIFFERENCES.items() if check.get(name)
+    ]
     return ", ".join(found) or "warned"
 
 

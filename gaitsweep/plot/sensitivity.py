@@ -32,11 +32,11 @@ def sensitivity_figure(indices: pd.DataFrame) -> Figure:
     """
     outputs = list(dict.fromkeys(indices["output"]))
     parameters = len(set(indices["parameter"]))
-    across = 2 if len(outputs) == 4 else min(_ACROSS, len(outputs))
-    down = -(-len(outputs) // across)
+    wide = theme.PAGE * max(0.5, min(len(outputs), _ACROSS) / _ACROSS)
+    down, across = theme.shape(len(outputs), wide, 1.6, 2 if len(outputs) == 4 else _ACROSS)
     bars = max(len(_DRAWN[method]) for method in set(indices["method"]))
     height = down * (_REST + parameters * _ROW * max(1.0, 0.6 * bars)) + 0.35
-    with theme.canvas(theme.PAGE * max(0.5, across / _ACROSS), height) as figure:
+    with theme.canvas(wide, height) as figure:
         panels = figure.subplots(down, across, squeeze=False)
         for axes in panels.ravel()[len(outputs) :]:
             axes.set_axis_off()
@@ -46,8 +46,16 @@ def sensitivity_figure(indices: pd.DataFrame) -> Figure:
             shown |= _panel(axes, here, indices)
             axes.set_title(axis_label(indices, output) if output in _quantities(indices) else output)
         if shown:
-            theme.legend(figure, list(shown.values()), list(shown), ncols=len(shown))
+            look: dict[str, Any] = {"ncols": len(shown), "title": _meanings(indices)}
+            theme.legend(figure, list(shown.values()), list(shown), **look)
     return figure
+
+
+def _meanings(indices: pd.DataFrame) -> str | None:
+    """The parameters' symbols with their meanings, for the legend."""
+    known: Any = _quantities(indices)
+    names = [name for name in dict.fromkeys(indices["parameter"]) if known.get(name, {}).get("meaning")]
+    return "; ".join(f"{symbol(indices, name)}: {known[name]['meaning']}" for name in names) or None
 
 
 def _quantities(indices: pd.DataFrame) -> dict[str, object]:
@@ -68,7 +76,7 @@ def _panel(axes: Axes, here: pd.DataFrame, indices: pd.DataFrame) -> dict[str, A
     known = any(np.isfinite(column(index, "value")).any() for index in drawn)
     if not known:
         axes.set_axis_off()
-        theme.message(axes, _wrapped(here["note"].iloc[0]))
+        theme.message(axes, here["note"].iloc[0])
         return {}
     place, thick = np.arange(len(names)), 0.8 / len(drawn)
     shown = {}
@@ -92,12 +100,3 @@ def _panel(axes: Axes, here: pd.DataFrame, indices: pd.DataFrame) -> dict[str, A
     else:
         axes.set_xlabel(f"{what} ({unit})" if unit != "1" else what)
     return shown
-
-
-def _wrapped(text: str) -> str:
-    words, lines = text.split(), [""]
-    for word in words:
-        if len(lines[-1]) + len(word) > 28:
-            lines.append("")
-        lines[-1] = f"{lines[-1]} {word}".strip()
-    return "\n".join(lines)

@@ -13,9 +13,11 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.legend import Legend
+from matplotlib.legend_handler import HandlerTuple
 from matplotlib.ticker import FixedLocator, FuncFormatter, Locator, MultipleLocator
 
 from gaitsweep.contract import Outcome
@@ -30,9 +32,12 @@ HATCH = "/////"
 # Of outcomes that no model names; gaits have those of their extensions.
 COLOURS = MappingProxyType({"none": "#BBBBBB", Outcome.NOT_SETTLED: "#E4E4E4", Outcome.FAILED: "#3B3B3B"})
 MARKERS = MappingProxyType({"none": "x"})
+HATCHES = MappingProxyType({"none": "xxx", Outcome.NOT_SETTLED: HATCH, Outcome.FAILED: HATCH})
 # Okabe and Ito's colours, distinct for colour-blind readers.
 SPARE_COLOURS = ("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#F0E442", "#000000")
 SPARE_MARKERS = ("o", "^", "s", "D", "v", "P", "X", "*")
+_SPARE_HATCHES = ("", "....", "\\\\\\\\", "----", "++++", "oo", "||||", "xxxx", "**")
+CONTRAST = 1.8  # of luminance, least, by which grey print tells two colours apart
 
 _POINTS = 8.0  # of text, unless the user's rcParams differ from Matplotlib's defaults
 _SIZES = {
@@ -54,8 +59,17 @@ _RC: dict[str, Any] = {
     "figure.dpi": 150.0,
     "savefig.dpi": 200.0,
     "hatch.linewidth": 0.5,
+    "legend.handleheight": 1.0,  # of which a hatch shows its pattern
 }
 _EMBEDDED = {"pdf.fonttype": 42, "ps.fonttype": 42}  # TrueType, which publishers ask for
+# Dark ink on a white page in every notebook: the colours and black lines of figures are made for it.
+_INK = (
+    "text.color", "lines.color", "patch.edgecolor", "axes.edgecolor", "axes.labelcolor", "axes.facecolor",
+    "xtick.color", "ytick.color", "xtick.labelcolor", "ytick.labelcolor", "grid.color", "figure.facecolor",
+    "figure.edgecolor", "savefig.facecolor", "savefig.edgecolor", "legend.labelcolor",
+    "axes3d.xaxis.panecolor", "axes3d.yaxis.panecolor", "axes3d.zaxis.panecolor",
+)  # fmt: skip
+_PAPER: dict[Any, Any] = {key: mpl.rcParamsDefault[key] for key in _INK}
 _STEPS = (0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0)  # of ticks, in pi
 _SHORT = 4  # labels of three letters along an axis of a turn
 _LETTER = 0.53  # mean width of a letter, as a share of the size of its font
@@ -65,11 +79,15 @@ _FORMULA = re.compile(r"\$[^$]*\$")
 
 
 class _Figure(Figure):
-    """A figure whose files embed their fonts as Type 42."""
+    """A figure whose files embed their fonts as Type 42, and whose page is white in dark notebooks too."""
 
     def savefig(self, fname: Any, **options: Any) -> None:
-        with mpl.rc_context(_unchanged(_EMBEDDED)):
+        with mpl.rc_context({**_unchanged(_EMBEDDED), **_PAPER}):
             super().savefig(fname, **options)
+
+    def draw(self, renderer: Any) -> None:
+        with mpl.rc_context(_PAPER):  # ticks are made as they are drawn
+            super().draw(renderer)
 
 
 _Figure.__name__ = Figure.__name__  # what notebooks show
@@ -143,7 +161,9 @@ class _PiLocator(Locator):
 
 @contextlib.contextmanager
 def canvas(width: float, height: float, title: str | None = None) -> Iterator[Figure]:
-    """A context with an empty figure, in which Matplotlib has this theme; rcParams of the user are obeyed.
+    """A context with an empty figure, in which Matplotlib has this theme.
+
+    The user's rcParams are obeyed, but for the colours of page and ink.
 
     Args:
         width, height: size in inches, unless the figure's style has another.
@@ -152,7 +172,8 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
     given, asked = given_axes(), current()
     scale = _unchanged({"font.size": _POINTS}).get("font.size", mpl.rcParams["font.size"]) / _POINTS
     sizes = _unchanged({key: size * scale for key, size in _SIZES.items()})
-    with mpl.rc_context({**_unchanged(_RC), **sizes, "font.size": _POINTS * scale}):
+    paper = _PAPER if given is None else {}
+    with mpl.rc_context({**_unchanged(_RC), **sizes, **paper, "font.size": _POINTS * scale}):
         if given is not None:
             if title:
                 given.set_title(title)
@@ -223,7 +244,8 @@ def points(size: float) -> float:
 def wrapped(text: str, inches: float, size: float) -> str:
     """A text in lines that fit a width, at a font size of the theme."""
     letters = max(int(inches * 72 / (_LETTER * points(size))), 8)
-    whole = _FORMULA.sub(lambda formula: formula[0].replace(" ", "\0"), text)  # no break in a formula
+    # no break in a formula, nor beside its sign of equality
+    whole = _FORMULA.sub(lambda formula: formula[0].replace(" ", "\0"), text).replace(" = ", "\0=\0")
     lines = (textwrap.fill(line, letters, break_long_words=False) for line in whole.split("\n"))
     return "\n".join(lines).replace("\0", " ")
 
@@ -245,11 +267,14 @@ def legend(
         title: text above the entries.
     """
     look: dict[str, Any] = {"loc": "outside lower center", "title": title}
+    look["handler_map"] = {tuple: HandlerTuple(ndivide=1, pad=0.0)}  # several handles as one, over each other
     look |= {"handles": handles} if handles is not None else {}
     look |= {"labels": labels} if labels is not None else {}
     if isinstance(figure, _OnePanel):
         figure.legend(ncols=1, **look)
         return
+    if handles:  # as many columns as fill the rows
+        ncols = -(-len(handles) // -(-len(handles) // ncols))
     room = figure.get_figwidth() - 0.1
     if title:
         look["title"] = wrapped(title, room, 7.5)
@@ -278,21 +303,67 @@ def ordered(names: Iterable[str]) -> list[str]:
 
 def colours(names: Iterable[str]) -> dict[str, str]:
     """A colour for each name: that of the style or of the gait, else spare colours in order."""
-    names, own = list(names), {name: colour for name, (colour, _) in gait_styles().items()} | dict(COLOURS)
+    names, own = list(names), {name: style[0] for name, style in gait_styles().items()} | dict(COLOURS)
     own |= current().colours or {}
     free = [colour for colour in SPARE_COLOURS if colour not in {own.get(name) for name in names}]
-    free = free or list(SPARE_COLOURS)
-    others = [name for name in names if name not in own]
-    spare = {name: free[number % len(free)] for number, name in enumerate(others)}
-    return {name: own.get(name) or spare[name] for name in names}
+    return _own_or_spare(names, own, free or SPARE_COLOURS)
 
 
 def markers(names: Iterable[str]) -> dict[str, str]:
     """A marker for each name, as for `colours`."""
-    names, own = list(names), {name: marker for name, (_, marker) in gait_styles().items()} | dict(MARKERS)
+    own = {name: style[1] for name, style in gait_styles().items()} | dict(MARKERS)
+    return _own_or_spare(list(names), own, SPARE_MARKERS)
+
+
+def _own_or_spare(names: list[str], own: dict[str, str], spare: Sequence[str]) -> dict[str, str]:
     others = [name for name in names if name not in own]
-    spare = {name: SPARE_MARKERS[number % len(SPARE_MARKERS)] for number, name in enumerate(others)}
-    return {name: own.get(name) or spare[name] for name in names}
+    return {name: own[name] if name in own else spare[others.index(name) % len(spare)] for name in names}
+
+
+def hatches(names: Iterable[str]) -> dict[str, str]:
+    """A hatch for each name, by which grey print tells areas apart: that of the gait, else a spare one.
+
+    Without `hatches` in the style, only what is no gait has one.
+    """
+    names = list(names)
+    colour = colours(names)
+    own = {name: style[2] for name, style in gait_styles().items() if len(style) > 2} | dict(HATCHES)
+    found = {name: own[name] for name in names if name in own}
+    for name in names:
+        alike = {found[other] for other in found if contrast(colour[name], colour[other]) < CONTRAST}
+        free = (hatch for hatch in _SPARE_HATCHES if hatch not in alike)
+        found.setdefault(name, next(free, _SPARE_HATCHES[-1]))
+    if current().hatches is False:
+        found |= {name: "" for name in names if name not in HATCHES}
+    return found
+
+
+def contrast(colour: str, other: str) -> float:
+    """The contrast of two colours in grey print: the ratio of their luminances (WCAG 2), at least 1."""
+    low, high = sorted(map(_luminance, (colour, other)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def _luminance(colour: str) -> float:
+    part = np.array(to_rgb(colour))
+    linear = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+def mixed(colour: str, other: str) -> str:
+    """The mean of two colours."""
+    red, green, blue = 0.5 * (np.array(to_rgb(colour)) + np.array(to_rgb(other)))
+    return to_hex((float(red), float(green), float(blue)))
+
+
+def hatched(colour: str, hatch: str) -> dict[str, Any]:
+    """The look of an area in a colour with a hatch."""
+    return {"facecolor": colour, "hatch": hatch or None, "edgecolor": line_on(colour), "linewidth": 0.0}
+
+
+def line_on(colour: str) -> str:
+    """The colour of a hatch: lighter on dark colours, darker on light ones."""
+    return mixed(colour, "white" if _luminance(colour) < 0.28 else "black")
 
 
 def angle_axis(axes: Axes, which: str, steps: int = 4) -> None:
@@ -342,5 +413,7 @@ def in_pi(angle: float, *, fractions: bool = True) -> str:
 
 
 def message(axes: Axes, text: str) -> None:
-    """Write the reason into an empty panel."""
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color="#555555")
+    """Write the reason, a sentence, into an empty panel."""
+    width = axes.get_position().width * cast(Figure, axes.get_figure(root=True)).get_figwidth()
+    lines = wrapped(text, 0.9 * width, 8.0)
+    axes.text(0.5, 0.5, lines, transform=axes.transAxes, ha="center", va="center", color="#555555")

@@ -111,24 +111,24 @@ def _methods(model: str, job: Mapping[str, Any], manifest: Mapping[str, Any]) ->
     versions, numerics = manifest["versions"], job.get("numerics", {})
     run, n = job.get("run", {}), manifest["rows"]
     noun = f"{'set' if 'search' in job or 'sensitivity' in job else 'row'}{'s' * (n != 1)}"
-    axes = [f"{' with '.join(each['names'])} ({each['length']})" for each in manifest.get("axes", ())]
+    axes = [f"{' with '.join(part['names'])} ({part['length']})" for part in manifest.get("axes", ())]
     over = f" over {', '.join(axes)}" if axes else ""
     steps = lengths_of_steps(manifest.get("dt"))
     tolerances = [f"{name} {numerics[name]:g}" for name in ("rtol", "atol") if name in numerics]
     packages = {title: versions.get(key, NOT_INSTALLED) for key, title in _PACKAGES.items()}
     check = manifest.get("self_check") or {"verdict": "off"}
-    listed = ", ".join(f"{title} {each}" for title, each in packages.items() if each != NOT_INSTALLED)
+    listed = ", ".join(f"{title} {part}" for title, part in packages.items() if part != NOT_INSTALLED)
     sentences = [
         f"The model {model} was simulated with gaitsweep {versions['gaitsweep']} [gaitsweep]: "
         f"{n} {noun}{over}.",
         _run(run),
         f"Integration: {_METHODS.get(manifest['method'], 'the method')} ({manifest['method']}), "
-        + "".join(f"{each}, " for each in [*tolerances, *([f"steps of at most {steps}"] if steps else [])])
+        + "".join(f"{part}, " for part in [*tolerances, *([f"steps of at most {steps}"] if steps else [])])
         + f"in {manifest.get('precision', 'float64')}.",
         "There was no self-check." if check["verdict"] == "off" else self_check_sentence(check),
         f"Versions: {listed}.",
     ]
-    return f"Methods: {' '.join(each for each in sentences if each)}"
+    return f"Methods: {' '.join(part for part in sentences if part)}"
 
 
 def _run(run: Mapping[str, Any]) -> str:

@@ -21,6 +21,7 @@ from gaitsweep.engine.sweep.lane import ChunkOutput
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.job import Job
+from gaitsweep.kinds.fixed_points import FollowsFixedPoints
 from gaitsweep.kinds.run_kind import MakesTables, refinement, table_columns
 from gaitsweep.runs.prepare import RunContext, nominal_period, prepare
 from gaitsweep.table.parts import part_bytes
@@ -29,6 +30,8 @@ from gaitsweep.table.parts import part_bytes
 EVENTS_SHARE = 1.05
 # Of a grid that refines, the share of rows that are simulated; the chain's slices of 99 x 99 need 0.15.
 REFINED_SHARE = 0.2
+# The time in which all programs of a return map are compiled, as a multiple of that of its settling.
+PROGRAMS = 4.0
 BYTES_A_NUMBER = 8
 # A part of a table has this much beside its records, and this much more for each column; an entry of a column
 # that repeats itself (what varies on a grid, a status, a time that all rows share) takes this.
@@ -39,6 +42,8 @@ BYTES_A_PART, BYTES_A_COLUMN, BYTES_A_REPEAT = 900, 280, 0.3
 class Estimate:
     """Estimate of a job: `seconds` is the likely time, `seconds_most` that of rows at their limits.
 
+    `seconds_longer` and `records_longer` are those of rows whose branches fold, else the likely ones.
+
     `simulated`: the rows that are likely run; fewer than `rows` where a run refines. `records`: those of the
     table, several for a row where a run records its way; `disk_bytes` are the table's. `steps` are those that
     the rows likely take in all; `compile_s`, part of the times, does not grow with the rows.
@@ -47,10 +52,12 @@ class Estimate:
     rows: int
     simulated: int
     records: int
+    records_longer: int
     blocks: int
     memory_bytes: int
     disk_bytes: int
     seconds: float
+    seconds_longer: float
     seconds_most: float
     lanes: int
     device: str
@@ -68,6 +75,8 @@ def estimate(job: Job) -> Estimate:
     context = prepare(job)
     spec = context.spec
     pace = _measured(context)
+    if isinstance(job.run, FollowsFixedPoints):  # the directions of derivatives fill its lanes
+        pace = dataclasses.replace(pace, at_a_time=1, compile_s=_compiling_of_map(job.run, context))
     cost = job.run.cost(context.design, pace.attempts / pace.crossings, 1.0 / pace.crossings)
     slots = pace.at_a_time
     # the last rows of a sweep leave lanes idle, so a sweep takes a whole number of its rows' rounds at least
@@ -77,17 +86,21 @@ def estimate(job: Job) -> Estimate:
     columns = table_columns(context.design, job.run)
     a_record = _bytes_of_record(context.design, job)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-    block_bytes = min(spec.block, spec.n_rows) * cost.records * len(columns) * BYTES_A_NUMBER
+    records_longer = cost.records if cost.longer_records is None else cost.longer_records
+    block_bytes = min(spec.block, spec.n_rows) * records_longer * len(columns) * BYTES_A_NUMBER
     blocks = math.ceil(spec.n_rows / spec.block)
-    written = simulated * cost.records * a_record + (spec.n_rows - simulated) * BYTES_A_REPEAT * len(columns)
+    skipped = (spec.n_rows - simulated) * BYTES_A_REPEAT * len(columns)
+    written = simulated * records_longer * a_record + skipped
     return Estimate(
         rows=spec.n_rows,
         simulated=simulated,
         records=round(spec.n_rows * cost.records),
+        records_longer=round(spec.n_rows * records_longer),
         blocks=blocks,
         memory_bytes=int(peak + 2 * block_bytes),
         disk_bytes=int(written + blocks * (BYTES_A_PART + BYTES_A_COLUMN * len(columns))),
         seconds=pace.compile_s + pace.seconds(rounds * slots, cost.likely, spec),
+        seconds_longer=pace.compile_s + pace.seconds(rounds * slots, cost.longer or cost.likely, spec),
         seconds_most=pace.compile_s + pace.seconds(rounds_most * slots, cost.most, spec),
         lanes=spec.lanes,
         device=context.device,
@@ -95,6 +108,14 @@ def estimate(job: Job) -> Estimate:
         steps=simulated * cost.likely,
         compile_s=pace.compile_s,
     )
+
+
+def _compiling_of_map(run: FollowsFixedPoints, context: RunContext) -> float:
+    """Estimate the time (s) in which the programs of a return map are compiled, from one of them."""
+    began = time.perf_counter()
+    mapping, values, starts = run.return_map(context.design, context.spec, np.zeros(1, np.int64))
+    mapping.settled(starts, values, 1)
+    return PROGRAMS * (time.perf_counter() - began)
 
 
 def _bytes_of_record(design: Design, job: Job) -> float:

@@ -55,7 +55,7 @@ def draw_of_complete(
     on_message: Callable[[str], None],
 ) -> None:
     """Draw the figures that a complete table lacks; errors say that the table is complete."""
-    rows = directory.n_rows
+    rows = directory.layout.rows
     safe = f"The run is complete ({rows} row{'s' * (rows != 1)} in {directory.path})"
     try:
         _draw_missing_figures(directory, job, on_progress)
@@ -86,7 +86,9 @@ def _draw_missing_figures(directory: ResultDirectory, job: Mapping[str, Any], on
         return
 
     def on_figure(number: int) -> None:
-        on_progress(directory.n_rows, directory.n_rows, 0.0, 1.0, f"figure {number} of {len(wanted)}")
+        on_progress(
+            directory.layout.rows, directory.layout.rows, 0.0, 1.0, f"figure {number} of {len(wanted)}"
+        )
 
     draw_figures(directory.path, wanted, on_figure)
     now = {name: _figure_digest(directory.path / FIGURES / name, spec) for name, spec in by_name.items()}

@@ -207,10 +207,10 @@ def _with_source(job_hash: str, own: type) -> str:
         source = inspect.getsource(module)
     except (OSError, TypeError):
         return job_hash
-    beside = modules_beside(module)
-    beside.pop(module.__name__, None)
+    other_modules = modules_beside(module)
+    other_modules.pop(module.__name__, None)
     digest = hashlib.sha256((job_hash + source).encode(errors="replace"))
     with naming_the_file():
-        for name in sorted(beside):
-            digest.update(f"\n# {name}\n".encode() + beside[name].read_bytes())
+        for name in sorted(other_modules):
+            digest.update(f"\n# {name}\n".encode() + other_modules[name].read_bytes())
     return digest.hexdigest()

@@ -17,8 +17,8 @@ _NAMES = 5  # of gaits in a remark
 def so_far(counts: Mapping[str, int]) -> str:
     """Format the rows of finished blocks by gait or status: "; 60 rows so far: 31 source, 29 direct"."""
     rows = sum(counts.values())
-    each = [f"{number} {name}" for name, number in counts.items()]
-    named = ", ".join([*each[:_NAMES], *(["..."] if each[_NAMES:] else [])])
+    counted = [f"{number} {name}" for name, number in counts.items()]
+    named = ", ".join([*counted[:_NAMES], *(["..."] if counted[_NAMES:] else [])])
     return f"; {rows} row{'s' * (rows != 1)} so far: {named}" if rows else ""
 
 

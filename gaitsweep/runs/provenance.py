@@ -108,7 +108,7 @@ def continue_directory(
     missing = directory.missing_blocks()
     before = {name: manifest[name] for name in _MAKER if manifest.get(name) is not None}
     if missing and before:
-        present = sorted(set(range(directory.n_blocks)) - set(missing))
+        present = sorted(set(directory.layout.blocks) - set(missing))
         earlier = [dict(maker) for maker in manifest.get(EARLIER, ())]
         for maker in earlier:
             maker["parts"] = _ranges(set(_numbers(maker["parts"])) & set(present))
@@ -117,7 +117,7 @@ def continue_directory(
         if difference := "; ".join(differing(before)):
             earlier.append({**before, "parts": parts})
             simulated = manifest.get("refinement", {}).get("simulated", 0)
-            done, total = directory.rows_done + directory.rows_open or simulated, directory.n_rows
+            done, total = directory.rows_done + directory.rows_open or simulated, directory.layout.rows
             if done:
                 on_message(
                     f"Warning: {done} of the {total} rows in {directory.path} were made with {difference}. "

@@ -117,7 +117,7 @@ class Refinement:
         """Write the missing parts from the simulated rows and the labels (n,) of all rows."""
         at = simulated["row"].to_numpy()
         for number in self.directory.missing_blocks():
-            start, stop = self.directory.rows_of(number)
+            start, stop = self.directory.layout.rows_of(number)
             own_rows = simulated.iloc[np.searchsorted(at, start) : np.searchsorted(at, stop)]
             others = np.setdiff1d(np.arange(start, stop, dtype=np.int64), own_rows["row"])
             filled = self._inferred_frame(others, labels[others], simulated)
@@ -133,10 +133,10 @@ class Refinement:
             kind = like[name].to_numpy().dtype
             return np.full(n, -1) if names_gait(name) else np.full(n, np.nan if kind.kind == "f" else 0, kind)
 
-        traits = {q.name: unread(q.name) for q in model.label_fields}
+        fields = {q.name: unread(q.name) for q in model.label_fields}
         nothing = RowOutcome.empty(rows, self.context.spec.recorder.numbers, len(model.observables))
         nothing.status[:] = Status.inferred
-        labels = {"gait": gaits, **traits}
+        labels = {"gait": gaits, **fields}
         return self.context.table(dataclasses.replace(nothing, labels=labels))
 
 

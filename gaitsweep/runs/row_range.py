@@ -153,7 +153,7 @@ def _run_missing(context: RunContext, writer: PartWriter, missing: list[int], on
                 first, stop = writer.layout.rows_of(number)
                 raise TableError(
                     f"Rows {first} to {stop - 1} of {writer.path} are being run by "
-                    f"{locks.begun(number).process}: wait until it ends, or stop it."
+                    f"{locks.unfinished_starts(number).process}: wait until it ends, or stop it."
                 )
 
         quantities = context.quantities

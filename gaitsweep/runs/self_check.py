@@ -36,7 +36,8 @@ from gaitsweep.kinds.columns import gaits
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints, StartingPoints
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.prepare import RunContext, nominal_period
-from gaitsweep.runs.sentences import HALF_THE_STEP, TOLERANCES
+from gaitsweep.runs.sentences import HALF_THE_STEP
+from gaitsweep.table.self_check_fields import DIFFERENCES, TOLERANCES
 
 # The sample's steps, as a share of the run's own: irrational, so that no step ends where one of these does.
 FINER = 1.0 / math.sqrt(7.0)
@@ -108,15 +109,8 @@ class SelfCheck:
 
     def judged(self) -> dict[str, Any]:
         """Return its fields, with its verdict."""
-        differs = (
-            self.stored_differs,
-            self.status_differs,
-            self.gait_differs,
-            self.count_differs,
-            self.moved,
-        )
         fields = {name: value for name, value in dataclasses.asdict(self).items() if name != "_share"}
-        return fields | {"verdict": "warned" if any(differs) else "passed"}
+        return fields | {"verdict": "warned" if any(map(fields.get, DIFFERENCES)) else "passed"}
 
 
 @dataclasses.dataclass(frozen=True)

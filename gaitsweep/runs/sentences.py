@@ -9,6 +9,7 @@ from gaitsweep.contract import Status
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.runs.provenance import NOT_INSTALLED
 from gaitsweep.runs.set_status import SetStatus
+from gaitsweep.table.self_check_fields import DIFFERENCES, STORED_DIFFERS
 
 # Fields of the manifest: rows whose label is not the index of a gait, rows that begin beyond an event's
 # surface, rows whose nominal period is not a positive time.
@@ -17,8 +18,6 @@ MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD = "mislabelled", "starts_beyond", "wi
 _AT = {"1": "at a fixed point"}
 # The finer steps in manifests of older versions, which halved the step.
 HALF_THE_STEP = "half the step"
-# A settled row may move by this many times the tolerance of settling.
-TOLERANCES = 10.0
 # Name of a result, for jobs whose rows are sets of constants.
 _RESULTS = {"search": "target", "sensitivity": "output"}
 
@@ -37,17 +36,7 @@ def self_check_sentence(check: dict[str, Any]) -> str:
             f", {check['sensitive']} of them on a boundary or sensitive" if check.get("sensitive") else ""
         )
         return f"Self-check: {sample} {how} kept their gait{sensitive}; {change}."
-    wrong = [
-        f"{check[name]} {text}"
-        for name, text in (
-            ("stored_differs", "did not reproduce their stored records with the same steps"),
-            ("status_differs", "ended with another status"),
-            ("gait_differs", "ended with another gait"),
-            ("count_differs", "ended with another count"),
-            ("moved", f"moved by more than {TOLERANCES:g} tolerances"),
-        )
-        if check.get(name)
-    ]
+    wrong = [f"{check[name]} {words.sentence}" for name, words in DIFFERENCES.items() if check.get(name)]
     if check.get("sensitive"):
         wrong.append(f"{check['sensitive']} lie on a boundary or are sensitive")
     return f"Self-check: {sample} {how}: {', '.join(wrong)}; {change}."
@@ -66,8 +55,7 @@ def _largest(check: dict[str, Any]) -> str:
 
 def advice(check: dict[str, Any], dt: float | None) -> str:
     """Advise what to change where a self-check warned."""
-    differs = ("status_differs", "gait_differs", "count_differs", "moved")
-    if check.get("stored_differs") and not any(check.get(name) for name in differs):
+    if [name for name in DIFFERENCES if check.get(name)] == [STORED_DIFFERS]:
         text = "Another model, data file, cache or version made this table"
         return f"{text}: run the job into a new directory."
     if dt is not None:
@@ -82,7 +70,7 @@ def advice(check: dict[str, Any], dt: float | None) -> str:
 
 def lengths_of_steps(dt: object) -> str:
     """Format the shortest and the longest of the rows' steps (s): "0.02 to 0.03 s"; empty if unknown."""
-    spans = [f"{each:.6g}" for each in dt] if isinstance(dt, list) else []
+    spans = [f"{step:.6g}" for step in dt] if isinstance(dt, list) else []
     return f"{' to '.join(dict.fromkeys(spans))} s" if spans else ""
 
 
@@ -108,7 +96,7 @@ def settings_of(manifest: Mapping[str, Any]) -> dict[str, str]:
     known = {
         **manifest, **manifest.get("timings", {}), **manifest.get("paper", {}),
         "dt": lengths_of_steps(manifest.get("dt")),
-        "versions": ", ".join(f"{name} {each}" for name, each in versions if each != NOT_INSTALLED),
+        "versions": ", ".join(f"{name} {version}" for name, version in versions if version != NOT_INSTALLED),
     }  # fmt: skip
     lines = {
         title: ", ".join(form.format(known[name]) for name, form in words.items() if known.get(name))

@@ -167,7 +167,7 @@ def _of_records(context: RunContext, directory: ResultDirectory) -> dict[str, An
         if "largest_distance" in summaries:
             far = context.model.analytic_distance(part)
             farthest = far if farthest is None or (far is not None and far[0] > farthest[0]) else farthest
-    found = {
+    summary_columns = {
         "stalls": dict(sorted(stalls.items())),
         "gaits": dict(gaits.most_common()),
         "slowest": dict(slowest.most_common()),
@@ -175,7 +175,7 @@ def _of_records(context: RunContext, directory: ResultDirectory) -> dict[str, An
         "largest_distance": {"rad": farthest[0], "row": farthest[1]} if farthest else {},
     }
     fields: dict[str, Any] = {MISLABELLED: mislabelled} if mislabelled else {}
-    return fields | {name: found[name] for name in summaries if name in found}
+    return fields | {name: summary_columns[name] for name in summaries if name in summary_columns}
 
 
 def _numbers_of(names: Any) -> dict[str, int]:

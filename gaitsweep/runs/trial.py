@@ -78,7 +78,7 @@ def trial(kind: type[Model]) -> Trial:
     warned = [*(_constant(model, table) if crosses else ()), *_unmet(model, table, values)]
     if isinstance(model, HybridModel) and model.locates_events and not model.host_parameters:
         warned += _stiff(model, values)
-    return Trial(faults, [tried, *begun, *energies, *(f"Warning: {each}" for each in warned)])
+    return Trial(faults, [tried, *begun, *energies, *(f"Warning: {warning}" for warning in warned)])
 
 
 def _constant(model: Model, table: pd.DataFrame) -> list[str]:
@@ -134,11 +134,11 @@ def _unmet(model: Model, table: pd.DataFrame, values: Mapping[str, np.ndarray]) 
     params = model.params(known)
     start = model.init(params, known)
     never = [
-        repr(each.name)
-        for i, each in enumerate(_counted(model), 1)
+        repr(event.name)
+        for i, event in enumerate(_counted(model), 1)
         if not np.nan_to_num(table[f"{_COUNT}_{i}_end"].to_numpy(float)).any()
         # counts are read at crossings, and a fall has none after it
-        and not (each.jumps and model.failed(params, each.jumped(model, params, start)))
+        and not (event.jumps and model.failed(params, event.jumped(model, params, start)))
     ]
     if not never:
         return []

@@ -71,8 +71,12 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(
-        " " if each in "\n\t" else each if each.isprintable() else each.encode("unicode_escape").decode()
-        for each in text
+        " "
+        if character in "\n\t"
+        else character
+        if character.isprintable()
+        else character.encode("unicode_escape").decode()
+        for character in text
     )
 
 
@@ -96,7 +100,7 @@ def shown(path: Path) -> str:
     return text
 
 
-def found(value: object) -> str:
+def quoted(value: object) -> str:
     """A value as it was written, shortened to be quoted; only the beginning of a long one is read."""
     return clipped(_written(value, 0))
 
@@ -218,21 +222,21 @@ def _from_details(
             path, f"has {context['actual_length']} items, but must have {end} {context[limit]}."
         )
     if sort == "list_type":
-        return Diagnostic(path, f"is {found(value)}, but must be a list in brackets.")
+        return Diagnostic(path, f"is {quoted(value)}, but must be a list in brackets.")
     if sort == "model_attributes_type" and (loc == ("run",) or loc[:1] == ("figures",)):
         return _about_kind(path, value, sections)
     if sort in ("model_type", "dict_type", "model_attributes_type"):
         inner = sections.get(_key(loc, -1) if loc else "")
         fields = f" {near_miss.allowing(inner.fields)}" if inner else ""
-        return Diagnostic(path, f"is {found(value)}, but must be a mapping (key: value).{fields}")
-    return Diagnostic(path, f"is {found(value)}, which is not allowed here.")
+        return Diagnostic(path, f"is {quoted(value)}, but must be a mapping (key: value).{fields}")
+    return Diagnostic(path, f"is {quoted(value)}, which is not allowed here.")
 
 
 def _about_kind(path: Path, value: object, sections: dict[str, SchemaSection]) -> Diagnostic:
     kinds = [tag.rpartition(".")[2] for tag, section in sections.items() if section.union == path[0]]
     former = former_names.RUN_KINDS if path[0] == "run" else None
     noun = "a run kind" if path[0] == "run" else "a figure kind"
-    return wrong_kind(path, value, kinds, former, noun) or Diagnostic(path, f"is {found(value)}.")
+    return wrong_kind(path, value, kinds, former, noun) or Diagnostic(path, f"is {quoted(value)}.")
 
 
 def wrong_kind(
@@ -244,14 +248,14 @@ def wrong_kind(
 ) -> Diagnostic | None:
     """The diagnostic of a mapping whose `kind` is not one of `kinds`, or None."""
     if not isinstance(value, Mapping):
-        text = f"is {found(value)}, but must be a mapping with the field kind. {near_miss.allowing(kinds)}"
+        text = f"is {quoted(value)}, but must be a mapping with the field kind. {near_miss.allowing(kinds)}"
         return Diagnostic(path, text)
     if "kind" not in value:
         return Diagnostic((*path, "kind"), f"is missing. {near_miss.allowing(kinds)}")
     kind = value["kind"]
     if isinstance(kind, str) and kind in kinds:
         return None
-    text = f": {found(kind)} is not {noun}{near_miss.suggestion(str(kind), kinds)}"
+    text = f": {quoted(kind)} is not {noun}{near_miss.suggestion(str(kind), kinds)}"
     if former and isinstance(kind, str) and kind in former:
         text = f": {kind} is now called {former[kind]}; write {former[kind]}."
     return Diagnostic((*path, "kind"), text)

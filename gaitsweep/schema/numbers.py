@@ -21,7 +21,7 @@ from pydantic_core import PydanticCustomError
 
 from gaitsweep import effort, near_miss
 from gaitsweep.expression import CONSTANTS, ExpressionError, evaluate, names_in
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, found
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted
 
 
 @dataclass(frozen=True)
@@ -56,9 +56,9 @@ def not_text(value: str) -> str | None:
     """The first character of a text that figures cannot show, in words, or None."""
     if value.isprintable():
         return None
-    for each in value:
-        if unicodedata.category(each) in ("Cc", "Cs") and each not in "\t\n\r":
-            return f"the control character U+{ord(each):04X}"
+    for character in value:
+        if unicodedata.category(character) in ("Cc", "Cs") and character not in "\t\n\r":
+            return f"the control character U+{ord(character):04X}"
     return None
 
 
@@ -78,17 +78,17 @@ def read_number(value: Any) -> float | str:
             raise JobError([Diagnostic((), text)])
         for trap, sentence in _TRAPS:
             if len(value) < 100 and trap.match(value):
-                raise InvalidValue(f"is {found(value)}, {sentence}.")
+                raise InvalidValue(f"is {quoted(value)}, {sentence}.")
         try:
             return "".join(value.split()) if names_in(value) else evaluate(value, {})
         except ExpressionError as error:
             raise InvalidValue(f"is not a number: {error}") from None
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise InvalidValue(f"is {found(value)}, but must be a number.")
+        raise InvalidValue(f"is {quoted(value)}, but must be a number.")
     try:
         return evaluate(float(value), {}) + 0.0  # turns -0.0 into 0.0, which decide the same rows
     except (ExpressionError, OverflowError):
-        raise InvalidValue(f"is {found(value)}, but must be a finite number.") from None
+        raise InvalidValue(f"is {quoted(value)}, but must be a finite number.") from None
 
 
 def read_fixed(value: Any) -> float | None:
@@ -156,24 +156,24 @@ def read_each(value: Any) -> float | dict[str, float]:
         raise InvalidValue(
             "is an empty mapping, but must be a number above 0, or such numbers by the names of observables."
         )
-    each = {}
+    positive_numbers = {}
     for name, number in value.items():
         try:
-            each[read_text(name)] = read_real(number, low=0.0, open_ends=True)
+            positive_numbers[read_text(name)] = read_real(number, low=0.0, open_ends=True)
         except InvalidValue as error:
             raise InvalidValue(f"has {name}, which {error}") from None
-    return each
+    return positive_numbers
 
 
 def read_text(value: Any) -> str:
     """Text, without the line feed at the end of a YAML block; raises InvalidValue for other values."""
     if not isinstance(value, str):
         quotes = ": put it in quotes" if isinstance(value, (int, float)) else ""
-        raise InvalidValue(f"is {found(value)}, but must be text{quotes}.")
+        raise InvalidValue(f"is {quoted(value)}, but must be text{quotes}.")
     if not value.strip():
         raise InvalidValue("is empty, but must be text.")
     if len(value) > _LONGEST_TEXT:
-        raise InvalidValue(f"is {found(value)}, which is longer than {_LONGEST_TEXT} characters.")
+        raise InvalidValue(f"is {quoted(value)}, which is longer than {_LONGEST_TEXT} characters.")
     if (wrong := not_text(value)) is not None:
         raise InvalidValue(f"contains {wrong}, which is not allowed in text.")
     return value.rstrip("\n")
@@ -184,7 +184,7 @@ def read_stem(value: Any) -> str:
     text = read_text(value).strip()
     if not _STEM.fullmatch(text):
         raise InvalidValue(
-            f"is {found(text)}, but must be a file name of letters, digits, _ - . that begins with a "
+            f"is {quoted(text)}, but must be a file name of letters, digits, _ - . that begins with a "
             "letter or digit."
         )
     return text
@@ -193,16 +193,16 @@ def read_stem(value: Any) -> str:
 def read_flag(value: Any) -> bool:
     """True or false; raises InvalidValue for other values, also for 1 and yes."""
     if not isinstance(value, (bool, np.bool_)):
-        raise InvalidValue(f"is {found(value)}, but must be true or false.")
+        raise InvalidValue(f"is {quoted(value)}, but must be true or false.")
     return bool(value)
 
 
 def read_word(value: Any, allowed: tuple[str, ...], former: Mapping[str, str] | None = None) -> str:
     """One of the allowed words; raises InvalidValue with the near miss or the new name of an older word."""
     if former and isinstance(value, str) and value in former:
-        raise InvalidValue(f"is {found(value)}, which is now called {former[value]}; write {former[value]}.")
+        raise InvalidValue(f"is {quoted(value)}, which is now called {former[value]}; write {former[value]}.")
     if not isinstance(value, str) or value not in allowed:
-        raise InvalidValue(f"is {found(value)}{near_miss.suggestion(str(value), allowed)}")
+        raise InvalidValue(f"is {quoted(value)}{near_miss.suggestion(str(value), allowed)}")
     return value
 
 

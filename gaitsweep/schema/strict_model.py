@@ -120,7 +120,7 @@ def _union(models: tuple[type[StrictModel], ...]) -> TypeAdapter[Any]:
 def plain(value: Any) -> Any:
     """Replace arrays, series and NumPy numbers by lists and Python numbers, also inside mappings."""
     if isinstance(value, Mapping):
-        return {key: plain(each) for key, each in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | range):
-        return [plain(each) for each in value]
+        return [plain(item) for item in value]
     return value.tolist() if hasattr(value, "tolist") else value

@@ -137,8 +137,8 @@ class Document:
 
     def located(self, error: JobError) -> JobError:
         """The error with the location of each diagnostic, in the order of the lines."""
-        found = [self.locate(diagnostic) for diagnostic in error.diagnostics]
-        return JobError(sorted(found, key=lambda diagnostic: diagnostic.line or 0))
+        diagnostics = [self.locate(diagnostic) for diagnostic in error.diagnostics]
+        return JobError(sorted(diagnostics, key=lambda diagnostic: diagnostic.line or 0))
 
 
 def read_document(path: Path) -> Document:
@@ -156,7 +156,9 @@ def read_document(path: Path) -> Document:
         raise _refused(name, None, "is empty: a job is a mapping (name: ..., model: ..., run: ...).")
     data = reading.value(node, ())
     if not isinstance(data, dict):
-        raise _refused(name, 1, f"holds {diagnostics.found(data)}, but a job must be a mapping (key: value).")
+        raise _refused(
+            name, 1, f"holds {diagnostics.quoted(data)}, but a job must be a mapping (key: value)."
+        )
     return Document(name, data, reading.places)
 
 
@@ -349,5 +351,5 @@ class _Reading:
             if (wrong := not_text(text)) is not None:
                 raise self._refused(line, f"contains {wrong}, which is not allowed in text.", path)
             return text
-        text = f"is tagged !!{tag}, but {diagnostics.found(text)} is not of that type."
+        text = f"is tagged !!{tag}, but {diagnostics.quoted(text)} is not of that type."
         raise self._refused(line, text, path)

@@ -125,7 +125,7 @@ class ResultDirectory:
                 directory.notes.append(
                     f"{damaged.what}: it will be rewritten, since the table's parts belong to this job."
                 )
-            if not lock.exclusive:
+            if not lock.file_system_has_locks:
                 directory.notes.append(
                     f"The file system of {path} has no locks: do not run this job twice at the same time."
                 )
@@ -235,16 +235,6 @@ class ResultDirectory:
             )
 
     @property
-    def n_rows(self) -> int:
-        """The number of rows of the sweep."""
-        return self.layout.rows
-
-    @property
-    def n_blocks(self) -> int:
-        """The number of parts of the table."""
-        return len(self.layout.blocks)
-
-    @property
     def rows_done(self) -> int:
         """The number of rows in complete parts."""
         return sum(footer.rows for footer in self._footers.values())
@@ -253,10 +243,6 @@ class ResultDirectory:
     def rows_open(self) -> int:
         """The number of ended rows in open blocks when the directory was opened."""
         return sum(rows.row.size for rows in self._restored.values())
-
-    def rows_of(self, number: int) -> tuple[int, int]:
-        """Return the first row of a block and the row after its last (equal past the table's end)."""
-        return self.layout.rows_of(number)
 
     def missing_blocks(self) -> list[int]:
         """Return the blocks without a part, in order."""
@@ -317,7 +303,7 @@ class ResultDirectory:
         data, footer = part
         with writing(
             f"Part {self.layout.words(number)} could not be written to {self.path}",
-            f"; {self.rows_done} of {self.n_rows} rows are safe there, "
+            f"; {self.rows_done} of {self.layout.rows} rows are safe there, "
             "and the same command continues from them",
         ):
             write_file(self.path, f"{TABLE}/{PARTS.name(number)}", data)

@@ -22,7 +22,7 @@ from gaitsweep.errors import UnsupportedSystem
 from gaitsweep.table.files import TableError
 
 LOCK_NAME, BLOCK_LOCKS = ".lock", ".blocks"
-_NO_LOCKS_HERE = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EINVAL)
+_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EINVAL)
 _RECORD = 128  # bytes
 
 
@@ -50,8 +50,8 @@ class Lock:
             TableError: the lock file is not a regular file.
             OSError: the lock file cannot be created.
         """
-        self._held = False
-        self.exclusive = True  # or shared: whether the file system has locks
+        self._erases_name = False
+        self.file_system_has_locks = True
         path = folder / LOCK_NAME
         flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
         try:
@@ -60,9 +60,9 @@ class Lock:
             if error.errno == errno.ELOOP:
                 raise TableError(f"{path} is a link, which is not allowed here: remove it.") from None
             raise
-        found = os.fstat(self._descriptor)
-        # of a hard link, another file would be changed too
-        if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
+        status = os.fstat(self._descriptor)
+        # writing to a file with a second name (a hard link) would change that file, too
+        if not stat.S_ISREG(status.st_mode) or status.st_nlink > 1:
             self.release()
             raise TableError(f"{path} is not a lock file of gaitsweep: remove it.")
         try:
@@ -75,28 +75,28 @@ class Lock:
                     f"Another run ({holder or 'unknown process'}) is writing to {folder}: "
                     "wait until it ends, stop it, or choose another directory with --out."
                 ) from None
-            if error.errno not in _NO_LOCKS_HERE:
+            if error.errno not in _NO_LOCKS:
                 self.release()
                 raise
-            self.exclusive = False
-        self._held = not shared
+            self.file_system_has_locks = False
+        self._erases_name = not shared
         os.ftruncate(self._descriptor, 0)
         os.pwrite(self._descriptor, f"{this_process()}\n".encode(), 0)
 
     def release(self) -> None:
         """Release the lock; a second call does nothing."""
         if self._descriptor >= 0:
-            if self._held:  # a directory that is passed on does not tell which machine wrote it
+            if self._erases_name:  # a directory that is published shall not name the machine
                 with contextlib.suppress(OSError):
                     os.ftruncate(self._descriptor, 0)
             os.close(self._descriptor)
             self._descriptor = -1
 
 
-class Begun(NamedTuple):
-    """Count of starts of a block without an end, and the process that began it last."""
+class UnfinishedStarts(NamedTuple):
+    """The number of starts of a block without an end, and the process of the last start."""
 
-    times: int
+    starts: int
     process: str
 
 
@@ -108,7 +108,7 @@ class BlockLocks:
 
         Raises:
             UnsupportedSystem: this system has no locks of an open file.
-            OSError: it cannot be created.
+            OSError: the file cannot be created.
         """
         if not hasattr(fcntl, "F_OFD_SETLK"):
             raise UnsupportedSystem(
@@ -129,7 +129,7 @@ class BlockLocks:
         except OSError as error:
             if error.errno in (errno.EAGAIN, errno.EACCES):
                 return False
-        self._note(number, self.begun(number).times, process)
+        self._note(number, self.unfinished_starts(number).starts, process)
         return True
 
     def free(self, number: int) -> None:
@@ -138,28 +138,28 @@ class BlockLocks:
             self._lock(fcntl.F_UNLCK, number)
 
     def _lock(self, kind: int, number: int) -> None:
-        # locks of the open file, not of the process: closing another descriptor would free those
+        # a lock of the open file, since a process loses its own locks when it closes any descriptor of a file
         fields = struct.pack("hhqqi0q", kind, os.SEEK_SET, number * _RECORD, _RECORD, 0)
         fcntl.fcntl(self._descriptor, fcntl.F_OFD_SETLK, fields)
 
-    def begun(self, number: int) -> Begun:
-        """Number of starts of a block without an end, and the process of the last start."""
-        times, _, process = os.pread(self._descriptor, _RECORD, number * _RECORD).decode(
+    def unfinished_starts(self, number: int) -> UnfinishedStarts:
+        """Return the starts of a block that have no end yet."""
+        starts, _, process = os.pread(self._descriptor, _RECORD, number * _RECORD).decode(
             errors="replace"
         ).rstrip("\0 \n").partition(" ")  # fmt: skip
-        return Begun(int(times), process) if times.isdigit() else Begun(0, "")
+        return UnfinishedStarts(int(starts), process) if starts.isdigit() else UnfinishedStarts(0, "")
 
     def begin(self, number: int) -> None:
         """Record that the process with the lock of a block starts it."""
-        times, process = self.begun(number)
-        self._note(number, times + 1, process)
+        starts, process = self.unfinished_starts(number)
+        self._note(number, starts + 1, process)
 
     def end(self, number: int) -> None:
         """Record that a block has ended, with a part or an error."""
         self._note(number, 0, "")
 
-    def _note(self, number: int, times: int, process: str) -> None:
-        record = f"{times} {process}".encode()[: _RECORD - 1].ljust(_RECORD - 1) + b"\n"
+    def _note(self, number: int, starts: int, process: str) -> None:
+        record = f"{starts} {process}".encode()[: _RECORD - 1].ljust(_RECORD - 1) + b"\n"
         os.pwrite(self._descriptor, record, number * _RECORD)
 
     def close(self) -> None:

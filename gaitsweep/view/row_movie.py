@@ -9,6 +9,7 @@ import contextlib
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,8 +17,9 @@ from matplotlib.axes import Axes
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Model
+from gaitsweep.design.design import row_params
 from gaitsweep.job import Job
-from gaitsweep.job.load import row_params, stored_job
+from gaitsweep.job.load import stored_job
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.columns import rows_where, written
@@ -37,7 +39,7 @@ _SIDES = (160, 4096)
 _POSES = 6
 _CYCLE_TIME = 1.6  # s that a cycle takes in a movie whose speed is not given
 _MOST_FRAMES = 3000
-_LEAST_WAY = 1e-3  # share of the height that a body goes in a cycle, to have a speed
+_LEAST_DISTANCE = 1e-3  # a slower body has no speed in its title; heights of the body a cycle
 _NAMED = 4  # quantities in a title
 SIMULATED = ("settle", "fixed_time", "return_map", "ramp", "staircase")  # run kinds simulated again
 _LAST_CYCLES = 4  # cycles at the end of a row that is simulated again, if its part is not given
@@ -62,13 +64,13 @@ class Motion:
     row: str
 
     def title(self, clip: Clip, lift: float) -> str:
-        """The model, its gait and the mean speed of a clip, how high its lift is drawn, and the row."""
-        way = float(np.hypot(*(clip.camera[-1] - clip.camera[0])))
-        speed = way / float(clip.t[-1] - clip.t[0])
-        moves = speed * self.period > _LEAST_WAY * side_view.bounds(clip.skeleton, clip.camera)[1]
-        what = f"{self.gait}{f' at {speed:.2g} m/s' if moves else ''}".strip()
-        what += f" (lift drawn {lift:.3g} times as high)" if lift != 1.0 else ""
-        return f"{self.model.name}{f', {what}' if what else ''}; {self.row}"
+        """Format the model, its gait, the mean speed of a clip, the factor on its lift, and the row."""
+        distance = float(np.hypot(*(clip.camera[-1] - clip.camera[0])))
+        speed = distance / float(clip.t[-1] - clip.t[0])
+        moves = speed * self.period > _LEAST_DISTANCE * side_view.bounds(clip.skeleton, clip.camera)[1]
+        motion = f"{self.gait}{f' at {speed:.2g} m/s' if moves else ''}".strip()
+        motion += f" (lift drawn {lift:.3g} times as high)" if lift != 1.0 else ""
+        return f"{self.model.name}{f', {motion}' if motion else ''}; {self.row}"
 
     def at(self, times: np.ndarray) -> dict[str, np.ndarray]:
         """The signals at times (k,) s, interpolated linearly; angles and contacts from the nearest sample."""
@@ -131,7 +133,8 @@ def read_motion(
     ended = str(part["status"].iloc[-1])
     if kind == "trace":
         t, signals = _recorded(part, directory, names)
-        gait = ""  # a trace has no crossings to read it from
+        # that of the row's end; tables of older versions have none
+        gait = _gait_of(part.iloc[-1]) if "gait" in part.columns and job.run.moved is None else ""
     else:
         t, signals, gait = _simulated(job, part, row, start, seconds)
     finite = np.isfinite(np.stack([t, *signals.values()])).all(axis=0)
@@ -184,12 +187,16 @@ def _simulated(
     (replayed,) = replayer.replayed(Windows(last - first, first))
     kept = replayed.t <= last * (1.0 + 1e-9)
     record = part.iloc[max(int(np.count_nonzero(times <= last * (1.0 + 1e-9))) - 1, 0)]
+    if "gait" not in part.columns and replayed.gait != -1:  # crossings of a return map
+        record = {**record, "gait": gaits(context.model, np.array([replayed.gait]))[0]}
+    signals = {key: values[kept] for key, values in replayed.signals.items()}
+    return replayed.t[kept], signals, _gait_of(record) or str(record["status"]).replace("_", " ")
+
+
+def _gait_of(record: Mapping[str, Any] | pd.Series) -> str:
+    """The gait of a record; empty if it has none."""
     gait = record.get("gait")
-    if gait is None and replayed.gait != -1:  # crossings of a return map
-        gait = gaits(context.model, np.array([replayed.gait]))[0]
-    unknown = gait is None or pd.isna(gait) or gait == "none"
-    name = str(record["status"]).replace("_", " ") if unknown else str(gait)
-    return replayed.t[kept], {key: values[kept] for key, values in replayed.signals.items()}, name
+    return "" if gait is None or pd.isna(gait) or gait == "none" else str(gait)
 
 
 def _samples(table: pd.DataFrame, directory: Path, row: int) -> pd.DataFrame:
@@ -232,7 +239,7 @@ def write_movie(
         fps: frames per second.
         size: width and height, pixels.
         renderer: mujoco, matplotlib, or auto: MuJoCo if the model and this machine support it.
-        lift: how many times as high as they are feet are drawn over the ground; not by MuJoCo.
+        lift: factor on the drawn height of feet over the ground; 1 with MuJoCo.
         on_progress: callback with the numbers of drawn frames and of all frames.
         on_message: callback with sentences about deviations from the request.
 

@@ -71,31 +71,31 @@ def test_linkage_is_scipys(seed: int, count: int, closed: list[bool]) -> None:
     assert same_partition(mine, fcluster(oracle, at, "distance"))
 
 
-def test_points_and_lines_over_the_turn() -> None:
-    """A point at the seam, a line around the circle of psi_2, one that winds twice: one attractor each."""
+def test_attractors_that_cross_the_seam_of_an_angle() -> None:
+    """A point at the seam, a closed line along psi_2 and a line that winds twice are one attractor each."""
     random = np.random.default_rng(1)
     point = 0.01 * random.normal(size=(300, 3)) + [0.0, 3.0, 0.0]
     t = random.uniform(0, TURN, 900)
     ring = np.stack([np.full_like(t, 1.5), t, np.full_like(t, 2.0)], 1)
     winding = np.stack([4.0 + 0.2 * np.cos(2 * t), t, 2 * t], 1)
     table = settled(np.concatenate([point, ring, winding]))
-    found = attractors(table)
+    result = attractors(table)
     truth = np.repeat([0, 1, 2], [300, 900, 900])
-    assert same_partition(found.column.cat.codes.to_numpy(), truth)
-    by_size = found.summary.set_index("rows")
+    assert same_partition(result.column.cat.codes.to_numpy(), truth)
+    by_size = result.summary.set_index("rows")
     assert by_size.loc[300, ["dimension", "kind"]].tolist() == [0, "point"]
     np.testing.assert_allclose(
         np.cos(by_size.loc[300, ["psi_1_end", "psi_3_end"]].astype(float)), 1.0, atol=1e-3
     )
-    lines = found.summary[found.summary["rows"] == 900]
+    lines = result.summary[result.summary["rows"] == 900]
     assert set(lines["kind"]) == {"line"}
     assert sorted(lines["extent"])[0] == pytest.approx(TURN, rel=0.03)  # the ring, but for its widest gap
 
 
 @settings(max_examples=12)
 @given(factor=st.floats(1e-3, 1e3), seed=st.integers(0, 1000))
-def test_the_choice_has_no_scale(factor: float, seed: int) -> None:
-    """The same states in another unit make the same attractors, the link scaled with them."""
+def test_grouping_is_independent_of_the_unit(factor: float, seed: int) -> None:
+    """States in another unit give the same attractors, with the link scaled accordingly."""
     random = np.random.default_rng(seed)
     centres = np.array([[0.0, 0.0], [1.0, 0.3], [0.2, 1.1]])
     states = np.concatenate([centre + 0.03 * random.normal(size=(80, 2)) for centre in centres])
@@ -132,9 +132,9 @@ def test_a_million_rows_need_no_matrix_of_them() -> None:
     )
     space = Space(np.full(3, TURN), np.ones(3))
     assert cells(space, np.mod(states, TURN), 2e-4).first.size <= MOST_CELLS
-    found = attractors(settled(states))
-    assert same_partition(found.column.cat.codes.to_numpy()[::97], line[::97].astype(int))
-    assert found.summary["kind"].tolist() == ["line", "point"]
+    result = attractors(settled(states))
+    assert same_partition(result.column.cat.codes.to_numpy()[::97], line[::97].astype(int))
+    assert result.summary["kind"].tolist() == ["line", "point"]
 
 
 def chain_states(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -160,14 +160,14 @@ def test_the_chains_solution_lines_and_its_locked_state() -> None:
     locked = np.tile(np.asarray(locked_state(Chain())), (20, 1))
     table = settled(np.concatenate([states, locked]))
     table["gait"] = np.array(GAITS)[np.concatenate([gait, np.full(20, GAITS.index("locked"))])]
-    found = attractors(table)
-    assert len(found.summary) == 4
-    assert agreement(table, found.column) > 0.95
-    own = found.column.loc[table["gait"] == "locked"].unique()
+    result = attractors(table)
+    assert len(result.summary) == 4
+    assert agreement(table, result.column) > 0.95
+    own = result.column.loc[table["gait"] == "locked"].unique()
     assert len(own) == 1
-    alone = found.summary.set_index("attractor").loc[own[0]]
+    alone = result.summary.set_index("attractor").loc[own[0]]
     assert (alone["rows"], alone["kind"]) == (20, "point")
-    assert set(found.summary.loc[found.summary["rows"] > 20, "kind"]) == {"line"}
+    assert set(result.summary.loc[result.summary["rows"] > 20, "kind"]) == {"line"}
     assert len(attractors(table, corners=False).summary) == 2
 
 
@@ -175,8 +175,8 @@ def test_rows_that_did_not_settle_have_none() -> None:
     table = settled(np.zeros((4, 2)))
     table["status"] = ["settled", "cycle_limit", "inferred", "fell"]
     table.loc[3, "psi_1_end"] = np.nan
-    found = attractors(table)
-    assert found.column.isna().tolist() == [False, True, True, True]
+    result = attractors(table)
+    assert result.column.isna().tolist() == [False, True, True, True]
     none = attractors(table.iloc[1:])
     assert none.column.isna().all()
     assert len(none.summary) == 0
@@ -215,17 +215,17 @@ def moving_table() -> pd.DataFrame:
 
 def test_names_stay_along_a_parameter() -> None:
     table = moving_table()
-    found = follow_attractors(table, "p")
-    wide = found.fractions.pivot(index="p", columns="outcome", values="rows").fillna(0).astype(int)
-    line, point, late = found.summary.loc[found.summary["p"].isin([0.0, 6.0])].drop_duplicates("attractor")[
+    result = follow_attractors(table, "p")
+    wide = result.fractions.pivot(index="p", columns="outcome", values="rows").fillna(0).astype(int)
+    line, point, late = result.summary.loc[result.summary["p"].isin([0.0, 6.0])].drop_duplicates("attractor")[
         "attractor"
     ]
     assert wide[line].tolist() == [200] * 4 + [0, 0] + [200] * 4  # the vanished one comes back by its name
     assert wide[point].tolist() == [100 + 10 * p for p in range(10)]
     assert wide[late].tolist() == [0] * 6 + [30] * 4
-    moved = found.summary[(found.summary["attractor"] == point) & (found.summary["p"] > 0)]["moved"]
+    moved = result.summary[(result.summary["attractor"] == point) & (result.summary["p"] > 0)]["moved"]
     np.testing.assert_allclose(moved, 0.1, atol=2e-3)
-    assert found.within > 0.15
+    assert result.within > 0.15
     # a tight limit makes each a new one
     assert len(follow_attractors(table, "p", within=0.02).column.cat.categories) > 10
 
@@ -245,13 +245,13 @@ def landscape(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
 
 
 @pytest.mark.slow
-def test_a_simulated_tables_attractors_are_its_gaits(landscape: pd.DataFrame) -> None:
-    """Two closed lines, pi apart: found from the states alone, and followed as the lines move."""
+def test_attractors_of_a_simulated_table_are_its_gaits(landscape: pd.DataFrame) -> None:
+    """Two closed lines, pi apart, are found from the states alone and followed as they move."""
     part = landscape.loc[landscape["shift"] == 0.4]
     part.attrs = landscape.attrs
-    found = attractors(part)
-    assert agreement(part, found.column) == 1.0
-    assert found.summary["kind"].tolist() == ["line", "line"]
+    result = attractors(part)
+    assert agreement(part, result.column) == 1.0
+    assert result.summary["kind"].tolist() == ["line", "line"]
     followed = follow_attractors(landscape, "shift")
     assert agreement(landscape, followed.column) == 1.0
     assert len(followed.column.cat.categories) == 2

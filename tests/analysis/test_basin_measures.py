@@ -33,7 +33,7 @@ from tests.support.basin_tables import (
 
 @pytest.mark.slow
 def test_coverage_of_intervals_for_grids() -> None:
-    """Discs anywhere on 33 x 33 grids: their area lies in the interval in 95 % of cases or more.
+    """The intervals of the area of discs anywhere on 33 x 33 grids contain it in at least 95 % of cases.
 
     The interval is a third of Wilson's: only cells on the edge add to the error of a grid.
     """
@@ -47,11 +47,11 @@ def test_coverage_of_intervals_for_grids() -> None:
             return np.hypot(*gaps) < radius
 
         table = grid_table((33, 33), disc)
-        found = fractions(table).set_index("outcome").loc["True"]
+        result = fractions(table).set_index("outcome").loc["True"]
         area = np.pi * radius**2 / TURN**2
-        inside.append(found["low"] <= area <= found["high"])
-        width.append(found["high"] - found["low"])
-        low, high = proportion_interval(int(found["rows"]), int(found["of"]), 0.95)
+        inside.append(result["low"] <= area <= result["high"])
+        width.append(result["high"] - result["low"])
+        low, high = proportion_interval(int(result["rows"]), int(result["of"]), 0.95)
         independent.append(high - low)
     assert np.mean(inside) >= 0.95
     assert np.mean(width) < 0.45 * np.mean(independent)
@@ -61,10 +61,10 @@ def test_fractions_of_outcomes() -> None:
     """Rows that failed or did not settle are outcomes of their own, and shares add up to one."""
     table = grid_table((10, 10), lambda x, y: x < np.pi)
     table["status"] = ["fell"] * 10 + ["cycle_limit"] * 20 + ["inferred"] * 30 + ["settled"] * 40
-    found = fractions(table, level=0.9).set_index("outcome")
-    assert found["rows"].to_dict() == {"False": 50, "True": 20, "not settled": 20, "failed": 10}
-    assert np.sum(found["fraction"]) == pytest.approx(1.0)
-    assert set(found["interval"]) == {"cells"}
+    result = fractions(table, level=0.9).set_index("outcome")
+    assert result["rows"].to_dict() == {"False": 50, "True": 20, "not settled": 20, "failed": 10}
+    assert np.sum(result["fraction"]) == pytest.approx(1.0)
+    assert set(result["interval"]) == {"cells"}
     rows = table.sample(60, random_state=0)
     assert set(fractions(rows)["interval"]) == {"wilson"}
     assert set(fractions(table, interval="clopper_pearson")["interval"]) == {"clopper_pearson"}
@@ -79,8 +79,8 @@ def test_a_straight_boundary(circular: bool) -> None:
     n = 96
     half = np.pi if circular else 0.5
     table = grid_table((n, n), lambda x, y: x < half, circular=circular)
-    found = basins(table)
-    panel = found.panels.iloc[0]
+    result = basins(table)
+    panel = result.panels.iloc[0]
     assert panel["exponent"] == pytest.approx(1.0, abs=1e-9)
     assert panel["exponent_low"] < 1.0 < panel["exponent_high"]
     assert panel["boundary_dimension"] == pytest.approx(1.0, abs=1e-9)
@@ -91,7 +91,7 @@ def test_a_straight_boundary(circular: bool) -> None:
     assert panel["boundary_entropy"] < np.log(2)
     assert panel["crossed"] == pytest.approx(crossed)
     assert panel["basin_entropy"] == pytest.approx(boundary * crossed)
-    uncertain = found.uncertainty
+    uncertain = result.uncertainty
     if circular:  # two boundaries across one of two axes, with `steps` uncertain starts on both their sides
         np.testing.assert_allclose(uncertain["uncertain"], 2 * uncertain["steps"] / n)
         np.testing.assert_allclose(uncertain["eps"], uncertain["steps"] * TURN / n)
@@ -106,9 +106,9 @@ def test_a_cantor_boundary() -> None:
     expected = 1 - np.log(2) / np.log(3)
     labels = cantor_labels(9)
     line = grid_table((labels.size,), lambda x: labels[(x * labels.size).astype(int)], circular=False)
-    found = basins(line, sizes=[9, 81, 729]).panels.iloc[0]
-    assert found["exponent"] == pytest.approx(expected, abs=0.02)
-    assert found["boundary_dimension"] == pytest.approx(np.log(2) / np.log(3), abs=0.02)
+    result = basins(line, sizes=[9, 81, 729]).panels.iloc[0]
+    assert result["exponent"] == pytest.approx(expected, abs=0.02)
+    assert result["boundary_dimension"] == pytest.approx(np.log(2) / np.log(3), abs=0.02)
     for sizes in ([9, 27, 81, 243], None):
         panel = basins(line, sizes=sizes).panels.iloc[0]
         assert panel["exponent_low"] < expected < panel["exponent_high"]
@@ -166,18 +166,18 @@ def test_exponents_of_fractal_boundaries(name: str) -> None:
 @pytest.mark.slow
 def test_published_exponents_on_fine_grids() -> None:
     """At least 14 of 15 intervals hold the published exponent; at 1 200 a side they are 0.17 wide at most."""
-    found = {(name, side): exponent_of(name, side) for name in PUBLISHED for side in (99, 400, 1200)}
-    for (name, side), each in found.items():
+    results = {(name, side): exponent_of(name, side) for name in PUBLISHED for side in (99, 400, 1200)}
+    for (name, side), each in results.items():
         print(f"{name} {side}: {each.value:.3f} ({each.low:.3f} to {each.high:.3f})")
-    assert sum(each.low < PUBLISHED[name][0] < each.high for (name, _), each in found.items()) >= 14
-    assert all(each.high - each.low < 0.17 for (_, side), each in found.items() if side == 1200)
+    assert sum(each.low < PUBLISHED[name][0] < each.high for (name, _), each in results.items()) >= 14
+    assert all(each.high - each.low < 0.17 for (_, side), each in results.items() if side == 1200)
 
 
 def test_newtons_basins_are_wada() -> None:
     """Every boundary point of Newton's basins is one of all three: Daza et al. 2015, Sci. Rep. 5:16579."""
-    found = wada(grid_table((99, 99), lambda x, y: newton(3.1 * x - 1.5, 3.1 * y - 1.5), circular=False))
-    assert np.max(found.merging["distance"]) < 5.0
-    shares = found.boxes.loc[found.boxes["basins"] == 3, "share"].to_numpy()
+    result = wada(grid_table((99, 99), lambda x, y: newton(3.1 * x - 1.5, 3.1 * y - 1.5), circular=False))
+    assert np.max(result.merging["distance"]) < 5.0
+    shares = result.boxes.loc[result.boxes["basins"] == 3, "share"].to_numpy()
     assert (np.diff(shares) > 0).all()
     assert shares[-1] > 0.9
 
@@ -191,14 +191,14 @@ def test_newtons_basins_are_wada() -> None:
 )
 def test_stripes_and_discs_are_not_wada(label, distance: float) -> None:
     """Boundaries lie as far apart as constructed, 1/3 and 1/2 of the side; no box holds three basins."""
-    found = wada(grid_table((99, 99), label, circular=False))
-    assert np.min(found.merging["within"]) == 0.0
-    assert np.max(found.merging["distance"]) >= distance
-    assert found.boxes.loc[found.boxes["basins"] == 3, "share"].eq(0.0).all()
+    result = wada(grid_table((99, 99), label, circular=False))
+    assert np.min(result.merging["within"]) == 0.0
+    assert np.max(result.merging["distance"]) >= distance
+    assert result.boxes.loc[result.boxes["basins"] == 3, "share"].eq(0.0).all()
 
 
 def test_bounds_of_entropies() -> None:
-    """Noise of k outcomes nears ln k, which nothing passes; one basin alone has none."""
+    """The entropy of noise of k outcomes is near its bound ln k; that of a single basin is 0."""
     random = np.random.default_rng(2)
     for k in (2, 3):
         noise = basins(grid_table((60, 60), lambda x, y, k=k: random.integers(0, k, x.size))).panels.iloc[0]
@@ -241,21 +241,21 @@ def test_shocks_are_those_of_brute_force(lengths, circular: bool, seed: int, ran
         assert found["shock_to"].iloc[row] in nearest
 
 
-def test_panels_are_measured_apart() -> None:
-    """By panel as by itself; without `by` the panels' axis is one of the starts'."""
+def test_panels_are_measured_separately() -> None:
+    """A panel gives the same as its own table; without `by`, the panels' axis is an axis of the starts."""
     table = grid_table((16, 16), lambda x, y, p: x < p, panels=[1.0, 3.0])
-    found = basins(table, by="p")
+    result = basins(table, by="p")
     for number, p in enumerate([1.0, 3.0]):
         alone = basins(table.loc[table["p"] == p].drop(columns="p"))
         pd.testing.assert_frame_equal(
-            found.panels.drop(columns="p").iloc[[number]].reset_index(drop=True), alone.panels
+            result.panels.drop(columns="p").iloc[[number]].reset_index(drop=True), alone.panels
         )
-        mine = found.fractions.loc[found.fractions["p"] == p].drop(columns="p").reset_index(drop=True)
+        mine = result.fractions.loc[result.fractions["p"] == p].drop(columns="p").reset_index(drop=True)
         pd.testing.assert_frame_equal(mine, alone.fractions)
-        np.testing.assert_array_equal(found.rows.loc[table["p"] == p, "shock"], alone.rows["shock"])
+        np.testing.assert_array_equal(result.rows.loc[table["p"] == p, "shock"], alone.rows["shock"])
 
 
-def test_a_grid_is_found_where_there_is_one() -> None:
+def test_grids_are_detected() -> None:
     table = grid_table((7, 5), lambda x, y: x < 3)
     grid = find_grid(table, ["psi_1", "psi_2"])
     assert grid is not None
@@ -302,7 +302,7 @@ def test_bad_arguments_are_refused(given_: dict, said: str) -> None:
     ("change", "said"),
     [({"box": 6}, "power of 2"), ({"box": 16}, "has 9 starts"), ({"axes": ["psi_1"]}, "do not form a grid")],
 )
-def test_what_the_wada_tests_refuse(change: dict, said: str) -> None:
+def test_wada_refusals(change: dict, said: str) -> None:
     with pytest.raises(AnalysisError, match=said):
         wada(grid_table((9, 9), lambda x, y: x < 2), **change)
     with pytest.raises(AnalysisError, match="at most 4 steps"):
@@ -331,7 +331,7 @@ def _of_a_job(share: float, params: dict[str, object], **columns: float) -> pd.D
 
 
 def test_tables_of_several_jobs_are_panels_by_their_constants() -> None:
-    """Each table has one value of K, in its job alone; a constant of one may be a column of another."""
+    """Each table has one value of K, in its job only; the constant of one may be a column of another."""
     tables = [_of_a_job(0.2, {"K": 1.0}), _of_a_job(0.7, {"K": 2.0})]
     found = basins(tables, by="K").fractions
     assert found.set_index(["K", "outcome"])["fraction"].to_dict() == {

@@ -65,8 +65,8 @@ def followed(size: int, cases: list[dict[str, float]], **options: Any) -> pd.Dat
 
 
 def specials(table: pd.DataFrame, row: int) -> tuple[list[str], np.ndarray]:
-    found = table.loc[(table["row"] == row) & (table["special"] != "")]
-    return found["special"].tolist(), found["r"].to_numpy()
+    result = table.loc[(table["row"] == row) & (table["special"] != "")]
+    return result["special"].tolist(), result["r"].to_numpy()
 
 
 @pytest.mark.slow(
@@ -104,7 +104,7 @@ def test_normal_forms(size: int, towards: int, steps: ArclengthSteps) -> None:
 
 
 def test_the_branches_that_cross() -> None:
-    """From x^2 = +-r and x = r the same points are found: there a pitchfork turns, and is no fold."""
+    """The same branch point is found from x^2 = +-r and from x = r; a pitchfork is not a fold."""
     down = [{"b": -1.0, "r": 0.8, "x": 0.9}, {"b": -1.0, "r": 0.8, "x": -0.9, "m": -1.7}]
     down += [{"a": -1.0, "r": 0.8, "x": 0.8}, {"a": -1.0, "r": 0.7, "x": 0.7, "m": 1.6}]
     up = [{"b": 1.0, "r": -0.8, "x": 0.9}, {"a": -1.0, "r": -0.7, "x": -0.7}]
@@ -184,9 +184,9 @@ def test_two_coupled_logistic_maps() -> None:
         )
         every = [("transcritical", 1.0), (UPPER, 4.0 / 3.0), ("flip", 8.0 / 3.0), ("flip", 3.0)]
         every = [each for each in every if (each[1] - begin) * towards > 0.0][::towards]
-        found = table[table["special"] != ""]
-        assert found["special"].tolist() == [kind for kind, _ in every]
-        np.testing.assert_allclose(found["a"], [a for _, a in every], atol=1e-6)
+        result = table[table["special"] != ""]
+        assert result["special"].tolist() == [kind for kind, _ in every]
+        np.testing.assert_allclose(result["a"], [a for _, a in every], atol=1e-6)
         np.testing.assert_allclose(table["x"], 1.0 - 1.0 / table["a"], atol=1e-7)
         np.testing.assert_allclose(table["y"], table["x"], atol=1e-7)
 
@@ -206,9 +206,9 @@ def test_with_a_conserved_quantity() -> None:
             mapping, start, {}, parameter="r", within=(-0.5, 0.5), begin=r, towards=towards, fix=["E"],
             steps=steps, crossing=True,
         )  # fmt: skip
-        found = table[table["special"] != ""]
-        assert found["special"].tolist() == [LOWER]
-        np.testing.assert_allclose(found["r"], 0.0, atol=1e-8)
+        result = table[table["special"] != ""]
+        assert result["special"].tolist() == [LOWER]
+        np.testing.assert_allclose(result["r"], 0.0, atol=1e-8)
         u = (table["x"] - table["y"]).to_numpy()
         np.testing.assert_allclose(u * (table["r"] - u**2), 0.0, atol=1e-8)
         assert len(set(table["branch"])) == 3
@@ -223,18 +223,18 @@ def test_henon() -> None:
     table = continuation(
         mapping, mapping.points([[0.6, 0.2]]), {}, parameter="a", within=(-0.2, 1.0), begin=1.0, towards=-1
     )
-    found = table[table["special"] != ""]
-    assert found["special"].tolist() == ["flip", "fold"]
-    np.testing.assert_allclose(found["a"], [0.75 * 0.49, -0.25 * 0.49], atol=1e-6)
+    result = table[table["special"] != ""]
+    assert result["special"].tolist() == ["flip", "fold"]
+    np.testing.assert_allclose(result["a"], [0.75 * 0.49, -0.25 * 0.49], atol=1e-6)
 
 
 def test_two_multipliers_at_once() -> None:
     """X -> (1 + r) x - x |x|^2 in the plane: two cross 1 at r = 0, in every direction at once."""
     mapping = PlainMap(lambda v, at: at * (1.0 + v["r"] - at @ at), ("x", "y"), (("r", 0.0),))
     table = continuation(mapping, mapping.points([[0.01, 0.0]]), {}, parameter="r", within=(-0.47, 0.5))
-    found = table[table["special"] != ""]
-    assert found["special"].tolist() == ["branch_point"]
-    np.testing.assert_allclose(found["r"], 0.0, atol=1e-6)
+    result = table[table["special"] != ""]
+    assert result["special"].tolist() == ["branch_point"]
+    np.testing.assert_allclose(result["r"], 0.0, atol=1e-6)
 
 
 def test_steps_that_end_at_the_point_itself() -> None:
@@ -252,8 +252,8 @@ def test_steps_that_end_at_the_point_itself() -> None:
 
 
 @pytest.mark.slow
-def test_one_soon_after_the_other() -> None:
-    """X and y lose stability at r = 0 and r = 0.003, within one step: pitchforks, or flips."""
+def test_two_bifurcations_within_one_step() -> None:
+    """X and y lose stability at r = 0 and r = 0.003, in pitchforks or in flips."""
     for sign, kind in ((1.0, LOWER), (-1.0, "flip")):
         mapping = PlainMap(
             lambda v, at: v["sign"] * ((1.0 + v["r"] - jnp.array([0.0, 0.003])) * at - at**3),
@@ -261,13 +261,13 @@ def test_one_soon_after_the_other() -> None:
             (("r", 0.0), ("sign", sign)),
         )
         table = continuation(mapping, mapping.points([[0.0, 0.0]]), {}, parameter="r", within=(-0.5, 0.5))
-        found = table[table["special"] != ""]
-        assert found["special"].tolist() == [kind, kind]
-        np.testing.assert_allclose(found["r"], [0.0, 0.003], atol=1e-8)
+        result = table[table["special"] != ""]
+        assert result["special"].tolist() == [kind, kind]
+        np.testing.assert_allclose(result["r"], [0.0, 0.003], atol=1e-8)
 
 
-def test_a_pitchfork_begins_no_curve_of_folds() -> None:
-    """X -> x + r x - x^3 from x = 0.9: the parameter turns at r = 0, and there is no fold."""
+def test_a_pitchfork_does_not_start_a_fold_curve() -> None:
+    """On the branch of x + r x - x^3 from x = 0.9 the parameter turns at r = 0 without a fold."""
     mapping, _ = MAPS[1]
     table = fold_curves(
         mapping,

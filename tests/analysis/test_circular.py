@@ -10,14 +10,14 @@ from gaitsweep.analysis.circular import branch_cut, is_circular, mean_direction,
 from gaitsweep.angle_difference import TURN, wrapped_difference
 
 
-def test_differences_go_the_shorter_way() -> None:
+def test_differences_are_wrapped() -> None:
     np.testing.assert_allclose(
         wrapped_difference(np.array([0.1 - 6.2, 6.2 - 0.1, np.pi, -np.pi])),
         [TURN - 6.1, 6.1 - TURN, -np.pi, -np.pi],
     )
 
 
-def test_the_mean_of_angles_is_no_plain_mean() -> None:
+def test_the_circular_mean() -> None:
     assert mean_direction(np.array([0.1, TURN - 0.1])) == pytest.approx(0.0, abs=1e-12)
     assert mean_direction(np.array([0.3, TURN - 0.1])) == pytest.approx(0.1, abs=1e-12)
     assert np.isnan(mean_direction(np.array([])))
@@ -33,7 +33,7 @@ def test_the_circle_is_cut_where_no_angles_are() -> None:
     assert np.abs(line).max() < 1.0  # around zero, not around 2 pi
 
 
-def test_columns_are_angles_by_what_the_table_says_or_by_their_name() -> None:
+def test_angles_are_recognised_by_the_quantities_or_by_name() -> None:
     table = pd.DataFrame()
     assert is_circular(table, "delta_13_n")
     assert is_circular(table, "psi_1")

@@ -65,7 +65,7 @@ def test_around_a_fold() -> None:
     assert table["point"].tolist() == list(range(len(table)))
 
 
-def test_progress_counts_points_and_the_way_along_the_range() -> None:
+def test_progress_has_points_and_the_share_of_the_range() -> None:
     reports: list[tuple[np.ndarray, np.ndarray]] = []
     steps = ArclengthSteps(on_progress=lambda points, shares: reports.append((points, shares)))
     starts = FOLD.points([[0.9], [1.2]])  # the second is half as far from the end
@@ -130,8 +130,8 @@ def test_neimark_sacker_bifurcations_are_located() -> None:
     np.testing.assert_allclose(special["r"], 1.0, atol=1e-6)
 
 
-def test_over_a_jump_of_the_map() -> None:
-    """A branch continues beyond a jump of 0.05; no record lies in the gap."""
+def test_a_branch_continues_beyond_a_jump_of_the_map() -> None:
+    """The map jumps by 0.05, and no record lies in the gap."""
     mapping = PlainMap(broken, ("x",), (("r", 0.5), ("gap", 0.05)))
     table = continuation(mapping, mapping.points([[0.5]]), {}, parameter="r", within=(0.5, 1.5))
     assert table["end"].iloc[-1] == "range"

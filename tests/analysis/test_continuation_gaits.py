@@ -43,11 +43,11 @@ def test_direct_gait_is_lost_where_the_end_masses_reach_the_inner_one(direct: pd
     m_B at the start of the branch is 3 % off.
     """
     assert set(direct["end"]) == {"", "most"}
-    found = range_of_gait(direct, "m_B", "direct")
-    assert found["row"].tolist() == [0, 1]
-    assert set(found["low_by"]) == {"start"}
-    assert set(found["high_by"]) == {"fold"}
-    beyond = found["high"].to_numpy() / [1.0, 1.02] - 1.0
+    result = range_of_gait(direct, "m_B", "direct")
+    assert result["row"].tolist() == [0, 1]
+    assert set(result["low_by"]) == {"start"}
+    assert set(result["high_by"]) == {"fold"}
+    beyond = result["high"].to_numpy() / [1.0, 1.02] - 1.0
     assert np.all(beyond > 0.0)
     assert np.all(beyond < 1.5e-3)
     assert beyond[0] < beyond[1]
@@ -69,7 +69,7 @@ def test_gaits_of_a_branch_are_read(direct: pd.DataFrame) -> None:
 
 @pytest.mark.slow
 def test_figure_of_stable_ranges(direct: pd.DataFrame) -> None:
-    """An area up to the folds, each marked; nothing is drawn where the range alone ends it."""
+    """A filled area ends at marked folds, and without a mark at the end of the parameter's range."""
     figure = draw(direct, x="m_B", y="omega")
     lines = figure.axes[0].get_lines()
     marks = np.concatenate([np.asarray(line.get_xdata()) for line in lines if line.get_marker() == "o"])
@@ -80,7 +80,7 @@ def test_figure_of_stable_ranges(direct: pd.DataFrame) -> None:
 
 
 def test_figure_where_two_gaits_are_stable() -> None:
-    """Walk up to 2 and trot from 1 on, at two values of the other parameter; no gait at all is said."""
+    """Walk is stable up to 2 and trot from 1 on, at two values of the other parameter; then no gait is."""
     branch = pd.DataFrame({"point": range(3), "stable": True, "special": "", "end": ["", "", "lost"]})
     parts = [
         branch.assign(row=2 * k + trot, up=0.1 * k, gait=("walk", "trot")[trot], r=trot + np.arange(3.0))
@@ -90,7 +90,7 @@ def test_figure_where_two_gaits_are_stable() -> None:
     table = pd.concat(parts, ignore_index=True)
     figure = draw(table, x="r", y="up")
     named = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert named == ["walk stable", "trot stable", "walk and trot: both stable"]
+    assert named == ["walk stable", "trot stable", "walk and trot stable"]
     both = np.asarray(figure.axes[0].collections[-1].get_paths()[0].vertices)
     assert [float(both[:, 0].min()), float(both[:, 0].max())] == [1.0, 2.0]
     more = table.query("gait == 'walk'").assign(row=lambda t: t["row"] + 4)
@@ -118,10 +118,10 @@ def test_pieces_of_branches() -> None:
             "gait": ["trot"] * 3 + ["none"] * 2 + ["walk"] * 4,
         }
     )
-    found = stable_ranges(table, "r")
-    assert found["gait"].tolist() == ["trot", "walk"]
-    assert found[["low", "high"]].to_numpy().tolist() == [[0.0, 2.0], [0.5, 3.0]]
-    assert found[["low_by", "high_by"]].to_numpy().tolist() == [["start", "fold"], ["corner", "range"]]
+    result = stable_ranges(table, "r")
+    assert result["gait"].tolist() == ["trot", "walk"]
+    assert result[["low", "high"]].to_numpy().tolist() == [[0.0, 2.0], [0.5, 3.0]]
+    assert result[["low_by", "high_by"]].to_numpy().tolist() == [["start", "fold"], ["corner", "range"]]
     assert not len(stable_ranges(table.assign(stable=False), "r"))
     with pytest.raises(AnalysisError, match="speciel"):
         stable_ranges(table.rename(columns={"special": "speciel"}), "r")
@@ -141,7 +141,7 @@ def quadruped() -> BatchedReturnMap:
     ],
     ids=["trot, f rising", "walk, beta falling"],
 )
-def test_gaits_of_the_quadruped_are_lost_where_holds_lose_them(
+def test_stability_limits_agree_with_those_of_staircases(
     quadruped: BatchedReturnMap,
     parameter: str,
     fixed: dict[str, float],

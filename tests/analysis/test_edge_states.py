@@ -1,4 +1,4 @@
-"""Edge states: saddles, cycles and worse on the edges between basins, against maps whose edges are known."""
+"""Edge states between basins, fixed, periodic or chaotic, on maps whose edges are known."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gaitsweep.analysis.continuation.multipliers import multipliers
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.poincare.maps import Points
+from gaitsweep.engine.poincare.maps import Coordinates, Points, Values
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
@@ -22,7 +22,7 @@ from gaitsweep.papers.ambe2021.theory.gaits import locked_state
 from landscape_model import Landscape, curve
 
 
-def saddle(values, x):
+def saddle(values: Values, x: Coordinates) -> Coordinates:
     """(s, w) -> (s + r s (1 - s^2), w/2 + 0.4) with s = u - bend w^2.
 
     Attractors at s = +-1; saddle at s = 0, w = 0.8.
@@ -32,22 +32,22 @@ def saddle(values, x):
     return jnp.stack([s + values["r"] * s * (1.0 - s**2) + values["bend"] * w**2, w])
 
 
-def three(values, x):
+def three(values: Values, x: Coordinates) -> Coordinates:
     """Attractors at pi/3, pi and 5 pi/3, repellers half-way, multiplier 1 + 3 pull."""
     return x + values["pull"] * jnp.sin(3.0 * x)
 
 
-def turning(values, x):
+def turning(values: Values, x: Coordinates) -> Coordinates:
     """Attractors 0 and {2, -2}; the edge between them is the cycle {1, -1}, multiplier 1.3 a cycle."""
     return -(x + 0.05 * x * (x**2 - 1.0) * (4.0 - x**2))
 
 
-def chaotic(values, x):
+def chaotic(values: Values, x: Coordinates) -> Coordinates:
     """Attractors x = +-1; on the edge x = 0 the other coordinate never comes to rest."""
     return jnp.stack([x[0] + 0.5 * x[0] * (1.0 - x[0] ** 2), 1.0 - 1.9 * x[1] ** 2])
 
 
-def broken(values, x):
+def broken(values: Values, x: Coordinates) -> Coordinates:
     """Attractors +-1, and no fixed point between: the map jumps at .2."""
     return 0.5 * x + 0.5 * jnp.where(x > 0.2, 1.0, -1.0)
 
@@ -74,15 +74,15 @@ def test_the_saddle_of_a_bistable_map() -> None:
     u2 = np.stack([random.uniform(-1.5, -0.5, n), random.uniform(-0.5, 0.5, n)], axis=1)
     values = {"r": np.linspace(0.5, 0.9, n), "bend": np.linspace(-0.3, 0.3, n)}
     limits = EdgeLimits(settle_cycles=40)
-    found = edge_states(SADDLE, SADDLE.points(u1), SADDLE.points(u2), values, limits=limits)
-    table = found.table
+    result = edge_states(SADDLE, SADDLE.points(u1), SADDLE.points(u2), values, limits=limits)
+    table = result.table
     assert np.all(table["outcome"] == "fixed")
     expected = np.stack([values["bend"] * 0.8**2, np.full(n, 0.8)], axis=1)
-    np.testing.assert_allclose(found.points.at, expected, atol=4e-6)
+    np.testing.assert_allclose(result.points.at, expected, atol=4e-6)
     assert np.max(table["residual"]) <= 1e-6
-    np.testing.assert_allclose(table[["u", "w"]], found.points.at)
+    np.testing.assert_allclose(table[["u", "w"]], result.points.at)
     np.testing.assert_allclose(table["growth"], 1.0 + values["r"], rtol=1e-4)
-    polished = newton(SADDLE, found.points, values)
+    polished = newton(SADDLE, result.points, values)
     assert polished.converged.all()
     np.testing.assert_allclose(polished.points.at, expected, atol=1e-9)
     outside = np.sum(np.abs(multipliers(polished.images.jacobian)) > 1.0, axis=1)
@@ -113,13 +113,13 @@ def test_outcomes_beside_a_third_attractor() -> None:
     attractors = np.array([[a], [b], [c]])
     u1, u2 = LINE.points([[a], [a], [c + 0.1], [a]]), LINE.points([[c], [b], [c], [2.0 * np.pi / 3.0]])
     mapper = ProximityMapper(LINE, attractors)
-    found = edge_states(LINE, u1, u2, {}, mapper=mapper, limits=EdgeLimits(max_cycles=200))
+    result = edge_states(LINE, u1, u2, {}, mapper=mapper, limits=EdgeLimits(max_cycles=200))
     expected = [EdgeOutcome.third, EdgeOutcome.fixed, EdgeOutcome.same, EdgeOutcome.undecided]
-    assert found.outcome.tolist() == expected
-    assert found.table["met"].tolist() == [1, -1, -1, -1]
-    assert found.table[["label_1", "label_2"]].to_numpy().tolist() == [[0, 2], [0, 1], [2, 2], [0, -1]]
-    np.testing.assert_allclose(found.points.at[1], 2.0 * np.pi / 3.0, atol=4e-6)
-    np.testing.assert_allclose(found.table.loc[1, "growth"], 1.6, rtol=1e-4)
+    assert result.outcome.tolist() == expected
+    assert result.table["met"].tolist() == [1, -1, -1, -1]
+    assert result.table[["label_1", "label_2"]].to_numpy().tolist() == [[0, 2], [0, 1], [2, 2], [0, -1]]
+    np.testing.assert_allclose(result.points.at[1], 2.0 * np.pi / 3.0, atol=4e-6)
+    np.testing.assert_allclose(result.table.loc[1, "growth"], 1.6, rtol=1e-4)
     unknown = edge_states(LINE, u1[:1], u2[:1], {}, limits=EdgeLimits(max_cycles=50))
     assert unknown.outcome.tolist() == [EdgeOutcome.undecided]
     alike = edge_states(LINE, u1[2:3], u2[2:3], {}, limits=EdgeLimits(settle_cycles=60))
@@ -132,16 +132,16 @@ def test_outcomes_beside_a_third_attractor() -> None:
 def test_an_edge_that_is_a_cycle() -> None:
     """{1, -1} between 0 and {2, -2}, whose multiplier over both of its points is 1.3^2."""
     mapper = ProximityMapper(TURNING, np.array([[0.0], [2.0], [-2.0]]), [0, 1, 1])
-    found = edge_states(TURNING, TURNING.points([[0.2]]), TURNING.points([[1.7]]), {}, mapper=mapper)
-    assert found.outcome.tolist() == [EdgeOutcome.periodic]
-    assert found.table["period"].tolist() == [2]
-    np.testing.assert_allclose(np.abs(found.points.at), 1.0, atol=4e-6)
-    np.testing.assert_allclose(found.table["growth"], 1.3, rtol=1e-4)
-    assert np.max(found.table["residual"]) <= 1e-6
+    result = edge_states(TURNING, TURNING.points([[0.2]]), TURNING.points([[1.7]]), {}, mapper=mapper)
+    assert result.outcome.tolist() == [EdgeOutcome.periodic]
+    assert result.table["period"].tolist() == [2]
+    np.testing.assert_allclose(np.abs(result.points.at), 1.0, atol=4e-6)
+    np.testing.assert_allclose(result.table["growth"], 1.3, rtol=1e-4)
+    assert np.max(result.table["residual"]) <= 1e-6
 
 
-def test_an_edge_that_does_not_come_to_rest() -> None:
-    """Of both coordinates only that across the edge is known; the other stays within -0.9 and 1."""
+def test_a_wandering_edge_state() -> None:
+    """The coordinate across the edge is known; the other one stays between -0.9 and 1."""
     mapping = PlainMap(chaotic, ("x", "y"))
 
     def side(images, pair, cycle):
@@ -149,29 +149,29 @@ def test_an_edge_that_does_not_come_to_rest() -> None:
         return np.where(np.abs(x) > 0.5, (x > 0).astype(int), -1)
 
     u1, u2 = mapping.points([[-1.0, 0.3]]), mapping.points([[0.8, 0.4]])
-    found = edge_states(mapping, u1, u2, {}, mapper=side, limits=EdgeLimits(max_rounds=3))
-    assert found.outcome.tolist() == [EdgeOutcome.wandering]
-    assert found.table["rounds"].tolist() == [3]
-    assert np.min(found.table["residual"]) > 1e-3
-    assert abs(found.points.at[0, 0]) < 1e-6
+    result = edge_states(mapping, u1, u2, {}, mapper=side, limits=EdgeLimits(max_rounds=3))
+    assert result.outcome.tolist() == [EdgeOutcome.wandering]
+    assert result.table["rounds"].tolist() == [3]
+    assert np.min(result.table["residual"]) > 1e-3
+    assert abs(result.points.at[0, 0]) < 1e-6
 
 
 def test_a_map_that_jumps_has_an_edge_without_a_fixed_point() -> None:
     mapping = PlainMap(broken, ("x",))
-    found = edge_states(mapping, mapping.points([[-1.0]]), mapping.points([[0.9]]), {})
-    assert found.outcome.tolist() == [EdgeOutcome.jump]
-    np.testing.assert_allclose(found.points.at, 0.2, atol=1e-6)
-    assert np.min(found.table["residual"]) > 0.3
+    result = edge_states(mapping, mapping.points([[-1.0]]), mapping.points([[0.9]]), {})
+    assert result.outcome.tolist() == [EdgeOutcome.jump]
+    np.testing.assert_allclose(result.points.at, 0.2, atol=1e-6)
+    assert np.min(result.table["residual"]) > 0.3
 
 
-def test_what_the_map_does_not_part_is_told() -> None:
-    """Of one attractor, an arbitrary line through its basin is no edge."""
+def test_a_line_inside_one_basin_is_no_edge() -> None:
+    """An arbitrary mapper separates the starts, but the map does not."""
     mapping = PlainMap(lambda values, x: 0.5 * x, ("x",))
 
     def side(images, pair, cycle):
         return (images.points.at[:, 0] > 0).astype(int)
 
-    found = edge_states(
+    result = edge_states(
         mapping,
         mapping.points([[-1.0]]),
         mapping.points([[0.7]]),
@@ -179,7 +179,7 @@ def test_what_the_map_does_not_part_is_told() -> None:
         mapper=side,
         limits=EdgeLimits(max_cycles=20),
     )
-    assert found.outcome.tolist() == [EdgeOutcome.together]
+    assert result.outcome.tolist() == [EdgeOutcome.together]
     assert all(EdgeOutcome(code).sentence for code in EdgeOutcome)
 
 
@@ -206,16 +206,16 @@ def test_a_model_on_its_section() -> None:
     )
     gaits = LabelMapper(mapping, values, after=25)
     for mapper in (None, gaits):
-        found = edge_states(mapping, u1, u2, values, mapper=mapper, limits=limits)
-        assert found.outcome.tolist() == [EdgeOutcome.fixed] * 3 + [EdgeOutcome.fell]
-        np.testing.assert_allclose(found.table["theta_1"][:3], (c + 0.5 * np.pi)[:3], atol=1e-5)
-        np.testing.assert_allclose(found.table["theta_2"][:3], theta_2[:3], atol=1e-12)
+        result = edge_states(mapping, u1, u2, values, mapper=mapper, limits=limits)
+        assert result.outcome.tolist() == [EdgeOutcome.fixed] * 3 + [EdgeOutcome.fell]
+        np.testing.assert_allclose(result.table["theta_1"][:3], (c + 0.5 * np.pi)[:3], atol=1e-5)
+        np.testing.assert_allclose(result.table["theta_2"][:3], theta_2[:3], atol=1e-12)
         # so near to the edge nothing of the sine's cube is seen
-        np.testing.assert_allclose(found.table["growth"][:2], np.exp(values["rate"][:2]), rtol=1e-3)
-    assert found.table[["label_1", "label_2"]].to_numpy().tolist()[:3] == [[0, 1]] * 3
+        np.testing.assert_allclose(result.table["growth"][:2], np.exp(values["rate"][:2]), rtol=1e-3)
+    assert result.table[["label_1", "label_2"]].to_numpy().tolist()[:3] == [[0, 1]] * 3
 
 
-def test_what_is_refused() -> None:
+def test_refusals() -> None:
     u1 = SADDLE.points([[1.0, 0.0]] * 2)
     with pytest.raises(ValueError, match="both must have the same number"):
         edge_states(SADDLE, u1, u1[:1], {})
@@ -242,7 +242,7 @@ def test_what_is_refused() -> None:
 
 @pytest.mark.slow
 def test_the_locked_state_of_the_reduced_chain_lies_on_an_edge() -> None:
-    """Of starts with psi_2 = 0 the theory knows that they come to the locked state; all others leave it.
+    """By theory, starts with psi_2 = 0 reach the locked state, and all others leave it.
 
     The edge is psi_2 = 0, and there the map jumps: what counts is which of legs 2 and 3 touches first. So the
     two come apart at once, however near they are, and what is found is no fixed point; but within
@@ -257,21 +257,21 @@ def test_the_locked_state_of_the_reduced_chain_lies_on_an_edge() -> None:
         return np.where(np.abs(psi_2) > 0.9, (psi_2 > 0.0).astype(int), -1)
 
     limits = EdgeLimits(max_rounds=2, cuts=3, max_cycles=100)
-    found = edge_states(mapping, points[:2], points[2:], {}, mapper=sign, limits=limits)
-    table = found.table
+    result = edge_states(mapping, points[:2], points[2:], {}, mapper=sign, limits=limits)
+    table = result.table
     assert table["outcome"].tolist() == ["wandering"] * 2
     np.testing.assert_allclose(table["psi_2"], 0.0, atol=1e-7)
     assert np.min(table["growth"]) > 1e5
     assert np.min(table["residual"]) > 1e-3
 
-    exact = found.points.at.copy()
+    exact = result.points.at.copy()
     exact[:, 1] = 0.0
     m_b = (1.0 - 0.8) * 9.8 * np.pi / (100.0 * 0.4)
     for side in (1.0, -1.0):
-        beside = Points(exact + side * np.array([0.0, 1e-6, 0.0]), found.points.modes)
+        beside = Points(exact + side * np.array([0.0, 1e-6, 0.0]), result.points.modes)
         psi_2 = wrapped(mapping.images(beside, {}).points.at[:, 1])
         np.testing.assert_allclose(psi_2, 0.5 * side * m_b, atol=1e-5)
-    held = Points(exact, found.points.modes)
+    held = Points(exact, result.points.modes)
     for _ in range(60):
         held = mapping.images(held, {}).points
     locked = np.asarray(locked_state(Chain()))

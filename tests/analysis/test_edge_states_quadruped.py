@@ -52,19 +52,19 @@ def test_between_walk_and_trot_of_the_quadruped() -> None:
         max_cycles=400,
         max_rounds=3,
     )
-    found = edge_states(mapping, u1, u2, {"f": stiffness}, mapper=gait, limits=limits)
-    table = found.table
+    result = edge_states(mapping, u1, u2, {"f": stiffness}, mapper=gait, limits=limits)
+    table = result.table
     print(table[["f", "delta_13", "outcome", "residual", "growth", "label_1", "label_2", "met"]])
     assert table["outcome"].tolist() == ["fixed", "fixed", "third", *["fixed"] * 5]
     assert table["met"][2] in (1, 2)
     assert table[["label_1", "label_2"]].to_numpy()[5:].tolist() == [[0, 1], [1, 2], [2, 3]]
     np.testing.assert_allclose(table["delta_13"][5:], [2.637, 2.590, 2.586], atol=1e-3)
 
-    edges = np.flatnonzero(found.table["outcome"].isin(["fixed", "periodic"]))
-    polished = newton(mapping, found.points[edges], {"f": stiffness[edges]})
+    edges = np.flatnonzero(result.table["outcome"].isin(["fixed", "periodic"]))
+    polished = newton(mapping, result.points[edges], {"f": stiffness[edges]})
     assert polished.converged.all()
     # the residual allowed, over what is left of it by the smallest multiplier, 1.05
-    np.testing.assert_allclose(found.points.at[edges, 0], polished.points.at[:, 0], atol=5e-4)
+    np.testing.assert_allclose(result.points.at[edges, 0], polished.points.at[:, 0], atol=5e-4)
     sizes = np.abs(multipliers(polished.images.jacobian))
     print(polished.points.at[:, 0], sizes[:, :2])
     assert np.all(np.sum(sizes > 1.0, axis=1) == 1)
@@ -76,7 +76,7 @@ def test_between_walk_and_trot_of_the_quadruped() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("dt", [3e-4, 1.5e-4])
 def test_narrow_attractors_between_walk_and_trot(dt: float) -> None:
-    """At f = 2.6 Hz two attractors between walk and trot wander for 200 cycles within what they did before.
+    """At f = 2.6 Hz two attractors between walk and trot keep their ranges for 200 cycles.
 
     The unstable fixed points beside them, 2.5859, 2.5897 and 2.6370 rad, would let them go within 100 cycles
     of multiplier 1.07 from anywhere but the last thousandth of the way. Half the step gives the same ranges.

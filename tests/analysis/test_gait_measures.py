@@ -42,13 +42,13 @@ def test_a_gait_has_the_medians_of_its_rows() -> None:
     )
     table = table.assign(flight_end=[0.0, 0.1, 0.3, 0.2], cost_of_transport_end=[1.0, 2.0, 4.0, 3.0])
     table = table.assign(margin=[0.13, 0.02, 0.01, 0.07])
-    found = gait_measures(table, ["sigma", "gait"]).set_index("gait")
-    assert found.loc["D-walk", "delta_1_mean"] == -0.2
-    assert list(found["margin"]) == [0.02, 0.07]
-    assert list(found["rows"]) == [3, 1]
-    assert found.loc["D-walk", "flight"] == 0.1
-    assert found.loc["D-walk", "cost_of_transport"] == 2.0
-    assert found.loc["trot", "speed"] == 1.0
+    result = gait_measures(table, ["sigma", "gait"]).set_index("gait")
+    assert result.loc["D-walk", "delta_1_mean"] == -0.2
+    assert list(result["margin"]) == [0.02, 0.07]
+    assert list(result["rows"]) == [3, 1]
+    assert result.loc["D-walk", "flight"] == 0.1
+    assert result.loc["D-walk", "cost_of_transport"] == 2.0
+    assert result.loc["trot", "speed"] == 1.0
     fell = table.assign(status=["fell", "complete", "complete", "complete"])
     assert np.sum(gait_measures(fell, ["sigma"])["rows"]) == 3
 
@@ -58,7 +58,7 @@ def test_a_table_without_measures_is_refused() -> None:
         gait_measures(pd.DataFrame({"row": [0], "gait": ["trot"], "status": ["complete"]}), [])
 
 
-def test_gaits_by_threshold_come_from_onsets() -> None:
+def test_gaits_by_threshold_are_read_from_onsets() -> None:
     parts = [
         crossings_of("D-walk", 0.2),
         crossings_of("L-walk", 0.06, row=1),
@@ -66,12 +66,12 @@ def test_gaits_by_threshold_come_from_onsets() -> None:
     ]
     table = pd.concat(parts, ignore_index=True)
     table["speed_n"] = np.array([0.4, 1.2, 2.0])[table["row"]]
-    found = gaits_by_threshold(table, (0.05, 0.07, 0.09)).set_index("threshold")
-    assert list(found["gaits"]) == [3, 3, 2]
-    assert list(found["trot"]) == [0, 1, 2]
-    assert list(found["L-walk"]) == [1, 0, 0]
-    assert found.loc[0.07, "order"] == "walk trot gallop"
-    assert found.loc[0.05, "order"] == "walk gallop"
+    result = gaits_by_threshold(table, (0.05, 0.07, 0.09)).set_index("threshold")
+    assert list(result["gaits"]) == [3, 3, 2]
+    assert list(result["trot"]) == [0, 1, 2]
+    assert list(result["L-walk"]) == [1, 0, 0]
+    assert result.loc[0.07, "order"] == "walk trot gallop"
+    assert result.loc[0.05, "order"] == "walk gallop"
     with pytest.raises(AnalysisError, match="thresholds is empty"):
         gaits_by_threshold(table, ())
 
@@ -82,35 +82,35 @@ def test_shifts_are_counted_on_either_side_of_the_threshold() -> None:
     table.loc[3, "gait"] = "unsteady"
     landed = pd.Categorical(["D-walk", "unsteady", "L-walk", "trot"], table["gait"].cat.categories)
     table = table.assign(gait_by_touchdowns=landed, delta_1_touchdown_end=0.155, delta_2_touchdown_end=0.0)
-    found = shift_sizes(gaits_in(table))
-    assert len(found) == 21
-    shown = found[found["shifts"] > 0]
+    result = shift_sizes(gaits_in(table))
+    assert len(result) == 21
+    shown = result[result["shifts"] > 0]
     np.testing.assert_allclose(shown["low"], [0.06, 0.07, 0.19], atol=0.011)
     assert list(shown["shifts"]) == [2, 2, 2]
     assert list(shown["read_as"]) == ["in phase", "shifted", "shifted"]
-    assert np.sum(found["by_touchdowns"]) == 6
-    assert list(found.loc[[0, 15], "by_touchdowns"]) == [3, 3]
+    assert np.sum(result["by_touchdowns"]) == 6
+    assert list(result.loc[[0, 15], "by_touchdowns"]) == [3, 3]
 
 
 def test_transitions_up_and_down_with_their_hysteresis() -> None:
     up = [("L-walk", 30), ("trot", 30), ("R-canter", 30)]
     # the gallop begins after the turn; then straight to the trot
     table = ramp_of(up, [("RT-gallop", 50), ("trot", 30), ("D-walk", 30)])
-    found = speed_transitions(table).set_index("slower")
-    assert list(found.index) == ["walk", "trot", "canter"]
-    assert found.loc["walk", "up"] == pytest.approx(0.80, abs=0.03)
-    assert found.loc["trot", "up"] == pytest.approx(1.10, abs=0.03)
-    assert found.loc["canter", "up"] == pytest.approx(1.40, abs=0.03)
-    assert found.loc["canter", "down"] == pytest.approx(0.90, abs=0.03)
-    assert found.loc["trot", "down"] == pytest.approx(0.90, abs=0.03)
-    assert found.loc["walk", "down"] == pytest.approx(0.60, abs=0.03)
-    assert found.loc["walk", "width"] == pytest.approx(0.20, abs=0.04)
+    result = speed_transitions(table).set_index("slower")
+    assert list(result.index) == ["walk", "trot", "canter"]
+    assert result.loc["walk", "up"] == pytest.approx(0.80, abs=0.03)
+    assert result.loc["trot", "up"] == pytest.approx(1.10, abs=0.03)
+    assert result.loc["canter", "up"] == pytest.approx(1.40, abs=0.03)
+    assert result.loc["canter", "down"] == pytest.approx(0.90, abs=0.03)
+    assert result.loc["trot", "down"] == pytest.approx(0.90, abs=0.03)
+    assert result.loc["walk", "down"] == pytest.approx(0.60, abs=0.03)
+    assert result.loc["walk", "width"] == pytest.approx(0.20, abs=0.04)
 
 
 def test_a_row_that_keeps_its_gait_has_no_transition() -> None:
-    found = speed_transitions(ramp_of([("trot", 30)], [("trot", 30)]))
-    assert np.all(found["up"].isna())
-    assert np.all(found["rows"] == 0)
+    result = speed_transitions(ramp_of([("trot", 30)], [("trot", 30)]))
+    assert np.all(result["up"].isna())
+    assert np.all(result["rows"] == 0)
     with pytest.raises(AnalysisError, match="no passes"):
         speed_transitions(crossings_of("trot"))
 
@@ -121,7 +121,7 @@ def test_pitch_along_a_row() -> None:
     t = table["t"].to_numpy()
     # once and twice in a gait cycle of 0.5 s, on a slow drift
     pitch = np.where(t < 6.0, 0.01 * np.sin(8.0 * np.pi * t), 0.03 * np.sin(4.0 * np.pi * t))
-    found = oscillation_along(table.assign(pitch=pitch + 0.05 * t)).set_index("family")
-    assert list(found.loc[["walk", "gallop"], "body_cycles"]) == [2, 1]
-    assert found.loc["walk", "twice"] == pytest.approx(0.01, rel=0.05)
-    assert found.loc["gallop", "once"] == pytest.approx(0.03, rel=0.05)
+    result = oscillation_along(table.assign(pitch=pitch + 0.05 * t)).set_index("family")
+    assert list(result.loc[["walk", "gallop"], "body_cycles"]) == [2, 1]
+    assert result.loc["walk", "twice"] == pytest.approx(0.01, rel=0.05)
+    assert result.loc["gallop", "once"] == pytest.approx(0.03, rel=0.05)

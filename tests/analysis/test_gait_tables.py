@@ -26,24 +26,24 @@ def test_families() -> None:
 
 
 def test_all_gaits_in_a_trace_with_their_parameters() -> None:
-    found = gaits_in(traces())
-    assert list(found["gait"]) == list(CHART)
-    assert list(found.columns[:2]) == ["row", "sigma"]
-    np.testing.assert_allclose(found["sigma"], 0.1 * np.arange(9))
+    result = gaits_in(traces())
+    assert list(result["gait"]) == list(CHART)
+    assert list(result.columns[:2]) == ["row", "sigma"]
+    np.testing.assert_allclose(result["sigma"], 0.1 * np.arange(9))
     # the signals are piecewise linear between samples, so onsets are exact to rounding
-    np.testing.assert_allclose(found["delta_1"], [0.2 * signs(gait)[0] for gait in CHART], atol=1e-9)
-    np.testing.assert_allclose(found["period"], 0.5, rtol=1e-9)
+    np.testing.assert_allclose(result["delta_1"], [0.2 * signs(gait)[0] for gait in CHART], atol=1e-9)
+    np.testing.assert_allclose(result["period"], 0.5, rtol=1e-9)
 
 
 def test_gaits_are_counted_over_parameters() -> None:
     """Nine rows, one of each gait, at two places with a seed each; each row counts once."""
-    found = gaits_in(traces()).drop(columns="sigma")
-    found.insert(1, "k2", np.arange(9) // 5 * 0.08)
-    found.insert(2, "seed", np.arange(9))
-    counted = gaits_counted(found)
+    result = gaits_in(traces()).drop(columns="sigma")
+    result.insert(1, "k2", np.arange(9) // 5 * 0.08)
+    result.insert(2, "seed", np.arange(9))
+    counted = gaits_counted(result)
     assert list(counted["k2"]) == [0.0, 0.08]
     assert list(counted.drop(columns="k2").sum(axis=1)) == [5, 4]
-    assert list(gaits_counted(found.drop(columns=["k2", "seed"])).iloc[0]) == [1] * 9
+    assert list(gaits_counted(result.drop(columns=["k2", "seed"])).iloc[0]) == [1] * 9
 
 
 def test_signals_of_another_model_are_given_by_name() -> None:
@@ -51,17 +51,17 @@ def test_signals_of_another_model_are_given_by_name() -> None:
     with pytest.raises(AnalysisError, match="neither u_f_LF"):
         gaits_in(trace)
     feet = {leg: f"contact_{i + 1}" for i, leg in enumerate(LEGS)}
-    found = gaits_in(trace, signals=feet, level=0.5, falling=True)
-    assert list(found["gait"]) == list(CHART)
-    np.testing.assert_allclose(found["delta_2"], [0.2 * signs(gait)[1] for gait in CHART], atol=0.01)
+    result = gaits_in(trace, signals=feet, level=0.5, falling=True)
+    assert list(result["gait"]) == list(CHART)
+    np.testing.assert_allclose(result["delta_2"], [0.2 * signs(gait)[1] for gait in CHART], atol=0.01)
 
 
 def test_all_gaits_in_crossings() -> None:
     table = pd.concat([crossings_of(gait, row=row) for row, gait in enumerate(CHART)])
-    found = gaits_in(table)
-    assert list(found["gait"]) == list(CHART)
-    assert np.all(found["steady"])
-    np.testing.assert_allclose(found["delta_1"], [0.2 * signs(gait)[0] for gait in CHART], atol=1e-9)
+    result = gaits_in(table)
+    assert list(result["gait"]) == list(CHART)
+    assert np.all(result["steady"])
+    np.testing.assert_allclose(result["delta_1"], [0.2 * signs(gait)[0] for gait in CHART], atol=1e-9)
     assert list(gaits_in(table, thresholds=(0.3, 0.1))["gait"]) == ["trot"] * 9
 
 
@@ -70,11 +70,11 @@ def test_a_table_of_ends_keeps_the_models_own_gait() -> None:
     table = ends(delta, delta, delta)
     table["status"] = ["complete"] * 5 + ["fell"]
     table.loc[4, "gait"] = "unsteady"
-    found = gaits_in(table)
-    assert list(found["gait"]) == ["D-walk", "trot", "trot", "trot", "unsteady", "none"]
-    assert list(found["gait_at_0.05"]) == ["D-walk", "D-walk", "trot", "L-walk", "unsteady", "none"]
-    assert list(found["steady"]) == [True] * 4 + [False] * 2
-    assert list(found["k2"]) == [0.08] * 6
+    result = gaits_in(table)
+    assert list(result["gait"]) == ["D-walk", "trot", "trot", "trot", "unsteady", "none"]
+    assert list(result["gait_at_0.05"]) == ["D-walk", "D-walk", "trot", "L-walk", "unsteady", "none"]
+    assert list(result["steady"]) == [True] * 4 + [False] * 2
+    assert list(result["k2"]) == [0.08] * 6
 
 
 def test_bouts_of_a_walk_that_turns_into_a_trot() -> None:
@@ -132,10 +132,10 @@ def test_a_walk_and_a_trot_of_the_quadruped_with_a_waist(tmp_path: Path) -> None
     job = gs.load_job(path, [config, "run.duration=3.0", "run.after_cycles=40", "verify=0"])
     table = gs.load(gs.run(job, tmp_path / "out").path)
     phases = {"RF": "phase_1", "LF": "phase_2", "RH": "phase_3", "LH": "phase_4"}
-    found = gaits_in(table, signals=phases, level=1.5 * np.pi)
-    assert list(found["gait"]) == ["D-walk", "trot"]
+    result = gaits_in(table, signals=phases, level=1.5 * np.pi)
+    assert list(result["gait"]) == ["D-walk", "trot"]
     # 0.03 rad between the phases when limb 3 lands and when limbs swing
     shift = np.array([2.37, 2.87]) / (2.0 * np.pi) - 0.5
     for name in ("delta_1", "delta_2"):
-        np.testing.assert_allclose(found[name], shift, atol=0.015)
-    np.testing.assert_allclose(found["period"], 0.4, atol=2e-3)
+        np.testing.assert_allclose(result[name], shift, atol=0.015)
+    np.testing.assert_allclose(result["period"], 0.4, atol=2e-3)

@@ -36,11 +36,11 @@ def lag(steps: int, eps: float = 0.2, top: float = 0.8) -> float:
 
 @pytest.mark.parametrize("centre", [2.6, 0.05])  # the second has a branch on either side of 0
 @pytest.mark.parametrize("hold", [400, 60, 20])  # the shorter ones do not settle near the folds
-def test_the_interval_of_a_staircase_holds_the_fold(centre: float, hold: int) -> None:
+def test_the_interval_of_a_staircase_contains_the_fold(centre: float, hold: int) -> None:
     table = staircase_table(3, hold=hold, centre=centre)
-    found = jumps(table, "delta_13", "f")
-    assert found.groupby(["row", "pass"]).size().tolist() == [1] * 6
-    for jump in found.to_dict("records"):
+    result = jumps(table, "delta_13", "f")
+    assert result.groupby(["row", "pass"]).size().tolist() == [1] * 6
+    for jump in result.to_dict("records"):
         rises = jump["direction"] == "rising"
         assert rises == (jump["pass"] == 0)
         fold = (FOLD if rises else -FOLD) - 0.01 * jump["row"]
@@ -58,9 +58,9 @@ def test_the_interval_of_a_staircase_holds_the_fold(centre: float, hold: int) ->
 @pytest.mark.parametrize("steps", [1000, 4000])
 @pytest.mark.parametrize("centre", [2.6, 0.05])
 def test_a_ramp_jumps_after_the_fold_by_its_lag(steps: int, centre: float) -> None:
-    found = jumps(ramp_table(steps=steps, centre=centre), "delta_13", "f")
-    assert found["direction"].tolist() == ["rising", "falling"]  # and none for the transient before it moves
-    for sign, jump in zip((1, -1), found.to_dict("records"), strict=True):
+    result = jumps(ramp_table(steps=steps, centre=centre), "delta_13", "f")
+    assert result["direction"].tolist() == ["rising", "falling"]  # and none for the transient before it moves
+    for sign, jump in zip((1, -1), result.to_dict("records"), strict=True):
         first, last = sorted([sign * jump["low"], sign * jump["high"]])
         assert first > FOLD
         # The pole of the fold's own dynamics comes a little before the end: another third of the lag is left
@@ -70,13 +70,13 @@ def test_a_ramp_jumps_after_the_fold_by_its_lag(steps: int, centre: float) -> No
         assert sign * jump["size"] == pytest.approx(0.8 * JUMP, rel=0.15)  # from a tenth to nine tenths of it
 
 
-def test_noise_makes_no_jumps_of_its_own() -> None:
-    found = jumps(ramp_table(2, steps=2000, noise=0.03), "delta_13", "f")
-    assert found.groupby("row").size().tolist() == [2, 2]
+def test_noise_is_not_a_jump() -> None:
+    result = jumps(ramp_table(2, steps=2000, noise=0.03), "delta_13", "f")
+    assert result.groupby("row").size().tolist() == [2, 2]
 
 
 @pytest.mark.parametrize("steps", [60, 1000])
-def test_a_steep_branch_is_no_jump(steps: int) -> None:
+def test_a_steep_branch_is_not_a_jump(steps: int) -> None:
     table = ramp_table(steps=steps)
     table["delta_13_n"] = np.mod(1.3 + 1.5 * table["f"], 2 * np.pi)  # 2.4 rad on each way
     assert not len(jumps(table, "delta_13", "f"))
@@ -89,11 +89,11 @@ def test_a_steep_branch_is_no_jump(steps: int) -> None:
 def test_edges_are_medians_over_rows_with_their_range() -> None:
     # the folds of row 3 lie 0.03 lower: at -0.415 they fall into the next interval
     table = staircase_table(4)
-    found = transition_points(table, "delta_13", "f")
-    assert found["direction"].tolist() == ["rising", "falling"]
-    assert found[["low", "high"]].to_numpy().ravel() == pytest.approx([0.3, 0.4, -0.5, -0.3])
-    assert found[["lowest", "highest"]].to_numpy().ravel() == pytest.approx([0.3, 0.4, -0.5, -0.3])
-    assert found[["rows", "of"]].to_numpy().tolist() == [[4, 4], [4, 4]]
+    result = transition_points(table, "delta_13", "f")
+    assert result["direction"].tolist() == ["rising", "falling"]
+    assert result[["low", "high"]].to_numpy().ravel() == pytest.approx([0.3, 0.4, -0.5, -0.3])
+    assert result[["lowest", "highest"]].to_numpy().ravel() == pytest.approx([0.3, 0.4, -0.5, -0.3])
+    assert result[["rows", "of"]].to_numpy().tolist() == [[4, 4], [4, 4]]
     table.insert(1, "mass", np.where(table["row"] < 2, 1.0, 1.2))
     apart = transition_points(table, "delta_13", "f", by=["mass"])
     assert apart["mass"].tolist() == [1.0, 1.0, 1.2, 1.2]
@@ -102,30 +102,30 @@ def test_edges_are_medians_over_rows_with_their_range() -> None:
     assert len(transition_points(table, "delta_13", "f", least=0.9)) == 0  # no jump is that large
 
 
-def test_rows_that_go_to_and_fro_lose_no_branch() -> None:
-    """An irregular row has its largest jump anywhere; one that turns back once may go on to a third gait."""
+def test_irregular_rows_are_excluded() -> None:
+    """An irregular row may jump anywhere; a row that turns back once may reach a third gait."""
     table = staircase_table(3)
     wandering = table["row"] == 0
     wild = np.where(np.arange(np.sum(wandering)) % 3 == 0, 0.4, 5.9)
     table.loc[wandering, "delta_13_n"] = wild
     assert len(jumps(table.loc[wandering], "delta_13", "f")) > 10
     assert largest_jumps(table, "delta_13", "f")["row"].tolist() == [1, 1, 2, 2]
-    found = transition_points(table, "delta_13", "f")
-    assert found.drop(columns="of").equals(
+    result = transition_points(table, "delta_13", "f")
+    assert result.drop(columns="of").equals(
         transition_points(table.loc[~wandering], "delta_13", "f").drop(columns="of")
     )
-    assert found[["rows", "of"]].to_numpy().tolist() == [[2, 3], [2, 3]]
+    assert result[["rows", "of"]].to_numpy().tolist() == [[2, 3], [2, 3]]
     table.loc[(table["row"] == 1) & (table["stair"] == 16), "delta_13_n"] -= 0.3
     assert 1 in largest_jumps(table, "delta_13", "f")["row"].tolist()
 
 
-def test_a_jump_right_after_the_turn_counts_to_the_way_back() -> None:
-    """Between the last stair up and the first one down something jumps: the interval joins the two."""
+def test_a_jump_at_the_turn_belongs_to_the_pass_back() -> None:
+    """The interval joins the last stair up and the first one down."""
     table = staircase_table()
     table.loc[table["stair"] >= 17, "delta_13_n"] = 1.0
-    found = jumps(table, "delta_13", "f")
-    assert found.iloc[-1][["pass", "direction"]].tolist() == [1, "falling"]
-    assert found.iloc[-1][["low", "high"]].tolist() == pytest.approx([0.7, 0.8])
+    result = jumps(table, "delta_13", "f")
+    assert result.iloc[-1][["pass", "direction"]].tolist() == [1, "falling"]
+    assert result.iloc[-1][["low", "high"]].tolist() == pytest.approx([0.7, 0.8])
 
 
 @pytest.mark.parametrize("centre", [2.6, 0.05])
@@ -146,38 +146,38 @@ def test_a_row_that_fell_gives_no_jump_of_its_fall() -> None:
     falling = table.loc[end, "crossing"].to_numpy() - 500
     table.loc[end, "delta_13_n"] += 0.2 * falling  # what eight crossings before a fall may look like
     table.loc[table["row"] == 1, "status"] = "fell"
-    found = jumps(table, "delta_13", "f")
-    assert found["row"].tolist() == [0, 0]
+    result = jumps(table, "delta_13", "f")
+    assert result["row"].tolist() == [0, 0]
     area = loop_area(table, "delta_13", "f").set_index("row")["area"]
     assert area.loc[0] > 0.4
     assert np.isnan(area.loc[1])
     assert transition_points(table, "delta_13", "f")["of"].tolist() == [2, 2]
 
 
-def test_holds_without_a_crossing_are_passed_over() -> None:
+def test_holds_without_a_crossing_are_skipped() -> None:
     table = staircase_table()
     table.loc[table["stair"] == 3, "delta_13_n"] = np.nan
     table.loc[table["stair"] == 11, "delta_13_n"] = np.nan  # f = 0.3, the last before the fold
-    found = jumps(table, "delta_13", "f")
-    assert found.iloc[0][["low", "high"]].tolist() == pytest.approx([0.2, 0.4])
+    result = jumps(table, "delta_13", "f")
+    assert result.iloc[0][["low", "high"]].tolist() == pytest.approx([0.2, 0.4])
     nothing = table.assign(delta_13_n=np.nan)
     nothing.attrs = table.attrs
     for empty in (nothing, table.iloc[:0], ramp_table(steps=10).iloc[:1]):
-        assert list(jumps(empty, "delta_13", "f").columns) == list(found.columns)
+        assert list(jumps(empty, "delta_13", "f").columns) == list(result.columns)
         assert not len(jumps(empty, "delta_13", "f"))
         assert not len(transition_points(empty, "delta_13", "f"))
         assert not len(loop_area(empty, "delta_13", "f"))
 
 
-def test_what_is_no_angle_has_jumps_too() -> None:
+def test_jumps_of_observables_that_are_not_angles() -> None:
     table = staircase_table()
     table["speed_n"] = np.where(table["delta_13_n"] > 2.6, 7.0, 1.0)
-    found = jumps(table, "speed", "f", least=1.0)
-    assert found["size"].tolist() == [6.0, -6.0]
+    result = jumps(table, "speed", "f", least=1.0)
+    assert result["size"].tolist() == [6.0, -6.0]
     assert loop_area(table, "speed", "f")["area"].item() == pytest.approx(6.0 * 0.7, abs=1e-9)
 
 
-def test_columns_that_are_not_there() -> None:
+def test_missing_columns_are_refused() -> None:
     table = staircase_table()
     with pytest.raises(
         AnalysisError, match=r"delta_31 is not a column of this table; did you mean delta_13_n\?"
@@ -191,8 +191,8 @@ def test_columns_that_are_not_there() -> None:
 
 def test_where_each_gait_is_lost() -> None:
     table = settle_table(np.linspace(-0.8, 0.8, 33), [-1.0, 1.0])  # 0.05 apart
-    found = transition_points_by_gait(table, "f", "delta_13").set_index("gait")
-    trot, walk = found.loc["trot"], found.loc["walk"]
+    result = transition_points_by_gait(table, "f", "delta_13").set_index("gait")
+    trot, walk = result.loc["trot"], result.loc["walk"]
     assert trot[["direction", "kept", "lost"]].tolist() == [
         "falling",
         pytest.approx(-0.35),
@@ -203,24 +203,24 @@ def test_where_each_gait_is_lost() -> None:
         assert edge["low"] < fold < edge["high"]
 
 
-def test_rows_that_reached_their_limit_decide_nothing() -> None:
+def test_rows_that_reached_their_limit_are_ignored() -> None:
     table = settle_table(np.linspace(-0.8, 0.8, 33), [-1.0, 1.0])
     beyond = (table["f"] > 0.38) & (table["f"] < 0.48) & (table["delta_13"] < 2.6)
     table.loc[beyond, ["status", "gait"]] = ["cycle_limit", "walk"]  # held by the ghost, still called a walk
-    found = transition_points_by_gait(table, "f", "delta_13").set_index("gait")
-    assert found.loc["walk", ["low", "high"]].tolist() == pytest.approx([0.35, 0.5])
+    result = transition_points_by_gait(table, "f", "delta_13").set_index("gait")
+    assert result.loc["walk", ["low", "high"]].tolist() == pytest.approx([0.35, 0.5])
     table.loc[beyond, ["status", "gait"]] = ["fell", "none"]  # a row that fell has lost its gait
-    found = transition_points_by_gait(table, "f", "delta_13").set_index("gait")
-    assert found.loc["walk", ["low", "high"]].tolist() == pytest.approx([0.35, 0.4])
+    result = transition_points_by_gait(table, "f", "delta_13").set_index("gait")
+    assert result.loc["walk", ["low", "high"]].tolist() == pytest.approx([0.35, 0.4])
 
 
 def test_edges_by_gait_of_several_sets_of_rows() -> None:
     table = settle_table(np.linspace(-0.8, 0.8, 33), [-1.0, 1.0], others=(0.75, 0.80))
-    found = transition_points_by_gait(table, "f", "delta_13", by=["beta"])
-    for edge in found.to_dict("records"):
+    result = transition_points_by_gait(table, "f", "delta_13", by=["beta"])
+    for edge in result.to_dict("records"):
         fold = (FOLD if edge["gait"] == "walk" else -FOLD) - 4 * (edge["beta"] - 0.75)
         assert edge["low"] < fold < edge["high"]
-    assert len(found) == 4
+    assert len(result) == 4
     assert not len(transition_points_by_gait(table.iloc[:0], "f", "delta_13"))
     assert not len(
         transition_points_by_gait(table.assign(gait=pd.Categorical(["none"] * len(table))), "f", "delta_13")
@@ -229,14 +229,14 @@ def test_edges_by_gait_of_several_sets_of_rows() -> None:
         transition_points_by_gait(table, "f", "start")
 
 
-def test_the_tables_are_what_they_say() -> None:
+def test_the_synthetic_tables_satisfy_their_map() -> None:
     assert len(roots(0.38)) == 3
     assert len(roots(0.39)) == 1
     assert set(ramp_table(steps=10)["status"].unique()) <= set(STATUSES)
 
 
 def test_a_pass_that_turns_back_twice_is_irregular() -> None:
-    """One bump of a pass is none yet: a branch may go up and come down."""
+    """A pass that turns back once is regular: a branch may rise and fall."""
     table = staircase_table(3)
     assert not len(irregular_passes(table, "delta_13", "f"))
     up = (table["pass"] == 0).to_numpy()

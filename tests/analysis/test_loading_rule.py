@@ -29,20 +29,20 @@ def test_interval_of_a_share_is_scipys(hits: int) -> None:
     assert wilson(hits / 200, 200) == pytest.approx((expected.low, expected.high), abs=1e-12)
 
 
-def test_a_table_that_obeys_the_rule_and_one_that_does_not() -> None:
+def test_agreement_of_tables_with_and_without_the_rule() -> None:
     delta = np.linspace(-0.25, 0.25, 41)
     axes = {"sigma": np.arange(41.0)}
-    told = _judged(ends(delta, -50.0 * delta, 0.1 * delta, axes=axes))
-    assert told.loc["load_stance", "r"] == pytest.approx(-1.0)
-    assert told.loc["load_stance", "right"] == 1.0
-    assert told.loc["tilt_late", "r"] == pytest.approx(1.0)
-    assert told.loc["tilt_late", "right"] == 0.0
-    assert told.loc["load_stance", "pairs"] == 82
-    assert told.loc["load_stance", "cases"] == 41
-    assert told.loc["load_stance", "shifted"] == 2 * (np.abs(delta) > 0.07).sum()
+    message = _judged(ends(delta, -50.0 * delta, 0.1 * delta, axes=axes))
+    assert message.loc["load_stance", "r"] == pytest.approx(-1.0)
+    assert message.loc["load_stance", "right"] == 1.0
+    assert message.loc["tilt_late", "r"] == pytest.approx(1.0)
+    assert message.loc["tilt_late", "right"] == 0.0
+    assert message.loc["load_stance", "pairs"] == 82
+    assert message.loc["load_stance", "cases"] == 41
+    assert message.loc["load_stance", "shifted"] == 2 * (np.abs(delta) > 0.07).sum()
     # Wilson's interval of 30 right of 30, not of 60: both pairs of a row are one draw
-    assert told.loc["load_stance", "right_low"] == pytest.approx(30 / (30 + 1.96**2), abs=1e-3)
-    assert "load_together" not in told.index
+    assert message.loc["load_stance", "right_low"] == pytest.approx(30 / (30 + 1.96**2), abs=1e-3)
+    assert "load_together" not in message.index
 
 
 def test_intervals_of_a_correlation_are_those_of_fishers_transform_where_rows_are_independent() -> None:
@@ -51,30 +51,30 @@ def test_intervals_of_a_correlation_are_those_of_fishers_transform_where_rows_ar
     x = random.standard_normal(n)
     delta = 0.08 * (rho * x + np.sqrt(1.0 - rho**2) * random.standard_normal(n))
     table = ends(np.clip(delta, -0.45, 0.45), x, x, axes={"sigma": np.arange(float(n))})
-    told = _judged(table).loc["load_late"]
-    z, half = np.arctanh(told["r"]), 1.96 / np.sqrt(n - 3)
+    message = _judged(table).loc["load_late"]
+    z, half = np.arctanh(message["r"]), 1.96 / np.sqrt(n - 3)
     # 4 000 draws give the ends of a bootstrap's interval to about a tenth of its half width
-    assert told["r_low"] == pytest.approx(np.tanh(z - half), abs=0.02)
-    assert told["r_high"] == pytest.approx(np.tanh(z + half), abs=0.02)
+    assert message["r_low"] == pytest.approx(np.tanh(z - half), abs=0.02)
+    assert message["r_high"] == pytest.approx(np.tanh(z + half), abs=0.02)
     # repeating every row ten times as another seed tells nothing new
     again = pd.concat([table.assign(row=table["row"] + n * seed, seed=seed) for seed in range(4)])
     again.insert(2, "seed", again.pop("seed"))
     repeated = _judged(again).loc["load_late"]
     assert repeated["cases"] == n
-    assert repeated["r_low"] == pytest.approx(told["r_low"], abs=0.02)
-    assert _judged(again, repeats=()).loc["load_late", "r_high"] < told["r_high"] - 0.02
+    assert repeated["r_low"] == pytest.approx(message["r_low"], abs=0.02)
+    assert _judged(again, repeats=()).loc["load_late", "r_high"] < message["r_high"] - 0.02
 
 
-def test_only_rows_with_a_gait_count_and_values_are_judged_apart() -> None:
+def test_only_rows_with_a_gait_count_and_values_are_judged_separately() -> None:
     delta = np.array([-0.2, 0.2, 0.2, -0.2])
     table = ends(delta, np.array([1.0, -1.0, 5.0, 5.0]), delta, axes={"sigma": np.arange(4.0)})
     table.loc[2, "gait"], table.loc[3, "status"] = "unsteady", "fell"
     assert set(pairs_in(table)["row"]) == {0, 1}
     assert _judged(table).loc["load_late", "right"] == 1.0
     table["k2"] = [0.0, 0.08, 0.08, 0.08]
-    told = loading_rule(table, split="k2")
-    assert list(told["k2"].unique()) == [0.0, 0.08]
-    assert np.isnan(told["r"]).all()  # one case each
+    message = loading_rule(table, split="k2")
+    assert list(message["k2"].unique()) == [0.0, 0.08]
+    assert np.isnan(message["r"]).all()  # one case each
     with pytest.raises(AnalysisError, match="k3 is not a column"):
         loading_rule(table, split="k3")
 
@@ -112,18 +112,18 @@ def test_together_is_before_the_first_of_a_pair_and_late_before_each() -> None:
     np.testing.assert_allclose(pairs["load_together"], 13.75, atol=0.2)
 
 
-def test_a_trots_loads_foretell_the_walk() -> None:
+def test_loads_of_a_trot_predict_the_walk() -> None:
     cells = {"sigma": np.repeat(np.arange(10.0), 2), "seed": np.tile([0.0, 1.0], 10)}
     load = np.linspace(-4.0, 4.0, 10)[cells["sigma"].astype(int)]
     trots = ends(0.02 * np.ones(20), load, load, k2=0.0, axes=cells)
     walks = ends(-0.05 * load, 0.0 * load, load, axes=cells).assign(row=lambda table: table["row"] + 20)
-    found = load_prediction(pd.concat([trots, walks], ignore_index=True))
+    result = load_prediction(pd.concat([trots, walks], ignore_index=True))
     # loads of +-0.44 and +-1.33 N make shifts below the threshold: those rows trot, and foretell nothing
-    assert list(found["sigma"]) == [0.0, 1.0, 2.0, 7.0, 8.0, 9.0]
-    assert list(found["gait"]) == ["L-walk"] * 3 + ["D-walk"] * 3
-    told = loading_rule(found, split="k2", repeats=()).set_index("measure")
-    assert told.loc["load_stance", "r"] == pytest.approx(-1.0)
-    assert told.loc["load_stance", "right"] == 1.0
+    assert list(result["sigma"]) == [0.0, 1.0, 2.0, 7.0, 8.0, 9.0]
+    assert list(result["gait"]) == ["L-walk"] * 3 + ["D-walk"] * 3
+    message = loading_rule(result, split="k2", repeats=()).set_index("measure")
+    assert message.loc["load_stance", "r"] == pytest.approx(-1.0)
+    assert message.loc["load_stance", "right"] == 1.0
     # a cell in which starts come to different walks says nothing either
     walks.loc[walks["sigma"] == 9.0, "gait"] = ["L-walk", "D-walk"]
     assert 9.0 not in set(load_prediction(pd.concat([trots, walks], ignore_index=True))["sigma"])
@@ -136,9 +136,9 @@ def test_how_often_the_body_pitches_in_a_cycle() -> None:
     cycles = trace["t"] / 0.37
     trace["pitch"] = 0.3 + 0.02 * np.sin(2 * np.pi * cycles + 1.0) + 0.005 * np.cos(4 * np.pi * cycles)
     trace.insert(1, "sigma", 0.5)
-    found = body_oscillation(trace).iloc[0]
+    result = body_oscillation(trace).iloc[0]
     # whole cycles end between samples of 2 ms, 16 cycles of 185 samples
-    assert found["once"] == pytest.approx(0.02, abs=1e-4)
-    assert found["twice"] == pytest.approx(0.005, abs=1e-4)
-    assert found["gait"] == "trot"
+    assert result["once"] == pytest.approx(0.02, abs=1e-4)
+    assert result["twice"] == pytest.approx(0.005, abs=1e-4)
+    assert result["gait"] == "trot"
     assert body_oscillation(trace.assign(u_f_RH=-1.0)).empty

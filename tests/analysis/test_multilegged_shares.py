@@ -30,7 +30,7 @@ def table(**more: list[float]) -> pd.DataFrame:
     return frame.assign(status="settled", **ends, gait=[gait for _, _, gait in rows])
 
 
-def test_shares_stand_beside_the_conditions() -> None:
+def test_shares_are_listed_with_the_conditions() -> None:
     shares = gait_shares(table())
     assert shares["m_B"].tolist() == [0.4, 0.8, 1.1]
     assert shares[["direct", "source", "retrograde", "elsewhere"]].to_numpy().tolist() == [

@@ -27,9 +27,9 @@ def table() -> pd.DataFrame:
 
 
 def test_counts_add_up_to_the_rows() -> None:
-    found = repertoire(table(), ["com_x"]).set_index("com_x")
-    assert list(found.index) == [0.1, 0.0]
-    assert found.loc[0.1, ["rows", "gaits", "D-walk", "trot", "fell", "unsteady"]].tolist() == [
+    result = repertoire(table(), ["com_x"]).set_index("com_x")
+    assert list(result.index) == [0.1, 0.0]
+    assert result.loc[0.1, ["rows", "gaits", "D-walk", "trot", "fell", "unsteady"]].tolist() == [
         5,
         5,
         1,
@@ -38,15 +38,15 @@ def test_counts_add_up_to_the_rows() -> None:
         0,
     ]
     # a row that fell has no gait
-    assert found.loc[0.0, ["rows", "gaits", "trot", "fell", "unsteady"]].tolist() == [3, 1, 1, 1, 1]
+    assert result.loc[0.0, ["rows", "gaits", "trot", "fell", "unsteady"]].tolist() == [3, 1, 1, 1, 1]
 
 
 def test_the_order_over_speed() -> None:
-    found = repertoire(table(), ["com_x"]).set_index("com_x")
-    assert found.loc[0.1, "speed_canter"] == pytest.approx(1.9)
-    assert bool(found.loc[0.1, "in_order"])
-    assert not found.loc[0.0, "in_order"]
-    assert np.isnan(found.loc[0.0, "speed_walk"])
+    result = repertoire(table(), ["com_x"]).set_index("com_x")
+    assert result.loc[0.1, "speed_canter"] == pytest.approx(1.9)
+    assert bool(result.loc[0.1, "in_order"])
+    assert not result.loc[0.0, "in_order"]
+    assert np.isnan(result.loc[0.0, "speed_walk"])
     swapped = table().replace({"speed_end": {0.4: 1.1}})
     assert not np.any(repertoire(swapped, ["com_x"])["in_order"])
 

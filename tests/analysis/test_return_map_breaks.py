@@ -1,7 +1,8 @@
-"""Return maps tell nothing where their data break off: jumps, gaps, cusps, branches, the end of a turn."""
+"""Breaks in the data of return maps: jumps, gaps, cusps, branches and the cut of a circle."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,9 @@ def crossings(values: np.ndarray, name: str = "v") -> pd.DataFrame:
     return pd.DataFrame({"row": row, "crossing": crossing, "status": "complete", f"{name}_n": value})
 
 
-def iterated(function, starts: np.ndarray, count: int, noise: float = 0.0) -> np.ndarray:
+def iterated(
+    function: Callable[[np.ndarray], np.ndarray], starts: np.ndarray, count: int, noise: float = 0.0
+) -> np.ndarray:
     """Values (starts, count) of a map from some starts."""
     random = np.random.default_rng(5)
     course = [np.asarray(starts, float)]
@@ -38,10 +41,10 @@ def test_lorenz_map_of_a_plane_has_no_fixed_point(bandwidth: float | None) -> No
     table = crossings(LORENZ["x"].to_numpy())
     assert not len(fixed_points(table, "v", bandwidth=bandwidth))
     assert not len(ghosts(table, "v", bandwidth=bandwidth, near=0.05))
-    told = drift(table, "v", bandwidth=bandwidth)
-    assert told["value"].between(-6.0, -4.0).any()
+    message = drift(table, "v", bandwidth=bandwidth)
+    assert message["value"].between(-6.0, -4.0).any()
     # where the points lie on two branches alone, the curve lies on none of them, and is not told
-    assert not told["value"].between(-0.8, 0.8).any()
+    assert not message["value"].between(-0.8, 0.8).any()
 
 
 def test_lorenz_map_of_maxima_has_one_fixed_point_and_a_cusp() -> None:
@@ -50,14 +53,14 @@ def test_lorenz_map_of_maxima_has_one_fixed_point_and_a_cusp() -> None:
     here, change = z[:-1], np.diff(z)
     near = np.argsort(np.abs(here - 39.82))[:12]
     slope, level = np.polyfit(here[near], change[near], 1)
-    found = fixed_points(crossings(z), "v")
-    assert found["value"].tolist() == [pytest.approx(-level / slope, abs=0.005)]
-    assert found["slope"].item() == pytest.approx(1.0 + slope, abs=0.1)
-    assert found["stable"].tolist() == [False]
-    told = drift(crossings(z), "v")
+    result = fixed_points(crossings(z), "v")
+    assert result["value"].tolist() == [pytest.approx(-level / slope, abs=0.005)]
+    assert result["slope"].item() == pytest.approx(1.0 + slope, abs=0.1)
+    assert result["stable"].tolist() == [False]
+    message = drift(crossings(z), "v")
     # the curve goes where the points go, and is not drawn over the cusp, of which it would cut off 3 units
-    between = np.interp(told["value"], np.sort(here), change[np.argsort(here)])
-    off = np.abs(told["drift"] - between) / np.hypot(1.0, 1.0 + told["slope"])
+    between = np.interp(message["value"], np.sort(here), change[np.argsort(here)])
+    off = np.abs(message["drift"] - between) / np.hypot(1.0, 1.0 + message["slope"])
     assert off.max() < 0.05
 
 
@@ -91,14 +94,14 @@ def test_a_map_that_jumps_over_the_diagonal(rows: int, noise: float) -> None:
     table = crossings(jumps)
     assert not len(fixed_points(table, "v"))
     assert not len(ghosts(table, "v"))
-    told = drift(table, "v")
+    message = drift(table, "v")
     if (rows, noise) == (200, 0.0):
-        assert set(told["piece"]) == {0, 1}
-        below = told["value"] < 0.5
-        exact = -0.2 * told["value"].to_numpy() + np.where(below, 0.35, -0.15)
-        np.testing.assert_allclose(told["drift"], exact, atol=1e-9)
-        assert told.loc[below, "value"].max() > 0.49  # up to the jump, from both sides
-        assert told.loc[~below, "value"].min() < 0.51
+        assert set(message["piece"]) == {0, 1}
+        below = message["value"] < 0.5
+        exact = -0.2 * message["value"].to_numpy() + np.where(below, 0.35, -0.15)
+        np.testing.assert_allclose(message["drift"], exact, atol=1e-9)
+        assert message.loc[below, "value"].max() > 0.49  # up to the jump, from both sides
+        assert message.loc[~below, "value"].min() < 0.51
 
 
 @pytest.mark.parametrize("slope", [-0.9, 0.6, 1.08, 1.7, -1.4])
@@ -109,13 +112,13 @@ def test_a_jump_elsewhere_hides_no_fixed_point(slope: float, noise: float) -> No
     table = crossings(
         iterated(lambda x: 0.3 + slope * (x - 0.3) + np.where(x < 0.6, 0.0, -0.8), starts, 2, noise)
     )
-    found = fixed_points(table, "v")
-    assert found["value"].tolist() == [pytest.approx(0.3, abs=0.05)]
-    assert found["slope"].item() == pytest.approx(slope, abs=1e-6 if noise == 0.0 else 0.15)
-    assert found["stable"].tolist() == [abs(slope) < 1.0]
+    result = fixed_points(table, "v")
+    assert result["value"].tolist() == [pytest.approx(0.3, abs=0.05)]
+    assert result["slope"].item() == pytest.approx(slope, abs=1e-6 if noise == 0.0 else 0.15)
+    assert result["stable"].tolist() == [abs(slope) < 1.0]
 
 
-def test_a_steep_crossing_that_points_resolve_is_no_jump() -> None:
+def test_a_resolved_steep_crossing_is_not_a_jump() -> None:
     """X' = x - 0.3 tanh((x - 0.5)/0.01): slope -29 at the fixed point, over a fifth of the window."""
     starts = np.linspace(0.0, 1.0, 2001)
     table = crossings(iterated(lambda x: x - 0.3 * np.tanh((x - 0.5) / 0.01), starts, 2))
@@ -124,22 +127,23 @@ def test_a_steep_crossing_that_points_resolve_is_no_jump() -> None:
 
 @pytest.mark.parametrize("rows", [1, 60])
 def test_the_logistic_map_with_a_gap_in_its_data(rows: int) -> None:
-    """Its fixed point 1 - 1/r is told where points are around it, not where they were taken away."""
+    """Its fixed point 1 - 1/r is found where there are points around it, and not in a gap."""
     r = 3.9
     starts = np.random.default_rng(1).uniform(0.1, 0.9, rows)
     values = iterated(lambda x: r * x * (1.0 - x), starts, 3000 // rows)
     star = 1.0 - 1.0 / r
-    found = fixed_points(crossings(values), "v")
-    assert found["value"].tolist() == [pytest.approx(star, abs=0.002)]
-    assert found["slope"].item() == pytest.approx(2.0 - r, abs=0.02)
+    result = fixed_points(crossings(values), "v")
+    assert result["value"].tolist() == [pytest.approx(star, abs=0.002)]
+    assert result["slope"].item() == pytest.approx(2.0 - r, abs=0.02)
     for half in (0.04, 0.08):
         holed = crossings(np.where(np.abs(values - star) < half, np.nan, values))
         assert not len(fixed_points(holed, "v"))
-        told = drift(holed, "v")["value"]
-        assert not told.between(star - 0.9 * half, star + 0.9 * half).any()
-        assert told.between(star + half, star + half + 0.05).any()
+        message = drift(holed, "v")["value"]
+        assert not message.between(star - 0.9 * half, star + 0.9 * half).any()
+        assert message.between(star + half, star + half + 0.05).any()
 
 
+@pytest.mark.slow("0.3-0.0-3.0", "0.3-0.05-3.3", "2.0-0.0-3.3", "2.0-0.05-3.0")
 @pytest.mark.parametrize("advance", [3.0, 3.3])
 @pytest.mark.parametrize("noise", [0.0, 0.05])
 @pytest.mark.parametrize("depth", [0.3, 2.0])
@@ -151,30 +155,31 @@ def test_an_angle_that_turns_by_half_a_turn_and_more(advance: float, noise: floa
     assert not len(fixed_points(crossings(np.mod(values, TURN), "psi_1"), "psi_1"))
 
 
+@pytest.mark.slow("0.02", "6.27")
 @pytest.mark.parametrize("place", [0.0, 0.02, 3.0, 6.27])
-def test_the_end_of_the_turn_is_no_break(place: float) -> None:
+def test_the_cut_of_the_circle_is_not_a_break(place: float) -> None:
     """Psi' = psi - 0.3 sin(psi - place): one stable and one unstable point, wherever the circle is cut."""
     starts = np.linspace(0.0, TURN, 90, endpoint=False) + 0.013
     values = iterated(lambda x: x - 0.3 * np.sin(x - place), starts, 25)
-    found = fixed_points(crossings(np.mod(values, TURN), "psi_1"), "psi_1").sort_values("stable")
-    assert found["stable"].tolist() == [False, True]
-    away = np.angle(np.exp(1j * (found["value"].to_numpy() - [place + np.pi, place])))
+    result = fixed_points(crossings(np.mod(values, TURN), "psi_1"), "psi_1").sort_values("stable")
+    assert result["stable"].tolist() == [False, True]
+    away = np.angle(np.exp(1j * (result["value"].to_numpy() - [place + np.pi, place])))
     np.testing.assert_allclose(away, 0.0, atol=2e-3)
     assert not len(ghosts(crossings(np.mod(values, TURN), "psi_1"), "psi_1"))
 
 
-def test_branches_do_not_count_what_no_point_shows() -> None:
+def test_a_gap_removes_the_unstable_point_of_one_value_only() -> None:
     """A gap around the unstable point at one value of the parameter takes it from the branch there alone."""
     table = map_table([-0.1, 0.0, 0.1], starts=60, crossings=60)
     hole = (table["f"] == 0.0) & (np.abs(table["delta_13_n"] - 2.6) < 0.06)
     table.loc[hole, "delta_13_n"] = np.nan
-    found = branches(table, "delta_13", "f")
-    assert found.groupby("f").size().tolist() == [3, 2, 3]
-    assert found.loc[found["f"] == 0.0, "stable"].tolist() == [True, True]
+    result = branches(table, "delta_13", "f")
+    assert result.groupby("f").size().tolist() == [3, 2, 3]
+    assert result.loc[result["f"] == 0.0, "stable"].tolist() == [True, True]
 
 
-def test_rows_that_still_move_at_the_end_of_the_data_have_reached_nothing() -> None:
-    """A state that rows come to from one side is told where they come to rest, not before."""
+def test_rows_that_still_move_have_no_fixed_point() -> None:
+    """A state that rows approach from one side counts once they come to rest there."""
 
     def towards(x):
         return 2.9 + 0.9 * (x - 2.9)
@@ -183,5 +188,5 @@ def test_rows_that_still_move_at_the_end_of_the_data_have_reached_nothing() -> N
     moving, rested = (crossings(iterated(towards, starts, count), "delta") for count in (15, 150))
     assert not len(fixed_points(moving, "delta"))
     assert fixed_points(rested, "delta")["value"].tolist() == [pytest.approx(2.9, abs=1e-4)]
-    told = drift(moving, "delta")["value"]
-    assert np.max(told.to_numpy()) <= np.max(moving["delta_n"].to_numpy())
+    message = drift(moving, "delta")["value"]
+    assert np.max(message.to_numpy()) <= np.max(moving["delta_n"].to_numpy())

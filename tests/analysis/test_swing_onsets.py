@@ -100,19 +100,19 @@ def test_no_such_gait() -> None:
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_every_gait_is_found_from_any_start(gait: str, noise: float) -> None:
     onsets = np.stack([_steps(gait, begin=begin, noise=noise) for begin in np.linspace(-0.7, 0.7, 21)])
-    found = _gaits(onsets)
-    assert np.all(found["gait"] == gait)
-    assert np.all(found["steady"])
+    result = _gaits(onsets)
+    assert np.all(result["gait"] == gait)
+    assert np.all(result["steady"])
     atol = 1e-9 if not noise else 0.01
-    np.testing.assert_allclose(found["period"], 0.5, rtol=1e-9 if not noise else 0.01)
-    np.testing.assert_allclose(found["delta_1"], 0.2 * signs(gait)[0], atol=atol)
-    np.testing.assert_allclose(found["delta_2"], 0.2 * signs(gait)[1], atol=atol)
-    np.testing.assert_allclose(found["antiphase"], 0.5, atol=atol)
+    np.testing.assert_allclose(result["period"], 0.5, rtol=1e-9 if not noise else 0.01)
+    np.testing.assert_allclose(result["delta_1"], 0.2 * signs(gait)[0], atol=atol)
+    np.testing.assert_allclose(result["delta_2"], 0.2 * signs(gait)[1], atol=atol)
+    np.testing.assert_allclose(result["antiphase"], 0.5, atol=atol)
     wanted = ideal_phases(gait, 0.2)
     for leg in LEGS:
-        off = found[f"phase_{leg}"] - wanted[leg]
+        off = result[f"phase_{leg}"] - wanted[leg]
         np.testing.assert_allclose((off + 0.5) % 1.0 - 0.5, 0.0, atol=atol)
-    np.testing.assert_array_equal(found["row"], np.arange(21))
+    np.testing.assert_array_equal(result["row"], np.arange(21))
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -131,34 +131,36 @@ def test_onsets_may_be_in_any_order(seed: int) -> None:
 
 
 def test_the_spread_is_that_of_the_noise() -> None:
-    found = _gaits(_steps("trot", cycles=4000, noise=0.02)[None])
+    result = _gaits(_steps("trot", cycles=4000, noise=0.02)[None])
     # both legs' noise; the length of the cycle that a shift lies in adds little
-    assert found.loc[0, "spread_delta_1"] == pytest.approx(0.028, abs=0.003)
-    assert found.loc[0, "length_delta_1"] == pytest.approx(np.exp(-0.5 * (2 * np.pi * 0.028) ** 2), abs=0.004)
-    assert found.loc[0, "variation"] == pytest.approx(0.028, abs=0.003)
-    assert found.loc[0, "gait"] == "trot"
+    assert result.loc[0, "spread_delta_1"] == pytest.approx(0.028, abs=0.003)
+    assert result.loc[0, "length_delta_1"] == pytest.approx(
+        np.exp(-0.5 * (2 * np.pi * 0.028) ** 2), abs=0.004
+    )
+    assert result.loc[0, "variation"] == pytest.approx(0.028, abs=0.003)
+    assert result.loc[0, "gait"] == "trot"
 
 
-def test_what_wobbles_too_much_is_unsteady() -> None:
+def test_large_scatter_is_unsteady() -> None:
     assert _gait(_steps("trot", noise=0.1)) == "unsteady"
     wander = _steps("trot", cycles=20)
     wander[[1, 3]] += 0.5 * np.linspace(0.0, 0.4, 20)  # hind legs that fall behind their pairs
     assert _gait(wander) == "unsteady"
     slower = _steps("trot", cycles=20) ** 1.3  # together, but ever slower
-    found = _gaits(slower[None]).loc[0]
-    assert found["gait"] == "unsteady"
-    assert found["length_delta_1"] > 0.95
-    assert found["variation"] > 0.05
+    result = _gaits(slower[None]).loc[0]
+    assert result["gait"] == "unsteady"
+    assert result["length_delta_1"] > 0.95
+    assert result["variation"] > 0.05
     assert _gait(slower, steadiness=Steadiness(variation=1.0)) == "trot"
 
 
 def test_each_threshold_has_its_gait() -> None:
-    found = _gaits(np.stack([_steps("L-walk", shift) for shift in (0.04, 0.06, 0.08)]))
-    assert list(found["gait"]) == ["trot", "trot", "L-walk"]
-    assert list(found["gait_at_0.05"]) == ["trot", "L-walk", "L-walk"]
-    np.testing.assert_allclose(found["margin"], [0.03, 0.01, 0.01], atol=1e-9)
-    found = _gaits(_steps("L-walk", 0.06)[None], thresholds=(0.03, 0.1))
-    assert list(found.loc[0, ["gait", "gait_at_0.1"]]) == ["L-walk", "trot"]
+    result = _gaits(np.stack([_steps("L-walk", shift) for shift in (0.04, 0.06, 0.08)]))
+    assert list(result["gait"]) == ["trot", "trot", "L-walk"]
+    assert list(result["gait_at_0.05"]) == ["trot", "L-walk", "L-walk"]
+    np.testing.assert_allclose(result["margin"], [0.03, 0.01, 0.01], atol=1e-9)
+    result = _gaits(_steps("L-walk", 0.06)[None], thresholds=(0.03, 0.1))
+    assert list(result.loc[0, ["gait", "gait_at_0.1"]]) == ["L-walk", "trot"]
     # exactly at the threshold there is no shift
     assert CHART[int(place(0.07, -0.07, 0.07))] == "trot"
     assert margin(-0.25, 0.49) == pytest.approx(0.01)
@@ -194,10 +196,10 @@ def test_rows_without_enough_steps_and_falls_have_no_gait() -> None:
     short[2, 3:] = np.nan
     onsets = np.stack([walk, short, np.full_like(walk, np.nan)])
     onsets[2, 0, 0] = np.inf
-    found = _gaits(onsets)
-    assert list(found["gait"]) == ["D-walk", "none", "none"]
-    assert list(found["cycles"]) == [11, 2, 0]
-    assert np.isnan(found.loc[2, "delta_1"])
+    result = _gaits(onsets)
+    assert list(result["gait"]) == ["D-walk", "none", "none"]
+    assert list(result["cycles"]) == [11, 2, 0]
+    assert np.isnan(result.loc[2, "delta_1"])
     assert list(_gaits(np.full((2, 4, 0), np.nan))["gait"]) == ["none", "none"]
     parts = [_table(walk, row).assign(status=status) for row, status in ((5, "complete"), (3, "fell"))]
     table = gait_of(pd.concat(parts), rows=[3, 4, 5])
@@ -209,7 +211,7 @@ def test_rows_without_enough_steps_and_falls_have_no_gait() -> None:
     assert list(gait_of(table)["gait"]) == ["none", "D-walk"]
 
 
-def test_the_window_is_what_is_read() -> None:
+def test_only_the_window_is_read() -> None:
     early, late = _steps("trot", cycles=20), _steps("L-walk", cycles=20, begin=10.0)
     onsets = np.stack([np.concatenate([early, late], axis=1)] * 2)
     assert list(_gaits(onsets, window=(10.0, 30.0))["gait"]) == ["L-walk", "L-walk"]
@@ -227,9 +229,9 @@ def test_onsets_in_a_trace() -> None:
     onsets = onsets_in(pd.concat([trace, other]), {leg: f"u_{leg}" for leg in LEGS})
     first = onsets.loc[(onsets["row"] == 4) & (onsets["leg"] == "RF"), "t"].to_numpy()
     np.testing.assert_allclose(first, 0.7 * (np.arange(len(first)) + phases["RF"]), atol=1e-6)
-    found = gait_of(onsets)
-    assert list(found["row"]) == [2, 4]
-    assert np.all(found["gait"] == "LT-gallop")
+    result = gait_of(onsets)
+    assert list(result["row"]) == [2, 4]
+    assert np.all(result["gait"] == "LT-gallop")
     stance = trace.assign(**{name: (trace[name] <= 0.0).astype(float) for name in columns})
     lifted = onsets_in(stance, {leg: f"u_{leg}" for leg in LEGS}, level=0.5, falling=True)
     assert gait_of(lifted).loc[0, "gait"] == "LT-gallop"
@@ -252,6 +254,6 @@ def test_a_trace_too_short_for_a_cycle_has_no_gait(swinging: tuple[str, ...]) ->
     signals = {leg: f"u_f_{leg}" for leg in LEGS}
     columns = {name: np.where((t > 0.2) & (leg in swinging), 1.0, -1.0) for leg, name in signals.items()}
     onsets = onsets_in(pd.DataFrame({"row": 0, "t": t, **columns}), signals)
-    found = gait_of(onsets, rows=[0])
-    assert found["gait"].tolist() == ["none"]
-    assert found["cycles"].tolist() == [0]
+    result = gait_of(onsets, rows=[0])
+    assert result["gait"].tolist() == ["none"]
+    assert result["cycles"].tolist() == [0]

@@ -1,4 +1,4 @@
-"""A table as an xarray dataset: each number stands at its axes' values, names are flags."""
+"""A table as an xarray dataset: numbers at the values of their axes, names as flags."""
 
 from __future__ import annotations
 
@@ -46,17 +46,17 @@ def test_records_groups_and_dependent_axes() -> None:
     zipped = gs.sweep(
         TOY, mass=[1.0, 2.0], zip={"launch_1": [1.0, 1.5, 2.0], "kick": [0.1, 0.2, 0.3]}, run=run
     )
-    found = zipped.to_xarray()
-    assert dict(found.sizes) == {"mass": 2, "point": 3, "record": 4}
-    assert found["kick"].dims == ("point",)
-    np.testing.assert_array_equal(found["launch_1_n"].to_numpy().ravel(), zipped.table["launch_1_n"])
+    result = zipped.to_xarray()
+    assert dict(result.sizes) == {"mass": 2, "point": 3, "record": 4}
+    assert result["kick"].dims == ("point",)
+    np.testing.assert_array_equal(result["launch_1_n"].to_numpy().ravel(), zipped.table["launch_1_n"])
     follows = gs.sweep(TOY, mass=[1.0, 2.0], kick=["0.1*mass", 0.5], run=SETTLE).to_xarray()
     assert follows["kick_value"].dims == ("mass", "kick")
     np.testing.assert_array_equal(follows["kick_value"], [[0.1, 0.5], [0.2, 0.5]])
 
 
 def test_rows_of_different_lengths() -> None:
-    """A row that fell has fewer crossings: NaN, and -1 for names, stand where it has none."""
+    """A row that fell has fewer crossings; missing ones are NaN, or -1 for names."""
     pytest.importorskip("xarray")
     run = gs.ReturnMap(crossings=4)
     result = gs.sweep(TOY, ceiling=[0.3, 1000.0], launch_1=1.0, kick=3.0, run=run, verify=0)

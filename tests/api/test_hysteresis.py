@@ -19,14 +19,14 @@ def test_transition_points_and_area(kind: str) -> None:
     Bounds: a step of the staircase (0.1), as an interval's width; the ramp's lag adds a tenth to the area.
     """
     table = staircase_table(1, hold=400) if kind == "staircase" else ramp_table()
-    found = gs.hysteresis(table)
-    assert set(found.transition_points["observable"]) == set(found.loops["observable"]) == {"delta_13"}
-    for point in found.transition_points.to_dict("records"):
+    result = gs.hysteresis(table)
+    assert set(result.transition_points["observable"]) == set(result.loops["observable"]) == {"delta_13"}
+    for point in result.transition_points.to_dict("records"):
         fold = FOLD if point["direction"] == "rising" else -FOLD
         assert abs(0.5 * (point["low"] + point["high"]) - fold) < 0.1
-    assert found.loops["area"].to_numpy() == pytest.approx(AREA * SCALE, rel=0.15)
+    assert result.loops["area"].to_numpy() == pytest.approx(AREA * SCALE, rel=0.15)
     named = gs.hysteresis(table, "delta_13", "f")
-    assert_frame_equal(named.transition_points, found.transition_points)
+    assert_frame_equal(named.transition_points, result.transition_points)
 
 
 def test_settled_rows() -> None:
@@ -38,7 +38,7 @@ def test_settled_rows() -> None:
         assert point["high"] - point["low"] == pytest.approx(0.1)
 
 
-def test_what_has_to_be_named() -> None:
+def test_names_that_have_no_default_are_required() -> None:
     with pytest.raises(gs.UserError, match="name the column as parameter="):
         gs.hysteresis(SETTLED)
     with pytest.raises(gs.UserError, match="name the column of the start value"):

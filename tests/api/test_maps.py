@@ -28,12 +28,12 @@ def test_images_jacobian_and_multipliers() -> None:
     np.testing.assert_allclose(mapping(points).at, mapping(points.at), atol=1e-12)
     single = mapping(points.at[0])
     assert single.shape == (len(mapping.coordinates),)
-    found = mapping.fixed_points(mapping.settled({"launch_1": 1.0}, 3))
-    assert found.converged.all()
-    np.testing.assert_allclose(launch(found.points.at, mapping), FIXED, atol=1e-7)
-    np.testing.assert_allclose(np.abs(mapping.multipliers(found))[0, 0], R, atol=1e-5)
-    assert mapping.jacobian(found).shape == (1, *2 * (len(mapping.coordinates),))
-    assert mapping.jacobian(found.points.at[0]).ndim == 2
+    result = mapping.fixed_points(mapping.settled({"launch_1": 1.0}, 3))
+    assert result.converged.all()
+    np.testing.assert_allclose(launch(result.points.at, mapping), FIXED, atol=1e-7)
+    np.testing.assert_allclose(np.abs(mapping.multipliers(result))[0, 0], R, atol=1e-5)
+    assert mapping.jacobian(result).shape == (1, *2 * (len(mapping.coordinates),))
+    assert mapping.jacobian(result.points.at[0]).ndim == 2
 
 
 @pytest.mark.slow
@@ -42,28 +42,28 @@ def test_many_maps_at_once() -> None:
     kicks = np.array([0.2, 0.3, 0.4])
     mapping = gs.return_map(TOY, kick=kicks, restitution=R, start={"launch_1": 1.0})
     assert repr(mapping) == f"PoincareMap(toy: {', '.join(mapping.coordinates)} over kick)"
-    found = mapping.fixed_points(mapping.settled(cycles=3))
-    np.testing.assert_allclose(launch(found.points.at, mapping), kicks / (1 - R), atol=1e-7)
+    result = mapping.fixed_points(mapping.settled(cycles=3))
+    np.testing.assert_allclose(launch(result.points.at, mapping), kicks / (1 - R), atol=1e-7)
 
 
 @pytest.mark.slow
 def test_a_branch() -> None:
     """u* = kick / (1 - r), on both sides of the kick at which it begins."""
     mapping = gs.return_map(TOY, kick=KICK, restitution=R)
-    found = mapping.fixed_points(mapping.settled({"launch_1": 1.0}, 3))
-    branch = mapping.continue_(found, "kick", (0.2, 0.5))
+    result = mapping.fixed_points(mapping.settled({"launch_1": 1.0}, 3))
+    branch = mapping.continue_(result, "kick", (0.2, 0.5))
     assert np.min(branch["kick"]) == pytest.approx(0.2)
     assert np.max(branch["kick"]) == pytest.approx(0.5)
     np.testing.assert_allclose(branch["launch_1"], branch["kick"] / (1 - R), atol=1e-6)
-    assert set(mapping.continue_(found, "kick", (0.2, 0.5), towards=1)["direction"]) == {1}
+    assert set(mapping.continue_(result, "kick", (0.2, 0.5), towards=1)["direction"]) == {1}
     axes = gs.plot.continuation(branch).axes[0]
     assert "kick" in axes.get_xlabel()
     assert "m/s" in axes.get_ylabel()  # of the first coordinate, launch_1
 
 
 @pytest.mark.slow
-def test_conserved_quantities_are_held() -> None:
-    """E of the chain is held unless `fix` says otherwise; Newton's equations are singular without."""
+def test_conserved_quantities_are_constrained_by_default() -> None:
+    """E of the chain is constrained unless `fix` is given; without, Newton's equations are singular."""
     chain = gs.models.Multilegged(N=3)
     mapping = gs.return_map(chain, beta=0.8)
     assert mapping.conserved == ["E"]

@@ -109,7 +109,7 @@ def test_papers_import_the_public_api_alone() -> None:
                 assert {alias.name for alias in node.names} <= listed, (file, node.lineno)
 
 
-def test_nothing_but_the_papers_names_a_paper() -> None:
+def test_no_module_outside_papers_names_a_paper() -> None:
     # (?<!l): Lambert is no paper
     named = re.compile(r"multilegged|waist|planar|(?<!l)ambe|aoi|fukuoka", re.IGNORECASE)
     root = Path(gs.__file__).parent

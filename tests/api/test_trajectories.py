@@ -81,11 +81,11 @@ def test_a_directory_and_a_second_call(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_models_as_instances_classes_and_names() -> None:
     """N from the instance, or as a keyword beside a class or a name."""
-    given = {"launch_1": [1.0, 2.0], "launch_2": 1.5, "run": gs.Settle(max_cycles=40), "verify": 0}
+    fields = {"launch_1": [1.0, 2.0], "launch_2": 1.5, "run": gs.Settle(max_cycles=40), "verify": 0}
     tables = [
-        gs.sweep(toy_model.Toy(N=2), **given).table,
-        gs.sweep(toy_model.Toy, N=2, **given).table,
-        gs.sweep("toy_model:Toy", N=2, **given).table,
+        gs.sweep(toy_model.Toy(N=2), **fields).table,
+        gs.sweep(toy_model.Toy, N=2, **fields).table,
+        gs.sweep("toy_model:Toy", N=2, **fields).table,
     ]
     assert_frame_equal(tables[0], tables[1], check_exact=True)
     assert_frame_equal(tables[0], tables[2], check_exact=True)
@@ -151,25 +151,25 @@ def test_refusals_of_jobs_and_run_kinds() -> None:
 @pytest.mark.slow
 def test_a_class_of_this_session(tmp_path: Path) -> None:
     """It runs as its module's class does; no file can name it, so it has no job and no directory."""
-    given: dict[str, Any] = {"launch_1": [1.0, 2.0], "run": gs.Settle(max_cycles=40)}
-    result = gs.sweep(TwoToys(), **given)
-    assert_frame_equal(result.table, gs.sweep(toy_model.Toy(), **given).table, check_exact=True)
+    fields: dict[str, Any] = {"launch_1": [1.0, 2.0], "run": gs.Settle(max_cycles=40)}
+    result = gs.sweep(TwoToys(), **fields)
+    assert_frame_equal(result.table, gs.sweep(toy_model.Toy(), **fields).table, check_exact=True)
     with pytest.raises(gs.ArgumentError, match="TwoToys is a class of this session, which a job file cannot"):
         result.job()
     with pytest.raises(gs.ArgumentError, match="a result directory needs a model that a file gives"):
-        gs.sweep(TwoToys, out=tmp_path / "out", **given)
+        gs.sweep(TwoToys, out=tmp_path / "out", **fields)
     assert len(gs.simulate(TwoToys, launch_1=1.0, duration=1.0))
 
     @dataclasses.dataclass(frozen=True)
     class TwoToys2(toy_model.Toy):
         name = "other"
 
-    assert gs.sweep(TwoToys2(), **given).manifest["job"]["model"] == "session:TwoToys2"
+    assert gs.sweep(TwoToys2(), **fields).manifest["job"]["model"] == "session:TwoToys2"
 
 
 @pytest.mark.slow
 def test_one_trajectory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its samples are those of a trace, to the bit; nothing is left on disk."""
+    """Its samples equal those of a trace to the last bit, and no file remains."""
     monkeypatch.chdir(tmp_path)
     one = gs.simulate(toy_model.Toy(), launch_1=1.5, duration=1.0, every=0.1)
     trace = gs.sweep(toy_model.Toy(), launch_1=1.5, run=gs.Trace(duration=1.0, every=0.1), verify=0).table

@@ -29,7 +29,7 @@ def claims_of(figure: str) -> pd.DataFrame:
     return pd.DataFrame(claims)
 
 
-def test_failures_stand_first_beside_their_figure_and_agreement_is_folded(tmp_path: Path) -> None:
+def test_failures_come_first_with_their_figure_and_agreement_is_folded(tmp_path: Path) -> None:
     file = tmp_path / "job" / "figures" / "it.png"
     file.parent.mkdir(parents=True)
     file.write_bytes(b"a figure")

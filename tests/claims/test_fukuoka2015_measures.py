@@ -51,15 +51,15 @@ def test_the_order_of_swings_is_the_charts(gait: str) -> None:
     assert measures.footfall_order(trace(gait), gait=gait) == measures.chart_order(gait=gait)
 
 
-def test_footfalls_and_flights_are_the_feets_own() -> None:
-    """RF and LH alone bear load, for 0.3 of a cycle each, half a cycle apart: two flights of .2."""
+def test_footfalls_and_flights_follow_from_loads() -> None:
+    """RF and LH alone bear load, for 0.3 of a cycle each, half a cycle apart: two flights of 0.2."""
     table = trace("RT-gallop")
     assert measures.flight_between(table, gait="RT-gallop", legs=["RF", "LH"]) == 0.0
     into = table["t"] / 0.4 % 1.0
     table[["F_LF", "F_RH"]] = 0.0
     table["F_RF"], table["F_LH"] = (into < 0.3) * 30.0, ((into >= 0.5) & (into < 0.8)) * 30.0
-    found = measures.flight_between(table, gait="RT-gallop", legs=["RF", "LH"])
-    assert found == pytest.approx(0.4, abs=0.04)
+    result = measures.flight_between(table, gait="RT-gallop", legs=["RF", "LH"])
+    assert result == pytest.approx(0.4, abs=0.04)
     assert measures.flight_between(table, gait="RT-gallop", legs=["LF", "RF"]) == 0.0
     with pytest.raises(MeasureError, match="LF touches down"):
         measures.footfall_order(table, gait="RT-gallop")

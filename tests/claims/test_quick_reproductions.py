@@ -1,4 +1,4 @@
-"""The three papers by `gaitsweep reproduce PAPER --quick`: jobs run, and what is missed was tried."""
+"""Quick reproductions of the three papers: their jobs run, and all of their claims are tested."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ def test_quick_reproduction(name: str, tmp_path: Path) -> None:
     paper = read_paper(name)
     claims = [claim for claim in paper.claims if not LONG.get(name, set()).intersection(claim.of)]
     paper = paper.model_copy(update={"claims": claims})
-    found = reproduce(paper, tmp_path, quick=True)
-    assert not found.failed
-    assert len(found.table) == len(paper.claims)
-    assert sum(found.counts.values()) == len(paper.claims)
-    missed = found.table.loc[found.table["verdict"] == ClaimVerdict.not_reproduced.value]
+    result = reproduce(paper, tmp_path, quick=True)
+    assert not result.failed
+    assert len(result.table) == len(paper.claims)
+    assert sum(result.counts.values()) == len(paper.claims)
+    missed = result.table.loc[result.table["verdict"] == ClaimVerdict.not_reproduced.value]
     at_finer_steps = [claim.id for claim in paper.claims if claim.step]  # missed there, which is the reason
     unexplained = (missed["tried"].str.strip() == "") & ~missed["id"].isin(at_finer_steps)
     untried = missed.loc[unexplained, ["id", "ours", "allowed"]]
     assert untried.empty, untried.to_string()
-    not_judged = found.table.loc[found.table["verdict"] == ClaimVerdict.not_run.value]
+    not_judged = result.table.loc[result.table["verdict"] == ClaimVerdict.not_run.value]
     assert not_judged["why"].str.contains("--quick").all()
-    text = found.page.read_text()
+    text = result.page.read_text()
     assert all(claim.id in text for claim in paper.claims)

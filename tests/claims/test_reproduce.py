@@ -61,25 +61,25 @@ def test_every_claim_has_a_verdict(
 ) -> None:
     out = tmp_path / "out"
     assert main(["reproduce", str(table_of_claims), "--quick", "--out", str(out)]) == 0
-    found = pd.read_parquet(out / "claims.parquet").set_index("id")
-    assert found["verdict"].to_dict() == {
+    result = pd.read_parquet(out / "claims.parquet").set_index("id")
+    assert result["verdict"].to_dict() == {
         "all_settle": "reproduced",
         "far_off": "not",
         "not_there": "not",
         "of_lost": "not run",
         "long": "not run",
     }
-    assert found.loc["all_settle", "ours"] == "1"
-    assert found[["simulated", "model", "constants"]].loc["all_settle"].tolist() == [
+    assert result.loc["all_settle", "ours"] == "1"
+    assert result[["simulated", "model", "constants"]].loc["all_settle"].tolist() == [
         True,
         "multilegged_reduced",
         "defaults",
     ]
-    assert "no column nothing" in found.loc["not_there", "why"]
-    assert found.loc["all_settle", "command"].startswith("gaitsweep run ")
-    told = capsys.readouterr().out
-    assert "1 of 5 claims reproduced, 2 not reproduced, 2 not run." in told
-    assert "far_off (not reproduced): 1; paper: 0\n" in told
+    assert "no column nothing" in result.loc["not_there", "why"]
+    assert result.loc["all_settle", "command"].startswith("gaitsweep run ")
+    message = capsys.readouterr().out
+    assert "1 of 5 claims reproduced, 2 not reproduced, 2 not run." in message
+    assert "far_off (not reproduced): 1; paper: 0\n" in message
     page = (out / "index.html").read_text()
     assert page.count("<article") == 5
     assert page.count("data:image/png") == 1
@@ -91,32 +91,32 @@ def test_every_claim_has_a_verdict(
 
 
 @pytest.mark.slow
-def test_a_job_that_fails_harms_no_other(
+def test_a_failed_job_does_not_affect_others(
     table_of_claims: Path, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
     out = tmp_path / "out"
     assert main(["reproduce", str(table_of_claims), "--out", str(out)]) == 1
-    found = pd.read_parquet(out / "claims.parquet").set_index("id")
-    assert found["verdict"].to_dict()["all_settle"] == "reproduced"
-    assert found["verdict"].to_dict()["long"] == "reproduced"
-    assert found["verdict"].to_dict()["of_lost"] == "not run"
-    assert "settled" in found["why"]["of_lost"]
+    result = pd.read_parquet(out / "claims.parquet").set_index("id")
+    assert result["verdict"].to_dict()["all_settle"] == "reproduced"
+    assert result["verdict"].to_dict()["long"] == "reproduced"
+    assert result["verdict"].to_dict()["of_lost"] == "not run"
+    assert "settled" in result["why"]["of_lost"]
     assert "lost failed" in capsys.readouterr().err
 
 
 @pytest.mark.slow
-def test_a_job_whose_config_is_gone_harms_no_other(table_of_claims: Path, tmp_path: Path) -> None:
+def test_a_job_without_its_config_does_not_affect_others(table_of_claims: Path, tmp_path: Path) -> None:
     table_of_claims.with_name("bad.yaml").write_text("name: bad\nconfig: gone.yaml\nrun: {kind: settle}\n")
     of_tau = (
         "measure: distance_over_lag, of: [basins],\n     with: {low: 0.1, high: 0.5}, paper: 1, tolerance: 1"
     )
     of_words = "measure: texts, of: [basins],\n     with: {column: nothing}, paper: a"
     table_of_claims.write_text(CLAIMS.replace(of_words, of_tau))
-    found = reproduce(read_paper(table_of_claims), tmp_path / "out").table.set_index("id")
-    assert found["verdict"][["all_settle", "of_lost"]].tolist() == ["reproduced", "not run"]
-    assert found["constants"][["all_settle", "of_lost"]].tolist() == ["defaults", ""]
+    result = reproduce(read_paper(table_of_claims), tmp_path / "out").table.set_index("id")
+    assert result["verdict"][["all_settle", "of_lost"]].tolist() == ["reproduced", "not run"]
+    assert result["constants"][["all_settle", "of_lost"]].tolist() == ["defaults", ""]
     # nor does a measure that does not fit the table
-    assert found.loc["not_there", ["verdict", "why"]].tolist() == ["not", "KeyError: 'tau'"]
+    assert result.loc["not_there", ["verdict", "why"]].tolist() == ["not", "KeyError: 'tau'"]
 
 
 @pytest.mark.parametrize(

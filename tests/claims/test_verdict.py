@@ -1,4 +1,4 @@
-"""Verdicts follow from a claim's fields and what was measured, and from nothing else."""
+"""Verdicts of claims from their fields and the measured values."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ def test_the_loading_rule_is_judged(show: Show) -> None:
     assert len(lines) == 1 + 2 * 4
 
 
-def test_pitch_goes_with_the_gait(show: Show) -> None:
+def test_pitch_is_given_by_gait(show: Show) -> None:
     trace = traces(("trot",))
     printed = show(trace.assign(pitch=0.1 * np.sin(trace["t"])), "body-oscillation")
     assert "once" in printed
@@ -136,7 +136,7 @@ def test_the_theory_needs_no_table(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_basins_are_measured(show: Show) -> None:
-    """Thirds of a line: of three basins the outer two share no boundary, 33 steps apart."""
+    """A line in thirds: the outer two of three basins share no boundary and are 33 steps apart."""
     thirds = grid_table((99, 99), lambda x, y: np.floor(3 * x), circular=False)
     assert "exponent_low" in show(thirds, "basins")
     assert "33.0" in show(thirds, "wada")

@@ -1,4 +1,4 @@
-"""The command line: what it prints, its exit codes, and that every refusal is a sentence."""
+"""The command line: output, exit codes, and error messages of one sentence."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class FakeRunner(types.ModuleType):
             for number in directory.missing_blocks():
                 if self.error is not None and number == self.error_after_blocks:
                     raise self.error
-                rows = np.arange(*directory.rows_of(number), dtype=np.int64)
+                rows = np.arange(*directory.layout.rows_of(number), dtype=np.int64)
                 status = np.where(rows == 3, "fell", "settled")
                 directory.write_part(number, pd.DataFrame({"row": rows, "status": status}))
                 if on_progress is not None:
@@ -103,10 +103,12 @@ class FakeRunner(types.ModuleType):
             rows=10,
             simulated=10,
             records=10,
+            records_longer=10,
             blocks=3,
             memory_bytes=35e6,
             disk_bytes=2100,
             seconds=185.0,
+            seconds_longer=185.0,
             seconds_most=185.0,
             lanes=256,
             device="cpu",
@@ -191,7 +193,7 @@ def test_bad_input_is_one_sentence_and_code_2(
     assert [path.name for path in Path().iterdir()] == ["job.yaml"]
 
 
-def test_run_says_what_came_out(job_file: Path, runner: FakeRunner, capsys: Capture) -> None:
+def test_run_prints_a_summary(job_file: Path, runner: FakeRunner, capsys: Capture) -> None:
     assert main(["run", str(job_file)]) == 0
     printed = capsys.readouterr()
     figure = Path("results/toy/figures/basin.png").resolve()
@@ -214,7 +216,7 @@ def test_run_hands_its_options_on(job_file: Path, runner: FakeRunner) -> None:
     assert job.engine.name == "xla"
 
 
-def test_a_dry_run_runs_nothing(job_file: Path, runner: FakeRunner, capsys: Capture) -> None:
+def test_a_dry_run_does_not_simulate(job_file: Path, runner: FakeRunner, capsys: Capture) -> None:
     assert main(["run", str(job_file), "--dry-run"]) == 0
     assert capsys.readouterr().out.splitlines() == [
         "rows    10 in 3 blocks",
@@ -298,7 +300,7 @@ def test_a_full_or_closed_output_is_a_sentence(
         (PermissionError(13, "Permission denied", "/a/file"), 1, "/a/file cannot be used: permission denied"),
     ],
 )
-def test_what_the_machine_refuses_is_a_sentence(
+def test_errors_of_the_operating_system_are_one_sentence(
     job_file: Path, runner: FakeRunner, capsys: Capture, error: Exception, code: int, told: str
 ) -> None:
     runner.error = error
@@ -325,7 +327,7 @@ def test_a_small_limit_of_memory_is_refused_before_a_compiler_ends_the_process(
     assert "1.0 GB" in capsys.readouterr().err
 
 
-def test_ctrl_c_says_how_to_continue(job_file: Path, runner: FakeRunner, capsys: Capture) -> None:
+def test_ctrl_c_prints_how_to_continue(job_file: Path, runner: FakeRunner, capsys: Capture) -> None:
     runner.error = KeyboardInterrupt()
     assert "Stopped before anything was written" in refused(capsys, 130, ["run", str(job_file)])
     runner.error_after_blocks = 2
@@ -355,7 +357,7 @@ def test_the_bar_shows_rows_rate_and_note() -> None:
     assert max(len(line) for line in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]|\r", "\n", shown).splitlines()) <= 80
 
 
-def test_without_a_terminal_a_line_comes_every_half_minute(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_terminal_progress_is_a_line_every_half_minute(monkeypatch: pytest.MonkeyPatch) -> None:
     clock, log = iter([0.0, 1.0, 21.0, 31.0, 41.0, 71.0, 72.0, 105.0]), io.StringIO()
     monkeypatch.setattr("gaitsweep.runs.progress.time.monotonic", lambda: next(clock))
     lines = progress_lines(file=log)
@@ -373,7 +375,10 @@ def test_without_a_terminal_a_line_comes_every_half_minute(monkeypatch: pytest.M
 def test_each_command_has_its_help_by_h_too(capsys: Capture) -> None:
     assert main(["-h"]) == 0
     listed = capsys.readouterr().out
-    named = [(each.name, each.callback) for each in app.registered_commands]
+    named = [
+        (registered_command.name, registered_command.callback)
+        for registered_command in app.registered_commands
+    ]
     names = [name or callback.__name__.replace("_", "-") for name, callback in named if callback]
     assert len(names) > 12
     for command in ([], *([name] for name in names), ["analyse"], ["analyse", "gaits"]):
@@ -412,10 +417,10 @@ def test_no_help_is_cut_on_a_terminal_of_80_columns(monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.slow
-def test_python_tells_progress_in_lines_too(
+def test_sweep_and_run_print_progress_lines(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
-    """In a notebook or a script `sweep` and `run` print to standard error what a log has."""
+    """In a notebook or a script they go to standard error."""
     monkeypatch.setattr("gaitsweep.runs.progress.INTERVAL", 0.0)
     gs.sweep("multilegged_reduced", psi_1=[1.0], psi_2=2.0, psi_3=3.0, run=gs.Settle(max_cycles=3), verify=0)
     assert "1/1 rows, 100 %" in capsys.readouterr().err
@@ -443,7 +448,7 @@ def test_models_lists_and_describes(capsys: Capture) -> None:
         assert piece in text
 
 
-def test_info_says_what_a_directory_holds(finished: Path, capsys: Capture) -> None:
+def test_info_describes_a_directory(finished: Path, capsys: Capture) -> None:
     assert main(["info", str(finished)]) == 0
     text = capsys.readouterr().out
     for piece in (
@@ -463,7 +468,7 @@ def test_info_says_what_a_directory_holds(finished: Path, capsys: Capture) -> No
     assert "damaged" in text
 
 
-def test_a_status_names_the_limit_that_ended_the_row_and_what_settled() -> None:
+def test_statuses_name_the_limits_of_the_job_and_the_periods() -> None:
     def said(status: str, run: dict[str, object], **known: dict[str, int]) -> str:
         return status_sentence(status, {"run": run}, **known)
 
@@ -484,7 +489,7 @@ def test_a_status_names_the_limit_that_ended_the_row_and_what_settled() -> None:
     assert said("cycle_limit", {}) == gs.Status.cycle_limit.sentence
 
 
-def test_settings_have_units_and_leave_out_what_is_not_known() -> None:
+def test_settings_have_units_and_omit_unknown_ones() -> None:
     manifest = {
         "method": "rk4", "dt": [0.002, 0.003], "precision": "float64", "engine": "xla", "lanes": 64,
         "timings": {"compile_s": 6.4777, "run_s": 1.25, "attempts": 6889356},
@@ -499,19 +504,19 @@ def test_settings_have_units_and_leave_out_what_is_not_known() -> None:
     }
 
 
-def test_axes_are_told_with_their_numbers_of_points() -> None:
+def test_axes_are_printed_with_their_numbers_of_points() -> None:
     together = {"names": ["m_1", "m_end"], "length": 3, "drawn": False}
     drawn = {"names": ["psi_1"], "length": 64, "drawn": True}
     assert axes([together, drawn]) == "m_1 and m_end (3) x psi_1 (64, drawn)"
 
 
-def test_a_platform_that_is_not_here_is_a_sentence(job_file: Path) -> None:
+def test_a_missing_platform_is_one_sentence(job_file: Path) -> None:
     command = [sys.executable, "-m", "gaitsweep", "check", str(job_file)]
     environment = os.environ | {"JAX_PLATFORMS": "abacus"}
-    found = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert found.returncode == 2
-    assert "JAX_PLATFORMS is abacus, but JAX finds no such device here." in found.stderr
-    assert found.stderr.count("\n") == 1
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert result.returncode == 2
+    assert "JAX_PLATFORMS is abacus, but JAX finds no such device here." in result.stderr
+    assert result.stderr.count("\n") == 1
 
 
 def test_plot_draws_from_the_table(finished: Path, capsys: Capture) -> None:
@@ -524,7 +529,7 @@ def test_plot_draws_from_the_table(finished: Path, capsys: Capture) -> None:
     ("command", "file"),
     [("report", "report.html"), ("plot", "figures/basin.png"), ("run", "figures/basin.png")],
 )
-def test_what_is_written_is_opened_if_asked(
+def test_written_files_are_opened_on_request(
     command: str, file: str, works: bool, said: str, finished: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: Capture,
 ) -> None:  # fmt: skip
@@ -564,7 +569,7 @@ def test_the_schema_is_written(tmp_path: Path, capsys: Capture) -> None:
     assert "no such file" in capsys.readouterr().err
 
 
-def test_sizes_and_durations_read_well() -> None:
+def test_formats_of_sizes_and_durations() -> None:
     assert [duration(seconds) for seconds in (0.5, 90, 119, 120, 3600, 7200, 200_000)] == [
         "0.5 s",
         "90 s",

@@ -43,7 +43,7 @@ def warm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     return cache, _run(cache)
 
 
-def test_the_next_process_loads_what_was_compiled(warm: tuple[Path, str]) -> None:
+def test_the_next_process_loads_compiled_programs(warm: tuple[Path, str]) -> None:
     cache, bits = warm
     kept = _programs(cache)
     assert any("lambda" in file.name for file in kept)

@@ -27,12 +27,12 @@ def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_each_example_is_listed_with_a_line(capsys: Capture) -> None:
     assert main(["examples"]) == 0
     printed = capsys.readouterr().out
-    for each in known_examples():
-        assert f"\n  {each.name} " in printed
-        assert each.about, each.name
-        assert all(file.is_file() for file in each.files)
-    assert {each.kind for each in known_examples()} == set(KINDS)
-    names = [each.name for each in known_examples()]
+    for known_example in known_examples():
+        assert f"\n  {known_example.name} " in printed
+        assert known_example.about, known_example.name
+        assert all(file.is_file() for file in known_example.files)
+    assert {known_example.kind for known_example in known_examples()} == set(KINDS)
+    names = [known_example.name for known_example in known_examples()]
     assert len(set(names)) == len(names)
 
 

@@ -1,4 +1,4 @@
-"""The commands `new-model` and `check-model`: what they write, what they refuse, and in which words."""
+"""The commands `new-model` and `check-model`: files, reports and error messages."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_bad_names_are_refused(name: str, sentence: str, capsys: Capture) -> Non
     assert not list(Path().iterdir())
 
 
-def test_nothing_is_left_where_it_cannot_be_written(capsys: Capture) -> None:
+def test_no_files_remain_if_writing_fails(capsys: Capture) -> None:
     Path("file").write_text("")
     assert "could not be written" in refused(capsys, "new-model", "mine", "--to", "file")
     assert [each.name for each in Path().iterdir()] == ["file"]
@@ -126,7 +126,7 @@ BAD = {
 
 @pytest.mark.slow("0", "4")
 @pytest.mark.parametrize("number", range(len(BAD)))
-def test_what_is_wrong_with_a_model_is_a_sentence(number: int, tmp_path: Path, capsys: Capture) -> None:
+def test_faults_of_a_model_are_one_sentence(number: int, tmp_path: Path, capsys: Capture) -> None:
     line, sentence = list(BAD.items())[number]
     module = f"own_model_{number}"
     text = MODEL + (f"\n\nclass Mine(Good):\n    {line}\n" if line else "\n\nclass Mine(Good):\n    pass\n")
@@ -137,10 +137,10 @@ def test_what_is_wrong_with_a_model_is_a_sentence(number: int, tmp_path: Path, c
     assert sentence in (printed.err if line else printed.out)
     if line:
         assert printed.err.startswith(f"The model is {module}:Mine, ")
-        assert all(each.endswith(".") for each in printed.err.splitlines())
+        assert all(splitline.endswith(".") for splitline in printed.err.splitlines())
 
 
-def test_what_is_no_model_is_refused_as_by_a_job(capsys: Capture) -> None:
+def test_objects_that_are_not_models_are_refused_as_by_a_job(capsys: Capture) -> None:
     assert "did you mean multilegged?" in refused(capsys, "check-model", "multileged")
     assert "cannot be imported" in refused(capsys, "check-model", "nowhere:Model")
 

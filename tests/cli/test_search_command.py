@@ -1,4 +1,4 @@
-"""The command `gaitsweep search`, and what other commands say of searches: output, exit codes, refusals."""
+"""The command `gaitsweep search`, and other commands on searches: output, exit codes, refusals."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_other_commands_name_the_search(capsys: Capture) -> None:
     assert not Path("results").exists()
 
 
-def test_a_dry_run_writes_nothing(capsys: Capture) -> None:
+def test_a_dry_run_writes_no_files(capsys: Capture) -> None:
     assert main(["search", "job.yaml", "--dry-run"]) == 0
     text = capsys.readouterr().out
     assert "48, 16 at a time" in text
@@ -157,7 +157,7 @@ def test_the_schema_takes_the_shipped_fits(capsys: Capture) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("stop", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)])
-def test_a_stopped_command_goes_on(stop: signal.Signals, code: int, capsys: Capture) -> None:
+def test_a_stopped_command_continues(stop: signal.Signals, code: int, capsys: Capture) -> None:
     long = ["search", "job.yaml", "--set", "search.budget=2000"]
     process = subprocess.Popen(
         [sys.executable, "-m", "gaitsweep", *long],
@@ -180,7 +180,7 @@ def test_a_stopped_command_goes_on(stop: signal.Signals, code: int, capsys: Capt
     assert_frame_equal(gs.load("results/toy_search"), gs.load("whole"), check_exact=True)
 
 
-def test_check_goes_on_where_a_method_has_no_package(
+def test_check_works_without_the_package_of_a_method(
     job_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     find = importlib.util.find_spec

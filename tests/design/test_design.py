@@ -39,8 +39,8 @@ def test_rows_are_the_product(lengths: list[int], data: st.DataObject) -> None:
     number = st.floats(0.1, 10.0, allow_nan=False)
     axes = [data.draw(st.lists(number, min_size=length, max_size=length)) for length in lengths]
     columns = columns_of(toy(vary=dict(zip(NAMES, axes, strict=False))))
-    found = list(zip(*(columns[name].tolist() for name in columns), strict=True))
-    assert found == list(itertools.product(*axes))
+    result = list(zip(*(columns[name].tolist() for name in columns), strict=True))
+    assert result == list(itertools.product(*axes))
 
 
 @given(st.integers(0, 360), st.integers(0, 360))
@@ -105,7 +105,7 @@ def test_random_points_are_pinned() -> None:
     assert sobol.tolist() == PINNED_SOBOL
 
 
-def test_names_and_seeds_draw_apart() -> None:
+def test_draws_depend_on_the_name_and_the_seed() -> None:
     def drawn(name: str, seed: int) -> list[float]:
         return columns_of(toy(vary={name: {"random": [0.1, 0.9, 4], "seed": seed}}))[name].tolist()
 
@@ -136,7 +136,7 @@ def test_memory_does_not_grow_with_the_rows() -> None:
 
 
 def test_large_formulas_are_checked_block_by_block() -> None:
-    """Too many combinations to try beforehand: the block that holds the first bad row says so."""
+    """With too many combinations to try beforehand, the block with the first bad row is refused."""
     vary = {"mass": {"linspace": [1, 2, 2000]}, "launch_1": {"linspace": ["2-mass", 3, 2000]}}
     design = toy(vary=vary).design
     design.values(0, 10)
@@ -144,7 +144,7 @@ def test_large_formulas_are_checked_block_by_block() -> None:
         design.values(3_998_000, 4_000_000)
 
 
-def test_formulas_follow_what_varies() -> None:
+def test_formulas_follow_varied_parameters() -> None:
     design = toy(params={"ceiling": "100*kick"}, vary={"stiffness": [4, 16]}).design
     params, _ = design.values(0, 2)
     assert params["kick"].tolist() == [0.5, 1.0]
@@ -152,7 +152,7 @@ def test_formulas_follow_what_varies() -> None:
     assert design.derived == {"kick": "0.25*sqrt(stiffness/mass)", "ceiling": "100*kick"}
 
 
-def test_what_follows_a_parameter_comes_after_what_it_uses() -> None:
+def test_formulas_are_evaluated_after_what_they_use() -> None:
     """Directly or through another formula; `ceiling` is asked for before the `kick` that it needs."""
     design = toy(params={"ceiling": "100*kick", "preload": "mass/2", "restitution": 0.5}).design
     assert tuple(design.following("stiffness")) == ("kick", "ceiling")

@@ -110,7 +110,7 @@ def test_a_number_may_come_from_a_file_or_a_publication_or_another_machine() -> 
         list(sourced(page.replace("{3.1}", "{3.2}")))
 
 
-def test_what_takes_longer_is_not_run(tmp_path: Path) -> None:
+def test_long_commands_are_not_run(tmp_path: Path) -> None:
     (check,) = checks(PAGE.replace("numbers:", "numbers, 240 s:"))
     assert {each[2] for each in compared(check, Outputs(tmp_path, 60.0))} == {"not run: takes 240 s"}
 

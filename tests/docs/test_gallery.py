@@ -24,7 +24,7 @@ def test_each_kind_of_figure_has_an_entry_and_a_small_table() -> None:
 
 
 @pytest.mark.parametrize("kind", sorted(OURS))
-def test_tables_are_those_of_their_commands(kind: str) -> None:
+def test_tables_are_made_by_their_commands(kind: str) -> None:
     """So that a picture is what its command draws."""
     stored = pd.read_parquet(GALLERY["table_of"](kind), columns=[])
     assert stored.attrs["command"] == GALLERY["command"](kind), f"run python {SCRIPT} {kind}"

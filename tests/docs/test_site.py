@@ -120,6 +120,31 @@ def test_pages_are_legible_in_both_schemes(site: Path, scheme: str) -> None:
                     assert all(min(ground) > 200 and len(ground) == 3 for ground in grounds), name
 
 
+@pytest.mark.skipif(program() is None, reason="no Chromium on this machine (apt-get install chromium)")
+def test_the_home_page_has_an_explorer_that_answers(site: Path) -> None:
+    home = site / "docs/index.html"
+    (name,) = re.findall(r'<iframe class="explorer" src="([^"]+)"', home.read_text(encoding="utf-8"))
+    with browser() as page:
+        page.call("Page.navigate", url=home.as_uri())
+        page.wait("document.readyState === 'complete'")
+        assert page.errors == []
+        page.open(home.parent / name)
+        chosen = "Number(document.querySelector('td[data-column=row]').textContent)"
+        first = page.evaluate(chosen)
+        page.press("ArrowRight")
+        page.wait(f"{chosen} !== {first}")
+        assert page.errors == []
+
+
+@pytest.mark.skipif(program() is None, reason="no Chromium on this machine (apt-get install chromium)")
+@pytest.mark.parametrize("word", ["cite", "colour", "color", "palette", "csv", "export"])
+def test_the_search_finds_other_words_for_things(site: Path, word: str) -> None:
+    with browser() as page:
+        page.call("Page.navigate", url=f"{(site / 'search.html').as_uri()}?q={word}")
+        page.wait("document.querySelectorAll('#search-results li a').length")
+        assert page.errors == []
+
+
 _THEME = "document.documentElement.dataset.theme"
 # behind each figure, the parts of its colour
 _GROUNDS = """[...document.querySelectorAll('.bd-article img')].map(

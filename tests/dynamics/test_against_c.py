@@ -65,15 +65,15 @@ def test_contacts_have_the_points_and_frames_of_c() -> None:
         distance, place, frame = (np.asarray(each) for each in run(data.qpos))
         assert (distance < 0.0).sum() == data.ncon
         for contact in data.contact:
-            found = np.flatnonzero((distance < 0.0) & (np.abs(place - contact.pos).max(axis=1) < 1e-9))
-            assert found.size == 1
-            np.testing.assert_allclose(distance[found[0]], contact.dist, rtol=0, atol=1e-12)
+            places = np.flatnonzero((distance < 0.0) & (np.abs(place - contact.pos).max(axis=1) < 1e-9))
+            assert places.size == 1
+            np.testing.assert_allclose(distance[places[0]], contact.dist, rtol=0, atol=1e-12)
             # C completes a frame by the rules of its own: normal, then the first axis
             full = np.array(contact.frame).copy()
-            np.testing.assert_allclose(frame[found[0], 0], full[:3], rtol=0, atol=1e-12)
+            np.testing.assert_allclose(frame[places[0], 0], full[:3], rtol=0, atol=1e-12)
             axis = full[3:6] - full[:3] * (full[:3] @ full[3:6])
             if (length := np.linalg.norm(axis)) > 1e-9:
-                np.testing.assert_allclose(frame[found[0], 1], axis / length, rtol=0, atol=1e-9)
+                np.testing.assert_allclose(frame[places[0], 1], axis / length, rtol=0, atol=1e-9)
         seen += data.ncon
         touching += np.array([any(set(c.geom) == {1, k} for c in data.contact) for k in (4, 5)])
     assert seen > 100
@@ -140,7 +140,7 @@ def test_keyframes_are_taken_by_name_and_controls_have_one_shape() -> None:
             model.checked_control(None, None)
 
 
-def test_what_mjx_fails_to_trace_is_named(monkeypatch: Any) -> None:
+def test_untraceable_features_are_named(monkeypatch: Any) -> None:
     xml = "<mujoco><worldbody><body><joint/><geom size='.1'/><site name='s'/></body></worldbody>"
     body = MjxBody(xml + "<sensor><rangefinder name='rf' site='s'/></sensor></mujoco>", contact=True)
     monkeypatch.setattr("mujoco.mjx._src.ray.ray", None)
@@ -155,22 +155,22 @@ STANDING = """<mujoco><option timestep="0.002"/><worldbody><geom name="floor" ty
 
 
 @pytest.mark.slow
-def test_a_motion_that_differs_is_found_and_named(monkeypatch: Any, tmp_path: Path) -> None:
-    """Boxes on boxes have other contacts in MJX; what was found is kept for the next use."""
-    found = compare(model_of(STANDING.format("box")), 100)
-    assert found.starts == 9
-    assert found.wrong
-    first = found.wrong[0]
+def test_a_different_motion_is_reported(monkeypatch: Any, tmp_path: Path) -> None:
+    """Boxes on boxes have other contacts in MJX; the result is cached."""
+    result = compare(model_of(STANDING.format("box")), 100)
+    assert result.starts == 9
+    assert result.wrong
+    first = result.wrong[0]
     assert first.element == "Joint 'f'"
     assert "box 'floor' with box 'g'" in first.cause
     assert abs(first.ours - first.theirs) > against_c.TOLERANCE * max(1.0, abs(first.theirs))
     monkeypatch.setenv("GAITSWEEP_CACHE", str(tmp_path))
-    monkeypatch.setattr(against_c, "compare", lambda model, steps: found)
-    said = at_first_use(model_of(STANDING.format("box")))
-    assert any("another algorithm" in each for each in said)
-    assert any("Joint 'f'" in each for each in said)
+    monkeypatch.setattr(against_c, "compare", lambda model, steps: result)
+    message = at_first_use(model_of(STANDING.format("box")))
+    assert any("another algorithm" in each for each in message)
+    assert any("Joint 'f'" in each for each in message)
     monkeypatch.setattr(against_c, "compare", None)
-    assert at_first_use(model_of(STANDING.format("box"))) == said
+    assert at_first_use(model_of(STANDING.format("box"))) == message
     (file,) = (tmp_path / "mjcf_comparisons").iterdir()
     file.write_text("[1")
     with pytest.raises(TypeError):  # it is compared anew
@@ -179,9 +179,9 @@ def test_a_motion_that_differs_is_found_and_named(monkeypatch: Any, tmp_path: Pa
 
 @pytest.mark.slow
 def test_a_box_on_a_plane_moves_as_in_c() -> None:
-    found = compare(model_of(STANDING.format("plane")), 300)
-    assert not found.partings
-    assert found.largest < 1e-6
+    result = compare(model_of(STANDING.format("plane")), 300)
+    assert not result.partings
+    assert result.largest < 1e-6
 
 
 @pytest.mark.slow
@@ -193,9 +193,9 @@ def test_bodies_of_packages_move_as_in_c(package: str, file: str) -> None:
     spec = importlib.util.find_spec(package)
     if spec is None or spec.origin is None:
         pytest.skip(f"{package} is not installed")
-    found = compare(model_of(str(Path(spec.origin).parent / file)), 64)
-    assert not found.partings
-    assert found.largest < 1e-6
+    result = compare(model_of(str(Path(spec.origin).parent / file)), 64)
+    assert not result.partings
+    assert result.largest < 1e-6
 
 
 def test_contacts_by_another_algorithm_are_cautioned_of_by_name() -> None:

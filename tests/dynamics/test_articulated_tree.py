@@ -60,16 +60,16 @@ def example(seed: int) -> tuple[Tree, Geometry, Moment]:
 
 def pushes(tree: Tree, now: Moment) -> list[Any]:
     """MuJoCo's xfrc_applied, in the two ways in which a force can be given."""
-    found: list[Any] = []  # `forward_dynamics` asks a force for its `link` and calls its `on`
+    results: list[Any] = []  # `forward_dynamics` asks a force for its `link` and calls its `on`
     for body in range(1, now.model.nbody):
         link = tree.index(now.model.body(body).name)
         force, torque = now.data.xfrc_applied[body, :3], now.data.xfrc_applied[body, 3:]
         if body % 2:
-            found.append(PointForce(link, now.model.body_ipos[body], force))
-            found.append(WorldForce(link, torque, np.zeros(3)))
+            results.append(PointForce(link, now.model.body_ipos[body], force))
+            results.append(WorldForce(link, torque, np.zeros(3)))
         else:
-            found.append(WorldForce(link, torque + np.cross(now.data.xipos[body], force), force))
-    return found
+            results.append(WorldForce(link, torque + np.cross(now.data.xipos[body], force), force))
+    return results
 
 
 def near(mine: Any, theirs: Any, relative: float) -> None:
@@ -81,14 +81,15 @@ def near(mine: Any, theirs: Any, relative: float) -> None:
 
 # Both sides round in another order; 1e-10 leaves room for a badly conditioned mass matrix, while a wrong
 # term of any size shows at random states.
+@pytest.mark.slow
 @given(seeds)
-@settings(max_examples=40)
+@settings(max_examples=15)
 def test_accelerations_and_forces_are_mujocos(seed: int) -> None:
     tree, geometry, now = example(seed)
     external = pushes(tree, now)
-    found = forward_dynamics(tree, geometry, now.q, now.v, now.tau, external, gravity=GRAVITY)
-    near(found, now.data.qacc, 1e-10)
-    near(inverse_dynamics(tree, geometry, now.q, now.v, found, external, gravity=GRAVITY), now.tau, 1e-10)
+    result = forward_dynamics(tree, geometry, now.q, now.v, now.tau, external, gravity=GRAVITY)
+    near(result, now.data.qacc, 1e-10)
+    near(inverse_dynamics(tree, geometry, now.q, now.v, result, external, gravity=GRAVITY), now.tau, 1e-10)
 
 
 @given(seeds)
@@ -328,7 +329,7 @@ def test_small_systems_are_solved() -> None:
         ),
     ],
 )
-def test_what_a_tree_cannot_do_is_refused_by_name(inside: str, after: str, sentence: str) -> None:
+def test_unsupported_features_are_refused_by_name(inside: str, after: str, sentence: str) -> None:
     xml = f'<mujoco><worldbody><body>{inside}<geom size="1"/></body></worldbody>{after}</mujoco>'
     with pytest.raises(ValueError, match=sentence):
         tree_of(xml)

@@ -1,4 +1,4 @@
-"""Models by declaration: what the contract gets of them, and when their events happen."""
+"""Declared models: their members of the contract, and the times of their events."""
 
 from __future__ import annotations
 
@@ -91,6 +91,7 @@ def test_the_contracts_quantities_follow_from_the_declarations() -> None:
     assert [q.name for q in Balls(N=3).parameters] == ["g", "floor_1", "floor_2", "floor_3"]
 
 
+@pytest.mark.slow
 def test_states_are_pytrees_that_keep_types_and_shapes() -> None:
     model = Balls()
     p = scalars(model)
@@ -117,9 +118,9 @@ def test_states_are_pytrees_that_keep_types_and_shapes() -> None:
 def test_bounces_happen_at_their_times(engine: str) -> None:
     """A ball from height h falls for (2 h/g)^(1/2) and comes back after twice that."""
     rows = {"z_1_0": [1.0, 1.0, 3.0], "z_2_0": [1.0, 0.3, 0.2], "angle_0": 0.0}
-    found = run_rows(Balls(), CrossingRecorder(Balls(), 5), rows, engine=engine)
-    assert set(found.status.tolist()) == {Status.complete}
-    t = found.samples.reshape(3, 6, -1)[:, 1:, 1]
+    result = run_rows(Balls(), CrossingRecorder(Balls(), 5), rows, engine=engine)
+    assert set(result.status.tolist()) == {Status.complete}
+    t = result.samples.reshape(3, 6, -1)[:, 1:, 1]
     fall = np.sqrt(2.0 * np.array(rows["z_1_0"]) / 10.0)
     np.testing.assert_allclose(t, fall[:, None] * (2.0 * np.arange(5) + 1.0), rtol=0, atol=1e-9)
 
@@ -157,8 +158,8 @@ class Drum(DeclaredModel):
 
 
 @pytest.mark.parametrize("angle", [0.0, np.pi / 6, 1.0, 3.0])
-def test_guards_look_upwards_and_are_armed_below(angle: float) -> None:
-    """On the surface, within rounding, and beyond it nothing fires; the way down arms the event again."""
+def test_guards_fire_upwards_and_are_armed_below_zero(angle: float) -> None:
+    """On the surface, within rounding, and beyond it no event happens; moving below it arms the event."""
     model = Drum()
     p = scalars(model)
     s = model.init(p, {"x_0": np.cos(angle), "y_0": np.sin(angle)})
@@ -189,8 +190,8 @@ class Jumper(Hopper):
 
 
 @pytest.mark.parametrize("launch", [0.01, 1.0, 2.0])
-def test_bounces_that_become_ever_shorter_end_where_they_accumulate(launch: float) -> None:
-    """They do so after 2 v / (g (1 - e)); the body must not fall through the ground."""
+def test_accumulating_bounces_end_the_row(launch: float) -> None:
+    """They accumulate at 2 v / (g (1 - e)); the body must not fall through the ground."""
     end = gs.sweep(Jumper(), launch_0=launch, push=0.0, run=gs.FixedTime(duration=5)).table.iloc[0]
     assert (end["status"], end["stalled_by"]) == ("event_stall", "foot lands")
     p = scalars(Jumper())
@@ -220,7 +221,7 @@ class Ground(DeclaredModel):
         return 2.0 * jnp.sqrt(2.0 / p.g)
 
 
-def test_an_event_of_a_subclass_replaces_that_of_its_base_whatever_its_jump_is_called() -> None:
+def test_an_event_of_a_subclass_replaces_that_of_its_base() -> None:
     class Below(Ground):
         @event("lands below", section=True)
         def lands(self, p, s):
@@ -237,8 +238,8 @@ def test_an_event_of_a_subclass_replaces_that_of_its_base_whatever_its_jump_is_c
         def deep(self, p, s):
             return -10.0 - s.z
 
-    assert [each.name for each in Below.declared_events()] == ["lands below"]
-    assert [each.name for each in Falls.declared_events()] == ["ten below"]
+    assert [declared_event.name for declared_event in Below.declared_events()] == ["lands below"]
+    assert [declared_event.name for declared_event in Falls.declared_events()] == ["ten below"]
     lowest = gs.simulate(Below, duration=1.0, every=0.01)["z"].to_numpy(float).min()
     assert -0.5 <= lowest < -0.45  # 5 m/s at the floor: samples lie at most 5 cm apart
 
@@ -294,7 +295,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("words", FAULTS)
-def test_what_no_row_can_be_run_with_is_refused_by_its_name(words: str) -> None:
+def test_impossible_declarations_are_refused_by_name(words: str) -> None:
     model = type("Mine", (Ground,), FAULTS[words])
     assert re.search(words, fault(model()) or "")
     with pytest.raises(gs.UserError, match=words):
@@ -332,7 +333,7 @@ REFUSED_AT_ONCE = {
 
 
 @pytest.mark.parametrize("words", REFUSED_AT_ONCE)
-def test_what_declarations_alone_show_is_refused_when_the_class_is_made(words: str) -> None:
+def test_wrong_declarations_are_refused_when_the_class_is_defined(words: str) -> None:
     with pytest.raises((TypeError, ValueError), match=words):
         type("Mine", (Ground,), REFUSED_AT_ONCE[words])
 
@@ -438,7 +439,7 @@ def test_circular_readings_are_recorded_within_a_turn() -> None:
     assert float(model.signal(params, state)["angle"]) == pytest.approx(4.0 * np.pi - 7.0)
 
 
-def test_starts_beyond_a_surface_are_those_that_its_jump_cannot_turn() -> None:
+def test_starts_beyond_a_surface_are_those_that_the_jump_leaves_there() -> None:
     def beyond(model, **start):
         params = scalars(model)
         state = model.init(params, {name: jnp.asarray(value) for name, value in start.items()})
@@ -451,7 +452,7 @@ def test_starts_beyond_a_surface_are_those_that_its_jump_cannot_turn() -> None:
     assert beyond(CompassWalker(), **started) == {"heel strikes": False}  # it starts just after its section
 
 
-def test_a_subclass_may_define_what_was_declared() -> None:
+def test_a_subclass_may_define_declared_members() -> None:
     class Slower(Drum):
         h = parameter("1", "height", 0.25)
         tilt = parameter("rad", "another", 0.0)
@@ -464,7 +465,7 @@ def test_a_subclass_may_define_what_was_declared() -> None:
     assert Slower.State is not Drum.State
 
 
-def test_contradictions_are_told_in_a_sentence() -> None:
+def test_contradictions_are_refused_in_one_sentence() -> None:
     def made(**members):
         members = {"flow": lambda self, p, s: {}, "period": lambda self, p: 1.0, **members}
         return type("Mine", (DeclaredModel,), members)
@@ -612,11 +613,11 @@ def test_a_condition_on_variables_is_judged_at_the_located_crossing(engine: str,
     condition that is judged at the end of a step, or a crossing that is taken up late.
     """
     rates = np.array([0.37, 0.11, 0.83])
-    found = run_rows(
+    result = run_rows(
         model, CrossingRecorder(model, 6), {"x_0": np.ones(3)}, params={"rate": rates}, engine=engine
     )
-    assert set(found.status.tolist()) == {Status.complete}
-    samples = found.samples.reshape(3, 7, -1)[:, 1:]
+    assert set(result.status.tolist()) == {Status.complete}
+    samples = result.samples.reshape(3, 7, -1)[:, 1:]
     falls = np.pi * (np.arange(1, 200) if isinstance(model, Touching) else np.arange(1, 200, 2)) / 2.0
     for row, rate in enumerate(rates):
         low = (rate * falls) % 1.0 < 0.5

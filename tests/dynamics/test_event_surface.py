@@ -57,8 +57,8 @@ def test_bounces_accumulate_on_a_floor_at_any_height(floor: float) -> None:
     np.testing.assert_allclose(end["z_end"], floor, rtol=0, atol=1e-10)
 
 
-def test_a_start_on_the_floor_lands_at_once_where_the_jump_turns_it_back() -> None:
-    """As the start just above the floor: the speed is turned at t = 0; upwards the ball is in flight."""
+def test_a_downward_start_on_the_floor_lands_at_once() -> None:
+    """As for a start just above the floor, the speed is reversed at t = 0; an upward start is in flight."""
     down, above, up = (
         gs.simulate(Ball, z_0=z, v_0=v, keeps=1.0, duration=0.1, every=0.1).iloc[-1]
         for z, v in ((0.0, -1.0), (1e-12, -1.0), (0.0, 1.0))
@@ -112,7 +112,8 @@ class Wheel(DeclaredModel):
         return 1.0 + 0.0 * p.gamma
 
 
-def test_a_rimless_wheel_rolls_on_or_stands() -> None:
+@pytest.mark.slow
+def test_a_rimless_wheel_rolls_or_stops() -> None:
     """Its speed after a landing is cos(2 a) (4 g sin(a) sin(slope) / sin(2 a)^2)^(1/2) (McGeer 1990).
 
     A slow start on a small slope rocks between two spokes and comes to stand. `theta` jumps onto the other
@@ -272,7 +273,7 @@ class Dominoes(DeclaredModel):
 
 
 @pytest.mark.slow
-def test_a_chain_of_events_is_as_long_as_the_model_says() -> None:
+def test_longest_chain_limits_a_chain_of_events() -> None:
     end = gs.sweep(Dominoes(), run=gs.FixedTime(duration=3.5)).table.iloc[0]
     assert (end["status"], end["last_end"]) == ("complete", 30.0)
     short = type("Short", (Dominoes,), {"longest_chain": None})
@@ -403,10 +404,10 @@ def test_each_event_of_an_instant_has_its_own_derivative_of_time() -> None:
         (10.0, [3.32055, 0.70711, 0.70711, 0.15058]),
     ):
         mapping = gs.return_map(Twin, k=k)
-        found = mapping.fixed_points({})
-        sizes = np.sort(np.abs(mapping.multipliers(found)[0]))[::-1]
+        result = mapping.fixed_points({})
+        sizes = np.sort(np.abs(mapping.multipliers(result)[0]))[::-1]
         np.testing.assert_allclose(sizes, expected, rtol=0, atol=2e-5)
-        x = found.points.at[0]
+        x = result.points.at[0]
         steps = 1e-6 * np.eye(4)
         differences = np.stack([(mapping(x + e) - mapping(x - e)) / 2e-6 for e in steps], axis=1)
         # second derivatives jump where the balls come apart, so differences are of first order

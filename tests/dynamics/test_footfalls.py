@@ -142,8 +142,8 @@ def test_observables_are_those_of_the_constructed_footfalls(legs: int) -> None:
 
 def test_support_patterns_are_the_feet_that_are_down() -> None:
     """Hildebrand's lateral sequence walk of duty factor 5/8 stands on two or three feet."""
-    found = support_patterns([0.0, 0.5, 0.75, 0.25], [0.625] * 4, LEGS[4])
-    assert found == pytest.approx(
+    result = support_patterns([0.0, 0.5, 0.75, 0.25], [0.625] * 4, LEGS[4])
+    assert result == pytest.approx(
         {
             "LF RF LH": 0.125, "LF LH": 0.125, "LF LH RH": 0.125, "LF RH": 0.125,
             "LF RF RH": 0.125, "RF RH": 0.125, "RF LH RH": 0.125, "RF LH": 0.125,

@@ -48,7 +48,7 @@ def _onsets(u: np.ndarray, dt: float) -> np.ndarray:
 
 @pytest.mark.slow("6")
 @pytest.mark.parametrize("n", [1, 2, 4, 6])
-def test_random_networks_move_as_scipy_says(n: int) -> None:
+def test_random_networks_agree_with_scipy(n: int) -> None:
     random = np.random.default_rng(n)
     Tr, Ta, b, gamma = random.uniform([0.03, 0.3, 1.0, -3.0], [0.1, 1.0, 4.0, -1.0])
     s, feedback = random.uniform(0.5, 2.0, (2, n)), random.normal(0.0, 0.2, (2, n))
@@ -102,13 +102,13 @@ def _ends_still(a: float, b: float, ratio: float, starts: np.ndarray) -> np.ndar
         (1.4, 0.45, 1.3, True),  # a > 1 + b leaves no room
     ],
 )
-def test_a_pair_oscillates_where_matsuoka_says(a: float, b: float, ratio: float, still: bool) -> None:
+def test_a_pair_oscillates_under_matsuokas_conditions(a: float, b: float, ratio: float, still: bool) -> None:
     starts = _starts(np.random.default_rng(0), 4, 2) * 3.0
     assert (_ends_still(a, b, ratio, starts) == still).all()
 
 
 @pytest.mark.parametrize("a", [0.5, 0.97, 1.03, 2.0, 8.0])
-def test_without_adaptation_nothing_oscillates(a: float) -> None:
+def test_without_adaptation_there_is_no_oscillation(a: float) -> None:
     assert _ends_still(a, 0.0, 1.0, _starts(np.random.default_rng(1), 4, 2)).all()
 
 
@@ -141,13 +141,13 @@ def _shifts(couplings: tuple[Coupling, ...], rows: int) -> np.ndarray:
     return np.array(shifts) / (2.0 * np.pi)
 
 
-def test_the_network_of_the_quadruped_trots_from_anywhere() -> None:
+def test_the_network_of_the_quadruped_trots_from_any_start() -> None:
     """The hard-wired network by itself produces a trot (Fukuoka et al. 2015): no body, no feedback."""
     shifts = _shifts(TROT, 32)
     np.testing.assert_allclose(np.abs(shifts), np.broadcast_to([0.0, 0.5, 0.5, 0.0], (32, 4)), atol=2e-3)
 
 
-def test_without_ipsilateral_links_fore_and_hind_legs_go_their_own_way() -> None:
+def test_without_ipsilateral_links_fore_and_hind_legs_are_independent() -> None:
     shifts = _shifts(TROT[:1], 16)
     np.testing.assert_allclose(np.abs(shifts[:, 2]), 0.5, atol=2e-3)
     assert np.ptp(np.mod(shifts[:, 1], 1.0)) > 0.5
@@ -155,18 +155,18 @@ def test_without_ipsilateral_links_fore_and_hind_legs_go_their_own_way() -> None
 
 def test_feedback_of_hip_and_load() -> None:
     theta, F = jnp.array([0.1, -0.4]), jnp.array([0.0, 20.0])
-    told = leg_feedback(theta, F, theta0=-0.262, k1=3.0, k2=0.08)
-    np.testing.assert_allclose(told, [[1.086, -0.414], [-1.086, 0.414 - 1.6]], atol=1e-12)
+    message = leg_feedback(theta, F, theta0=-0.262, k1=3.0, k2=0.08)
+    np.testing.assert_allclose(message, [[1.086, -0.414], [-1.086, 0.414 - 1.6]], atol=1e-12)
     # a load holds the leg in its stance for longer
     stance = []
     for load in (0.0, 3.0):
-        told = leg_feedback(jnp.full(1, -0.262), jnp.full(1, load), theta0=-0.262, k1=3.0, k2=0.08)
-        u = _along(_starts(np.random.default_rng(0), 1, 1), 40.0, 2e-3, **PAGE, feedback=told)
+        message = leg_feedback(jnp.full(1, -0.262), jnp.full(1, load), theta0=-0.262, k1=3.0, k2=0.08)
+        u = _along(_starts(np.random.default_rng(0), 1, 1), 40.0, 2e-3, **PAGE, feedback=message)
         stance.append(np.mean(u[0, -10000:, 0, FLEXOR] <= 0.0))
     assert stance[1] > stance[0] + 0.02
 
 
-def test_the_scalar_kernel_gives_the_same_and_computes_no_link_that_is_not_there() -> None:
+def test_the_scalar_kernel_agrees_and_omits_absent_links() -> None:
     random = np.random.default_rng(3)
     start, told = _starts(random, 1, 4)[0], random.normal(0.0, 0.2, (2, 4))
     weights = {"alpha": -0.3, "beta_w": -0.8}

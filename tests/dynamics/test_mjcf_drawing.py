@@ -47,10 +47,10 @@ def test_outlines_follow_the_geoms() -> None:
                 "cylinder": np.abs(turn[:, 2]) * size[1] + size[0] * np.sqrt(1.0 - turn[:, 2] ** 2),
                 "ellipsoid": np.linalg.norm(turn * size, axis=1),
             }[name]
-            found = np.abs(body[k] - data.geom(name).xpos).max(axis=0)[[0, 2]]
+            result = np.abs(body[k] - data.geom(name).xpos).max(axis=0)[[0, 2]]
             cut = 0.0 if name == "box" else (1.0 - np.cos(np.pi / 8.0)) * 2.0
-            assert (found <= half[[0, 2]] + 1e-12).all(), name
-            assert (found >= (1.0 - cut) * half[[0, 2]] - 1e-12).all(), name
+            assert (result <= half[[0, 2]] + 1e-12).all(), name
+            assert (result >= (1.0 - cut) * half[[0, 2]] - 1e-12).all(), name
         np.testing.assert_allclose(
             drawn.limbs[0].points[k], [data.body("thigh").xpos, data.site("foot_1").xpos]
         )

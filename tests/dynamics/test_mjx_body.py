@@ -23,6 +23,8 @@ from gaitsweep.papers.aoi2011.waist_quadruped.in_mjx import variants
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import mjcf
 from tests.support.random_trees import unit
 
+pytestmark = pytest.mark.slow  # MJX compiles for seconds
+
 DT = 2e-4
 FEET = [f"foot_{i + 1}" for i in range(4)]
 LINKS = {"link_mass": 0.1, "link_length": 0.08}
@@ -163,8 +165,8 @@ def test_two_hundred_steps() -> None:
         mujoco.mj_step(model, data)
         theirs = data.qpos.copy(), data.qvel.copy()
         known = step()(numbers, *mine, tau, np.zeros((4, 3)))
-        found = step()(numbers, *mine, tau, 500.0 * (origin - known["at"]) - 5.0 * known["speed"])
-        mine = found["qpos"], found["qvel"]
+        result = step()(numbers, *mine, tau, 500.0 * (origin - known["at"]) - 5.0 * known["speed"])
+        mine = result["qpos"], result["qvel"]
     # 1e-13 in a step, and neighbours drift apart a hundredfold in these 0.04 s
     near(mine[0], theirs[0], 1e-10)
     near(mine[1], theirs[1], 1e-10)
@@ -222,9 +224,9 @@ def test_varied_masses_and_lengths_are_those_of_models_compiled_anew() -> None:
     for seed in range(4):
         *state, _ = at_random(seed)
         data = in_mujoco(model, *state)
-        found = step()(numbers, *state)
-        near(found["qacc"], data.qacc, 1e-12)
-        near(found["at"], feet_of(model, data)[0], 1e-14)
+        result = step()(numbers, *state)
+        near(result["qacc"], data.qacc, 1e-12)
+        near(result["at"], feet_of(model, data)[0], 1e-14)
 
 
 def test_rows_get_the_fields_of_their_own_values() -> None:
@@ -280,7 +282,7 @@ def test_mujocos_own_contact_and_actuators() -> None:
     near(end.act, data.act, 1e-13)
 
 
-def test_contact_is_off_unless_asked_for() -> None:
+def test_contact_is_off_by_default() -> None:
     assert MjxBody(TOUCHING).start(jnp.zeros(8), jnp.zeros(7)).warm.shape == (0,)
 
 
@@ -377,7 +379,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("sentence", REFUSED)
-def test_what_mjx_would_ignore_is_refused_by_name(sentence: str) -> None:
+def test_features_that_mjx_ignores_are_refused_by_name(sentence: str) -> None:
     try:
         model = mujoco.MjModel.from_xml_string(REFUSED[sentence])
     except ValueError as error:
@@ -389,7 +391,7 @@ def test_what_mjx_would_ignore_is_refused_by_name(sentence: str) -> None:
         MjxBody(model)
 
 
-def test_what_mjx_takes_is_not_refused() -> None:
+def test_features_that_mjx_supports_are_accepted() -> None:
     for xml in (
         mjcf(),
         _pendulum("stiffness='1' damping='1'", after=_motor("") + _tendon("damping='1'")),
@@ -400,6 +402,6 @@ def test_what_mjx_takes_is_not_refused() -> None:
         assert MjxBody(xml, contact=True).mj_model.nq
 
 
-def test_sites_that_are_not_there() -> None:
+def test_missing_sites_are_refused() -> None:
     with pytest.raises(ValueError, match="did you mean tip"):
         MjxBody(_pendulum(), ["tipp"])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,17 +12,20 @@ import numpy as np
 import pytest
 
 from firing_neuron import Neuron, firing_times
-from gaitsweep.contract import Status
+from gaitsweep.contract import Model, Status
 from gaitsweep.engine.advance import Halt, advance, start
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
+from gaitsweep.row_outcome import RowOutcome
 from tests.support.sweeping import run_rows, scalars
 from toy_model import Toy, bounce_times, flight_time
 
 
-def crossing_times(model, starts, count, **options):
+def crossing_times(
+    model: Model, starts: Mapping[str, Any], count: int, **options: Any
+) -> tuple[RowOutcome, np.ndarray]:
     result = run_rows(model, CrossingRecorder(model, crossings=count), starts, **options)
     return result, result.samples[:, 1].reshape(len(result.status), count + 1)[:, 1:]
 
@@ -74,8 +79,8 @@ def test_location_takes_few_attempts() -> None:
 
 
 @pytest.mark.slow
-def test_an_event_that_rounding_hides_is_let_go() -> None:
-    """A step that fired from further back need not fire again from a state a few ulps before the event.
+def test_an_event_hidden_by_rounding_is_dropped() -> None:
+    """A step that fired from farther back need not fire again from a state a few ulps before the event.
 
     (Met on a GPU: 7 of 4 096 rows of Fig. 5 halved their brackets down to 5e-324 s and stood still.)
     """
@@ -138,7 +143,7 @@ def test_endless_events_stall_one_row_only() -> None:
 @pytest.mark.slow("1", "5")
 @pytest.mark.parametrize("crossings", [1, 3, 5, 40])
 def test_crossings_of_a_stall_are_not_complete(crossings: int) -> None:
-    """A row whose section is crossed again and again at one instant has not recorded what was asked."""
+    """A row whose section is crossed repeatedly at one instant is not complete."""
     reset = np.array([-1.0, 2.5])
     recorder = CrossingRecorder(Neuron(), crossings=crossings)
     result = run_rows(Neuron(), recorder, {"v_0": np.zeros(2)}, params={"reset": reset})
@@ -149,8 +154,8 @@ def test_crossings_of_a_stall_are_not_complete(crossings: int) -> None:
 
 
 @pytest.mark.slow
-def test_rows_that_fail_harm_no_other() -> None:
-    """Falling, diverging and NaN end their own rows; the others are as in a run of their own, to the bit."""
+def test_failed_rows_do_not_change_others() -> None:
+    """Rows that fall, diverge or become NaN end; the others equal those of a run of their own, to the bit."""
     model = Toy()
     params = {
         "ceiling": np.array([1e3, 0.05, 1e3, 1e300, 1e3]),

@@ -36,10 +36,8 @@ def _by_cholesky(values: dict[str, Any], matrix: Any) -> Any:
 
 @pytest.mark.parametrize("function", [_of_one, _by_cholesky])
 @pytest.mark.parametrize("rows", [1, 7, 23])
-def test_functions_of_rows_as_jax_computes_them(
-    function: Any, rows: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Also where a product with zero is NaN, and where XLA has to compute what no scalar program has."""
+def test_functions_of_rows_agree_with_jax(function: Any, rows: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Products with zero may be NaN, and XLA computes operations that scalar programs lack."""
     monkeypatch.setattr(columns, "_AT_A_TIME", 10)
     given = {"x": RANDOM.uniform(0.0, 1.0, rows)}, RANDOM.normal(size=(rows, 2, 2))
     mine, right = over_rows(function)(*given), jax.vmap(function)(*given)
@@ -50,11 +48,8 @@ def test_functions_of_rows_as_jax_computes_them(
     np.testing.assert_array_equal(np.isnan(mine["root"]), given[0]["x"] < 0.5)
 
 
-@pytest.mark.parametrize(
-    "model",
-    [Multilegged(), pytest.param(WaistQuadruped(), marks=pytest.mark.slow), PlanarQuadruped()],
-    ids=lambda m: m.name,
-)
+@pytest.mark.slow("multilegged", "waist_quadruped")
+@pytest.mark.parametrize("model", [Multilegged(), WaistQuadruped(), PlanarQuadruped()], ids=lambda m: m.name)
 def test_kernels_open_rows_as_xla_does(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
     values, starts = sample(model, 5)
     starts = {**starts, STEP_FACTOR: np.ones(5)}

@@ -1,4 +1,4 @@
-"""Compiled programs are stored by everything with which a model computes."""
+"""Caches of compiled programs are keyed on everything that a model computes with."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ CHANGES: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
 
 
 @pytest.mark.parametrize("change_it", CHANGES.values(), ids=CHANGES)
-def test_what_functions_read_is_content(
+def test_content_includes_what_functions_read(
     change_it: Callable[[pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = content_of(Spring())
@@ -119,7 +119,7 @@ def test_what_functions_read_is_content(
     assert content_of(Spring()) == before
 
 
-def test_what_no_function_reads_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_content_excludes_what_no_function_reads(monkeypatch: pytest.MonkeyPatch) -> None:
     before = content_of(Spring())
     monkeypatch.setattr(sys.modules[__name__], "UNRELATED", 4.0)
     assert content_of(Spring()) == before

@@ -1,4 +1,4 @@
-"""Events: sections by a plane, flows without any, and rows that they stall, told by their guards' names."""
+"""Events: sections by a plane, flows without any, and stalled rows with the names of their guards."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ ENGINES = ("xla", "kernel")
 
 def crossings(model: HybridModel, count: int, starts: dict[str, Any], **options: Any) -> np.ndarray:
     """The records (rows, count + 1, crossing t and observables) of rows that all complete."""
-    found = run_rows(model, CrossingRecorder(model, count), starts, **options)
-    assert set(found.status.tolist()) == {Status.complete}
-    return found.samples.reshape(found.status.size, count + 1, -1)
+    result = run_rows(model, CrossingRecorder(model, count), starts, **options)
+    assert set(result.status.tolist()) == {Status.complete}
+    return result.samples.reshape(result.status.size, count + 1, -1)
 
 
 # Sections by a plane
@@ -87,11 +87,11 @@ def test_van_der_pol_crosses_once_a_cycle(engine: str) -> None:
 @pytest.mark.slow
 def test_van_der_pol_settles_on_its_cycle() -> None:
     model = VanDerPol()
-    found = run_rows(model, SettleRecorder(model), {"x_0": [0.5, 3.0]}, params={"mu": [1.0, 5.0]})
-    assert found.status.tolist() == [Status.settled] * 2
-    assert found.numbers["period"].tolist() == [1, 1]
+    result = run_rows(model, SettleRecorder(model), {"x_0": [0.5, 3.0]}, params={"mu": [1.0, 5.0]})
+    assert result.status.tolist() == [Status.settled] * 2
+    assert result.numbers["period"].tolist() == [1, 1]
     # the amplitude at mu = 1 is 2.00862
-    assert abs(found.last[0, 0] + 2.00862) < 1e-4
+    assert abs(result.last[0, 0] + 2.00862) < 1e-4
 
 
 @pytest.mark.slow
@@ -118,7 +118,7 @@ def test_each_crossing_of_any_wave_is_met_once(size: float, wave: list[float]) -
     assert met == sum(1 for before, after in itertools.pairwise(below) if before and not after)
 
 
-def test_a_surface_that_misses_zero_tells_rounding_from_the_far_side() -> None:
+def test_rounding_of_a_surface_is_not_its_far_side() -> None:
     """X - 1e6 is known to 1e-10: a state nearer than that lies on the surface, and has crossed it."""
     for distance, armed in ((1e-8, True), (1e-10, False), (0.0, False), (-1e-10, False)):
         surface = EventSurface.seen_from(jnp.asarray(1e6 - distance), lambda x: x - 1e6)
@@ -185,7 +185,7 @@ def stalls(model: str, **fields: Any) -> dict[str, Any]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
-def test_a_stall_tells_its_guards_and_its_time(engine: str, tmp_path: Path) -> None:
+def test_a_stall_has_its_guards_and_its_time(engine: str, tmp_path: Path) -> None:
     job = stalls(
         "test_events:Masses",
         run={"kind": "settle", "max_cycles": 20},
@@ -195,8 +195,8 @@ def test_a_stall_tells_its_guards_and_its_time(engine: str, tmp_path: Path) -> N
     out = tmp_path / "out"
     table = gs.run(gs.Job.model_validate(job), out).table
     assert set(table["status"]) == {"event_stall"}
-    told = ["mass 1 lands", "mass 1 lands and mass 2 lands", "mass 1 lands"]
-    assert table["stalled_by"].tolist() == told
+    messages = ["mass 1 lands", "mass 1 lands and mass 2 lands", "mass 1 lands"]
+    assert table["stalled_by"].tolist() == messages
     times = [flight_time(launch, 2.0, 0.5) for launch in (1.0, 1.0, 0.5)]
     np.testing.assert_allclose(table["t_end"], times, rtol=0, atol=1e-9)
     line = show.outcome(Snapshot.of(out))
@@ -206,7 +206,7 @@ def test_a_stall_tells_its_guards_and_its_time(engine: str, tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-def test_guards_without_names_are_told_by_their_numbers(tmp_path: Path) -> None:
+def test_guards_without_names_are_reported_by_number(tmp_path: Path) -> None:
     """In every kind of table."""
     runs = {
         "return_map": {"crossings": 40},
@@ -242,16 +242,16 @@ class Alternating(Neuron):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
-def test_all_guards_of_a_chain_of_jumps_are_told(engine: str) -> None:
-    """A reset to where another guard takes it back: both fire at the instant, never in one jump."""
+def test_all_guards_of_a_chain_of_jumps_are_reported(engine: str) -> None:
+    """A reset fires another guard, which reverses it: both at one instant, in separate jumps."""
     model = Alternating()
-    found = run_rows(
+    result = run_rows(
         model, SettleRecorder(model), {"v_0": np.zeros(3)}, params={"reset": [-0.5, 2.5, -2.0]}, engine=engine
     )
-    assert [Status(code).name for code in found.status] == ["settled", "event_stall", "event_stall"]
-    fired = unpacked(found.fired)[:, :3]
+    assert [Status(code).name for code in result.status] == ["settled", "event_stall", "event_stall"]
+    fired = unpacked(result.fired)[:, :3]
     np.testing.assert_array_equal(fired, [[False] * 3, [False, True, False], [False, True, True]])
-    np.testing.assert_allclose(found.t_end[1:], np.arctan(2.0), rtol=0, atol=1e-8)
+    np.testing.assert_allclose(result.t_end[1:], np.arctan(2.0), rtol=0, atol=1e-8)
 
 
 def test_more_guards_than_fit_in_one_number() -> None:
@@ -284,13 +284,13 @@ def test_names_that_are_too_few_are_refused() -> None:
 
 @pytest.mark.slow
 def test_a_row_that_makes_too_many_steps_is_not_stalled() -> None:
-    """Attempts come to their end where steps are cut short for ever, without a jump at one instant."""
+    """A row whose steps stay short reaches the limit of steps without a jump at one instant."""
 
     class Brief(SettleRecorder):  # pyright: ignore[reportGeneralTypeIssues] (only a test sets this limit)
         def max_attempts(self, params, dt):
             return jnp.asarray(200.0)
 
     model = Neuron()
-    found = run_rows(model, Brief(model), {"v_0": 0.0}, params={"current": 1.0}, numerics=Numerics(dt=1e-5))
-    assert Status(found.status[0]).name == "step_limit"
-    assert not found.fired.any()
+    result = run_rows(model, Brief(model), {"v_0": 0.0}, params={"current": 1.0}, numerics=Numerics(dt=1e-5))
+    assert Status(result.status[0]).name == "step_limit"
+    assert not result.fired.any()

@@ -86,14 +86,14 @@ def test_a_compliant_foot_is_pushed_up_and_loses_energy() -> None:
     ground = {"K": K, "D": D, "mu": 0.4, "v_slip": 1e-3}
 
     def force(x, v):  # the ground's, on the foot's lowest point, which is 0.1 m deep at rest here
-        found = compliant_foot.ground_force(
+        result = compliant_foot.ground_force(
             1,
             jnp.stack([x[0], jnp.zeros(()), x[1] - 0.1]),
             jnp.stack([v[0], jnp.zeros(()), v[1]]),
             0.0,
             **ground,
         )
-        return jnp.stack([found.force[0], found.force[2] - 0.1 * K])
+        return jnp.stack([result.force[0], result.force[2] - 0.1 * K])
 
     x, v = np.array([0.0, 0.03]), np.array([0.8, -0.4])
     path = moved(force, x, v, M)
@@ -186,8 +186,8 @@ BLOCK = """
 """
 
 
-def test_what_yields_is_a_damper_at_the_step_s_end() -> None:
-    """A block under -c v taken at the end of a step: v' = v / (1 + c dt / m), which never turns around."""
+def test_yielding_forces_are_evaluated_at_the_end_of_the_step() -> None:
+    """For a block under -c v, v' = v / (1 + c dt / m), which does not change sign."""
     tree, geometry = tree_of(BLOCK)
     c, dt, v = 5e4, 1e-2, 3.0
     damper = YieldingForce(0, jnp.zeros(3), jnp.array([-c * v, 0.0, 0.0]), jnp.array([dt * c, 0.0, 0.0]))

@@ -22,8 +22,8 @@ from tests.support.sweeping import run_rows, same
 pytestmark = pytest.mark.gpu
 
 
-def test_what_kernels_need_is_there() -> None:
-    """Otherwise `auto` would run everything here on XLA."""
+def test_packages_of_kernels_are_installed() -> None:
+    """Without them `auto` would use XLA in all of these tests."""
     assert missing() is None
 
 
@@ -74,8 +74,8 @@ def test_settling_on_a_card() -> None:
     assert np.mean(kernel.labels["gait"] == xla.labels["gait"]) >= 0.95
 
 
-def test_a_rows_bits_do_not_depend_on_what_other_rows_share() -> None:
-    """What all rows share reaches the threads in another way than what differs; the numbers are the same."""
+def test_rows_are_independent_of_which_constants_others_share() -> None:
+    """Constants that all rows share reach the threads in another way than others."""
     starts = {f"psi_{i}": np.full(40, 0.7 * i) for i in (1, 2, 3)}
     recorder = CrossingRecorder(Multilegged(), crossings=12)
     alike, mixed = (
@@ -130,9 +130,7 @@ def test_rows_do_not_depend_on_lanes(contraction: bool) -> None:
     same(one, two)
 
 
-def test_the_second_time_a_kernel_comes_from_the_cache(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_compiled_kernel_is_loaded_from_the_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GAITSWEEP_CACHE", str(tmp_path))
     source = 'extern "C" __global__ void one(double* x) { x[0] = 1.0; }'
     card = CudaDevice(0)

@@ -16,10 +16,10 @@ import pytest
 
 from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.kernel import cuda
-from gaitsweep.engine.kernel.c_source import TYPES, C, function, stored
+from gaitsweep.engine.kernel.c_source import function
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.program import Kind, Program
-from gaitsweep.engine.kernel.source import statements
+from gaitsweep.engine.kernel.source import C, statements
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
@@ -43,12 +43,12 @@ class Compiled:
     """A program's nodes as a C function of its inputs, which have the kinds `inputs`."""
 
     def __init__(self, program: Program, inputs: list[int], outputs: list[int], folder: Path) -> None:
-        self.types = [TYPES[program.nodes[at].kind] for at in inputs]
-        self.results = [TYPES[program.nodes[at].kind] for at in outputs]
+        self.types = [C.types[program.nodes[at].kind] for at in inputs]
+        self.results = [C.types[program.nodes[at].kind] for at in outputs]
         given = {at: f"x{k}" for k, at in enumerate(inputs)}
-        lines, results = statements(C(), program, outputs, given)
+        lines, results = statements(C, program, outputs, given)
         lines += [
-            f"out[{k}] = {stored(program.nodes[at].kind, result)};"
+            f"out[{k}] = {C.stored(program.nodes[at].kind, result)};"
             for k, (at, result) in enumerate(zip(outputs, results, strict=True))
         ]
         parameters = [f"const {kind} {name}" for kind, name in zip(self.types, given.values(), strict=True)]
@@ -80,7 +80,7 @@ def test_every_operation_in_c_is_that_of_numpy(kind: Kind, tmp_path: Path) -> No
     args |= dict.fromkeys(("fma", "fms", "fnma"), (a, b, a))
     nodes = {name: program.write(name, *args.get(name, (a,))) for name in sorted(names)}
     compiled = Compiled(program, [a, b, condition], list(nodes.values()), tmp_path)
-    number = _NUMPY[TYPES[kind]]
+    number = _NUMPY[C.types[kind]]
     values = [True, False] if kind == "bool" else SPECIAL
     with np.errstate(all="ignore"):
         points = [(number(x), number(y), flag) for x in values for y in values for flag in (True, False)]
@@ -195,7 +195,7 @@ def test_the_chain_thread_by_thread(on_card: Any, contraction: bool, monkeypatch
 
 
 def test_constants_that_differ_between_rows(on_card: Any) -> None:
-    """What all rows share is in constant memory and what differs is not; the numbers are the same."""
+    """Only constants that all rows share are in constant memory; results are the same."""
     starts = {"launch_1": np.full(20, 1.3)}
     recorder = CrossingRecorder(Toy(), crossings=6)
     alike, mixed = (
@@ -218,7 +218,7 @@ def test_constants_that_differ_between_rows(on_card: Any) -> None:
 def test_sweeps_that_vary_the_same_constants_share_a_kernel(
     on_card: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whether their rows happen to be alike or not; the numbers are those of a kernel of their own."""
+    """They share it whether or not their rows have equal values; results equal those of own kernels."""
     running: dict[frozenset[str], set[str]] = {}
 
     class CudaDevice(cuda.CudaDevice):  # the fixture's
@@ -229,19 +229,19 @@ def test_sweeps_that_vary_the_same_constants_share_a_kernel(
 
     monkeypatch.setattr(cuda, "CudaDevice", CudaDevice)
     recorder, starts = CrossingRecorder(Toy(), crossings=4), {"launch_1": np.full(8, 1.3)}
-    found = {}
+    results = {}
     for varied in (frozenset[str](), frozenset({"kick"})):
         running[varied] = set()
         for other in (1.0, 1.2):
             kicks = np.array([1.0, other, other, 1.0] * 2)
             options: dict[str, Any] = {"params": {"kick": kicks}, "numerics": NUMERICS, "lanes": 4}
-            found[varied, other] = on_card(Toy(), recorder, starts, varied=varied, **options)
+            results[varied, other] = on_card(Toy(), recorder, starts, varied=varied, **options)
     assert [len(sources) for sources in running.values()] == [2, 1]
     for other in (1.0, 1.2):
-        same(*(found[varied, other] for varied in running))
+        same(*(results[varied, other] for varied in running))
 
 
-def test_constants_that_depend_on_what_varies() -> None:
+def test_constants_that_depend_on_varied_parameters() -> None:
     """Through a function that is compiled by itself too."""
 
     @jax.jit
@@ -252,6 +252,6 @@ def test_constants_that_depend_on_what_varies() -> None:
         return {"a": inner(values["x"]), "b": values["y"] * 3, "c": jnp.ones(()), "d": starts["x"] + 1}
 
     shape = jax.ShapeDtypeStruct((), jnp.float64)
-    found = dependences(constants, {"x": shape, "y": shape}, {"x": shape})
-    assert ["y" in names for names in found] == [False, True, False, False]
-    assert ["x" in names for names in found] == [True, False, False, True]
+    result = dependences(constants, {"x": shape, "y": shape}, {"x": shape})
+    assert ["y" in names for names in result] == [False, True, False, False]
+    assert ["x" in names for names in result] == [True, False, False, True]

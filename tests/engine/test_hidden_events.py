@@ -71,7 +71,7 @@ METHODS = {
 @pytest.mark.parametrize("method", METHODS)
 def test_a_peak_shorter_than_a_step_is_met_at_its_time(method: str, engine: str) -> None:
     numerics, below = METHODS[method]
-    found = run_rows(
+    result = run_rows(
         Peaks(),
         CrossingRecorder(Peaks(), 6),
         {"x_0": [1.0] * len(below)},
@@ -79,8 +79,8 @@ def test_a_peak_shorter_than_a_step_is_met_at_its_time(method: str, engine: str)
         numerics=numerics,
         engine=engine,
     )
-    assert set(found.status.tolist()) == {Status.complete}
-    t = found.samples.reshape(len(below), 7, -1)[:, 1:, 1]
+    assert set(result.status.tolist()) == {Status.complete}
+    t = result.samples.reshape(len(below), 7, -1)[:, 1:, 1]
     early = np.arccos(1.0 - np.array(below)) / 2.0
     # where the height is met within a graze, an error e of x is one of e / (8 below)^(1/2) in time
     np.testing.assert_allclose(t, np.pi * np.arange(1, 7) - early[:, None], rtol=0, atol=2e-5)
@@ -91,10 +91,10 @@ def test_a_peak_shorter_than_a_step_is_met_at_its_time(method: str, engine: str)
 
 @pytest.mark.slow("xla")
 @pytest.mark.parametrize("engine", ["xla", "kernel"])
-def test_a_peak_that_stays_below_is_no_event_and_ends_the_search(engine: str) -> None:
-    """At 1e-10 below the height the steps are halved some fifteen times, then they pass."""
+def test_a_peak_below_zero_is_not_an_event(engine: str) -> None:
+    """At 1e-10 below the height the step is halved about fifteen times and then accepted."""
     numerics = Numerics(method="propagator", dt=0.2)
-    found = run_rows(
+    result = run_rows(
         Peaks(),
         CrossingRecorder(Peaks(), 1),
         {"x_0": [1.0] * 3},
@@ -102,7 +102,7 @@ def test_a_peak_that_stays_below_is_no_event_and_ends_the_search(engine: str) ->
         numerics=numerics,
         engine=engine,
     )
-    assert [Status(status).name for status in found.status] == ["time_limit"] * 3
+    assert [Status(status).name for status in result.status] == ["time_limit"] * 3
 
 
 @pytest.mark.slow
@@ -126,7 +126,7 @@ def test_derivatives_go_through_them(method: str) -> None:
     assert abs(slope / expected - 1.0) < 1e-3
 
 
-def test_what_cannot_have_turned_is_not_looked_at_again() -> None:
+def test_may_hide_excludes_guards_without_a_maximum() -> None:
     """Guards at both ends of a step of 1 s, their slope at its beginning, and whether one may hide."""
     cases = [
         (-1.0, 3.0, -1.0, True),  # a parabola with its top at 1/2 and +1/2
@@ -170,8 +170,8 @@ PULSES: dict[str, Callable[[jax.Array, float], Any]] = {
 
 
 @pytest.mark.parametrize("form", PULSES)
-def test_a_pulse_is_met_in_whatever_words_it_is_written(form: str) -> None:
-    """A step over a pulse is too long, and one that stays clear of it is not."""
+def test_pulses_are_met_however_they_are_written(form: str) -> None:
+    """A step over a pulse is rejected; one beside it is accepted."""
 
     def flow(width, state):
         return {"clock": jnp.asarray(1.0) + 0.0 * PULSES[form](state.clock, width)}

@@ -1,4 +1,4 @@
-"""The cache of kernels: what is damaged or cannot be kept is compiled again, and is never another program."""
+"""The cache of kernels: damaged or missing entries are compiled again, and no other program is loaded."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_threads_that_ask_at_once_compile_a_kernel_once(
     assert len(compilations) == 1
 
 
-def test_a_compilation_that_fails_leaves_nothing(
+def test_a_failed_compilation_leaves_no_file(
     cache: Path, chunk: Chunk, monkeypatch: pytest.MonkeyPatch, compilations: list[float]
 ) -> None:
     with monkeypatch.context() as failing:
@@ -96,6 +96,7 @@ def _opened(chunk: Chunk) -> np.ndarray:
     return tile
 
 
+@pytest.mark.slow
 def test_damaged_code_is_compiled_again(cache: Path, chunk: Chunk, compilations: list[float]) -> None:
     right = _opened(chunk)
     (file,) = (cache / "kernels").iterdir()
@@ -160,7 +161,7 @@ def test_a_folder_of_another_user_is_not_used(cache: Path) -> None:
         assert binary_of("cubin", ("source",), lambda: b"code") == b"code"
 
 
-def test_without_a_home_nothing_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_home_there_is_no_cache(monkeypatch: pytest.MonkeyPatch) -> None:
     def homeless() -> Path:
         raise RuntimeError("Could not determine home directory.")
 
@@ -171,7 +172,7 @@ def test_without_a_home_nothing_is_kept(monkeypatch: pytest.MonkeyPatch) -> None
     assert binary_of("cubin", ("source",), lambda: b"code") == b"code"
 
 
-def test_what_is_kept_is_read_as_it_was_written(tmp_path: Path) -> None:
+def test_cached_code_is_read_unchanged(tmp_path: Path) -> None:
     keep(tmp_path / "file", b"content")
     assert kept(tmp_path / "file") == b"content"
     assert kept(tmp_path / "none") is None

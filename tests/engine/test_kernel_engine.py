@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
-import os
 import re
 import subprocess
 import sys
 import types
-from pathlib import Path
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -24,10 +24,12 @@ from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.ramp import RampSchedule
+from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.engine.sweep.engines import EngineError, choose
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from gaitsweep.row_outcome import RowOutcome
 from tests.support import environment
 from tests.support.multilegged_crossings import wrapped
 from tests.support.scalar_programs import native
@@ -39,24 +41,19 @@ NUMERICS = Numerics(dt=1e-2)
 
 
 @pytest.fixture(scope="module", autouse=True)
-def kernels(tmp_path_factory: pytest.TempPathFactory):
-    """A folder of kernels of its own, so that nothing is left over from another day."""
-    before = os.environ.get("GAITSWEEP_CACHE")
-    os.environ["GAITSWEEP_CACHE"] = str(tmp_path_factory.mktemp("cache"))
-    yield Path(os.environ["GAITSWEEP_CACHE"])
-    if before is None:
-        del os.environ["GAITSWEEP_CACHE"]
-    else:
-        os.environ["GAITSWEEP_CACHE"] = before
+def empty_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """An empty cache of compiled kernels, so that these tests compile theirs."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("GAITSWEEP_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
 
 
-def both(recorder, starts, **options):
-    model = recorder.model
-    return [run_rows(model, recorder, starts, engine=name, **options) for name in ("kernel", "xla")]
+def with_both_engines(recorder: Recorder, starts: Mapping[str, Any], **options: Any) -> list[RowOutcome]:
+    return [run_rows(recorder.model, recorder, starts, engine=name, **options) for name in ("kernel", "xla")]
 
 
-def agree(kernel, xla, tolerance: float) -> None:
-    """Attempts may differ by one trial of an event here and there: the last bits decide."""
+def assert_agree(kernel: RowOutcome, xla: RowOutcome, tolerance: float) -> None:
+    """Compare all but the attempts: the last bits decide how many trials locate an event."""
     np.testing.assert_array_equal(kernel.status, xla.status)
     np.testing.assert_array_equal(kernel.cycles, xla.cycles)
     np.testing.assert_array_equal(kernel.owner, xla.owner)
@@ -66,13 +63,13 @@ def agree(kernel, xla, tolerance: float) -> None:
 
 @pytest.mark.slow
 def test_settling_with_kernels_as_with_xla() -> None:
-    kernel, xla = both(SettleRecorder(Toy()), {"launch_1": LAUNCH}, numerics=NUMERICS, lanes=4)
-    agree(kernel, xla, 1e-12)
+    kernel, xla = with_both_engines(SettleRecorder(Toy()), {"launch_1": LAUNCH}, numerics=NUMERICS, lanes=4)
+    assert_agree(kernel, xla, 1e-12)
     np.testing.assert_array_equal(kernel.labels["gait"], xla.labels["gait"])
 
 
-def test_a_row_depends_on_itself_alone() -> None:
-    """Other lanes, blocks and devices, and the rows in another order: equal to the bit."""
+def test_rows_are_independent_of_lanes_blocks_devices_and_order() -> None:
+    """Results are equal to the last bit."""
     options = {"numerics": NUMERICS, "engine": "kernel"}
     one = run_rows(Toy(), SettleRecorder(Toy()), {"launch_1": LAUNCH}, lanes=4, **options)
     same(
@@ -97,60 +94,60 @@ def test_fewer_rows_than_devices(engine: str) -> None:
 
 
 @pytest.mark.slow
-def test_rows_that_fail_harm_no_other() -> None:
-    """A fall, a start that is no number, and one that diverges, among rows that are well."""
+def test_failed_rows_do_not_change_others() -> None:
+    """Rows that fall, start at NaN or diverge run beside rows that settle."""
     launch = np.array([1.0, np.nan, 2.0, 1e200, 40.0, 0.5])
     params = {"ceiling": np.array([1000.0, 1000.0, 1000.0, 1e300, 1.0, 1000.0])}
-    kernel, xla = both(
+    kernel, xla = with_both_engines(
         SettleRecorder(Toy(), max_cycles=40), {"launch_1": launch}, params=params, numerics=NUMERICS, lanes=8
     )
     np.testing.assert_array_equal(kernel.status, xla.status)
     assert Status(kernel.status[1]) is Status.not_a_number
     assert {Status(kernel.status[3]), Status(kernel.status[4])} == {Status.diverged, Status.fell}
-    well = [0, 2, 5]
+    sound = [0, 2, 5]
     alone = run_rows(
         Toy(),
         SettleRecorder(Toy(), max_cycles=40),
-        {"launch_1": launch[well]},
+        {"launch_1": launch[sound]},
         numerics=NUMERICS,
         engine="kernel",
     )
-    np.testing.assert_array_equal(kernel.last[well], alone.last)
+    np.testing.assert_array_equal(kernel.last[sound], alone.last)
 
 
 @pytest.mark.slow
 def test_traces_and_ramps() -> None:
     trace = TraceRecorder(Toy(), duration=5.0, every=0.05, after_cycles=1)
-    kernel, xla = both(trace, {"launch_1": LAUNCH[:5]}, lanes=4)
-    agree(kernel, xla, 1e-10)
+    kernel, xla = with_both_engines(trace, {"launch_1": LAUNCH[:5]}, lanes=4)
+    assert_agree(kernel, xla, 1e-10)
     path = RampSchedule((1.0, 2.0, 1.0), rate=0.02)
 
     def drive(values, t):
         return Toy().params({**values, "kick": path.at(t)})
 
-    kernel, xla = both(
+    kernel, xla = with_both_engines(
         CrossingRecorder(Toy(), duration=path.duration),
         {"launch_1": [0.5, 2.0]},
         numerics=NUMERICS,
         drive=drive,
     )
     assert len(kernel.samples) > 40, "more crossings than a buffer holds"
-    agree(kernel, xla, 1e-9)
+    assert_agree(kernel, xla, 1e-9)
 
 
 @pytest.mark.slow
 def test_a_neuron_that_fires() -> None:
     model = Neuron()
-    kernel, xla = both(
+    kernel, xla = with_both_engines(
         CrossingRecorder(model, crossings=5), {q.name: np.array([0.1]) for q in model.initial_conditions}
     )
-    agree(kernel, xla, 1e-10)
+    assert_agree(kernel, xla, 1e-10)
 
 
 @pytest.mark.slow
 def test_single_precision() -> None:
     numerics = Numerics(dt=1e-2, precision="float32")
-    kernel, xla = both(
+    kernel, xla = with_both_engines(
         SettleRecorder(Toy(), tolerance=1e-2), {"launch_1": LAUNCH}, numerics=numerics, lanes=8
     )
     np.testing.assert_array_equal(kernel.status, xla.status)
@@ -160,10 +157,10 @@ def test_single_precision() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "dt"), [("rk4", 4e-3), ("propagator6", 32e-3)])
 def test_the_chain_with_kernels_as_with_xla(method: str, dt: float) -> None:
-    """1e-9 over ten crossings is what is promised; rounding alone grows to some 1e-11 on the way."""
+    """The tolerance is the documented 1e-9 over ten crossings; rounding errors alone grow to about 1e-11."""
     random = np.random.default_rng(3)
     starts = {f"psi_{i}": random.uniform(0, 2 * np.pi, 12) for i in (1, 2, 3)}
-    kernel, xla = both(
+    kernel, xla = with_both_engines(
         CrossingRecorder(Multilegged(), crossings=10),
         starts,
         numerics=Numerics(dt=dt, method=method),
@@ -174,7 +171,7 @@ def test_the_chain_with_kernels_as_with_xla(method: str, dt: float) -> None:
 
 
 def test_lanes_run_in_vector_registers() -> None:
-    """The chain's attempt is nearly all packed arithmetic: LLVM turned the loop over lanes into vectors."""
+    """LLVM vectorises the loop over lanes, so that nearly all arithmetic of an attempt is packed."""
     if not llvm.get_host_cpu_features().get("avx2"):
         pytest.skip("this processor has no AVX2")
     recorder = CrossingRecorder(Multilegged(), crossings=10)
@@ -184,13 +181,12 @@ def test_lanes_run_in_vector_registers() -> None:
     single = len(re.findall(r"\tv(?:f[n]?m\w+|add|sub|mul|div)sd\t", assembly))
     assert packed > 300
     assert single < packed / 20
-    # what is spilled lies in one cache line
+    # the stack, to which registers are spilled, is aligned to cache lines
     assert re.search(rf"\tandq\t\$-{8 * cpu_program.TILE}, %rsp", assembly)
 
 
 @pytest.mark.slow
-def test_a_second_process_finds_the_kernel(kernels: Path) -> None:
-    """Compiled once for the machine: the second process loads what the first has left."""
+def test_a_second_process_loads_the_compiled_kernel() -> None:
     script = (
         "import numpy as np\n"
         "from gaitsweep.engine.kernel import llvm_code\n"
@@ -212,12 +208,12 @@ def test_a_second_process_finds_the_kernel(kernels: Path) -> None:
         ).stdout
         for _ in range(2)
     ]
-    assert compiled == ["2\n", "0\n"]  # one opens rows, the other advances them
+    assert compiled == ["2\n", "0\n"]  # two kernels: one opens rows, the other advances them
 
 
 @dataclasses.dataclass(frozen=True)
-class Sampling(Toy):
-    """A model whose flow factorises a matrix, which no scalar kernel does."""
+class Factorising(Toy):
+    """A model whose flow has a Cholesky factorisation, which kernels do not support."""
 
     def flow(self, params, state):
         rates = super().flow(params, state)
@@ -225,8 +221,7 @@ class Sampling(Toy):
         return {**rates, "speed": rates["speed"] * size}
 
 
-def test_a_card_without_its_packages_runs_on_xla() -> None:
-    """The reason is one sentence, as for a model that kernels cannot express."""
+def test_a_gpu_without_its_packages_uses_xla() -> None:
     if importlib.util.find_spec("cuda") is not None:
         pytest.skip("NVIDIA's packages are installed")
     card = types.SimpleNamespace(platform="gpu")
@@ -234,9 +229,9 @@ def test_a_card_without_its_packages_runs_on_xla() -> None:
     assert (engine, note) == ("xla", "engine: xla, because the package cuda-core is not installed.")
 
 
-def test_what_a_kernel_cannot_express_runs_on_xla() -> None:
+def test_models_that_kernels_do_not_support_use_xla() -> None:
     device = jax.local_devices()[0]
-    model = Sampling()
+    model = Factorising()
     engine, note = choose("auto", device, model, SettleRecorder(model), NUMERICS.resolve(model), None)
     assert engine == "xla"
     assert note is not None
@@ -250,24 +245,25 @@ def test_what_a_kernel_cannot_express_runs_on_xla() -> None:
     )
 
 
-@pytest.mark.skipif(not llvm.get_host_cpu_features().get("fma"), reason="no multiply-add here")
-def test_contraction_can_be_turned_off() -> None:
-    """The square of 1 + 2^-30 has a last bit that only a fused difference sees."""
+@pytest.mark.skipif(not llvm.get_host_cpu_features().get("fma"), reason="this processor has no multiply-add")
+@pytest.mark.parametrize(("difference", "expected"), [("fma(a, a, -c)", 2.0**-60), ("a * a - c", 0.0)])
+def test_only_a_fused_difference_keeps_the_last_bit(difference: str, expected: float) -> None:
+    """The square of 1 + 2^-30 has a term 2^-60, which rounding of the product removes."""
     a = 1.0 + 2.0**-30
-    results = []
-    for line in ("fma(a, a, -c)", "a * a - c"):
-        values = np.array([a, a * a, 0.0])
-        native(f"def one(s):\n    a = s[0]\n    c = s[1]\n    s[2] = {line}")(values)
-        results.append(values[2])
-    assert results == [2.0**-60, 0.0]
+    values = np.array([a, a * a, 0.0])
+    native(f"def one(s):\n    a = s[0]\n    c = s[1]\n    s[2] = {difference}")(values)
+    assert values[2] == expected
+
+
+def test_contraction_can_be_turned_off() -> None:
     model = Toy()
     chunk = kernel_of(model, CrossingRecorder(model, crossings=3), NUMERICS.resolve(model), None).chunk
-    fused, apart = (cpu_program.Tile(chunk, 16, each).source for each in (True, False))
-    assert ("fma(" in fused) is cpu_program.FUSES
-    assert "fma(" not in apart
+    contracted, separate = (cpu_program.Tile(chunk, 16, contracts).source for contracts in (True, False))
+    assert ("fma(" in contracted) is cpu_program.FUSES
+    assert "fma(" not in separate
 
 
-@pytest.mark.parametrize(("line", "found"), [("y += x", r"line `y \+= x"), ("y = [x]", r"expression `\[x\]")])
-def test_what_is_not_lowered_is_named(line: str, found: str) -> None:
-    with pytest.raises(ValueError, match=rf"The {found}.*` of a kernel is not lowered\. Allowed: "):
+@pytest.mark.parametrize(("line", "named"), [("y += x", r"line `y \+= x"), ("y = [x]", r"expression `\[x\]")])
+def test_unsupported_source_is_named(line: str, named: str) -> None:
+    with pytest.raises(ValueError, match=rf"The {named}.*` of a kernel is not lowered\. Allowed: "):
         native(f"def one(s):\n    x = s[0]\n    {line}\n")

@@ -86,14 +86,14 @@ def test_tangent() -> None:
     assert np.max(np.abs(mine - right) / np.abs(right)) < 1e-15
 
 
-def test_sine_and_cosine_lie_on_the_circle() -> None:
+def test_squares_of_sine_and_cosine_add_up_to_1() -> None:
     x = _between(-1e4, 1e4)
     assert np.max(np.abs(on_many(lambda x: jnp.sin(x) ** 2 + jnp.cos(x) ** 2, x) - 1)) < 1e-15
 
 
 @pytest.mark.parametrize("function", [jnp.sin, jnp.cos, jnp.tan])
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-def test_angles_that_are_no_numbers(function: Any, dtype: Any) -> None:
+def test_angles_that_are_nan_or_infinite(function: Any, dtype: Any) -> None:
     assert np.all(np.isnan(on_many(function, np.array([np.nan, np.inf, -np.inf], dtype))))
 
 
@@ -102,7 +102,7 @@ def test_the_exponential_over_its_whole_range() -> None:
     assert _units(*_both(jnp.exp, np.exp, x)) < 1.6
 
 
-def test_the_exponential_of_what_underflows() -> None:
+def test_the_exponential_underflows() -> None:
     # between the least normal and the least number of all: right to one of these, and then zero
     mine, right = _both(jnp.exp, np.exp, _between(-745.13, -708))
     assert np.max(np.abs(mine - right)) <= 5e-324
@@ -110,7 +110,7 @@ def test_the_exponential_of_what_underflows() -> None:
     np.testing.assert_array_equal(on_many(jnp.exp, np.array([-745.2, -746.0, -1e4, -1e300, -np.inf])), 0.0)
 
 
-def test_the_exponential_of_what_overflows() -> None:
+def test_the_exponential_overflows() -> None:
     highest = np.log(np.finfo(float).max)
     assert np.isfinite(on_many(jnp.exp, np.array([highest])))[0]
     np.testing.assert_array_equal(on_many(jnp.exp, np.array([709.79, 710.0, 1e4, 1e300, np.inf])), np.inf)
@@ -251,8 +251,8 @@ def test_compiled_angles_know_the_sign_of_zero(angle: Any) -> None:
 )
 def test_inverse_functions_call_no_library(function: Any, double: int, single: int) -> None:
     for dtype, most in ((np.float64, double), (np.float32, single)):
-        given = [dtype(0.3)] * (2 if function is jnp.arctan2 else 1)
-        program, wanted = (traced := traced_with(function, *given)).program, traced.outputs
+        fields = [dtype(0.3)] * (2 if function is jnp.arctan2 else 1)
+        program, wanted = (traced := traced_with(function, *fields)).program, traced.outputs
         names = [program.nodes[at].op for at in program.needed(wanted)]
         sources = [OPERATIONS[name].python for name in names if name not in ("input", "constant")]
         assert not [source for source in sources if "math." in source or "**" in source]

@@ -1,4 +1,4 @@
-"""Traces along which a parameter moves: the same motion as a ramp's, sampled in time; what is refused."""
+"""Traces along which a parameter moves: the motion of a ramp, sampled in time, and refusals."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_a_trace_moves_as_the_ramp_does(tmp_path: Path) -> None:
         assert fast > 1.5 * slow
 
 
-def test_a_trace_that_moves_nothing_keeps_its_hash() -> None:
+def test_a_trace_without_a_moving_parameter_keeps_its_hash() -> None:
     plain = Job(name="a", model=TOY, run={"kind": "trace", "duration": 1, "every": 0.1})
     resolved = plain.resolved()
     assert resolved["run"]["parameter"] is None
@@ -79,7 +79,7 @@ def test_a_trace_that_moves_nothing_keeps_its_hash() -> None:
         ),
     ],
 )
-def test_what_is_refused(tmp_path: Path, run: str, words: list[str]) -> None:
+def test_refusals(tmp_path: Path, run: str, words: list[str]) -> None:
     message = refused(written(tmp_path, TEXT.format(run=run)))
     for word in words:
         assert word in message

@@ -1,10 +1,13 @@
-"""Processes in which JAX cannot compute: without its CPU (JAX_PLATFORMS=cuda), or forked."""
+"""Devices of a process: without JAX's CPU (JAX_PLATFORMS=cuda), forked, and with all of its cores."""
 
 from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -37,11 +40,11 @@ class Hidden:
         return self.real
 
 
-def test_no_cpu_is_asked_for_where_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The CPU's kernels run all the same, starts worked out on the device that there is."""
+def test_kernels_run_where_jax_may_not_use_the_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Starts are computed on the device that JAX may use."""
     hidden = Hidden(monkeypatch)
     assert lane.host_device() is hidden.real[0]
-    found = run_rows(
+    result = run_rows(
         Toy(),
         CrossingRecorder(Toy(), crossings=4),
         {"launch_1": 1.3},
@@ -49,7 +52,7 @@ def test_no_cpu_is_asked_for_where_there_is_none(monkeypatch: pytest.MonkeyPatch
         engine="kernel",
         on="cpu",
     )
-    np.testing.assert_allclose(found.samples[:, 2], launches(1.3, 0.5, 0.5, 4), atol=1e-9)
+    np.testing.assert_allclose(result.samples[:, 2], launches(1.3, 0.5, 0.5, 4), atol=1e-9)
     assert "cpu" not in hidden.asked
 
 
@@ -80,16 +83,16 @@ def _in_a_fork(call: Callable[[], object]) -> str:
         signal.alarm(20)
         try:
             call()
-            said = "nothing"
+            message = "nothing"
         except BaseException as error:
-            said = f"{type(error).__name__}: {error}"
-        os.write(writer, said.encode())
+            message = f"{type(error).__name__}: {error}"
+        os.write(writer, message.encode())
         os._exit(0)
     os.close(writer)
     with os.fdopen(reader) as pipe:
-        said = pipe.read()
+        message = pipe.read()
     os.waitpid(child, 0)
-    return said
+    return message
 
 
 @pytest.mark.slow
@@ -104,7 +107,30 @@ def test_a_fork_refuses_to_compute() -> None:
         lambda: mapping(np.ones(len(mapping.coordinates))),
         lambda: mapping.settled({"launch_1": 1.0}),
     ):
-        said = _in_a_fork(call)
-        assert said.startswith("UnsupportedSystem"), said
-        assert all(word in said for word in ("spawn", "client=", "all cores"))
+        message = _in_a_fork(call)
+        assert message.startswith("UnsupportedSystem"), message
+        assert all(word in message for word in ("spawn", "client=", "all cores"))
     assert _in_a_fork(lambda: gs.Settle(max_cycles=3)) == "nothing"
+
+
+@pytest.mark.slow
+def test_reading_a_job_leaves_every_core_to_its_run(tmp_path: Any) -> None:
+    """JAX counts its devices at its first computation, which is that of a job's steps."""
+    (tmp_path / "job.yaml").write_text(
+        "name: cores\nmodel: multilegged\nstart: {psi_1: 1, psi_2: 2, psi_3: 3}\nrun: {kind: settle}\n"
+    )
+    code = (
+        "import os; from gaitsweep.job import load_job; "
+        "from gaitsweep.engine.sweep.xla import local_devices; "
+        "load_job('job.yaml'); print(len(local_devices()) == len(os.sched_getaffinity(0)))"
+    )
+    environment = {**os.environ, "JAX_PLATFORMS": "cpu", "PYTHONPATH": str(Path(__file__).parents[2])}
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.strip() == "True"

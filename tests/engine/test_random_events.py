@@ -31,12 +31,12 @@ BOUNCING = BY_NAME["bouncing"]
 def test_no_model_is_wrong_in_silence(name: str) -> None:
     family = BY_NAME[name]
     verdicts = verdicts_on(family, drawn(family, 4, seed=7), "auto")
-    assert [each.said for each in verdicts if each.outcome == SILENT] == []
+    assert [verdict.said for verdict in verdicts if verdict.outcome == SILENT] == []
 
 
 @pytest.mark.slow
-def test_other_physics_is_told() -> None:
-    """A solution whose restitution is off by 1e-4 does not pass for right."""
+def test_a_different_restitution_is_detected() -> None:
+    """A solution whose restitution differs by 1e-4 does not pass."""
 
     def other(case: Case) -> Solution:
         return BOUNCING.exact(
@@ -45,7 +45,7 @@ def test_other_physics_is_told() -> None:
 
     family = dataclasses.replace(BOUNCING, exact=other, jacobian=False)
     verdicts = verdicts_on(family, drawn(family, 3, seed=7), "auto")
-    assert [each.outcome for each in verdicts] == [SILENT] * 3
+    assert [verdict.outcome for verdict in verdicts] == [SILENT] * 3
 
 
 def test_the_independent_solutions() -> None:
@@ -64,7 +64,7 @@ def test_the_independent_solutions() -> None:
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
-def test_families_are_solved_alike_from_one_seed(family: Family) -> None:
+def test_families_are_reproducible_from_one_seed(family: Family) -> None:
     first, again = (drawn(family, 1, seed=3) for _ in range(2))
     assert first == again
     for case in first:

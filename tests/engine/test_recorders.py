@@ -19,7 +19,7 @@ W, D = 2.0, 0.5  # rad/s, m: the toy's defaults
 
 
 @pytest.mark.slow
-def test_trace_samples_stand_at_their_times() -> None:
+def test_trace_samples_are_at_their_times() -> None:
     """Heights at given times, through bounces, against the closed form."""
     launch = 1.3
     result = run_rows(
@@ -46,7 +46,7 @@ def test_trace_counts_from_the_crossing_that_it_waits_for() -> None:
     np.testing.assert_allclose(result.samples[0, 1:], [0.0, speed], atol=1e-9)
 
 
-def test_a_hold_ends_on_time_at_its_last_crossing() -> None:
+def test_a_hold_ends_in_time_at_its_last_crossing() -> None:
     launch, duration = 1.3, 7.0
     result = run_rows(
         Toy(), FixedTimeRecorder(Toy(), duration), {"launch_1": [launch, 0.9]}, numerics=Numerics(dt=1e-3)

@@ -80,13 +80,13 @@ def test_rows_are_the_same_with_few_registers(monkeypatch: pytest.MonkeyPatch) -
     recorder, numerics = CrossingRecorder(model, crossings=2), Numerics(dt=4e-3, method="rk4")
     # what another test has compiled has the machine's own registers and vectors
     monkeypatch.setattr(kernel_lanes, "_compiled", kernel_lanes._compiled.__wrapped__)
-    found = []
+    results = []
     for registers, tile, lanes in ((None, cpu_program.TILE, 11), (6, cpu_program.TILE, 1), (28, 2, 11)):
         monkeypatch.setattr(cpu_program, "REGISTERS", registers)
         monkeypatch.setattr(cpu_program, "TILE", tile)
-        found.append(run_rows(model, recorder, STARTS, numerics=numerics, lanes=lanes, engine="kernel"))
-    same(found[0], found[1])
-    same(found[0], found[2])
+        results.append(run_rows(model, recorder, STARTS, numerics=numerics, lanes=lanes, engine="kernel"))
+    same(results[0], results[1])
+    same(results[0], results[2])
 
 
 @pytest.mark.slow

@@ -74,16 +74,16 @@ def stiffer(crossings: int) -> Subject:
 
 
 @pytest.mark.slow
-def test_other_physics_is_told() -> None:
-    """A job whose springs differ from the reference's by 5 % does not pass for right."""
+def test_different_springs_are_detected() -> None:
+    """A job whose springs differ from the reference's by 5 % does not pass."""
     verdicts, _ = compared(stiffer, sets=6, seed=1, crossings=2, workers=1)
     assert counts(verdicts)[WRONG] >= 4
     assert not holds(verdicts)
 
 
 @pytest.mark.slow
-def test_the_planar_quadruped_with_numerics_left_out() -> None:
-    """The same steps on MuJoCo's body: what is left is rounding."""
+def test_default_numerics_of_the_planar_quadruped() -> None:
+    """The steps equal those of MuJoCo's body up to rounding."""
     verdicts, steps = compared(planar_quadruped_sets.subject, sets=5, seed=4, crossings=2, workers=1)
     assert counts(verdicts)[SOUND] == 5
     assert max(verdict.apart for verdict in verdicts) < 1e-9

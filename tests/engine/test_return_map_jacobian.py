@@ -36,7 +36,7 @@ GAITS = {
 def differences(mapping: BatchedReturnMap, points: Points, values: dict, step: float) -> np.ndarray:
     """Central differences of the map at each of n points, (n, size, size)."""
     size = points.at.shape[1]
-    found = np.zeros((len(points), size, size))
+    result = np.zeros((len(points), size, size))
     for k in range(len(points)):
         many = points[np.full(size, k)]
         ends = [
@@ -44,8 +44,8 @@ def differences(mapping: BatchedReturnMap, points: Points, values: dict, step: f
             for sign in (1.0, -1.0)
         ]
         assert all(end.sound.all() for end in ends)
-        found[k] = (mapping.difference(ends[0].points.at, ends[1].points.at) / (2.0 * step)).T
-    return found
+        result[k] = (mapping.difference(ends[0].points.at, ends[1].points.at) / (2.0 * step)).T
+    return result
 
 
 def off(jacobian: np.ndarray, expected: np.ndarray) -> float:
@@ -65,6 +65,11 @@ def settled(chain: BatchedReturnMap) -> Points:
     return points
 
 
+def masses(engine: str = "kernel") -> BatchedReturnMap:
+    """Two bouncing masses."""
+    return BatchedReturnMap(Toy(2), numerics=Numerics(dt=1e-3, method="rk4"), engine=engine)
+
+
 @pytest.mark.slow("xla")
 @pytest.mark.parametrize("engine", ["xla", "kernel"])
 def test_saltation_of_a_bouncing_mass(engine: str) -> None:
@@ -74,26 +79,26 @@ def test_saltation_of_a_bouncing_mass(engine: str) -> None:
     with speed u_2 > u, is then at d(cos wT - 1) + u_2/w sin wT. Selects alone would leave out T's derivative,
     -23 % of the entry, for example.
     """
-    model, w, d, r, kick = Toy(2), 2.0, 0.5, 0.5, 0.5
-    mapping = BatchedReturnMap(model, numerics=Numerics(dt=1e-3, method="rk4"), engine=engine)
+    w, d, r, kick = 2.0, 0.5, 0.5, 0.5
+    mapping = masses(engine)
     names = [quantity.name for quantity in mapping.coordinates]
     assert names == [f"{part}_{i}" for part in ("height", "speed", "launch") for i in (1, 2)]
     starts, way = mapping.settled({"launch_1": 0.8, "launch_2": 2.0}, {}, 0)
-    found = mapping.linearised(starts, {}, "stiffness")
-    assert found.status.tolist() == way.tolist() == [ReturnStatus.crossed]
+    result = mapping.linearised(starts, {}, "stiffness")
+    assert result.status.tolist() == way.tolist() == [ReturnStatus.crossed]
     T = float(flight_time(np.array(0.8), w, d))
     dT = 2.0 * d / (w**2 * d**2 + 0.8**2)
     height_2 = d * (np.cos(w * T) - 1.0) + 2.0 / w * np.sin(w * T)
     speed_2 = -w * d * np.sin(w * T) + 2.0 * np.cos(w * T)
     np.testing.assert_allclose(
-        found.points.at[0], [0.0, height_2, r * 0.8 + kick, speed_2, r * 0.8 + kick, 2.0], atol=1e-10
+        result.points.at[0], [0.0, height_2, r * 0.8 + kick, speed_2, r * 0.8 + kick, 2.0], atol=1e-10
     )
     over_speed_1 = [0.0, speed_2 * dT, r, -(w**2) * (height_2 + d) * dT, r, 0.0]
-    np.testing.assert_allclose(found.jacobian[0][:, 2], over_speed_1, atol=1e-9)
+    np.testing.assert_allclose(result.jacobian[0][:, 2], over_speed_1, atol=1e-9)
     over_speed_2 = [0.0, np.sin(w * T) / w, 0.0, np.cos(w * T), 0.0, 0.0]
-    np.testing.assert_allclose(found.jacobian[0][:, 3], over_speed_2, atol=1e-9)
+    np.testing.assert_allclose(result.jacobian[0][:, 3], over_speed_2, atol=1e-9)
     # the landing speed is the launch speed whatever w; the kick is w/4
-    np.testing.assert_allclose(found.d_parameter[0, 2], 0.25 * 0.5 / w, atol=1e-9)
+    np.testing.assert_allclose(result.d_parameter[0, 2], 0.25 * 0.5 / w, atol=1e-9)
 
 
 @pytest.mark.slow
@@ -101,10 +106,10 @@ def test_fixed_point_of_a_bouncing_mass() -> None:
     """u* = kick/(1 - r), multiplier r, and zeros for what the landing forgets."""
     mapping = BatchedReturnMap(Toy(), numerics=Numerics(dt=1e-3))
     starts, _ = mapping.settled({"launch_1": np.array([0.3, 2.0])}, {}, 1)
-    found = newton(mapping, starts, {"restitution": np.array([0.5, 0.8])})
-    assert found.converged.all()
-    np.testing.assert_allclose(found.points.at[:, 1], [0.5 / 0.5, 0.5 / 0.2], atol=1e-9)
-    found_multipliers = multipliers(found.images.jacobian)
+    result = newton(mapping, starts, {"restitution": np.array([0.5, 0.8])})
+    assert result.converged.all()
+    np.testing.assert_allclose(result.points.at[:, 1], [0.5 / 0.5, 0.5 / 0.2], atol=1e-9)
+    found_multipliers = multipliers(result.images.jacobian)
     np.testing.assert_allclose(found_multipliers[:, 0], [0.5, 0.8], atol=1e-9)
     np.testing.assert_allclose(found_multipliers[:, 1:], 0.0, atol=1e-7)
 
@@ -159,37 +164,50 @@ def test_engines_agree() -> None:
 def test_jacobian_of_the_chain(chain: BatchedReturnMap, settled: Points) -> None:
     """15 x 15 at the fixed points of all three gaits: differentiation against central differences, 1e-6."""
     assert len(chain.coordinates) == 15
-    found = chain.linearised(settled, {}, "m_B")
-    for jacobian, expected in zip(found.jacobian, differences(chain, settled, {}, 1e-5), strict=True):
+    result = chain.linearised(settled, {}, "m_B")
+    for jacobian, expected in zip(result.jacobian, differences(chain, settled, {}, 1e-5), strict=True):
         assert off(jacobian, expected) < 1e-6
     step = 1e-6
     ends = [chain.images(settled, {"m_B": 0.9 + sign * step}).points.at for sign in (1.0, -1.0)]
-    np.testing.assert_allclose(found.d_parameter, chain.difference(*ends) / (2.0 * step), rtol=0, atol=2e-6)
+    np.testing.assert_allclose(result.d_parameter, chain.difference(*ends) / (2.0 * step), rtol=0, atol=2e-6)
 
 
-def test_images_without_derivatives_are_the_same(chain: BatchedReturnMap, settled: Points) -> None:
+@pytest.mark.slow("chain")
+@pytest.mark.parametrize("model", ["chain", "masses"])
+def test_images_without_derivatives_are_the_same(model: str, request: pytest.FixtureRequest) -> None:
     """Through a kernel of their own, in any number; how they were filled up does not matter."""
-    found, images = chain.linearised(settled, {}), chain.images(settled, {})
+    if model == "chain":
+        mapping, settled = request.getfixturevalue("chain"), request.getfixturevalue("settled")
+    else:
+        mapping = masses()
+        settled, _ = mapping.settled({"launch_1": np.array([0.8, 1.0, 1.3]), "launch_2": 2.0}, {}, 0)
+    found, images = mapping.linearised(settled, {}), mapping.images(settled, {})
     np.testing.assert_allclose(images.points.at, found.points.at, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(images.conserved_jacobian, found.conserved_jacobian)
     assert np.isnan(images.jacobian).all()
-    one = chain.images(settled[np.array([1])], {})
+    one = mapping.images(settled[np.array([1])], {})
     np.testing.assert_array_equal(one.points.at[0], images.points.at[1])
 
 
-def test_place_and_read_are_each_others_inverse(chain: BatchedReturnMap, settled: Points) -> None:
+def test_place_and_read_are_each_others_inverse(chain: BatchedReturnMap) -> None:
+    """At starts of each gait, and beside them."""
     chart, params = chain.chart, scalars(Multilegged())
-    for k in range(len(settled)):
-        like = jax.tree.map(jnp.asarray, settled[k].modes)
-        state = chart.from_coordinates(params, jnp.asarray(settled.at[k]), like)
-        assert bool(chart.covers(params, state))
-        np.testing.assert_allclose(np.asarray(chart.to_coordinates(params, state)), settled.at[k], atol=1e-14)
-        np.testing.assert_allclose(np.asarray(state.x), np.asarray(like.x), atol=1e-9)
+    init, read, place = (jax.jit(f) for f in (chain.model.init, chart.to_coordinates, chart.from_coordinates))
+    random = np.random.default_rng(1)
+    for k in range(3):
+        like = init(params, {"phi_1": np.nan, **{name: psi[k] for name, psi in GAITS.items()}})
+        at = read(params, like)
+        for beside in (0.0, 1e-3):
+            there = at + beside * random.normal(size=at.shape)
+            state = place(params, there, like)
+            assert bool(chart.covers(params, state))
+            np.testing.assert_allclose(read(params, state), there, atol=1e-14)
+            assert beside or np.allclose(state.x, like.x, rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.slow
-def test_coordinates_of_the_quadruped_leave_out_where_it_stands() -> None:
-    """46 numbers that another place and heading do not change, and from which the state follows."""
+def test_coordinates_of_the_quadruped_omit_place_and_heading() -> None:
+    """The 46 coordinates do not change with place and heading, and determine the rest of the state."""
     model = WaistQuadruped()
     chart, params = model.chart(), scalars(model)
     assert chart is not None
@@ -235,8 +253,8 @@ def test_multipliers_of_the_reduced_chain_are_the_theorys() -> None:
     """
     mapping = BatchedReturnMap(MultileggedReduced(), numerics=Numerics(dt=0.1, method="propagator"))
     points, _ = mapping.settled(GAITS, {}, 40)
-    found = multipliers(mapping.linearised(points, {}).jacobian)
-    for row, theory in zip(found, ([1, 2 / 3, 2 / 3], [1, 2 / 3, 2 / 3], [1, 2 / 3, 1 / 2]), strict=True):
+    result = multipliers(mapping.linearised(points, {}).jacobian)
+    for row, theory in zip(result, ([1, 2 / 3, 2 / 3], [1, 2 / 3, 2 / 3], [1, 2 / 3, 1 / 2]), strict=True):
         np.testing.assert_allclose(np.poly(row), np.poly(theory), atol=1e-8)
 
 
@@ -250,9 +268,9 @@ def test_multipliers_of_the_chain_tend_to_the_theorys(chain: BatchedReturnMap) -
     apart = []
     for omega in (0.4, 0.1):
         points, _ = chain.settled({k: v[:2] for k, v in GAITS.items()}, {"omega": omega}, 60)
-        found = newton(chain, points, {"omega": omega}, fix=["E"])
-        assert found.converged.all()
-        slow = multipliers(found.images.jacobian, found.images.conserved_jacobian)
+        result = newton(chain, points, {"omega": omega}, fix=["E"])
+        assert result.converged.all()
+        slow = multipliers(result.images.jacobian, result.images.conserved_jacobian)
         assert np.all(np.abs(slow[:, 2:]) < 0.01)
         polynomials = np.array([np.poly(row[:2]) for row in slow])
         apart.append(np.abs(polynomials - np.poly([2 / 3, 2 / 3])).max())
@@ -267,7 +285,8 @@ def test_no_derivative_in_steps_of_fixed_length() -> None:
     crossing = crossing_of(model, Numerics(dt=2e-4, method="semi_implicit").resolve(model))
     params = scalars(model)
     state = jax.tree.map(
-        lambda x: jnp.asarray(x, jnp.result_type(x)), model.init(params, {"delta_13": jnp.asarray(2.8)})
+        lambda x: jnp.asarray(x, jnp.result_type(x)),
+        jax.jit(model.init)(params, {"delta_13": jnp.asarray(2.8)}),
     )
     numbers = [leaf for leaf in jax.tree.leaves(state) if jnp.issubdtype(leaf.dtype, jnp.floating)]
     assert numbers
@@ -275,7 +294,7 @@ def test_no_derivative_in_steps_of_fixed_length() -> None:
         jax.jvp(lambda q: crossing(params, dataclasses.replace(state, q=q))[0], (state.q,), (state.q,))
 
 
-def test_unknown_names_are_told() -> None:
+def test_unknown_names_are_refused() -> None:
     with pytest.raises(ValueError, match="did you mean beta"):
         BatchedReturnMap(Multilegged(), (("betta", 0.8),)).complete({}, 1)
     with pytest.raises(ValueError, match="Allowed: auto, kernel, xla"):
@@ -291,18 +310,18 @@ def test_jacobian_of_the_quadruped() -> None:
     mapping = BatchedReturnMap(WaistQuadruped(), numerics=Numerics(dt=3e-4))
     points, way = mapping.settled({"delta_13": np.array([2.81, 2.38])}, {}, 60)
     assert np.all(way == ReturnStatus.crossed)
-    found = newton(mapping, points, {})
-    assert found.converged.all()
+    result = newton(mapping, points, {})
+    assert result.converged.all()
     # the model's page: trot 2.81, walk 2.38
-    np.testing.assert_allclose(found.points.at[:, 0], [2.81, 2.38], atol=0.01)
-    expected = differences(mapping, found.points, {}, 1e-7)
-    for jacobian, by_differences in zip(found.images.jacobian, expected, strict=True):
+    np.testing.assert_allclose(result.points.at[:, 0], [2.81, 2.38], atol=0.01)
+    expected = differences(mapping, result.points, {}, 1e-7)
+    for jacobian, by_differences in zip(result.images.jacobian, expected, strict=True):
         assert off(jacobian, by_differences) < 1e-6
     # the slow multiplier is that of the settling: delta_13 comes closer by it each cycle
-    trot = multipliers(found.images.jacobian)[0, 0]
+    trot = multipliers(result.images.jacobian)[0, 0]
     approach, _ = mapping.settled({"delta_13": 2.81}, {}, 100), None
-    before = mapping.difference(approach[0].at, found.points.at[:1])[0, 0]
-    after = mapping.difference(mapping.images(approach[0], {}).points.at, found.points.at[:1])[0, 0]
+    before = mapping.difference(approach[0].at, result.points.at[:1])[0, 0]
+    after = mapping.difference(mapping.images(approach[0], {}).points.at, result.points.at[:1])[0, 0]
     assert abs(after / before - trot.real) < 1e-3
 
 
@@ -318,17 +337,17 @@ def test_jacobian_where_feet_slip() -> None:
     mapping = BatchedReturnMap(model, constants, numerics=Numerics(dt=1e-4))
     points, way = mapping.settled({"delta_13": np.array([3.07, 2.74, 0.52])}, {}, 120)
     assert np.all(way == ReturnStatus.crossed)
-    found = newton(mapping, points, {})
-    assert found.converged.all()
+    result = newton(mapping, points, {})
+    assert result.converged.all()
     # docs/waist_quadruped.md has the first two, rounded
-    np.testing.assert_allclose(found.points.at[:, 0], [3.066, 2.739, 0.523], atol=1e-3)
-    expected = differences(mapping, found.points, {}, 1e-8)
-    for jacobian, by_differences in zip(found.images.jacobian, expected, strict=True):
+    np.testing.assert_allclose(result.points.at[:, 0], [3.066, 2.739, 0.523], atol=1e-3)
+    expected = differences(mapping, result.points, {}, 1e-8)
+    for jacobian, by_differences in zip(result.images.jacobian, expected, strict=True):
         assert off(jacobian, by_differences) < 3e-6
-    slow = np.real(multipliers(found.images.jacobian)[:, 0])
+    slow = np.real(multipliers(result.images.jacobian)[:, 0])
     # the others, of which return maps over delta_13 alone know nothing, have decayed long before
-    assert np.abs(multipliers(found.images.jacobian)[:, 1]).max() < 0.5
+    assert np.abs(multipliers(result.images.jacobian)[:, 1]).max() < 0.5
     early, _ = mapping.settled({"delta_13": np.array([3.1, 2.7, 0.45])}, {}, 70)
-    before = mapping.difference(early.at, found.points.at)[:, 0]
-    after = mapping.difference(mapping.images(early, {}).points.at, found.points.at)[:, 0]
+    before = mapping.difference(early.at, result.points.at)[:, 0]
+    after = mapping.difference(mapping.images(early, {}).points.at, result.points.at)[:, 0]
     np.testing.assert_allclose(after / before, slow, atol=0.02)

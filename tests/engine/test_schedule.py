@@ -43,11 +43,11 @@ def test_a_scheduled_program_is_complete_and_in_order(method: str) -> None:
     numerics = Numerics(dt=4e-3, method=method)
     chunk = kernel_of(model, CrossingRecorder(model, crossings=3), numerics.resolve(model), None).chunk
     program, wanted = chunk.program, list(chunk.attempt.values())
-    given = {at for at, node in enumerate(program.nodes) if node.op == "input"} | set(chunk.steady.values())
-    order = scheduled(program, wanted, given)
+    fields = {at for at, node in enumerate(program.nodes) if node.op == "input"} | set(chunk.steady.values())
+    order = scheduled(program, wanted, fields)
     place = {at: k for k, at in enumerate(order)}
     needed = [
-        at for at in program.needed(wanted, given) if at not in given and program.nodes[at].op != "constant"
+        at for at in program.needed(wanted, fields) if at not in fields and program.nodes[at].op != "constant"
     ]
     assert sorted(order) == needed
     for at in order:

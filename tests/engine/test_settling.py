@@ -51,12 +51,12 @@ def true_periods(r: np.ndarray, x: np.ndarray) -> np.ndarray:
 def test_orbits_of_the_logistic_map_settle_with_their_period(engine: str) -> None:
     """The cascade at 3, 3.4495, 3.5441, 3.5644 and the window of period 3 at 3.8284 (May 1976)."""
     r = [2.8, 3.2, 3.5, 3.55, 3.83, 3.845, 3.74, 3.566, 3.9]
-    found = logistic(r, engine=engine)
-    assert found.numbers["period"].tolist() == [1, 2, 4, 8, 3, 6, 5, 0, 0]
-    names = [Status(code).name for code in found.status]
+    result = logistic(r, engine=engine)
+    assert result.numbers["period"].tolist() == [1, 2, 4, 8, 3, 6, 5, 0, 0]
+    names = [Status(code).name for code in result.status]
     assert names == ["settled"] * 7 + ["cycle_limit"] * 2
-    x = found.last[:, 0]
-    for row, p in enumerate(found.numbers["period"]):
+    x = result.last[:, 0]
+    for row, p in enumerate(result.numbers["period"]):
         y = x[row]
         for _ in range(p):
             y = r[row] * y * (1.0 - y)
@@ -65,7 +65,7 @@ def test_orbits_of_the_logistic_map_settle_with_their_period(engine: str) -> Non
 
 
 @pytest.mark.slow
-def test_no_period_is_found_that_is_not_there() -> None:
+def test_no_false_periods() -> None:
     """3 000 orbits, chaotic ones and slow ones near bifurcations among them, against 200 000 steps of NumPy.
 
     No chaotic row that passes its unstable fixed point, or an orbit of up to 8 crossings, counts as settled.
@@ -74,23 +74,23 @@ def test_no_period_is_found_that_is_not_there() -> None:
     r, start = random.uniform(2.9, 4.0, 3000), random.uniform(0.05, 0.95, 3000)
     true = true_periods(r, start)
     for cycles in (150, 600):
-        found = logistic(r, start=start, cycles=cycles).numbers["period"]
-        np.testing.assert_array_equal(found[found > 0], true[found > 0])
+        result = logistic(r, start=start, cycles=cycles).numbers["period"]
+        np.testing.assert_array_equal(result[result > 0], true[result > 0])
         there = (true > 1) & (true <= 8)
-        assert np.mean(found[there] == true[there]) > (0.88 if cycles == 150 else 0.97)
+        assert np.mean(result[there] == true[there]) > (0.88 if cycles == 150 else 0.97)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cycles", [150, 1000])
-def test_spirals_into_a_fixed_point_are_no_orbits(cycles: int) -> None:
-    """Turns near k/p of a circle, shorter by 1e-5 to 0.3 a step: every p-th point nearly comes back."""
+def test_spirals_into_a_fixed_point_are_not_orbits(cycles: int) -> None:
+    """They turn by nearly k/p of a circle and shrink by 1e-5 to 0.3 a step, so every p-th point is close."""
     random = np.random.default_rng(3)
     n = 4000
     p, k = random.integers(1, 9, n), random.integers(0, 8, n)
     angle = 2.0 * np.pi * k / p + random.normal(size=n) * 10.0 ** random.uniform(-6, -1, n)
     ratio = 1.0 - 10.0 ** random.uniform(-5, -0.5, n)
     model = Spiral()
-    found = run_rows(
+    result = run_rows(
         model,
         SettleRecorder(model, cycles),
         {"x_0": random.uniform(0.0, 2.0, n)},
@@ -99,7 +99,7 @@ def test_spirals_into_a_fixed_point_are_no_orbits(cycles: int) -> None:
         lanes=256,
         engine="kernel",
     )
-    assert set(found.numbers["period"].tolist()) == {0, 1}
+    assert set(result.numbers["period"].tolist()) == {0, 1}
 
 
 @pytest.mark.slow
@@ -108,8 +108,8 @@ def test_observables_settle_by_their_own_size() -> None:
     starts, ends = {"x_0": [1.5, 2.0, 0.9]}, []
     for size in (1e-3, 1.0, 500.0):
         model = Spiral(size)
-        given = {"ratio": 0.9, "angle": 0.3}
-        ends.append(run_rows(model, SettleRecorder(model), starts, params=given, numerics=ONE))
+        fields = {"ratio": 0.9, "angle": 0.3}
+        ends.append(run_rows(model, SettleRecorder(model), starts, params=fields, numerics=ONE))
     for end in ends:
         assert end.status.tolist() == [Status.settled] * 3
         np.testing.assert_array_equal(end.cycles, ends[1].cycles)
@@ -145,14 +145,14 @@ class Scaleless(Declining):
 
 
 @pytest.mark.slow
-def test_a_scale_of_the_models_own_counts_for_what_tends_to_0() -> None:
+def test_scales_of_a_model_apply_to_observables_that_tend_to_0() -> None:
     starts, given = {"x_0": 2.0, "y_0": 1.0}, {"ratio": 0.9, "angle": 0.0}
-    found = run_rows(Declining(), SettleRecorder(Declining()), starts, params=given, numerics=ONE)
+    result = run_rows(Declining(), SettleRecorder(Declining()), starts, params=given, numerics=ONE)
     # 0.9^n (0.9^-10 - 1) < 10 * 1e-3 * 2
-    assert found.cycles.tolist() == [int(np.ceil(np.log(0.02 / (0.9**-10 - 1.0)) / np.log(0.9)))]
+    assert result.cycles.tolist() == [int(np.ceil(np.log(0.02 / (0.9**-10 - 1.0)) / np.log(0.9)))]
     # with none, its range counts, from crossing 1 on: 0.9^n (0.9^-10 - 1) < 1e-2 (0.9 - 0.9^n)
-    found = run_rows(Scaleless(), SettleRecorder(Scaleless(), 150), starts, params=given, numerics=ONE)
-    assert found.cycles.tolist() == [int(np.ceil(np.log(0.009 / (0.9**-10 - 1.0 + 0.01)) / np.log(0.9)))]
+    result = run_rows(Scaleless(), SettleRecorder(Scaleless(), 150), starts, params=given, numerics=ONE)
+    assert result.cycles.tolist() == [int(np.ceil(np.log(0.009 / (0.9**-10 - 1.0 + 0.01)) / np.log(0.9)))]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -169,7 +169,7 @@ class Shifted(Logistic):
 def test_the_zero_of_an_observable_does_not_matter() -> None:
     """Attractors some tenths wide: from 1000 on they are less than the tolerance of their magnitude."""
     r = [2.8, 3.2, 3.5, 3.83, 3.7, 3.9]
-    found = [
+    results = [
         run_rows(
             Shifted(zero=zero),
             SettleRecorder(Shifted(zero=zero), 200),
@@ -181,30 +181,30 @@ def test_the_zero_of_an_observable_does_not_matter() -> None:
         )
         for zero in (0.0, 1000.0)
     ]
-    for each in found:
+    for each in results:
         assert each.numbers["period"].tolist() == [1, 2, 4, 3, 0, 0]
-        np.testing.assert_array_equal(each.cycles, found[0].cycles)
+        np.testing.assert_array_equal(each.cycles, results[0].cycles)
 
 
 def test_a_row_that_starts_at_its_fixed_point_settles() -> None:
     """Its range is 0, or that of rounding; y copies x from crossing 1 on."""
     r = np.array([2.5, 2.8, 2.9])
-    found = logistic(r, start=1.0 - 1.0 / r)
-    assert found.numbers["period"].tolist() == [1, 1, 1]
-    assert found.cycles.tolist() == [11, 11, 11]
+    result = logistic(r, start=1.0 - 1.0 / r)
+    assert result.numbers["period"].tolist() == [1, 1, 1]
+    assert result.cycles.tolist() == [11, 11, 11]
 
 
 @pytest.mark.slow("0.5")
 @pytest.mark.parametrize("restitution", [0.5, 0.9])
-def test_bounces_that_accumulate_never_settle(restitution: float) -> None:
-    """The launch speed shrinks to nothing, as do the times between bounces; with a kick both have a limit."""
+def test_accumulating_bounces_do_not_settle(restitution: float) -> None:
+    """Launch speeds and times between bounces tend to 0; with a kick both have a limit above 0."""
     model = Toy()
     starts = {"launch_1": [1.0, 1.0]}
     params = {"restitution": restitution, "kicking": [0.0, 1.0]}
     numerics = Numerics(dt=0.02)
-    found = run_rows(model, SettleRecorder(model, 300), starts, params=params, numerics=numerics)
-    assert Status(found.status[0]) != Status.settled
-    assert (Status(found.status[1]).name, found.numbers["period"][1]) == ("settled", 1)
+    result = run_rows(model, SettleRecorder(model, 300), starts, params=params, numerics=numerics)
+    assert Status(result.status[0]) != Status.settled
+    assert (Status(result.status[1]).name, result.numbers["period"][1]) == ("settled", 1)
 
 
 class Pendulum(gs.DeclaredModel):
@@ -252,15 +252,15 @@ def test_a_fixed_point_of_the_flow_is_an_attractor_beside_a_cycle() -> None:
     np.testing.assert_allclose(ends["at_rest"]["theta_end"], np.arcsin(0.5), rtol=0, atol=1e-6)
     np.testing.assert_allclose(ends["at_rest"]["omega_end"], 0.0, rtol=0, atol=1e-6)
     assert np.all(ends["at_rest"]["attractor_period"] == 0)
-    found = attractors(table)
-    assert sorted(found.summary["kind"]) == ["point", "rest"]
-    assert set(found.column[table["status"] == "at_rest"]).isdisjoint(
-        found.column[table["status"] == "settled"]
+    result = attractors(table)
+    assert sorted(result.summary["kind"]) == ["point", "rest"]
+    assert set(result.column[table["status"] == "at_rest"]).isdisjoint(
+        result.column[table["status"] == "settled"]
     )
 
 
-def test_what_is_at_rest_and_what_is_not() -> None:
-    """Equilibria without a section; no undamped swing, no start by a saddle, no body that goes on."""
+def test_rest() -> None:
+    """Equilibria without a section are at rest; undamped swings and starts near a saddle are not."""
     table = gs.sweep(
         Unforced,
         damping=[0.0, 0.3],
@@ -282,11 +282,11 @@ def test_what_is_at_rest_and_what_is_not() -> None:
 def test_the_slowest_observable_is_named(engine: str) -> None:
     model = Logistic()
     recorder = SettleRecorder(model, 60, (10.0, 1e-3))
-    found = run_rows(
+    result = run_rows(
         model, recorder, {"x_0": [0.3, 0.3]}, params={"r": [3.9, 2.8]}, numerics=ONE, engine=engine
     )
-    assert [Status(code).name for code in found.status] == ["cycle_limit", "settled"]
-    assert found.numbers["slowest"].tolist() == [1, -1]
+    assert [Status(code).name for code in result.status] == ["cycle_limit", "settled"]
+    assert result.numbers["slowest"].tolist() == [1, -1]
 
 
 def job(**fields: Any) -> dict[str, Any]:
@@ -312,20 +312,20 @@ def test_the_table_of_orbits(tmp_path: Path) -> None:
     assert np.all(table["stalled_by"].isna())
     # the gait is that of the last crossing's values
     assert table["gait"].tolist() == ["high" if x > 0.6 else "low" for x in table["x_end"]]
-    found = attractors(table)
-    assert found.column.astype(object).where(found.column.notna(), None).tolist() == [
+    result = attractors(table)
+    assert result.column.astype(object).where(result.column.notna(), None).tolist() == [
         "A1",
         "period 2",
         "period 4",
         None,
     ]
-    assert found.summary["kind"].tolist() == ["point", "orbit", "orbit"]
-    assert found.summary["rows"].tolist() == [1, 1, 1]
+    assert result.summary["kind"].tolist() == ["point", "orbit", "orbit"]
+    assert result.summary["rows"].tolist() == [1, 1, 1]
     alone = attractors(table.iloc[1:2])
     assert alone.summary["attractor"].tolist() == ["period 2"]
 
 
-def test_a_tolerance_of_what_is_not_observed_is_refused() -> None:
+def test_a_tolerance_of_an_unknown_observable_is_refused() -> None:
     with pytest.raises(JobError, match=r"run\.tolerance\.xx is not an observable of map; did you mean x\?"):
         gs.Job.model_validate(job(run={"kind": "settle", "tolerance": {"xx": 1e-3}}))
     with pytest.raises(JobError, match=r"run\.tolerance has x, which is -1, but must be above 0"):
@@ -363,23 +363,23 @@ def test_a_row_of_period_1_ends_where_it_did(tmp_path: Path) -> None:
     random = np.random.default_rng(5)
     n, model = 64, Angles()
     ratio, angle, x = random.uniform(0.5, 0.93, n), random.uniform(-3, 3, n), random.uniform(0.3, 1.7, n)
-    found = run_rows(
+    result = run_rows(
         model,
         SettleRecorder(model),
         {"x_0": x, "y_0": 1.0},
         params={"ratio": ratio, "angle": angle},
         numerics=ONE,
     )
-    assert np.all(found.numbers["period"] == 1)
+    assert np.all(result.numbers["period"] == 1)
     step = np.arange(151)
     at = (x - 1.0)[:, None] * ratio[:, None] ** step * np.exp(1j * angle[:, None] * step)
     points = np.stack([at.real, at.imag], axis=-1)
     for row in range(n):
         ends = [k for k in range(10, 151) if np.abs(points[row, k] - points[row, k - 10 : k]).max() < 1e-2]
-        assert found.cycles[row] == ends[0]
+        assert result.cycles[row] == ends[0]
 
 
-def test_periods_are_looked_for_in_float32_too() -> None:
+def test_periods_are_found_in_float32() -> None:
     assert float(jnp.finfo(jnp.float32).eps) > 1e-8  # what the state can be told by
     model = Logistic()
 
@@ -390,14 +390,14 @@ def test_periods_are_looked_for_in_float32_too() -> None:
 
     model = Single()
     numerics = Numerics(dt=1.0, precision="float32")
-    found = run_rows(
+    result = run_rows(
         model,
         SettleRecorder(model),
         {"x_0": np.full(3, 0.3)},
         params={"r": [3.2, 3.5, 3.9]},
         numerics=numerics,
     )
-    assert found.numbers["period"].tolist() == [2, 4, 0]
+    assert result.numbers["period"].tolist() == [2, 4, 0]
 
 
 @pytest.mark.slow
@@ -410,7 +410,7 @@ def test_a_walker_on_a_slope_takes_two_steps_then_four_to_repeat() -> None:
     names = [quantity.name for quantity in model.initial_conditions]
     kept = 1.0 - np.cos(2.0 * ANGLE)
     at = np.array([ANGLE, RATE, 2.0 * ANGLE, kept * RATE])
-    found = {}
+    results = {}
     for slope in (
         0.009,
         0.0105,
@@ -435,12 +435,12 @@ def test_a_walker_on_a_slope_takes_two_steps_then_four_to_repeat() -> None:
             numerics=numerics,
             engine="kernel",
         )
-        found[slope] = int(end.numbers["period"][0])
+        results[slope] = int(end.numbers["period"][0])
         if slope == 0.009:
             # the paper's fixed point, printed to 15 digits
             np.testing.assert_allclose(end.last[0, :2], [ANGLE, RATE], rtol=0, atol=1e-9)
-        if found[slope]:
+        if results[slope]:
             at = end.last[0]
-    assert all(found[slope] == 1 for slope in found if slope <= 0.015)
-    assert all(found[slope] == 2 for slope in found if 0.0155 <= slope <= 0.0175)
-    assert (found[0.018], found[0.0185]) == (4, 0)
+    assert all(results[slope] == 1 for slope in results if slope <= 0.015)
+    assert all(results[slope] == 2 for slope in results if 0.0155 <= slope <= 0.0175)
+    assert (results[0.018], results[0.0185]) == (4, 0)

@@ -32,10 +32,10 @@ ARGUMENTS = (
 
 def test_a_function_in_single_precision_rounds_as_single_precision_does() -> None:
     exact = rotated(*ARGUMENTS)
-    found = worked_in("float32", rotated)(*ARGUMENTS)
-    assert found["x"].dtype == jnp.float64
-    assert found["n"] == 4
-    error = np.abs(found["x"] / exact["x"] - 1.0).max()
+    result = worked_in("float32", rotated)(*ARGUMENTS)
+    assert result["x"].dtype == jnp.float64
+    assert result["n"] == 4
+    error = np.abs(result["x"] / exact["x"] - 1.0).max()
     # some roundings of 6e-8; none at all would mean that it was worked out in float64
     assert 1e-9 < error < 1e-6
 
@@ -80,9 +80,8 @@ def test_a_foot_is_placed_to_single_precision() -> None:
 
 
 @pytest.mark.slow
-def test_the_gaits_stay_in_mixed_precision() -> None:
-    """Trot and walk at f = 2.6: both walk on with a scatter of some mrad, which rounding redistributes; the
-    branches are 0.44 rad apart."""
+def test_gaits_are_kept_in_mixed_precision() -> None:
+    """At f = 2.6 rounding changes trot and walk by some mrad; the branches are 0.44 rad apart."""
     model, starts = WaistQuadruped(), np.linspace(1.57, 3.46, 16)
     ends = {}
     for precision in ("float64", "mixed"):

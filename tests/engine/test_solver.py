@@ -54,11 +54,12 @@ def test_order_on_a_linear_flow(name: str, order: int, counts: tuple[int, ...]) 
     assert abs(slope - order) < 0.2, (slope, errors)
 
 
+@pytest.mark.slow("propagator")
 @pytest.mark.parametrize(
     ("kept", "order"), [(PROPAGATOR6, 6), (PROPAGATOR, 8)], ids=["propagator6", "propagator"]
 )
 def test_polynomials_are_the_best_of_their_degree(kept: tuple[float, ...], order: int) -> None:
-    """No worse than a fit made anew, by more than a fiftieth; and bounded beyond the range of the fit."""
+    """Their error exceeds that of a new fit by at most a fiftieth, and they are bounded beyond its range."""
     z = -np.linspace(0.0, 20.0, 4001)
     anew = exponential_polynomial.shares(order, len(kept), 20.0)
     worst, least = (np.abs(exponential_polynomial.value(s, z) - np.exp(z)).max() for s in (kept, anew))
@@ -70,20 +71,21 @@ def test_polynomials_are_the_best_of_their_degree(kept: tuple[float, ...], order
 
 
 @pytest.mark.parametrize("model", LINEAR, ids=lambda model: model.name)
-def test_flows_that_are_said_to_be_linear(model: HybridModel) -> None:
-    """The flow at twice the way is twice the change of the flow, in the modes of the start."""
+def test_flows_declared_linear_are_linear(model: HybridModel) -> None:
+    """Twice the displacement changes the flow by twice as much, in the modes of the start."""
     params = scalars(model)
     start = {
         q.name: jnp.asarray(0.7 if q.default is None else float(q.default)) for q in model.initial_conditions
     }
-    state = model.init(params, start)
-    rates = model.flow(params, state)
+    flow = jax.jit(model.flow)
+    state = jax.jit(model.init)(params, start)
+    rates = flow(params, state)
     random = np.random.default_rng(0)
     way = {name: random.normal(size=rate.shape) for name, rate in rates.items()}
 
     def at(share: float) -> dict[str, jax.Array]:
         moved = {name: getattr(state, name) + share * way[name] for name in way}
-        return model.flow(params, dataclasses.replace(state, **moved))
+        return flow(params, dataclasses.replace(state, **moved))
 
     once, twice = at(1.0), at(2.0)
     for name, rate in rates.items():
@@ -155,8 +157,8 @@ def test_labels_do_not_depend_on_the_method() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name, method in METHODS.items() if method.step is not None])
-def test_derivatives_go_through_every_method(name: str) -> None:
-    """Of a landing time over the launch speed u: 2 d/(w^2 d^2 + u^2), the toy's closed form."""
+def test_every_method_is_differentiable(name: str) -> None:
+    """The derivative of a landing time over the launch speed u is 2 d/(w^2 d^2 + u^2) for the toy."""
     model, u, w, d = Toy(), 1.0, 2.0, 0.5
     params = scalars(model)
     run = crossing_of(model, Numerics(dt=1e-3, method=name).resolve(model), "xla")
@@ -175,3 +177,25 @@ def test_methods_for_linear_flows_are_refused_elsewhere() -> None:
         assert "linear" in (refusal(name, Neuron(), "float64") or "")
         assert "float64" in (refusal(name, Multilegged(), "float32") or "")
     assert refusal("rk4", Neuron(), "float32") is None
+
+
+def _growth(name: str, z: complex) -> complex:
+    """Factor of a step of x' = z x, dt = 1, from the method's own code on a complex flow of two numbers."""
+    shares = {"rk4": (1.0,) * 4, "propagator6": PROPAGATOR6, "propagator": PROPAGATOR}[name]
+    total, term = 1.0 + 0.0j, 1.0 + 0.0j
+    for k, share in enumerate(shares, start=1):
+        term *= z / k
+        total += share * term
+    return total
+
+
+def test_steps_are_stable_at_their_limit_and_not_far_beyond() -> None:
+    """|R| <= 1 at the limit along each direction; twice the limit of the real axis is unstable."""
+    for name in ("rk4", "propagator6", "propagator"):
+        method = METHODS[name]
+        for damping, limit in method.limits:
+            if damping == 0.0:
+                continue  # an undamped motion neither grows nor dies in the flow itself
+            z = limit * (-damping + 1j * np.sqrt(1.0 - damping**2))
+            assert abs(_growth(name, z)) <= 1.0 + 1e-3, (name, damping)
+        assert abs(_growth(name, -2.0 * method.limits[-1][1])) > 1.0

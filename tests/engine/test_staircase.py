@@ -39,7 +39,7 @@ def climb(stairs: StepSchedule, parameter: str, starts: dict[str, Any], **option
 # The path
 
 
-def test_each_pass_has_equal_stairs_and_holds_its_turning_value_once() -> None:
+def test_each_pass_has_equal_stairs_and_its_turning_value_once() -> None:
     stairs = StepSchedule((2.0, 3.2, 2.7, 2.7001), step=0.4, dwell=3.0, first_dwell=5.0)
     assert stairs.lengths == [3, 2, 1]
     value = stairs.value(jnp.arange(7.0))
@@ -62,7 +62,7 @@ def test_each_pass_has_equal_stairs_and_holds_its_turning_value_once() -> None:
     dtype=st.sampled_from([np.float64, np.float32]),
 )
 def test_a_stair_lasts_from_the_end_of_the_one_before(values, step, dwell, first, dtype) -> None:
-    """At the very time of a change the value is the new one, whatever rounding does; in between it stays."""
+    """At the time of a change the value is the new one, whatever the rounding; then it is constant."""
     stairs = StepSchedule(tuple(values), step, dwell, first * dwell)
     # always as many, since JAX compiles anew for other shapes
     some = np.round(np.linspace(0, stairs.count - 1, 64)).astype(dtype)
@@ -102,7 +102,7 @@ def piecewise(launch: float, stairs: StepSchedule) -> np.ndarray:
 
 @pytest.mark.slow
 def test_the_parameter_is_held_on_each_stair_with_both_engines() -> None:
-    """The stiffness changes in mid-flight: the energy then depends on when it did, and on what it was."""
+    """The stiffness changes in flight, so the energy depends on the time and the size of the change."""
     stairs = StepSchedule((4.0, 9.0, 3.0), step=1.7, dwell=3.3, first_dwell=4.1)
     kernel, xla = (
         climb(stairs, "stiffness", {"launch_1": [0.5, 2.0]}, engine=name) for name in ("kernel", "xla")
@@ -125,7 +125,7 @@ def test_the_parameter_is_held_on_each_stair_with_both_engines() -> None:
 
 @pytest.mark.slow
 def test_more_stairs_than_a_buffer_holds() -> None:
-    """Each look finds another stair's end: the row waits until the host has read its buffer."""
+    """Each poll meets the end of another stair: the row waits until the host has read its buffer."""
     stairs = StepSchedule((1.0, 3.0), step=0.01, dwell=0.05)
     result = climb(stairs, "kick", {"launch_1": [1.0, 0.7]}, lanes=2)
     assert np.all(result.status == Status.complete)
@@ -135,8 +135,8 @@ def test_more_stairs_than_a_buffer_holds() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("crossings", [(9, 10), (10, 9)])
-def test_settled_takes_ten_crossings_of_its_own(crossings: tuple[int, int]) -> None:
-    """Without restitution each launch is the kick, whatever the preload: only the crossings' number tells."""
+def test_a_stair_settles_after_ten_crossings_of_its_own(crossings: tuple[int, int]) -> None:
+    """Without restitution each launch speed is the kick, so only the number of crossings decides."""
     kick, preload = 0.5, (0.5, 1.0)
     flight = np.arctan(kick / (2.0 * np.array(preload)))
     # the change comes at the apex, from where the mass falls with the new preload
@@ -158,8 +158,8 @@ def test_an_observable_that_still_moves_is_not_settled() -> None:
 
 
 @pytest.mark.slow
-def test_what_a_new_value_fires_is_fired_at_the_change() -> None:
-    """The threshold falls below the potential: the neuron fires there and then."""
+def test_events_of_a_new_value_happen_at_the_change() -> None:
+    """The threshold falls below the potential, and the neuron fires at that instant."""
     model, first = Neuron(), 21.85
     period = np.arctan([2.0, 0.5]) - np.arctan(-1.0)
     crossed, begun = np.divmod(first - np.arctan(2.0), period[0])

@@ -12,6 +12,7 @@ from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from gaitsweep.row_outcome import RowOutcome
 from tests.support.sweeping import run_rows, same
 from toy_model import Toy
 
@@ -20,7 +21,7 @@ NUMERICS = Numerics(dt=1e-2)
 
 
 @pytest.fixture(scope="module")
-def whole():
+def whole() -> RowOutcome:
     return run_rows(Toy(), SettleRecorder(Toy()), {"launch_1": LAUNCH}, numerics=NUMERICS, lanes=4)
 
 

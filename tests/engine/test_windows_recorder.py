@@ -16,7 +16,7 @@ W, D = 2.0, 0.5  # rad/s, m: the toy's defaults
 
 @pytest.mark.parametrize("engine", [pytest.param("xla", marks=pytest.mark.slow), "kernel"])
 def test_every_crossing_and_the_samples_of_each_window_are_kept(engine: str) -> None:
-    """Three windows of 50 samples: more than the buffer holds, at 0 s, 4 s and 7 s."""
+    """Three windows of 50 samples, at 0 s, 4 s and 7 s, have more samples than the buffer holds."""
     launch = 1.3
     recorder = WindowsRecorder(Toy(), every=0.02, samples=50, first=0.0, second=4.0, spacing=3.0, more=2)
     assert recorder.duration == pytest.approx(7.98)

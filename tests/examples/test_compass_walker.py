@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +14,7 @@ from gaitsweep.examples.compass_walker import CompassWalker
 from tests.support.sweeping import scalars
 
 
-def masses(p, angles):
+def masses(p: Any, angles: jax.Array) -> tuple[jax.Array, jax.Array]:
     """The masses (3,) of hip, stance leg and swing leg, and their places (3, 2) from the stance foot."""
 
     def leg(angle):
@@ -22,7 +24,7 @@ def masses(p, angles):
     return jnp.stack([p.m_H, p.m, p.m]), jnp.stack([hip, p.a * leg(angles[0]), hip - p.b * leg(angles[1])])
 
 
-def lagrangian(p, angles, rates):
+def lagrangian(p: Any, angles: jax.Array, rates: jax.Array) -> jax.Array:
     mass, at = masses(p, angles)
     speed = jax.jvp(lambda a: masses(p, a)[1], (angles,), (rates,))[1]
     return jnp.sum(0.5 * mass * jnp.sum(speed**2, axis=1) - mass * p.g * at[:, 1])

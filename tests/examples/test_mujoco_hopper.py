@@ -1,4 +1,4 @@
-"""A model of an MJCF beside MuJoCo's own simulation in C, and what it refuses."""
+"""A model from an MJCF against MuJoCo's simulation in C, and its refusals."""
 
 # MuJoCo's compiled modules come without types.
 # pyright: reportAttributeAccessIssue=false
@@ -42,10 +42,10 @@ def test_steps_are_mujocos_in_c() -> None:
     true = in_c(0.05, 600)
     landed = np.diff(true[:, 3]) > 0.02
     assert landed.any()
-    found = trace[["phi", "q_0", "q_1"]].to_numpy()[1:]
+    result = trace[["phi", "q_0", "q_1"]].to_numpy()[1:]
     before = int(np.flatnonzero(landed)[0])
-    np.testing.assert_allclose(found[:before], true[:before, :3], rtol=0, atol=1e-10)
-    np.testing.assert_allclose(found, true[:, :3], rtol=0, atol=1e-5)
+    np.testing.assert_allclose(result[:before], true[:before, :3], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(result, true[:, :3], rtol=0, atol=1e-5)
 
 
 @pytest.mark.slow
@@ -126,7 +126,7 @@ def made(xml: str, **members: object) -> type[gs.MjcfModel]:
         ),
     ],
 )
-def test_what_mjx_cannot_do_is_refused(old: str, new: str, sentence: str) -> None:
+def test_unsupported_features_are_refused(old: str, new: str, sentence: str) -> None:
     assert old in TEXT
     with pytest.raises(gs.ArgumentError, match=f"is not accepted by session:Body: .*{sentence}"):
         gs.simulate(made(TEXT.replace(old, new)), duration=0.1)

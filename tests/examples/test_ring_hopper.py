@@ -22,13 +22,13 @@ def test_multipliers_of_twisted_states(q: int) -> None:
     launch = np.pi * G / OMEGA  # one turn a hop
     phase = np.arccos(2.0 * (1.0 - E) * launch / PUSH - 1.0)
     start = {f"phi_{i + 1}_0": [phase + 2.0 * np.pi * q * i / N] for i in range(N)}
-    found = mapping.multipliers(mapping.settled({**start, "launch_0": [launch]}, cycles=0))[0]
+    result = mapping.multipliers(mapping.settled({**start, "launch_0": [launch]}, cycles=0))[0]
     rates = -4.0 * np.cos(2.0 * np.pi * q / N) * np.sin(np.pi * np.arange(1, N) / N) ** 2
     slope = PUSH / 2.0 * np.sin(phase)
     hopper = np.linalg.eigvals([[1.0, 2.0 * OMEGA / G], [-slope, E - slope * 2.0 * OMEGA / G]])
     expected = np.concatenate([np.exp(rates * 2.0 * launch / G), hopper])
-    np.testing.assert_allclose(np.poly(found), np.poly(expected), rtol=1e-6, atol=1e-6)
-    assert (np.abs(found).max() < 1.0) == (abs(q) < N / 4)
+    np.testing.assert_allclose(np.poly(result), np.poly(expected), rtol=1e-6, atol=1e-6)
+    assert (np.abs(result).max() < 1.0) == (abs(q) < N / 4)
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The spring-mass runner beside its own equations in SciPy and what is published of it."""
+"""The spring-mass runner against its equations in SciPy and published results."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ def next_apex(height: float) -> float:
 def test_successive_apices_are_scipys() -> None:
     heights = np.array([0.95, 1.0, 1.1, 1.2, 1.3])
     rows = gs.sweep(SlipRunner(), z_0=heights, run=gs.ReturnMap(crossings=3), numerics={"rtol": 1e-11}).table
-    found = rows["z_n"].to_numpy().reshape(5, 4)
+    result = rows["z_n"].to_numpy().reshape(5, 4)
     for n in range(3):
-        np.testing.assert_allclose(found[:, n + 1], [next_apex(z) for z in found[:, n]], rtol=0, atol=1e-8)
+        np.testing.assert_allclose(result[:, n + 1], [next_apex(z) for z in result[:, n]], rtol=0, atol=1e-8)
     np.testing.assert_allclose(rows["energy_n"], M * G * L0 + M * SPEED**2 / 2.0, rtol=1e-8)
 
 

@@ -1,4 +1,4 @@
-"""Targets that exclude each other, on sets for which this is known."""
+"""Conflicts of targets, on sets whose counts are known in closed form."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gaitsweep.fitting.conflicts import conflicts
 
 
 def circle(n: int = 3600) -> pd.DataFrame:
-    """Sets on a circle of radius 2: x and y cannot both be 0, and z is what half of them has."""
+    """Sets on a circle of radius 2, so that x and y cannot both be 0; every other set meets z."""
     angle = 2.0 * np.pi * np.arange(n) / n
     z = np.where(np.arange(n) % 2 == 0, 0.3, 1e4)
     return pd.DataFrame(
@@ -19,37 +19,37 @@ def circle(n: int = 3600) -> pd.DataFrame:
     )
 
 
-def test_targets_that_exclude_each_other() -> None:
-    found = conflicts([circle()])
-    assert found.sets == 3600
+def test_counts_and_nearest_misses_of_conflicting_targets() -> None:
+    result = conflicts([circle()])
+    assert result.sets == 3600
     # |cos| <= 1/2 on a third of the circle, and not where |sin| <= 1/2
-    assert found.together.to_numpy().tolist() == pytest.approx(
+    assert result.together.to_numpy().tolist() == pytest.approx(
         np.array([[1200, 0, 600], [0, 1200, 600], [600, 600, 1800]]), abs=4
     )
     # where |x| = 1, y is 3^(1/2)
     np.testing.assert_allclose(
-        found.nearest, [[0.0, np.sqrt(3.0), 0.3], [np.sqrt(3.0), 0.0, 0.3], [0.0, 0.0, 0.3]], atol=5e-3
+        result.nearest, [[0.0, np.sqrt(3.0), 0.3], [np.sqrt(3.0), 0.0, 0.3], [0.0, 0.0, 0.3]], atol=5e-3
     )
-    assert set(found.most) in ({"x", "z"}, {"y", "z"})
-    assert found.most_sets == pytest.approx(600, abs=2)
+    assert set(result.most) in ({"x", "z"}, {"y", "z"})
+    assert result.most_sets == pytest.approx(600, abs=2)
 
 
-def test_several_searches_count_together_and_a_wider_error_reconciles_them() -> None:
-    found = conflicts([circle(), circle(1800)], within=np.sqrt(2.0) + 1e-9, targets=["x", "y"])
-    assert found.sets == 5400
-    assert found.together.loc["x", "y"] == 8  # the four diagonals of each circle
-    assert found.most == ("x", "y")
+def test_searches_are_pooled_and_a_larger_error_removes_the_conflict() -> None:
+    result = conflicts([circle(), circle(1800)], within=np.sqrt(2.0) + 1e-9, targets=["x", "y"])
+    assert result.sets == 5400
+    assert result.together.loc["x", "y"] == 8  # the four diagonals of each circle
+    assert result.most == ("x", "y")
 
 
-def test_no_set_meets_anything() -> None:
+def test_no_set_meets_a_target() -> None:
     table = pd.DataFrame({"row": [0, 1], "miss_x": [1e4, 3.0], "miss_y": [-5.0, 2.0]})
-    found = conflicts([table])
-    assert found.together.to_numpy().sum() == 0
-    assert found.nearest.isna().all(axis=None)
-    assert found.most == ()
+    result = conflicts([table])
+    assert result.together.to_numpy().sum() == 0
+    assert result.nearest.isna().all(axis=None)
+    assert result.most == ()
 
 
-def test_refusals() -> None:
+def test_wrong_tables_and_targets_are_refused() -> None:
     with pytest.raises(ArgumentError, match="not the table of a search"):
         conflicts([pd.DataFrame({"row": [0]})])
     with pytest.raises(ArgumentError, match="different targets: x, y, z and x"):

@@ -34,14 +34,14 @@ def column(found: pd.DataFrame, index: str, field: str = "value", output: str = 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_sobol_indices_of_ishigami(seed: int) -> None:
     design = designed("sobol", 2048, seed=seed)
-    found = indices(design, {"y": Output(ishigami(points(design)))}, seed)
-    assert set(found["method"]) == {"sobol"}
+    result = indices(design, {"y": Output(ishigami(points(design)))}, seed)
+    assert set(result["method"]) == {"sobol"}
     for index, exact in zip(("S1", "ST"), ishigami_indices(), strict=True):
-        half = column(found, index, "confidence").astype(float)
-        assert (np.abs(column(found, index).astype(float) - exact) <= 1.5 * half + 1e-3).all()
+        half = column(result, index, "confidence").astype(float)
+        assert (np.abs(column(result, index).astype(float) - exact) <= 1.5 * half + 1e-3).all()
         assert (half < 0.1).all()
-    assert list(dict.fromkeys(found["parameter"])) == NAMES  # by ST: 0.56, 0.44, 0.24
-    assert np.all(found["rows"] == 2048 * 5)
+    assert list(dict.fromkeys(result["parameter"])) == NAMES  # by ST: 0.56, 0.44, 0.24
+    assert np.all(result["rows"] == 2048 * 5)
 
 
 def test_intervals_are_seeded_and_leave_numpys_generator_alone() -> None:
@@ -60,28 +60,28 @@ def test_intervals_are_seeded_and_leave_numpys_generator_alone() -> None:
 def test_morris_of_a_linear_function_gives_its_coefficients() -> None:
     design = designed("morris", 6)
     y = points(design) @ COEFFICIENTS
-    found = indices(design, {"y": Output(y, "N")}, 0)
+    result = indices(design, {"y": Output(y, "N")}, 0)
     exact = 2.0 * np.pi * np.array(COEFFICIENTS)  # the effect of the whole range
-    np.testing.assert_allclose(column(found, "mu").astype(float), exact, rtol=1e-12)
-    np.testing.assert_allclose(column(found, "mu_star").astype(float), np.abs(exact), rtol=1e-12)
-    np.testing.assert_allclose(column(found, "sigma").astype(float), 0.0, atol=1e-12)
-    assert list(dict.fromkeys(found["parameter"])) == ["x_2", "x_1", "x_3"]
-    assert set(found["unit"]) == {"N"}
+    np.testing.assert_allclose(column(result, "mu").astype(float), exact, rtol=1e-12)
+    np.testing.assert_allclose(column(result, "mu_star").astype(float), np.abs(exact), rtol=1e-12)
+    np.testing.assert_allclose(column(result, "sigma").astype(float), 0.0, atol=1e-12)
+    assert list(dict.fromkeys(result["parameter"])) == ["x_2", "x_1", "x_3"]
+    assert set(result["unit"]) == {"N"}
 
 
 def test_morris_takes_whole_trajectories() -> None:
     design = designed("morris", 6)
     y = points(design) @ COEFFICIENTS
     y[[1, 9]] = np.nan  # of trajectories 0 and 2
-    found = indices(design, {"y": Output(y)}, 0)
-    np.testing.assert_allclose(column(found, "mu").astype(float), 2.0 * np.pi * np.array(COEFFICIENTS))
-    assert np.all(found["rows"] == 16)
-    assert set(found["note"]) == {"4 of 6 trajectories are whole"}
+    result = indices(design, {"y": Output(y)}, 0)
+    np.testing.assert_allclose(column(result, "mu").astype(float), 2.0 * np.pi * np.array(COEFFICIENTS))
+    assert np.all(result["rows"] == 16)
+    assert set(result["note"]) == {"4 of 6 trajectories are whole"}
     y[22] = np.nan
-    found = indices(design, {"y": Output(y)}, 0)
-    assert np.all(found["value"].isna())
-    assert np.all(found["confidence"].isna())
-    assert set(found["note"]) == {"3 of 6 trajectories are whole, and 4 are needed"}
+    result = indices(design, {"y": Output(y)}, 0)
+    assert np.all(result["value"].isna())
+    assert np.all(result["confidence"].isna())
+    assert set(result["note"]) == {"3 of 6 trajectories are whole, and 4 are needed"}
 
 
 def test_one_at_a_time_gives_changes_and_elasticities() -> None:
@@ -94,27 +94,27 @@ def test_one_at_a_time_gives_changes_and_elasticities() -> None:
     design = designed("one_at_a_time", None, ranges)
     x = points(design)
     assert len(x) == 1 + 2 + 2 + 2  # a middle or an end that is the job's own value is not run again
-    found = indices(design, {"y": Output(x[:, 0] ** 2 * x[:, 1])}, 0)
-    np.testing.assert_allclose(column(found, "change_low").astype(float), [-0.095, 0, 0], atol=1e-15)
-    np.testing.assert_allclose(column(found, "change_high").astype(float), [0.105, 0.5, 0], atol=1e-15)
-    middles = found[found["index"] == "change_middle"].set_index("parameter")["value"]
+    result = indices(design, {"y": Output(x[:, 0] ** 2 * x[:, 1])}, 0)
+    np.testing.assert_allclose(column(result, "change_low").astype(float), [-0.095, 0, 0], atol=1e-15)
+    np.testing.assert_allclose(column(result, "change_high").astype(float), [0.105, 0.5, 0], atol=1e-15)
+    middles = result[result["index"] == "change_middle"].set_index("parameter")["value"]
     assert dict(middles) == {"x_2": 0.25}
-    np.testing.assert_allclose(column(found, "elasticity").astype(float), [2.0, 1.0, 0.0], atol=1e-14)
-    assert np.all(found["confidence"].isna())
+    np.testing.assert_allclose(column(result, "elasticity").astype(float), [2.0, 1.0, 0.0], atol=1e-14)
+    assert np.all(result["confidence"].isna())
 
 
-def test_one_at_a_time_says_what_is_missing() -> None:
+def test_one_at_a_time_names_missing_sets() -> None:
     design = designed("one_at_a_time", None)
     y = points(design) @ COEFFICIENTS
     y[1] = np.nan  # the low end of x_1
-    found = indices(design, {"y": Output(y)}, 0).set_index(["parameter", "index"])
-    assert found.loc[("x_1", "change_low"), "note"] == "no value at the low end"
-    assert found.loc[("x_1", "elasticity"), "note"].startswith("no value at one of the ends")
-    assert np.isfinite(found.loc[("x_1", "change_high"), "value"])
+    result = indices(design, {"y": Output(y)}, 0).set_index(["parameter", "index"])
+    assert result.loc[("x_1", "change_low"), "note"] == "no value at the low end"
+    assert result.loc[("x_1", "elasticity"), "note"].startswith("no value at one of the ends")
+    assert np.isfinite(result.loc[("x_1", "change_high"), "value"])
     y[0] = np.nan
-    found = indices(design, {"y": Output(y)}, 0)
-    assert np.all(found["value"].isna())
-    assert found["note"].str.contains("the job's own values").all()
+    result = indices(design, {"y": Output(y)}, 0)
+    assert np.all(result["value"].isna())
+    assert result["note"].str.contains("the job's own values").all()
 
 
 def _first_order_where_sound(limit: float) -> np.ndarray:
@@ -136,20 +136,20 @@ def test_gaps_in_a_sobol_design_leave_indices_of_the_sound_rows() -> None:
     x = points(design)
     lost = x[:, 0] > 2.0
     y = np.where(lost, np.nan, ishigami(x))
-    found = indices(design, {"y": Output(y), "failures": Output(lost.astype(float))}, 0)
-    given = found.loc[found["output"] == "y"]
+    result = indices(design, {"y": Output(y), "failures": Output(lost.astype(float))}, 0)
+    given = result.loc[result["output"] == "y"]
     assert set(given["method"]) == {"rbd_fast"}
-    half = column(found, "S1", "confidence").astype(float)
+    half = column(result, "S1", "confidence").astype(float)
     exact = _first_order_where_sound(2.0)
-    assert (np.abs(column(found, "S1").astype(float) - exact) <= half).all()
+    assert (np.abs(column(result, "S1").astype(float) - exact) <= half).all()
     assert (half < 0.1).all()
-    assert np.isnan(column(found, "ST").astype(float)).all()
+    assert np.isnan(column(result, "ST").astype(float)).all()
     assert given["note"].str.contains("of 4096 independent rows have a value").all()
     # who fails is known of all rows, and follows from x_1 alone
-    assert set(found[found["output"] == "failures"]["method"]) == {"sobol"}
+    assert set(result[result["output"] == "failures"]["method"]) == {"sobol"}
     for index in ("S1", "ST"):
         np.testing.assert_allclose(
-            column(found, index, output="failures").astype(float), [1, 0, 0], atol=0.03
+            column(result, index, output="failures").astype(float), [1, 0, 0], atol=0.03
         )
 
 
@@ -162,9 +162,9 @@ def test_too_few_sound_rows_and_constant_outputs_have_no_index() -> None:
     same = np.full(y.size, 3.0)
     gaps = same.copy()
     gaps[1] = np.nan
-    found = indices(design, {"few": Output(few), "same": Output(same), "gaps": Output(gaps)}, 0)
-    assert np.all(found["value"].isna())
-    notes = found.groupby("output")["note"].first().to_dict()
+    result = indices(design, {"few": Output(few), "same": Output(same), "gaps": Output(gaps)}, 0)
+    assert np.all(result["value"].isna())
+    notes = result.groupby("output")["note"].first().to_dict()
     assert notes["few"] == "54 of 128 independent rows have a value, and RBD-FAST needs 100"
     assert notes["same"] == "the output is the same in all rows"
     assert notes["gaps"] == "128 of 128 independent rows have a value, and it is the same in all of them"
@@ -179,16 +179,16 @@ def test_angles_are_unwrapped(method: str) -> None:
     third = points(design) @ COEFFICIENTS / 3.0
     assert third.min() < 0.0 < third.max()
     angle = Output(np.mod(third, 2.0 * np.pi), "rad", circular=True)
-    found = indices(design, {"y": angle, "line": Output(third, "rad")}, 0)
-    of = {name: each.reset_index(drop=True) for name, each in found.groupby("output")}
+    result = indices(design, {"y": angle, "line": Output(third, "rad")}, 0)
+    of = {name: each.reset_index(drop=True) for name, each in result.groupby("output")}
     same = of["y"]["index"] != "elasticity"
     np.testing.assert_allclose(of["y"]["value"][same], of["line"]["value"][same], atol=1e-12)
     assert of["y"].loc[~same, "value"].isna().all()
     assert not of["y"].loc[same, "note"].any()
 
 
-def test_angles_all_around_the_circle_are_told() -> None:
+def test_angles_all_around_the_circle_are_reported() -> None:
     design = designed("sobol", 64)
     angle = Output(np.mod(3.0 * points(design)[:, 0], 2.0 * np.pi), "rad", circular=True)
-    found = indices(design, {"y": angle}, 0)
-    assert found["note"].str.contains("all around the circle").all()
+    result = indices(design, {"y": angle}, 0)
+    assert result["note"].str.contains("all around the circle").all()

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-import gaitsweep as gs
 import toy_model
-from gaitsweep.fitting.fit_job import MEASURES
-from gaitsweep.fitting.measures import RowMeasure
+from gaitsweep.fitting.fit_fields import MEASURES
+from gaitsweep.fitting.measure import RowMeasure
+from gaitsweep.fitting.search import run_search
 from gaitsweep.fitting.search_job import read_search
 from gaitsweep.schema.diagnostics import JobError
 
@@ -33,24 +33,24 @@ def rows(**columns: list[list[Any]]) -> dict[str, np.ndarray]:
 
 def test_a_formula_takes_the_values_at_the_end() -> None:
     seen = rows(apex=[[9.0] * 4], apex_end=[[1.0, 2.0, 3.0, 6.0]], period=[[2.0] * 4])
-    found = measure("value", of="sqrt(apex*apex)/period").of_sets(seen, TOY)
-    assert found.values == pytest.approx([1.5])
+    result = measure("value", of="sqrt(apex*apex)/period").of_sets(seen, TOY)
+    assert result.values == pytest.approx([1.5])
 
 
 def test_a_formula_that_is_not_finite_is_missing() -> None:
     seen = rows(apex=[[0.0, 1.0, 1.0, 1.0], [1.0] * 4])
-    found = measure("value", of="log(apex)").of_sets(seen, TOY)
-    assert np.isnan(found.values[0])
-    assert found.why[0] == "log(apex) is missing"
-    assert found.values[1] == 0.0
+    result = measure("value", of="log(apex)").of_sets(seen, TOY)
+    assert np.isnan(result.values[0])
+    assert result.why[0] == "log(apex) is missing"
+    assert result.values[1] == 0.0
 
 
 def test_only_rows_within_a_range_count() -> None:
     seen = rows(apex=[[1.0, 2.0, 3.0, 4.0], [7.0] * 4], gait=[["hop", "hop", "rest", "hop"]] * 2)
-    found = measure("value", of="apex", among={"apex": [1.5, 3]}).of_sets(seen, TOY)
-    assert found.values[0] == 2.5
-    assert np.isnan(found.values[1])
-    assert found.why[1] == "no row has apex in 1.5 to 3"
+    result = measure("value", of="apex", among={"apex": [1.5, 3]}).of_sets(seen, TOY)
+    assert result.values[0] == 2.5
+    assert np.isnan(result.values[1])
+    assert result.why[1] == "no row has apex in 1.5 to 3"
     share = measure("share", gait="hop", among={"apex": [1.5, 3]}).of_sets(seen, TOY)
     assert share.values[0] == 0.5
     assert share.why[1] == "no row has apex in 1.5 to 3"
@@ -83,10 +83,10 @@ def test_a_coexistence_is_the_length_of_the_range_with_all_gaits() -> None:
 def test_the_order_of_gaits_is_the_least_step_of_their_medians() -> None:
     gaits = [["rest", "hop", "hop", "rest"], ["hop", "hop", "rest", "rest"], ["rest"] * 4]
     seen = rows(gait=gaits, apex=[[1.0, 2.0, 4.0, 2.0]] * 3)
-    found = measure("order", of="apex", gaits=["rest", ["hop"]]).of_sets(seen, TOY)
-    assert found.values[:2] == pytest.approx([1.5, -1.5])
-    assert np.isnan(found.values[2])
-    assert found.why[2] == "no hop"
+    result = measure("order", of="apex", gaits=["rest", ["hop"]]).of_sets(seen, TOY)
+    assert result.values[:2] == pytest.approx([1.5, -1.5])
+    assert np.isnan(result.values[2])
+    assert result.why[2] == "no hop"
 
 
 def test_the_order_leaves_failed_rows_out() -> None:
@@ -102,11 +102,11 @@ def test_the_order_leaves_failed_rows_out() -> None:
 def test_prominence_is_the_depth_of_the_least_inner_value(curve: list[float], depth: float) -> None:
     from scipy.signal import peak_prominences
 
-    found = measure("prominence", of="apex", along="mass").of_sets(rows(apex=[curve]), TOY)
-    assert found.values == [depth]
+    result = measure("prominence", of="apex", along="mass").of_sets(rows(apex=[curve]), TOY)
+    assert result.values == [depth]
     if depth > 0.0:
         least = 1 + int(np.argmin(curve[1:-1]))
-        assert peak_prominences(-np.array(curve), [least])[0] == pytest.approx(found.values)
+        assert peak_prominences(-np.array(curve), [least])[0] == pytest.approx(result.values)
 
 
 @pytest.mark.parametrize(
@@ -147,10 +147,10 @@ def test_wrong_fields_are_refused(kind: str, fields: dict[str, Any], sentence: s
         ),
     ],
 )
-def test_what_the_model_does_not_have_is_refused(kind: str, fields: dict[str, Any], sentence: str) -> None:
-    found = measure(kind, **fields).wrong(["status", "gait", "apex_end", "cycles"], TOY)
-    assert found is not None
-    assert sentence in " ".join(found)
+def test_names_that_the_model_lacks_are_refused(kind: str, fields: dict[str, Any], sentence: str) -> None:
+    result = measure(kind, **fields).field_error(["status", "gait", "apex_end", "cycles"], TOY)
+    assert result is not None
+    assert sentence in " ".join(result)
 
 
 def search(**targets: dict[str, Any]) -> dict[str, Any]:
@@ -173,7 +173,8 @@ def search(**targets: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_a_measure_may_set_a_free_constant(tmp_path: Path) -> None:
-    found = gs.search(search(all={"at": {"mass": 1}}, unkicked={"at": {"kick": 0.25}}), tmp_path / "out")
+    job = search(all={"at": {"mass": 1}}, unkicked={"at": {"kick": 0.25}})
+    found = run_search(read_search(job, Path()), tmp_path / "out", figures=False)
     kick, restitution = (found.table[name].to_numpy(float) for name in ("kick", "restitution"))
     assert found.table["all"].to_numpy(float) == pytest.approx(kick / (1.0 - restitution), rel=1e-6)
     assert found.table["unkicked"].to_numpy(float) == pytest.approx(0.25 / (1.0 - restitution), rel=1e-6)
@@ -181,11 +182,12 @@ def test_a_measure_may_set_a_free_constant(tmp_path: Path) -> None:
 
 def test_a_measure_may_set_all_free_constants(tmp_path: Path) -> None:
     fixed = {"at": {"kick": 0.5, "restitution": 0.5}}
-    found = gs.search(search(all={"at": {"mass": 1}}, fixed=fixed), tmp_path / "out")
+    job = search(all={"at": {"mass": 1}}, fixed=fixed)
+    found = run_search(read_search(job, Path()), tmp_path / "out", figures=False)
     assert found.table["fixed"].to_numpy(float) == pytest.approx(np.ones(8), rel=1e-6)
 
 
-def test_a_constant_that_every_measure_sets_is_not_free() -> None:
+def test_a_constant_that_every_measure_sets_cannot_be_free() -> None:
     job = search(one={"at": {"kick": 1.0}}, two={"at": {"kick": 0.5}})
     with pytest.raises(JobError, match=r"one\.at\.kick is free, but every measure sets it"):
         read_search(job, Path())

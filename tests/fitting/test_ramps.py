@@ -33,7 +33,7 @@ class Falling(CuspFlow):
 
 
 def searched(model: Any = CuspFlow, **more: Any) -> Any:
-    given = {
+    fields = {
         "free": {"a": [0.9, 1.1]},
         "method": "sobol",
         "budget": 4,
@@ -41,7 +41,7 @@ def searched(model: Any = CuspFlow, **more: Any) -> Any:
         "run": gs.Settle(max_cycles=100),
         "numerics": {"method": "rk4", "dt": 0.05},
     }
-    return gs.search(model, **{**given, **more})
+    return gs.search(model, **{**fields, **more})
 
 
 def fold_under_a_ramp(a: float) -> float:
@@ -96,7 +96,7 @@ def test_a_ramp_leaves_a_gait_past_its_fold() -> None:
         # at rest, in the same batch of sets: where x = sqrt(a) for r = 0
         "rest": {"kind": "value", "of": "x", "at": {"x_0": 1.0, "r": 0.0}, "wanted": 1.0, "error": 0.05},
     }
-    found = gs.search(
+    result = gs.search(
         CuspFlow,
         free={"a": [0.8, 1.2]},
         targets=asked,
@@ -107,7 +107,7 @@ def test_a_ramp_leaves_a_gait_past_its_fold() -> None:
         run=gs.Settle(max_cycles=100),
         numerics={"method": "rk4", "dt": 0.05},
     )
-    table = found.table
+    table = result.table
     assert np.all(table["status"] == "complete")
     expected = np.array([fold_under_a_ramp(a) for a in table["a"]])
     np.testing.assert_allclose(table["down"], expected, atol=0.012)
@@ -116,9 +116,9 @@ def test_a_ramp_leaves_a_gait_past_its_fold() -> None:
     # the start at -1 is left of the fold at r = 2 (a/3)^(3/2), above 0.3 there: no right at first
     assert table.loc[table["a"] > 0.9, "order"].to_numpy() == pytest.approx(0.5 * (1.0 + 2.0 / 3.0))
     assert table["only"].to_numpy() == pytest.approx(2.0 / 3.0)
-    assert found.identifiability.best["a"].iloc[0] == pytest.approx(1.0, abs=0.02)
-    assert found.finalists is not None
-    np.testing.assert_allclose(found.finalists["down_half"], found.finalists["down"], atol=1e-3)
+    assert result.identifiability.best["a"].iloc[0] == pytest.approx(1.0, abs=0.02)
+    assert result.finalists is not None
+    np.testing.assert_allclose(result.finalists["down_half"], result.finalists["down"], atol=1e-3)
 
 
 def test_rows_that_fall_keep_their_status() -> None:
@@ -140,7 +140,7 @@ def test_rows_that_fall_keep_their_status() -> None:
     assert (table["order"] == 0.0).all()
 
 
-def test_sets_without_the_transition_say_so() -> None:
+def test_sets_without_the_transition_are_reported() -> None:
     short = {**RAMP, "path": [0.3, 0.0]}
     table = searched(targets={"down": {**transition(run=short), "wanted": -0.4, "error": 0.1}}).table
     assert set(table["why"]) == {"down: no left after right"}
@@ -180,12 +180,12 @@ def test_ramps_wait_for_the_targets_that_are_measured_first() -> None:
     assert set(turned["why"][~near]) == {"down: not measured"}
 
 
-def test_a_ramp_reads_gaits_where_it_is_asked_to() -> None:
-    """The gait is read with the value that the parameter has there; without it the table is as before."""
+def test_a_ramp_reads_gaits_on_request() -> None:
+    """A gait is read with the parameter's value at its crossing; without gaits the table is unchanged."""
     ramp = {name: value for name, value in RAMP.items() if name != "kind"}
-    given = {"x_0": 1.0, "a": 1.0, "numerics": {"method": "rk4", "dt": 0.05}, "verify": 0}
-    table = gs.sweep(CuspFlow, **given, run=gs.Ramp(**ramp, gaits=True)).table
-    plain = gs.sweep(CuspFlow, **given, run=gs.Ramp(**ramp))
+    fields = {"x_0": 1.0, "a": 1.0, "numerics": {"method": "rk4", "dt": 0.05}, "verify": 0}
+    table = gs.sweep(CuspFlow, **fields, run=gs.Ramp(**ramp, gaits=True)).table
+    plain = gs.sweep(CuspFlow, **fields, run=gs.Ramp(**ramp))
     assert_frame_equal(table.drop(columns="gait"), plain.table, check_exact=True)
     assert "gait" not in plain.table
     read = table[table["crossing"] > 0]
@@ -209,8 +209,8 @@ def row(gaits: str, status: str = "complete", t_0: float = 0.0) -> Crossings:
 def measured(of: type, seen: str, status: str = "complete", **fields: Any) -> tuple[float, str]:
     ramp = {**RAMP, "initial_dwell": 0.0}
     measure = of.model_validate({"run": ramp, "at": {"x_0": 1.0}, "least": 2, **fields})
-    found = measure.of_rows([[row(seen, status)]], CuspFlow())
-    return float(found.values[0]), str(found.why[0])
+    result = measure.of_rows([[row(seen, status)]], CuspFlow())
+    return float(result.values[0]), str(result.why[0])
 
 
 @pytest.mark.parametrize(
@@ -325,7 +325,7 @@ def test_the_estimate_counts_ramps() -> None:
 
 
 def test_a_sensitivity_takes_ramps() -> None:
-    found = gs.sensitivity(
+    result = gs.sensitivity(
         CuspFlow,
         parameters={"a": [0.9, 1.1]},
         outputs={"down": transition()},
@@ -333,7 +333,7 @@ def test_a_sensitivity_takes_ramps() -> None:
         numerics={"method": "rk4", "dt": 0.05},
         verify=1,
     )
-    expected = [fold_under_a_ramp(a) for a in found.table["a"]]
-    np.testing.assert_allclose(found.table["down"], expected, atol=0.012)
-    assert found.half_step is not None
-    assert found.half_step.largest["down"] < 1e-3
+    expected = [fold_under_a_ramp(a) for a in result.table["a"]]
+    np.testing.assert_allclose(result.table["down"], expected, atol=0.012)
+    assert result.half_step is not None
+    assert result.half_step.largest["down"] < 1e-3

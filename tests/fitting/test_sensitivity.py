@@ -58,16 +58,16 @@ def refused(folder: Path, **changes: Any) -> str:
 def test_morris_of_simulated_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = written(tmp_path, JOB, "job.yaml")
     assert main(["sensitivity", str(file), "--out", str(tmp_path / "out"), "--set", "sensitivity.n=6"]) == 0
-    said = capsys.readouterr().out
-    assert said.startswith("24 sets: 24 complete.")
-    assert "straight (N), morris, 24 rows" in said
+    message = capsys.readouterr().out
+    assert message.startswith("24 sets: 24 complete.")
+    assert "straight (N), morris, 24 rows" in message
     table = gs.load(tmp_path / "out")
     assert list(table.columns) == ["row", "status", "x_1", "x_2", "x_3", "curved", "straight", "why"]
     x = table[["x_1", "x_2", "x_3"]].to_numpy()
     np.testing.assert_allclose(table["curved"], response_model.ishigami(x), atol=1e-8)
     np.testing.assert_allclose(table["straight"], x @ response_model.COEFFICIENTS, atol=1e-8)
-    found = pd.read_parquet(tmp_path / "out" / "indices.parquet")
-    mu = found[(found["output"] == "straight") & (found["index"] == "mu")].set_index("parameter")["value"]
+    result = pd.read_parquet(tmp_path / "out" / "indices.parquet")
+    mu = result[(result["output"] == "straight") & (result["index"] == "mu")].set_index("parameter")["value"]
     expected = 2.0 * np.pi * np.array(response_model.COEFFICIENTS)
     np.testing.assert_allclose(mu.loc[["x_1", "x_2", "x_3"]], expected, rtol=1e-7)
     assert (tmp_path / "out" / "figures" / "sensitivity.png").stat().st_size > 10_000
@@ -85,7 +85,7 @@ def test_check_counts_sets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert "sensitivity.parameters.x_9 is not a parameter" in err
 
 
-def test_a_stopped_run_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
+def test_a_stopped_run_continues_to_the_same_bytes(tmp_path: Path) -> None:
     """Parts of 32 sets, a row each, since both outputs have the same conditions."""
     job = load_sensitivity(written(tmp_path, JOB, "job.yaml"), ["sensitivity.outputs.straight.at.y_0=1.0"])
     whole, stopped = tmp_path / "whole", tmp_path / "stopped"
@@ -127,7 +127,7 @@ def test_workers_of_a_cluster_measure_the_same(tmp_path: Path) -> None:
     assert set(gs.load(tmp_path / "shared")["status"]) == {"complete", "failed"}
 
 
-def test_a_cluster_goes_on_with_a_stopped_batch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cluster_continues_a_stopped_batch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed")
     job = load_sensitivity(written(tmp_path, JOB, "job.yaml"))
     run_sensitivity(job, tmp_path / "alone")
@@ -154,12 +154,12 @@ def test_a_cluster_goes_on_with_a_stopped_batch(tmp_path: Path, monkeypatch: pyt
 
 
 def test_a_mapping_of_fields_is_a_job(tmp_path: Path) -> None:
-    found = gs.sensitivity(yaml.safe_load(JOB), out=tmp_path / "fields")
-    complete = int(np.count_nonzero(found.table["status"] == "complete"))
-    assert repr(found).startswith(f"Sensitivity({len(found.table)} sets, {complete} complete: ")
-    assert repr(found).endswith(f"; in {tmp_path / 'fields'})")
-    assert len(repr(found)) < 300
-    mapping = found.table
+    result = gs.sensitivity(yaml.safe_load(JOB), out=tmp_path / "fields")
+    complete = int(np.count_nonzero(result.table["status"] == "complete"))
+    assert repr(result).startswith(f"Sensitivity({len(result.table)} sets, {complete} complete: ")
+    assert repr(result).endswith(f"; in {tmp_path / 'fields'})")
+    assert len(repr(result)) < 300
+    mapping = result.table
     alone = gs.sensitivity(written(tmp_path, JOB), out=tmp_path / "file").table
     pd.testing.assert_frame_equal(mapping, alone, check_exact=True)
 
@@ -174,8 +174,8 @@ def test_sets_do_not_depend_on_their_part(tmp_path: Path) -> None:
     pd.testing.assert_frame_equal(*tables, check_exact=True)
 
 
-def test_sets_that_fail_are_told_and_counted() -> None:
-    found = gs.sensitivity(
+def test_failed_sets_are_reported_and_counted() -> None:
+    result = gs.sensitivity(
         response_model.Response,
         parameters={"x_1": [-1.0, 1.0], "x_2": {"low": -1.0, "high": 1.0}, "limit": [-2.0, 3.0]},
         outputs={"straight": {"kind": "value", "of": "linear", "at": {"y_0": 0.0}}},
@@ -184,24 +184,24 @@ def test_sets_that_fail_are_told_and_counted() -> None:
         run=gs.FixedTime(duration=1.5),
         x_3=2.0,
     )
-    table = found.table
+    table = result.table
     fell = table["x_1"] > table["limit"]
     assert np.all((table["status"] == "failed") == fell)
     assert set(table["why"][fell]) == {"straight: fell"}
     assert table["straight"].isna().equals(fell)
-    methods = found.indices.groupby("output")["method"].first()
+    methods = result.indices.groupby("output")["method"].first()
     assert dict(methods) == {"straight": "rbd_fast", "failures": "sobol"}
     # of uniform x_1 and limit, the variance of the share of failures by hand: P = 0.4, P(.|x_1), P(.|limit)
     x, limit = np.linspace(-1, 1, 20_001), np.linspace(-2, 3, 20_001)
     by_x, by_limit = (x + 2.0) / 5.0, np.clip((1.0 - limit) / 2.0, 0.0, 1.0)
     p = by_x.mean()
-    failures = found.indices[found.indices["output"] == "failures"].set_index(["parameter", "index"])
+    failures = result.indices[result.indices["output"] == "failures"].set_index(["parameter", "index"])
     for name, given in (("x_1", by_x), ("limit", by_limit)):
         first = failures.loc[(name, "S1")]
         assert abs(first["value"] - given.var() / (p * (1.0 - p))) < 1.5 * first["confidence"]
     assert failures.loc[("x_2", "ST"), "value"] == 0.0
-    assert found.path is None
-    assert len(found.figure().axes) == 2
+    assert result.path is None
+    assert len(result.figure().axes) == 2
 
 
 def test_shares_of_the_jobs_values_and_formulas(tmp_path: Path) -> None:
@@ -284,12 +284,12 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_what_is_wrong_is_said(case: str, tmp_path: Path) -> None:
+def test_wrong_jobs_are_refused(case: str, tmp_path: Path) -> None:
     changes, sentence = WRONG[case]
     assert sentence in refused(tmp_path, **changes)
 
 
-def test_wrong_jobs_leave_nothing_behind(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_jobs_leave_no_directory(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = written(tmp_path, JOB.replace("morris", "sobool"))
     assert main(["sensitivity", str(file), "--out", str(tmp_path / "out")]) == 2
     assert "did you mean sobol?" in capsys.readouterr().err
@@ -363,7 +363,7 @@ def test_a_ramp_is_refused_by_keywords_too() -> None:
         gs.sensitivity(response_model.Response, parameters={"x_1": [0, 1]}, outputs=outputs, n=8, run=ramp)
 
 
-def test_workers_of_a_client_send_the_rows_here() -> None:
+def test_workers_of_a_client_return_the_rows() -> None:
     distributed = pytest.importorskip("distributed")
     job = yaml.safe_load(JOB)
     asked = {**job.pop("sensitivity"), "n": 4, "x_1": 0.5, "x_2": 1.0, "x_3": 2.0, "y_0": 0.0}
@@ -371,11 +371,11 @@ def test_workers_of_a_client_send_the_rows_here() -> None:
         distributed.LocalCluster(1, threads_per_worker=1, processes=False, dashboard_address=None) as workers,
         distributed.Client(workers, set_as_default=False) as client,
     ):
-        found = gs.sensitivity(response_model.Response, run=job["run"], client=client, **asked)
+        result = gs.sensitivity(response_model.Response, run=job["run"], client=client, **asked)
     alone = gs.sensitivity(response_model.Response, run=job["run"], **asked)
-    pd.testing.assert_frame_equal(found.table, alone.table, check_exact=True)
-    pd.testing.assert_frame_equal(found.indices, alone.indices, check_exact=True)
-    assert found.path is None
+    pd.testing.assert_frame_equal(result.table, alone.table, check_exact=True)
+    pd.testing.assert_frame_equal(result.indices, alone.indices, check_exact=True)
+    assert result.path is None
 
 
 @pytest.mark.parametrize(("far", "differ"), [(0.0, 0), (1.0e8, 8)])
@@ -383,7 +383,7 @@ def test_sets_are_measured_again_at_half_the_step(far: float, differ: int) -> No
     """Steps of 50 ms leave 5e-12 of the start after a second, so 5e-4 of 1e8, and half the steps 1e-5."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        found = gs.sensitivity(
+        result = gs.sensitivity(
             response_model.Response,
             parameters={"x_1": [0.0, 1.0e-3], "x_2": [0.0, 1.0e-3]},
             outputs={"straight": {"kind": "value", "of": "linear", "at": {"y_0": far}}},
@@ -394,16 +394,16 @@ def test_sets_are_measured_again_at_half_the_step(far: float, differ: int) -> No
             verify=8,
             x_3=0.0,
         )
-    assert found.half_step is not None
-    assert (found.half_step.sets, found.half_step.differ) == (8, {"straight": differ})
-    assert 1e-12 * far <= found.half_step.largest["straight"] <= 1e-11 * far + 1e-9
+    assert result.half_step is not None
+    assert (result.half_step.sets, result.half_step.differ) == (8, {"straight": differ})
+    assert 1e-12 * far <= result.half_step.largest["straight"] <= 1e-11 * far + 1e-9
     assert ["At half the step, of 8 sets" in str(each.message) for each in caught] == [True] * (differ > 0)
 
 
 @pytest.mark.slow
 def test_effects_on_the_chains_lag_are_those_of_the_papers_formula() -> None:
     """Ambe 2021, eq. (17): the lag between inner legs is (1 - beta) pi (2 - (3 m_B - m) g / (kappa a))."""
-    found = gs.sensitivity(
+    result = gs.sensitivity(
         gs.models.MultileggedReduced(N=3),
         parameters={"m_B": "5%", "kappa": "5%", "beta": "2%", "omega": "20%"},
         outputs={
@@ -414,10 +414,10 @@ def test_effects_on_the_chains_lag_are_those_of_the_papers_formula() -> None:
         run=gs.Settle(max_cycles=300, tolerance=1.0e-9),
         verify=0,
     )
-    x = found.table
+    x = result.table
     exact = (1.0 - x["beta"]) * np.pi * (2.0 - (3.0 * x["m_B"] - 1.0) * 9.8 / (x["kappa"] * 0.4))
     np.testing.assert_allclose(x["lag"], exact, atol=1e-8)
-    mu = found.indices.loc[found.indices["index"] == "mu"].set_index("parameter")["value"]
+    mu = result.indices.loc[result.indices["index"] == "mu"].set_index("parameter")["value"]
     assert list(mu.index) == ["beta", "m_B", "kappa", "omega"]
     # the effect of the range of beta, 0.032, with the others anywhere in theirs
     steepest = (
@@ -430,7 +430,7 @@ def test_effects_on_the_chains_lag_are_those_of_the_papers_formula() -> None:
 @pytest.mark.slow
 def test_a_fixed_point_is_an_output_too() -> None:
     """It takes no row of the run; the linear function there has its coefficients as effects."""
-    found = gs.sensitivity(
+    result = gs.sensitivity(
         response_model.Response,
         parameters={"x_1": [-1.0, 1.0], "x_2": [-1.0, 1.0]},
         outputs={"there": {"kind": "fixed_point", "of": "linear", "at": {"y_0": 0.0}, "settle": 1}},
@@ -441,8 +441,8 @@ def test_a_fixed_point_is_an_output_too() -> None:
         x_2=0.0,
         x_3=0.0,
     )
-    assert list(found.table["why"]) == [""] * 6
-    high = found.indices[found.indices["index"] == "change_high"].set_index("parameter")["value"]
+    assert list(result.table["why"]) == [""] * 6
+    high = result.indices[result.indices["index"] == "change_high"].set_index("parameter")["value"]
     np.testing.assert_allclose(high.loc[["x_1", "x_2"]], [0.5, 2.0], rtol=1e-7)
-    assert found.half_step is not None
-    assert found.half_step.differ == {"there": 0}
+    assert result.half_step is not None
+    assert result.half_step.differ == {"there": 0}

@@ -1,4 +1,4 @@
-"""Jobs that cannot be run: each is refused by a sentence: where it is wrong, what is allowed or meant."""
+"""Invalid jobs: each is refused with its place, the allowed values or the near miss."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_the_good_job_is_good(tmp_path: Path) -> None:
     load_job(written(tmp_path, GOOD))
 
 
-def test_fields_are_no_path() -> None:
+def test_fields_are_not_paths() -> None:
     with pytest.raises(ArgumentError, match=r"path is a dict, .* path of a YAML file.*Job\(\*\*fields\)"):
         load_job({"name": "x"})  # pyright: ignore[reportArgumentType]
 
@@ -388,7 +388,7 @@ FILES: list[tuple[str | bytes, list[str]]] = [
 
 
 @pytest.mark.parametrize(("text", "words"), FILES, ids=[repr(text)[:50] for text, _ in FILES])
-def test_a_file_that_is_no_job(tmp_path: Path, text: str | bytes, words: list[str]) -> None:
+def test_files_that_are_not_jobs(tmp_path: Path, text: str | bytes, words: list[str]) -> None:
     message = refused(written(tmp_path, text))
     assert "bad.yaml" in message
     for word in words:
@@ -540,8 +540,8 @@ def test_a_namesake_is_not_simulated_instead(tmp_path: Path) -> None:
     assert "line 2: model is toy_model:Toy, but another module toy_model has been loaded from" in message
 
 
-def test_a_model_that_was_edited_is_loaded_anew(tmp_path: Path) -> None:
-    """A notebook's next cell runs what the file says now, and hears of it where that is wrong."""
+def test_an_edited_model_is_loaded_again(tmp_path: Path) -> None:
+    """A notebook's next cell uses the new file, and reports its errors."""
     source = "import toy_model\nclass Own(toy_model.Toy):\n    name = 'before'\n"
     written(tmp_path, source, "own_edited.py")
     path = written(tmp_path, "name: a\nmodel: own_edited:Own\nrun: {kind: settle}\n")
@@ -595,8 +595,8 @@ FIELDS = [
 
 @pytest.mark.slow
 @given(st.sampled_from(FIELDS), JUNK)
-def test_whatever_stands_in_a_field_is_read_or_refused(field: str, junk: Any) -> None:
-    """No other exception ever leaves a job, in whichever field whatever is written."""
+def test_any_value_of_any_field_is_read_or_refused(field: str, junk: Any) -> None:
+    """No exception other than JobError is raised."""
     job = yaml.safe_load(GOOD)
     del job["figures"]
     *outer, last = field.split(".")
@@ -609,7 +609,7 @@ def test_whatever_stands_in_a_field_is_read_or_refused(field: str, junk: Any) ->
 
 
 @given(st.text(max_size=60))
-def test_whatever_a_file_holds_is_refused(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
+def test_any_content_of_a_file_is_refused(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
     path = tmp_path_factory.getbasetemp() / "junk.yaml"
     path.write_text(text, encoding="utf-8", errors="replace")
     with pytest.raises(JobError):

@@ -1,4 +1,4 @@
-"""Expressions: the numbers of Python itself, for floats, arrays and tracers; nothing else is ever run."""
+"""Expressions: Python's values for floats, arrays and tracers; no other code is executed."""
 
 from __future__ import annotations
 
@@ -105,9 +105,9 @@ def test_arrays_are_the_scalars_side_by_side(text: str, betas: list[float]) -> N
     ],
 )
 def test_known_values(text: str | float, value: float) -> None:
-    found = evaluate(text, NAMES)
-    assert isinstance(found, float)
-    assert found == value
+    result = evaluate(text, NAMES)
+    assert isinstance(result, float)
+    assert result == value
 
 
 def test_tracers_with_the_functions_of_jax() -> None:
@@ -204,7 +204,7 @@ def test_refuses_with_a_sentence(text: str, words: str) -> None:
 
 
 @pytest.mark.parametrize("value", [True, np.bool_(False), None, [1.0], math.nan, math.inf, 10**400])
-def test_refuses_what_is_no_finite_number(value: object) -> None:
+def test_numbers_that_are_not_finite_are_refused(value: object) -> None:
     with pytest.raises(ExpressionError):
         evaluate(value, {})  # type: ignore[arg-type]
 
@@ -265,6 +265,6 @@ def test_a_condition_selects_records(condition: str, expected: list[int]) -> Non
         "stair == 'a'", "-gait > 1", "not " * 130 + "settled", "(speed := 1) > 0", "`speed` > 1", "lambda: 1",
     ],
 )  # fmt: skip
-def test_nothing_but_a_condition_is_evaluated(text: str) -> None:
+def test_only_conditions_are_evaluated(text: str) -> None:
     with pytest.raises(ExpressionError):
         fulfilled(text, COLUMNS)

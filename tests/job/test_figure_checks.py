@@ -99,7 +99,7 @@ DRAWN: list[tuple[dict[str, Any], dict[str, Any], Any]] = [
 
 
 @pytest.mark.parametrize(("figure", "run", "vary"), DRAWN)
-def test_what_passes_is_drawn(figure: dict[str, Any], run: dict[str, Any], vary: Any) -> None:
+def test_accepted_figures_are_drawn(figure: dict[str, Any], run: dict[str, Any], vary: Any) -> None:
     checked = job(figure, run, vary)
     spec = checked.resolved()["figures"][0]
     given = {k: v for k, v in spec.items() if v is not None and k not in ("kind", "name")}
@@ -107,8 +107,8 @@ def test_what_passes_is_drawn(figure: dict[str, Any], run: dict[str, Any], vary:
     plt.close("all")
 
 
-def test_what_check_refuses_plot_refuses_too() -> None:
-    """The rules are the figures' own: of a table that is there they are sentences as well."""
+def test_plot_refuses_what_check_refuses() -> None:
+    """The rules are those of the figures, which apply to existing tables too."""
     table = table_of(job({"kind": "basin", **PSI, "panels": "m_B"}, vary=BOTH))
     with pytest.raises(PlotError, match="Several rows have the same psi_1 and psi_2"):
         draw("basin", table, x="psi_1", y="psi_2")

@@ -53,15 +53,15 @@ def test_a_directory_of_an_older_version_opens(tmp_path: Path, capsys: pytest.Ca
     with ResultDirectory.open(path, former, Layout("0" * 64, 1, 1024)) as directory:
         directory.write_part(0, table)
         directory.update_manifest(complete=True)
-    found = gs.load(path)
-    assert found.attrs["job"]["run"] == renamed(former)["run"] == {**run, "tolerance": 1e-3}
-    assert found.attrs["job"]["numerics"]["method"] == "propagator6"
+    loaded = gs.load(path)
+    assert loaded.attrs["job"]["run"] == renamed(former)["run"] == {**run, "tolerance": 1e-3}
+    assert loaded.attrs["job"]["numerics"]["method"] == "propagator6"
     for command in ("plot", "info", "report"):
         assert main([command, str(path)]) == 0, capsys.readouterr().err
     with pytest.raises(TableError):
         gs.run(job, path)
 
 
-def test_what_has_no_former_names_stays_as_it_is() -> None:
+def test_jobs_without_former_names_are_unchanged() -> None:
     for job in ({}, {"run": 3}, {"run": {"kind": []}}, {"run": {"kind": "settle"}, "numerics": {"dt": 1}}):
         assert renamed(job) is job

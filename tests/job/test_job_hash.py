@@ -66,7 +66,7 @@ def test_hash_does_not_see_the_order_of_keys(data: st.DataObject) -> None:
         ("engine.contraction", False),
     ],
 )
-def test_hash_sees_what_decides_the_numbers(path: str, value: Any) -> None:
+def test_the_hash_depends_on_everything_that_determines_results(path: str, value: Any) -> None:
     changed = copy.deepcopy(DECIDING)
     *outer, last = path.split(".")
     inside: Any = changed

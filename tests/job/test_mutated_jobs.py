@@ -1,4 +1,4 @@
-"""A damaged job gets an answer: a sentence or a job, soon, and in little memory (benchmarks.reliability)."""
+"""Damaged and oversized jobs are read or refused with a message, within limits of time and memory."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HEAD = "name: a\nmodel: multilegged\nrun: {kind: settle}\nstart: {psi_1: 1, psi_
 
 
 @pytest.mark.slow
-def test_damaged_jobs_are_answered(tmp_path: Path) -> None:
+def test_damaged_jobs_are_read_or_refused(tmp_path: Path) -> None:
     # the peak is that of the whole process, in which other tests have run
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000.0
     for answer in check_all(40, seed=7, folder=tmp_path):
@@ -29,31 +29,32 @@ def test_damaged_jobs_are_answered(tmp_path: Path) -> None:
         assert answer.memory < max(MOST_MEMORY, before + 0.5 * MOST_MEMORY), answer.path
 
 
-def many(form: str, count: int = 6_000) -> str:
+def listed(form: str, count: int = 6_000) -> str:
     return ", ".join(form.format(number) for number in range(count))
 
 
-FLOODS = {
-    "fields of a job": many('"key{}": 1').join(("{", "}")),
-    "parameters": HEAD + "params: {" + many("bet{}: 1") + "}\n",
-    "axes": HEAD + "vary: {" + many("psi_{}x: [1]") + "}\n",
-    "fields of a run": HEAD.replace("settle}", "settle, " + many("m{}: 1") + "}"),
-    "expressions": HEAD + "vary: {beta: {values: [" + many("'{}*pi/1e6'", 20_000) + "]}}\n",
-    "laughs": "a: &a [1]\n" + "".join(f"{b}: &{b} [{f'*{a}, ' * 9}]\n" for a, b in pairwise("abcdefg")),
-    "aliases of fields": "x: &x {" + many("k{}: 1", 375) + "}\ny: [" + "*x, " * 375 + "]\n",
+OVERSIZED = {
+    "fields of a job": listed('"key{}": 1').join(("{", "}")),
+    "parameters": HEAD + "params: {" + listed("bet{}: 1") + "}\n",
+    "axes": HEAD + "vary: {" + listed("psi_{}x: [1]") + "}\n",
+    "fields of a run": HEAD.replace("settle}", "settle, " + listed("m{}: 1") + "}"),
+    "expressions": HEAD + "vary: {beta: {values: [" + listed("'{}*pi/1e6'", 20_000) + "]}}\n",
+    "nested aliases": "a: &a [1]\n"
+    + "".join(f"{b}: &{b} [{f'*{a}, ' * 9}]\n" for a, b in pairwise("abcdefg")),
+    "aliases of fields": "x: &x {" + listed("k{}: 1", 375) + "}\ny: [" + "*x, " * 375 + "]\n",
     "brackets": "a: " + "[" * 100_000,
     "a key": "? " + "x" * 1_000_000 + "\n: 1\n" + HEAD,
     "sobol points": HEAD
-    + "vary: {sample: {n: 1e7, method: sobol, of: {beta: [.6, .7], kappa: [1, 2], m_B: [.8, .9]}}}",
+    + "vary: {sample: {n: 1e7, method: sobol, of: {beta: [0.6, 0.7], kappa: [1, 2], m_B: [0.8, 0.9]}}}",
     "groups": HEAD + "vary: {sample: [" + "{n: 1e7, of: {beta: [0, 1]}}, " * 1000 + "]}\n",
 }
 
 
 @pytest.mark.slow("axes", "expressions")
-@pytest.mark.parametrize("name", FLOODS)
-def test_floods_are_refused_soon(name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", OVERSIZED)
+def test_oversized_jobs_are_refused_quickly(name: str, tmp_path: Path) -> None:
     path = tmp_path / "job.yaml"
-    path.write_text(FLOODS[name])
+    path.write_text(OVERSIZED[name])
     answer = check_one(Mutant(name, path))
     assert not answer.good
     assert not answer.fault
@@ -71,22 +72,26 @@ def test_only_regular_files_are_read(asked: str, tmp_path: Path) -> None:
     (tmp_path / "loop").symlink_to("loop")
     with open(tmp_path / "sparse", "wb") as sparse:
         sparse.truncate(2**33)
-    words = {"fifo": "a named pipe", "zero": "a device", "folder": "a directory", "loop": "cannot be read"}
-    for name, word in {**words, "sparse": "larger than"}.items():
+    reasons = {
+        "fifo": "a named pipe",
+        "zero": "a device",
+        "folder": "a directory",
+        "loop": "cannot be read",
+        "sparse": "larger than",
+    }
+    for name, reason in reasons.items():
         path = tmp_path / name
         if asked == "config":
             path = tmp_path / "job.yaml"
             path.write_text(f"config: {name}\n" + HEAD)
         began = time.process_time()
-        with pytest.raises(JobError, match=word):
+        with pytest.raises(JobError, match=reason):
             load_job(path)
         assert time.process_time() - began < 2.0
 
 
-def test_a_file_that_becomes_a_pipe_is_not_waited_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The look at its kind and its opening are two calls, between which anything may happen."""
+def test_a_file_that_becomes_a_pipe_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The file may be replaced between the check of its type and its opening, which are two system calls."""
     path = tmp_path / "job.yaml"
     path.write_text(HEAD)
     regular = os.stat(path)
@@ -97,28 +102,41 @@ def test_a_file_that_becomes_a_pipe_is_not_waited_for(
         load_job(path)
 
 
-def test_points_are_counted_before_they_are_drawn() -> None:
-    fields = {"name": "a", "model": "multilegged", "run": {"kind": "settle"}, "start": {"psi_3": 1.0}}
-    box = {"psi_1": [0, 1], "psi_2": [0, 1], "beta": [0.6, 0.7]}
+FIELDS = {"name": "a", "model": "multilegged", "run": {"kind": "settle"}, "start": {"psi_3": 1.0}}
+BOX = {"psi_1": [0, 1], "psi_2": [0, 1]}
+PARAMETERS = ("psi_1", "psi_2", "beta", "kappa", "m_B")
+
+
+@pytest.mark.parametrize(
+    ("vary", "message"),
+    [
+        (
+            {"sample": {"n": 10**7, "of": {**BOX, "beta": [0.6, 0.7]}}},
+            rf"draws 30000000 numbers .*at most {MOST_DRAWN}",
+        ),
+        (
+            {"psi_1": [0.5] * (MOST_LISTED + 1), "psi_2": [1]},
+            rf"has {MOST_LISTED + 1} points; .* at most {MOST_LISTED}",
+        ),
+        ({name: {"linspace": [0.6, 0.7, 10**7]} for name in PARAMETERS}, "more than 1e30 rows"),
+    ],
+    ids=["sample", "list", "product"],
+)
+def test_too_many_points_are_refused_before_they_are_drawn(vary: dict, message: str) -> None:
     began = time.process_time()
-    with pytest.raises(JobError, match=rf"draws 30000000 numbers .*at most {MOST_DRAWN}"):
-        Job(**fields, vary={"sample": {"n": 10**7, "of": box}})
-    with pytest.raises(JobError, match=rf"has {MOST_LISTED + 1} points; .* at most {MOST_LISTED}"):
-        Job(**fields, vary={"psi_1": [0.5] * (MOST_LISTED + 1), "psi_2": [1]})
-    with pytest.raises(JobError, match="more than 1e30 rows"):
-        Job(
-            **fields,
-            vary={
-                f"{name}": {"linspace": [0.6, 0.7, 10**7]}
-                for name in ("psi_1", "psi_2", "beta", "kappa", "m_B")
-            },
-        )
-    job = Job(**fields, vary={"sample": {"n": 10**7, "of": dict(list(box.items())[:2])}})
+    with pytest.raises(JobError, match=message):
+        Job(**FIELDS, vary=vary)
+    assert time.process_time() - began < LATEST
+
+
+def test_a_large_sample_is_not_drawn_with_its_job() -> None:
+    began = time.process_time()
+    job = Job(**FIELDS, vary={"sample": {"n": 10**7, "of": BOX}})
     assert time.process_time() - began < LATEST
     assert job.design.n_rows == 10**7
 
 
-def test_words_that_a_terminal_obeys_are_shown_by_their_escapes(tmp_path: Path) -> None:
+def test_control_characters_of_a_path_are_escaped(tmp_path: Path) -> None:
     with pytest.raises(JobError) as error:
         load_job(tmp_path / "\x1b[31mred\nmissing.yaml")
     assert "\x1b" not in str(error.value)

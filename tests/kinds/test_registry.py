@@ -18,7 +18,7 @@ from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.job import Job, JobError, schema
-from gaitsweep.kinds.columns import CROSSING, STATUS, Column, observed
+from gaitsweep.kinds.columns import CROSSING, STATUS, Column, observed_at_crossings
 from gaitsweep.kinds.run_kind import Cost
 from gaitsweep.runs.estimate import estimate
 from gaitsweep.schema.numbers import Count, Text
@@ -36,7 +36,7 @@ class Doublings(kinds.RunKind):
 
     def columns(self, model: Model) -> list[Column]:
         twice = Column("twice", lambda records: 2.0 * records["t"], repeats=False)
-        return [CROSSING, Column("t", repeats=False), twice, STATUS, *observed(model, "n")]
+        return [CROSSING, Column("t", repeats=False), twice, STATUS, *observed_at_crossings(model)]
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         return Cost(self.crossings * cycle, self.crossings * cycle, self.crossings)
@@ -106,7 +106,7 @@ def test_the_schema_and_the_refusals_name_them() -> None:
         job([{"kind": "cycles", "y": ["launch_1"]}], kind="settle")
 
 
-def test_what_is_not_registered_is_refused() -> None:
+def test_unregistered_kinds_are_refused() -> None:
     with pytest.raises(JobError, match=r"run\.kind: \"doublings\" is not"):
         job()
     with pytest.raises(JobError, match=r"figures\[0\]\.kind: \"times\" is not"):

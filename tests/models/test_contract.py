@@ -21,7 +21,9 @@ from gaitsweep.contract import (
     FixedStepDynamics,
     HybridModel,
     Model,
+    Params,
     Simultaneous,
+    State,
     Status,
     SteppedModel,
 )
@@ -40,7 +42,7 @@ def model(request: pytest.FixtureRequest) -> Model:
     return request.param()
 
 
-def begun(model: Model):
+def begun(model: Model) -> tuple[Params, State]:
     params = scalars(model)
     random = np.random.default_rng(1)
     start = {}
@@ -119,7 +121,7 @@ def test_models_are_values(model: Model) -> None:
 
 
 @pytest.mark.slow("multilegged", "multilegged_reduced", "planar_quadruped", "waist_quadruped")
-def test_functions_give_what_they_promise(model: Model) -> None:
+def test_functions_have_the_declared_results(model: Model) -> None:
     params, state = begun(model)
     observed = model.observe(params, state)
     assert set(observed) == {q.name for q in model.observables}
@@ -135,16 +137,16 @@ def test_functions_give_what_they_promise(model: Model) -> None:
     assert float(model.period(params)) > 0.0
 
 
-@pytest.mark.slow("multilegged", "planar_quadruped", "waist_quadruped")
+@pytest.mark.slow("multilegged", "multilegged_reduced", "planar_quadruped", "waist_quadruped")
 def test_dynamics_keep_shapes_and_modes(model: Model) -> None:
     """`flow` gives rates of the state's fields; `jump` keeps shapes, types and, without events, values."""
     params, state = begun(model)
     if isinstance(model, HybridModel):
-        rates = model.flow(params, state)
+        rates = jax.jit(model.flow)(params, state)
         for name, rate in rates.items():
             field = getattr(state, name)
             assert (field.shape, field.dtype) == (rate.shape, rate.dtype), name
-        guards = model.guards(params, state)
+        guards = jax.jit(model.guards)(params, state)
         assert bool(jnp.all(jnp.isfinite(guards)))
     else:
         assert isinstance(model, SteppedModel)
@@ -154,17 +156,18 @@ def test_dynamics_keep_shapes_and_modes(model: Model) -> None:
         guards = model.events(params, state, after)
         assert guards.dtype == bool
     assert guards.ndim == 1
-    still = model.jump(params, state, jnp.zeros(guards.shape, bool))
-    jumped = model.jump(params, state, jnp.ones(guards.shape, bool))
+    jump = jax.jit(model.jump)
+    still = jump(params, state, jnp.zeros(guards.shape, bool))
+    jumped = jump(params, state, jnp.ones(guards.shape, bool))
     for before, after, quiet in zip(*(jax.tree.leaves(each) for each in (state, jumped, still)), strict=True):
         assert (before.shape, before.dtype) == (after.shape, after.dtype)
         np.testing.assert_array_equal(before, quiet)
     assert not bool(model.section(params, state, jnp.zeros(guards.shape, bool)))
 
 
-@pytest.mark.slow("planar_quadruped", "waist_quadruped")
+@pytest.mark.slow("multilegged", "planar_quadruped", "waist_quadruped")
 def test_functions_are_pure_and_batchable(model: Model) -> None:
-    """Under jit and vmap they give what they give alone: no Python branch on a value, no hidden state."""
+    """Under jit and vmap they give the same results: no Python branch on a value, no hidden state."""
     params, state = begun(model)
 
     def moved(params, state):
@@ -182,7 +185,7 @@ def test_functions_are_pure_and_batchable(model: Model) -> None:
 
 
 @pytest.mark.slow
-def test_check_model_finds_nothing_wrong(model: Model) -> None:
+def test_check_model_finds_no_fault(model: Model) -> None:
     assert faults(type(model)) == []
 
 
@@ -193,8 +196,8 @@ class _NotIndependent(MultileggedReduced):
 
 
 @pytest.mark.slow
-def test_jumps_that_depend_on_their_order_cannot_be_called_independent() -> None:
-    """The chain's are; those of the reduced chain, where neighbours share a load, are not."""
+def test_only_jumps_that_commute_are_independent() -> None:
+    """Those of the chain commute; those of the reduced chain, where neighbours share a load, do not."""
     assert faults(Multilegged) == []
     wrong = faults(_NotIndependent)
     assert wrong

@@ -56,7 +56,7 @@ TIED = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", TIED)
-def test_legs_in_phase_are_the_limit_of_legs_that_are_nearly_so(case: str) -> None:
+def test_legs_in_phase_are_the_limit_of_legs_nearly_in_phase(case: str) -> None:
     """Legs 1 and 4 in phase have all events together. SciPy's solver gets them 1e-7 rad apart, one by one.
 
     The crossings have to agree to a few times these 1e-7 rad. Where rounding has a leg touch again the row
@@ -68,9 +68,9 @@ def test_legs_in_phase_are_the_limit_of_legs_that_are_nearly_so(case: str) -> No
     if phi_1 is not None:
         starts["phi_1"] = np.full(len(psi), phi_1)
     model = Multilegged()
-    found = run_rows(model, CrossingRecorder(model, crossings=3), starts, params={"beta": 0.7})
-    assert np.all(found.status == Status.complete)
-    samples = found.samples.reshape(len(psi), 4, -1)
+    result = run_rows(model, CrossingRecorder(model, crossings=3), starts, params={"beta": 0.7})
+    assert np.all(result.status == Status.complete)
+    samples = result.samples.reshape(len(psi), 4, -1)
     for row, offset in itertools.product(range(len(psi)), offsets):
         apart = psi[row] + np.array([0.0, 0.0, offset])
         exact = multilegged_scipy.run(Parameters(beta=0.7), apart, 3, phi_1=phi_1).crossings
@@ -89,7 +89,7 @@ def test_legs_in_phase_are_the_limit_of_legs_that_are_nearly_so(case: str) -> No
     ],
 )
 def test_points_of_the_paper(point, gait: str, end) -> None:
-    """Points a, b, c of Fig. 4 stay where they are: to 0.01 rad, where the three gaits are 1 rad apart."""
+    """Points a, b, c of Fig. 4 are fixed to 0.01 rad, where the three gaits are 1 rad apart."""
     model = Multilegged()
     starts = {f"psi_{i + 1}": [value] for i, value in enumerate(point)}
     result = run_rows(model, SettleRecorder(model), starts)

@@ -45,19 +45,19 @@ def test_a_refined_run_has_the_full_runs_picture(coarse: pd.DataFrame, tmp_path:
     pd.testing.assert_frame_equal(refined.loc[simulated, ends], coarse.loc[simulated, ends], check_exact=True)
 
 
-def test_intervals_of_a_coarse_grid_hold_the_fine_grids_shares(coarse: pd.DataFrame) -> None:
+def test_intervals_of_a_coarse_grid_contain_the_fine_grids_shares(coarse: pd.DataFrame) -> None:
     """33 x 33 cells against the 99 x 99 of the figure; the intervals are 2.5 % wide at most."""
-    found = fractions(coarse, by="psi_3")
+    result = fractions(coarse, by="psi_3")
     whole = [number / 9801 for panel in WHOLE for number in panel]
-    wide = found.sort_values(["psi_3", "outcome"])
+    wide = result.sort_values(["psi_3", "outcome"])
     assert wide["outcome"].tolist() == ["direct", "retrograde", "source"] * 3
     assert (wide["low"].to_numpy() <= whole).all()
     assert (wide["high"].to_numpy() >= whole).all()
     assert np.max(wide["high"] - wide["low"]) < 0.026
 
 
-def test_nothing_shows_a_fractal_boundary(coarse: pd.DataFrame) -> None:
-    """Exponent 1 lies in the interval of every slice, and the boundary entropy is below ln 2."""
+def test_boundaries_are_not_fractal(coarse: pd.DataFrame) -> None:
+    """The interval of the exponent of every slice contains 1, and the boundary entropy is below ln 2."""
     panels = basins(coarse, by="psi_3").panels
     assert np.all(panels["exponent_low"] < 1.0)
     assert np.all(panels["exponent_high"] > 1.0)
@@ -66,11 +66,11 @@ def test_nothing_shows_a_fractal_boundary(coarse: pd.DataFrame) -> None:
 
 def test_the_gaits_lines_are_the_attractors(coarse: pd.DataFrame) -> None:
     """Three lines, with the classifier's labels but at their corners, which it gives away by another rule."""
-    found = attractors(coarse)
-    assert found.summary["kind"].tolist() == ["line"] * 3
-    assert agreement(coarse, found.column) > 0.95
+    result = attractors(coarse)
+    assert result.summary["kind"].tolist() == ["line"] * 3
+    assert agreement(coarse, result.column) > 0.95
     # lines are 4 rad long (3.9 in the analysis); a torus's straight distance would end at pi
-    assert found.summary["extent"].between(3.5, 4.5).all()
+    assert result.summary["extent"].between(3.5, 4.5).all()
 
 
 def test_the_locked_state_is_an_attractor_of_its_own(tmp_path: Path) -> None:
@@ -87,10 +87,10 @@ def test_the_locked_state_is_an_attractor_of_its_own(tmp_path: Path) -> None:
     table = gs.run(job, tmp_path / "out").table
     locked = ((table["gait"] == "locked") & (table["status"] == "settled")).to_numpy()
     assert locked.sum() > 20
-    found = attractors(table)
-    own = found.column.loc[locked].unique()
+    result = attractors(table)
+    own = result.column.loc[locked].unique()
     assert len(own) == 1
-    state = found.summary.set_index("attractor").loc[own[0]]
+    state = result.summary.set_index("attractor").loc[own[0]]
     assert state["kind"] == "point"
     assert state["rows"] == locked.sum()
     np.testing.assert_allclose(state[["psi_1_end", "psi_3_end"]].astype(float), [5.209, 1.074], atol=0.01)

@@ -104,7 +104,7 @@ def errors_and_conditions(N: int, chain: Chain) -> tuple[jax.Array, jax.Array, j
 @pytest.mark.slow
 @pytest.mark.parametrize("N", [3, 4])
 def test_waves_are_motions_of_the_chain_where_their_conditions_hold(N: int) -> None:
-    """Fixed points of the map of the reduced chain, or not, in every one of 400 chains."""
+    """In each of 400 chains a wave is a fixed point of the reduced map exactly if its conditions hold."""
     some = chains(400, N)
     found, hold, landing = jax.jit(jax.vmap(lambda chain: errors_and_conditions(N, chain)))(some)
     able = np.asarray(landing) > 0.0  # else leg 1 has no touchdown to start at
@@ -158,8 +158,8 @@ def test_above_m_a_leg_is_in_the_air_when_its_neighbour_touches(settled: tuple) 
 
 
 @pytest.mark.slow
-def test_amplitudes_beyond_the_legs_length_change_nothing(settled: tuple) -> None:
-    """No equation knows a < L: phases depend on kappa a alone, at half the length as at one and a half."""
+def test_amplitudes_beyond_the_legs_length_are_allowed(settled: tuple) -> None:
+    """No equation contains a < L: phases depend on kappa a alone, at half the length as at one and a half."""
     (*_, short, too_short), psi, gaits = settled
     np.testing.assert_array_equal(gaits[short], gaits[too_short])
     # rounding, as long as the line is stable

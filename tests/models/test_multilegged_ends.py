@@ -48,7 +48,7 @@ def params_of(*chains: Chain) -> dict[str, np.ndarray]:
     inner = {"kappa": 100.0, "a": 0.4}
     given = {name: [getattr(chain, name) for chain in chains] for name in names}
     return {
-        name: np.array([inner[name.split("_")[0]] if each is None else each for each in values])
+        name: np.array([inner[name.split("_")[0]] if value is None else value for value in values])
         for name, values in given.items()
     }
 
@@ -83,14 +83,14 @@ def test_the_chain_at_rest_with_a_spring_for_each_pair(case: tuple[list[float], 
     oracle = linprog(np.ones(n), A_ub=-stiffness, b_ub=weight, bounds=[(leg, None) for leg in legs])
     assert np.abs(oracle.x - x).max() < 1e-5  # HiGHS is feasible to 1e-7, which a long chain amplifies
     unit = kappa[(n - 1) // 2]
-    found = np.asarray(balanced(legs, masses, kappa, 9.8))
-    assert np.abs(np.maximum(found, 0.0) - load / unit).max() < 1e-13 * n * scale / unit
-    assert (found[x - legs > 1e-10] < 0.0).all()
+    result = np.asarray(balanced(legs, masses, kappa, 9.8))
+    assert np.abs(np.maximum(result, 0.0) - load / unit).max() < 1e-13 * n * scale / unit
+    assert (result[x - legs > 1e-10] < 0.0).all()
 
 
 @pytest.mark.slow
-def test_E_drifts_by_what_the_ends_reset() -> None:
-    """Eqs. (31), (32) with an own spring and amplitude of each end, while their neighbours stand."""
+def test_E_drifts_by_the_resets_of_the_ends() -> None:
+    """Eqs. (31), (32) with an own spring and amplitude of each end, while its neighbour is in stance."""
     model, chains, n = MultileggedReduced(), (SOFT_TAIL, SHORT_HEAD, UNLIKE, MATCHED), 24
     params = {name: np.repeat(values, n) for name, values in params_of(*chains).items()}
     recorder = CrossingRecorder(model, crossings=60)
@@ -107,7 +107,7 @@ def test_E_drifts_by_what_the_ends_reset() -> None:
 
 @pytest.mark.slow("chain1-5", "chain2-4")
 @pytest.mark.parametrize(("chain", "N"), [(MATCHED, 3), (MATCHED, 5), (UNLIKE._replace(a_end=0.5), 4)])
-def test_ends_that_touch_alike_keep_the_lines_of_solutions(chain: Chain, N: int) -> None:
+def test_ends_with_equal_touchdowns_keep_the_lines_of_solutions(chain: Chain, N: int) -> None:
     """The lags of eq. (12) beside the ends; against touchdowns searched for in the obstacle problem."""
     head, tail = (float(each) for each in end_resets(chain))
     alike = chain._replace(m_end=chain.m_end * head / tail)

@@ -40,6 +40,7 @@ def test_known_points_of_the_full_model_take_their_gait() -> None:
     assert labels(almost)[0].tolist() == [NONE, LOCKED, NONE]
 
 
+@pytest.mark.slow("4", "6")
 @pytest.mark.parametrize("N", LEGS)
 def test_every_point_of_a_set_takes_the_sets_label(N: int) -> None:
     # the ends left out: there the next set is as near
@@ -51,13 +52,14 @@ def test_every_point_of_a_set_takes_the_sets_label(N: int) -> None:
     assert distance.max() < 1e-12
 
 
+@pytest.mark.slow("4", "6")
 @pytest.mark.parametrize("N", LEGS)
 def test_reversing_the_legs_maps_direct_to_retrograde(N: int) -> None:
     mirrors = {Branch("direct", N): Branch("B", 2), Branch("B", 2): Branch("direct", N)}
     for branch in branches(N):
         beyond = 2 if branch.kind == "A" else 3
         mirrors.setdefault(branch, Branch(branch.kind, N + beyond - branch.k))
-    psi = solution_sets(N, samples=8, section=N + 1)[:, 1:-1]
+    psi = solution_sets(N, samples=22, section=N + 1)[:, 1:-1]  # as many as above: one program of labels
     reversed_legs = -psi[:, :, ::-1].reshape(-1, N)  # section N + 1 becomes section 1
     gait, k, distance = (np.asarray(out).reshape(len(psi), -1) for out in labels(reversed_legs))
     for row, branch in enumerate(branches(N)):

@@ -58,8 +58,8 @@ def profile(N: int, seed: int = 3) -> tuple[Chain, dict[str, float]]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [Multilegged, MultileggedReduced])
-def test_equal_values_are_no_profile(kind: type[Multilegged]) -> None:
-    """The very numbers: starts, crossings and labels."""
+def test_a_profile_of_equal_values_is_the_uniform_chain(kind: type[Multilegged]) -> None:
+    """Starts, crossings and labels are equal to the last bit."""
     ends = []
     for model in (kind(N=4), kind(N=4, profile=True)):
         recorder = SettleRecorder(model, max_cycles=40, tolerance=1e-3)
@@ -170,8 +170,8 @@ def test_no_profile_of_the_inner_legs_moves_the_source() -> None:
 
 
 @pytest.mark.slow
-def test_a_heavy_inner_leg_takes_the_source_away() -> None:
-    """Its own reset exceeds the ends': both waves run to it, and nothing is free any more."""
+def test_a_heavy_inner_leg_removes_the_source() -> None:
+    """Its reset exceeds the ends', both waves run towards it, and no lag is free."""
     N, heavy = 4, 2
     model = MultileggedReduced(N, profile=True)
     recorder = SettleRecorder(model, max_cycles=1500, tolerance=1e-9)
@@ -186,7 +186,7 @@ def test_a_heavy_inner_leg_takes_the_source_away() -> None:
 
 @pytest.mark.slow
 def test_the_grounds_compliance_breaks_the_tie() -> None:
-    """On a soft ground the full model drifts by what the ends' neighbours sink, wherever the source is."""
+    """On a soft ground the full model drifts as the ends' neighbours sink, wherever the source is."""
     N, K = 5, 1.0e4
     model, slopes = Multilegged(N, profile=True), (-0.3, 0.3)
     psi = np.array([[1.1] * (k - 2) + [3.0] + [5.2] * (N - k + 1) for k in (3, 4, 5)] * 2)
@@ -206,12 +206,12 @@ def test_the_grounds_compliance_breaks_the_tie() -> None:
 
 def test_profiles_follow_one_number() -> None:
     """A slope is a straight line over the legs, a bend a parabola; both ends stay."""
-    given = {"N": 5, "profile": True}
+    fields = {"N": 5, "profile": True}
     job = Job.model_validate(
         {
             "name": "some",
             "model": "multilegged",
-            "structure": given,
+            "structure": fields,
             "params": {"m_bend": 0.5, "kappa_2": "kappa + 7", "a_3": 0.37},
             "vary": {"m_slope": [0.0, 0.2]},
             "start": {f"psi_{i}": 1.0 for i in range(1, 6)},
@@ -221,8 +221,8 @@ def test_profiles_follow_one_number() -> None:
     values, _ = job.design.values(0, 2)
     x = np.array([-3 / 5, -1 / 5, 1 / 5, 3 / 5])
     for row, slope in enumerate((0.0, 0.2)):
-        found = [values[f"m_{i}"][row] for i in range(2, 6)]
-        assert found == pytest.approx(1.0 + slope * x + 0.5 * (1.0 - x**2))
+        results = [values[f"m_{i}"][row] for i in range(2, 6)]
+        assert results == pytest.approx(1.0 + slope * x + 0.5 * (1.0 - x**2))
     assert [values[f"kappa_{i}"][0] for i in (2, 3, 4)] == [107.0, 100.0, 100.0]
     assert values["m_1"].tolist() == values["m_end"].tolist() == [0.9, 0.9]
 
@@ -250,7 +250,7 @@ def test_jobs_without_a_profile_stay_as_they_were() -> None:
     assert jobs[2].resolved()["structure"] == {"N": 3, "profile": True}
 
 
-def test_what_is_of_equal_legs_refuses_a_profile() -> None:
+def test_analyses_of_equal_legs_refuse_a_profile() -> None:
     chain, _ = profile(4)
     branch = branches(4)[2]
     for refused in (

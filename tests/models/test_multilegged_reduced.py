@@ -82,13 +82,13 @@ balanced, solved = jax.jit(balance), jax.jit(obstacle_problem)
 @given(legs)
 def test_balance_is_the_load_with_a_sign(case: tuple[list[float], list[float], float]) -> None:
     length, mass, kappa = np.array(case[0]), np.array(case[1]), case[2]
-    found = np.asarray(balanced(length, mass, kappa, 9.8))
+    result = np.asarray(balanced(length, mass, kappa, 9.8))
     x, load = (np.asarray(out) for out in solved(length, mass, kappa, 9.8))
     scale = 1.0 + mass.size * float(mass.sum()) * 9.8 / case[2]
-    assert np.abs(np.maximum(found, 0.0) - load / case[2]).max() < 1e-12 * scale
-    assert (found[x - case[0] > 1e-12 * scale] < 0.0).all()
+    assert np.abs(np.maximum(result, 0.0) - load / case[2]).max() < 1e-12 * scale
+    assert (result[x - case[0] > 1e-12 * scale] < 0.0).all()
     back = np.asarray(balanced(length[::-1], mass[::-1], kappa, 9.8))[::-1]
-    assert np.abs(found - back).max() < 1e-12 * scale
+    assert np.abs(result - back).max() < 1e-12 * scale
 
 
 @pytest.mark.slow
@@ -99,9 +99,9 @@ def test_a_cycle_is_that_of_the_obstacle_problem(N: int) -> None:
     It has no held legs, so starts in which three legs swing together may differ: at most a tenth.
     """
     psi = starts(24, N)
-    found = np.asarray(cycles_of(N)(psi))
+    result = np.asarray(cycles_of(N)(psi))
     expected = np.array([reference.cycle(N, Chain(), row)[0] for row in psi])
-    apart = np.abs(wrapped(found - expected)).max(axis=1)
+    apart = np.abs(wrapped(result - expected)).max(axis=1)
     # rounding alone; a touchdown taken early or late by a step would give 0.1
     assert np.mean(apart < 1e-11) >= 0.9, np.sort(apart)[-6:]
 
@@ -136,11 +136,11 @@ def test_analytic_solutions_are_fixed_points_with_their_multipliers(N: int) -> N
     jacobians = np.swapaxes(wrapped(after[:, :, 0] - after[:, :, 1]) / (2 * step), -1, -2)
     for row, branch in enumerate(branches(N)):
         for column in range(len(places)):
-            found = jacobians[row, column]
+            result = jacobians[row, column]
             expected = linear_map(N, branch, float(free[row, column]), chain, section=1)
-            assert np.abs(found - expected).max() < 1e-9, branch
+            assert np.abs(result - expected).max() < 1e-9, branch
             # eqs. (22), (26): 1/2 for 2/3 would change the coefficients by 0.1
-            assert np.abs(characteristic_polynomial(found) - np.poly(multipliers(N, branch))).max() < 1e-8
+            assert np.abs(characteristic_polynomial(result) - np.poly(multipliers(N, branch))).max() < 1e-8
 
 
 @pytest.mark.slow
@@ -178,7 +178,7 @@ def test_engines_and_methods_give_the_same_ends() -> None:
 
 @pytest.mark.slow
 def test_the_conserved_quantity_and_its_drift() -> None:
-    """E stands still in a symmetric chain, and moves by (m_end - m_1) b a cycle in others; eqs. (29)-(32)."""
+    """E changes by (m_end - m_1) b a cycle, which is 0 in a symmetric chain; eqs. (29)-(32)."""
     model, tail = MultileggedReduced(), Chain(m_1=0.8, m_end=0.95)
     for chain in (Chain(), tail):
         masses = {"m_1": chain.m_1, "m_end": chain.m_end}
@@ -257,7 +257,7 @@ def test_no_touchdown_outside_the_conditions() -> None:
 def test_labels_are_the_full_models() -> None:
     """1 000 random starts: the same gait in 97 % or more, and each gait's share within 2 %."""
     psi = starts(1000, seed=21)
-    found = []
+    results = []
     for model, numerics in (
         (MultileggedReduced(), STEPS),
         (Multilegged(), Numerics(method="propagator6", dt=32e-3)),
@@ -272,11 +272,11 @@ def test_labels_are_the_full_models() -> None:
             devices=2,
         )
         assert np.all(run.status == Status.settled)
-        found.append(run.labels["gait"])
-    equal = np.mean(found[0] == found[1])
+        results.append(run.labels["gait"])
+    equal = np.mean(results[0] == results[1])
     print(f"labels equal in {100 * equal:.1f} % of 1 000 random starts")
     assert equal >= 0.97
-    shares = [np.bincount(labels, minlength=5) / 1000 for labels in found]
+    shares = [np.bincount(labels, minlength=5) / 1000 for labels in results]
     assert np.abs(shares[0] - shares[1]).max() < 0.02
 
 

@@ -79,6 +79,7 @@ def test_modules_beside_are_those_that_are_imported(folder: tuple[Path, str]) ->
     assert not [name for name in beside if name.startswith(("jax", "numpy", "gaitsweep"))]
 
 
+@pytest.mark.slow
 def test_an_edit_beside_the_model_is_another_job(folder: tuple[Path, str]) -> None:
     path, package = folder
     job, before = found(path)
@@ -94,7 +95,7 @@ def test_an_edit_beside_the_model_is_another_job(folder: tuple[Path, str]) -> No
     assert period(again) == pytest.approx(seconds, rel=1e-12)
 
 
-def test_what_is_not_imported_does_not_count(folder: tuple[Path, str]) -> None:
+def test_modules_that_are_not_imported_do_not_count(folder: tuple[Path, str]) -> None:
     path, package = folder
     _, before = found(path)
     write(path / package / "unused.py", "THREE = 4.0\n")
@@ -161,7 +162,7 @@ def test_a_broken_edit_is_a_sentence(folder: tuple[Path, str]) -> None:
     assert found(path)[1] == before
 
 
-def test_provenance_has_what_decides_the_numbers() -> None:
+def test_provenance_has_everything_that_determines_results() -> None:
     versions = provenance.versions()
     for package in ("jax", "numpy", "scipy", "llvmlite", "mujoco", "mujoco-mjx"):
         assert versions[package][0].isdigit()

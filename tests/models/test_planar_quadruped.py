@@ -1,4 +1,4 @@
-"""The planar quadruped: its body and its steps against MuJoCo C, its starts, and what it reads of a walk."""
+"""The planar quadruped: its body and steps against MuJoCo C, its starts, and measurements of a walk."""
 
 # MuJoCo's compiled modules come without types.
 # pyright: reportAttributeAccessIssue=false
@@ -83,10 +83,10 @@ def crossings() -> pd.DataFrame:
 
 def test_sigma_sets_the_speed_parameters_and_each_can_be_set_alone() -> None:
     model = PlanarQuadruped()
-    found = complete(model, {"sigma": np.array([0.0, 0.25, 0.5, 0.8, 1.0])}, 5)
+    result = complete(model, {"sigma": np.array([0.0, 0.25, 0.5, 0.8, 1.0])}, 5)
     for name, column in zip(SPEED, COLUMNS.T, strict=True):
         wanted = np.interp([0.0, 0.25, 0.5, 0.8, 1.0], [0.0, 0.5, 1.0], column)
-        np.testing.assert_allclose(found[name], wanted, rtol=1e-12, err_msg=name)
+        np.testing.assert_allclose(result[name], wanted, rtol=1e-12, err_msg=name)
     alone = complete(model, {"sigma": 0.25, "Tr": 0.03}, 1)
     assert alone["Tr"][0] == 0.03
     assert alone["s"][0] == pytest.approx(0.5 * (1.18 + 1.71))
@@ -155,13 +155,13 @@ def test_knees_have_dampings_of_their_own_in_swing_and_stance() -> None:
 
 
 @pytest.mark.parametrize("sigma", [0.0, 0.3, 0.5, 0.8, 1.0])
-def test_the_ends_of_the_path_move_what_lies_between(sigma: float) -> None:
+def test_the_ends_of_the_path_determine_the_points_between(sigma: float) -> None:
     slow, fast = {"Tr_slow": 0.1, "theta_st_slow": -0.3}, {"Tr_fast": 0.03, "theta_st_fast": -0.7}
-    found = complete(PlanarQuadruped(), {"sigma": sigma, **slow, **fast}, 1)
+    result = complete(PlanarQuadruped(), {"sigma": sigma, **slow, **fast}, 1)
     at = [0.0, 0.5, 1.0]
-    assert found["Tr"] == pytest.approx(np.interp(sigma, at, [0.1, 0.0473, 0.03]), rel=1e-12)
-    assert found["theta_st"] == pytest.approx(np.interp(sigma, at, [-0.3, -0.438, -0.7]), rel=1e-12)
-    assert found["s"] == pytest.approx(np.interp(sigma, at, [1.18, 1.71, 1.40]), rel=1e-12)
+    assert result["Tr"] == pytest.approx(np.interp(sigma, at, [0.1, 0.0473, 0.03]), rel=1e-12)
+    assert result["theta_st"] == pytest.approx(np.interp(sigma, at, [-0.3, -0.438, -0.7]), rel=1e-12)
+    assert result["s"] == pytest.approx(np.interp(sigma, at, [1.18, 1.71, 1.40]), rel=1e-12)
 
 
 @pytest.mark.slow("0")
@@ -183,20 +183,18 @@ def test_the_tree_follows_mujoco_c_under_the_same_forces(traces: list[pd.DataFra
 
 @pytest.mark.slow("0")
 @pytest.mark.parametrize("row", [0, 1])
-def test_crossings_tell_what_a_trace_shows(
-    traces: list[pd.DataFrame], crossings: pd.DataFrame, row: int
-) -> None:
+def test_crossings_agree_with_a_trace(traces: list[pd.DataFrame], crossings: pd.DataFrame, row: int) -> None:
     trace = traces[row].assign(row=row)
     seen = onsets_in(trace, {leg: f"u_f_{leg}" for leg in LEGS})
-    told = onsets_of_crossings(crossings.loc[crossings["row"] == row])
+    message = onsets_of_crossings(crossings.loc[crossings["row"] == row])
     for leg in LEGS:
         at = seen.loc[seen["leg"] == leg, "t"].to_numpy()
-        known = told.loc[told["leg"] == leg, "t"].to_numpy()
+        known = message.loc[message["leg"] == leg, "t"].to_numpy()
         at = at[at <= known[-1] + 1e-6]
         np.testing.assert_allclose(known, at[-known.size :], atol=1e-9, err_msg=leg)
     last = crossings.loc[crossings["row"] == row].iloc[-1]
     window = (0.5, last["t"])
-    by_trace, by_crossings = (gait_of(each, window=window).iloc[0] for each in (seen, told))
+    by_trace, by_crossings = (gait_of(each, window=window).iloc[0] for each in (seen, message))
     assert by_crossings["gait"] == by_trace["gait"]
     assert by_crossings["delta_1"] == pytest.approx(by_trace["delta_1"], abs=1e-9)
 
@@ -324,7 +322,7 @@ def _check_means(
             assert last[f"{name}_pitch_{leg}_n"] == pytest.approx(pitch.mean(), abs=5e-3), (leg, name)
 
 
-def test_what_counts_as_fallen() -> None:
+def test_falls() -> None:
     model = PlanarQuadruped()
     params = params_of(model)
     start = started(model, params, 0.0, 0.0)
@@ -374,8 +372,8 @@ def test_labels() -> None:
 
 def test_bodies_in_jobs(tmp_path: Path) -> None:
     def job(**changed: Any) -> Job:
-        given = {"name": "p", "model": "planar_quadruped", "run": {"kind": "settle"}, "numerics": {"dt": DT}}
-        return Job(**(given | changed))
+        fields = {"name": "p", "model": "planar_quadruped", "run": {"kind": "settle"}, "numerics": {"dt": DT}}
+        return Job(**(fields | changed))
 
     assert job().design.model == PlanarQuadruped("tree")
     assert job(structure={"body": "mjx"}).design.model == PlanarQuadruped("mjx")

@@ -54,16 +54,16 @@ def test_shares_of_known_oscillations(
     """301 strides, of which the first is left out. A stride ends within a step, 0.3 % of it."""
     t = DT * np.arange(round(301.2 * PERIOD / DT))
     waves = [a * np.cos(2 * np.pi * part * t / PERIOD + part) for part, a in parts.items()]
-    found = shares_of(jnp.asarray(mean + sum(waves, np.zeros(t.size))))
-    np.testing.assert_allclose(found, [once, twice], atol=0.005)
+    result = shares_of(jnp.asarray(mean + sum(waves, np.zeros(t.size))))
+    np.testing.assert_allclose(result, [once, twice], atol=0.005)
 
 
 def test_the_average_forgets() -> None:
     """After ten times the memory the signal of before counts e^-10."""
     t = DT * np.arange(round(200 * PERIOD / DT))
     part = np.where(t < 100 * PERIOD, 1, 2)
-    found = shares_of(jnp.asarray(0.01 * np.cos(2 * np.pi * part * t / PERIOD)), 10.0)
-    np.testing.assert_allclose(found, [0.0, 1.0], atol=0.005)
+    result = shares_of(jnp.asarray(0.01 * np.cos(2 * np.pi * part * t / PERIOD)), 10.0)
+    np.testing.assert_allclose(result, [0.0, 1.0], atol=0.005)
 
 
 @pytest.mark.slow
@@ -83,8 +83,8 @@ def test_shares_are_those_of_a_traces_fft() -> None:
         onsets = 1 + np.flatnonzero((flexor[:-1] <= 0.0) & (flexor[1:] > 0.0))
         power = np.abs(np.fft.rfft(pitch[onsets[-1 - strides] : onsets[-1]])) ** 2
         seen.append(power[[strides, 2 * strides]] / power[1:].sum())
-    found = ends[["pitch_once_end", "pitch_twice_end"]].to_numpy()
-    np.testing.assert_allclose(found, seen, atol=0.01)
-    np.testing.assert_allclose(found[1:], seen[1:], atol=0.002)
-    assert found[0, 1] > 0.9
-    assert found[2, 0] > 0.9
+    result = ends[["pitch_once_end", "pitch_twice_end"]].to_numpy()
+    np.testing.assert_allclose(result, seen, atol=0.01)
+    np.testing.assert_allclose(result[1:], seen[1:], atol=0.002)
+    assert result[0, 1] > 0.9
+    assert result[2, 0] > 0.9

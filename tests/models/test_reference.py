@@ -105,7 +105,7 @@ def test_clamped_ground_never_pulls() -> None:
 
 
 @pytest.mark.slow
-def test_crossings_file_is_whole_and_what_the_propagator_gives() -> None:
+def test_the_file_of_crossings_is_complete_and_reproducible() -> None:
     table = rows("multilegged_crossings.csv")
     for chosen in CROSSING_SETS:
         mine = [row for row in table if row["set"] == chosen.name]

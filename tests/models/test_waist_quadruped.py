@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +33,14 @@ STEPS = Numerics(dt=2e-4, method="semi_implicit")
 LOCATED = Numerics(dt=3e-4, method="rk4")
 
 
-def crossings(starts, count=100, *, params=None, numerics=STEPS, engine="kernel"):
+def crossings(
+    starts: Sequence[float] | np.ndarray,
+    count: int = 100,
+    *,
+    params: Mapping[str, Any] | None = None,
+    numerics: Numerics = STEPS,
+    engine: str = "kernel",
+) -> np.ndarray:
     """The observables at `count` landings of limb 3, (rows, count + 1, observables)."""
     recorder = CrossingRecorder(MODEL, crossings=count)
     result = run_rows(
@@ -66,8 +75,8 @@ def test_both_branches_are_where_the_page_has_them(gaits, f: float, start: float
     assert abs(gaits[f, start][0] - delta_13) < 0.02
 
 
-def test_it_walks_as_fast_as_the_paper_says(gaits) -> None:
-    """Eq. (3) gives 0.187 m/s for feet that do not slip in their joints; the lag of the PD costs some."""
+def test_the_walking_speed_is_the_papers(gaits) -> None:
+    """Eq. (3) gives 0.187 m/s for feet without slip and lag; the lag of the PD control reduces it."""
     last = np.array(list(gaits.values()))
     assert np.all(np.abs(last[:, 1:3] - math.pi) < 0.02), "left and right limbs are half a turn apart"
     assert np.all((last[:, 3] > 0.172) & (last[:, 3] < 0.184))
@@ -84,8 +93,8 @@ def test_gaits_are_labelled_and_rows_settle() -> None:
 
 
 @pytest.mark.slow
-def test_no_row_settles_while_its_start_holds_it() -> None:
-    """At beta = 0.6 a start at 2.0 stands still until it is let go of, and then leaves for a pace."""
+def test_no_row_settles_before_T_hold() -> None:
+    """At beta = 0.6 a start at 2.0 is constant until T_hold, and then leaves for a pace."""
     recorder = SettleRecorder(MODEL, max_cycles=200, tolerance=1e-3)
     result = run_rows(
         MODEL, recorder, {"delta_13": np.array([2.0])}, params={"beta": 0.6}, numerics=STEPS, engine="kernel"
@@ -113,7 +122,7 @@ def test_only_the_waists_stiffness_and_damping_know_of_kappa_0_and_f() -> None:
 
 
 @pytest.mark.slow
-def test_fixed_steps_run_on_both_engines_alike() -> None:
+def test_fixed_steps_agree_on_both_engines() -> None:
     starts = np.array([2.2, 3.0])
     params = {"T_grow": 0.2, "T_hold": 0.3}
     kernel = crossings(starts, 2, params=params)
@@ -165,7 +174,7 @@ def test_tilt_and_falls_are_those_of_the_front_bodys_axes() -> None:
     assert fallen(upright.at[WAIST].set(-1.6), jnp.asarray(0.133))
 
 
-def test_a_limbs_angles_put_the_foot_there() -> None:
+def test_inverse_kinematics_of_a_limb() -> None:
     x, z = np.random.default_rng(0).uniform(-0.05, 0.05, 50), -np.random.default_rng(1).uniform(0.1, 0.15, 50)
     for bend in (1.0, -1.0):
         hip, knee = joint_angles(jnp.array(x), jnp.array(z), 0.08, bend)
@@ -180,7 +189,7 @@ def test_a_foot_out_of_reach_is_aimed_at() -> None:
     assert float(knee) == 0.0
 
 
-def test_the_ground_holds_a_foot_by_a_spring_and_a_damper() -> None:
+def test_the_ground_is_a_spring_and_a_damper() -> None:
     at, speed, anchor = jnp.array([0.1, 0.2, -1e-4]), jnp.array([0.0, 0.1, 0.3]), jnp.array([0.099, 0.2])
     ground = jnp.full(3, 3.6e4), jnp.full(3, 175.0)
     free = anchored_force(at, speed, anchor, jnp.asarray(True), *ground)
@@ -191,8 +200,8 @@ def test_the_ground_holds_a_foot_by_a_spring_and_a_damper() -> None:
 
 
 @pytest.mark.slow
-def test_the_foots_path_has_no_steps_in_it() -> None:
-    """From segment to segment it goes on where it was; a swing begins at rest on its path."""
+def test_the_path_of_a_foot_is_continuous() -> None:
+    """Segments join, and a swing begins at rest on its path."""
     aep, end = 0.5 * math.pi, 2.0 * math.pi
     phi_AEP, x_c, D, H, h, dip, ease = jnp.array([aep, -0.0008, 0.056, 0.133, 0.0393, 0.009, 1.0])
     path = FootPath(phi_AEP, x_c, D, H, h, dip, ease)

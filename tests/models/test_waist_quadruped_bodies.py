@@ -163,14 +163,14 @@ def test_mjx_is_left_to_xla() -> None:
 
 
 def job(**changed: Any) -> Job:
-    given = {
+    fields = {
         "name": "mjx",
         "model": "waist_quadruped",
         "structure": {"body": "mjx"},
         "run": {"kind": "settle"},
         "numerics": {"method": "semi_implicit", "dt": DT},
     }
-    return Job(**(given | changed))
+    return Job(**(fields | changed))
 
 
 def test_bodies_in_jobs() -> None:
@@ -185,7 +185,7 @@ def test_bodies_in_jobs() -> None:
         WaistQuadruped("tre")
 
 
-def test_what_is_compiled_into_a_body_cannot_move(tmp_path: Path) -> None:
+def test_constants_of_a_compiled_body_cannot_vary(tmp_path: Path) -> None:
     job = tmp_path / "job.yaml"
     job.write_text(
         "name: r\nmodel: waist_quadruped\nstructure: {body: mjx}\nvary: {delta_13: [2.2]}\n"

@@ -63,11 +63,11 @@ def observed(
 ) -> dict[str, np.ndarray]:
     """The observables (count,) at the first landings of limb 3."""
     recorder = CrossingRecorder(model, crossings=count)
-    found = run_rows(
+    result = run_rows(
         model, recorder, {"delta_13": np.array([2.9])}, params=params, numerics=numerics, engine="kernel"
     )
-    np.testing.assert_array_equal(found.status, Status.complete)
-    table = found.samples.reshape(count + 1, -1)[1:, 2:]
+    np.testing.assert_array_equal(result.status, Status.complete)
+    table = result.samples.reshape(count + 1, -1)[1:, 2:]
     return dict(zip((q.name for q in model.observables), table.T, strict=True))
 
 
@@ -97,17 +97,19 @@ def test_landings_are_those_of_a_loop_in_mujoco(structure: dict[str, str], param
     """
     model = WaistQuadruped(**structure)
     near = 1e-5 if {"clamp", "mu"} & set(params) or "damping" in structure else 1e-6
-    found = observed(model, {**QUICK, **params}, 3, Numerics(dt=2e-5, method="rk4"))
+    result = observed(model, {**QUICK, **params}, 3, Numerics(dt=2e-5, method="rk4"))
     values = {name: float(value[0]) for name, value in complete(model, {**QUICK, **params}, 1).items()}
     expected = landings(
         mjcf(), values, 2.9, 3, rtol=1e-9, swing=model.swing, damping=model.damping, slip=model.slip
     )
     phases = np.array([one.phases for one in expected])
     for name, (i, j) in {"delta_13": (0, 2), "delta_12": (0, 1), "delta_34": (2, 3)}.items():
-        np.testing.assert_allclose(found[name], np.mod(phases[:, i] - phases[:, j], 2.0 * math.pi), atol=near)
-    np.testing.assert_allclose(found["stride"], np.diff([0.0, *(one.x for one in expected)]), atol=near)
+        np.testing.assert_allclose(
+            result[name], np.mod(phases[:, i] - phases[:, j], 2.0 * math.pi), atol=near
+        )
+    np.testing.assert_allclose(result["stride"], np.diff([0.0, *(one.x for one in expected)]), atol=near)
     for i in LIMBS:
-        assert found[f"touchdowns_{i + 1}"].tolist() == [one.touchdowns[i] for one in expected]
+        assert result[f"touchdowns_{i + 1}"].tolist() == [one.touchdowns[i] for one in expected]
 
 
 @pytest.mark.slow
@@ -135,8 +137,8 @@ def path_of(swing: str, ease: float = 1.0) -> FootPath:
 
 
 @pytest.mark.parametrize("swing", SWINGS)
-def test_every_swing_goes_from_one_extreme_position_to_the_other(swing: str) -> None:
-    """At the PEP, the top and the AEP; what follows the AEP without a landing comes back to the PEP."""
+def test_every_swing_joins_the_extreme_positions(swing: str) -> None:
+    """At the PEP, the top and the AEP; after the AEP without a landing the path returns to the PEP."""
     path = path_of(swing, 0.6)
     middle, back, ahead = -0.0008, -0.0008 - 0.5 * D, -0.0008 + 0.5 * D
     for phi, segment, x, z in (
@@ -148,8 +150,8 @@ def test_every_swing_goes_from_one_extreme_position_to_the_other(swing: str) -> 
         (2.0 * math.pi, BEYOND, back, -H),
         (2.0 * math.pi, STANCE, back, -H),
     ):
-        found = path.target(jnp.asarray(phi), jnp.asarray(segment), (jnp.asarray(0.01), jnp.asarray(-0.13)))
-        np.testing.assert_allclose(found, (x, z), atol=1e-15)
+        result = path.target(jnp.asarray(phi), jnp.asarray(segment), (jnp.asarray(0.01), jnp.asarray(-0.13)))
+        np.testing.assert_allclose(result, (x, z), atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -210,8 +212,9 @@ def test_a_touchdown_is_a_landing_from_the_gate_on(gate: float, lands: bool) -> 
     assert float(after.phi[2]) == float(p.phi_AEP if lands else before.phi[2])
 
 
-def test_a_late_landing_without_a_reset_goes_on_along_the_line() -> None:
-    """The phase stays, and the desired x is the same before and after; with a reset the phase goes back."""
+@pytest.mark.slow
+def test_a_late_landing_without_a_reset_continues_along_the_line() -> None:
+    """Phase and desired x are the same before and after the landing; a reset sets the phase back."""
     p, before, after = landed(1.6, late_reset=0.0)
     assert float(after.phi[2]) == float(before.phi[2])
     path = p.path(before.clock, before.growing)
@@ -272,6 +275,7 @@ def test_the_grounds_vertical_spring_and_damper_are_its_own() -> None:
     assert (float(followed.K_N), float(followed.D_N)) == (2e4, 100.0)
 
 
+@pytest.mark.slow
 def test_no_force_leaves_the_cone_of_friction() -> None:
     """Within the cone the anchor stays; beyond it the force is mu times the load, in its old direction."""
     stick = scalars(MODEL).mechanics
@@ -282,19 +286,19 @@ def test_no_force_leaves_the_cone_of_friction() -> None:
         where = [jnp.asarray(one) for one in (at, rng.normal(0.0, 0.03, (4, 3)))]
         held = jnp.zeros((4, 2)), jnp.ones(4, bool)
         stuck = np.stack([force.force for force in stick.ground_forces(*where, *held)])
-        found = np.stack([force.force for force in slip.ground_forces(*where, *held)])
+        result = np.stack([force.force for force in slip.ground_forces(*where, *held)])
         load, along = np.maximum(stuck[:, 2], 0.0), np.hypot(*stuck[:, :2].T)
-        np.testing.assert_array_equal(found[:, 2], stuck[:, 2])
-        np.testing.assert_allclose(np.hypot(*found[:, :2].T), np.minimum(along, 0.6 * load), atol=1e-12)
-        np.testing.assert_allclose(found[:, 0] * stuck[:, 1], found[:, 1] * stuck[:, 0], atol=1e-10)
+        np.testing.assert_array_equal(result[:, 2], stuck[:, 2])
+        np.testing.assert_allclose(np.hypot(*result[:, :2].T), np.minimum(along, 0.6 * load), atol=1e-12)
+        np.testing.assert_allclose(result[:, 0] * stuck[:, 1], result[:, 1] * stuck[:, 0], atol=1e-10)
         creep = np.array(slip.creep(*where, *held))
         np.testing.assert_array_equal(creep[along <= 0.6 * load], 0.0)
         # an anchor that has crept for T_slip, with all else at rest, leaves spring and damper on the cone
         moved = jnp.asarray(creep * float(slip.T_slip or 0.0)), held[1]
         after = np.stack([force.force for force in stick.ground_forces(*where, *moved)])
-        np.testing.assert_allclose(after, found, atol=1e-12)
+        np.testing.assert_allclose(after, result, atol=1e-12)
         # it slides against the force: friction takes energy
-        assert np.all(np.sum(found[:, :2] * creep, axis=1) <= 0.0)
+        assert np.all(np.sum(result[:, :2] * creep, axis=1) <= 0.0)
         slipped += int(np.sum(along > 0.6 * load))
     assert 20 < slipped < 95
 
@@ -352,11 +356,11 @@ def test_rates_of_desired_angles_are_their_derivatives(bend: float) -> None:
     rng = np.random.default_rng(1)
     x, z = rng.uniform(-0.05, 0.05, 30), -rng.uniform(0.1, 0.15, 30)
     dx, dz = rng.normal(0.0, 0.5, (2, 30))
-    found = joint_rates(jnp.asarray(x), jnp.asarray(z), jnp.asarray(dx), jnp.asarray(dz), 0.08, bend)
+    result = joint_rates(jnp.asarray(x), jnp.asarray(z), jnp.asarray(dx), jnp.asarray(dz), 0.08, bend)
     e = 1e-7
     late, soon = (np.array(joint_angles(jnp.asarray(x + s * dx), jnp.asarray(z + s * dz), 0.08, bend))
                   for s in (e, -e))  # fmt: skip
-    np.testing.assert_allclose(found, (late - soon) / (2.0 * e), atol=1e-6)
+    np.testing.assert_allclose(result, (late - soon) / (2.0 * e), atol=1e-6)
     out_of_reach = joint_rates(
         jnp.asarray(0.0), jnp.asarray(-0.2), jnp.asarray(0.1), jnp.asarray(1.0), 0.08, bend
     )
@@ -387,11 +391,11 @@ def test_a_joint_that_moves_as_it_should_feels_no_torque() -> None:
 @pytest.mark.parametrize(("kind", "heights"), [(MODEL, {}), (HIGH, HEIGHTS)], ids=["level", "given"])
 def test_hips_and_bodies_are_where_they_are_put(kind: WaistQuadruped, heights: dict[str, float]) -> None:
     """Feet by MuJoCo's kinematics of a body made from the page; a drawing has them at the same places."""
-    given = {**HIPS, **heights, "front_length": 0.11, "rear_width": 0.09}
-    values = {name: float(value[0]) for name, value in complete(kind, given, 1).items()}
+    fields = {**HIPS, **heights, "front_length": 0.11, "rear_width": 0.09}
+    values = {name: float(value[0]) for name, value in complete(kind, fields, 1).items()}
     q = np.r_[0.1, 0.2, 0.3, 0.9, 0.1, -0.3, 0.2, np.random.default_rng(4).normal(0.0, 0.5, 9)]
     q[3:7] /= np.linalg.norm(q[3:7])
-    found, _ = scalars(kind, **given).mechanics.feet(jnp.asarray(q), jnp.zeros(15))
+    found, _ = scalars(kind, **fields).mechanics.feet(jnp.asarray(q), jnp.zeros(15))
     page, drawn = varied(mjcf(), values), mujoco.MjModel.from_xml_string(scaled_mjcf(values))
     boxes = [drawn.geom_size[drawn.body(name).geomadr[0]] for name in ("front", "rear")]
     wanted = [(values[f"{n}_length"], values[f"{n}_width"], values.get(f"{n}_height", 0.05)) for n in BODIES]
@@ -402,7 +406,7 @@ def test_hips_and_bodies_are_where_they_are_put(kind: WaistQuadruped, heights: d
         mujoco.mj_kinematics(model, data)
         np.testing.assert_allclose(found, [data.site(f"foot_{i + 1}").xpos for i in LIMBS], atol=1e-14)
     tree, _ = body()
-    geometry = scalars(kind, **given).mechanics.geometry()
+    geometry = scalars(kind, **fields).mechanics.geometry()
     centre = geometry.com[tree.index("rear")]
     np.testing.assert_allclose(centre, [-(0.093 - 0.055), 0.0, -heights.get("waist_z", 0.0)], atol=1e-15)
     for name in BODIES:  # the boxes' own axes are those of their frames
@@ -428,14 +432,14 @@ def test_hips_of_mjx_are_at_the_same_places(heights: dict[str, float]) -> None:
 
 
 @pytest.mark.slow
-def test_heights_of_a_level_body_change_nothing() -> None:
-    """Default heights are those of the level body: the same landings, but for rounding."""
+def test_heights_of_a_level_body_are_the_default() -> None:
+    """Landings are the same up to rounding."""
     level, given = (observed(kind, QUICK, 3, STEPS) for kind in (MODEL, HIGH))
     for name, values in level.items():
         np.testing.assert_allclose(given[name], values, atol=1e-9)
 
 
-def test_heights_are_given_where_the_structure_says_so() -> None:
+def test_heights_are_parameters_of_that_structure_only() -> None:
     job = {"name": "high", "model": "waist_quadruped", "params": {"waist_z": 0.01}, "run": {"kind": "settle"}}
     assert Job(**job, structure={"heights": "given"}).design.model == HIGH
     with pytest.raises(JobError, match=r"params\.waist_z is not"):
@@ -446,15 +450,15 @@ def test_heights_are_given_where_the_structure_says_so() -> None:
 
 @pytest.mark.parametrize("posture", [{}, POSTURE, HEIGHTS, {"H": 0.13, "x_c": 0.004, "H_hind": 0.125}])
 def test_it_begins_with_all_feet_on_the_ground(posture: dict[str, float]) -> None:
-    """At the depth at which the springs carry the weight of 2.8 kg, whatever the limbs' lengths."""
+    """Feet begin at the depth at which the springs carry 2.8 kg, for all lengths of limbs."""
     p = scalars(HIGH, **posture, K_N=2e4)
     s = HIGH.init(p, {"delta_13": jnp.asarray(2.9)})
     np.testing.assert_allclose(s.height, -2.8 * 9.8 / (4.0 * 2e4), atol=1e-15)
     assert float(jnp.linalg.norm(s.q[3:7])) == pytest.approx(1.0, abs=1e-15)
 
 
-def test_knees_point_where_they_are_told() -> None:
-    """The knee is ahead of the line from hip to foot, or behind it; feet stay where they are."""
+def test_knees_point_in_the_chosen_direction() -> None:
+    """The knee is ahead of the line from hip to foot, or behind it; the feet do not move."""
     for fore, hind in ((1.0, 0.0), (0.0, 1.0), (0.0, 0.0), (1.0, 1.0)):
         p = scalars(MODEL, fore_knees=fore, hind_knees=hind)
         s = MODEL.init(p, {"delta_13": jnp.asarray(2.9)})

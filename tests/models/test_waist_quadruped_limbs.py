@@ -1,4 +1,4 @@
-"""Couplings between all limbs, fore and hind bodies that differ, and what the feet do in a cycle."""
+"""Couplings between all limbs, different fore and hind bodies, and signals of the feet in a cycle."""
 
 # MuJoCo's compiled modules come without types.
 # pyright: reportAttributeAccessIssue=false
@@ -38,18 +38,18 @@ BODIES = {
 def observed(params: dict[str, float], count: int, numerics: Numerics) -> dict[str, np.ndarray]:
     """The observables (count,) at the first landings of limb 3."""
     recorder = CrossingRecorder(MODEL, crossings=count)
-    found = run_rows(
+    result = run_rows(
         MODEL, recorder, {"delta_13": np.array([2.9])}, params=params, numerics=numerics, engine="kernel"
     )
-    table = found.samples.reshape(count + 1, -1)[1:, 2:]
+    table = result.samples.reshape(count + 1, -1)[1:, 2:]
     return dict(zip((q.name for q in MODEL.observables), table.T, strict=True))
 
 
 def test_phase_differences_follow_from_three() -> None:
     """Delta*_14 and so on are sums of Delta*_12, Delta*_13 and Delta*_34 unless they are given."""
     p = scalars(MODEL, delta_star_12=3.0, delta_star_13=1.0, delta_star_34=2.5)
-    found = [float(getattr(p, f"delta_star_{name}")) for name in ("14", "23", "24")]
-    np.testing.assert_allclose(found, [3.5, -2.0, 0.5], atol=1e-15)
+    results = [float(getattr(p, f"delta_star_{name}")) for name in ("14", "23", "24")]
+    np.testing.assert_allclose(results, [3.5, -2.0, 0.5], atol=1e-15)
     assert float(scalars(MODEL, delta_star_24=0.3).delta_star_24) == 0.3
 
 
@@ -65,22 +65,22 @@ def test_couplings_of_all_limbs_pull_them_to_the_desired_gait() -> None:
         lead = phi[i - 1] - phi[j - 1] - (desired[i - 1] - desired[j - 1])
         wanted[i - 1] -= gains[f"K_{i}{j}"] * math.sin(lead)
     state: Any = SimpleNamespace(phi=jnp.asarray(phi), wanted=jnp.asarray(1.5))
-    found = phase_rates(p, state, jnp.zeros(()))
-    np.testing.assert_allclose(found, wanted, atol=1e-12)
+    result = phase_rates(p, state, jnp.zeros(()))
+    np.testing.assert_allclose(result, wanted, atol=1e-12)
 
 
 def test_fore_and_hind_bodies_have_masses_and_sizes_of_their_own() -> None:
     values = {name: float(value[0]) for name, value in complete(MODEL, BODIES, 1).items()}
     model = varied(mjcf(), values)
     tree, _ = body()
-    found = scalars(MODEL, **BODIES).mechanics.geometry()
+    result = scalars(MODEL, **BODIES).mechanics.geometry()
     for name in ("front", "rear", "upper_1", "upper_3", "lower_4"):
         i, number = tree.index(name), mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
-        assert float(found.mass[i]) == pytest.approx(model.body_mass[number], abs=1e-15)
-        np.testing.assert_allclose(np.diag(found.inertia[i]), model.body_inertia[number], atol=1e-15)
-        np.testing.assert_allclose(found.com[i], model.body_ipos[number], atol=1e-15)
+        assert float(result.mass[i]) == pytest.approx(model.body_mass[number], abs=1e-15)
+        np.testing.assert_allclose(np.diag(result.inertia[i]), model.body_inertia[number], atol=1e-15)
+        np.testing.assert_allclose(result.com[i], model.body_ipos[number], atol=1e-15)
         if name != "front":
-            np.testing.assert_allclose(found.position[i], model.body_pos[number], atol=1e-15)
+            np.testing.assert_allclose(result.position[i], model.body_pos[number], atol=1e-15)
 
 
 def test_both_bodies_follow_one_value_unless_they_are_given() -> None:
@@ -96,17 +96,19 @@ def test_landings_and_feet_are_those_of_a_loop_in_mujoco() -> None:
     """
     gains = {f"K_{i}{j}": 0.1 * (i + 2 * j) for i, j in PAIRS}
     params = {**QUICK, **BODIES, **gains, "delta_star_13": 2.6, "delta_star_34": 3.3}
-    found = observed(params, 8, Numerics(dt=1e-4, method="rk4"))
+    result = observed(params, 8, Numerics(dt=1e-4, method="rk4"))
     values = {name: float(value[0]) for name, value in complete(MODEL, params, 1).items()}
     expected = landings(mjcf(), values, 2.9, 8, rtol=1e-9)
     phases = np.array([one.phases for one in expected])
     at = np.array([0.0, *(one.x for one in expected)])
     for name, (i, j) in {"delta_13": (0, 2), "delta_12": (0, 1), "delta_34": (2, 3)}.items():
-        np.testing.assert_allclose(found[name], np.mod(phases[:, i] - phases[:, j], 2.0 * math.pi), atol=1e-6)
-    np.testing.assert_allclose(found["stride"], np.diff(at), atol=1e-7)
+        np.testing.assert_allclose(
+            result[name], np.mod(phases[:, i] - phases[:, j], 2.0 * math.pi), atol=1e-6
+        )
+    np.testing.assert_allclose(result["stride"], np.diff(at), atol=1e-7)
     for i in range(4):
-        np.testing.assert_allclose(found[f"duty_{i + 1}"], [one.duty[i] for one in expected], atol=1e-5)
-        assert found[f"touchdowns_{i + 1}"].tolist() == [one.touchdowns[i] for one in expected]
+        np.testing.assert_allclose(result[f"duty_{i + 1}"], [one.duty[i] for one in expected], atol=1e-5)
+        assert result[f"touchdowns_{i + 1}"].tolist() == [one.touchdowns[i] for one in expected]
 
 
 @pytest.mark.slow

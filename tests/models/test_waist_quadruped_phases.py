@@ -1,4 +1,4 @@
-"""The quadruped with a swing along half an ellipse: the paper's trot and walk, and a pace that stands."""
+"""The quadruped with a swing along half an ellipse: the paper's trot and walk, and a stable pace."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def test_knees_ahead_give_fig_5_but_not_fig_6(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_three_gaits_stand_near_fig_5(tmp_path: Path) -> None:
+def test_three_gaits_are_near_fig_5(tmp_path: Path) -> None:
     """By located events, also on both sides of each loss; over the duty factor the trot is not lost."""
     places = {
         "f": [2.0, 2.6, 2.9, 2.26, 2.6, 2.6, 2.8, 2.36, 2.97, 2.0, 2.6, 3.2, 2.6],

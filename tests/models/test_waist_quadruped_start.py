@@ -1,4 +1,4 @@
-"""The end of the quadruped's start: delta_13 is let go of at T_hold, wherever in a step that is."""
+"""The end of the quadruped's start: delta_13 is released at T_hold, anywhere inside a step."""
 
 from __future__ import annotations
 
@@ -74,8 +74,8 @@ def in_steps(T_hold: jax.Array, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
 @pytest.mark.parametrize(
     ("found", "dt", "order"), [(located, [1e-3, 5e-4], 4), (in_steps, [5e-4, 2.5e-4], 1)]
 )
-def test_the_order_holds_across_the_end_of_the_start(found: Any, dt: list[float], order: int) -> None:
-    """X = delta_13 - wanted goes by x' = -2 K_hold sin x until T_hold, so tan(x/2) dies away, and then stays.
+def test_the_order_of_convergence_across_T_hold(found: Any, dt: list[float], order: int) -> None:
+    """Until T_hold x' = -2 K_hold sin x, x = delta_13 - wanted, so tan(x/2) decays; then x is constant.
 
     An order within 0.3 at every T_hold: none of them lies at a step's end, where alone a switch in the flow
     would leave it.
@@ -90,7 +90,7 @@ def test_the_order_holds_across_the_end_of_the_start(found: Any, dt: list[float]
 
 
 @pytest.mark.slow
-def test_the_whole_quadruped_is_let_go_of_at_an_instant() -> None:
+def test_the_start_ends_at_an_instant() -> None:
     """Phases in steps of 0.2 and 0.1 ms agree to 1e-8 rad past T_grow and T_hold, before a foot lands.
 
     The pull as a switch inside the flow leaves 4e-5 there.

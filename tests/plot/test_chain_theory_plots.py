@@ -108,6 +108,6 @@ def test_short_losses_of_contact_are_filled_and_said() -> None:
     ]
     whole = [path.get_extents().width for path in plot.footprints(table).axes[0].collections[0].get_paths()]
     assert bars == pytest.approx(whole)
-    told = plot.footprints(chattering).legends[0].get_title().get_text()
-    assert told == "1 loss of contact within a stance filled, of 0.1 s at most"
+    message = plot.footprints(chattering).legends[0].get_title().get_text()
+    assert message == "1 loss of contact within a stance filled, of 0.1 s at most"
     assert plot.footprints(table).legends[0].get_title().get_text() == ""

@@ -1,4 +1,4 @@
-"""Styles of figures: where they come from, which takes precedence, and what they change."""
+"""Styles of figures: where they come from, which takes precedence, what they change; angles on axes."""
 
 from __future__ import annotations
 
@@ -8,23 +8,26 @@ from typing import Any
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
+import numpy as np
 import pytest
 import yaml
 from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
 
 import gaitsweep as gs
 from gaitsweep import plot
 from gaitsweep.cli import main
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.figure_style import FORMATS, StyleError
+from gaitsweep.plot.theme import angle_ticks, in_pi
 from gaitsweep.runs.figures import draw_figures
 from gaitsweep.table import Snapshot
-from tests.support.plot_tables import settle_table
+from tests.support.plot_tables import rendered, settle_table
 
 BASIN = {"x": "psi_1", "y": "psi_2", "panels": "psi_3"}
 JOB = {
     "name": "styled",
-    "model": "multilegged",
+    "model": "multilegged_reduced",
     "vary": {"psi_1": {"values": [0.5, 3.0]}, "psi_2": {"values": [0.5, 3.0]}},
     "start": {"psi_3": 2.0},
     "run": {"kind": "settle"},
@@ -36,13 +39,12 @@ JOB = {
     ("width", "inches"), [("column", 85 / 25.4), ("page", 180 / 25.4), (120, 120 / 25.4)]
 )
 def test_a_figure_has_the_width_of_its_style(width: str | float, inches: float) -> None:
-    assert plot.draw("basin", settle_table(), **BASIN, width=width).get_figwidth() == pytest.approx(inches)
+    table, axes = settle_table().iloc[:16], {"x": "psi_1", "y": "psi_2"}
+    assert plot.draw("basin", table, **axes, width=width).get_figwidth() == pytest.approx(inches)
     with plot.style(width=width):
         assert plot.draw("basin", settle_table(), **BASIN).get_figwidth() == pytest.approx(inches)
-        assert plot.draw("basin", settle_table(), **BASIN, width=60).get_figwidth() == pytest.approx(
-            60 / 25.4
-        )
-    assert plot.draw("basin", settle_table(), **BASIN, height=50).get_figheight() == pytest.approx(50 / 25.4)
+        assert plot.draw("basin", table, **axes, width=60).get_figwidth() == pytest.approx(60 / 25.4)
+    assert plot.draw("basin", table, **axes, height=50).get_figheight() == pytest.approx(50 / 25.4)
 
 
 def test_colours_order_and_labels_of_gaits_and_columns() -> None:
@@ -51,7 +53,7 @@ def test_colours_order_and_labels_of_gaits_and_columns() -> None:
         "basin", settle_table(), **BASIN, **look, labels={"source": "from within", "psi_1": "lag"}
     )
     (legend,) = figure.legends
-    names = [text.get_text().rpartition("  ")[0] for text in legend.get_texts()]
+    names = [text.get_text() for text in legend.get_texts()]
     assert names == ["retrograde", "from within", "direct"]
     assert legend.get_patches()[1].get_facecolor() == to_rgba("#112233")
     assert [axes.get_xlabel() for axes in figure.axes] == ["lag"] * 3
@@ -88,9 +90,23 @@ def test_rcparams_of_the_user_are_obeyed_and_fonts_are_embedded_as_type_42() -> 
     assert mpl.rcParams["pdf.fonttype"] == 3
     for format_ in ("pdf", "ps"):
         file = io.BytesIO()
-        plot.draw("basin", settle_table(), **BASIN).savefig(file, format=format_)
+        plot.draw("basin", settle_table().iloc[:16], x="psi_1", y="psi_2").savefig(file, format=format_)
         assert b"/Type3" not in file.getvalue()
         assert b"/FontType 3" not in file.getvalue()
+
+
+@pytest.mark.parametrize(
+    "look", [plt.style.library["dark_background"], {"figure.facecolor": "none", "axes.facecolor": "none"}]
+)
+def test_figures_are_dark_on_white_whatever_the_notebook_s_style(look: dict[Any, Any]) -> None:
+    def saved() -> bytes:
+        file = io.BytesIO()
+        plot.draw("basin", settle_table(), **BASIN).savefig(file, metadata={"Software": None})
+        return file.getvalue()
+
+    plain = saved()
+    with mpl.rc_context(look):
+        assert saved() == plain
 
 
 @pytest.mark.parametrize(
@@ -126,3 +142,23 @@ def test_a_job_has_a_style_that_its_figures_may_replace(
     assert main(["plot", str(result.path), "--width", "wide"]) == 2
     assert "width is" in capsys.readouterr().err
     assert {file.suffix[1:] for file in draw_figures(result.path)} == set(FORMATS)
+
+
+def test_angles_as_multiples_of_pi() -> None:
+    pi = np.pi
+    assert [in_pi(angle) for angle in (0, pi, -pi, 2 * pi, pi / 2, -pi / 4, 3 * pi / 4)] == [
+        "0",
+        "π",
+        "−π",
+        "2π",
+        "π/2",
+        "−π/4",
+        "3π/4",
+    ]
+    assert [in_pi(angle, fractions=False) for angle in (0.75 * pi, -0.05 * pi)] == ["0.75π", "−0.05π"]
+    figure = Figure()
+    axes = figure.subplots()
+    axes.set_xlim(2.2, 3.0)
+    angle_ticks(axes, "x")
+    rendered(figure)
+    assert "0.85π" in [tick.get_text() for tick in axes.get_xticklabels()]

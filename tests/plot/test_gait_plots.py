@@ -6,14 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.colors import to_hex
-from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from gaitsweep import plot
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import colour_of, marker_of
 from gaitsweep.plot import PlotError
 from tests.support.gait_traces import crossings_of, ends, trace_of, traces
-from tests.support.plot_tables import rendered
+from tests.support.plot_tables import legend_texts, rendered
 
 DELTA = np.linspace(-0.25, 0.25, 21)
 
@@ -21,10 +20,6 @@ DELTA = np.linspace(-0.25, 0.25, 21)
 def span(bar: Patch) -> tuple[float, float]:
     assert isinstance(bar, Rectangle)
     return bar.get_x(), bar.get_x() + bar.get_width()
-
-
-def texts(figure: Figure) -> list[str]:
-    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
 
 
 def _ends() -> pd.DataFrame:
@@ -58,7 +53,7 @@ def test_gaits_over_speed() -> None:
     figure = plot.draw("speed_gaits", pd.concat([table, table.assign(row=table["row"] + 21, k2=0.1)]), y="k2")
     rendered(figure)
     assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["0.08", "0.1"]
-    assert texts(figure) == ["D-walk", "L-walk", "trot"]
+    assert legend_texts(figure) == ["D-walk", "L-walk", "trot"]
     panels = plot.draw("speed_gaits", table, panels="k2")
     rendered(panels)
     assert len(panels.axes) == 1
@@ -141,7 +136,7 @@ def test_long_series_are_in_two_columns_read_downwards() -> None:
     assert places[0][0] == pytest.approx(places[2][0], abs=15.0)
     assert places[3][0] > places[0][0] + 300.0
     assert places[0][1] > places[1][1] > places[2][1]
-    assert texts(figure)[:4] == ["left fore", "left hind", "right fore", "right hind"]
+    assert legend_texts(figure)[:4] == ["left fore", "left hind", "right fore", "right hind"]
     one = plot.draw("gait_series", table, window=[0.0, 1.5], strip_columns=1)
     assert one.get_size_inches()[1] > figure.get_size_inches()[1]
     many = plot.draw("gait_series", table, row=0, strip=0.4)
@@ -166,7 +161,7 @@ def test_a_ramp() -> None:
     figure = plot.draw("gait_ramp", table, panels="k2")
     rendered(figure)
     assert figure.axes[-1].get_xlabel() == "$v_d$ (m/s)"
-    assert texts(figure) == ["trot", "gallop"]
+    assert legend_texts(figure) == ["trot", "gallop"]
     colours = [{to_hex(patch.get_facecolor()) for patch in axes.patches} for axes in figure.axes]
     assert colours == [{colour_of("trot").lower()}, {colour_of("LT-gallop").lower()}]
     bars = figure.axes[0].patches

@@ -37,6 +37,7 @@ def figures() -> list[tuple[str, pd.DataFrame, dict[str, Any]]]:
     ]
 
 
+@pytest.mark.slow("solution_set--", "footprints--", "shock--")
 @pytest.mark.parametrize(
     ("kind", "table", "spec"), figures(), ids=lambda each: each if isinstance(each, str) else ""
 )
@@ -126,7 +127,7 @@ def test_hysteresis_names_only_the_ways_that_are_there() -> None:
     table = ramp_table(steps=60)
     up = table.loc[table["pass"] == 0]
     figure = plot.hysteresis(up, y="delta_13")
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["$f$ rises"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["$f$ rises →"]
 
 
 def test_branches_are_not_joined_over_a_value_without_a_point() -> None:

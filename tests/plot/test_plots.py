@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from matplotlib.collections import Collection
+from matplotlib.collections import Collection, QuadMesh
 from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -18,8 +18,17 @@ from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.columns import axis_label, row_names, written
 from gaitsweep.plot.limbs import limb_colours
-from gaitsweep.plot.theme import COLOURS
-from tests.support.plot_tables import AXES, POINTS, TURN, crossing_table, rendered, settle_table, trace_table
+from gaitsweep.plot.theme import COLOURS, HATCH
+from tests.support.plot_tables import (
+    AXES,
+    POINTS,
+    TURN,
+    crossing_table,
+    legend_texts,
+    rendered,
+    settle_table,
+    trace_table,
+)
 
 
 def texts(figure: Figure) -> list[str]:
@@ -34,15 +43,18 @@ def faces(part: Collection) -> np.ndarray:
 def test_basin_names_axes_panels_and_shares() -> None:
     figure = plot.draw("basin", settle_table(), x="psi_1", y="psi_2", panels="psi_3", title="Slices")
     rendered(figure)
-    assert [axes.get_title() for axes in figure.axes] == [
+    titles = [axes.get_title().partition("\n") for axes in figure.axes]
+    assert [value for value, _, _ in titles] == [
         r"$\psi_{3}$ = $0.4\,\pi$",
         r"$\psi_{3}$ = $\pi$",
         r"$\psi_{3}$ = $1.6\,\pi$",
     ]
+    shares = {" ".join(shares.split()) for _, _, shares in titles}
+    assert shares == {"direct 25 %, source 25 %, retrograde 50 %"}
     assert figure.axes[0].get_xlabel() == r"$\psi_{1}$ (rad)"
     assert figure.axes[0].get_ylabel() == r"$\psi_{2}$ (rad)"
     assert [tick.get_text() for tick in figure.axes[0].get_xticklabels()] == ["0", "π/2", "π", "3π/2", "2π"]
-    assert texts(figure) == ["direct  25 / 25 / 25 %", "source  25 / 25 / 25 %", "retrograde  50 / 50 / 50 %"]
+    assert texts(figure) == ["direct", "source", "retrograde"]
     assert [to_hex(patch.get_facecolor()) for patch in figure.legends[0].get_patches()] == [
         gait_styles()[gait][0].lower() for gait in ("direct", "source", "retrograde")
     ]
@@ -70,7 +82,7 @@ def test_basin_has_the_legends_colours_in_every_panel_whatever_the_gaits_are_cal
 
 
 def _key(figure: Figure) -> list[tuple[str, Patch]]:
-    return list(zip(texts(figure), figure.legends[0].get_patches(), strict=True))
+    return list(zip(legend_texts(figure), figure.legends[0].get_patches(), strict=True))
 
 
 def test_basin_hatches_rows_that_failed_and_leaves_missing_cells_white() -> None:
@@ -81,7 +93,7 @@ def test_basin_hatches_rows_that_failed_and_leaves_missing_cells_white() -> None
     figure = plot.basin(table, x="psi_1", y="psi_2")
     rendered(figure)
     assert {"not settled  7 %", "failed  7 %"} < set(texts(figure))
-    assert len([patch for patch in figure.axes[0].patches if patch.get_hatch()]) == 2
+    assert len([patch for patch in figure.axes[0].patches if patch.get_hatch() == HATCH]) == 2
     cells = faces(figure.axes[0].collections[0]).reshape(4, 4, 4)
     assert cells[3, 3, 3] == 0.0
     assert tuple(cells[0, 0]) == to_rgba(COLOURS["failed"])
@@ -91,7 +103,19 @@ def test_basin_with_a_numeric_hue_has_a_colour_scale() -> None:
     figure = plot.basin(settle_table(), x="psi_1", y="psi_2", panels="psi_3", hue="cycles")
     rendered(figure)
     assert figure.axes[-1].get_ylabel() == "cycles"
-    assert not texts(figure)
+    assert not legend_texts(figure)
+
+
+def test_a_colour_scale_is_that_of_the_rows_that_are_not_hatched() -> None:
+    table = settle_table()
+    table["cycles"] = 50 + table["row"]
+    table.loc[table["row"] == 0, ["status", "cycles"]] = "cycle_limit", 9000
+    figure = plot.basin(table, x="psi_1", y="psi_2", panels="psi_3", hue="cycles")
+    rendered(figure)
+    mesh = figure.axes[0].collections[0]
+    assert isinstance(mesh, QuadMesh)
+    assert mesh.get_clim() == (51, 97)
+    assert np.isnan(np.asarray(mesh.get_array(), float)).sum() == 1
 
 
 def test_basin_of_starts_on_no_grid_is_drawn_as_points() -> None:
@@ -120,7 +144,7 @@ def test_solution_set_has_three_panels_lines_points_and_counts() -> None:
     ]
     assert (low.get_xlabel(), high.get_ylabel()) == (r"$\psi_{1}$ (rad)", r"$\psi_{3}$ (rad)")
     assert {text.get_text() for text in low.texts} == {"a", "b", "c"}
-    assert texts(figure) == [
+    assert legend_texts(figure) == [
         "direct (11)",
         "source (12)",
         "retrograde (24)",
@@ -168,7 +192,7 @@ def test_cycles_break_lines_where_an_angle_wraps() -> None:
     assert np.isnan(longest.get_ydata()).sum() == 1  # of the start at 5.9
     steps = np.abs(np.diff(np.asarray(longest.get_ydata(), float)))
     assert np.nanmax(steps) < np.pi
-    assert texts(figure) == ["(0.50)", "(3.00)", "(5.90)"]
+    assert legend_texts(figure) == ["(0.50)", "(3.00)", "(5.90)"]
     assert len({line.get_color() for line in axes.lines}) == 3
 
 
@@ -223,7 +247,8 @@ def test_footprints_show_a_window_and_name_limbs_as_movies_do() -> None:
     rendered(figure)
     assert above.get_xlim() == pytest.approx((0.0, 20.0 / 15.0))
     beyond = plot.draw("footprints", table, window=[60.0, 70.0]).axes[0]
-    assert [text.get_text() for text in beyond.texts] == ["recorded from 0 to 49.95 s only"]
+    (reason,) = beyond.texts
+    assert " ".join(reason.get_text().split()) == "This row was recorded from 0 to 49.95 s only."
 
 
 def test_rows_are_named_by_what_differs_between_them() -> None:
@@ -246,7 +271,9 @@ def test_footprints_of_many_legs_and_of_rows_without_samples() -> None:
     )
     rendered(figure)
     assert figure.axes[1].get_title("left") == "lost"
-    assert [text.get_text() for text in figure.axes[1].texts] == ["nothing was recorded"]
+    assert [" ".join(text.get_text().split()) for text in figure.axes[1].texts] == [
+        "No sample of this row was recorded."
+    ]
 
 
 def test_names_on_axes() -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from gaitsweep import plot
 from gaitsweep.plot import PlotError
+from tests.support import hysteresis_tables
 from tests.support.plot_tables import AXES, crossing_table, rendered, settle_table, trace_table
 
 
@@ -46,3 +48,54 @@ def test_tables_of_little_use_do_not_crash(whole: str) -> None:
     rendered(plot.solution_set(settle, axes=AXES))
     rendered(plot.cycles(crossing, y=["psi_1"]))
     rendered(plot.footprints(trace))
+
+
+@pytest.mark.parametrize(
+    ("kind", "spec", "sentence"),
+    [
+        (
+            "hysteresis",
+            {"y": "delta_31"},
+            r"delta_31 is not a column of this table; did you mean delta_13_n\?",
+        ),
+        ("hysteresis", {"y": "delta_13", "parameter": "beta"}, "beta is not a column"),
+        ("hysteresis", {"y": "delta_13", "panels": "mas"}, "mas is not a column"),
+        ("return_map", {"y": "delta_13", "panels": "beta"}, "beta is not a column"),
+        ("return_map", {"y": "delta_13", "form": "both"}, "form is both, but must be change or next"),
+        ("branches", {"y": "delta_13", "x": "beta"}, "beta is not a column"),
+        ("gait_map", {"x": "f", "y": "beta"}, "beta is not a column"),
+        ("gait_map", {"x": "f", "y": "t", "hue": "gate"}, "gate is not a column"),
+    ],
+)
+def test_missing_columns_of_slow_changes_and_maps_are_refused(kind: str, spec: dict, sentence: str) -> None:
+    with pytest.raises(PlotError, match=sentence):
+        plot.draw(kind, hysteresis_tables.ramp_table(steps=10), **spec)
+
+
+@pytest.mark.parametrize("whole", ["none of its rows", "failed", "no numbers", "one record"])
+def test_poor_tables_of_slow_changes_and_maps_do_not_crash(whole: str) -> None:
+    tables = [
+        hysteresis_tables.ramp_table(steps=60),
+        hysteresis_tables.staircase_table(hold=5),
+        hysteresis_tables.map_table(starts=5, crossings=5),
+        hysteresis_tables.settle_table([0.0], [1.0]),
+    ]
+    for number, table in enumerate(tables):
+        attributes = dict(table.attrs)
+        if whole == "none of its rows":
+            table = table.iloc[:0]
+        elif whole == "failed":
+            table["status"] = pd.Categorical(["fell"] * len(table))
+        elif whole == "no numbers":
+            values = [name for name in table.columns if name.startswith("delta_13_")]
+            table = table.assign(**dict.fromkeys(values, np.nan), gait=np.nan)
+        else:
+            table = table.iloc[:1]
+        table.attrs = attributes
+        tables[number] = table
+    ramp, stairs, crossings, settled = tables
+    rendered(plot.hysteresis(ramp, y="delta_13", with_table=stairs))
+    rendered(plot.return_map(crossings, y="delta_13", panels="f"))
+    rendered(plot.return_map(crossings, y="delta_13", form="next"))
+    rendered(plot.branches(crossings, y="delta_13", x="f"))
+    rendered(plot.gait_map(settled, x="f", y="beta"))

@@ -38,10 +38,10 @@ def shares(order: int, degree: int, reach: float, rounds: int = 300) -> list[flo
     least, best = np.inf, np.zeros(degree - order)
     for _ in range(rounds):
         root = np.sqrt(weight) * scale
-        found = np.linalg.lstsq(basis * root[:, None], goal * root, rcond=None)[0]
-        error = np.abs(basis @ found - goal) * scale
+        result = np.linalg.lstsq(basis * root[:, None], goal * root, rcond=None)[0]
+        error = np.abs(basis @ result - goal) * scale
         if error.max() < least:
-            least, best = float(error.max()), found
+            least, best = float(error.max()), result
         weight = weight * error
         weight /= weight.sum()
     rest = Chebyshev(best, domain=[-reach, 0.0]).convert(kind=Polynomial, domain=[-1, 1]).coef

@@ -132,14 +132,14 @@ def begun(pair: int = 0) -> np.ndarray:
 
 def onsets(quadruped: PlanarQuadruped, duration: float) -> list[tuple[int, float]]:
     """Leg and time (s) of every swing onset in the first `duration` seconds, straight inside a step."""
-    found = []
+    results = []
     for k in range(round(duration / quadruped.dt)):
         before = quadruped.u_f
         quadruped.step()
         for i, (old, new) in enumerate(zip(before, quadruped.u_f, strict=True)):
             if old <= 0.0 < new:
-                found.append((i, (k - old / (new - old)) * quadruped.dt))
-    return found
+                results.append((i, (k - old / (new - old)) * quadruped.dt))
+    return results
 
 
 def followed(quadruped: PlanarQuadruped, duration: float) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The planar quadruped on compliant feet in MuJoCo C with masses and a start of its own, from its page."""
+"""The planar quadruped on compliant feet in MuJoCo C, with other masses, parameters and starts."""
 
 # MuJoCo's compiled modules come without types.
 # pyright: reportAttributeAccessIssue=false
@@ -16,6 +16,11 @@ from .planar_quadruped_mujoco import HIP, KNEE, OnCompliantFeet, begun
 
 LEGS = ("LF", "LH", "RF", "RH")
 LF, LH, RF, RH = range(4)
+# A fall, as the model defines it: heights below 0.45 of the standing one (0.175 + 0.13 m), and pitch (rad).
+LOWEST, MOST_PITCH = 0.45 * (0.175 + 0.13), 1.0
+SCATTER = 0.1  # largest change of a potential at the start
+LONGEST_CYCLE = 3.0  # s: a row that takes longer for its cycles is given up
+# Their multiples modulo 1 are the pseudo-random potentials of a seed, as the model defines them.
 ROOTS = np.sqrt([[2.0, 3.0, 5.0, 7.0], [11.0, 13.0, 17.0, 19.0]])
 
 
@@ -59,19 +64,19 @@ def crossings(
     """
     pair = int(values["pair"])
     turns = (values["seed"] + 1.0) * ROOTS
-    start = begun(pair) + 0.1 * (2.0 * (turns - np.floor(turns)) - 1.0)
+    start = begun(pair) + SCATTER * (2.0 * (turns - np.floor(turns)) - 1.0)
     walker = OnCompliantFeet(
         varied(xml, values), values["sigma"], start, pair, values["k2"], dt,
         K=values["K_foot"], D=values["D_foot"], mu=values["mu"], v_slip=values["v_slip"],
     )  # fmt: skip
     walker.data.qpos[1] += nudge
-    found: list[Crossing] = []
+    recorded: list[Crossing] = []
     onset, last_x = [0.0] * 4, float(walker.data.qpos[0])
-    for k in range(round(3.0 * (count + 2) / dt)):
+    for k in range(round(LONGEST_CYCLE * (count + 2) / dt)):
         before = walker.u_f
         walker.step()
         z, pitch, x = walker.data.qpos[1], walker.data.qpos[2], float(walker.data.qpos[0])
-        if not np.isfinite(z) or z < 0.45 * (0.175 + 0.13) or abs(pitch) > 1.0:
+        if not np.isfinite(z) or z < LOWEST or abs(pitch) > MOST_PITCH:
             return None
         began = [old <= 0.0 < new for old, new in zip(before, walker.u_f, strict=True)]
         period = 0.0
@@ -82,8 +87,8 @@ def crossings(
         if began[LF]:
             shifts = [(onset[LH] - onset[RF]) / period, (onset[RH] - onset[LF]) / period]
             delta_1, delta_2 = (shift - math.floor(shift + 0.5) for shift in shifts)
-            found.append(Crossing(onset[LF], delta_1, delta_2, period, (x - last_x) / period))
+            recorded.append(Crossing(onset[LF], delta_1, delta_2, period, (x - last_x) / period))
             last_x = x
-            if len(found) == count:
-                return found
+            if len(recorded) == count:
+                return recorded
     return None

@@ -315,18 +315,18 @@ def landings(
     """
     walker = Quadruped(xml, values, delta_13, swing, damping, slip)
     walker.y[2] += nudge
-    found: list[Landing] = []
+    results: list[Landing] = []
     limit = 3.0 * (crossings + 1) * TWO_PI / walker.omega
     h, chain = 1e-5, 0
     guards = walker.guards(walker.time, walker.y)
-    while len(found) < crossings:
+    while len(results) < crossings:
         if np.any(guards >= 0.0):
             chain += 1
             if chain > 50 or walker.time > limit:
                 raise LateEvent(f"events follow each other at t = {walker.time} s")
             landing = walker.jump(guards >= 0.0)
             if landing is not None:
-                found.append(landing)
+                results.append(landing)
             guards = walker.guards(walker.time, walker.y)
             h = min(h, 1e-5)
             continue
@@ -336,5 +336,5 @@ def landings(
         if walker.fell():
             raise Fallen(f"at t = {walker.time} s")
         if walker.time > limit:
-            raise LateEvent(f"{len(found)} landings until t = {walker.time} s")
-    return found
+            raise LateEvent(f"{len(results)} landings until t = {walker.time} s")
+    return results

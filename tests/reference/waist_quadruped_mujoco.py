@@ -99,7 +99,7 @@ class Quadruped:
         """One step of semi-implicit Euler; the landings of the one before it."""
         m, d = self.model, self.data
         mujoco.mj_step1(m, d)
-        found = []
+        results = []
         push = np.zeros(m.nv)
         wanted = np.zeros((4, 2))
         for i in range(4):
@@ -116,7 +116,7 @@ class Quadruped:
             if over is not None:
                 self.LP[i] = self.path(self.phi[i] - over, False, self.LP[i])
                 self.stance[i], self.phi[i] = True, self.AEP + over
-                found.append(Landing(i, self.time - over / self.omega, self.phi))
+                results.append(Landing(i, self.time - over / self.omega, self.phi))
             elif self.phi[i] >= TWO_PI:
                 self.stance[i], self.phi[i], self.lifted[i] = False, self.phi[i] - TWO_PI, False
             self.lifted[i] |= not self.contact[i]
@@ -125,12 +125,12 @@ class Quadruped:
             if self.contact[i]:
                 sunk = at - [*self.anchor[i], 0.0]
                 push += J.T @ (-3.6e4 * sunk - 175.0 * speed)
-        found = [landing._replace(phases=self.phi.copy()) for landing in found]
+        results = [landing._replace(phases=self.phi.copy()) for landing in results]
         d.qfrc_applied[:] = push + self.torques(wanted)
         mujoco.mj_step2(m, d)
         self.gain = self.dt * self.rates()
         self.phi, self.time = self.phi + self.gain, self.time + self.dt
-        return found
+        return results
 
     def torques(self, wanted: np.ndarray) -> np.ndarray:
         q, v = self.data.qpos, self.data.qvel

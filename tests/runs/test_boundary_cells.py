@@ -1,4 +1,4 @@
-"""Which cells a refinement simulates, and that what it infers is what a full grid has."""
+"""The cells that a refinement simulates, and its inferred labels against those of a full grid."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def waves(lengths: tuple[int, ...], seed: int, fine: int) -> np.ndarray:
     alone=st.booleans(),
 )
 def test_every_boundary_is_simulated_on_both_sides(lengths, wraps, coarse, seed, alone) -> None:
-    """Whatever the labels, even noise: no cell beside another label is inferred, and each is its own."""
+    """For any labels, even noise, no cell beside another label is inferred, and each keeps its own."""
     grid = Grid(lengths, dict(enumerate(wraps[: len(lengths)])), coarse)
     full = waves(lengths, seed, 4)
     if alone:
@@ -88,8 +88,8 @@ def test_a_part_of_the_cells_gives_all_of_the_picture() -> None:
     assert rounds <= 8
 
 
-def test_panels_refine_apart() -> None:
-    """What is wanted in one panel does not follow from another: the same as each by itself."""
+def test_panels_are_refined_independently() -> None:
+    """The cells of a panel are those that it has by itself."""
     full = np.stack([waves((33, 40), seed, 1) for seed in (1, 2, 3)], axis=1)  # panels are the middle axis
     grid = Grid(full.shape, {0: True, 2: False}, 8)
     labels, simulated, _ = refined(full, grid)
@@ -100,8 +100,8 @@ def test_panels_refine_apart() -> None:
         np.testing.assert_array_equal(simulated[:, panel], own_simulated)
 
 
-def test_around_the_turn() -> None:
-    """A stripe over the seam is no boundary where the axis closes, and one where it does not."""
+def test_axes_that_wrap() -> None:
+    """A stripe over the seam is one region if the axis wraps, and has a boundary there if it does not."""
     full = np.zeros((1, 64), int)
     full[0, :12] = full[0, -12:] = 1
     _, closed, _ = refined(full, Grid((1, 64), {1: True}, 8))
@@ -114,8 +114,8 @@ def test_around_the_turn() -> None:
     np.testing.assert_array_equal(labels, full)
 
 
-def test_what_can_be_missed() -> None:
-    """A dot narrower than a box, away from boundaries, is missed; where a boundary touches it, it is not."""
+def test_regions_that_can_be_missed() -> None:
+    """A dot narrower than a box is missed unless a boundary touches it."""
     full = np.zeros((64, 64), int)
     full[:, 40:] = 1
     full[18:22, 18:22] = 2  # between the corners at 16 and 24
@@ -130,8 +130,8 @@ def test_what_can_be_missed() -> None:
     np.testing.assert_array_equal(labels, full)
 
 
-def test_a_round_follows_from_what_is_known_alone() -> None:
-    """Any part of a round, run before the rest, leaves the rest to be run and the same picture at the end."""
+def test_rounds_depend_only_on_known_labels() -> None:
+    """If part of a round is run first, the rest follows, with the same final labels."""
     full = waves((50, 41), 7, 2)
     grid = Grid((50, 41), {0: True, 1: True}, 8)
     labels, simulated, _ = refined(full, grid)

@@ -1,4 +1,4 @@
-"""`gaitsweep cite`: entries that name the right paper and version, and what is refused."""
+"""The command `gaitsweep cite`: entries with the right paper and version, and refusals."""
 
 from __future__ import annotations
 
@@ -87,12 +87,12 @@ def test_a_users_model_gives_its_own_paper(
     Path("cited_hopper.py").unlink()  # the directory alone has the reference
     capsys.readouterr()
     assert main(["cite", "hops"]) == 0
-    found = capsys.readouterr()
-    assert printed in found.out
-    assert "There was no self-check." in found.out
-    assert "rtol 1e-" in found.out  # the hopper's method has step control
-    assert missing in found.err
-    assert bool(missing) == bool(found.err)
+    output = capsys.readouterr()
+    assert printed in output.out
+    assert "There was no self-check." in output.out
+    assert "rtol 1e-" in output.out  # the hopper's method has step control
+    assert missing in output.err
+    assert bool(missing) == bool(output.err)
 
 
 def test_every_model_of_a_paper_has_an_entry() -> None:
@@ -103,7 +103,7 @@ def test_every_model_of_a_paper_has_an_entry() -> None:
         assert f"year = {{{year[0]}}}" in kind.bibtex
 
 
-def test_what_is_missing_is_a_sentence(tmp_path: Path, capsys: Capture) -> None:
+def test_missing_entries_are_reported(tmp_path: Path, capsys: Capture) -> None:
     assert main(["cite", str(tmp_path / "nothing")]) == 2
     assert "does not exist" in capsys.readouterr().err
     with open_toy(tmp_path / "toy") as directory:

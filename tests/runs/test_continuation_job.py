@@ -59,9 +59,9 @@ def test_table_of_branches(tmp_path: Path) -> None:
 def test_where_branches_begin_is_compared_with_the_stored_points(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = gs.run(job(figures=[]), out=tmp_path / "same").manifest["self_check"]
-    assert (found["rows"], found["stored_differs"], found["verdict"]) == (2, 0, "passed")
-    assert found["finer"].startswith("0.38 of")
+    result = gs.run(job(figures=[]), out=tmp_path / "same").manifest["self_check"]
+    assert (result["rows"], result["stored_differs"], result["verdict"]) == (2, 0, "passed")
+    assert result["finer"].startswith("0.38 of")
 
     def altered(*given: Any, **more: Any) -> pd.DataFrame:
         table = gs.load(*given, **more)
@@ -69,8 +69,8 @@ def test_where_branches_begin_is_compared_with_the_stored_points(
 
     monkeypatch.setattr(execute, "load", altered)
     with pytest.warns(UserWarning, match="did not reproduce their stored records"):
-        found = gs.run(job(figures=[]), out=tmp_path / "other").manifest["self_check"]
-    assert (found["stored_differs"], found["status_differs"], found["verdict"]) == (1, 0, "warned")
+        result = gs.run(job(figures=[]), out=tmp_path / "other").manifest["self_check"]
+    assert (result["stored_differs"], result["status_differs"], result["verdict"]) == (1, 0, "warned")
 
 
 @pytest.mark.slow

@@ -8,9 +8,12 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.job import Job
+from gaitsweep.kinds.continuation import DERIVATIVE
 from gaitsweep.runs.estimate import estimate
 from gaitsweep.runs.execute import run_job
+from gaitsweep.table import load
 
 GRID = {"launch_1": {"linspace": [1, 2, 5]}, "preload": {"linspace": [0.5, 0.9, 4]}}
 FINE = {"launch_1": {"linspace": [1, 2, 33]}, "preload": {"linspace": [0.5, 0.9, 33]}}
@@ -48,3 +51,52 @@ def test_records_and_disk_within_a_factor_of_three(name: str, tmp_path: Path) ->
     assert 1 / 3 < needs.disk_bytes / written < 3
     assert 0.0 < needs.seconds <= 1.01 * needs.seconds_most
     assert needs.simulated < needs.rows if name == "refine" else needs.simulated == needs.rows
+
+
+CUSP = {"kind": "continuation", "parameter": "r", "path": [-1.0, 1.0], "settle": 20}
+
+
+@pytest.mark.parametrize(
+    ("model", "fields", "folds"),
+    [
+        ("toy_model:Toy", {"run": BRANCH, "vary": {"preload": [0.5, 0.9]}}, False),
+        ("cusp_flow:CuspFlow", {"run": CUSP, "params": {"a": 1.0}, "start": {"x_0": -1.0}}, True),
+    ],
+)
+@pytest.mark.slow
+def test_evaluations_of_branches_within_a_factor_of_two(
+    model: str, fields: dict[str, Any], folds: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A branch without folds takes the likely number of cycles, one with two folds up to the larger one.
+
+    A branch whose folds are smooth is not followed again, for which the larger number has a factor of 3.
+    """
+    flown = 0.0
+
+    def counted(name: str) -> Any:
+        whole = getattr(BatchedReturnMap, name)
+
+        def evaluate(self: BatchedReturnMap, points: Any, *values: Any) -> Any:
+            nonlocal flown
+            slopes = DERIVATIVE * (len(self.coordinates) + 1) if name == "linearised" else 0.0
+            flown += len(points) * (1.0 + slopes) / self.integration.factor
+            return whole(self, points, *values)
+
+        return evaluate
+
+    for name in ("images", "linearised"):
+        monkeypatch.setattr(BatchedReturnMap, name, counted(name))
+    job = Job(name="x", model=model, verify=0, numerics={"method": "rk4", "dt": 2e-2}, **fields)
+    table = load(run_job(job, tmp_path))
+    assert ("fold" in set(table["special"])) is folds
+    cost, rows = job.run.cost(job.design, 1.0, 1.0), job.design.n_rows
+    evaluated, settling = flown / rows, job.run.settle  # type: ignore[union-attr]
+    assert cost.longer is not None
+    assert cost.longer_records is not None
+    if folds:
+        assert cost.likely < settling + evaluated < cost.longer
+        assert (cost.longer - settling) / 6.0 < evaluated
+        assert 0.5 < cost.longer_records * rows / len(table) < 2.0
+    else:
+        assert 0.5 < cost.likely / (settling + evaluated) < 2.0
+        assert 0.5 < cost.records * rows / len(table) < 2.0

@@ -1,4 +1,4 @@
-"""Curves of folds as a job: their rows, table, figure, refusals, and what a killed run goes on from."""
+"""Curves of folds as a job: rows, table, figure, refusals, and continuation of a killed run."""
 
 from __future__ import annotations
 

@@ -95,7 +95,7 @@ def test_a_figure_that_is_wrong(tmp_path: Path, run: str, figure: str, words: li
         assert word in message
 
 
-def test_every_kind_of_figure_is_drawn_and_reads_what_its_job_says() -> None:
+def test_every_kind_of_figure_is_drawn_with_its_jobs_fields() -> None:
     for kind, part in plot.FIGURES.items():
         assert set(part.model_fields) - {"kind", "name", *STYLE_FIELDS} <= _arguments(kind)
 

@@ -1,4 +1,4 @@
-"""A result directory says what made each of its parts, and is continued by the same program only."""
+"""A result directory records the maker of each part, and is continued by the same program only."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _continued(path: Path, program: Mapping[str, str] = FUNCTIONS, parts: int = 
     with open_toy(path, rows=20) as directory:
         continue_directory(context, directory, messages.append)
         for number in directory.missing_blocks()[:parts]:
-            directory.write_part(number, block_frame(*directory.rows_of(number)))
+            directory.write_part(number, block_frame(*directory.layout.rows_of(number)))
     return messages
 
 
@@ -108,9 +108,9 @@ def test_other_versions_may_trace_the_same_function_differently(
     with monkeypatch.context() as patch:
         _elsewhere(patch, jax="0.4.1")
         _continued(tmp_path / "a", parts=2)
-    said = _continued(tmp_path / "a", {**FUNCTIONS, "flow": "c3"})
-    assert len(said) == 2
-    assert "flow of own:Model" in said[0]
+    message = _continued(tmp_path / "a", {**FUNCTIONS, "flow": "c3"})
+    assert len(message) == 2
+    assert "flow of own:Model" in message[0]
     assert _manifest(tmp_path / "a")[PROGRAM]["flow"] == "c3"
 
 

@@ -192,8 +192,8 @@ def written(cell: NotebookNode) -> str:
     texts = []
     for output in cell.outputs:
         data = output.get("data", {})
-        said = _PROGRESS.sub("", output.get("text", ""))
-        texts += [said, data.get("text/plain", ""), data.get("text/html", "")]
+        message = _PROGRESS.sub("", output.get("text", ""))
+        texts += [message, data.get("text/plain", ""), data.get("text/html", "")]
     return " ".join(texts)
 
 
@@ -215,8 +215,8 @@ def test_the_own_model_of_the_notebook_is_the_shipped_example() -> None:
     assert cell.source.partition("\n")[2].strip() == (EXAMPLES / "hopper.py").read_text().strip()
 
 
-def test_a_users_error_is_its_sentence_alone(capsys: pytest.CaptureFixture[str]) -> None:
-    """IPython shows what went wrong, not the way through the package."""
+def test_errors_of_users_have_no_traceback(capsys: pytest.CaptureFixture[str]) -> None:
+    """IPython shows the message without the stack of the package."""
     shell = InteractiveShell.instance()
     shell.run_cell("import gaitsweep as gs\ngs.load('nowhere')")
     shown = capsys.readouterr().out.strip().splitlines()

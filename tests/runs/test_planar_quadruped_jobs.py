@@ -1,4 +1,4 @@
-"""The jobs of the planar quadruped's page: what their tables have to show, with new starts."""
+"""The jobs of the planar quadruped's page give the documented results from new starts."""
 
 from __future__ import annotations
 
@@ -36,10 +36,12 @@ def test_sigma_follows_the_wanted_speed(name: str) -> None:
 def test_gaits_follow_each_other_as_the_speed_rises_and_falls(tmp_path: Path) -> None:
     table = _table(tmp_path, "ramp", "vary.zip={seed: [30, 31], pair: [0, 1]}")
     assert set(table["status"]) == {"complete"}
-    found = gait_bouts(gaits_along(table), least=3)
-    assert [list(found.loc[found["row"] == row, "family"]) for row in (0, 1)] == [["trot"]] * 2
+    result = gait_bouts(gaits_along(table), least=3)
+    assert [list(result.loc[result["row"] == row, "family"]) for row in (0, 1)] == [["trot"]] * 2
     for row in (2, 3):
-        mine = found.loc[(found["row"] == row) & found["family"].isin(["walk", "trot", "canter", "gallop"])]
+        mine = result.loc[
+            (result["row"] == row) & result["family"].isin(["walk", "trot", "canter", "gallop"])
+        ]
         order = list(mine["family"])
         # a trot may come back between the canters on the way up
         assert order[:3] == ["walk", "trot", "canter"]
@@ -55,11 +57,11 @@ def test_natural_canters_on_the_ramp_of_a_torso_heavy_behind(tmp_path: Path) -> 
     table = _table(tmp_path, "ramp_offset", "vary.com_x=[-0.02]", "vary.zip={seed: [30, 31], pair: [0, 1]}")
     order = ["L-walk", "trot", "R-canter", "RT-gallop"]
     assert share_in_order(table, order=order, by="right") == 1.0
-    found = speed_transitions(table).set_index("faster")
+    result = speed_transitions(table).set_index("faster")
     # 1.67, 1.91 and 2.05 m/s from the page's starts
-    assert found.loc["trot", "up"] == pytest.approx(1.67, abs=0.1)
-    assert found.loc["canter", "up"] == pytest.approx(1.95, abs=0.15)
-    assert found.loc["gallop", "width"] > 0.5
+    assert result.loc["trot", "up"] == pytest.approx(1.67, abs=0.1)
+    assert result.loc["canter", "up"] == pytest.approx(1.95, abs=0.15)
+    assert result.loc["gallop", "width"] > 0.5
 
 
 @pytest.mark.slow
@@ -80,13 +82,13 @@ def test_loads_and_pitch_go_with_the_gaits(tmp_path: Path) -> None:
         "vary.zip={seed: [30, 31], pair: [0, 1]}",
     ]
     table = _table(tmp_path, "loads", *axes)
-    told = loading_rule(pairs_in(table)).set_index("measure")
+    message = loading_rule(pairs_in(table)).set_index("measure")
     # r = -0.96 and all signs right over 21 speeds; a measure without the sign's meaning would have half
-    assert told.loc["load_together", "r"] < -0.9
-    assert told.loc["load_together", "right"] > 0.95
-    assert told.loc["load_stance", "right"] > 0.9
+    assert message.loc["load_together", "r"] < -0.9
+    assert message.loc["load_together", "right"] > 0.95
+    assert message.loc["load_stance", "right"] > 0.9
     # tilt in late stance says nothing: the page has 42 to 46 %
-    assert 0.2 < told.loc["tilt_together", "right"] < 0.7
+    assert 0.2 < message.loc["tilt_together", "right"] < 0.7
     body = body_oscillation(table).set_index("gait")
     assert (body.loc[body.index.isin(["D-walk", "L-walk"]), "once"] < 0.001).all()
     gallops = body.loc[body.index.isin(["RT-gallop", "LT-gallop"])]
@@ -95,7 +97,7 @@ def test_loads_and_pitch_go_with_the_gaits(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_heavy_end_decides_between_walks_as_the_trots_loads_foretell(tmp_path: Path) -> None:
+def test_the_heavy_end_decides_between_walks_as_predicted_by_the_trots_loads(tmp_path: Path) -> None:
     axes = ["vary.com_x=[-0.06, -0.03, 0.03, 0.06]", "vary.sigma={linspace: [0.1, 0.4, 4]}"]
     table = _table(tmp_path, "offset", *axes, "vary.zip={seed: [30, 31], pair: [0, 1]}")
     fed_back = table.loc[table["k2"] > 0.0]
@@ -103,9 +105,9 @@ def test_the_heavy_end_decides_between_walks_as_the_trots_loads_foretell(tmp_pat
     wanted = np.where(steady["com_x"] > 0.0, "D-walk", "L-walk")
     assert len(steady) > 0.8 * len(fed_back)
     assert (steady["gait"].astype(str) == wanted).all()
-    told = loading_rule(load_prediction(table), repeats=()).set_index("measure")
-    assert told.loc["load_stance", "right"] == 1.0
-    assert told.loc["load_stance", "r"] < -0.8
+    message = loading_rule(load_prediction(table), repeats=()).set_index("measure")
+    assert message.loc["load_stance", "right"] == 1.0
+    assert message.loc["load_stance", "r"] < -0.8
 
 
 @pytest.mark.slow
@@ -118,10 +120,10 @@ def test_the_trot_pitches_twice_a_stride_when_slow_and_once_when_fast(tmp_path: 
         "vary.zip={seed: [200, 201], pair: [0, 1]}",
     ]
     steps = f"numerics={{method: semi_implicit, dt: {dt}}}"
-    found = body_oscillation(_table(tmp_path, "body_oscillation", *speeds, steps))
-    assert set(found["gait"].astype(str)) == {"trot"}
+    result = body_oscillation(_table(tmp_path, "body_oscillation", *speeds, steps))
+    assert set(result["gait"].astype(str)) == {"trot"}
     slow, middle, fast = (
-        found.loc[found["sigma"].between(*ends)] for ends in ((0, 0.3), (0.55, 0.67), (0.67, 1))
+        result.loc[result["sigma"].between(*ends)] for ends in ((0, 0.3), (0.55, 0.67), (0.67, 1))
     )
     assert (slow["twice"] > 5.0 * slow["once"]).all()
     assert (fast["once"] > 2.0 * fast["twice"]).all()

@@ -1,4 +1,4 @@
-"""Progress of runs: nothing is estimated before it is measured, and finished blocks are counted by gait."""
+"""Progress of runs: estimates follow measurements, and finished blocks are counted by gait."""
 
 from __future__ import annotations
 
@@ -57,12 +57,12 @@ def test_reports_of_a_run(tmp_path: Path) -> None:
     assert counted == {name: number for name, number in table["outcome"].value_counts().items() if number}
 
 
-def test_a_tally_reads_each_part_once_as_parts_come(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_tally_reads_each_new_part_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with open_toy(tmp_path / "toy") as directory:
         assert directory.tally("outcome") == {}
         total: dict[str, int] = {}
         for number in directory.missing_blocks():
-            frame = block_frame(*directory.rows_of(number))
+            frame = block_frame(*directory.layout.rows_of(number))
             directory.write_part(number, frame)
             for name in frame["outcome"].astype(str):
                 total[name] = total.get(name, 0) + 1
@@ -81,7 +81,7 @@ def test_words() -> None:
     assert so_far(dict.fromkeys("abcdefg", 2)) == "; 14 rows so far: 2 a, 2 b, 2 c, 2 d, 2 e, ..."
 
 
-def test_the_time_left_counts_from_what_was_measured_first(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_time_left_counts_from_the_first_measurement(monkeypatch: pytest.MonkeyPatch) -> None:
     """Compilation takes 100 s here; from 10 % on, 10 % take 30 s."""
     clock, log = iter([0.0, 0.0, 100.0, 101.0, 131.0]), io.StringIO()
     monkeypatch.setattr("gaitsweep.runs.progress.time.monotonic", lambda: next(clock))

@@ -30,16 +30,16 @@ def job(run: dict | None = None, **changes) -> gs.Job:
         "shift": [0.3, 2.0],
         "theta_1": {"linspace": [0, TURN, 25], "at": "centre"},
     }
-    given = {
+    fields = {
         "name": "landscape",
         "model": "landscape_model:Landscape",
         "vary": vary,
         "run": REFINED if run is None else run,
         "numerics": {"dt": 0.05},
-        "engine": {"block": 200, "lanes": 32, "name": "xla"},
+        "engine": {"block": 200, "lanes": 32},
         "figures": [{"kind": "basin", "x": "theta_1", "y": "theta_2", "panels": "shift"}],
     }
-    return gs.Job(**{**given, **changes})
+    return gs.Job(**{**fields, **changes})
 
 
 @pytest.fixture(scope="module")
@@ -88,10 +88,10 @@ def test_counts_add_up_and_figures_and_report_are_made(whole: Path) -> None:
 
 
 @pytest.mark.slow
-def test_stopped_after_any_part_it_goes_on_to_the_same_table(
+def test_a_run_stopped_after_any_part_gives_the_same_table(
     whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Stopped at the first part that is written, the second, ...: nothing that stood is run again."""
+    """It is stopped at the first part, the second and so on; no finished row is run again."""
     write = ResultDirectory.write_encoded
     written: list[Path] = []
 
@@ -135,15 +135,24 @@ def test_parts_that_are_lost_or_damaged_are_made_again(whole: Path, tmp_path: Pa
 @pytest.mark.parametrize("engine", [{"devices": 1}, {"block": 70}])
 def test_neither_devices_nor_blocks_count(whole: Path, tmp_path: Path, engine: dict) -> None:
     other = job(engine={**job().engine.model_dump(), **engine})
-    table = gs.run(other, tmp_path / "out").table
-    columns = [name for name in table if name != "away"]  # labels are read in blocks, to their last bits
-    pd.testing.assert_frame_equal(table.loc[:, columns], gs.load(whole).loc[:, columns], check_exact=True)
-    np.testing.assert_allclose(table["away"], gs.load(whole)["away"], atol=1e-12)
+    _same(gs.run(other, tmp_path / "out").table, gs.load(whole))
 
 
 @pytest.mark.slow
-def test_rows_that_fall_lend_nothing(tmp_path: Path) -> None:
-    """All that falls is simulated, and so is the edge of where it does."""
+def test_devices_of_xla_do_not_count(tmp_path: Path) -> None:
+    xla = {**job().engine.model_dump(), "name": "xla"}
+    _same(*(gs.run(job(engine={**xla, "devices": n}), tmp_path / str(n)).table for n in (1, 2)))
+
+
+def _same(table: pd.DataFrame, other: pd.DataFrame) -> None:
+    columns = [name for name in table if name != "away"]  # labels are read in blocks, to their last bits
+    pd.testing.assert_frame_equal(table.loc[:, columns], other.loc[:, columns], check_exact=True)
+    np.testing.assert_allclose(table["away"], other["away"], atol=1e-12)
+
+
+@pytest.mark.slow
+def test_labels_are_not_inferred_from_falls(tmp_path: Path) -> None:
+    """All rows that fall, and the edge of their region, are simulated."""
     fallen = job(params={"cliff": 0.5}, vary={**job().vary, "shift": [0.3]})
     table = gs.run(fallen, tmp_path / "out").table
     falls = np.cos(table["theta_2"]) > 0.5
@@ -205,7 +214,7 @@ def test_progress_rises_to_the_end(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_cannot_be_refined_is_refused(run: dict, vary: dict | None, said: str) -> None:
+def test_runs_that_cannot_be_refined_are_refused(run: dict, vary: dict | None, said: str) -> None:
     with pytest.raises(JobError, match=said):
         job({"kind": "settle", **run}, vary=job().vary if vary is None else vary, figures=[])
 

@@ -45,7 +45,7 @@ def test_shares_of_the_rows_make_the_table(job: gs.Job, tmp_path: Path) -> None:
     subprocess.run(["sha256sum", "--check", "--quiet", "SHA256SUMS"], cwd=out, check=True)
 
 
-def test_a_share_that_is_there_is_not_run_again(job: gs.Job, tmp_path: Path) -> None:
+def test_a_finished_range_is_not_run_again(job: gs.Job, tmp_path: Path) -> None:
     out = tmp_path / "shares"
     run_rows(job, "0:64", out)
     stamps = {file: file.stat().st_mtime_ns for file in (out / "table").iterdir()}
@@ -145,19 +145,19 @@ def test_a_part_has_the_same_bytes_whoever_writes_it(job: gs.Job, tmp_path: Path
     assert (whole / name).read_bytes() == (tmp_path / "share" / name).read_bytes()
 
 
-def test_locks_of_blocks_count_what_was_begun(tmp_path: Path) -> None:
+def test_locks_of_blocks_count_starts(tmp_path: Path) -> None:
     with BlockLocks(tmp_path) as mine, BlockLocks(tmp_path) as theirs:
         assert mine.take(100_000, "me")
         mine.begin(100_000)
         assert not theirs.take(100_000, "you")
         assert theirs.take(99_999, "you")
-        assert theirs.begun(100_000) == (1, "me")
+        assert theirs.unfinished_starts(100_000) == (1, "me")
         mine.close()  # as when its process is killed
         assert theirs.take(100_000, "you")
         theirs.begin(100_000)
-        assert theirs.begun(100_000) == (2, "you")
+        assert theirs.unfinished_starts(100_000) == (2, "you")
         theirs.end(100_000)
-        assert theirs.begun(100_000).times == 0
+        assert theirs.unfinished_starts(100_000).starts == 0
 
 
 def test_a_writer_sees_only_sound_parts(job: gs.Job, tmp_path: Path) -> None:

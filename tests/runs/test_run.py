@@ -67,7 +67,7 @@ def finish(job_file: Path, out: Path) -> str:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
-def test_a_stopped_run_goes_on_and_gives_the_same_table(
+def test_a_stopped_run_continues_to_the_same_table(
     job_file: Path, tmp_path: Path, sent: signal.Signals
 ) -> None:
     whole = gs.run(job_file, tmp_path / "whole").table
@@ -171,7 +171,7 @@ def test_a_run_killed_after_its_last_part_is_completed(
     assert again.figures[0].stat().st_size > 1000
 
 
-def test_a_complete_run_does_nothing(job_file: Path, tmp_path: Path) -> None:
+def test_a_complete_run_is_not_repeated(job_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     first = gs.run(job_file, out, overrides=["vary.stiffness={linspace: [2, 8, 2]}"])
     parts = {path: path.stat().st_mtime_ns for path in (out / "table").iterdir()}
@@ -190,7 +190,7 @@ def test_another_job_is_refused_with_both_hashes(job_file: Path, tmp_path: Path)
     assert "--out" in str(refusal.value)
 
 
-def test_what_is_no_job_is_refused() -> None:
+def test_files_that_are_not_jobs_are_refused() -> None:
     with pytest.raises(gs.ArgumentError, match="job is a dict, but takes a Job or the path of its YAML file"):
         gs.run({"name": "a"})  # type: ignore[arg-type]
     with pytest.raises(gs.JobError, match=r"wrong_path\.yaml: does not exist"):

@@ -1,4 +1,4 @@
-"""Self-checks of runs: rows repeated as they were and with finer steps, and what differs."""
+"""Self-checks of runs: rows repeated with the same and with finer steps, and their differences."""
 
 from __future__ import annotations
 
@@ -42,40 +42,40 @@ def checked(tmp_path: Path, *, warns: bool = False, **fields: Any) -> dict[str, 
 
 
 def test_a_step_that_does_not_matter_passes(tmp_path: Path) -> None:
-    found = checked(tmp_path, vary={"x_0": {"linspace": [-0.9, 0.9, 20]}})
-    assert found["verdict"] == "passed"
-    assert (found["rows"], found["of"], found["stored_differs"]) == (4, 20, 0)
-    assert 0.0 < found["largest"]["x"] < 1e-9  # both end in the same wells, by steps of their own
-    assert self_check_sentence(found).startswith(
+    result = checked(tmp_path, vary={"x_0": {"linspace": [-0.9, 0.9, 20]}})
+    assert result["verdict"] == "passed"
+    assert (result["rows"], result["of"], result["stored_differs"]) == (4, 20, 0)
+    assert 0.0 < result["largest"]["x"] < 1e-9  # both end in the same wells, by steps of their own
+    assert self_check_sentence(result).startswith(
         "Self-check: 4 of 20 rows rerun at 0.38 of the step kept their gait; x "
     )
     assert checked(tmp_path / "all", vary={"x_0": {"linspace": [-0.9, 0.9, 20]}}, verify=20)["rows"] == 20
 
 
-def test_another_gait_with_finer_steps_is_told(tmp_path: Path) -> None:
-    """The boundary lies at -lean dt: -5e-5 m, and -1.9e-5 m with finer steps; starts between them differ."""
+def test_another_gait_with_finer_steps_is_detected(tmp_path: Path) -> None:
+    """The boundary lies at -lean dt: -5e-5 m, or -1.9e-5 m with finer steps; starts between them differ."""
     starts = [-1e-4, -4e-5, -3e-5, -1e-5, 1e-4]
-    found = checked(tmp_path, vary={"x_0": starts}, params={"lean": 1e-3}, verify=5, warns=True)
-    assert (found["verdict"], found["gait_differs"], found["sensitive"]) == ("warned", 2, 0)
-    assert "2 ended with another gait" in self_check_sentence(found)
+    result = checked(tmp_path, vary={"x_0": starts}, params={"lean": 1e-3}, verify=5, warns=True)
+    assert (result["verdict"], result["gait_differs"], result["sensitive"]) == ("warned", 2, 0)
+    assert "2 ended with another gait" in self_check_sentence(result)
 
 
-def test_a_row_on_a_boundary_says_nothing_of_the_step(tmp_path: Path) -> None:
-    """The same at 1e-8: a start moved by 1e-9 m comes to another well, too."""
-    found = checked(
+def test_a_row_on_a_boundary_is_sensitive(tmp_path: Path) -> None:
+    """A start moved by 1e-9 m also settles in another well."""
+    result = checked(
         tmp_path, vary={"x_0": [-4e-10, 0.3]}, params={"lean": 1e-8}, run={**HOLD, "duration": 60}
     )
-    assert (found["verdict"], found["gait_differs"], found["sensitive"]) == ("passed", 0, 1)
-    assert "1 of them on a boundary" in self_check_sentence(found)
+    assert (result["verdict"], result["gait_differs"], result["sensitive"]) == ("passed", 0, 1)
+    assert "1 of them on a boundary" in self_check_sentence(result)
 
 
 @pytest.mark.slow
-def test_a_settled_row_that_moves_is_told(tmp_path: Path) -> None:
+def test_a_settled_row_that_moves_is_detected(tmp_path: Path) -> None:
     """The well's bottom moves by 0.62 lean dt / 2, 0.0156 m: more than ten tolerances."""
     fields: dict[str, Any] = {"vary": {"x_0": [0.5, 0.8]}, "params": {"lean": 1.0}}
-    found = checked(tmp_path / "fine", run=SETTLE, warns=True, **fields)
-    assert (found["verdict"], found["moved"], found["gait_differs"]) == ("warned", 2, 0)
-    assert found["largest"]["x"] == pytest.approx(0.0156, rel=0.1)
+    result = checked(tmp_path / "fine", run=SETTLE, warns=True, **fields)
+    assert (result["verdict"], result["moved"], result["gait_differs"]) == ("warned", 2, 0)
+    assert result["largest"]["x"] == pytest.approx(0.0156, rel=0.1)
     # from the well's bottom, 1 m from 0, which then moves by 7.8e-6 m: less than ten tolerances of 0.01 m
     still = checked(tmp_path / "still", run=SETTLE, vary={"x_0": [1.0]}, params={"lean": 5e-4})
     assert still["verdict"] == "passed"
@@ -105,16 +105,16 @@ def beside(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_beside_the_rows_it_finds_the_same(tmp_path: Path, beside: None) -> None:
     fields: dict[str, Any] = {"vary": {"x_0": [-1e-4, -4e-5, -3e-5, 1e-4]}, "params": {"lean": 1e-3}}
-    found = checked(tmp_path / "beside", warns=True, **fields)
+    result = checked(tmp_path / "beside", warns=True, **fields)
     table = gs.load(tmp_path / "beside/out")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(execute, "_rows_leave_the_host_idle", lambda _: False)
-        assert checked(tmp_path / "after", warns=True, **fields) == found
-    assert found["gait_differs"] == 2
+        assert checked(tmp_path / "after", warns=True, **fields) == result
+    assert result["gait_differs"] == 2
     pd.testing.assert_frame_equal(gs.load(tmp_path / "after/out"), table, check_exact=True)
 
 
-def test_its_failure_beside_the_rows_is_raised_and_the_table_stands(
+def test_its_failure_beside_the_rows_is_raised_and_the_table_is_complete(
     tmp_path: Path, beside: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fails(*_: Any) -> dict[str, Any]:
@@ -147,7 +147,7 @@ def test_stopped_rows_stop_it(tmp_path: Path, beside: None, monkeypatch: pytest.
         run_job(job(vary={"x_0": [0.5, 0.8]}), tmp_path / "out", on_progress=stop)
 
 
-def test_it_can_be_turned_off_and_is_no_part_of_the_hash(tmp_path: Path) -> None:
+def test_it_can_be_turned_off_and_does_not_change_the_hash(tmp_path: Path) -> None:
     off = job(vary={"x_0": [-4e-5]}, params={"lean": 1e-3}, verify=0)
     assert gs.run(off, tmp_path / "out").manifest["self_check"] == {"rows": 0, "verdict": "off"}
     on = job(vary={"x_0": [-4e-5]}, params={"lean": 1e-3})
@@ -158,10 +158,10 @@ def test_it_can_be_turned_off_and_is_no_part_of_the_hash(tmp_path: Path) -> None
 
 def test_rows_that_do_not_settle_are_compared_over_their_first_crossings(tmp_path: Path) -> None:
     fields: dict[str, Any] = {"vary": {"x_0": [0.5]}, "params": {"lean": 0.1}}
-    found = checked(tmp_path, run={"kind": "return_map", "crossings": 12}, **fields)
+    result = checked(tmp_path, run={"kind": "return_map", "crossings": 12}, **fields)
     # by explicit Euler, crossing k of the coarse step is step k, not the same time: all that is told
-    assert found["largest"]["x"] > 0.0
-    assert found["verdict"] == "passed"
+    assert result["largest"]["x"] > 0.0
+    assert result["verdict"] == "passed"
 
 
 @pytest.mark.parametrize("count", [4, 8, 32, 50])
@@ -287,26 +287,26 @@ def test_whole_numbers_are_counts() -> None:
 @pytest.mark.slow
 def test_an_observable_of_any_unit_is_judged_by_its_size() -> None:
     """Steps of 0.39 s of Runge and Kutta's method lose a phase of some tenths in 200 s."""
-    found = judged(Spring, gs.FixedTime(duration=200.0), numerics={"method": "rk4", "dt": 0.39})
-    assert (found["verdict"], found["moved"]) == ("warned", 1)
-    found = judged(Spring, gs.FixedTime(duration=20.0))
-    assert (found["verdict"], found["sensitive"]) == ("passed", 0)
+    result = judged(Spring, gs.FixedTime(duration=200.0), numerics={"method": "rk4", "dt": 0.39})
+    assert (result["verdict"], result["moved"]) == ("warned", 1)
+    result = judged(Spring, gs.FixedTime(duration=20.0))
+    assert (result["verdict"], result["sensitive"]) == ("passed", 0)
 
 
 def test_the_time_of_a_crossing_is_compared() -> None:
     """A step of many periods passes over crossings; phi is 0 at all of them, so only their times tell."""
     steps = {"method": "rk4", "dt": 0.19}
-    found = judged(Rotor, gs.ReturnMap(crossings=4), w=[1.0, 3000.0], numerics=steps)
-    assert (found["verdict"], found["moved"], found["worst"]["name"]) == ("warned", 1, "t")
+    result = judged(Rotor, gs.ReturnMap(crossings=4), w=[1.0, 3000.0], numerics=steps)
+    assert (result["verdict"], result["moved"], result["worst"]["name"]) == ("warned", 1, "t")
     assert judged(Rotor, gs.ReturnMap(crossings=4), w=[1.0, 5.0])["verdict"] == "passed"
 
 
-def test_what_all_steps_of_a_run_leap_over_is_found_by_others() -> None:
-    """Every step of 2 s / 32 ends at a multiple of itself, and so does each half of one."""
+def test_events_that_all_steps_miss_are_detected() -> None:
+    """Every step of 2 s / 32, and of half of it, ends at a multiple of itself."""
     steps = {"method": "rk4", "dt": 2.0 / 32.0}
-    found = judged(Pulses, gs.Settle(max_cycles=60), width=[0.01, 0.015], numerics=steps)
-    assert (found["verdict"], found["moved"]) == ("warned", 2)
-    assert found["largest"]["u"] > 0.1  # the run's own is 0
+    result = judged(Pulses, gs.Settle(max_cycles=60), width=[0.01, 0.015], numerics=steps)
+    assert (result["verdict"], result["moved"]) == ("warned", 2)
+    assert result["largest"]["u"] > 0.1  # the run's own is 0
 
 
 @pytest.mark.slow("ramp", "staircase", "trace")
@@ -321,7 +321,7 @@ def test_what_all_steps_of_a_run_leap_over_is_found_by_others() -> None:
     ],
     ids=lambda run: run["kind"],
 )
-def test_stored_rows_that_are_not_what_the_rows_give_now_are_found(
+def test_stored_rows_that_are_not_reproduced_are_detected(
     tmp_path: Path, run: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fields: dict[str, Any] = {"vary": {"x_0": [0.5, 0.8]}, "run": run}
@@ -335,19 +335,19 @@ def test_stored_rows_that_are_not_what_the_rows_give_now_are_found(
         return table
 
     monkeypatch.setattr(execute, "load", altered)
-    found = checked(tmp_path / "other", warns=True, **fields)
-    assert (found["verdict"], found["stored_differs"]) == ("warned", 1)
+    result = checked(tmp_path / "other", warns=True, **fields)
+    assert (result["verdict"], result["stored_differs"]) == ("warned", 1)
     assert "run the job into a new directory" in advice({"stored_differs": 1}, None)
 
 
 @pytest.mark.filterwarnings("error")
-def test_what_has_no_size_hides_no_change() -> None:
-    """Crossings at one instant, or a single one, have no interval; the change of x is the worst still."""
-    found = SelfCheck(rows=3, of=3)
+def test_observables_without_a_size_do_not_hide_changes() -> None:
+    """Crossings at one instant, or a single one, have no interval; the change of x is still the worst."""
+    result = SelfCheck(rows=3, of=3)
     late, interval = np.array([[0.0], [0.0], [1e-9]]), np.array([[0.0], [np.nan], [np.nan]])
-    found.take_largest((gs.Quantity("x", "m", "position"),), np.full((3, 1), 1e-6), np.ones(1))
-    found.take_largest((gs.Quantity("t", "s", "time"),), late, interval)
-    assert (found.worst["name"], found.largest) == ("x", {"x": 1e-6, "t": 1e-9})
+    result.take_largest((gs.Quantity("x", "m", "position"),), np.full((3, 1), 1e-6), np.ones(1))
+    result.take_largest((gs.Quantity("t", "s", "time"),), late, interval)
+    assert (result.worst["name"], result.largest) == ("x", {"x": 1e-6, "t": 1e-9})
     hidden = SelfCheck(rows=1, of=1)
     size = np.array([1.0, np.nan])
     quantities = (gs.Quantity("x", "m", "position"), gs.Quantity("v", "m/s", "speed"))

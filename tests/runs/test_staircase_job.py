@@ -63,7 +63,7 @@ def test_rows_that_fall_keep_the_stairs_that_they_ended(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_stair_without_a_crossing_has_no_gait(tmp_path: Path) -> None:
-    """The observables stand still where nothing crosses; what they were before is no gait of this stair."""
+    """Without a crossing the observables are those of an earlier stair, which have no gait of this one."""
     table = gs.run(job(run={**STAIRS, "dwell": 0.1, "step": 0.5}), tmp_path / "out").table
     crossed = table.groupby("row")["crossing"].diff().fillna(table["crossing"]) > 0
     assert 0 < np.sum(crossed) < len(table)
@@ -72,7 +72,7 @@ def test_a_stair_without_a_crossing_has_no_gait(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_an_interrupted_staircase_goes_on_to_the_same_table(tmp_path: Path) -> None:
+def test_an_interrupted_staircase_continues_to_the_same_table(tmp_path: Path) -> None:
     asked = job(vary={"launch_1": {"linspace": [0.3, 2.0, 9]}}, engine={"block": 2, "lanes": 3})
     whole = gs.run(asked, tmp_path / "whole").table
     shares = []
@@ -93,7 +93,7 @@ def test_an_interrupted_staircase_goes_on_to_the_same_table(tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-def test_what_a_staircase_would_need() -> None:
+def test_the_estimate_of_a_staircase() -> None:
     needs = estimate(job(run={**STAIRS, "step": 0.05}))
     assert needs.rows == 3
     assert needs.records == 3 * 201
@@ -146,6 +146,6 @@ def test_a_staircase_that_cannot_be_run(
 
 
 @pytest.mark.parametrize("missing", ["parameter", "path", "step", "dwell"])
-def test_what_a_staircase_has_to_say(missing: str) -> None:
+def test_required_fields_of_a_staircase(missing: str) -> None:
     with pytest.raises(JobError, match=rf"run\.{missing} is missing: "):
         job(run={name: value for name, value in STAIRS.items() if name != missing})

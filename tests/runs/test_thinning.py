@@ -1,4 +1,4 @@
-"""Figures of a table with very many rows show an even selection of them, and say which."""
+"""Figures of very large tables show an even selection of rows, with a remark on it."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_a_sample_keeps_its_first_points() -> None:
 
 
 @pytest.mark.parametrize("rows", [1, 17, 1000])
-def test_no_more_are_shown_than_asked(rows: int) -> None:
+def test_at_most_the_requested_rows_are_shown(rows: int) -> None:
     shown = thinned(manifest(a=7, b_drawn=30, c=11), most=rows)
     assert shown is not None
     assert 0 < shown.rows.size <= rows
@@ -77,7 +77,7 @@ def test_small_tables_and_those_of_unknown_axes_are_shown_whole() -> None:
     assert thinned({**manifest(a=2), "rows": 10**8}) is None
 
 
-def test_the_figure_of_a_thinned_table_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_figure_of_a_thinned_table_has_a_remark(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "hops.yaml").write_text(JOB)
     path = gs.run(tmp_path / "hops.yaml", tmp_path / "out").path
     whole, drawn = gs.load(path), []

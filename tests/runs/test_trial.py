@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -53,17 +56,17 @@ class Swings(gs.DeclaredModel):
 
 
 @pytest.mark.slow
-def test_a_run_remarks_labels_that_are_no_gait_and_starts_beyond_a_surface() -> None:
+def test_a_run_reports_wrong_labels_and_starts_beyond_a_surface() -> None:
     with pytest.warns(UserWarning, match="label gave gait 2") as said:
         result = gs.sweep(Swings, x_0=[0.5, 1.0, 2.0, 12.0], run=gs.Settle(max_cycles=20), verify=0)
     assert result.table["gait"].astype(str).tolist()[:3] == ["small", "unknown (-1)", "unknown (2)"]
     assert result.manifest["mislabelled"]["unknown (-1)"] == {"rows": 1, "row": 1}
     assert result.manifest["mislabelled"]["unknown (2)"]["row"] == 2
     assert result.manifest["starts_beyond"] == {"wall": {"rows": 1, "row": 3}}
-    told = " ".join(str(each.message) for each in said)
-    assert "label gave gait 2" in told
-    assert "label gave gait -1 in 1 row (row 1)" in told
-    assert "'wall'" in told
+    message = " ".join(str(each.message) for each in said)
+    assert "label gave gait 2" in message
+    assert "label gave gait -1 in 1 row (row 1)" in message
+    assert "'wall'" in message
 
 
 class Unlabelled(Swings):
@@ -105,8 +108,8 @@ def test_a_run_remarks_rows_without_a_period() -> None:
     ends = result.table["status"].astype(str).tolist()
     assert ends[:4] == ["not_a_number"] * 3 + ["settled"]
     assert ends[6] == "not_a_number"
-    told = " ".join(str(each.message) for each in said)
-    assert "period gave a number below 0 in 1 row (row 5)" in told
+    message = " ".join(str(each.message) for each in said)
+    assert "period gave a number below 0 in 1 row (row 5)" in message
     assert result.manifest["dt"] == [pytest.approx(3.0 / 32), pytest.approx(3.0 / 32)]
 
 
@@ -165,20 +168,20 @@ class Tips(Unlabelled):
         (Swings, {"x_0": [0.5, 0.6], "w": [1.0, 2.0]}, []),
     ],
 )
-def test_what_is_wrong_with_a_model_at_a_jobs_own_rows(
+def test_faults_of_a_model_at_the_rows_of_a_job(
     kind: type[gs.HybridModel], axes: dict, words: list[str]
 ) -> None:
-    """`check-model` looks at the ranges that a model declares; a job may leave them."""
-    told = " ".join(remarks_on_rows(design_of(kind, axes), "mine:Model"))
-    assert [each for each in words if each not in told] == []
-    assert bool(told) == bool(words)
+    """`check-model` tries the declared ranges, which a job may leave."""
+    message = " ".join(remarks_on_rows(design_of(kind, axes), "mine:Model"))
+    assert [word for word in words if word not in message] == []
+    assert bool(message) == bool(words)
 
 
 def design_of(kind: type[gs.HybridModel], axes: dict) -> Design:
     return gs.Job(name="own", model=models.name_of(kind), vary=axes, run=gs.Settle()).design
 
 
-def test_a_run_says_it_before_a_row_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_reports_them_before_the_first_row(monkeypatch: pytest.MonkeyPatch) -> None:
     def stop(*_: object) -> None:
         raise InterruptedError
 
@@ -201,7 +204,7 @@ class Narrow(Roots):
     x = gs.variable("m", "position", 1.0, scale=1.0, low=0.0, high=4.0)
 
 
-def test_of_a_large_job_the_corners_of_the_axes_are_looked_at() -> None:
+def test_the_corners_of_a_large_job_are_examined() -> None:
     lines = {"x_0": {"linspace": [0.5, 1.0, 300]}, "w": {"linspace": [1.0, 3.5, 300]}, "v_0": [0.0, 0.1]}
     design = design_of(Timed, lines)
     rows = _some_rows(design)
@@ -214,12 +217,12 @@ def test_of_a_large_job_the_corners_of_the_axes_are_looked_at() -> None:
 
 
 @pytest.mark.slow
-def test_check_model_tries_the_ranges_and_looks_at_energies() -> None:
+def test_check_model_tries_the_ranges_and_the_energies() -> None:
     tried = trial(Swings)
-    assert [("gives gait 2" in each or "gives gait -1" in each) for each in tried.faults] == [True, True]
+    assert [("gives gait 2" in fault or "gives gait -1" in fault) for fault in tried.faults] == [True, True]
     whole = trial(Unlabelled)
     assert not whole.faults
-    assert any("energy is kept between events" in each for each in whole.remarks)
+    assert any("energy is kept between events" in remark for remark in whole.remarks)
 
 
 class Careless(gs.DeclaredModel):
@@ -258,18 +261,21 @@ class Careless(gs.DeclaredModel):
 
 
 @pytest.mark.slow
-def test_check_model_warns_of_what_a_careful_user_would_see() -> None:
-    told = [each for each in trial(Careless).remarks if each.startswith("Warning: ")]
-    assert len(told) == 3
-    assert "rows tried: phase (0), ten (10); observed=False" in told[0]
-    assert "no row that was tried: 'wall 1 is met', 'wall 2 is met';" in told[1]
-    assert "k = 1e+05, far from its default 2, makes the flow stiff: its fastest rate is 1e+05 1/s" in told[2]
+def test_check_model_warnings() -> None:
+    messages = [remark for remark in trial(Careless).remarks if remark.startswith("Warning: ")]
+    assert len(messages) == 3
+    assert "rows tried: phase (0), ten (10); observed=False" in messages[0]
+    assert "no row that was tried: 'wall 1 is met', 'wall 2 is met';" in messages[1]
+    assert (
+        "k = 1e+05, far from its default 2, makes the flow stiff: its fastest rate is 1e+05 1/s"
+        in messages[2]
+    )
 
 
 @pytest.mark.slow
 def test_check_model_does_not_miss_an_event_that_ends_rows() -> None:
     """The runner's mass hits the ground after the last apex, and so after the last crossing."""
-    assert not [each for each in trial(SlipRunner).remarks if each.startswith("Warning: ")]
+    assert not [remark for remark in trial(SlipRunner).remarks if remark.startswith("Warning: ")]
 
 
 @pytest.mark.slow
@@ -281,10 +287,10 @@ def test_check_model_warns_of_a_section_that_is_not_crossed_and_of_stiff_default
         def turns(self, p, s):
             return -s.phase - 2.0 * jnp.pi
 
-    told = " ".join(trial(Stays).remarks)
-    assert "Warning: No row crossed the section" in told
-    assert "Warning: At the defaults the flow is stiff: its fastest rate is 1e+04 1/s" in told
-    assert "far from its default" not in told
+    message = " ".join(trial(Stays).remarks)
+    assert "Warning: No row crossed the section" in message
+    assert "Warning: At the defaults the flow is stiff: its fastest rate is 1e+04 1/s" in message
+    assert "far from its default" not in message
 
 
 class Rooted(Unlabelled):
@@ -304,13 +310,15 @@ def test_a_model_of_which_no_row_runs_is_not_good(monkeypatch: pytest.MonkeyPatc
     assert trial(Unlabelled).faults == ["of which no row can be run: vary is refused."]
 
 
-def rate_and_power(kind: type[gs.HybridModel], move, **start: float) -> tuple[float, float]:
+def rate_and_power(
+    kind: type[gs.HybridModel], move: Callable[..., Any], **start: float
+) -> tuple[float, float]:
     """The rate of a model's energy at a start that is moved, and the power that its terms exchange."""
     model = _with_rates(kind)()
     params = scalars(model)
     state = move(model.init(params, {name: jnp.asarray(value) for name, value in start.items()}))
-    found = jax.jit(model.signal)(params, state)
-    return float(found["energy_rate_of_change"]), float(found["energy_power"])
+    result = jax.jit(model.signal)(params, state)
+    return float(result["energy_rate_of_change"]), float(result["energy_power"])
 
 
 class WrongSign(CompassWalker):

@@ -19,7 +19,7 @@ OF_THE_MAP = 0.03  # rad
 
 
 @pytest.mark.slow
-def test_branches_over_beta_end_where_holds_lose_the_gaits(tmp_path: Path) -> None:
+def test_branches_over_beta_end_where_staircases_lose_the_gaits(tmp_path: Path) -> None:
     """Walk ends between 0.7485 and 0.7490, trot between 0.7520 and 0.7525 (waist_quadruped_beta_edges).
 
     Between the two edges an unstable branch lies between the stable ones, and meets them there.
@@ -27,11 +27,11 @@ def test_branches_over_beta_end_where_holds_lose_the_gaits(tmp_path: Path) -> No
     job = SWEEPS / "waist_quadruped_beta_branches.yaml"
     small = "vary.beta={values: [0.7480, 0.7490, 0.7500, 0.7515, 0.7530]}"
     table = gs.run(job, tmp_path / "out", overrides=[small, "verify=0"]).table
-    found = branches(table, "delta_13", "beta", BANDWIDTH)
-    stable = {beta: part["value"].to_numpy() for beta, part in found.loc[found["stable"]].groupby("beta")}
+    result = branches(table, "delta_13", "beta", BANDWIDTH)
+    stable = {beta: part["value"].to_numpy() for beta, part in result.loc[result["stable"]].groupby("beta")}
     assert stable[0.7480].min() > 3.0, "the trot alone"
     assert stable[0.7530].max() < 2.7, "the walk alone"
-    middle = found.loc[found["beta"] == 0.75].sort_values("value")
+    middle = result.loc[result["beta"] == 0.75].sort_values("value")
     assert middle["stable"].tolist() == [True, False, True]
     # by the fixed points of holds, and the slopes by the map's own derivative (test_return_map_jacobian.py)
     np.testing.assert_allclose(middle["value"].iloc[[0, 2]], [2.739, 3.066], atol=2e-3)
@@ -42,8 +42,8 @@ def test_branches_over_beta_end_where_holds_lose_the_gaits(tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-def test_the_map_does_not_depend_on_how_long_ago_the_start_let_go(tmp_path: Path) -> None:
-    """It does 17.5 cycles after the beginning: from cycle 40, 45 and 50 on, the same map is read.
+def test_the_map_does_not_depend_on_the_time_since_the_start(tmp_path: Path) -> None:
+    """From 17.5 cycles on it does not: the maps from cycle 40, 45 and 50 on are the same.
 
     Fixed points within 0.0005 rad, slopes of stable ones within .02. At cycle 17, while it is held, delta_13
     is still where it was started, to 0.1 rad.

@@ -35,7 +35,7 @@ def grid_table(
 
 
 def cantor_labels(depth: int) -> np.ndarray:
-    """The parity of the step at which Cantor's construction takes out each of 3^depth cells; 0 if never.
+    """The parity of the step at which Cantor's construction removes each of 3^depth cells; 0 for the rest.
 
     The boundary of the two sets is the Cantor set, of dimension ln 2 / ln 3.
     """

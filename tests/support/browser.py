@@ -119,12 +119,28 @@ class Page:
         """Set the colour scheme that the reader prefers, light or dark."""
         self.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": name}])
 
+    def _of_browser(self, method: str, **params: Any) -> dict[str, Any]:
+        """Call a method that answers for the whole browser."""
+        session, self._session = self._session, None
+        answer = self.call(method, **params)
+        self._session = session
+        return answer
+
     def cpu_time(self) -> float:
         """CPU time of all processes of the browser so far, s."""
-        session, self._session = self._session, None
-        found = self.call("SystemInfo.getProcessInfo")["processInfo"]
-        self._session = session
-        return sum(each["cpuTime"] for each in found)
+        return sum(each["cpuTime"] for each in self._of_browser("SystemInfo.getProcessInfo")["processInfo"])
+
+    def downloaded(self, folder: Path, script: str) -> Path:
+        """The file that an expression makes the page offer, saved in an empty folder."""
+        self._of_browser("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(folder))
+        self.evaluate(script)
+        until = time.monotonic() + PATIENCE
+        while time.monotonic() < until:
+            files = list(folder.iterdir())
+            if files and files[0].suffix != ".crdownload":
+                return files[0]
+            time.sleep(0.02)
+        raise TimeoutError(f"{script}; errors: {self.errors}")
 
     def open(self, path: Path, fragment: str = "") -> None:
         """Open a file and wait until the page says that it is ready."""
@@ -151,7 +167,7 @@ class Page:
         raise TimeoutError(f"{condition}; errors: {self.errors}")
 
     def least_contrast(self) -> tuple[float, str]:
-        """The least contrast of a text with what is behind it (WCAG 2.2), and that text."""
+        """The least contrast of a text with its background (WCAG 2.2), and that text."""
         ratio, text = self.evaluate(_LEAST_CONTRAST)
         return ratio, text
 
@@ -161,7 +177,7 @@ class Page:
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
     def press(self, key: str) -> None:
-        """Press a key and let go."""
+        """Press and release a key."""
         text = {"text": key} if len(key) == 1 else {}
         for kind in ("keyDown", "keyUp"):
             self.call(

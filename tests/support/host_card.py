@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 import itertools
 import shutil
 import subprocess
+import tempfile
 import types
 from pathlib import Path
 from typing import Any
@@ -38,14 +40,22 @@ def compiler() -> str | None:
 
 def library(source: str, folder: Path, *, contraction: bool = False) -> ctypes.CDLL:
     """A source with `HOST_HEAD`, compiled."""
-    file = folder / f"kernel_{next(_numbers)}.cpp"
-    file.write_text(source)
-    contract = f"-ffp-contract={'fast' if contraction else 'off'}"
-    target = file.with_suffix(".so")
-    command = [str(compiler()), "-O1", "-march=native", contract, "-shared", "-fPIC", "-o", str(target)]
-    done = subprocess.run([*command, str(file)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    # a file of its own for each, whose variables no other library shares
+    target = folder / f"kernel_{next(_numbers)}.so"
+    target.write_bytes(_code(source, contraction))
     return ctypes.CDLL(str(target))
+
+
+@functools.cache
+def _code(source: str, contraction: bool) -> bytes:
+    """The code of a shared library."""
+    contract = f"-ffp-contract={'fast' if contraction else 'off'}"
+    command = [str(compiler()), "-O1", "-march=native", contract, "-shared", "-fPIC", "-x", "c++", "-"]
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder) / "kernel.so"
+        done = subprocess.run([*command, "-o", str(target)], input=source, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return target.read_bytes()
 
 
 class _Module:

@@ -32,8 +32,8 @@ QUANTITIES = {
 
 def roots(f: float) -> np.ndarray:
     """The fixed points x at a value of the parameter, ascending."""
-    found = np.roots([-1.0, 0.0, 1.0, f])
-    return np.sort(found[np.abs(found.imag) < 1e-9].real)
+    result = np.roots([-1.0, 0.0, 1.0, f])
+    return np.sort(result[np.abs(result.imag) < 1e-9].real)
 
 
 def delta(x: np.ndarray | float, centre: float = CENTRE) -> np.ndarray:
@@ -73,7 +73,7 @@ def ramp_table(
                 }
             )
         )
-    return dressed(pd.concat(parts, ignore_index=True), "ramp", [-top, top, -top])
+    return with_attrs(pd.concat(parts, ignore_index=True), "ramp", [-top, top, -top])
 
 
 def staircase_table(
@@ -109,7 +109,7 @@ def staircase_table(
     table = pd.DataFrame(records, columns=columns).astype({"delta_13_n": float})
     table["status"] = pd.Categorical(table["status"], STATUSES)
     table["gait"] = pd.Categorical(table["gait"], ["trot", "walk", "none"])
-    return dressed(table, "staircase", [-top, top, -top])
+    return with_attrs(table, "staircase", [-top, top, -top])
 
 
 def map_table(
@@ -144,7 +144,7 @@ def map_table(
                 }
             )
         )
-    return dressed(pd.concat(parts, ignore_index=True), "return_map")
+    return with_attrs(pd.concat(parts, ignore_index=True), "return_map")
 
 
 def settle_table(
@@ -167,11 +167,11 @@ def settle_table(
     table = pd.DataFrame(records, columns=columns).astype({"delta_13": float, "delta_13_end": float})
     table["status"] = pd.Categorical(table["status"], STATUSES)
     table["gait"] = pd.Categorical(table["gait"], ["trot", "walk", "none"])
-    return dressed(table, "settle")
+    return with_attrs(table, "settle")
 
 
-def dressed(table: pd.DataFrame, kind: str, path: Sequence[float] | None = None) -> pd.DataFrame:
-    """With what a result directory says beside its table."""
+def with_attrs(table: pd.DataFrame, kind: str, path: Sequence[float] | None = None) -> pd.DataFrame:
+    """Add the job and the quantities, as a loaded table has them in its attributes."""
     run = {"kind": kind} if path is None else {"kind": kind, "parameter": "f", "path": list(path)}
     table.attrs.update(job={"name": kind, "run": run}, quantities=QUANTITIES)
     return table

@@ -1,4 +1,4 @@
-"""Tables such as a job's run would make, with made-up numbers, for what figures take and refuse."""
+"""Tables with the columns of a job's run and made-up numbers, for tests of figures."""
 
 from __future__ import annotations
 

@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.numerics import Numerics
@@ -18,7 +19,8 @@ from tests.support.sweeping import run_rows
 FILE = REFERENCE / "multilegged_crossings.csv"
 
 
-def wrapped(difference):
+def wrapped(difference: ArrayLike) -> np.ndarray:
+    """The absolute value of a difference of angles (rad), by the shorter way."""
     return np.abs((np.asarray(difference) + np.pi) % (2 * np.pi) - np.pi)
 
 
@@ -30,7 +32,9 @@ def reference(name: str) -> tuple[dict, pd.DataFrame]:
     return json.loads(header[1]), table.loc[table["set"] == name]
 
 
-def simulated(params: dict, psi: np.ndarray, crossings: int, devices: int = 2):
+def simulated(
+    params: dict, psi: np.ndarray, crossings: int, devices: int = 2
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Crossings of the model from psi (rows, N): t, psi, landed, (rows, crossings + 1, ...)."""
     params = {k: float(v) for k, v in params.items()}
     model = Multilegged(int(params.pop("N", 3)))

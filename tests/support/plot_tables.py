@@ -1,4 +1,4 @@
-"""Small tables such as runs leave them, made without simulating, for the tests of figures."""
+"""Small synthetic tables of runs, and readers of legends, for the tests of figures."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import io
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS
@@ -16,7 +17,7 @@ AXES = ["psi_1", "psi_2", "psi_3"]
 
 
 def settle_table(n: int = 4) -> pd.DataFrame:
-    """N x n starts for each of three psi_3; the gait follows from psi_1 alone."""
+    """A settle job of n x n starts for each of three psi_3; the gait follows from psi_1 alone."""
     cell = (np.arange(n) + 0.5) / n * TURN
     starts = pd.MultiIndex.from_product([[0.4 * np.pi, np.pi, 1.6 * np.pi], cell, cell])
     table = starts.to_frame(index=False, name=["psi_3", "psi_2", "psi_1"])
@@ -27,11 +28,13 @@ def settle_table(n: int = 4) -> pd.DataFrame:
     table["cycles"] = 50
     for i in range(3):
         table[f"psi_{i + 1}_end"] = ends[which, i]
+    # not in ascending order, so that a figure that orders gaits by their occurrence fails
     table["gait"] = pd.Categorical.from_codes(np.array([0, 2, 1])[which].tolist(), list(GAITS))
     return table
 
 
 def crossing_table() -> pd.DataFrame:
+    """A return_map job of three rows, whose psi_1 grows by 0.4 rad from one crossing to the next."""
     rows = [
         {"row": row, "psi_1": start, "crossing": n, "status": "complete", "psi_1_n": (start + 0.4 * n) % TURN}
         for row, start in enumerate([0.5, 3.0, 5.9])
@@ -41,6 +44,7 @@ def crossing_table() -> pd.DataFrame:
 
 
 def trace_table(legs: int = 4, rows: int = 2) -> pd.DataFrame:
+    """A trace job: contacts of legs that swing one after another, the same in all rows."""
     t = np.arange(0.0, 50.0, 0.05)
     parts = []
     for row in range(rows):
@@ -50,5 +54,11 @@ def trace_table(legs: int = 4, rows: int = 2) -> pd.DataFrame:
 
 
 def rendered(figure: Figure) -> None:
-    """Draw it, small: some mistakes only show then."""
+    """Render a small image: some mistakes raise only then."""
     figure.savefig(io.BytesIO(), format="png", dpi=40)
+
+
+def legend_texts(part: Figure | Axes) -> list[str]:
+    """The texts of the legends of a figure, or of the legend of axes."""
+    legends = part.legends if isinstance(part, Figure) else [part.get_legend()]
+    return [text.get_text() for legend in legends if legend is not None for text in legend.get_texts()]

@@ -17,8 +17,7 @@ from scipy import special
 
 from gaitsweep.engine.kernel import llvm_code
 from gaitsweep.engine.kernel.program import Kind, Program
-from gaitsweep.engine.kernel.python_source import Python, loaded, stored
-from gaitsweep.engine.kernel.source import statements
+from gaitsweep.engine.kernel.source import PYTHON, statements
 from gaitsweep.engine.kernel.trace import Nodes, Tracer, kind_of
 
 _TYPES = {"f64": np.float64, "f32": np.float32, "int": np.float64, "bool": np.bool_}
@@ -94,7 +93,7 @@ class _OfArrays(ast.NodeTransformer):
 def source_of(traced: Traced) -> str:
     """A Python function of the inputs `x0`, `x1`, ... that gives all outputs."""
     given = {at: f"x{i}" for i, at in enumerate(traced.inputs)}
-    lines, results = statements(Python(), traced.program, traced.outputs, given)
+    lines, results = statements(PYTHON, traced.program, traced.outputs, given)
     body = "\n".join(f"    {line}" for line in [*lines, f"return ({''.join(f'{r}, ' for r in results)})"])
     return f"def run({', '.join(given.values())}):\n{body}\n"
 
@@ -103,11 +102,11 @@ def storing_source_of(traced: Traced) -> str:
     """A Python function of a flat array: the inputs come first, and all outputs are stored after them."""
     given = {at: f"x{i}" for i, at in enumerate(traced.inputs)}
     nodes, first = traced.program.nodes, len(traced.inputs)
-    loads = [f"x{i} = {loaded(nodes[at].kind, f's[{i}]')}" for i, at in enumerate(traced.inputs)]
-    lines, results = statements(Python(), traced.program, traced.outputs, given)
+    loads = [f"x{i} = {PYTHON.loaded(nodes[at].kind, f's[{i}]')}" for i, at in enumerate(traced.inputs)]
+    lines, results = statements(PYTHON, traced.program, traced.outputs, given)
     kinds: list[Kind] = [traced.program.nodes[at].kind for at in traced.outputs]
     lines += [
-        f"s[{first + k}] = {stored(kind, result)}"
+        f"s[{first + k}] = {PYTHON.stored(kind, result)}"
         for k, (kind, result) in enumerate(zip(kinds, results, strict=True))
     ]
     return "\n".join(["def run(s):", *(f"    {line}" for line in [*loads, *lines])])

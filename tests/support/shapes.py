@@ -24,7 +24,7 @@ KINDS = ("Bool", "Float", "Int", "Num", "Real")
 
 
 def check_shapes() -> None:
-    """Check what is imported of `CHECKED` from now on."""
+    """Check the shapes in modules of `CHECKED` that are imported afterwards."""
     imported = [name for name in CHECKED if name in sys.modules]
     if imported:
         raise RuntimeError(f"{', '.join(imported)}: imported already, without checks")

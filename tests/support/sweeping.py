@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import types
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -29,7 +30,16 @@ def complete(model: Model, params: Mapping[str, Any], n: int) -> dict[str, np.nd
 
 def scalars(model: Model, **params: Any) -> Any:
     """The model's own parameters of one trajectory."""
-    return model.params({k: jax.numpy.asarray(v[0]) for k, v in complete(model, params, 1).items()})
+    values = {k: jax.numpy.asarray(v[0]) for k, v in complete(model, params, 1).items()}
+    return _params_of(model)(values)
+
+
+@functools.cache
+def _params_of(model: Model) -> Callable[[Mapping[str, Any]], Any]:
+    """`model.params` as one program: operation by operation, each would be compiled by itself."""
+    values = {quantity.name: jax.ShapeDtypeStruct((), np.float64) for quantity in model.parameters}
+    # XLA's optimizations would take longer than they save
+    return jax.jit(model.params).lower(values).compile({"xla_backend_optimization_level": "0"})
 
 
 def devices_on(platform: str | None, engine: str) -> list[Any]:
@@ -80,8 +90,8 @@ def run_rows(
     return RowOutcome.concat([blocks[number] for number in sorted(blocks)])
 
 
-def same(one, other) -> None:
-    """Two results of a sweep are equal, value for value."""
+def same(one: RowOutcome, other: RowOutcome) -> None:
+    """Assert that two results of a sweep are equal to the last bit."""
     for field in ("status", "cycles", "attempts", "t_end", "last", "owner", "samples"):
         np.testing.assert_array_equal(getattr(one, field), getattr(other, field), err_msg=field)
     for kind in ("labels", "sample_labels"):

@@ -51,7 +51,7 @@ def open_toy(path: Path, rows: int = 10, block: int = 4, job_hash: str = "abc" *
 
 def fill(directory: ResultDirectory) -> None:
     for number in directory.missing_blocks():
-        directory.write_part(number, block_frame(*directory.rows_of(number)))
+        directory.write_part(number, block_frame(*directory.layout.rows_of(number)))
 
 
 def files_of(path: Path) -> dict[str, bytes]:

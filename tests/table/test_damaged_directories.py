@@ -323,7 +323,7 @@ def test_links_at_the_names_of_temporaries_are_not_followed(tmp_path: Path) -> N
     assert len(load(tmp_path / "toy")) == 10
 
 
-def test_a_directory_of_format_1_is_read_and_says_that_it_has_no_digests(whole: Path) -> None:
+def test_a_directory_of_format_1_is_read_with_a_warning(whole: Path) -> None:
     expected = load(whole)
     manifest = json.loads((whole / "manifest.json").read_text())
     del manifest["sha256"], manifest["job"]
@@ -348,7 +348,7 @@ def test_digests_are_those_of_sha256sum(whole: Path) -> None:
 
 
 def test_rewritten_files_have_one_digest(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """So `sha256sum -c` accepts the directory; a kill before the old line is removed loses nothing."""
+    """So `sha256sum -c` accepts the directory; a kill before the old line is removed is harmless."""
     with open_toy(whole) as directory:
         directory.write_beside("best.parquet", b"12345")
     before = read_digests(whole)
@@ -372,7 +372,7 @@ def test_rewritten_files_have_one_digest(whole: Path, monkeypatch: pytest.Monkey
 
 
 def test_a_kill_between_the_digest_and_the_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A digest without its part and half a line are no damage."""
+    """A digest without its part and an incomplete line are not damage."""
     path = tmp_path / "toy"
     with open_toy(path) as directory:
         directory.write_part(0, block_frame(0, 4))
@@ -387,7 +387,7 @@ def test_a_kill_between_the_digest_and_the_part(tmp_path: Path, monkeypatch: pyt
     assert load(path).attrs["complete"]
 
 
-def test_a_table_that_is_not_complete_says_so(tmp_path: Path) -> None:
+def test_an_incomplete_table_is_reported(tmp_path: Path) -> None:
     with open_toy(tmp_path / "toy") as directory:
         directory.write_part(0, block_frame(0, 4))
         keep(directory, [5, 9])

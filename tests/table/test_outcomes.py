@@ -17,9 +17,9 @@ from tests.support.toy_directories import block_frame, fill, open_toy
 def test_an_outcome_is_a_gait_or_why_there_is_none() -> None:
     gait = pd.Categorical(["trot", "none", None, "trot", "walk", None], ["walk", "trot", "none"])
     status = pd.Categorical(["settled", "complete", "at_rest", "cycle_limit", "fell", "diverged"])
-    found = outcomes(gait, status)
-    assert list(found) == ["trot", "none", "none", "not settled", "failed", "failed"]
-    assert list(found.categories) == ["walk", "trot", "none", "not settled", "failed"]
+    result = outcomes(gait, status)
+    assert list(result) == ["trot", "none", "none", "not settled", "failed", "failed"]
+    assert list(result.categories) == ["walk", "trot", "none", "not settled", "failed"]
 
 
 def test_outcomes_of_as_many_gaits_as_a_small_code_holds() -> None:
@@ -31,14 +31,14 @@ def test_outcomes_of_as_many_gaits_as_a_small_code_holds() -> None:
 
 
 @pytest.mark.parametrize("older", [{0, 1, 2}, {1}])
-def test_tables_of_before_get_the_column_when_they_are_loaded(tmp_path: Path, older: set[int]) -> None:
+def test_older_tables_get_the_column_when_they_are_loaded(tmp_path: Path, older: set[int]) -> None:
     """All parts without the column, or one of them: a run that another version continued."""
     now, before = tmp_path / "now", tmp_path / "before"
     with open_toy(now) as directory:
         fill(directory)
     with open_toy(before) as directory:
         for number in range(3):
-            frame = block_frame(*directory.rows_of(number))
+            frame = block_frame(*directory.layout.rows_of(number))
             directory.write_part(number, frame.drop(columns="outcome") if number in older else frame)
     expected = load(now)
     pd.testing.assert_frame_equal(load(before), expected)

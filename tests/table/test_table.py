@@ -1,4 +1,4 @@
-"""Result directories: parts that survive any interruption, refusals, and what `load` gives back."""
+"""Result directories: parts that survive any interruption, refusals, and loaded tables."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_columns_of_a_run_kind_carry_their_unit_unless_the_model_has_a_quantity_
     assert fields.field("row").metadata is None
 
 
-def test_a_partial_table_loads_and_says_so(tmp_path: Path) -> None:
+def test_a_partial_table_is_loaded_with_a_warning(tmp_path: Path) -> None:
     with open_toy(tmp_path / "toy") as directory:
         directory.write_part(2, block_frame(8, 10))
         directory.write_part(0, block_frame(0, 4))
@@ -110,16 +110,16 @@ def test_chosen_rows_and_columns_are_those_of_the_whole_table(tmp_path: Path, ro
     expected = whole.loc[whole["row"].isin(chosen.tolist())].reset_index(drop=True)
     pd.testing.assert_frame_equal(load(path, rows=rows), expected, check_exact=True)
     columns = ["gait", "psi_2_end"]
-    found = load(path, columns, rows)
-    pd.testing.assert_frame_equal(found, expected[columns], check_exact=True)
-    assert found.attrs["manifest"]["rows"] == 10
+    table = load(path, columns, rows)
+    pd.testing.assert_frame_equal(table, expected[columns], check_exact=True)
+    assert table.attrs["manifest"]["rows"] == 10
 
 
 def test_all_records_of_a_chosen_row_are_read(tmp_path: Path) -> None:
     frame = block_frame(0, 10).loc[np.repeat(np.arange(10), 3)].reset_index(drop=True)
     with open_toy(tmp_path / "toy") as directory:
         for number in range(3):
-            start, stop = directory.rows_of(number)
+            start, stop = directory.layout.rows_of(number)
             directory.write_part(number, frame[frame["row"].between(start, stop - 1)])
     assert load(tmp_path / "toy", ["row"], [2, 7])["row"].tolist() == [2, 2, 2, 7, 7, 7]
 
@@ -154,15 +154,15 @@ def test_parts_of_different_versions_are_joined(tmp_path: Path) -> None:
     table = load(tmp_path / "toy")
     assert table["cycles"].tolist() == [0, 1, 2, 3, 0.5, 1.5, 2.5, 3.5, 8, 9]
     assert list(table["gait"].cat.categories) == [*GAITS, "new"]
-    told = [str(gait) for frame in frames for gait in frame["gait"].astype(object).fillna("nan")]
-    assert table["gait"].astype(object).fillna("nan").tolist() == told
+    messages = [str(gait) for frame in frames for gait in frame["gait"].astype(object).fillna("nan")]
+    assert table["gait"].astype(object).fillna("nan").tolist() == messages
     for name, known in {"speed": [1.5] * 4, "note": ["x"] * 4, "flag": [True] * 4}.items():
         assert table[name][4:8].tolist() == known
         assert np.all(table[name].drop(range(4, 8)).isna())
     assert table["count"].dropna().tolist() == [3, 3]
 
 
-def test_memory_holds_the_wanted_columns_and_one_part(
+def test_memory_contains_the_wanted_columns_and_one_part(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rows, block = 200_000, 10_000
@@ -209,9 +209,9 @@ def test_an_interrupted_table_ends_byte_for_byte_as_an_uninterrupted_one(tmp_pat
         fill(directory)
     with open_toy(tmp_path / "broken", rows=50) as directory:
         for number in (7, 1, 4):
-            directory.write_part(number, block_frame(*directory.rows_of(number)))
+            directory.write_part(number, block_frame(*directory.layout.rows_of(number)))
     with open_toy(tmp_path / "broken", rows=50) as directory:
-        assert len(directory.missing_blocks()) == directory.n_blocks - 3
+        assert len(directory.missing_blocks()) == len(directory.layout.blocks) - 3
         fill(directory)
     assert files_of(tmp_path / "whole" / "table") == files_of(tmp_path / "broken" / "table")
     pd.testing.assert_frame_equal(load(tmp_path / "whole"), load(tmp_path / "broken"), check_exact=True)
@@ -324,10 +324,10 @@ def test_stray_temporaries_are_removed_by_the_next_run_alone(tmp_path: Path) -> 
     assert not any(stray.exists() for stray in strays)
 
 
-def test_a_kill_at_any_point_of_the_making_is_resumable(
+def test_a_new_directory_survives_a_kill_at_any_point(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Every call that changes the disk is made to fail in turn, with nothing cleaned up after it."""
+    """Every call that changes the disk fails in turn, without any clean-up."""
     names = ("replace", "fsync")
     real = {name: getattr(os, name) for name in names}
     finished, stop_at = False, 0
@@ -459,15 +459,15 @@ WRITER = textwrap.dedent("""
     with open_toy(Path(sys.argv[1]), rows=1000, block=10) as directory:
         print("ready", flush=True)
         for number in directory.missing_blocks():
-            directory.write_part(number, block_frame(*directory.rows_of(number)))
+            directory.write_part(number, block_frame(*directory.layout.rows_of(number)))
             directory.update_manifest(last=number)
     print("done", flush=True)
 """)
 
 
 @pytest.mark.slow
-def test_a_killed_writer_loses_nothing_that_was_written(tmp_path: Path) -> None:
-    """SIGKILL, at moments that do not depend on what the writer is doing, until the table is whole."""
+def test_a_killed_writer_keeps_all_written_parts(tmp_path: Path) -> None:
+    """SIGKILL comes at moments that do not depend on the writer, until the table is complete."""
     root = Path(__file__).parents[2]
     path = tmp_path / "toy"
     finished = 0

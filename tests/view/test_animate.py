@@ -88,7 +88,7 @@ def test_a_movie_has_a_picture_for_each_moment(quadruped: Path, tmp_path: Path, 
     assert [path.name for path in tmp_path.iterdir()] == ["trot.gif"]
 
 
-def test_movies_stand_with_the_figures_and_follow_the_cycle(chain: Path, capsys: Capture) -> None:
+def test_movies_are_written_to_the_figures_and_follow_the_cycle(chain: Path, capsys: Capture) -> None:
     assert main(["animate", str(chain), "--seconds", "2", "--fps", "5", *SMALL]) == 0  # auto, without an MJCF
     printed = capsys.readouterr()
     assert printed.out == f"{chain / 'figures' / 'animation_row0.gif'}\n"
@@ -137,7 +137,7 @@ def test_a_strip_of_poses_is_a_figure_of_its_directory(quadruped: Path, chain: P
         (["--still", "0", "--speed", "1"], "--speed"),
     ],
 )
-def test_what_cannot_be_shown_is_one_sentence(
+def test_refusals_are_one_sentence(
     options: list[str], sentence: str, quadruped: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)  # as where it is not installed
@@ -161,9 +161,9 @@ def test_tables_without_motion_are_refused(quadruped: Path, tmp_path: Path, caps
         ),
         [pd.DataFrame({"row": [0], "status": ["complete"]})],
     )
-    told = refused(capsys, [str(branches)])
-    assert "continuation rows" in told
-    assert "gaitsweep explore" in told
+    message = refused(capsys, [str(branches)])
+    assert "continuation rows" in message
+    assert "gaitsweep explore" in message
     t = 0.01 * np.arange(5)
     frame = pd.DataFrame({"row": 0, "t": t, **quadruped_signals(t), "status": "complete"})
     poor = written(tmp_path / "poor", quadruped_job(vary={}), [frame.drop(columns=["q_5"])])
@@ -175,9 +175,9 @@ def test_tables_without_motion_are_refused(quadruped: Path, tmp_path: Path, caps
     undrawn = written(
         tmp_path / "toy", toy, [pd.DataFrame({"row": 0, "t": t, **signals, "status": "complete"})]
     )
-    told = refused(capsys, [str(undrawn)])
-    assert "has no `skeleton`" in told
-    page, section = re.findall(r"as (\S+) shows under `([^`]+)`", " ".join(told.split()))[0]
+    message = refused(capsys, [str(undrawn)])
+    assert "has no `skeleton`" in message
+    page, section = re.findall(r"as (\S+) shows under `([^`]+)`", " ".join(message.split()))[0]
     text = (Path(__file__).parents[2] / page).read_text()
     (headed,) = re.findall(rf"^## [\d. ]*{section}\n(.*?)^## ", text, re.MULTILINE | re.DOTALL)
     assert "def skeleton(" in headed
@@ -220,6 +220,20 @@ def test_a_row_without_a_trace_is_simulated_again(tmp_path: Path, run: dict[str,
     assert out.name == "animation_row0.gif"
 
 
+@pytest.mark.slow("True")
+@pytest.mark.parametrize("moves", [False, True])
+def test_a_trace_has_the_gait_of_its_end(tmp_path: Path, moves: bool) -> None:
+    """The title of its movie has it, but for a trace whose parameter moves, which may have several."""
+    run = {"kind": "trace", "duration": 200, "every": 1.0}
+    moving = {"parameter": "m_B", "path": [0.9, 1.0], "rate": 1e-4} if moves else {}
+    start: dict[str, Any] = {"psi_1": 1.13, "psi_2": 0.98, "psi_3": 1.5}
+    result = gs.run(Job(name="trace", model="multilegged", start=start, run=run | moving), tmp_path / "trace")
+    assert set(result.table["gait"]) == {"direct"}
+    assert movie.read_motion(tmp_path / "trace", 0).gait == ("" if moves else "direct")
+    table = gs.simulate("multilegged", **start, duration=20.0, every=5.0)
+    assert not {"gait", "outcome", "status"} & set(table.columns)
+
+
 def test_a_movie_is_titled_by_gait_and_speed(quadruped: Path, chain: Path) -> None:
     for folder, gait, title in (
         (quadruped, "trot", f"waist_quadruped, trot at {SPEED:.2g} m/s; row 0: "),
@@ -253,7 +267,7 @@ def test_a_body_of_an_mjcf_is_drawn_from_its_geoms(tmp_path: Path) -> None:
 
 
 def test_legs_in_swing_are_coloured_and_lifted_on_request(chain: Path) -> None:
-    """The chain's legs are alike, so colour says which of them swing; feet on the ground stay there."""
+    """The chain's legs have one colour, so another marks those in swing; only these are lifted."""
     motion = movie.read_motion(chain, 0)
     skeletons = []
     for lift in (1.0, 3.0):
@@ -272,7 +286,7 @@ def test_legs_in_swing_are_coloured_and_lifted_on_request(chain: Path) -> None:
     assert "3 times as high" in clip.title
 
 
-def test_nothing_is_written_where_it_cannot(chain: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_unwritable_files_are_refused(chain: Path, tmp_path: Path, capsys: Capture) -> None:
     out = str(tmp_path / "nowhere" / "wave.gif")
     assert "no such file" in refused(capsys, [str(chain), "--out", out, "--seconds", "4"], code=1)
     assert "no MJCF" in refused(capsys, [str(chain), "--renderer", "mujoco"])
@@ -291,8 +305,8 @@ def test_a_movie_that_is_stopped_leaves_the_old_one(chain: Path, tmp_path: Path)
     assert [path.name for path in tmp_path.iterdir()] == ["wave.gif"]
 
 
-def test_an_mp4_goes_through_ffmpeg(chain: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In its place stands a program that writes how many bytes it was given to its last argument."""
+def test_an_mp4_is_written_by_ffmpeg(chain: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A program that writes the number of its input bytes to its last argument replaces it."""
     program = tmp_path / "ffmpeg"
     program.write_text('#!/bin/sh\nfor target; do :; done\nwc -c > "$target"\n')
     program.chmod(0o755)
@@ -308,7 +322,7 @@ def test_an_mp4_goes_through_ffmpeg(chain: Path, tmp_path: Path, monkeypatch: py
 
 
 @pytest.mark.slow
-def test_mujoco_renders_where_there_is_opengl(quadruped: Path, tmp_path: Path) -> None:
+def test_mujoco_renders_with_opengl(quadruped: Path, tmp_path: Path) -> None:
     out = tmp_path / "trot.gif"
     options = {"seconds": 0.05, "fps": 10.0, "size": (320, 240)}
     try:
@@ -334,8 +348,8 @@ def test_without_opengl_lines_are_drawn(
     monkeypatch.setattr(mujoco_movie, "BACKENDS", ("nonsense",))  # MuJoCo's import fails with it
     options = [str(quadruped), "--out", str(tmp_path / "trot.png"), *SMALL, "--still", "0"]
     assert main(["animate", *options]) == 0
-    told = capsys.readouterr().err
-    assert told.startswith("MuJoCo cannot render here (nonsense: ")
-    assert "Matplotlib" in told
+    message = capsys.readouterr().err
+    assert message.startswith("MuJoCo cannot render here (nonsense: ")
+    assert "Matplotlib" in message
     assert (tmp_path / "trot.png").exists()
     assert "use --renderer matplotlib" in refused(capsys, [*options, "--renderer", "mujoco"])

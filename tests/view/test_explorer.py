@@ -1,10 +1,11 @@
-"""The explorer's page: its numbers are those of the table, its walks those of the same starts."""
+"""The explorer's page: its numbers against the table, its motions against runs of the same starts."""
 
 from __future__ import annotations
 
 import base64
 import gzip
 import importlib.util
+import itertools
 import json
 import math
 import re
@@ -13,6 +14,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import PIL.Image
+import PIL.ImageColor
+import PIL.ImageSequence
 import pytest
 from typer.testing import CliRunner
 
@@ -22,12 +26,12 @@ from gaitsweep.api.result import Result
 from gaitsweep.cli import commands
 from gaitsweep.plot import theme
 from gaitsweep.runs.dataset import MissingPackageError
-from gaitsweep.view.explorer.choice import boundary, spread, subgrid
 from gaitsweep.view.explorer.encoding import RESOLUTION, motion_fields, packed
 from gaitsweep.view.explorer.explorer import explorer_of
 from gaitsweep.view.explorer.plotly_source import quicker
 from gaitsweep.view.explorer.replays import Motion, Pictures, Stretch, pictures_of
 from gaitsweep.view.explorer.start_map import CELLS, StartMap, columns_of, html_symbol, with_next
+from gaitsweep.view.explorer.traced_cells import boundary, spread, subgrid
 from gaitsweep.view.movie.animation import Clip
 from gaitsweep.view.movie.side_view import heading, projected, turned
 from hostile_texts import ATTACK, HostileTexts
@@ -42,9 +46,9 @@ PSI_3 = (0.4 * math.pi, math.pi)
 
 def fields_of(page: Path) -> dict[str, Any]:
     """Data of a page, as its script unpacks them."""
-    found = re.search(r'id="data">([^<]*)</script>', page.read_text())
-    assert found is not None
-    return json.loads(gzip.decompress(base64.b64decode(found[1])))
+    result = re.search(r'id="data">([^<]*)</script>', page.read_text())
+    assert result is not None
+    return json.loads(gzip.decompress(base64.b64decode(result[1])))
 
 
 def numbers_of(text: str) -> np.ndarray:
@@ -77,9 +81,9 @@ def test_stretches_are_stored_to_a_thousandth_of_the_height() -> None:
         Stretch("x", 0.0, 1.0), np.linspace(0.0, 1.0, 9), 1, contact, Pictures(points, camera, 1.0, 2.0, 0.3)
     )
     fields = motion_fields(motion)
-    found = points_of(fields)
-    np.testing.assert_allclose(found[:, :-1], points, atol=0.51 * RESOLUTION * 2.0)
-    np.testing.assert_allclose(fields["ground"] + found[:, -1], camera, atol=0.51 * RESOLUTION * 2.0)
+    result = points_of(fields)
+    np.testing.assert_allclose(result[:, :-1], points, atol=0.51 * RESOLUTION * 2.0)
+    np.testing.assert_allclose(fields["ground"] + result[:, -1], camera, atol=0.51 * RESOLUTION * 2.0)
     assert fields["contact"] == [[0, 2, 4, 7], [3, 9]]
 
 
@@ -112,10 +116,10 @@ def test_a_return_map_has_the_change_to_the_next_crossing() -> None:
     """A change of an angle is the shorter way round, and no angle of a circle itself."""
     table = pd.DataFrame({"row": [0, 0, 0, 1], "crossing": [1, 2, 3, 1], "psi_1_n": [0.1, 6.2, 0.3, 2.0]})
     table.attrs = {"quantities": {"psi_1": {"symbol": "", "circular": True}}}
-    found = with_next(table, "psi_1_n")
-    np.testing.assert_allclose(found["psi_1_n_next"], [6.2, 0.3])
-    np.testing.assert_allclose(found["psi_1_n_change"], [6.1 - 2 * np.pi, 0.3 - 6.2 + 2 * np.pi])
-    circular = {each["name"]: each["circular"] for each in columns_of(found)}
+    result = with_next(table, "psi_1_n")
+    np.testing.assert_allclose(result["psi_1_n_next"], [6.2, 0.3])
+    np.testing.assert_allclose(result["psi_1_n_change"], [6.1 - 2 * np.pi, 0.3 - 6.2 + 2 * np.pi])
+    circular = {each["name"]: each["circular"] for each in columns_of(result)}
     assert circular == {
         "row": False,
         "crossing": False,
@@ -128,9 +132,9 @@ def test_a_return_map_has_the_change_to_the_next_crossing() -> None:
 def test_boundary_cells_are_those_beside_another_outcome() -> None:
     outcome = np.zeros((6, 5), int)
     outcome[3:] = 1
-    found = boundary(shown_map(outcome)).reshape(6, 5)
-    np.testing.assert_array_equal(np.flatnonzero(found.all(axis=1)), [2, 3])
-    assert not found[[0, 1, 4, 5]].any()
+    result = boundary(shown_map(outcome)).reshape(6, 5)
+    np.testing.assert_array_equal(np.flatnonzero(result.all(axis=1)), [2, 3])
+    assert not result[[0, 1, 4, 5]].any()
     around = boundary(shown_map(outcome, (True, False))).reshape(6, 5)
     np.testing.assert_array_equal(np.flatnonzero(around.any(axis=1)), [0, 2, 3, 5])
 
@@ -178,11 +182,12 @@ def wells(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_model_without_skeleton_or_feet_shows_its_observables(wells: Path) -> None:
     result = gs.load(wells)
-    told = CliRunner().invoke(commands.app, ["explore", str(wells)])
-    assert told.exit_code == 0, told.output
+    message = CliRunner().invoke(commands.app, ["explore", str(wells)])
+    assert message.exit_code == 0, message.output
     fields = fields_of(wells / "explore.html")
     assert fields["figure"] is None
     assert fields["limbs"] == []
+    assert "500 cycles" in fields["statuses"]["cycle_limit"]  # the job's limit
     assert [each["name"] for each in fields["series"]] == ["x"]
     columns = {column["name"]: column for column in fields["columns"]}
     np.testing.assert_allclose(columns["x_end"]["values"], result["x_end"], rtol=1e-6)
@@ -315,9 +320,9 @@ def test_a_page_shows_texts_as_they_are(hostile: Path) -> None:
                 page.evaluate("document.querySelectorAll('main img, main u, main i, main script').length")
                 == 0
             )
-            said = page.evaluate("document.body.innerText")
+            message = page.evaluate("document.body.innerText")
             for text in (ATTACK, HostileTexts.gaits[1], "m/s<sup>2", HostileTexts.source):
-                assert text in said, text
+                assert text in message, text
             # plotly.js reads the same texts: the start's symbol and its unit, the observable's symbol
             assert 'x<0 (m"<u>)' in page.evaluate("document.getElementById('map').textContent")
             assert f"x{ATTACK}" in page.evaluate("document.querySelector('#phases .legend').textContent")
@@ -348,6 +353,7 @@ def python_of(fields: dict[str, Any], record: int) -> str:
     return fields["python"].replace("@row@", str(columns["row"])).replace("@vary@", values)
 
 
+@pytest.mark.slow
 def test_the_copied_python_is_the_row(
     logarithmic: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -392,8 +398,8 @@ def test_no_control_of_a_page_reaches_out(hostile: Path, logarithmic: Path, well
             clicked = page.evaluate(CLICKS)
             assert {"Zoom in", "play", "pause"} & set(clicked), clicked
             assert not [each for each in clicked if re.search("share|cloud|upload", each, re.IGNORECASE)]
-            assert all(each.startswith(("file:", "data:", "blob:")) for each in page.requests)
-            assert sum(each.startswith("file:") for each in page.requests) == 1
+            assert all(request.startswith(("file:", "data:", "blob:")) for request in page.requests)
+            assert sum(request.startswith("file:") for request in page.requests) == 1
             assert page.windows == []
             assert page.messages == []
             assert page.errors == []
@@ -632,9 +638,9 @@ def test_what_is_not_recognised_of_plotly_stays() -> None:
 
 def test_what_cannot_be_explored_is_refused_in_a_sentence(wells: Path, monkeypatch: Any) -> None:
     def said(*options: str) -> str:
-        told = CliRunner().invoke(commands.app, ["explore", str(wells), *options])
-        assert told.exit_code != 0
-        return str(told.exception)
+        message = CliRunner().invoke(commands.app, ["explore", str(wells), *options])
+        assert message.exit_code != 0
+        return str(message.exception)
 
     assert "is not a column of this table" in said("--x", "x_00")
     assert "--max-size is 0.5 MB" in said("--max-size", "0.5")
@@ -696,8 +702,8 @@ def test_walks_are_those_of_the_same_starts(basins: Path) -> None:
         clip = Clip(t, skeleton, t, np.zeros((len(t), 0)), 1.0, "")
         middle = np.column_stack([clip.camera, np.zeros(len(t))])[:, None, :]
         legs = np.concatenate([projected(limb.points - middle) for limb in skeleton.limbs], axis=1)
-        found = points_of(first)[:, : legs.shape[1] * 2]
-        np.testing.assert_allclose(found, legs.reshape(len(t), -1), atol=0.51 * first["unit"] + 1e-9)
+        result = points_of(first)[:, : legs.shape[1] * 2]
+        np.testing.assert_allclose(result, legs.reshape(len(t), -1), atol=0.51 * first["unit"] + 1e-9)
         # the last crossing is where the table says that the row settled
         for series in fields["series"]:
             whole = numbers_of(walk["crossings"]["values"]).reshape(len(fields["series"]), -1)
@@ -749,6 +755,42 @@ def _check_chain(page: Page) -> None:
 
 @pytest.mark.slow
 @NO_BROWSER
+@pytest.mark.parametrize("both", [False, True])
+def test_a_motion_is_saved_as_a_gif(basins: Path, tmp_path: Path, both: bool) -> None:
+    """A reader of GIFs finds the pictures and the times of the page's stretch, and a body that moves."""
+    with browser() as page:
+        page.size(1280, 900)
+        page.open(basins / "explore.html", "#row=3")
+        page.evaluate("play(false)")
+        if both:
+            page.evaluate("document.getElementById('compare').click()")
+        file = page.downloaded(tmp_path, "document.getElementById('save-gif').click()")
+        told = page.wait("/saved/.test($('copied').textContent) && $('copied').textContent")
+        seconds, loops = page.evaluate("[lengthOf(motion) / clock.speed, motion.loops]")
+        size, paper = page.evaluate("GIF_SIZE"), page.evaluate("shade.paper")
+        assert all(each.startswith(("file:", "data:", "blob:")) for each in page.requests)
+        assert page.windows == page.messages == page.errors == []
+    assert file.suffix == ".gif"
+    assert file.stem.startswith("chain_row_3")
+    assert f"{file.stat().st_size / 1e6:.1f} MB" in told
+    with PIL.Image.open(file) as gif:
+        assert gif.n_frames > 20  # type: ignore[attr-defined]
+        pictures, durations = [], []
+        for picture in PIL.ImageSequence.Iterator(gif):
+            pictures.append(np.asarray(picture.convert("RGB"), int))
+            durations.append(picture.info["duration"] / 1000.0)
+    assert sum(durations) == pytest.approx(seconds + (0.0 if loops else 0.6), abs=2 * durations[0])
+    assert pictures[0].shape[1] == (2 if both else 1) * size[0]
+    assert (pictures[0][-1, -1] == PIL.ImageColor.getrgb(paper)).all()
+    changed = [np.abs(after - before).max(axis=2) > 30 for before, after in itertools.pairwise(pictures)]
+    halves = [slice(None, size[0]), slice(size[0], None)] if both else [slice(None)]
+    for half in halves:  # each body moves, but for where all its legs stand, and the line above it does not
+        assert np.mean([each[-size[1] :, half].any() for each in changed]) > 0.5
+    assert not any(each[: -size[1]].any() for each in changed)
+
+
+@pytest.mark.slow
+@NO_BROWSER
 def test_the_page_in_a_browser(basins: Path, tmp_path: Path) -> None:
     table = gs.load(basins)
     with browser() as page:
@@ -775,14 +817,17 @@ def test_the_page_in_a_browser(basins: Path, tmp_path: Path) -> None:
         page.click(*at(start["psi_1"], start["psi_2"]))
         page.wait(f"{chosen} === {row}")
         for column in map(str, table.columns):
-            told = shown(column).replace("−", "-").split(" ")[0]
+            message = shown(column).replace("−", "-").split(" ")[0]
             value = start[column]
             if isinstance(value, float) and not math.isnan(value):
-                assert float(told) == pytest.approx(value, rel=1e-6), column
+                assert float(message) == pytest.approx(value, rel=1e-6), column
             elif isinstance(value, str) and value:
-                assert told == value.split(" ")[0]
+                assert message == value.split(" ")[0]
         assert page.evaluate("location.hash") == f"#row={row}"
-        assert str(start["gait"]) in page.evaluate("document.getElementById('ended').textContent")
+        ended = page.evaluate("document.getElementById('ended').textContent")
+        assert str(start["gait"]) in ended
+        assert ("at a fixed point" in ended) == (start["attractor_period"] == 1)
+        assert "or repeats" not in ended
         # the nearest start that leads elsewhere, by the link and by its key
         text = page.evaluate("document.getElementById('elsewhere').textContent")
         distance = re.search(r"([\d.]+) cells? away", text)
@@ -852,8 +897,8 @@ def test_the_page_in_a_browser(basins: Path, tmp_path: Path) -> None:
         assert page.evaluate("document.querySelector('.map').getBoundingClientRect().top") == 0
         page.evaluate("scrollTo(0, 0)")
         # nothing is asked of any other place, and a script that tries is refused
-        assert all(each.startswith(("file:", "data:", "blob:")) for each in page.requests)
-        assert sum(each.startswith("file:") for each in page.requests) == 1
+        assert all(request.startswith(("file:", "data:", "blob:")) for request in page.requests)
+        assert sum(request.startswith("file:") for request in page.requests) == 1
         assert page.errors == []
         assert page.evaluate("fetch('https://example.org/').then(() => 'sent', () => 'refused')") == "refused"
         # a phone

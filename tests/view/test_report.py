@@ -1,4 +1,4 @@
-"""The report of a result directory: its counts add up, and what it says is what the table holds."""
+"""The report of a result directory: its counts add up and agree with the table."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_statuses_and_gaits_add_up_to_the_rows(toy: Path) -> None:
     assert np.sum([int(row[1]) for row in gaits[:-1]]) == len(table)
 
 
-def test_the_report_says_how_the_table_was_made(toy: Path) -> None:
+def test_the_report_has_the_provenance_of_the_table(toy: Path) -> None:
     manifest, text = gs.load(toy).attrs["manifest"], write_report(toy).read_text()
     for piece in (
         manifest["job_hash"],
@@ -95,15 +95,15 @@ def test_gaits_of_several_records_a_row_are_counted_by_record(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(("field", "result"), [("search", "target"), ("sensitivity", "output")])
-def test_a_failed_set_is_told_in_a_sentence(field: str, result: str) -> None:
-    told = status_sentence("failed", {field: {}})
-    assert told == f"Some {result} has no value for this set; the column `why` says which and why."
+def test_a_failed_set_is_described_in_a_sentence(field: str, result: str) -> None:
+    message = status_sentence("failed", {field: {}})
+    assert message == f"Some {result} has no value for this set; the column `why` says which and why."
     assert status_sentence("fell", {}) == gs.Status.fell.sentence
     assert status_sentence("failed", {}) == ""
 
 
 @pytest.mark.slow
-def test_info_and_report_say_why_sets_failed(
+def test_info_and_report_have_the_reasons_of_failed_sets(
     tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -152,12 +152,12 @@ def test_texts_of_a_report_have_contrast(toy: Path, scheme: str) -> None:
         assert paper == {"light": "rgb(255, 255, 255)", "dark": "rgb(20, 24, 28)"}[scheme]
 
 
-def test_what_kept_rows_from_settling_is_told(toy: Path, capsys: Capture) -> None:
+def test_observables_that_kept_rows_from_settling_are_reported(toy: Path, capsys: Capture) -> None:
     table = gs.load(toy)
     unsettled = table.loc[table["status"].astype(str) == "cycle_limit"]
-    found = unsettled["slowest"].value_counts()
-    assert found.sum() == len(unsettled) > 0
+    result = unsettled["slowest"].value_counts()
+    assert result.sum() == len(unsettled) > 0
     assert main(["info", str(toy)]) == 0
     line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("unsettled"))
-    assert f"launch_1 in {found['launch_1']} row" in line
-    assert f"launch_1 in {found['launch_1']} row" in write_report(toy).read_text()
+    assert f"launch_1 in {result['launch_1']} row" in line
+    assert f"launch_1 in {result['launch_1']} row" in write_report(toy).read_text()

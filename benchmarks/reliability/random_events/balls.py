@@ -362,18 +362,18 @@ def _balls(case: Case) -> Solution:
         dh, dv = h - mean_h, v - mean_v
 
         def at(t: np.ndarray) -> np.ndarray:
-            found = np.repeat(x[None], len(t), axis=0)
-            found[:, 0] += p["omega"] * t
+            result = np.repeat(x[None], len(t), axis=0)
+            result[:, 0] += p["omega"] * t
             s = t[:, None]
-            found[:, 1 : 1 + count] += x[1 + count :] * s  # those that stand still, if they were moved
+            result[:, 1 : 1 + count] += x[1 + count :] * s  # those that stand still, if they were moved
             grown = np.sinh(rate * s) / rate if rate > 0 else s
-            found[:, 1 : 1 + m] = (
+            result[:, 1 : 1 + m] = (
                 mean_h + mean_v * s - 0.5 * p["g"] * s**2 + dh * np.cosh(rate * s) + dv * grown
             )
-            found[:, 1 + count : 1 + count + m] = (
+            result[:, 1 + count : 1 + count + m] = (
                 mean_v - p["g"] * s + rate**2 * dh * grown + dv * np.cosh(rate * s)
             )
-            return found
+            return result
 
         return at
 

@@ -170,9 +170,9 @@ def _chain(case: Case) -> Solution:
         cells = charged(x)
 
         def at(t: np.ndarray) -> np.ndarray:
-            found = cells(t)
-            found[:, 0] = x[0] + t
-            return found
+            result = cells(t)
+            result[:, 0] = x[0] + t
+            return result
 
         return at
 
@@ -262,9 +262,9 @@ def _relays(case: Case) -> Solution:
         cells = charged(x)
 
         def at(t: np.ndarray) -> np.ndarray:
-            found = cells(t)
-            found[:, 0] = x[0] + t
-            return found
+            result = cells(t)
+            result[:, 0] = x[0] + t
+            return result
 
         return at
 
@@ -421,16 +421,16 @@ class Henon(DeclaredModel):
 def _henon(case: Case) -> Solution:
     p = case.values
     x, y = p["x_0"], p["y_0"]
-    found = []
+    results = []
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(case.run.crossings):
             x, y = np.float64(1.0) - p["a"] * np.float64(x) ** 2 + y, p["b"] * x
-            found.append((x, y))
-    if not np.isfinite(found).all():
-        return Solution(frozenset({"diverged"}), after={"x": found[0][0], "y": found[0][1]})
-    columns: dict[str, np.ndarray] = dict(zip(("x_n", "y_n"), np.array(found).T, strict=True))
+            results.append((x, y))
+    if not np.isfinite(results).all():
+        return Solution(frozenset({"diverged"}), after={"x": results[0][0], "y": results[0][1]})
+    columns: dict[str, np.ndarray] = dict(zip(("x_n", "y_n"), np.array(results).T, strict=True))
     columns["t"] = p["turn"] * np.arange(1.0, case.run.crossings + 1.0)
-    return Solution(COMPLETE, columns, p["turn"], {}, {"x": found[0][0], "y": found[0][1]})
+    return Solution(COMPLETE, columns, p["turn"], {}, {"x": results[0][0], "y": results[0][1]})
 
 
 def _draw_henon(random: np.random.Generator) -> Case:

@@ -128,7 +128,7 @@ class System:
         rising = below & above
         if not rising.any():
             return self.look, way(moments[-1:])[0], np.zeros(heights.shape[1], bool)
-        found = np.full(heights.shape[1], np.inf)
+        result = np.full(heights.shape[1], np.inf)
         for guard in np.flatnonzero(rising.any(axis=0)):
             first = int(np.argmax(rising[:, guard]))
 
@@ -136,11 +136,11 @@ class System:
                 return float(self.guards(way(np.array([t])))[0, guard])
 
             ends, rtol = (moments[first], moments[first + 1]), np.float64(1e-15)
-            found[guard] = (
+            result[guard] = (
                 ends[1] if height(ends[1]) == 0.0 else brentq(height, *ends, xtol=1e-300, rtol=rtol)
             )
-        t = found.min()
-        return float(t), way(np.array([t]))[0], found <= t + ONE_INSTANT * self.look
+        t = result.min()
+        return float(t), way(np.array([t]))[0], result <= t + ONE_INSTANT * self.look
 
     def _instant(self, state: State, fired: np.ndarray) -> tuple[State, int, np.ndarray]:
         """The state after the jumps of one instant, its crossings, and the guards that fired.
@@ -181,7 +181,7 @@ def differences(
     def image(name: str, moved: float) -> np.ndarray:
         at = case.values[f"{name}_0"] + moved * scales.get(name, 1.0)
         after = family.exact(Case({**case.values, f"{name}_0": at}, case.run)).after
-        return np.array([after[each] / scales.get(each, 1.0) for each in coordinates])
+        return np.array([after[coordinate] / scales.get(coordinate, 1.0) for coordinate in coordinates])
 
     def slope(name: str, step: float) -> np.ndarray:
         return (image(name, step) - image(name, -step)) / (2.0 * step)

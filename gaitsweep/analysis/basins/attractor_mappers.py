@@ -105,7 +105,9 @@ class LabelMapper:
             return np.full(len(pair), UNDECIDED)
         which = _of_each(pair, len(next(iter(self._held.values()))), "values")
         observed = {name: images.observed[name] for name in self._read}
-        label = np.asarray(self._label({name: each[which] for name, each in self._held.items()}, observed))
+        label = np.asarray(
+            self._label({name: column[which] for name, column in self._held.items()}, observed)
+        )
         if (wrong := label[images.sound & ~((label >= 0) & (label < self._counts.size))]).size:
             raise ArgumentError(
                 f"The model's function label returns gait {wrong[0]}, but must return the index of a gait, "
@@ -115,21 +117,21 @@ class LabelMapper:
         return np.where(self._counts[label], label, UNDECIDED)
 
 
-def _of_each(pair: Trajectories, given: int, what: str) -> Trajectories:
+def _of_each(pair: Trajectories, count: int, what: str) -> Trajectories:
     """The index of each pair in an argument that has one entry for all pairs, or one for each."""
-    if given > 1 and np.max(pair) >= given:
+    if count > 1 and np.max(pair) >= count:
         raise ArgumentError(
-            f"{what} are given for {given} pairs, but there are more: give one for each pair, or one for all."
+            f"{what} are given for {count} pairs, but there are more: give one for each pair, or one for all."
         )
-    return pair if given > 1 else np.zeros_like(pair)
+    return pair if count > 1 else np.zeros_like(pair)
 
 
 def advanced(mapping: Map, points: Points, values: dict[str, Float[np.ndarray, " points"]]) -> MapEvaluation:
     """The images of points (n,), n > 0, in a batch of at least `FEWEST`."""
     n = len(points)
     order = np.minimum(np.arange(max(n, FEWEST)), n - 1)
-    found = mapping.images(points[order], {name: each[order] for name, each in values.items()})
-    return found[np.arange(n)]
+    images = mapping.images(points[order], {name: column[order] for name, column in values.items()})
+    return images[np.arange(n)]
 
 
 def fates(
@@ -163,16 +165,16 @@ def fates(
     for cycle in range(1, most + 1):
         if not going.size:
             break
-        images = advanced(mapping, points, {name: each[pair[going]] for name, each in values.items()})
+        images = advanced(mapping, points, {name: column[pair[going]] for name, column in values.items()})
         cycles[going] = cycle
-        found = np.asarray(mapper(images, pair[going], cycle))
-        if found.shape != going.shape:
+        reached = np.asarray(mapper(images, pair[going], cycle))
+        if reached.shape != going.shape:
             raise ArgumentError(
-                f"mapper gave an array of shape {found.shape}, but must return one label for each of "
+                f"mapper gave an array of shape {reached.shape}, but must return one label for each of "
                 f"{going.size} trajectories."
             )
-        labels[going] = np.where(images.sound, np.maximum(found, UNDECIDED), -1 - images.status)
+        labels[going] = np.where(images.sound, np.maximum(reached, UNDECIDED), -1 - images.status)
         ends[going[images.sound]] = images.points.at[images.sound]
-        goes_on = images.sound & (found < 0)
+        goes_on = images.sound & (reached < 0)
         points, going = images.points[goes_on], going[goes_on]
     return labels, cycles, ends

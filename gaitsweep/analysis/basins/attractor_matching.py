@@ -67,23 +67,25 @@ def follow_attractors(
     require(table, parameter)
     values = np.unique(table[parameter].dropna().to_numpy(float))
     parts = [_at(table, parameter, value) for value in values]
-    found = [attractors(part, **grouping) for part in parts]
+    groupings = [attractors(part, **grouping) for part in parts]
     space = Space.of(table, grouping.get("columns") or state_columns(table), grouping.get("scales"))
-    within = _half_the_smallest(space, [each.states for each in found]) if within is None else within
+    within = (
+        _half_the_smallest(space, [grouped.states for grouped in groupings]) if within is None else within
+    )
     seen: dict[str, np.ndarray] = {}  # the latest states of each attractor
     present: list[str] = []
     called: dict[str, str] = {}
     columns, summaries = [], []
-    for value, each in zip(values, found, strict=True):
-        names, moved = _named(space, each.states, seen, present, within)
+    for value, grouped in zip(values, groupings, strict=True):
+        names, moved = _named(space, grouped.states, seen, present, within)
         present = list(names.values())
-        seen |= {names[own]: states for own, states in each.states.items()}
-        own = each.summary["attractor"]
+        seen |= {names[own]: states for own, states in grouped.states.items()}
+        own = grouped.summary["attractor"]
         # orbits of several crossings are not matched: their names are their periods
         orbits = {name: name for name in own if name not in names}
         called |= orbits
-        columns.append(each.column.astype(object).map((names | orbits).get))
-        summary = each.summary.assign(attractor=own.map((names | orbits).get), moved=own.map(moved.get))
+        columns.append(grouped.column.astype(object).map((names | orbits).get))
+        summary = grouped.summary.assign(attractor=own.map((names | orbits).get), moved=own.map(moved.get))
         summary.insert(0, parameter, value)
         summaries.append(summary)
     together = pd.concat(columns).reindex(table.index)
@@ -111,10 +113,10 @@ def _at(table: pd.DataFrame, parameter: str, value: float) -> pd.DataFrame:
 
 
 def _half_the_smallest(
-    space: Space, found: Sequence[Mapping[str, Float[np.ndarray, "_states coordinates"]]]
+    space: Space, states_of_parts: Sequence[Mapping[str, Float[np.ndarray, "_states coordinates"]]]
 ) -> float:
     """Half the smallest distance between two attractors of one value."""
-    pairs = [pair for states in found for pair in itertools.combinations(states.values(), 2)]
+    pairs = [pair for states in states_of_parts for pair in itertools.combinations(states.values(), 2)]
     return 0.5 * min((attractor_distance(space, *pair) for pair in pairs), default=np.inf)
 
 

@@ -130,14 +130,14 @@ def attractors(
     every = [*names, *(f"period {p}" for p in periods)]
     column = pd.Series(pd.Categorical.from_codes(codes.tolist(), every), index=table.index, name="attractor")
     own = [group == number for number in range(rows.size)]
-    records = [_described(space, states[mine], flat[mine], gathered.side, columns) for mine in own]
-    for record, mine in zip(records, own, strict=True):
-        record["kind"] = "rest" if resting[mine].any() else record["kind"]
+    records = [_described(space, states[members], flat[members], gathered.side, columns) for members in own]
+    for record, members in zip(records, own, strict=True):
+        record["kind"] = "rest" if resting[members].any() else record["kind"]
     records += [{"dimension": 0, "kind": "orbit"} for _ in periods]
     summary = pd.DataFrame(records, columns=[*columns, "extent", "dimension", "kind"])
     rows = np.concatenate([rows, [np.count_nonzero(orbits == p) for p in periods]]).astype(int)
     counted = pd.DataFrame({"attractor": every, "rows": rows, "share": rows / max(rows.sum(), 1)})
-    of_each = {name: states[mine] for name, mine in zip(names, own, strict=True)}
+    of_each = {name: states[members] for name, members in zip(names, own, strict=True)}
     return Attractors(column, pd.concat([counted, summary], axis=1), link, grain, of_each)
 
 
@@ -197,10 +197,10 @@ def _cut_at_corners(
     """The groups (m,) of states, lines split at their corners; `gaps`: of the `links`, 0 where cut."""
     pieces = np.zeros(len(flat), np.int64)
     for number in range(group.max(initial=-1) + 1):
-        mine = np.flatnonzero(group == number)
-        if _dimension(flat[mine], side) == 1:
+        members = np.flatnonzero(group == number)
+        if _dimension(flat[members], side) == 1:
             gap = gaps[group[links[:, 0]] == number].max(initial=0.0)
-            pieces[mine] = _smooth_pieces(space, states[mine], flat[mine], side, gap)
+            pieces[members] = _smooth_pieces(space, states[members], flat[members], side, gap)
     return np.unique(np.stack([group, pieces]), axis=1, return_inverse=True)[1].reshape(-1)
 
 
@@ -220,7 +220,7 @@ def _dimension(flat: StateArray, side: float) -> int:
     if whole <= GRAINS_OF_A_POINT * side:
         return 0
     sides = [whole / 2.0**k for k in (2, 3, 4) if whole / 2.0**k >= 1.2 * side]
-    boxes = [len(np.unique(np.floor((flat - flat[0]) / each + 0.5), axis=0)) for each in sides]
+    boxes = [len(np.unique(np.floor((flat - flat[0]) / box + 0.5), axis=0)) for box in sides]
     slope = np.polyfit(-np.log(sides), np.log(boxes), 1)[0]
     return max(1, round(float(slope)))
 
@@ -238,10 +238,12 @@ def _smooth_pieces(space: Space, states: StateArray, flat: StateArray, grain: fl
     links = space.tree(states[straight]).query_pairs(max(0.5 * window, 1.01 * gap), output_type="ndarray")
     piece = components(straight.size, links)
     members = [straight[piece == number] for number in range(piece.max() + 1)]
-    kept = [mine for mine in members if extent(flat[mine]) >= window]
-    if len(kept) < 2:
+    large = [members_of_piece for members_of_piece in members if extent(flat[members_of_piece]) >= window]
+    if len(large) < 2:
         return whole
-    return np.argmin([space.nearest_distance(states, states[mine]) for mine in kept], axis=0)
+    return np.argmin(
+        [space.nearest_distance(states, states[members_of_piece]) for members_of_piece in large], axis=0
+    )
 
 
 def _bend(space: Space, states: StateArray, window: float) -> Float[np.ndarray, " states"]:

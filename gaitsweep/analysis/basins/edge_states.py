@@ -257,8 +257,8 @@ class Tracking:
         """Map the starts to attractors, and end the pairs without an edge between them."""
         n = len(self.one)
         rows = np.tile(np.arange(n), 2)
-        found = self._fates(_joined(self.one, self.other), rows, mapper)
-        self.labels = found.reshape(2, n).T
+        fates = self._fates(_joined(self.one, self.other), rows, mapper)
+        self.labels = fates.reshape(2, n).T
         for label in self.labels.T:
             for row in np.flatnonzero(self.going & (label < 0)):
                 self._end(int(row), label[row])
@@ -289,8 +289,8 @@ class Tracking:
             came = tried[[place * cuts + strange - 1]]
             self.edge = self.edge.merged(rows[[place]], came)
             self._end(int(rows[place]), labels[place, strange])
-        here = np.any(passes, axis=1)
-        lower, upper = here & (first > 0), here & (first < cuts)
+        divides = np.any(passes, axis=1)
+        lower, upper = divides & (first > 0), divides & (first < cuts)
         at = np.arange(rows.size) * cuts + first
         self.one = self.one.merged(rows[lower], tried[at[lower] - 1])
         self.other = self.other.merged(rows[upper], tried[at[upper]])
@@ -346,10 +346,10 @@ class Tracking:
         self.rounds[rows] += 1
         self._stop(rows[self.going[rows] & together[rows]], EdgeOutcome.together)
         for k in range(self.limits.max_period):
-            found = rows[self.going[rows] & (course.gaps[rows, k] <= self.limits.residual_tolerance)]
-            self.edge = self.edge.merged(found, course.states[k][found])
-            self.residual[found], self.period[found] = course.gaps[found, k], k + 1
-            self._stop(found, EdgeOutcome.fixed if k == 0 else EdgeOutcome.periodic)
+            concluded = rows[self.going[rows] & (course.gaps[rows, k] <= self.limits.residual_tolerance)]
+            self.edge = self.edge.merged(concluded, course.states[k][concluded])
+            self.residual[concluded], self.period[concluded] = course.gaps[concluded, k], k + 1
+            self._stop(concluded, EdgeOutcome.fixed if k == 0 else EdgeOutcome.periodic)
         # at a discontinuity the two separate at once, and the line between them crosses it again
         jumps = self.going & at_once & stayed & (self.rounds > 1)
         self._stop(rows[jumps[rows]], EdgeOutcome.jump)
@@ -376,7 +376,7 @@ class Tracking:
         return np.nan_to_num(np.max(away, axis=1), nan=np.inf)
 
     def _of(self, rows: Rows) -> dict[str, Float[np.ndarray, " rows"]]:
-        return {name: each[rows] for name, each in self.values.items()}
+        return {name: column[rows] for name, column in self.values.items()}
 
     def _end(self, row: int, label: int) -> None:
         """End a pair with a trajectory whose label is that of neither attractor."""

@@ -62,11 +62,11 @@ def basin_entropy(grid: BasinGrid, labels: Shaped[np.ndarray, " rows"], box: int
     volume = box ** len(grid.lengths)
     entropy: np.ndarray | float = 0.0
     largest: np.ndarray | int = 0
-    for each in pd.unique(labels):
-        held = grid.windows(labels == each, box)
-        share = held / volume
-        entropy = entropy - share * np.log(np.where(held > 0, share, 1.0))
-        largest = np.maximum(largest, held)
+    for label in pd.unique(labels):
+        cells_of_label = grid.windows(labels == label, box)
+        share = cells_of_label / volume
+        entropy = entropy - share * np.log(np.where(cells_of_label > 0, share, 1.0))
+        largest = np.maximum(largest, cells_of_label)
     crossed = np.asarray(largest) < volume
     # adding + 0.0 turns the -0.0 of one basin alone into 0
     basin = float(np.mean(entropy)) + 0.0
@@ -118,20 +118,20 @@ def uncertainty_fraction(
     compared = np.zeros(parts ** len(shape))
     for axis, wraps in enumerate(grid.wraps):
         # rolling meets the other end of the axis, which is beyond the margin unless the axis wraps
-        kept = slice(None) if wraps else slice(margin, shape[axis] - margin)
-        inside = (slice(None),) * axis + (kept,)
-        mine = block[inside].ravel()
-        compared += np.bincount(mine, minlength=compared.size)
+        inner = slice(None) if wraps else slice(margin, shape[axis] - margin)
+        inside = (slice(None),) * axis + (inner,)
+        labels_inside = block[inside].ravel()
+        compared += np.bincount(labels_inside, minlength=compared.size)
         for number, size in enumerate(sizes):
             moved = [np.roll(outcome, way * size, axis) != outcome for way in (1, -1)]
             uncertain = (moved[0] | moved[1])[inside].ravel()
-            differ[number] += np.bincount(mine, uncertain, compared.size)
+            differ[number] += np.bincount(labels_inside, uncertain, compared.size)
     fraction = differ.sum(axis=1) / compared.sum()
     off = (differ - fraction[:, None] * compared) / np.maximum(differ.sum(axis=1), 1.0)[:, None]
     used = np.count_nonzero(compared)
     step = float(np.exp(np.mean(np.log(grid.steps))))
-    found = pd.DataFrame({"steps": sizes, "eps": step * np.array(sizes), "uncertain": fraction})
-    return Uncertainty(found, off @ off.T * used / max(used - 1, 1))
+    table = pd.DataFrame({"steps": sizes, "eps": step * np.array(sizes), "uncertain": fraction})
+    return Uncertainty(table, off @ off.T * used / max(used - 1, 1))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -185,13 +185,13 @@ def uncertainty_exponent(uncertainty: Uncertainty, level: float = 0.95) -> Expon
     octaves = (x[1:] - x[0]) / np.log(2.0)
     likelihood, centre, spread = (np.empty(_BENDS.size) for _ in range(3))
     for number, bend in enumerate(_BENDS):
-        each = known + bend**2 * np.minimum.outer(octaves, octaves)
-        weight = np.linalg.solve(each, np.ones(slope.size))
+        bent = known + bend**2 * np.minimum.outer(octaves, octaves)
+        weight = np.linalg.solve(bent, np.ones(slope.size))
         variance = 1.0 / weight.sum()
         centre[number], spread[number] = variance * (weight @ slope), np.sqrt(variance)
         left = slope - centre[number]
-        misfit = left @ np.linalg.solve(each, left)
-        likelihood[number] = 0.5 * (np.log(variance) - np.linalg.slogdet(each)[1] - misfit)
+        misfit = left @ np.linalg.solve(bent, left)
+        likelihood[number] = 0.5 * (np.log(variance) - np.linalg.slogdet(bent)[1] - misfit)
     share = special.softmax(likelihood)
     value = float(share @ centre)
     reach = value + 8.0 * spread.max() * np.linspace(-1.0, 1.0, 4001)

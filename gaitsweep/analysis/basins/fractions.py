@@ -59,12 +59,12 @@ def fractions(
     _check(level, interval)
     labels = outcome_labels(table, label)
     names = in_order(table, label, labels)
-    found = []
+    records = []
     for place, rows in panels_of(table, by):
         grid = find_grid(table.iloc[rows], axes)
         for record in _shares(labels.iloc[rows].to_numpy(), names, grid, level, interval):
-            found.append({**place, **record})
-    return pd.DataFrame(found, columns=[*by, *_COLUMNS])
+            records.append({**place, **record})
+    return pd.DataFrame(records, columns=[*by, *_COLUMNS])
 
 
 def panels_and_axes(
@@ -95,8 +95,8 @@ def proportion_interval(
         >>> round(low, 4), round(high, 4)
         (0.4038, 0.5962)
     """
-    found = scipy.stats.binomtest(hits, of).proportion_ci(level, _METHODS[kind])
-    return float(found.low), float(found.high)
+    interval = scipy.stats.binomtest(hits, of).proportion_ci(level, _METHODS[kind])
+    return float(interval.low), float(interval.high)
 
 
 def one_a_cell(shares: Float[np.ndarray, " cells"], level: float = LEVEL) -> float:

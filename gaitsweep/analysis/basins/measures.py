@@ -97,14 +97,14 @@ def basins(
     towards = np.full(len(table), None, object)
     panels, uncertainty = [], []
     for place, rows in panels_of(table, by):
-        part, mine = table.iloc[rows], labels.iloc[rows]
-        apart[rows], towards[rows] = minimal_fatal_shock(part, axes, mine, scales)
+        part, labels_of_panel = table.iloc[rows], labels.iloc[rows]
+        apart[rows], towards[rows] = minimal_fatal_shock(part, axes, labels_of_panel, scales)
         grid = find_grid(part, axes)
         panels.append({**place, "rows": len(part), "grid": grid is not None})
         if grid is not None:
-            uncertain = uncertainty_fraction(grid, mine.to_numpy(), sizes)
+            uncertain = uncertainty_fraction(grid, labels_of_panel.to_numpy(), sizes)
             uncertainty += [{**place, **record} for record in uncertain.fractions.to_dict("records")]
-            panels[-1].update(_fractality(grid, mine.to_numpy(), uncertain, box, level))
+            panels[-1].update(_fractality(grid, labels_of_panel.to_numpy(), uncertain, box, level))
     measured = table.assign(
         outcome=pd.Categorical(labels, names), shock=apart, shock_to=pd.Categorical(towards, names)
     )
@@ -177,11 +177,11 @@ def minimal_fatal_shock(
     apart = np.full(len(table), np.inf)
     towards = np.full(len(table), None, object)
     outcome = labels.to_numpy()
-    for each in pd.unique(outcome):
-        mine, others = np.flatnonzero(outcome == each), np.flatnonzero(outcome != each)
+    for label in pd.unique(outcome):
+        own, others = np.flatnonzero(outcome == label), np.flatnonzero(outcome != label)
         if others.size:
-            distance, nearest = space.tree(points[others]).query(points[mine])
-            apart[mine], towards[mine] = distance, outcome[others[nearest]]
+            distance, nearest = space.tree(points[others]).query(points[own])
+            apart[own], towards[own] = distance, outcome[others[nearest]]
     return apart, towards
 
 

@@ -79,9 +79,9 @@ def wada(
             raise AnalysisError(
                 f"box is {box} steps, but the grid has {min(grid.lengths)} starts along an axis."
             )
-        mine = labels.iloc[rows].to_numpy()
-        merging += [{**place, **record} for record in _merged(grid, mine, radius)]
-        boxes += [{**place, **record} for record in _refined(grid, mine, box)]
+        labels_of_panel = labels.iloc[rows].to_numpy()
+        merging += [{**place, **record} for record in _merged(grid, labels_of_panel, radius)]
+        boxes += [{**place, **record} for record in _refined(grid, labels_of_panel, box)]
     return Wada(
         pd.DataFrame(merging, columns=[*by, "outcome", "other", "cells", "distance", "within"]),
         pd.DataFrame(boxes, columns=[*by, "starts", "basins", "boxes", "share"]),
@@ -96,14 +96,14 @@ def _merged(grid: BasinGrid, labels: Shaped[np.ndarray, " rows"], radius: float)
     shares = [grid.shares_nearby(labels == name) for name in names]
     edges = [cells[(share > 0.0) & (share < 1.0)] for share in shares]
     trees = [KDTree(edge, boxsize=period) for edge in edges]
-    found = []
+    records = []
     for name, edge in zip(names, edges, strict=True):
         for other, tree in zip(names, trees, strict=True):
             if other != name:
                 apart = tree.query(edge)[0]
                 record = {"outcome": name, "other": other, "cells": len(edge)}
-                found.append({**record, "distance": apart.max(), "within": float(np.mean(apart <= radius))})
-    return found
+                records.append({**record, "distance": apart.max(), "within": float(np.mean(apart <= radius))})
+    return records
 
 
 def _refined(grid: BasinGrid, labels: Shaped[np.ndarray, " rows"], box: int) -> list[dict[str, object]]:
@@ -116,16 +116,16 @@ def _refined(grid: BasinGrid, labels: Shaped[np.ndarray, " rows"], box: int) -> 
     tiles = [(length - 1) // box for length in grid.lengths]
     outcome = outcome[tuple(slice(tile * box + 1) for tile in tiles)]
     known = range(outcome.max() + 1)
-    found = []
+    records = []
     for starts in [2**halving + 1 for halving in range(box.bit_length())]:
         stride = box // (starts - 1)
         coarse = outcome[(slice(None, None, stride),) * outcome.ndim]
         windows = np.lib.stride_tricks.sliding_window_view(coarse, (starts,) * outcome.ndim)
         windows = windows[(slice(None, None, starts - 1),) * outcome.ndim]
         inside = tuple(range(outcome.ndim, 2 * outcome.ndim))
-        held = sum((windows == each).any(axis=inside).astype(int) for each in known)
-        crossed = max(int(np.sum(held >= 2)), 1)
+        basins_in_box = sum((windows == basin).any(axis=inside).astype(int) for basin in known)
+        crossed = max(int(np.sum(basins_in_box >= 2)), 1)
         for basins in range(2, len(known) + 1):
-            boxes = int(np.sum(held == basins))
-            found.append({"starts": starts, "basins": basins, "boxes": boxes, "share": boxes / crossed})
-    return found
+            boxes = int(np.sum(basins_in_box == basins))
+            records.append({"starts": starts, "basins": basins, "boxes": boxes, "share": boxes / crossed})
+    return records

@@ -2,12 +2,15 @@
 
 A step predicts along the tangent and corrects normal to it. The unknowns of each branch are a point's
 coordinates, the drifts of the constrained quantities, and the parameter. A branch is parametrised by its
-arclength, so that it can go around folds, where the parameter turns back (Keller 1977). In a length,
+arclength, so that it can go around folds, where the parameter turns back. In a length,
 coordinates are scaled by their magnitudes at the branch's start, the parameter by the width of its range.
 
 A derivative costs as much as the images of as many points as there are coordinates. So the corrector uses
 the derivative from the start of the step with Broyden updates (Broyden 1965, Math. Comp. 19:577), and the map
 is differentiated once, at the end of the step.
+
+Source: H. B. Keller, "Numerical solution of bifurcation and nonlinear eigenvalue problems", in Applications
+of Bifurcation Theory (1977), 359-384.
 """
 
 from __future__ import annotations
@@ -18,10 +21,10 @@ from collections.abc import Sequence
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int, Shaped
+from jaxtyping import Bool, Float, Int
 
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, norms, residuals, sizes
-from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points
+from gaitsweep.engine.poincare.maps import Batch, Map, MapEvaluation, Points
 
 PerBranch = Float[np.ndarray, " branches"]  # a number for each branch
 Unknowns = Float[np.ndarray, "branches unknowns"]  # coordinates, drifts and the parameter
@@ -36,11 +39,16 @@ TOLERANCE = 1e-9
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class BranchPoints:
+class BranchPoints(Batch):
     """One point on each of n branches of fixed points.
 
-    `points` (n,), `drift` (n, k), `parameter` (n,), unit `tangent` (n, size + k + 1), `images` with their
-    derivatives, and the number of `corrections` (n,) of the step that led there.
+    Attributes:
+        points: the fixed points.
+        drift: the drifts of the constrained quantities, (n, k).
+        parameter: the continuation parameter, (n,).
+        tangent: the unit tangents of the branches, (n, size + k + 1).
+        images: the images of the points, with derivatives.
+        corrections: the number of corrections of the step that led there, (n,).
     """
 
     points: Points
@@ -50,28 +58,17 @@ class BranchPoints:
     images: MapEvaluation
     corrections: Int[np.ndarray, " branches"]
 
-    def __getitem__(self, which: np.ndarray) -> BranchPoints:
-        return jax.tree.map(lambda leaf: leaf[which], self)
-
-    def merged(self, which: Int[np.ndarray, " some"], others: BranchPoints) -> BranchPoints:
-        """These branch points, with `others` in the rows `which`."""
-
-        def put(
-            mine: Shaped[np.ndarray, "branches ..."], theirs: Shaped[np.ndarray, "some ..."]
-        ) -> Shaped[np.ndarray, "branches ..."]:
-            mine = np.array(mine)
-            mine[which] = theirs
-            return mine
-
-        return jax.tree.map(put, self, others)
-
 
 @dataclasses.dataclass(frozen=True)
 class ContinuationProblem:
     """The continuation problem that n branches share.
 
-    `mapping`, the `parameter` and its range from `low` to `high`, the other `values` (n,) by name, the
-    conserved quantities that are `held`, and the `weights` (n, size + k + 1) of the norm of a step.
+    Attributes:
+        mapping: the map.
+        parameter, low, high: the continuation parameter and its range.
+        values: the other parameters, (n,) by name.
+        held: the constraints of conserved quantities.
+        weights: the weights of the unknowns in the norm of a step, (n, size + k + 1).
     """
 
     mapping: Map
@@ -89,19 +86,19 @@ class ContinuationProblem:
         parameter: str,
         within: Sequence[float],
         values: dict[str, PerBranch],
-        held: ConservedConstraints,
+        constraints: ConservedConstraints,
         at: Float[np.ndarray, "branches coordinates"],
     ) -> ContinuationProblem:
         """The problem with the weights of branches that start at the coordinates `at` (n, size)."""
         low, high = float(min(within)), float(max(within))
         n, size = at.shape
-        weights = np.zeros((n, size + len(held.which) + 1))
+        weights = np.zeros((n, size + len(constraints.which) + 1))
         weights[:, :size] = 1.0 / (sizes(at) ** 2 * size)
         weights[:, -1] = 1.0 / (high - low) ** 2
-        return cls(mapping, parameter, low, high, values, held, weights)
+        return cls(mapping, parameter, low, high, values, constraints, weights)
 
     def __getitem__(self, which: np.ndarray) -> ContinuationProblem:
-        values = {name: each[which] for name, each in self.values.items()}
+        values = {name: column[which] for name, column in self.values.items()}
         return dataclasses.replace(self, values=values, held=self.held[which], weights=self.weights[which])
 
     def evaluated(self, points: Points, parameter: PerBranch) -> MapEvaluation:
@@ -134,22 +131,22 @@ class ContinuationProblem:
         """The branch points one arclength step of `length` (n,) ahead, and whether each converged (n,)."""
         goal = length[:, None] * branch_points.tangent
         normal = self.weights * branch_points.tangent
-        return self._found(branch_points, goal, normal, np.sum(normal * goal, axis=1))
+        return self._solve(branch_points, goal, normal, np.sum(normal * goal, axis=1))
 
     def at(self, branch_points: BranchPoints, parameter: PerBranch) -> tuple[BranchPoints, Converged]:
         """The branch points near these at a value (n,) of the parameter, and whether each converged (n,)."""
         share = (parameter - branch_points.parameter) / branch_points.tangent[:, -1]
         normal = np.zeros_like(self.weights)
         normal[:, -1] = 1.0
-        return self._found(
+        return self._solve(
             branch_points, share[:, None] * branch_points.tangent, normal, parameter - branch_points.parameter
         )
 
-    def _found(
+    def _solve(
         self, branch_points: BranchPoints, guess: Unknowns, normal: Unknowns, goal: PerBranch
     ) -> tuple[BranchPoints, Converged]:
         """Branch points near these + `guess` (n, m) with normal . change = goal; which converged (n,)."""
-        points, change, count = self._corrected(branch_points, guess, normal, goal)
+        points, change, count = self._correct(branch_points, guess, normal, goal)
         rows = np.flatnonzero(count)
         if not rows.size:
             return branch_points, count > 0
@@ -158,46 +155,51 @@ class ContinuationProblem:
         parameter, drift = before.parameter + change[:, -1], before.drift + change[:, size:-1]
         images = problem.evaluated(points[rows], parameter)
         tangent = problem.tangents(images, before.tangent)
-        found = BranchPoints(points[rows], drift, parameter, tangent, images, count[rows])
+        followed = BranchPoints(points[rows], drift, parameter, tangent, images, count[rows])
         # a branch cannot continue where the map has no derivative; the other branches can
         count[rows[~np.isfinite(tangent).all(axis=1)]] = 0
         on = np.flatnonzero(count[rows])
-        return branch_points.merged(rows[on], found[on]), count > 0
+        return branch_points.merged(rows[on], followed[on]), count > 0
 
-    def _corrected(
+    def _correct(
         self, branch_points: BranchPoints, guess: Unknowns, normal: Unknowns, goal: PerBranch
     ) -> tuple[Points, Unknowns, Int[np.ndarray, " branches"]]:
-        """The corrected points, their changes (n, m), and the number of corrections (n,), 0 if lost."""
+        """Correct the guesses by Newton steps with one Jacobian and Broyden's updates of it.
+
+        Returns:
+            The corrected points, their changes (n, m), and the number of corrections (n,), 0 if lost.
+        """
         n, size = branch_points.points.at.shape
-        change, count, going = guess.copy(), np.zeros(n, int), np.ones(n, bool)
+        change, count, running = guess.copy(), np.zeros(n, int), np.ones(n, bool)
         points = Points(branch_points.points.at + change[:, :size], branch_points.points.modes)
-        norm, step = np.full(n, np.inf), np.zeros_like(guess)
+        last_norm, step = np.full(n, np.inf), np.zeros_like(guess)
         matrix = self.bordered(branch_points.images, normal)
-        for taken in range(1, MOST_CORRECTIONS + 1):
-            rows = np.flatnonzero(going)
+        for number in range(1, MOST_CORRECTIONS + 1):
+            rows = np.flatnonzero(running)
             if not rows.size:
                 break
-            problem, some = self[rows], points[rows]
+            problem, trial = self[rows], points[rows]
             parameter = branch_points.parameter[rows] + change[rows, -1]
-            images = self.mapping.images(some, {**problem.values, self.parameter: parameter})
+            images = self.mapping.images(trial, {**problem.values, self.parameter: parameter})
             drift = branch_points.drift[rows] + change[rows, size:-1]
-            miss = residuals(self.mapping, some, drift, images, problem.held)
-            off = np.sum(normal[rows] * change[rows], axis=1) - goal[rows]
-            now = norms(miss, some.at)
-            good = images.sound & np.isfinite(now) & (now <= PATIENCE * norm[rows])
-            fixed = good & (now <= TOLERANCE) & (np.abs(off) <= 1e-9)
-            count[rows[fixed]], going[rows[fixed | ~good]] = taken, False
-            norm[rows] = now
-            rest = np.flatnonzero(good & ~fixed)
+            miss = residuals(self.mapping, trial, drift, images, problem.held)
+            beside = np.sum(normal[rows] * change[rows], axis=1) - goal[rows]
+            norm = norms(miss, trial.at)
+            sound = images.sound & np.isfinite(norm) & (norm <= PATIENCE * last_norm[rows])
+            converged = sound & (norm <= TOLERANCE) & (np.abs(beside) <= 1e-9)
+            count[rows[converged]], running[rows[converged | ~sound]] = number, False
+            last_norm[rows] = norm
+            rest = np.flatnonzero(sound & ~converged)
             if rest.size:
-                mine, miss = rows[rest], np.concatenate([miss, off[:, None]], axis=1)[rest]
-                if taken > 1:
-                    matrix[mine] += _broyden_update(problem[rest].weights, step[mine], miss)
-                step[mine] = _solved(matrix[mine], -miss)
-                change[mine] += step[mine]
-                back = self.mapping.difference(some.at[rest], images.points.at[rest])
-                moved = images.points.at[rest] + back + step[mine, :size]
-                points = points.merged(mine, Points(moved, images.points[rest].modes))
+                active, miss = rows[rest], np.concatenate([miss, beside[:, None]], axis=1)[rest]
+                if number > 1:
+                    matrix[active] += _broyden_update(problem[rest].weights, step[active], miss)
+                step[active] = _solved(matrix[active], -miss)
+                change[active] += step[active]
+                # computed from the image, so that the next points have its discrete modes
+                back = self.mapping.difference(trial.at[rest], images.points.at[rest])
+                moved = images.points.at[rest] + back + step[active, :size]
+                points = points.merged(active, Points(moved, images.points[rest].modes))
         return points, change, count
 
     def bordered(
@@ -218,11 +220,11 @@ def _solved(
     matrices: Float[np.ndarray, "systems unknowns unknowns"], right: Float[np.ndarray, "systems unknowns"]
 ) -> Float[np.ndarray, "systems unknowns"]:
     """The solutions (n, m) of n linear systems; NaN where a matrix is singular or not finite."""
-    found = np.full_like(right, np.nan)
+    solutions = np.full_like(right, np.nan)
     for k in np.flatnonzero(np.all(np.isfinite(matrices), axis=(1, 2))):
         with contextlib.suppress(np.linalg.LinAlgError):
-            found[k] = np.linalg.solve(matrices[k], right[k])
-    return found
+            solutions[k] = np.linalg.solve(matrices[k], right[k])
+    return solutions
 
 
 def _broyden_update(

@@ -79,9 +79,9 @@ def pair_test(problem: ContinuationProblem, branch_points: BranchPoints) -> PerB
 
     It is also zero at a neutral saddle: two real multipliers on both sides of the circle with product 1.
     """
-    found = multipliers_of(problem, branch_points)
-    i, k = np.triu_indices(found.shape[1], 1)
-    return np.prod(1.0 - found[:, i] * found[:, k], axis=1).real
+    factors = multipliers_of(problem, branch_points)
+    i, k = np.triu_indices(factors.shape[1], 1)
+    return np.prod(1.0 - factors[:, i] * factors[:, k], axis=1).real
 
 
 TESTS: tuple[Test, ...] = (fold_test, branch_test, flip_test, pair_test)
@@ -131,25 +131,25 @@ def located_on_branch(
     """The zero of a test function on a step of one branch from `before`, as by `located`."""
 
     def point_at(arclength: float) -> BranchPoints | None:
-        point, found = problem.step(before, np.array([arclength]))
-        return point if found[0] else None
+        point, converged = problem.step(before, np.array([arclength]))
+        return point if converged[0] else None
 
     target = NEAR * max(abs(ends[0]), abs(ends[1]))
     return located(ends, length, point_at, lambda point: test(problem, point)[0], target, SHORTEST_INTERVAL)
 
 
-def turn_kind(problem: ContinuationProblem, there: BranchPoints) -> str:
+def turn_kind(problem: ContinuationProblem, at_turn: BranchPoints) -> str:
     """The kind of one turn of the parameter: "fold" where smooth, "corner" where the map has a kink."""
-    smooth = abs(fold_test(problem, there)[0]) < FLAT * (problem.high - problem.low)
+    smooth = abs(fold_test(problem, at_turn)[0]) < FLAT * (problem.high - problem.low)
     return "fold" if smooth else "corner"
 
 
-def pair_kind(problem: ContinuationProblem, there: BranchPoints) -> str:
+def pair_kind(problem: ContinuationProblem, at_zero: BranchPoints) -> str:
     """The kind of one zero of `pair_test`: neimark_sacker; flip or branch_point of two at once; or ""."""
-    found = multipliers_of(problem, there)[0]
-    i, k = np.triu_indices(len(found), 1)
-    nearest = int(np.argmin(np.abs(1.0 - found[i] * found[k])))
-    one, other = found[i[nearest]], found[k[nearest]]
+    factors = multipliers_of(problem, at_zero)[0]
+    i, k = np.triu_indices(len(factors), 1)
+    nearest = int(np.argmin(np.abs(1.0 - factors[i] * factors[k])))
+    one, other = factors[i[nearest]], factors[k[nearest]]
     if max(abs(one - 1.0), abs(other - 1.0)) < TOGETHER:
         return "branch_point"
     if max(abs(one + 1.0), abs(other + 1.0)) < TOGETHER:
@@ -179,7 +179,7 @@ def branch_point(problem: ContinuationProblem, near: BranchPoints) -> tuple[Cros
     """
     size = near.points.at.shape[1]
     scale = np.where(problem.weights[0] > 0.0, problem.weights[0], 1.0) ** -0.5
-    z, found = np.concatenate([near.points.at[0], near.drift[0], near.parameter]) / scale, None
+    z, solution = np.concatenate([near.points.at[0], near.drift[0], near.parameter]) / scale, None
     for _ in range(MOST_STEPS):
         branching = _Branching.at(problem, near, scale, z)
         if branching is None:
@@ -189,28 +189,37 @@ def branch_point(problem: ContinuationProblem, near: BranchPoints) -> tuple[Cros
         if not np.max(np.abs(step)) < 1.0:
             break
         if np.max(np.abs(step)) < TOLERANCE:
-            found = branching, beta
+            solution = branching, beta
             break
-    if found is None:
+    if solution is None:
         return None, np.nan
-    branching, beta = found
+    branching, beta = solution
     tangents = branching.tangents()
     if tangents is None:
         return None, beta
     along = near.tangent[0] / scale
     ours = int(np.argmax(np.abs(tangents @ along)))
-    mine = tangents[ours] * np.sign(tangents[ours] @ along)
+    tangent = tangents[ours] * np.sign(tangents[ours] @ along)
     unscaled = z * scale
     points = Points(unscaled[None, :size], near.points.modes)
     drift, parameter = unscaled[None, size:-1], unscaled[-1:]
-    here = BranchPoints(
-        points, drift, parameter, (mine * scale)[None], problem.evaluated(points, parameter), near.corrections
+    at_crossing = BranchPoints(
+        points,
+        drift,
+        parameter,
+        (tangent * scale)[None],
+        problem.evaluated(points, parameter),
+        near.corrections,
     )
-    aside = _aside(problem, here, tangents[1 - ours] * scale)
-    flat, through = sorted(tangents, key=lambda each: abs(each[-1]))
+    aside = _aside(problem, at_crossing, tangents[1 - ours] * scale)
+    flat, through = sorted(tangents, key=lambda direction: abs(direction[-1]))
     if abs(flat[-1]) > FLAT:
-        return Crossing("transcritical", here, aside), beta
-    sides = aside if ours == int(np.argmax(np.abs(tangents[:, -1]))) else _aside(problem, here, flat * scale)
+        return Crossing("transcritical", at_crossing, aside), beta
+    sides = (
+        aside
+        if ours == int(np.argmax(np.abs(tangents[:, -1])))
+        else _aside(problem, at_crossing, flat * scale)
+    )
     kind = "branch_point"
     if sides is not None:
         # the mean of both sides: a rest of the slope cancels
@@ -218,7 +227,7 @@ def branch_point(problem: ContinuationProblem, near: BranchPoints) -> tuple[Cros
         rate = branching.rate(through, flat, size)
         if abs(bend) > FLAT * ASIDE**2 and rate != 0.0:
             kind = "supercritical_pitchfork" if bend * rate > 0.0 else "subcritical_pitchfork"
-    return Crossing(kind, here, aside), beta
+    return Crossing(kind, at_crossing, aside), beta
 
 
 @dataclasses.dataclass(frozen=True)
@@ -274,10 +283,10 @@ class _Branching:
         matrix = np.zeros((m + 2, m + 2))
         matrix[:m, :-1], matrix[:m, -1], matrix[m:, :-1] = self.J, self.w, self.bent
         try:
-            found = np.linalg.solve(matrix, -np.concatenate([self.miss, [self.smallest, 0.0]]))
+            solution = np.linalg.solve(matrix, -np.concatenate([self.miss, [self.smallest, 0.0]]))
         except np.linalg.LinAlgError:
             return np.full(m + 1, np.inf), np.nan
-        return found[:-1], float(found[-1])
+        return solution[:-1], float(solution[-1])
 
     def tangents(self) -> Float[np.ndarray, "2 unknowns"] | None:
         """The unit tangents (2, m + 1) of the two branches; None where none or only one is real."""
@@ -298,22 +307,27 @@ class _Branching:
         return float(change * norm * np.sign(through[-1]))
 
 
-def _aside(problem: ContinuationProblem, here: BranchPoints, tangent: Vector) -> BranchPoints | None:
+def _aside(problem: ContinuationProblem, at_crossing: BranchPoints, tangent: Vector) -> BranchPoints | None:
     """Points (2,) on both sides of a branch point, on the branch with this tangent (m,); None if not found.
 
     The equations are singular at the branch point itself, so they are linearised where the step leads.
     """
     both = np.zeros(2, int)
     tangent = np.stack([tangent, -tangent]) / np.sqrt(np.sum(problem.weights[0] * tangent**2))
-    change, size = ASIDE * tangent, here.points.at.shape[1]
-    points = Points(here.points.at + change[:, :size], here.points[both].modes)
-    parameter = here.parameter + change[:, -1]
+    change, size = ASIDE * tangent, at_crossing.points.at.shape[1]
+    points = Points(at_crossing.points.at + change[:, :size], at_crossing.points[both].modes)
+    parameter = at_crossing.parameter + change[:, -1]
     images = problem[both].evaluated(points, parameter)
     guess = BranchPoints(
-        points, here.drift + change[:, size:-1], parameter, tangent, images, here.corrections[both]
+        points,
+        at_crossing.drift + change[:, size:-1],
+        parameter,
+        tangent,
+        images,
+        at_crossing.corrections[both],
     )
-    found, ok = problem[both].step(guess, np.zeros(2))
-    return found if ok.all() else None
+    sides, ok = problem[both].step(guess, np.zeros(2))
+    return sides if ok.all() else None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -330,98 +344,96 @@ class Special:
 
 
 def bifurcations(
-    problem: ContinuationProblem, here: BranchPoints, there: BranchPoints, length: PerBranch
+    problem: ContinuationProblem, before: BranchPoints, after: BranchPoints, length: PerBranch
 ) -> list[list[Special] | None]:
-    """The bifurcations on a step of each of n branches, from `here` to `there`, in order.
+    """The bifurcations on a step of each of n branches, from `before` to `after`, in order.
 
     None where the step must be shorter: it led from one branch to another that passes close by, or two
     multipliers crossed the unit circle one after the other.
     """
-    ends = {test: (test(problem, here), test(problem, there)) for test in TESTS}
+    ends = {test: (test(problem, before), test(problem, after)) for test in TESTS}
     # a test function may be zero at the end of a step: then it changes sign on one of the two steps there
-    changed = {test: (before < 0.0) != (after < 0.0) for test, (before, after) in ends.items()}
-    found: list[list[Special] | None] = [[] for _ in length]
+    changed = {test: (first < 0.0) != (last < 0.0) for test, (first, last) in ends.items()}
+    specials: list[list[Special] | None] = [[] for _ in length]
     for k in np.flatnonzero(np.any(list(changed.values()), axis=0)):
-        mine = {test: (ends[test][0][k], ends[test][1][k]) for test in TESTS if changed[test][k]}
+        signs = {test: (ends[test][0][k], ends[test][1][k]) for test in TESTS if changed[test][k]}
         only = np.array([k])
-        found[k] = _on_step(problem[only], here[only], there[only], length[k], mine)
-    return found
+        specials[k] = _on_step(problem[only], before[only], after[only], length[k], signs)
+    return specials
 
 
 def _on_step(
     problem: ContinuationProblem,
-    here: BranchPoints,
-    there: BranchPoints,
+    before: BranchPoints,
+    after: BranchPoints,
     length: float,
     changed: dict[Test, tuple[float, float]],
 ) -> list[Special] | None:
     """The bifurcations on a step of one branch, as in `bifurcations`, by the tests that `changed` sign."""
-    found, turns = [], fold_test in changed
+    specials, turns = [], fold_test in changed
     if branch_test in changed:
         ends = changed[branch_test]
         zero = None
-        crossing, beta = branch_point(problem, _between(problem, here, there, ends[0] / (ends[0] - ends[1])))
-        if not _is_on_step(problem, here, crossing, length):
-            zero = located_on_branch(problem, here, length, branch_test, ends)
+        crossing, beta = branch_point(
+            problem, _between(problem, before, after, ends[0] / (ends[0] - ends[1]))
+        )
+        if not _is_on_step(problem, before, crossing, length):
+            zero = located_on_branch(problem, before, length, branch_test, ends)
             crossing, beta = (None, np.nan) if zero is None else branch_point(problem, zero[0])
-        if crossing is not None and _is_on_step(problem, here, crossing, length):
+        if crossing is not None and _is_on_step(problem, before, crossing, length):
             if abs(beta) > IMPERFECT:
                 return None
-            found.append(
-                Special(crossing.kind, _ahead(problem, here, crossing.here), crossing.here, crossing.aside)
+            specials.append(
+                Special(crossing.kind, _ahead(problem, before, crossing.here), crossing.here, crossing.aside)
             )
             # a pitchfork where the branch itself turns is not a fold
             turns &= abs(crossing.here.tangent[0, -1]) > FLAT * (problem.high - problem.low)
         elif zero is not None and abs(branch_test(problem, zero[0])[0]) < SMALL * np.max(np.abs(ends)):
-            found.append(Special("branch_point", zero[1], zero[0]))
-    for test, kind_of in ((fold_test, turn_kind), (flip_test, _flip_kind), (pair_test, pair_kind)):
+            specials.append(Special("branch_point", zero[1], zero[0]))
+    for test, kind_of in ((fold_test, turn_kind), (flip_test, lambda *_: "flip"), (pair_test, pair_kind)):
         if test in changed and (turns or test is not fold_test):
-            zero = located_on_branch(problem, here, length, test, changed[test])
+            zero = located_on_branch(problem, before, length, test, changed[test])
             kind = kind_of(problem, zero[0]) if zero is not None else ""
             if zero is not None and kind:
-                found.append(Special(kind, zero[1], zero[0]))
+                specials.append(Special(kind, zero[1], zero[0]))
             if kind == "corner":  # multipliers jump there
-                return found
-    counts = [np.sum(np.abs(multipliers_of(problem, each)) > 1.0) for each in (here, there)]
-    if not found and abs(int(counts[1]) - int(counts[0])) > 1:
+                return specials
+    counts = [np.sum(np.abs(multipliers_of(problem, point)) > 1.0) for point in (before, after)]
+    if not specials and abs(int(counts[1]) - int(counts[0])) > 1:
         return None
-    return sorted(found, key=lambda each: each.arclength)
-
-
-def _flip_kind(problem: ContinuationProblem, there: BranchPoints) -> str:
-    return "flip"
+    return sorted(specials, key=lambda special: special.arclength)
 
 
 def _between(
-    problem: ContinuationProblem, here: BranchPoints, there: BranchPoints, share: float
+    problem: ContinuationProblem, before: BranchPoints, after: BranchPoints, share: float
 ) -> BranchPoints:
     """The point at a share of the chord of a step, with the mean of the tangents at its ends."""
-    apart = problem.mapping.difference(there.points.at, here.points.at)
+    apart = problem.mapping.difference(after.points.at, before.points.at)
     return dataclasses.replace(
-        here,
-        points=Points(here.points.at + share * apart, here.points.modes),
-        drift=here.drift + share * (there.drift - here.drift),
-        parameter=here.parameter + share * (there.parameter - here.parameter),
-        tangent=0.5 * (here.tangent + there.tangent),
-        corrections=there.corrections,
+        before,
+        points=Points(before.points.at + share * apart, before.points.modes),
+        drift=before.drift + share * (after.drift - before.drift),
+        parameter=before.parameter + share * (after.parameter - before.parameter),
+        tangent=0.5 * (before.tangent + after.tangent),
+        corrections=after.corrections,
     )
 
 
-def _ahead(problem: ContinuationProblem, here: BranchPoints, there: BranchPoints) -> float:
-    """The length from `here` to `there` along the tangent `here`."""
-    size = here.points.at.shape[1]
-    weighted = (problem.weights * here.tangent)[0]
-    apart = problem.mapping.difference(there.points.at, here.points.at)[0]
-    return float(weighted[:size] @ apart + weighted[-1] * (there.parameter - here.parameter)[0])
+def _ahead(problem: ContinuationProblem, before: BranchPoints, after: BranchPoints) -> float:
+    """The length from `before` to `after` along the tangent at `before`."""
+    size = before.points.at.shape[1]
+    weighted = (problem.weights * before.tangent)[0]
+    apart = problem.mapping.difference(after.points.at, before.points.at)[0]
+    return float(weighted[:size] @ apart + weighted[-1] * (after.parameter - before.parameter)[0])
 
 
 def _is_on_step(
     problem: ContinuationProblem,
-    here: BranchPoints,
+    before: BranchPoints,
     crossing: Crossing | None,
     length: float,
 ) -> bool:
     """Whether a branch point lies on a step of this length, to a twentieth of it."""
     if crossing is None:
         return False
-    return abs(_ahead(problem, here, crossing.here) / length - 0.5) < 0.55
+    return abs(_ahead(problem, before, crossing.here) / length - 0.5) < 0.55

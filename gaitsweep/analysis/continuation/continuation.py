@@ -114,20 +114,22 @@ def continuation(
         n = len(starts)
         at = np.broadcast_to(np.asarray(begin, np.float64), (n,)).copy()
         held_values = mapping.complete({**values, parameter: at}, n)
-        others = {name: each for name, each in held_values.items() if name != parameter}
-        found = newton(mapping, starts, held_values, fix=fix)
-        held = ConservedConstraints.of(mapping, fix, found.images.conserved_values)
-        ready = np.flatnonzero(found.converged)
-        problem = ContinuationProblem.of(mapping, parameter, within, others, held, found.points.at)[ready]
-        beside = {name: np.asarray(values[name]) for name in (values if shown is None else shown)}
+        others = {name: column for name, column in held_values.items() if name != parameter}
+        fixed = newton(mapping, starts, held_values, fix=fix)
+        constraints = ConservedConstraints.of(mapping, fix, fixed.images.conserved_values)
+        ready = np.flatnonzero(fixed.converged)
+        problem = ContinuationProblem.of(mapping, parameter, within, others, constraints, fixed.points.at)[
+            ready
+        ]
+        columns = {name: np.asarray(values[name]) for name in (values if shown is None else shown)}
         table = BranchTable(
-            mapping, parameter, beside, list(found.images.observed), n, held, with_points, crossing
+            mapping, parameter, columns, list(fixed.images.observed), n, constraints, with_points, crossing
         )
-        for row in np.flatnonzero(~found.converged):
-            table.failed(int(row), float(at[row]), NewtonOutcome(int(found.outcome[row])).name)
+        for row in np.flatnonzero(~fixed.converged):
+            table.failed(int(row), float(at[row]), NewtonOutcome(int(fixed.outcome[row])).name)
         if ready.size:
             branch_points = problem.first(
-                found.points[ready], found.drift[ready], at[ready], float(np.sign(towards))
+                fixed.points[ready], fixed.drift[ready], at[ready], float(np.sign(towards))
             )
             follower = BranchFollower(problem, branch_points, ready, table, steps or ArclengthSteps())
             follower.follow()
@@ -158,8 +160,8 @@ def continuation(
         {name: only(value) for name, value in fix.items()} if isinstance(fix, Mapping) else fix,
     )
     again["row"] = doubtful[np.asarray(again["row"])]
-    kept = branches[~branches["row"].isin(doubtful)]
-    both = again if kept.empty else pd.concat([kept, again])
+    sure = branches[~branches["row"].isin(doubtful)]
+    both = again if sure.empty else pd.concat([sure, again])
     return both.iloc[np.argsort(np.asarray(both["row"]), kind="stable")].reset_index(drop=True)
 
 
@@ -171,7 +173,7 @@ class BranchTable:
         values: other parameters shown in the records, a number or one for each branch (n,).
         observed: the names of the map's observables.
         n: number of branches.
-        held: the conserved quantities that are constrained.
+        constraints: the conserved quantities that are constrained.
         with_points: each record has its `Points` of one point as `at`, coordinates and modes.
         crossing: records have the number of their `branch`, since a row may have several.
     """
@@ -183,13 +185,13 @@ class BranchTable:
         values: dict[str, Float[np.ndarray, " ..."]],
         observed: Sequence[str],
         n: int,
-        held: ConservedConstraints,
+        constraints: ConservedConstraints,
         with_points: bool = False,
         crossing: bool = False,
     ) -> None:
         self.parameter, self._with_points = parameter, with_points
         self._values = {k: np.broadcast_to(v, (n,)) for k, v in values.items() if k != parameter}
-        self._observed, self._held = list(observed), [mapping.conserved[k].name for k in held.which]
+        self._observed, self._held = list(observed), [mapping.conserved[k].name for k in constraints.which]
         self._records: list[list[dict[str, Any]]] = [[] for _ in range(n)]
         self._crossing, self._rows, self._branches, self._next = crossing, [*range(n)], [0] * n, [1] * n
 
@@ -214,7 +216,7 @@ class BranchTable:
 
     def _head(self, name: int, parameter: float) -> dict[str, Any]:
         row, branch = self._rows[name], {"branch": self._branches[name]} if self._crossing else {}
-        others = {other: each[row] for other, each in self._values.items()}
+        others = {other: column[row] for other, column in self._values.items()}
         return {"row": row, "point": len(self._records[name]), **branch, self.parameter: parameter, **others}
 
     def write(
@@ -226,17 +228,17 @@ class BranchTable:
     ) -> None:
         if not len(rows):
             return
-        found = multipliers_of(problem, branch_points)
+        factors = multipliers_of(problem, branch_points)
         for k, row in enumerate(rows):
-            unstable = int(np.sum(np.abs(found[k]) > 1.0))
+            unstable = int(np.sum(np.abs(factors[k]) > 1.0))
             self._records[row].append(
                 {
                     **self._head(int(row), float(branch_points.parameter[k])),
-                    **{name: float(each[k]) for name, each in branch_points.images.observed.items()},
+                    **{name: float(column[k]) for name, column in branch_points.images.observed.items()},
                     **{f"drift_{name}": branch_points.drift[k, i] for i, name in enumerate(self._held)},
-                    "multiplier": float(np.abs(found[k, 0])),
-                    "multiplier_re": float(found[k, 0].real),
-                    "multiplier_im": float(found[k, 0].imag),
+                    "multiplier": float(np.abs(factors[k, 0])),
+                    "multiplier_re": float(factors[k, 0].real),
+                    "multiplier_im": float(factors[k, 0].imag),
                     "unstable": unstable,
                     "stable": unstable == 0,
                     "special": special[k],
@@ -296,20 +298,20 @@ class BranchFollower:
             shares = np.minimum(moved / (self.problem.high - self.problem.low), NEARLY)
             self.steps.on_progress(self.table.counts(self.names), np.where(self.going, shares, 1.0))
             rows = np.flatnonzero(self.going)
-            problem, here = self.problem[rows], self.branch_points[rows]
-            there, found = problem.step(here, self.length[rows])
-            straight = np.sum(problem.weights * here.tangent * there.tangent, axis=1) > STRAIGHT
+            problem, before = self.problem[rows], self.branch_points[rows]
+            after, converged = problem.step(before, self.length[rows])
+            straight = np.sum(problem.weights * before.tangent * after.tangent, axis=1) > STRAIGHT
             short = self.length[rows] <= self.steps.shortest
-            taken = found & (straight | short)
+            taken = converged & (straight | short)
             on = np.flatnonzero(taken)
             specials = (
-                bifurcations(problem[on], here[on], there[on], self.length[rows[on]]) if on.size else []
+                bifurcations(problem[on], before[on], after[on], self.length[rows[on]]) if on.size else []
             )
-            taken[on] &= short[on] | np.array([each is not None for each in specials], bool)
+            taken[on] &= short[on] | np.array([special is not None for special in specials], bool)
             self._reject(rows[~taken])
             if taken.any():
-                kept = [each or [] for each, k in zip(specials, on, strict=True) if taken[k]]
-                self._accept(rows[taken], there[taken], kept)
+                accepted = [special or [] for special, k in zip(specials, on, strict=True) if taken[k]]
+                self._accept(rows[taken], after[taken], accepted)
 
     def crossing(self) -> BranchFollower | None:
         """A follower of both halves of each branch that crosses at a branch point; None if there is none."""
@@ -317,7 +319,7 @@ class BranchFollower:
             return None
         of = np.repeat([row for row, _ in self.crossings], 2)
         names = np.array([self.table.added(int(self.names[row])) for row in of])
-        asides = jax.tree.map(lambda *each: np.concatenate(each), *(aside for _, aside in self.crossings))
+        asides = jax.tree.map(lambda *leaves: np.concatenate(leaves), *(aside for _, aside in self.crossings))
         return BranchFollower(self.problem[of], asides, names, self.table, self.steps)
 
     def _end(self, rows: Int[np.ndarray, " rows"], why: str) -> None:
@@ -339,93 +341,93 @@ class BranchFollower:
         self._end(rows[~crossed], "lost")
 
     def _accept(
-        self, rows: Int[np.ndarray, " rows"], there: BranchPoints, specials: list[list[Special]]
+        self, rows: Int[np.ndarray, " rows"], after: BranchPoints, specials: list[list[Special]]
     ) -> None:
         """Record accepted steps and their bifurcations, and end branches that are complete."""
-        problem, here, names = self.problem[rows], self.branch_points[rows], self.names[rows]
+        problem, before, names = self.problem[rows], self.branch_points[rows], self.names[rows]
         for k, found in enumerate(specials):
             for each in found:
                 if problem.low <= each.here.parameter[0] <= problem.high:
                     self.table.write(names[[k]], problem[np.array([k])], each.here, [each.kind])
                     if each.aside is not None:
                         self.crossings.append((int(rows[k]), each.aside))
-        inside = (there.parameter >= problem.low) & (there.parameter <= problem.high)
+        inside = (after.parameter >= problem.low) & (after.parameter <= problem.high)
         out = np.flatnonzero(~inside)
         if out.size:
-            some, over = problem[out], there[out]
+            some, over = problem[out], after[out]
             branch_points, found = some.at(over, np.clip(over.parameter, problem.low, problem.high))
             good = np.flatnonzero(found)
             self.table.write(names[out[good]], some[good], branch_points[good], [""] * good.size)
             self._end(rows[out], "range")
-        kept = np.flatnonzero(inside)
-        if not kept.size:
+        within = np.flatnonzero(inside)
+        if not within.size:
             return
-        rows, names, there, problem = rows[kept], names[kept], there[kept], problem[kept]
-        self.table.write(names, problem, there, _jumps(here[kept], there))
-        self.branch_points = self.branch_points.merged(rows, there)
+        rows, names, after, problem = rows[within], names[within], after[within], problem[within]
+        self.table.write(names, problem, after, _jumps(before[within], after))
+        self.branch_points = self.branch_points.merged(rows, after)
         home = self.home[rows]
-        closed = _distance(problem, there, home) < NEAR_HOME * self.length[rows]
-        closed &= np.sum(problem.weights * there.tangent * home.tangent, axis=1) > 0.0
+        closed = _distance(problem, after, home) < NEAR_HOME * self.length[rows]
+        closed &= np.sum(problem.weights * after.tangent * home.tangent, axis=1) > 0.0
         closed &= self.table.counts(names) > AWAY
         self._end(rows[closed], "closed")
         self._end(rows[~closed & (self.table.counts(names) >= self.steps.most)], "most")
-        easy = rows[there.corrections <= FEW]
+        easy = rows[after.corrections <= FEW]
         self.length[easy] = np.minimum(LONGER * self.length[easy], self.steps.longest)
 
 
-def _jumps(here: BranchPoints, there: BranchPoints) -> list[str]:
+def _jumps(before: BranchPoints, after: BranchPoints) -> list[str]:
     """For each step "kink" where the parameter moved against the tangents at both of its ends, else ""."""
-    way = there.parameter - here.parameter
-    against = (way * here.tangent[:, -1] < 0.0) & (way * there.tangent[:, -1] < 0.0)
+    way = after.parameter - before.parameter
+    against = (way * before.tangent[:, -1] < 0.0) & (way * after.tangent[:, -1] < 0.0)
     return np.where(against, "kink", "").tolist()
 
 
 def _jump_over(
-    problem: ContinuationProblem, here: BranchPoints, longest: float
+    problem: ContinuationProblem, before: BranchPoints, longest: float
 ) -> tuple[BranchPoints, Converged]:
     """Branch points beyond a discontinuity of the map or of its derivative, and whether found (n,).
 
     Where a trajectory grazes an event the map has no derivative, and may jump. No short step converges there,
     but a longer one may cross it, either by arclength or at a given value of the parameter.
     """
-    best, found = here, np.zeros(len(here.parameter), bool)
+    best, landed = before, np.zeros(len(before.parameter), bool)
     for share in JUMPS:
         for across in (True, False):
-            rows = np.flatnonzero(~found)
+            rows = np.flatnonzero(~landed)
             if not rows.size:
-                return best, found
-            mine, start = problem[rows], here[rows]
+                return best, landed
+            active, start = problem[rows], before[rows]
             length = share * longest
-            there, good = (
-                mine.step(start, np.full(rows.size, length)) if across else _beyond(mine, start, length)
+            after, good = (
+                active.step(start, np.full(rows.size, length)) if across else _beyond(active, start, length)
             )
-            good = good & (np.sum(mine.weights * start.tangent * there.tangent, axis=1) > 0.0)
-            good &= (there.parameter >= problem.low) & (there.parameter <= problem.high)
-            good &= _distance(mine, start, there) < 2.0 * longest
-            best = best.merged(rows[good], there[good])
-            found[rows[good]] = True
-    return best, found
+            good = good & (np.sum(active.weights * start.tangent * after.tangent, axis=1) > 0.0)
+            good &= (after.parameter >= problem.low) & (after.parameter <= problem.high)
+            good &= _distance(active, start, after) < 2.0 * longest
+            best = best.merged(rows[good], after[good])
+            landed[rows[good]] = True
+    return best, landed
 
 
 def _beyond(
-    problem: ContinuationProblem, here: BranchPoints, length: float
+    problem: ContinuationProblem, before: BranchPoints, length: float
 ) -> tuple[BranchPoints, Converged]:
     """Fixed points by damped Newton steps where the parameter is a `length` ahead; which converged (n,)."""
-    change = length * here.tangent
-    parameter = here.parameter + change[:, -1]
-    size = here.points.at.shape[1]
-    starts = Points(here.points.at + change[:, :size], here.points.modes)
+    change = length * before.tangent
+    parameter = before.parameter + change[:, -1]
+    size = before.points.at.shape[1]
+    starts = Points(before.points.at + change[:, :size], before.points.modes)
     fix = {
         problem.mapping.conserved[k].name: problem.held.values[:, i] for i, k in enumerate(problem.held.which)
     }
     values = {**problem.values, problem.parameter: parameter}
-    found = newton(problem.mapping, starts, values, fix=fix, most=10)
-    good = np.flatnonzero(found.converged)
+    fixed = newton(problem.mapping, starts, values, fix=fix, most=10)
+    good = np.flatnonzero(fixed.converged)
     if not good.size:
-        return here, found.converged
-    sign = np.sign(here.tangent[good, -1])
-    branch_points = problem[good].first(found.points[good], found.drift[good], parameter[good], sign)
-    return here.merged(good, branch_points), found.converged
+        return before, fixed.converged
+    sign = np.sign(before.tangent[good, -1])
+    branch_points = problem[good].first(fixed.points[good], fixed.drift[good], parameter[good], sign)
+    return before.merged(good, branch_points), fixed.converged
 
 
 def _distance(problem: ContinuationProblem, a: BranchPoints, b: BranchPoints) -> PerBranch:

@@ -107,9 +107,9 @@ class _Equations:
         at = self.low + self.width * several[:, -2:]
         values = {**self.values, **{name: at[:, k] for k, name in enumerate(self.names)}}
         images = self.mapping.linearised(points, values)
-        held = self.held[np.zeros(n, int)]
-        miss = residuals(self.mapping, points, several[:, size:-2], images, held) / self.scale
-        A = matrices(images, held) * self.scale[None, None, :] / self.scale[None, :, None]
+        constraints = self.held[np.zeros(n, int)]
+        miss = residuals(self.mapping, points, several[:, size:-2], images, constraints) / self.scale
+        A = matrices(images, constraints) * self.scale[None, None, :] / self.scale[None, :, None]
         bad = ~images.sound
         miss[bad], A[bad] = np.nan, np.nan
         return miss, A, images
@@ -164,20 +164,20 @@ def fold_curves(
     n, records = len(starts), []
     complete = mapping.complete({**values, **begin}, n)
     for row in range(n):
-        mine = {name: each[row : row + 1] for name, each in complete.items()}
-        found, why = _first_fold(
-            mapping, starts[np.array([row])], mine, parameters, within, to_fold, fix, steps
+        row_values = {name: column[row : row + 1] for name, column in complete.items()}
+        fold, why = _first_fold(
+            mapping, starts[np.array([row])], row_values, parameters, within, to_fold, fix, steps
         )
-        if found is None:
+        if fold is None:
             at = {name: float(complete[name][row]) for name in parameters}
             records.append({"row": row, "point": 0, **at, "end": why})
             continue
-        equations, here = found
+        equations, first = fold
         if towards:
-            records += _followed(equations, here, float(np.sign(towards)), row, steps)
+            records += _followed(equations, first, float(np.sign(towards)), row, steps)
             continue
-        behind, ahead = (_followed(equations, here, sign, row, steps) for sign in (-1.0, 1.0))
-        records += [{**each, "point": -each["point"]} for each in behind[:0:-1]] + ahead
+        behind, ahead = (_followed(equations, first, sign, row, steps) for sign in (-1.0, 1.0))
+        records += [{**record, "point": -record["point"]} for record in behind[:0:-1]] + ahead
         if len(behind) == 1 < len(ahead):
             ahead[0]["end"] = behind[0]["end"]
     return pd.DataFrame(records)
@@ -195,35 +195,35 @@ def _first_fold(
 ) -> tuple[tuple[_Equations, FoldPoint] | None, str]:
     """The first fold on the branch through a start, or why there is none."""
     first = parameters[0]
-    found = newton(mapping, start, values, fix=fix)
-    if not found.converged[0]:
-        return None, NewtonOutcome(int(found.outcome[0])).name
-    held = ConservedConstraints.of(mapping, fix, found.images.conserved_values)
-    others = {name: each for name, each in values.items() if name != first}
-    problem = ContinuationProblem.of(mapping, first, within[first], others, held, found.points.at)
-    here = problem.first(found.points, found.drift, values[first], float(np.sign(to_fold) or 1))
-    ahead = [here] if to_fold else [here, dataclasses.replace(here, tangent=-here.tangent)]
+    fixed = newton(mapping, start, values, fix=fix)
+    if not fixed.converged[0]:
+        return None, NewtonOutcome(int(fixed.outcome[0])).name
+    constraints = ConservedConstraints.of(mapping, fix, fixed.images.conserved_values)
+    others = {name: column for name, column in values.items() if name != first}
+    problem = ContinuationProblem.of(mapping, first, within[first], others, constraints, fixed.points.at)
+    before = problem.first(fixed.points, fixed.drift, values[first], float(np.sign(to_fold) or 1))
+    ahead = [before] if to_fold else [before, dataclasses.replace(before, tangent=-before.tangent)]
     lengths, ends = [np.array([steps.longest]) for _ in ahead], [""] * len(ahead)
     for _ in range(MOST_TO_A_FOLD):
         for k in (k for k, end in enumerate(ends) if not end):
             steps.on_progress([0], [0.0])
-            here = ahead[k]
-            there, ok = problem.step(here, lengths[k])
+            before = ahead[k]
+            after, ok = problem.step(before, lengths[k])
             if not ok[0]:
                 lengths[k] = 0.5 * lengths[k]
                 ends[k] = "lost" if lengths[k][0] < steps.shortest else ""
-            elif not problem.low <= there.parameter[0] <= problem.high:
+            elif not problem.low <= after.parameter[0] <= problem.high:
                 ends[k] = "no_fold"
-            elif branch_test(problem, here)[0] * branch_test(problem, there)[0] < 0.0:
-                ahead[k] = there  # at a pitchfork, a branch that turns has no fold
-            elif fold_test(problem, here)[0] * fold_test(problem, there)[0] < 0.0:
-                turns = fold_test(problem, here)[0], fold_test(problem, there)[0]
-                fold = located_on_branch(problem, here, lengths[k][0], fold_test, turns)
+            elif branch_test(problem, before)[0] * branch_test(problem, after)[0] < 0.0:
+                ahead[k] = after  # at a pitchfork, a branch that turns has no fold
+            elif fold_test(problem, before)[0] * fold_test(problem, after)[0] < 0.0:
+                turns = fold_test(problem, before)[0], fold_test(problem, after)[0]
+                fold = located_on_branch(problem, before, lengths[k][0], fold_test, turns)
                 if fold is not None:
                     return _on_curve(problem, fold[0], parameters, within, values)
                 ends[k] = "lost"
             else:
-                ahead[k] = there
+                ahead[k] = after
     return None, "lost" if "lost" in ends else "no_fold"
 
 
@@ -239,7 +239,7 @@ def _on_curve(
     width = np.array([float(max(within[name])) for name in parameters]) - low
     k = len(problem.held.which)
     scale = np.concatenate([sizes(fold.points.at)[0], np.ones(k)])
-    others = {name: each[0] for name, each in values.items() if name not in parameters}
+    others = {name: column[0] for name, column in values.items() if name not in parameters}
     equations = _Equations(
         problem.mapping, (parameters[0], parameters[1]), low, width, others, problem.held, scale
     )
@@ -289,12 +289,12 @@ def _differentiated(
         tangent = np.linalg.svd(matrix)[2][-1]
         if before is not None and tangent @ before < 0.0:
             tangent = -tangent
-    observed = {name: float(each[0]) for name, each in images.observed.items()}
+    observed = {name: float(column[0]) for name, column in images.observed.items()}
     point = Points(unknowns[None, : like.at.shape[1]] * equations.scale[: like.at.shape[1]], like.modes)
-    curvature, found = float(-matrix[m, :m] @ v), np.full(1, np.nan, complex)
+    curvature, factors = float(-matrix[m, :m] @ v), np.full(1, np.nan, complex)
     if np.isfinite(images.jacobian[0]).all():
-        found = multipliers(images.jacobian[:1], gradients)[0]
-    return FoldPoint(point, unknowns, matrix, tangent, v, w, curvature, found, observed, corrections)
+        factors = multipliers(images.jacobian[:1], gradients)[0]
+    return FoldPoint(point, unknowns, matrix, tangent, v, w, curvature, factors, observed, corrections)
 
 
 def _null_vectors(
@@ -315,23 +315,23 @@ def _null_vectors(
     )
 
 
-def _stepped(equations: _Equations, here: FoldPoint, length: float) -> FoldPoint | None:
+def _stepped(equations: _Equations, before: FoldPoint, length: float) -> FoldPoint | None:
     """The point of the curve one arclength step ahead; None where the corrections do not converge."""
-    guess = length * here.tangent
-    matrix = np.concatenate([here.matrix, here.tangent[None]])
-    change, step, like = guess.copy(), np.zeros_like(guess), here.point
+    guess = length * before.tangent
+    matrix = np.concatenate([before.matrix, before.tangent[None]])
+    change, step, like = guess.copy(), np.zeros_like(guess), before.point
     norm = np.inf
     for taken in range(1, MOST_CORRECTIONS + 1):
-        unknowns = here.unknowns + change
+        unknowns = before.unknowns + change
         miss, A, images = equations.at(like, unknowns[None])
         if not np.isfinite(A).all():
             return None
-        _, _, g = _null_vectors(A[0], here.w, here.v)
-        off = here.tangent @ change - length
+        _, _, g = _null_vectors(A[0], before.w, before.v)
+        off = before.tangent @ change - length
         now = float(np.max(np.abs(miss[0])))
         if now <= TOLERANCE and abs(g) <= FOLD_TOLERANCE and abs(off) <= 1e-9:
-            there = _differentiated(equations, like, unknowns, here.w, here.v, here.tangent, taken)
-            return there if np.isfinite(there.tangent).all() else None
+            after = _differentiated(equations, like, unknowns, before.w, before.v, before.tangent, taken)
+            return after if np.isfinite(after.tangent).all() else None
         if max(now, abs(g)) > 10.0 * norm + 1e-3:
             return None
         norm = max(now, abs(g))
@@ -348,59 +348,59 @@ def _stepped(equations: _Equations, here: FoldPoint, length: float) -> FoldPoint
 
 
 def _followed(
-    equations: _Equations, here: FoldPoint, sign: float, row: int, steps: ArclengthSteps
+    equations: _Equations, before: FoldPoint, sign: float, row: int, steps: ArclengthSteps
 ) -> list[dict[str, Any]]:
     """The records of one curve, from its first fold in the direction `sign` of the second parameter."""
-    if not np.isfinite(here.tangent).all():
-        return [_record(equations, here, row, 0, "") | {"end": "lost"}]
-    if sign * here.tangent[-1] < 0.0:
-        here = dataclasses.replace(here, tangent=-here.tangent)
-    records = [_record(equations, here, row, 0, "")]
+    if not np.isfinite(before.tangent).all():
+        return [_record(equations, before, row, 0, "") | {"end": "lost"}]
+    if sign * before.tangent[-1] < 0.0:
+        before = dataclasses.replace(before, tangent=-before.tangent)
+    records = [_record(equations, before, row, 0, "")]
     length, end = steps.first, "most"
     while len(records) < steps.most:
         steps.on_progress([len(records)], [len(records) / steps.most])
-        there = _stepped(equations, here, length)
-        if there is None or there.tangent @ here.tangent < 0.9:
+        after = _stepped(equations, before, length)
+        if after is None or after.tangent @ before.tangent < 0.9:
             length *= 0.5
             if length >= steps.shortest:
                 continue
-            leap = _leap(equations, here, steps.longest)
+            leap = _leap(equations, before, steps.longest)
             if leap is None:
                 end = "lost"
                 break
             records.append(_record(equations, leap, row, len(records), "kink"))
-            here, length = leap, steps.first
+            before, length = leap, steps.first
             continue
-        if here.curvature * there.curvature < 0.0:
-            tip = _cusp(equations, here, there, length)
+        if before.curvature * after.curvature < 0.0:
+            tip = _cusp(equations, before, after, length)
             if tip is not None:
                 records.append(_record(equations, tip, row, len(records), "cusp"))
-        if np.any((there.unknowns[-2:] < 0.0) | (there.unknowns[-2:] > 1.0)):
+        if np.any((after.unknowns[-2:] < 0.0) | (after.unknowns[-2:] > 1.0)):
             end = "range"
             break
-        records.append(_record(equations, there, row, len(records), ""))
-        if there.corrections <= 5:
+        records.append(_record(equations, after, row, len(records), ""))
+        if after.corrections <= 5:
             length = min(1.4 * length, steps.longest)
-        here = there
+        before = after
     records[-1]["end"] = end
     return records
 
 
-def _leap(equations: _Equations, here: FoldPoint, longest: float) -> FoldPoint | None:
+def _leap(equations: _Equations, before: FoldPoint, longest: float) -> FoldPoint | None:
     """The point behind a corner or a jump of the map, where no short step leads over it; else None."""
     for share in JUMPS:
-        there = _stepped(equations, here, share * longest)
-        if there is not None and there.tangent @ here.tangent > 0.0:
-            return there
+        after = _stepped(equations, before, share * longest)
+        if after is not None and after.tangent @ before.tangent > 0.0:
+            return after
     return None
 
 
-def _cusp(equations: _Equations, here: FoldPoint, there: FoldPoint, length: float) -> FoldPoint | None:
+def _cusp(equations: _Equations, before: FoldPoint, after: FoldPoint, length: float) -> FoldPoint | None:
     """The cusp on a step of a curve."""
     cusp = located(
-        (here.curvature, there.curvature),
+        (before.curvature, after.curvature),
         length,
-        lambda arclength: _stepped(equations, here, arclength),
+        lambda arclength: _stepped(equations, before, arclength),
         lambda point: point.curvature,
         0.0,
         SHORTEST_INTERVAL,
@@ -408,22 +408,22 @@ def _cusp(equations: _Equations, here: FoldPoint, there: FoldPoint, length: floa
     return None if cusp is None else cusp[0]
 
 
-def _record(equations: _Equations, here: FoldPoint, row: int, point: int, special: str) -> dict[str, Any]:
-    at, m = equations.parameters(here.unknowns), len(here.v)
-    critical = int(np.argmin(np.abs(here.multipliers - 1.0)))
-    others = np.delete(here.multipliers, critical)
+def _record(equations: _Equations, fold: FoldPoint, row: int, point: int, special: str) -> dict[str, Any]:
+    at, m = equations.parameters(fold.unknowns), len(fold.v)
+    critical = int(np.argmin(np.abs(fold.multipliers - 1.0)))
+    others = np.delete(fold.multipliers, critical)
     return {
         "row": row,
         "point": point,
         **dict(zip(equations.names, map(float, at), strict=True)),
-        **here.observed,
-        "multiplier": float(here.multipliers[critical].real),
+        **fold.observed,
+        "multiplier": float(fold.multipliers[critical].real),
         "unstable": int(np.sum(np.abs(others) > 1.0)),
         # near a fold w' F_p dp + curvature x^2 / 2 = 0
-        "side": float(-np.sign(here.curvature * (here.w @ here.matrix[:m, m]))),
-        "curvature": here.curvature,
+        "side": float(-np.sign(fold.curvature * (fold.w @ fold.matrix[:m, m]))),
+        "curvature": fold.curvature,
         "special": special,
-        "corrections": here.corrections,
+        "corrections": fold.corrections,
         "end": "",
     }
 

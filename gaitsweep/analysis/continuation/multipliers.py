@@ -22,10 +22,10 @@ def multipliers(
     """
     if gradients is not None and gradients.shape[1]:
         jacobian = np.stack([_restricted(a, g) for a, g in zip(jacobian, gradients, strict=True)])
-    found = np.asarray(np.linalg.eigvals(jacobian), complex)
+    factors = np.asarray(np.linalg.eigvals(jacobian), complex)
     # of two conjugates the one with the positive imaginary part comes first
-    order = np.lexsort((-np.imag(found), -np.round(np.abs(found), 12)), axis=-1)
-    return np.take_along_axis(found, order, axis=-1)
+    order = np.lexsort((-np.imag(factors), -np.round(np.abs(factors), 12)), axis=-1)
+    return np.take_along_axis(factors, order, axis=-1)
 
 
 def _restricted(

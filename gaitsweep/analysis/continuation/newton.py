@@ -54,9 +54,9 @@ class ConservedConstraints:
         cls,
         mapping: Map,
         fix: Sequence[str] | Mapping[str, object],
-        kept: Float[np.ndarray, "points conserved"],
+        conserved: Float[np.ndarray, "points conserved"],
     ) -> ConservedConstraints:
-        """Constrain the quantities named by `fix` to its values, or to those in `kept` (n, all quantities).
+        """Constrain the quantities named by `fix` to its values, or to those in `conserved`.
 
         Raises:
             ValueError: the map conserves no quantity of that name.
@@ -66,19 +66,19 @@ class ConservedConstraints:
             if name not in names:
                 raise ArgumentError(f"{name} is not conserved by this map{near_miss.suggestion(name, names)}")
         which = tuple(names.index(name) for name in fix)
-        values = kept[:, which].copy()
+        values = conserved[:, which].copy()
         if isinstance(fix, Mapping):
-            for place, given in enumerate(fix.values()):
-                if given is not None:
-                    values[:, place] = np.asarray(given, np.float64)
+            for place, value in enumerate(fix.values()):
+                if value is not None:
+                    values[:, place] = np.asarray(value, np.float64)
         return cls(which, values, np.array([mapping.conserved[k].circular for k in which], bool))
 
     def __getitem__(self, rows: np.ndarray) -> ConservedConstraints:
         return dataclasses.replace(self, values=self.values[rows])
 
-    def residuals(self, kept: Float[np.ndarray, "points conserved"]) -> Drifts:
+    def residuals(self, conserved: Float[np.ndarray, "points conserved"]) -> Drifts:
         """The residuals of the constraints, (n, k)."""
-        return wrap_difference(kept[:, self.which] - self.values, self.circular)
+        return wrap_difference(conserved[:, self.which] - self.values, self.circular)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,8 +104,8 @@ class FixedPoints:
 
     def __repr__(self) -> str:
         counts = zip(*np.unique(self.outcome, return_counts=True), strict=True)
-        each = ", ".join(f"{number} {NewtonOutcome(outcome).name}" for outcome, number in counts)
-        return f"FixedPoints({each}: {listed(self.points.at[self.converged])})"
+        outcomes = ", ".join(f"{number} {NewtonOutcome(outcome).name}" for outcome, number in counts)
+        return f"FixedPoints({outcomes}: {listed(self.points.at[self.converged])})"
 
 
 def sizes(at: Float[np.ndarray, "... coordinates"]) -> Float[np.ndarray, "... coordinates"]:
@@ -114,21 +114,22 @@ def sizes(at: Float[np.ndarray, "... coordinates"]) -> Float[np.ndarray, "... co
 
 
 def residuals(
-    mapping: Map, points: Points, drift: Drifts, images: MapEvaluation, held: ConservedConstraints
+    mapping: Map, points: Points, drift: Drifts, images: MapEvaluation, constraints: ConservedConstraints
 ) -> Unknowns:
     """The residuals of Newton's equations, (n, size + k): zero at a fixed point."""
     moved = mapping.difference(images.points.at, points.at)
-    spread = along(images.conserved_jacobian[:, held.which])
+    spread = along(images.conserved_jacobian[:, constraints.which])
     return np.concatenate(
-        [moved - np.einsum("nsk,nk->ns", spread, drift), held.residuals(images.conserved_values)], axis=1
+        [moved - np.einsum("nsk,nk->ns", spread, drift), constraints.residuals(images.conserved_values)],
+        axis=1,
     )
 
 
 def matrices(
-    images: MapEvaluation, held: ConservedConstraints
+    images: MapEvaluation, constraints: ConservedConstraints
 ) -> Float[np.ndarray, "points unknowns unknowns"]:
     """The Jacobians (n, size + k, size + k) of `residuals` over the coordinates and the drifts."""
-    gradients = images.conserved_jacobian[:, held.which]
+    gradients = images.conserved_jacobian[:, constraints.which]
     n, size, _ = images.jacobian.shape
     k = gradients.shape[1]
     matrix = np.zeros((n, size + k, size + k))
@@ -238,24 +239,26 @@ class _Search:
     ) -> Bool[np.ndarray, " searches"]:
         """Mask of accepted steps, by images alone: if the residual falls; the last wherever defined."""
         trial, drift = _moved(self.mapping, self.points[rows], self.drift[rows], self.images[rows], step)
-        values = {name: each[rows] for name, each in self.values.items()}
+        values = {name: column[rows] for name, column in self.values.items()}
         images = self.mapping.images(trial, values)
         norm = norms(residuals(self.mapping, trial, drift, images, self.held[rows]), trial.at)
         taken = images.sound & (last | (norm < PATIENCE * self.residual[rows]) | (norm <= self.tolerance))
-        kept = np.flatnonzero(taken)
-        if kept.size:
-            done, trial = rows[kept], trial[kept]
-            images = self.mapping.linearised(trial, {name: each[kept] for name, each in values.items()})
+        accepted = np.flatnonzero(taken)
+        if accepted.size:
+            done, trial = rows[accepted], trial[accepted]
+            images = self.mapping.linearised(
+                trial, {name: column[accepted] for name, column in values.items()}
+            )
             self.points, self.images = self.points.merged(done, trial), self.images.merged(done, images)
-            self.drift[done], self.residual[done] = drift[kept], norm[kept]
+            self.drift[done], self.residual[done] = drift[accepted], norm[accepted]
         return taken
 
 
 def _steps(
-    mapping: Map, points: Points, drift: Drifts, images: MapEvaluation, held: ConservedConstraints
+    mapping: Map, points: Points, drift: Drifts, images: MapEvaluation, constraints: ConservedConstraints
 ) -> tuple[Unknowns, Bool[np.ndarray, " points"]]:
     """The next step (n, size + k), an iterate of the map where singular, and whether it is regular."""
-    matrix, miss = matrices(images, held), residuals(mapping, points, drift, images, held)
+    matrix, miss = matrices(images, constraints), residuals(mapping, points, drift, images, constraints)
     size = points.at.shape[1]
     scale = np.ones_like(miss)
     scale[:, :size] = sizes(points.at)

@@ -56,8 +56,8 @@ class PlainMap(Map):
         return jnp.stack([jnp.zeros(()), *(function(values, at) for _, function in self.invariants)])[1:]
 
     def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
-        held = {**dict(self.defaults), **values}
-        return {name: np.broadcast_to(np.asarray(v, np.float64), (n,)).copy() for name, v in held.items()}
+        complete = {**dict(self.defaults), **values}
+        return {name: np.broadcast_to(np.asarray(v, np.float64), (n,)).copy() for name, v in complete.items()}
 
     def refined(self) -> None:
         return None

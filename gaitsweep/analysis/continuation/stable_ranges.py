@@ -38,11 +38,11 @@ def stable_ranges(table: pd.DataFrame, parameter: str, least: float = LEAST) -> 
     require(table, "row", "point", parameter, "stable", "special", "end")
     table = table.dropna(subset=["stable"]).sort_values(["row", "point"], kind="stable")
     width = np.ptp(table[parameter].to_numpy(float)) if len(table) else 0.0
-    found = []
+    records = []
     for _, branch in table.groupby(["row", *(["branch"] if "branch" in table else [])], sort=True):
-        found += [{"row": branch["row"].iloc[0], **each} for each in _pieces(branch, parameter)]
+        records += [{"row": branch["row"].iloc[0], **piece} for piece in _pieces(branch, parameter)]
     names = ["row", *(["gait"] if "gait" in table else []), "low", "high", "low_by", "high_by"]
-    pieces = pd.DataFrame(found, columns=pd.Index(names))
+    pieces = pd.DataFrame(records, columns=pd.Index(names))
     wide = pieces["high"].to_numpy(float) - pieces["low"].to_numpy(float) > least * width
     return pieces.iloc[np.flatnonzero(wide)].reset_index(drop=True)
 
@@ -55,11 +55,13 @@ def range_of_gait(table: pd.DataFrame, parameter: str, gait: str) -> pd.DataFram
     """
     require(table, "gait")
     ranges = stable_ranges(table, parameter)
-    mine = ranges.iloc[np.flatnonzero(ranges["gait"] == gait)]
-    if not len(mine):
+    ranges_of_gait = ranges.iloc[np.flatnonzero(ranges["gait"] == gait)]
+    if not len(ranges_of_gait):
         known = ", ".join(sorted(set(ranges["gait"]))) or "none"
         raise AnalysisError(f"no branch is stable in the gait {gait}. Stable here: {known}.")
-    by_width = mine.assign(width=mine["high"] - mine["low"]).sort_values(["row", "width"], kind="stable")
+    by_width = ranges_of_gait.assign(width=ranges_of_gait["high"] - ranges_of_gait["low"]).sort_values(
+        ["row", "width"], kind="stable"
+    )
     return by_width.drop_duplicates("row", keep="last").drop(columns=["gait", "width"]).reset_index(drop=True)
 
 
@@ -94,5 +96,5 @@ def _by(special: Shaped[np.ndarray, " points"], end: Shaped[np.ndarray, " points
         return str(end[k])
     if k == 0:
         return "start"
-    beside = special[k : k + 2]
-    return "kink" if "kink" in beside else ""
+    neighbours = special[k : k + 2]
+    return "kink" if "kink" in neighbours else ""

@@ -69,17 +69,17 @@ class Drift(NamedTuple):
         """The curve at one position: by a parabola if the points show curvature, else by a line."""
         where = np.array([place])
         where = where if self.begin is None else unwrap_from(where, self.begin)
-        found = None
+        best = None
         for width in self.bandwidth * np.array(_NARROWER):
             for degree in (2, 1):
                 smooth = local_polynomial(*self.points, where, width, degree, width == self.bandwidth)
                 if np.isfinite(smooth.value[0]):
                     break
-            found = smooth if found is None or np.isfinite(smooth.value[0]) else found
+            best = smooth if best is None or np.isfinite(smooth.value[0]) else best
             if not _astray(self.points, smooth, width, self.bandwidth)[0]:
                 break
-        assert found is not None
-        return found
+        assert best is not None
+        return best
 
 
 def drifts_of(value: Pairs, change: Pairs, row: RowOfPair, bandwidth: float, circular: bool) -> list[Drift]:
@@ -99,7 +99,7 @@ def drifts_of(value: Pairs, change: Pairs, row: RowOfPair, bandwidth: float, cir
     step = bandwidth / _A_BANDWIDTH
     order = np.argsort(value, kind="stable")
     every = (value, change, row, once_a_place(value, row, step))
-    points = Points(*(each[order] for each in every))
+    points = Points(*(values[order] for values in every))
     first, n = (np.diff(row, prepend=np.nan) != 0)[order], len(value)
     value, change, _, share = points
     if not circular:
@@ -120,12 +120,12 @@ def drifts_of(value: Pairs, change: Pairs, row: RowOfPair, bandwidth: float, cir
             return [_closed(points, bandwidth, step)]
         begin = int(np.flatnonzero(after)[-1]) + 1
         if begin < n:
-            points = Points(*(np.roll(each, -begin) for each in points))
+            points = Points(*(np.roll(values, -begin) for values in points))
             points = points._replace(value=np.r_[value[begin:], value[:begin] + TURN])
         ends = np.flatnonzero(np.roll(after, -begin)[:-1]) + 1
-    pieces = zip(*(np.split(each, ends) for each in points), strict=True)
-    found = [_piece(Points(*each), bandwidth, step, circular) for each in pieces]
-    return sorted(found, key=lambda piece: float(piece.points.value[0]))
+    pieces = zip(*(np.split(values, ends) for values in points), strict=True)
+    drifts = [_piece(Points(*values), bandwidth, step, circular) for values in pieces]
+    return sorted(drifts, key=lambda piece: float(piece.points.value[0]))
 
 
 def breaks(
@@ -169,8 +169,8 @@ def _gaps(value: Pairs, first: PairFlags, bandwidth: float, step: float) -> Bool
         middle = 0.5 * (value[k] + value[k + 1])
         start = int(np.searchsorted(starts, middle)) - 1
         if 0 <= start < len(apart):
-            beside = np.r_[apart[max(start - 1, 0) : start], apart[start + 1 : start + 2]]
-            usual = max(usual, _STARTS_WIDER * float(beside.max())) if beside.size else usual
+            neighbours = np.r_[apart[max(start - 1, 0) : start], apart[start + 1 : start + 2]]
+            usual = max(usual, _STARTS_WIDER * float(neighbours.max())) if neighbours.size else usual
         wide[k] = spacing[k] > min(max(usual, step), _WIDEST * bandwidth)
     return wide
 
@@ -178,7 +178,7 @@ def _gaps(value: Pairs, first: PairFlags, bandwidth: float, step: float) -> Bool
 def _jumps(
     value: Pairs, change: Pairs, share: Pairs, bandwidth: float, step: float
 ) -> Bool[np.ndarray, " gaps"]:
-    found = np.zeros(len(value) - 1, bool)
+    jumps = np.zeros(len(value) - 1, bool)
     difference = np.abs(np.diff(change))
     # a jump is far larger than what the points around it differ by, from one to the next
     usual = scipy.ndimage.median_filter(difference, 2 * _NEIGHBOURS + 1, mode="nearest")
@@ -195,12 +195,12 @@ def _jumps(
         right, right_error, right_residual = above
         leap = abs(right - left)
         error = float(np.hypot(left_error, right_error))
-        found[k] = (
+        jumps[k] = (
             leap > _SURE * error
             and leap > _A_JUMP * max(left_residual, right_residual)
             and _STEP[0] * leap < difference[k] < _STEP[1] * leap
         )
-    return found
+    return jumps
 
 
 def _line(
@@ -208,8 +208,8 @@ def _line(
 ) -> tuple[float, float, float] | None:
     """The line through point k and some beyond it, at a place: value, error, largest residual."""
     last = int(np.searchsorted(value, value[k] + way * bandwidth, "right" if way > 0 else "left"))
-    mine = np.arange(k, last) if way > 0 else np.arange(k, last - 1, -1)
-    x, y, weight = np.abs(value[mine] - place), change[mine], share[mine]
+    pairs = np.arange(k, last) if way > 0 else np.arange(k, last - 1, -1)
+    x, y, weight = np.abs(value[pairs] - place), change[pairs], share[pairs]
     enough = (np.cumsum(weight) >= _LEAST) & (x - x[:1] >= step) & (np.arange(len(x)) >= 3)
     if not enough.any():
         return None
@@ -235,13 +235,13 @@ def _closed(points: Points, bandwidth: float, step: float) -> Drift:
     low = float(points.value[0])
     around = np.concatenate([points.value - TURN, points.value, points.value + TURN])
     near = (around > low - 2.0 * bandwidth) & (around < low + TURN + 2.0 * bandwidth)
-    points = Points(*(np.tile(each, 3)[near] for each in points))._replace(value=around[near])
+    points = Points(*(np.tile(values, 3)[near] for values in points))._replace(value=around[near])
     count = int(np.ceil(TURN / step))
     smooth = _followed(points, low + TURN * np.arange(count) / count, bandwidth)
     # begin at the most significant sign, so that no zero is at the ends
     sure = np.abs(smooth.value) / np.maximum(smooth.value_error, 1e-300)
     way = np.arange(count + 1) + int(np.argmax(np.nan_to_num(sure)))
-    smooth = Smooth(*(each[way % count] for each in smooth))
+    smooth = Smooth(*(values[way % count] for values in smooth))
     smooth = smooth._replace(at=smooth.at + TURN * (way // count))
     return Drift(points, bandwidth, low, True, smooth)
 
@@ -253,8 +253,8 @@ def _followed(points: Points, at: Float[np.ndarray, " positions"], bandwidth: fl
     wrong = np.flatnonzero(_astray(points, smooth, bandwidth, bandwidth))
     for width in bandwidth * np.array(_NARROWER[1:]):
         closer = local_polynomial(*points, at[wrong], width, widen=False)
-        for each, better in zip(smooth, closer, strict=True):
-            each[wrong] = better
+        for values, better in zip(smooth, closer, strict=True):
+            values[wrong] = better
         wrong = wrong[_astray(points, closer, width, bandwidth, unknown=True)]
     smooth.value[wrong] = np.nan
     return smooth
@@ -269,14 +269,14 @@ def _astray(
     near = width / _A_BANDWIDTH
     low, high = np.searchsorted(value, smooth.at - near), np.searchsorted(value, smooth.at + near, "right")
     for k in np.flatnonzero(np.isfinite(smooth.value) & (high - low >= _AT_A_PLACE)):
-        here = slice(low[k], high[k])
-        weight = share[here]
+        window = slice(low[k], high[k])
+        weight = share[window]
         if weight.sum() < _AT_A_PLACE:
             continue
-        beside = change[here] - smooth.value[k] - smooth.slope[k] * (value[here] - smooth.at[k])
-        mean = float(np.average(beside, weights=weight))
+        residual = change[window] - smooth.value[k] - smooth.slope[k] * (value[window] - smooth.at[k])
+        mean = float(np.average(residual, weights=weight))
         effective = float(weight.sum()) ** 2 / float((weight**2).sum())
-        error = np.sqrt(np.average((beside - mean) ** 2, weights=weight) / (effective - 1.0))
+        error = np.sqrt(np.average((residual - mean) ** 2, weights=weight) / (effective - 1.0))
         much, many = _ASTRAY
         off = abs(mean) / np.hypot(1.0, 1.0 + smooth.slope[k])  # distance normal to the map
         wrong[k] = off > much * bandwidth and abs(mean) > (0.5 * many if unknown else many) * error
@@ -288,36 +288,36 @@ def _twofold(points: Points, smooth: Smooth, bandwidth: float) -> Bool[np.ndarra
     value, change, *_ = points
     low = np.searchsorted(value, smooth.at - bandwidth)
     high = np.searchsorted(value, smooth.at + bandwidth, "right")
-    found = np.zeros(len(smooth.at), bool)
+    twofold = np.zeros(len(smooth.at), bool)
     for k in np.flatnonzero(np.isfinite(smooth.value) & (high - low >= _BRANCHES)):
-        here = slice(low[k], high[k])
-        beside = _beside_own_branch(value[here] - smooth.at[k], change[here] - smooth.value[k])
-        order = np.argsort(beside)
-        beside, at = beside[order], value[here][order]
-        between = np.diff(beside[_A_BRANCH - 1 : len(beside) - _A_BRANCH + 1])
+        window = slice(low[k], high[k])
+        residual = _beside_own_branch(value[window] - smooth.at[k], change[window] - smooth.value[k])
+        order = np.argsort(residual)
+        residual, at = residual[order], value[window][order]
+        between = np.diff(residual[_A_BRANCH - 1 : len(residual) - _A_BRANCH + 1])
         split = int(np.argmax(between)) + _A_BRANCH
-        if between.max() <= _TWOFOLD * max(np.ptp(beside[:split]), np.ptp(beside[split:])):
+        if between.max() <= _TWOFOLD * max(np.ptp(residual[:split]), np.ptp(residual[split:])):
             continue
         one, other = at[:split], at[split:]
         begin, end = max(one.min(), other.min()), min(one.max(), other.max())
-        both = [np.count_nonzero((each >= begin) & (each <= end)) for each in (one, other)]
-        found[k] = min(both) >= _A_BRANCH
-    return found
+        both = [np.count_nonzero((branch >= begin) & (branch <= end)) for branch in (one, other)]
+        twofold[k] = min(both) >= _A_BRANCH
+    return twofold
 
 
-def _beside_own_branch(away: Pairs, beside: Pairs) -> Pairs:
+def _beside_own_branch(away: Pairs, above: Pairs) -> Pairs:
     """The changes without the common slope of those above a curve and those below it."""
     tilt = 0.0
     for _ in range(3):
-        level = beside - tilt * away
+        level = above - tilt * away
         up = level > 0.5 * (level.max() + level.min())
-        x, y = away.copy(), beside.copy()
+        x, y = away.copy(), above.copy()
         for side in (up, ~up):
             if side.any():
                 x[side] -= x[side].mean()
                 y[side] -= y[side].mean()
         tilt = float(x @ y) / max(float(x @ x), 1e-300)
-    return beside - tilt * away
+    return above - tilt * away
 
 
 def once_a_place(value: Pairs, row: RowOfPair, step: float) -> Pairs:
@@ -337,10 +337,12 @@ def once_a_place(value: Pairs, row: RowOfPair, step: float) -> Pairs:
     order = np.lexsort((value, visit))
     ends = np.flatnonzero(np.diff(visit[order], prepend=np.nan, append=np.nan))
     for begin, end in itertools.pairwise(ends):
-        mine = order[begin:end]
-        here = value[mine]
-        near = np.searchsorted(here, here + step, "right") - np.searchsorted(here, here - step, "left")
-        share[mine] = 1.0 / near
+        members = order[begin:end]
+        places = value[members]
+        near = np.searchsorted(places, places + step, "right") - np.searchsorted(
+            places, places - step, "left"
+        )
+        share[members] = 1.0 / near
     return share
 
 
@@ -364,7 +366,7 @@ def zeros_of(drift: Drift) -> list[Zero]:
     """
     at, value, error = drift.smooth.at, drift.smooth.value, drift.smooth.value_error
     sure = np.flatnonzero(np.isfinite(value) & (np.abs(value) > SURE * error))
-    found = []
+    zeros = []
     for i, j in itertools.pairwise(sure):
         if value[i] * value[j] > 0 or not np.isfinite(value[i : j + 1]).all():
             continue
@@ -378,11 +380,11 @@ def zeros_of(drift: Drift) -> list[Zero]:
             place, smooth = nearer, drift.at(nearer)
         falls = bool(value[i] > 0)
         if np.isfinite(smooth.slope[0]) and _confirmed(drift, place, falls):
-            found.append(Zero(place, smooth, falls, float(at[j] - at[i]) / 2))
-    return [*_rest_at_ends(drift, found), *found]
+            zeros.append(Zero(place, smooth, falls, float(at[j] - at[i]) / 2))
+    return [*_rest_at_ends(drift, zeros), *zeros]
 
 
-def _rest_at_ends(drift: Drift, found: list[Zero]) -> list[Zero]:
+def _rest_at_ends(drift: Drift, between: list[Zero]) -> list[Zero]:
     """States that rows reach from one side only: the end of a piece where its rows are at rest."""
     at, value, error = drift.smooth.at, drift.smooth.value, drift.smooth.value_error
     sure = np.flatnonzero(np.isfinite(value) & (np.abs(value) > SURE * error))
@@ -395,7 +397,7 @@ def _rest_at_ends(drift: Drift, found: list[Zero]) -> list[Zero]:
             continue
         smooth = drift.at(place)
         beyond = way * -float(smooth.value[0] / smooth.slope[0])
-        apart = min((abs(place - each.place) for each in found), default=np.inf)
+        apart = min((abs(place - zero.place) for zero in between), default=np.inf)
         if abs(beyond) <= _OUTSIDE * drift.bandwidth < apart:
             falls = bool(way * value[inner] > 0)
             zeros.append(Zero(place, smooth, falls, abs(float(at[inner]) - place)))
@@ -438,12 +440,12 @@ def _confirmed(drift: Drift, place: float, falls: bool) -> bool:
     return not bridged
 
 
-def _remains(drift: Drift, mine: PairFlags, away: Pairs, width: float) -> tuple[float, float, float] | None:
+def _remains(drift: Drift, near: PairFlags, away: Pairs, width: float) -> tuple[float, float, float] | None:
     """Value at a zero of the line through the points of one side, its error, and their mean size."""
-    if not mine.any():
+    if not near.any():
         return None
-    _, change, row, share = (each[mine] for each in drift.points)
-    smooth = local_polynomial(away[mine], change, row, share, np.zeros(1), width)
+    _, change, row, share = (values[near] for values in drift.points)
+    smooth = local_polynomial(away[near], change, row, share, np.zeros(1), width)
     if not np.isfinite(smooth.value[0]):
         return None
     size = float(np.average(np.abs(change), weights=share))
@@ -456,7 +458,7 @@ def ghosts_of(drift: Drift, near: float) -> list[tuple[float, float, float]]:
     A minimum is one where the drift is larger by two standard errors on both sides of it.
     """
     at, value, error = drift.smooth.at, drift.smooth.value, drift.smooth.value_error
-    found = []
+    ghosts = []
     for sign in (1.0, -1.0):
         peaks, known = scipy.signal.find_peaks(
             np.where(np.isfinite(value), -sign * value, -np.inf), prominence=0.0
@@ -467,6 +469,6 @@ def ghosts_of(drift: Drift, near: float) -> list[tuple[float, float, float]]:
                 bend = value[k + 1] - 2.0 * value[k] + value[k - 1]
                 aside = 0.5 * (value[k - 1] - value[k + 1]) / bend if bend else 0.0
                 place = float(at[k] + aside * (at[k + 1] - at[k]))
-                there = drift.at(place)
-                found.append((place, float(there.value[0]), float(there.value_error[0])))
-    return sorted(found)
+                smooth = drift.at(place)
+                ghosts.append((place, float(smooth.value[0]), float(smooth.value_error[0])))
+    return sorted(ghosts)

@@ -109,13 +109,13 @@ def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = L
     """
     name = section_column(table, observable)
     circular, axes = is_circular(table, name), axes_of(table)
-    found = []
+    records = []
     for course in courses(table, observable, parameter):
         for start, stop in stretches(course, least):
             number = int(course.passes[stop if course.settled is not None else (start + stop) // 2])
             passed = course.parameter[start : stop + 1]
             before, after = course.value[[start, stop]]
-            found.append(
+            records.append(
                 {
                     **_place(course, axes),
                     "pass": number,
@@ -128,15 +128,17 @@ def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = L
                 }
             )
     columns = ["row", *axes, "pass", "direction", "low", "high", "before", "after", "size"]
-    return pd.DataFrame(found, columns=columns)
+    return pd.DataFrame(records, columns=columns)
 
 
 def largest_jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST) -> pd.DataFrame:
     """The largest of the `jumps` of each row and pass, in the same columns, without `irregular_passes`."""
-    found = jumps(table, observable, parameter, least)
-    apart = _irregular(found, table, observable, parameter, least)
-    keys, apart = (pd.MultiIndex.from_frame(each[["row", "pass"]]) for each in (found, apart))
-    steady = found.loc[~keys.isin(apart)]
+    all_jumps = jumps(table, observable, parameter, least)
+    apart = _irregular(all_jumps, table, observable, parameter, least)
+    keys, apart = (
+        pd.MultiIndex.from_frame(table_of_jumps[["row", "pass"]]) for table_of_jumps in (all_jumps, apart)
+    )
+    steady = all_jumps.loc[~keys.isin(apart)]
     largest = steady.assign(height=steady["size"].abs()).sort_values("height", kind="stable")
     return largest.drop_duplicates(["row", "pass"], keep="last").drop(columns="height").sort_index()
 
@@ -154,10 +156,13 @@ def irregular_passes(
 
 
 def _irregular(
-    found: pd.DataFrame, table: pd.DataFrame, observable: str, parameter: str, least: float
+    all_jumps: pd.DataFrame, table: pd.DataFrame, observable: str, parameter: str, least: float
 ) -> pd.DataFrame:
     """The `irregular_passes` of a table whose `jumps` are found."""
-    apart = {(row, int(number)) for row, number in found.loc[_oscillating(found), ["row", "pass"]].to_numpy()}
+    apart = {
+        (row, int(number))
+        for row, number in all_jumps.loc[_oscillating(all_jumps), ["row", "pass"]].to_numpy()
+    }
     for course in courses(table, observable, parameter):
         for number in np.unique(course.passes):
             if _reversals(course.value[records_of(course, int(number))], least) >= 2:
@@ -230,7 +235,7 @@ def transition_points_by_gait(
     by = list(by)
     require(table, "status", parameter, start, gait, *by)
     columns = [*by, "gait", "direction", "kept", "lost", "low", "high", "rows"]
-    found = []
+    records = []
     for place, rows in panels_of(table, by):
         part = table.iloc[rows]
         labels = part[gait].astype(object)
@@ -239,8 +244,8 @@ def transition_points_by_gait(
         for name in names:
             if str(name) != "none":
                 edges = _edges_of(part, parameter, start, (labels == name).to_numpy())
-                found += [{**place, "gait": name, **edge} for edge in edges]
-    return pd.DataFrame(found, columns=columns)
+                records += [{**place, "gait": name, **edge} for edge in edges]
+    return pd.DataFrame(records, columns=columns)
 
 
 def loop_area(table: pd.DataFrame, observable: str, parameter: str) -> pd.DataFrame:
@@ -260,11 +265,11 @@ def loop_area(table: pd.DataFrame, observable: str, parameter: str) -> pd.DataFr
     """
     name = section_column(table, observable)
     circular, axes = is_circular(table, name), axes_of(table)
-    found = []
+    records = []
     for course in courses(table, observable, parameter):
         for loop in range(int(course.passes.max()) // 2 + 1):
-            found.append({**_place(course, axes), "loop": loop, **_area(course, 2 * loop, circular)})
-    return pd.DataFrame(found, columns=["row", *axes, "loop", "area", "signed", "low", "high"])
+            records.append({**_place(course, axes), "loop": loop, **_area(course, 2 * loop, circular)})
+    return pd.DataFrame(records, columns=["row", *axes, "loop", "area", "signed", "low", "high"])
 
 
 def _observables(table: pd.DataFrame) -> list[str]:
@@ -281,9 +286,9 @@ def _joined(parts: list[pd.DataFrame]) -> pd.DataFrame:
     return joined
 
 
-def _oscillating(found: pd.DataFrame) -> Bool[np.ndarray, " jumps"]:
+def _oscillating(all_jumps: pd.DataFrame) -> Bool[np.ndarray, " jumps"]:
     """Whether each of the `jumps` is of a pass whose jumps reverse direction at least twice, (n,)."""
-    size, one = found["size"].to_numpy(float), found.groupby(["row", "pass"]).ngroup().to_numpy(int)
+    size, one = all_jumps["size"].to_numpy(float), all_jumps.groupby(["row", "pass"]).ngroup().to_numpy(int)
     back = (size[1:] * size[:-1] < 0.0) & (one[1:] == one[:-1])
     turns = np.bincount(one[1:][back], minlength=int(one.max(initial=0)) + 1)
     return turns[one] >= 2
@@ -293,12 +298,12 @@ def _reversals(value: Float[np.ndarray, " records"], least: float) -> int:
     """The number of times that a course turns back, having moved by `least` or more since the last turn."""
     turns, way = 0, 0
     low = high = value[0]
-    for each in value:
-        low, high = min(low, each), max(high, each)
-        if way <= 0 and each - low >= least:
-            turns, way, high = turns + (way < 0), 1, each
-        elif way >= 0 and high - each >= least:
-            turns, way, low = turns + (way > 0), -1, each
+    for x in value:
+        low, high = min(low, x), max(high, x)
+        if way <= 0 and x - low >= least:
+            turns, way, high = turns + (way < 0), 1, x
+        elif way >= 0 and high - x >= least:
+            turns, way, low = turns + (way > 0), -1, x
     return turns
 
 
@@ -316,16 +321,16 @@ def _edges_of(
     value = part[parameter].to_numpy(float)
     known = []
     for at in np.unique(value[own & np.isfinite(value)]):
-        here = own & (value == at)
-        rows = int(settled[here].sum())
-        if rows or not undecided[here].any():
+        at_value = own & (value == at)
+        rows = int(settled[at_value].sum())
+        if rows or not undecided[at_value].any():
             known.append((float(at), rows))
     edges = []
     for (low, below), (high, above) in itertools.pairwise(known):
         if bool(below) == bool(above):
             continue
-        kept, lost, direction = (low, high, "rising") if below else (high, low, "falling")
-        edge = {"direction": direction, "kept": kept, "lost": lost, "low": low, "high": high}
+        side_kept, lost, direction = (low, high, "rising") if below else (high, low, "falling")
+        edge = {"direction": direction, "kept": side_kept, "lost": lost, "low": low, "high": high}
         edges.append({**edge, "rows": max(below, above)})
     return edges
 
@@ -340,8 +345,8 @@ def _area(course: Course, first: int, circular: bool) -> dict[str, float]:
     if high <= low:
         return nothing
     grid = np.unique(np.clip(np.concatenate([at for at, _ in branches]), low, high))
-    here, there = (np.interp(grid, at, value) for at, value in branches)
-    difference = (here - there) if rising(course, first) else (there - here)
+    first_branch, second_branch = (np.interp(grid, at, value) for at, value in branches)
+    difference = (first_branch - second_branch) if rising(course, first) else (second_branch - first_branch)
     difference = wrapped_difference(difference) if circular else difference
     area, signed = np.trapezoid(np.abs(difference), grid), np.trapezoid(difference, grid)
     return {"area": float(area), "signed": float(signed), "low": float(low), "high": float(high)}
@@ -351,9 +356,9 @@ def _branch(
     course: Course, number: int, circular: bool
 ) -> tuple[Float[np.ndarray, " records"], Float[np.ndarray, " records"]]:
     """The parameter's values in a pass, ascending, and the observable at each."""
-    mine = records_of(course, number)
-    at, which = np.unique(course.parameter[mine], return_inverse=True)
-    value = course.value[mine]
+    records = records_of(course, number)
+    at, which = np.unique(course.parameter[records], return_inverse=True)
+    value = course.value[records]
     if not circular or not len(at):
         return at, np.bincount(which, value) / np.bincount(which) if len(at) else at
     means = np.array([mean_direction(value[which == i]) for i in range(len(at))])

@@ -83,14 +83,14 @@ def where_it_moves(parameter: Float[np.ndarray, " records"]) -> int:
 
 def records_of(course: Course, number: int) -> Int[np.ndarray, " of_pass"]:
     """The indices (k,) of a pass's records with the turning point before it; empty without such a pass."""
-    mine = np.flatnonzero(course.passes == number)
-    return np.arange(max(mine[0] - 1, 0), mine[-1] + 1) if len(mine) else mine
+    members = np.flatnonzero(course.passes == number)
+    return np.arange(max(members[0] - 1, 0), members[-1] + 1) if len(members) else members
 
 
 def rising(course: Course, number: int) -> bool:
     """Whether the parameter rises in a pass of a course."""
-    mine = records_of(course, number)
-    return bool(course.parameter[mine[-1]] >= course.parameter[mine[0]])
+    members = records_of(course, number)
+    return bool(course.parameter[members[-1]] >= course.parameter[members[0]])
 
 
 def _between_holds(
@@ -99,7 +99,7 @@ def _between_holds(
     """The jumps between holds; changes in one direction across unsettled holds are one jump."""
     change = np.diff(value)
     least = max(least, STEEPER * float(np.quantile(np.abs(change), 0.25)))
-    found = []
+    moves = []
     begin = 0
     while begin < len(change):
         end = begin + 1
@@ -107,9 +107,9 @@ def _between_holds(
             end += 1
         start, stop = _without_feet(value, begin, end, HOLD_FOOT)
         if abs(value[stop] - value[start]) >= least:
-            found.append((start, stop))
+            moves.append((start, stop))
         begin = end
-    return found
+    return moves
 
 
 def _without_feet(

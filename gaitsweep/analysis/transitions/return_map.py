@@ -46,20 +46,20 @@ def pairs(table: pd.DataFrame, observable: str, by: By = None) -> pd.DataFrame:
     Raises:
         AnalysisError: the table does not have a column.
     """
-    name, kept = section_column(table, observable), dict.fromkeys([*axes_of(table), *_listed(by)])
-    require(table, "row", "crossing", *kept)
+    name, columns = section_column(table, observable), dict.fromkeys([*axes_of(table), *_listed(by)])
+    require(table, "row", "crossing", *columns)
     table = table.sort_values(["row", "crossing"], kind="stable")
     table = table.loc[sound(table, name)]
     row, crossing = table["row"].to_numpy(), table["crossing"].to_numpy()
     value = table[name].to_numpy(float)
     first = np.flatnonzero((row[1:] == row[:-1]) & (crossing[1:] == crossing[:-1] + 1))
-    found = table[["row", *kept, "crossing"]].iloc[first].reset_index(drop=True)
-    here, there = value[first], value[first + 1]
+    records = table[["row", *columns, "crossing"]].iloc[first].reset_index(drop=True)
+    before, after = value[first], value[first + 1]
     if is_circular(table, name):
-        return found.assign(
-            value=np.mod(here, TURN), next=np.mod(there, TURN), change=wrapped_difference(there - here)
+        return records.assign(
+            value=np.mod(before, TURN), next=np.mod(after, TURN), change=wrapped_difference(after - before)
         )
-    return found.assign(value=here, next=there, change=there - here)
+    return records.assign(value=before, next=after, change=after - before)
 
 
 def drift(
@@ -78,7 +78,7 @@ def drift(
         are), drift, slope (of the drift), drift_error and slope_error (standard errors from the scatter),
         count, piece (the number of the piece of the data, between gaps and jumps).
     """
-    found = []
+    parts = []
     for place, piece, curve in _drifts(table, observable, by, bandwidth):
         smooth = curve.smooth
         columns = {
@@ -90,10 +90,12 @@ def drift(
             "count": smooth.points,
             "piece": np.full(len(smooth.at), piece),
         }
-        part = pd.DataFrame({**{name: [each] * len(smooth.at) for name, each in place.items()}, **columns})
-        found.append(part[np.isfinite(smooth.value)])
+        part = pd.DataFrame(
+            {**{name: [value_of_panel] * len(smooth.at) for name, value_of_panel in place.items()}, **columns}
+        )
+        parts.append(part[np.isfinite(smooth.value)])
     columns = [*_listed(by), "value", "drift", "slope", "drift_error", "slope_error", "count", "piece"]
-    return pd.concat(found, ignore_index=True) if found else pd.DataFrame(columns=columns)
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
 
 
 def fixed_points(
@@ -115,11 +117,11 @@ def fixed_points(
         noise.
     """
     columns = [*_listed(by), "value", "value_error", "slope", "slope_error", "stable", "count"]
-    found = []
+    records = []
     for place, _, curve in _drifts(table, observable, by, bandwidth):
         for value, smooth, falls, within in zeros_of(curve):
             slope, error = float(smooth.slope[0]), float(smooth.value_error[0])
-            found.append(
+            records.append(
                 {
                     **place,
                     "value": np.mod(value, TURN) if curve.circular else value,
@@ -130,7 +132,7 @@ def fixed_points(
                     "count": int(smooth.points[0]),
                 }
             )
-    return pd.DataFrame(found, columns=columns)
+    return pd.DataFrame(records, columns=columns)
 
 
 def ghosts(
@@ -149,12 +151,12 @@ def ghosts(
     Returns:
         One record a ghost: by, value, drift (signed), drift_error (standard error).
     """
-    found = []
+    records = []
     for place, _, curve in _drifts(table, observable, by, bandwidth):
         for value, least, error in ghosts_of(curve, near):
             where = np.mod(value, TURN) if curve.circular else value
-            found.append({**place, "value": where, "drift": least, "drift_error": error})
-    return pd.DataFrame(found, columns=[*_listed(by), "value", "drift", "drift_error"])
+            records.append({**place, "value": where, "drift": least, "drift_error": error})
+    return pd.DataFrame(records, columns=[*_listed(by), "value", "drift", "drift_error"])
 
 
 def branches(
@@ -188,12 +190,12 @@ def _drifts(
     """The drift of each combination of `by` and piece: the values of `by`, the piece's number, the curve."""
     name, names = section_column(table, observable), _listed(by)
     circular = is_circular(table, name)
-    found = pairs(table, observable, by)
-    if not len(found):
+    all_pairs = pairs(table, observable, by)
+    if not len(all_pairs):
         return
-    width = bandwidth or (BANDWIDTH if circular else _SHARE * float(np.ptp(found["value"])) or BANDWIDTH)
-    for place, rows in panels_of(found, names):
-        part = found.iloc[rows]
+    width = bandwidth or (BANDWIDTH if circular else _SHARE * float(np.ptp(all_pairs["value"])) or BANDWIDTH)
+    for place, rows in panels_of(all_pairs, names):
+        part = all_pairs.iloc[rows]
         value = part["value"].to_numpy()
         value = unwrap_from(value, branch_cut(value)) if circular else value
         change, row = part["change"].to_numpy(), part["row"].to_numpy()
@@ -209,7 +211,7 @@ def _joined(
     if not len(points):
         return branch
     value, stable = points["value"].to_numpy(float), points["stable"].to_numpy(bool)
-    at = [np.flatnonzero(points[parameter] == each) for each in tried]
+    at = [np.flatnonzero(points[parameter] == value_of_parameter) for value_of_parameter in tried]
     count = 0
     before = np.zeros(0, int)
     for now in at:

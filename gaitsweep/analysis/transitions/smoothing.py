@@ -62,7 +62,7 @@ def local_polynomial(
     order = np.argsort(x, kind="stable")
     x, y, group, share = x[order], y[order], group[order], share[order]
     widths = bandwidth * np.array(WIDER if degree == 1 and widen else WIDER[:1])
-    found = []
+    lines = []
     for place in at:
         line = (*_NOTHING, 0)
         for width in widths:
@@ -72,8 +72,8 @@ def local_polynomial(
             line = (value, slope / width, errors[0], errors[1] / width, high - low)
             if np.isfinite(value):
                 break
-        found.append(line)
-    value, slope, value_error, slope_error, points = np.array(found, float).reshape(-1, 5).T
+        lines.append(line)
+    value, slope, value_error, slope_error, points = np.array(lines, float).reshape(-1, 5).T
     return Smooth(np.asarray(at, float), value, slope, value_error, slope_error, points.astype(int))
 
 

@@ -79,7 +79,7 @@ class Comparison:
     @property
     def wrong(self) -> list[Parting]:
         """Times at which the motions part for a cause."""
-        return [each for each in self.partings if each.cause]
+        return [parting for parting in self.partings if parting.cause]
 
 
 def compare(model: MjcfModel, steps: int) -> Comparison:
@@ -88,9 +88,9 @@ def compare(model: MjcfModel, steps: int) -> Comparison:
         both = _Both(model, steps)
         m = model.mjx_body.mj_model
         starts = [*_keyframes(m), *_random(m, model.mjx_body.at_start())]
-        found = [both.from_start(*start) for start in starts]
-    partings = [parting for parting, _ in found if parting is not None]
-    return Comparison(len(starts), steps, max(largest for _, largest in found), partings)
+        results = [both.from_start(*start) for start in starts]
+    partings = [parting for parting, _ in results if parting is not None]
+    return Comparison(len(starts), steps, max(largest for _, largest in results), partings)
 
 
 class _Both:
@@ -105,9 +105,9 @@ class _Both:
         self._params, self._state = _at_default(model)
         dt = jnp.asarray(m.opt.timestep)
 
-        def one(carry: Any, given: Any) -> Any:
+        def one(carry: Any, step_inputs: Any) -> Any:
             params, state = carry
-            before, begins, tolerance = given
+            before, begins, tolerance = step_inputs
             state = jax.tree.map(lambda new, old: jnp.where(begins, new, old), before, state)
             after = model.step_with({"opt.tolerance": tolerance}, params, state, dt)
             return (params, after), (after, model.checked_control(params, state))
@@ -155,8 +155,8 @@ class _Both:
     def _stepped(self, states: Any, begins: bool, tolerance: float) -> tuple[Any, np.ndarray]:
         """States after each step, and its controls; with `begins` each step starts from one of `states`."""
         flags = np.full(self._steps, begins)
-        found = self._program(self._params, states, flags, np.full(self._steps, tolerance))
-        return jax.tree.map(np.asarray, found)
+        outputs = self._program(self._params, states, flags, np.full(self._steps, tolerance))
+        return jax.tree.map(np.asarray, outputs)
 
     def _cause(
         self, i: int, steps: int, before: Any, ours: np.ndarray, controls: np.ndarray, time: float
@@ -167,10 +167,10 @@ class _Both:
         for k in range(steps):
             state = jax.tree.map(lambda leaf, k=k: leaf[k], before.body)
             theirs = []
-            for each in (self._exact, m):
+            for c_model in (self._exact, m):
                 data = self._body.at_start()
                 _place(data, state, time + k * m.opt.timestep)
-                theirs.append(_after_step(each, data, controls[k]))
+                theirs.append(_after_step(c_model, data, controls[k]))
             off = _off(exact[k], theirs[0])
             if off[:moved].max(initial=0.0) > _OF_A_STEP:
                 return f"{_acting(m, data)} (from step {k + 1} on)"
@@ -204,15 +204,18 @@ def at_first_use(model: MjcfModel) -> list[str]:
 
 def _sentences(model: MjcfModel, control: np.ndarray) -> list[str]:
     m = model.mjx_body.mj_model
-    found = cautions(m)
+    sentences = cautions(m)
     wanted = np.asarray(model.keyframe_ctrl)
     if wanted.any() and not np.array_equal(wanted, control):
-        found.append(
+        sentences.append(
             "The keyframe of the start has controls (ctrl), but control gives others there: "
             "keyframe_ctrl has them."
         )
-    causes = {each.cause: each for each in reversed(compare(model, FIRST_USE).wrong)}
-    return [*found, *(f"The MJCF moves differently in MuJoCo C. {each}" for each in causes.values())]
+    causes = {parting.cause: parting for parting in reversed(compare(model, FIRST_USE).wrong)}
+    return [
+        *sentences,
+        *(f"The MJCF moves differently in MuJoCo C. {parting}" for parting in causes.values()),
+    ]
 
 
 def _at_default(model: MjcfModel) -> tuple[Any, Any]:
@@ -227,8 +230,8 @@ def _defaults(quantities: Iterable[Quantity], known: dict[str, float]) -> dict[s
     formulas = {
         q.name: q.default if q.default is not None else float(np.clip(1.0, q.low, q.high)) for q in quantities
     }
-    found = resolve(formulas, known)
-    return {name: float(found[name]) for name in formulas}
+    values = resolve(formulas, known)
+    return {name: float(values[name]) for name in formulas}
 
 
 # the starts

@@ -195,8 +195,8 @@ class MjxBody:
             # RK4 writes those of its stages over the sensors
             data = _INTEGRATE[self.mj_model.opt.integrator](model, data).replace(sensordata=sensors)
         warm = data.qacc_warmstart if state.warm.size else state.warm
-        found = BodyState(data.qpos, data.qvel, data.act, warm, jnp.full(state.time.shape, data.time))
-        return jax.tree.map(lambda new, old: new.astype(old.dtype), found, state), data
+        after = BodyState(data.qpos, data.qvel, data.act, warm, jnp.full(state.time.shape, data.time))
+        return jax.tree.map(lambda new, old: new.astype(old.dtype), after, state), data
 
     def pressures(self, data: Any) -> Float[Array, " contacts"]:
         """The normal force (k,) N of each possible contact, at the beginning of the step to `data`.

@@ -114,7 +114,7 @@ class MjcfModel(Declared, SteppedModel):
 
     def init(self, params: Any, start: Values, /) -> Any:
         body = self.mjx_body
-        places = [jnp.asarray(each) for each in _places(type(self))]
+        places = [jnp.asarray(addresses) for addresses in _places(type(self))]
         for which, i, quantity in _coordinates(type(self)):
             places[which] = places[which].at[i].set(start[quantity.name])
         sensors = jnp.zeros(body.mj_model.nsensordata)
@@ -138,35 +138,35 @@ class MjcfModel(Declared, SteppedModel):
         Raises:
             ValueError: it has another shape.
         """
-        given = jnp.asarray(self.control(params, state), float)
+        control = jnp.asarray(self.control(params, state), float)
         m = self.mjx_body.mj_model
-        if given.shape != (m.nu,):
+        if control.shape != (m.nu,):
             names = ", ".join(m.actuator(i).name or f"actuator {i}" for i in range(m.nu)) or "none"
             raise ValueError(
-                f"control returns the shape {given.shape}, but must return ({m.nu},), a number for each "
+                f"control returns the shape {control.shape}, but must return ({m.nu},), a number for each "
                 f"actuator of the MJCF ({names})."
             )
-        return given
+        return control
 
     def events(self, params: Any, before: Any, after: Any, /) -> Bool[Array, " events"]:
         fired = []
-        for each in self.single_events():
-            ends = each.height(self, params, after) >= 0.0
-            begins = each.height(self, params, before) < 0.0
-            allowed = each.within(after) & each.holds(params, after)
-            fired.append(allowed & (begins & ends if each.declared.rising else ends))
+        for event in self.single_events():
+            ends = event.height(self, params, after) >= 0.0
+            begins = event.height(self, params, before) < 0.0
+            allowed = event.within(after) & event.holds(params, after)
+            fired.append(allowed & (begins & ends if event.declared.rising else ends))
         return jnp.stack(fired) if fired else jnp.zeros((0,), bool)
 
     def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
         before = state
-        for each, flag in zip(self.single_events(), fired, strict=True):
-            if each.jumps:
-                after = each.jumped(self, params, state)
+        for event, flag in zip(self.single_events(), fired, strict=True):
+            if event.jumps:
+                after = event.jumped(self, params, state)
                 state = jax.tree.map(lambda new, old, f=flag: jnp.where(f, new, old), after, state)
         return self._stepped(params, before, state)
 
     def section(self, params: Any, before: Any, fired: Bool[Array, " events"], /) -> Bool[Array, ""]:
-        closed = [flag for each, flag in zip(self.single_events(), fired, strict=True) if each.is_section]
+        closed = [flag for event, flag in zip(self.single_events(), fired, strict=True) if event.is_section]
         return jnp.any(jnp.stack(closed)) if closed else jnp.zeros((), bool)
 
     def longest_step(self, params: Any, /) -> Float[Array, ""]:
@@ -211,7 +211,7 @@ def _source(kind: type[MjcfModel]) -> str:
 
 def _path(kind: type[MjcfModel]) -> Path:
     """The file of a model's body, from the folder of the class that names it."""
-    owner = next(each for each in kind.__mro__ if "body_file" in vars(each))
+    owner = next(base for base in kind.__mro__ if "body_file" in vars(base))
     file = getattr(sys.modules.get(owner.__module__), "__file__", None)
     folder = Path() if file is None else Path(file).parent
     return folder / kind.body_file
@@ -267,10 +267,10 @@ def _coordinates(kind: type[MjcfModel]) -> list[tuple[int, int, Quantity]]:
 
     m = _body(kind).mj_model
     defaults = _places(kind)
-    found: list[tuple[int, int, Quantity]] = []
+    coordinates: list[tuple[int, int, Quantity]] = []
 
     def add(which: int, i: int, name: str, unit: str, meaning: str) -> None:
-        found.append((which, int(i), Quantity(name, unit, meaning, float(defaults[which][i]))))
+        coordinates.append((which, int(i), Quantity(name, unit, meaning, float(defaults[which][i]))))
 
     for j in range(m.njnt):
         name = re.sub(r"\W", "_", m.jnt(j).name or f"joint_{j + 1}")
@@ -283,4 +283,4 @@ def _coordinates(kind: type[MjcfModel]) -> list[tuple[int, int, Quantity]]:
             unit = "rad" if type_ == mujoco.mjtJoint.mjJNT_HINGE else "m"
             add(0, q, f"{name}_0", unit, f"position of joint {name} at the start")
             add(1, v, f"{name}_rate_0", f"{unit}/s", f"velocity of joint {name} at the start")
-    return found
+    return coordinates

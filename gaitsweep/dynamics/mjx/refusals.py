@@ -74,17 +74,17 @@ def refusals(model: mujoco.MjModel) -> list[str]:
 
 def cautions(model: mujoco.MjModel) -> list[str]:
     """A sentence for each feature of a compiled model that MJX computes otherwise than MuJoCo C."""
-    found: defaultdict[tuple[str, str], list[str]] = defaultdict(list)
+    pairs_by_shapes: defaultdict[tuple[str, str], list[str]] = defaultdict(list)
     if not model.opt.disableflags & _OFF.mjDSBL_CONTACT:
         for one, other, _ in collision_driver.geom_pairs(model):
             shapes = _shape(model, one), _shape(model, other)
             if shapes not in _SAME_CONTACTS:
                 names = " with ".join(f"'{_name(model, 'geom', i)}'" for i in (one, other))
-                found[_words(shapes[0]), _words(shapes[1])].append(names)
+                pairs_by_shapes[_words(shapes[0]), _words(shapes[1])].append(names)
     sentences = [
         f"Contacts between {one} and {other} ({_listed(pairs)}) are found by another algorithm than in "
         "MuJoCo C: motions through them may differ."
-        for (one, other), pairs in found.items()
+        for (one, other), pairs in pairs_by_shapes.items()
     ]
     for name in ("max_contact_points", "max_geom_pairs"):
         number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name)
@@ -103,14 +103,14 @@ def cautions(model: mujoco.MjModel) -> list[str]:
 
 def _free_alone(m: mujoco.MjModel) -> list[int]:
     """The free bodies without joints below them whose inertia depends on the axis."""
-    found = []
+    bodies = []
     for j in np.flatnonzero(m.jnt_type == mujoco.mjtJoint.mjJNT_FREE):
         body = int(m.jnt_bodyid[j])
         alone = (m.body_rootid[m.jnt_bodyid] == m.body_rootid[body]).sum() == 1
         parts = np.flatnonzero(m.body_rootid == m.body_rootid[body])
         if alone and (parts.size > 1 or np.ptp(m.body_inertia[body]) > 0.0 or m.body_ipos[body].any()):
-            found.append(body)
-    return found
+            bodies.append(body)
+    return bodies
 
 
 def untraceable(model: mujoco.MjModel, error: Exception) -> str:

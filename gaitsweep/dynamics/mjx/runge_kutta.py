@@ -36,7 +36,7 @@ def runge_kutta(model: Any, data: Any) -> Any:
         rates = _rate(moved, v, turns), data.qacc, data.act_dot
         stages.append(rates)
     v, qacc, act = (
-        sum(w * each for w, each in zip(_WEIGHTS, kind, strict=True)) for kind in zip(*stages, strict=True)
+        sum(w * stage for w, stage in zip(_WEIGHTS, kind, strict=True)) for kind in zip(*stages, strict=True)
     )
     data = data.replace(qpos=start.qpos, qvel=start.qvel, act=start.act, time=start.time)
     return forward._advance(model, data, act, qacc, v)

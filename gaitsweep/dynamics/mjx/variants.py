@@ -50,13 +50,13 @@ class Variants:
     def __init__(self, xml: str, edit: Edit, usual: Mapping[str, float]) -> None:
         self._xml, self._edit, self._names = xml, edit, tuple(usual)
         self._usual = self._compiled(tuple(usual.values()))
-        found: set[str] = set()
+        changing: set[str] = set()
         for name in usual:
             changed = self._compiled(tuple({**usual, name: 1.1 * usual[name]}.values()))
-            found |= {field for field, value in changed.items() if not _same(value, self._usual[field])}
-        if fixed := found & (self._usual.keys() - _DYNAMIC):
+            changing |= {field for field, value in changed.items() if not _same(value, self._usual[field])}
+        if fixed := changing & (self._usual.keys() - _DYNAMIC):
             raise ArgumentError(f"MJX cannot take {', '.join(sorted(fixed))} of a body from row to row.")
-        self.fields = tuple(sorted(found))
+        self.fields = tuple(sorted(changing))
         self._of_set = lru_cache(_KEPT)(self._found)
 
     def numbers(self, columns: Mapping[str, Float[np.ndarray, " rows"]]) -> Fields:

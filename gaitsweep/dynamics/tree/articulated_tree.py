@@ -157,16 +157,16 @@ class Tree:
         ]
         for i in range(len(self.links) - 1, -1, -1):
             parent, plane = self.links[i].parent, planes[i]
-            here = None if parent == WORLD else planes[parent]
-            if here is None:
+            normal = None if parent == WORLD else planes[parent]
+            if normal is None:
                 continue
             if plane is None:
                 planes[parent] = None
                 continue
             beyond = np.array(self.links[i].orientation) @ plane
-            if not here.any():
+            if not normal.any():
                 planes[parent] = beyond
-            elif beyond.any() and np.abs(np.cross(here, beyond)).max() > 1e-12:
+            elif beyond.any() and np.abs(np.cross(normal, beyond)).max() > 1e-12:
                 planes[parent] = None
         return planes
 

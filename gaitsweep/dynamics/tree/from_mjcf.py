@@ -167,5 +167,5 @@ def _dusted(values: np.ndarray) -> np.ndarray:
     return np.where(np.abs(values - whole) < _DUST, whole, values)
 
 
-def _name(given: str, kind: str, number: int) -> str:
-    return given or f"{kind} {number}"
+def _name(name: str, kind: str, number: int) -> str:
+    return name or f"{kind} {number}"

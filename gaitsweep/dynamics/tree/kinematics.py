@@ -62,14 +62,14 @@ def places(tree: Tree, geometry: Geometry, q: Float[Array, " nq"]) -> list[Place
         tree, geometry: the n links.
         q: positions (nq,): rad, m, and free joints' positions and quaternions, of any norm.
     """
-    found: list[Place] = []
+    placed: list[Place] = []
     angles: list[Scalar | None] = []  # sums of the hinge angles of each limb up to a link
     for i, (link, writing) in enumerate(zip(tree.links, tree.writings, strict=True)):
         if link.kind == "free":
             angles.append(None)
-            found.append(_free(geometry.anchor[i], q[tree.q_of[i]]))
+            placed.append(_free(geometry.anchor[i], q[tree.q_of[i]]))
             continue
-        parent = _GROUND if link.parent == WORLD else found[link.parent]
+        parent = _GROUND if link.parent == WORLD else placed[link.parent]
         angle = None if link.parent == WORLD else angles[link.parent]
         moved = 0.0 if link.kind == "fixed" else q[tree.q_of[i]][0] - geometry.reference[i]
         if link.kind == "hinge" and not writing.own:
@@ -77,8 +77,8 @@ def places(tree: Tree, geometry: Geometry, q: Float[Array, " nq"]) -> list[Place
             angle = turned if angle is None else angle + turned
         angles.append(angle)
         hung = geometry.position[i] + np.array(link.orientation) @ geometry.anchor[i] - parent.anchor
-        found.append(_jointed(link, writing, geometry.anchor[i], parent, parent.turn @ hung, moved, angle))
-    return found
+        placed.append(_jointed(link, writing, geometry.anchor[i], parent, parent.turn @ hung, moved, angle))
+    return placed
 
 
 def _free(anchor: Array, q: Array) -> Place:
@@ -133,14 +133,14 @@ def movements(tree: Tree, placed: Sequence[Place], v: Float[Array, " nv"]) -> li
         placed: their places.
         v: velocities (nv,), rad/s and m/s; of a free joint linear in the world, angular in the body.
     """
-    found: list[Movement] = []
+    moving: list[Movement] = []
     for i, (link, place) in enumerate(zip(tree.links, placed, strict=True)):
         rate = v[tree.v_of[i]]
         if link.kind == "free":
-            found.append(Movement(rate[3:], ZERO, rate[:3]))
+            moving.append(Movement(rate[3:], ZERO, rate[:3]))
             continue
         at_rest = Movement(ZERO, ZERO, ZERO)
-        parent = at_rest if link.parent == WORLD else found[link.parent]
+        parent = at_rest if link.parent == WORLD else moving[link.parent]
         motion = MotionVector(parent.angular, parent.linear).shifted(place.offset)
         if link.kind == "slide":
             motion = MotionVector(motion.angular, motion.linear + place.axis_across * rate[0])
@@ -150,8 +150,8 @@ def movements(tree: Tree, placed: Sequence[Place], v: Float[Array, " nv"]) -> li
             angular, linear, base = place.across.T @ angular, ZERO, base + frame @ linear
         if link.kind == "hinge":
             angular = angular + place.axis * rate[0]
-        found.append(Movement(angular, linear, base))
-    return found
+        moving.append(Movement(angular, linear, base))
+    return moving
 
 
 def velocity(place: Place, movement: Movement, point: Float[Array, " 3"]) -> Float[Array, " 3"]:

@@ -27,7 +27,9 @@ def _reshape(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
 def _slice(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     p = equation.params
     strides = p["strides"] or (1,) * args[0].ndim
-    cut = tuple(slice(*each) for each in zip(p["start_indices"], p["limit_indices"], strides, strict=True))
+    cut = tuple(
+        slice(*limits) for limits in zip(p["start_indices"], p["limit_indices"], strides, strict=True)
+    )
     return [args[0][cut]]
 
 

@@ -167,5 +167,5 @@ class CudaDevice:
     def launch(self, kernel: Any, threads: int, *args: DeviceArray | int) -> None:
         """Start a kernel with at least so many threads; its arguments are `DeviceArray` and int."""
         config = self._core.LaunchConfig(grid=-(-threads // THREADS), block=THREADS)
-        given = [a.buffer if isinstance(a, DeviceArray) else ctypes.c_longlong(a) for a in args]
-        self._core.launch(self._stream, config, kernel, *given)
+        converted = [a.buffer if isinstance(a, DeviceArray) else ctypes.c_longlong(a) for a in args]
+        self._core.launch(self._stream, config, kernel, *converted)

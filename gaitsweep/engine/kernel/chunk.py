@@ -110,7 +110,7 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
     Raises:
         UnsupportedError: the model uses an operation that the scalar kernel does not have.
     """
-    held, carry, record, _, _ = jax.eval_shape(lane.open, values, starts)
+    constants, carry, record, _, _ = jax.eval_shape(lane.open, values, starts)
     program = Program()
     tracer = Tracer(program)
     count = 0
@@ -124,33 +124,33 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
             count += array.size
         return jax.tree.unflatten(jax.tree.structure(tree), leaves), nodes
 
-    held_leaves, held_nodes = place(held, True)
+    constant_leaves, constant_nodes = place(constants, True)
     carry_leaves, carry_nodes = place(carry, False)
     record_leaves, record_nodes = place(record, False)
 
-    def changes(leaves: Any, given: list[Nodes]) -> dict[int, int]:
+    def changes(leaves: Any, nodes_after: list[Nodes]) -> dict[int, int]:
         slots: dict[int, int] = {}
-        for leaf, nodes in zip(jax.tree.leaves(leaves), given, strict=True):
+        for leaf, nodes in zip(jax.tree.leaves(leaves), nodes_after, strict=True):
             for i, at in enumerate(nodes.ravel().tolist()):
                 if not program.is_input(at, leaf.first + i):
                     slots[leaf.first + i] = at
         return slots
 
-    given = tracer.read(jax.make_jaxpr(lane.attempt)(held, carry), [*held_nodes, *carry_nodes])
-    attempt = changes(carry_leaves, given)
+    nodes_after = tracer.read(jax.make_jaxpr(lane.attempt)(constants, carry), [*constant_nodes, *carry_nodes])
+    attempt = changes(carry_leaves, nodes_after)
     plain, unusual = _plain(program, [*attempt.values()])
-    given = tracer.read(
-        jax.make_jaxpr(lane.poll)(held, carry, record), [*held_nodes, *carry_nodes, *record_nodes]
+    nodes_after = tracer.read(
+        jax.make_jaxpr(lane.poll)(constants, carry, record), [*constant_nodes, *carry_nodes, *record_nodes]
     )
-    poll = changes((carry_leaves, record_leaves), given[:-2])
-    sample, keep = given[-2].ravel().tolist(), int(given[-1])
+    poll = changes((carry_leaves, record_leaves), nodes_after[:-2])
+    sample, keep = nodes_after[-2].ravel().tolist(), int(nodes_after[-1])
     polled = [*poll.values(), *sample, keep]
     quiet, eventful = _plain(program, polled)
     wanted = [*attempt.values(), *plain, unusual, *polled, *quiet, eventful]
     steady = _steady_results(program, wanted)
     return Chunk(
         program=program,
-        held=held_leaves,
+        held=constant_leaves,
         carry=carry_leaves,
         record=record_leaves,
         attempt=attempt,
@@ -201,8 +201,8 @@ def _shared(
     """
     nodes = program.nodes
     changed = {slot for slot, at in zip(attempt, plain, strict=True) if not program.is_input(at, slot)}
-    given = set(steady)
-    needed = program.needed([*attempt.values(), *plain, unusual], given)
+    known = set(steady)
+    needed = program.needed([*attempt.values(), *plain, unusual], known)
     still: set[int] = set()
     for at in needed:
         node = nodes[at]

@@ -39,17 +39,19 @@ def over_rows(function: Callable[..., Any]) -> Callable[..., Any]:
     def of_rows(*trees: Any) -> Any:
         columns, structure = jax.tree.flatten(jax.tree.map(np.asarray, trees))
         shapes = [jax.ShapeDtypeStruct(column.shape[1:], column.dtype) for column in columns]
-        key = structure, tuple((each.shape, each.dtype) for each in shapes)
+        key = structure, tuple((shape.shape, shape.dtype) for shape in shapes)
         if key not in programs:
             try:
                 programs[key] = _by_numpy(function, jax.tree.unflatten(structure, shapes))
             except UnsupportedError:
                 programs[key] = _by_xla(function)
-        found = []
+        outputs = []
         for first in range(0, max(len(columns[0]), 1), _AT_A_TIME):
             part = [column[first : first + _AT_A_TIME] for column in columns]
-            found.append(programs[key](*jax.tree.unflatten(structure, part)))
-        return found[0] if len(found) == 1 else jax.tree.map(lambda *each: np.concatenate(each), *found)
+            outputs.append(programs[key](*jax.tree.unflatten(structure, part)))
+        if len(outputs) == 1:
+            return outputs[0]
+        return jax.tree.map(lambda *leaves: np.concatenate(leaves), *outputs)
 
     return of_rows
 
@@ -92,10 +94,10 @@ def _by_numpy(function: Callable[..., Any], shapes: Any) -> Callable[..., Any]:
                     values[at] = evaluate(*(values[argument] for argument in node.args))
 
         def array(nodes: Nodes, like: Any) -> np.ndarray:
-            found = np.empty((rows, math.prod(like.shape)), like.dtype)
+            outputs_of_rows = np.empty((rows, math.prod(like.shape)), like.dtype)
             for place, at in enumerate(nodes.ravel().tolist()):
-                found[:, place] = values[at]
-            return found.reshape(rows, *like.shape)
+                outputs_of_rows[:, place] = values[at]
+            return outputs_of_rows.reshape(rows, *like.shape)
 
         filled = [array(nodes, like) for nodes, like in zip(outputs, results, strict=True)]
         return jax.tree.unflatten(structure, filled)

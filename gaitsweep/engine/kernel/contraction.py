@@ -52,8 +52,8 @@ def contracted(chunk: Chunk) -> Chunk:
 
 def _only_in_sums(program: Program, needed: list[int]) -> set[int]:
     """The products that are arguments of sums and differences alone, and not constant along a trajectory."""
-    found = {at for at in needed if program.nodes[at].op == "mul" and not program.steady[at]}
+    products = {at for at in needed if program.nodes[at].op == "mul" and not program.steady[at]}
     for at in needed:
         if program.nodes[at].op not in _FUSED:
-            found.difference_update(program.nodes[at].args)
-    return found
+            products.difference_update(program.nodes[at].args)
+    return products

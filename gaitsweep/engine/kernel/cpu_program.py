@@ -27,10 +27,9 @@ from gaitsweep.engine.kernel.cache import binary_of
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.contraction import contracted
 from gaitsweep.engine.kernel.llvm_code import ARRAY, DOUBLE, INDEX, VOID, loop
-from gaitsweep.engine.kernel.python_source import Python, loaded, stored
 from gaitsweep.engine.kernel.registers import steps
 from gaitsweep.engine.kernel.schedule import from_the_end
-from gaitsweep.engine.kernel.source import name_all
+from gaitsweep.engine.kernel.source import PYTHON, name_all
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL
 
 _HAS = llvm.get_host_cpu_features()
@@ -47,19 +46,19 @@ _LOADED: dict[str, Callable[..., None]] = {}
 
 
 def compiled(chunk: Chunk, *, contraction: bool = True) -> tuple[Callable[[Any, Any, int], None], int]:
-    """The function `run(S, kept, polls)` that advances all tiles by a chunk, and the slots of a lane.
+    """The function `run(S, samples, polls)` that advances all tiles by a chunk, and the slots of a lane.
 
-    `S` (tiles, slots * lanes) float64, aligned to vectors; `kept` (tiles * lanes, BUFFER, width) receives the
-    rows to keep. The kernel is compiled now, or loaded from the cache.
+    `S` (tiles, slots * lanes) float64, aligned to vectors; `samples` (tiles * lanes, BUFFER, width)
+    receives the rows to keep. The kernel is compiled now, or loaded from the cache.
     """
     tile = Tile(chunk, TILE, contraction)
     kinds = ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64
     function = loaded_once(f"{tile.layout}\n{tile.source}", tile.module, *kinds)
 
-    def run(S: np.ndarray, kept: np.ndarray, polls: int) -> None:
+    def run(S: np.ndarray, samples: np.ndarray, polls: int) -> None:
         assert S.flags.c_contiguous
-        assert kept.flags.c_contiguous
-        function(S.ctypes.data, S.shape[0], kept.ctypes.data, polls)
+        assert samples.flags.c_contiguous
+        function(S.ctypes.data, S.shape[0], samples.ctypes.data, polls)
 
     return run, tile.slots
 
@@ -184,31 +183,33 @@ class Tile:
         targets: dict[int, list[str]] = {}
         for slot, at in outputs.items():
             targets.setdefault(at, []).append(self._place(slot, new))
-        held = {place: at for at, place in places.items()}
-        overwrites = {at: [held[place] for place in found if place in held] for at, found in targets.items()}
+        values_at = {place: at for at, place in places.items()}
+        overwrites = {
+            at: [values_at[place] for place in reads if place in values_at] for at, reads in targets.items()
+        }
         lines: list[str] = []
         touched: set[int] = set()  # loaded or stored since the last barrier
         room = self._room
         for what, at in steps(program, order, places, overwrites, registers, flag):
             kind = nodes[at].kind
             if what == "compute":
-                lines += name_all(Python(), program, [at], names)
+                lines += name_all(PYTHON, program, [at], names)
                 continue
             if what == "load":
                 if at in touched:
                     lines.append("barrier()")
                     touched.clear()
                 names[at] = f"x{at}"
-                lines.append(f"{names[at]} = {loaded(kind, places[at])}")
+                lines.append(f"{names[at]} = {PYTHON.loaded(kind, places[at])}")
             else:
                 if what == "store":
                     stores = [f"s[{room * self.lanes}]"]
                     room += 1
                 else:
                     stores = targets[at]
-                    name_all(Python(), program, [at], names)  # a constant
+                    name_all(PYTHON, program, [at], names)  # a constant
                 places[at] = stores[0]
-                lines += [f"{place} = {stored(kind, names[at])}" for place in stores]
+                lines += [f"{place} = {PYTHON.stored(kind, names[at])}" for place in stores]
             touched.add(at)
         self.slots = max(self.slots, room)
         return lines if flag is None else [*lines, f"unusual = {names[flag]}"]
@@ -240,7 +241,7 @@ class Tile:
         stages = [llvm_code.add_function(module, stage, self.lanes) for stage in self.stages]
         prepare, share, attempt, poll, back = stages
         run = ir.Function(module, ir.FunctionType(VOID, [ARRAY, INDEX, ARRAY, INDEX]), "run")
-        tiles_array, tiles, kept, polls = run.args
+        tiles_array, tiles, samples, polls = run.args
         builder = ir.IRBuilder(run.append_basic_block("entry"))
         side, apart = builder.alloca(INDEX), INDEX(self.apart * self.lanes)
         record, halt = self.chunk.record, self.chunk.carry.halt.first
@@ -265,7 +266,7 @@ class Tile:
                 builder.call(share, [s])
                 if row:
                     first = builder.mul(tile, INDEX(self.lanes * row))
-                    self._keep_samples(builder, s, builder.gep(kept, [first]), row)
+                    self._keep_samples(builder, s, builder.gep(samples, [first]), row)
             with builder.if_then(builder.icmp_signed("!=", builder.load(side), INDEX(0))):
                 builder.call(back, [s])
         builder.ret_void()
@@ -279,7 +280,7 @@ class Tile:
         with builder.if_then(builder.not_(llvm_code.some_lane(builder, zeros))):
             builder.branch(after)
 
-    def _keep_samples(self, builder: ir.IRBuilder, s: Any, kept: Any, row: int) -> None:
+    def _keep_samples(self, builder: ir.IRBuilder, s: Any, samples: Any, row: int) -> None:
         """Copy the samples of lanes whose flag is set to the rows to keep."""
 
         def slot(number: int, *places: Any) -> Any:
@@ -295,7 +296,7 @@ class Tile:
                 first = builder.add(first, builder.mul(lane, INDEX(row)))
                 with loop(builder, INDEX(self.chunk.width)) as (i, _):
                     value = slot(self.sample, builder.mul(i, INDEX(self.lanes)))
-                    builder.store(value, builder.gep(kept, [builder.add(first, i)]))
+                    builder.store(value, builder.gep(samples, [builder.add(first, i)]))
 
 
 def _choice(yes: list[str], no: list[str]) -> list[str]:

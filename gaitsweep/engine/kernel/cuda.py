@@ -40,11 +40,11 @@ def varying_slots(kernel: Kernel, names: frozenset[str]) -> frozenset[int]:
         return held
 
     leaves = jax.tree.leaves(kernel.chunk.held)
-    found = dependences(constants, *kernel.shapes)
+    dependent = dependences(constants, *kernel.shapes)
     return frozenset(
         leaf.first + i
-        for leaf, mine in zip(leaves, found, strict=True)
-        if mine & names
+        for leaf, names_of_leaf in zip(leaves, dependent, strict=True)
+        if names_of_leaf & names
         for i in range(leaf.size)
     )
 
@@ -103,11 +103,11 @@ class CudaLanes(KernelLanes):
         lanes: Int[np.ndarray, " opened"],
         opened: Float[np.ndarray, "opened slots"],
         samples: Float[np.ndarray, "opened width"],
-        kept: Bool[np.ndarray, " opened"],
+        keeps: Bool[np.ndarray, " opened"],
     ) -> None:
         first, n_opened = gpu_program.FILLING, opened.shape[1]
         part = self._staged[self._placed : self._placed + lanes.size]
-        part[:, 0], part[:, 1] = lanes, kept
+        part[:, 0], part[:, 1] = lanes, keeps
         part[:, first : first + n_opened] = opened
         part[:, first + n_opened :] = samples
         self._placed += lanes.size
@@ -133,8 +133,8 @@ class CudaLanes(KernelLanes):
         # the levels of the buffers that have new samples in some lane
         new = int(output.filled.max()) if width else 0
         if new:
-            kept = self._kept.from_card(new * size * width).reshape(new, size, width)
-            output = output._replace(kept=kept.transpose(1, 0, 2))
+            samples = self._kept.from_card(new * size * width).reshape(new, size, width)
+            output = output._replace(kept=samples.transpose(1, 0, 2))
         return output
 
 
@@ -154,11 +154,11 @@ class UniformConstants:
 
         A late row can differ from all rows before it, so this is called for every row.
         """
-        held = np.ascontiguousarray(constants).view(np.int64)
+        bits = np.ascontiguousarray(constants).view(np.int64)
         begun = self._first is not None
         if self._first is None:
-            self._first = held[0].copy()
-        varying = self.varying | {int(slot) for slot in np.flatnonzero((held != self._first).any(axis=0))}
+            self._first = bits[0].copy()
+        varying = self.varying | {int(slot) for slot in np.flatnonzero((bits != self._first).any(axis=0))}
         changed = varying != self.varying or not begun
         self.varying = varying
         return changed

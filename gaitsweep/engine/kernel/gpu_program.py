@@ -18,11 +18,11 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.kernel.c_source import C, function, loaded, stored, structure
+from gaitsweep.engine.kernel.c_source import function, structure
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.program import Kind
 from gaitsweep.engine.kernel.schedule import depth_first, scheduled
-from gaitsweep.engine.kernel.source import name_all, statements
+from gaitsweep.engine.kernel.source import C, name_all, statements
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
 # Threads of a block, each of which may have 255 registers, the maximum. With 168 or 128 registers more
@@ -139,7 +139,7 @@ def placing(chunk: Chunk, seen: Sequence[int], title: str) -> str:
     """
     program, nodes = chunk.program, list(chunk.steady.values())
     lines, names = _loads(chunk, program.needed(nodes))
-    more, results = statements(C(), program, nodes, names)
+    more, results = statements(C, program, nodes, names)
     stores = [
         _write(chunk, at, slot, result) for slot, at, result in zip(chunk.steady, nodes, results, strict=True)
     ]
@@ -202,13 +202,13 @@ def same(chunk: Chunk, varying: Collection[int]) -> dict[int, int]:
 
 def _steady(chunk: Chunk) -> dict[int, int]:
     """The nodes that are constant along a trajectory and read by attempts or polls, with their slots."""
-    given = {at: slot for slot, at in chunk.steady.items()}
+    slots = {at: slot for slot, at in chunk.steady.items()}
     wanted = [*chunk.attempt.values(), *chunk.polled, *chunk.quiet, chunk.eventful]
-    for at in chunk.program.needed(wanted, given):
+    for at in chunk.program.needed(wanted, slots):
         node = chunk.program.nodes[at]
         if node.op == "input" and chunk.program.steady[at]:
-            given[at] = chunk.slot_of(at)
-    return given
+            slots[at] = chunk.slot_of(at)
+    return slots
 
 
 def _varies(chunk: Chunk, at: int, varying: Collection[int]) -> bool:
@@ -217,18 +217,18 @@ def _varies(chunk: Chunk, at: int, varying: Collection[int]) -> bool:
 
 
 def _read(chunk: Chunk, at: int, slot: int) -> str:
-    return loaded(chunk.program.nodes[at].kind, f"S[{slot} * n + i]")
+    return C.loaded(chunk.program.nodes[at].kind, f"S[{slot} * n + i]")
 
 
 def _write(chunk: Chunk, at: int, slot: int, value: str) -> str:
-    return f"S[{slot} * n + i] = {stored(chunk.program.nodes[at].kind, value)};"
+    return f"S[{slot} * n + i] = {C.stored(chunk.program.nodes[at].kind, value)};"
 
 
 def _loads(chunk: Chunk, nodes: Iterable[int]) -> tuple[list[str], dict[int, str]]:
     """Lines that load the inputs among `nodes` from memory, and the names of these."""
     slots = {at: chunk.slot_of(at) for at in nodes if chunk.program.nodes[at].op == "input"}
     kinds: dict[int, Kind] = {at: chunk.program.nodes[at].kind for at in slots}
-    lines = [C().definition(kinds[at], f"r{slot}", _read(chunk, at, slot)) for at, slot in slots.items()]
+    lines = [C.definition(kinds[at], f"r{slot}", _read(chunk, at, slot)) for at, slot in slots.items()]
     return lines, {at: f"r{slot}" for at, slot in slots.items()}
 
 
@@ -291,7 +291,7 @@ class _Thread:
         wanted = list(self.chunk.attempt.values())
         names = self._names | going
         order = scheduled(self.chunk.program, wanted, names)
-        lines, results = statements(C(), self.chunk.program, wanted, names, order)
+        lines, results = statements(C, self.chunk.program, wanted, names, order)
         changed = dict(zip(self.chunk.attempt, results, strict=True))
         parameters = "const struct Own own, const struct Carry carry"
         return function(f"PART struct Carry attempt({parameters})", [*lines, *self._moved(changed)])
@@ -305,7 +305,7 @@ class _Thread:
         inputs, names = _loads(
             chunk, (at for at in chunk.program.needed([chunk.eventful], self._names) if at not in self._names)
         )
-        lines, (eventful,) = statements(C(), chunk.program, [chunk.eventful], self._names | names)
+        lines, (eventful,) = statements(C, chunk.program, [chunk.eventful], self._names | names)
         choice = f"return {eventful} ? full_poll({arguments}) : quiet_poll({arguments});"
         return [
             function(head.format("full_poll"), self._poll(chunk.polled)),
@@ -332,8 +332,8 @@ class _Thread:
             # a value that is read anew needs no register in between; `volatile` keeps it from being shared
             slot, read_at[at] = chunk.slot_of(at), place
             names[at] = f"r{slot}_{place}"
-            value = loaded(program.nodes[at].kind, f"((volatile const double*)S)[{slot} * n + i]")
-            lines.append(C().definition(program.nodes[at].kind, names[at], value))
+            value = C.loaded(program.nodes[at].kind, f"((volatile const double*)S)[{slot} * n + i]")
+            lines.append(C.definition(program.nodes[at].kind, names[at], value))
 
         for place, at in enumerate(order):
             if program.nodes[at].op == "input":
@@ -342,12 +342,12 @@ class _Thread:
                 for a in program.nodes[at].args:
                     if place - read_at.get(a, place) > READ_AGAIN:
                         read(a, place)
-                lines += name_all(C(), program, [at], names)
+                lines += name_all(C, program, [at], names)
             for slot, value in list(unwritten.items()):
                 if value in names and last_use.get(of_slot.get(slot, -1), -1) <= place:
                     lines.append(_write(chunk, value, slot, names[value]))
                     del unwritten[slot]
-        constants, results = statements(C(), program, wanted, names)
+        constants, results = statements(C, program, wanted, names)
         lines += constants
         if chunk.width and program.value(keep) is not False:
             lines.insert(0, f"const index filled = (index)S[{chunk.record.filled.first} * n + i];")
@@ -355,7 +355,7 @@ class _Thread:
                 f"if ({results[-1]}) {{",
                 f"    double* row = kept + (filled * n + i) * {chunk.width};",
                 *(
-                    f"    row[{k}] = {stored(program.nodes[at].kind, value)};"
+                    f"    row[{k}] = {C.stored(program.nodes[at].kind, value)};"
                     for k, (at, value) in enumerate(zip(sample, results[len(changed) : -1], strict=True))
                 ),
                 "}",

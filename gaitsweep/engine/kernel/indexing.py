@@ -34,7 +34,7 @@ def _gather(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     alone = {*numbers.collapsed_slice_dims, *numbers.operand_batching_dims}
     window = [size for axis, size in enumerate(sizes) if axis not in alone]
     batch = indices.shape[:-1]
-    found = []
+    windows = []
     for where in np.ndindex(batch):
         starts = _starts(tracer, operand, numbers.start_index_map, indices[where])
         for axis, along in zip(
@@ -44,8 +44,8 @@ def _gather(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
         cut = _selected(tracer, operand, sizes, starts, lambda index: operand[index])
         if p["mode"] == GatherScatterMode.FILL_OR_DROP:
             cut = _filled(tracer, equation, operand, starts, cut)
-        found.append(cut.reshape(window))
-    out = np.array(found, np.int64).reshape((*batch, *window))
+        windows.append(cut.reshape(window))
+    out = np.array(windows, np.int64).reshape((*batch, *window))
     return [np.moveaxis(out, range(len(batch), out.ndim), numbers.offset_dims)]
 
 
@@ -80,10 +80,10 @@ def _dynamic_update_slice(tracer: Tracer, equation: Any, args: list[Nodes]) -> l
     return [_selected(tracer, operand, update.shape, [int(start) for start in starts], put)]
 
 
-def _starts(tracer: Tracer, operand: Nodes, axes: Sequence[int], given: Nodes) -> list[int]:
-    """The node of the start index along each axis: `given` along `axes`, zero along the others."""
+def _starts(tracer: Tracer, operand: Nodes, axes: Sequence[int], nodes: Nodes) -> list[int]:
+    """The node of the start index along each axis: `nodes` along `axes`, zero along the others."""
     starts = [tracer.program.constant(0, "int")] * operand.ndim
-    for axis, at in zip(axes, given.tolist(), strict=True):
+    for axis, at in zip(axes, nodes.tolist(), strict=True):
         starts[axis] = at
     return starts
 
@@ -156,12 +156,16 @@ def _scatter(combine: Build) -> Callable[[Tracer, Any, list[Nodes]], list[Nodes]
             for index in itertools.product(
                 *(_possible_indices(tracer, s, m) for s, m in zip(starts, last, strict=True))
             ):
-                here = program.constant(True, "bool")
+                in_place = program.constant(True, "bool")
                 for at, i in zip(starts, index, strict=True):
-                    here = program.apply("and", here, program.apply("eq", at, program.constant(i, "int")))
+                    in_place = program.apply(
+                        "and", in_place, program.apply("eq", at, program.constant(i, "int"))
+                    )
                 cut = tuple(slice(i, i + size) for i, size in zip(index, sizes, strict=True))
                 total[cut] = tracer.write(
-                    lambda w, old, node, c=here: w("select", c, combine(w, old, node), old), total[cut], new
+                    lambda w, old, node, c=in_place: w("select", c, combine(w, old, node), old),
+                    total[cut],
+                    new,
                 )
         return [total]
 

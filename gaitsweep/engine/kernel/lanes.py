@@ -79,7 +79,7 @@ class KernelLanes(Lanes):
         lanes: Int[np.ndarray, " opened"],
         opened: Float[np.ndarray, "opened slots"],
         samples: Float[np.ndarray, "opened width"],
-        kept: Bool[np.ndarray, " opened"],
+        keeps: Bool[np.ndarray, " opened"],
     ) -> None:
         """Write opened rows to lanes.
 
@@ -87,7 +87,7 @@ class KernelLanes(Lanes):
             lanes: their numbers.
             opened: the first slots of each row.
             samples: a sample of each row, written to the buffer of its lane.
-            kept: whether the sample of a row is written.
+            keeps: whether the sample of a row is written.
         """
 
     def open_rows(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
@@ -151,12 +151,12 @@ class CpuLanes(KernelLanes):
         lanes: Int[np.ndarray, " opened"],
         opened: Float[np.ndarray, "opened slots"],
         samples: Float[np.ndarray, "opened width"],
-        kept: Bool[np.ndarray, " opened"],
+        keeps: Bool[np.ndarray, " opened"],
     ) -> None:
         tile, lane = np.divmod(lanes, self._tile)
         self._slots[tile, : opened.shape[1], lane] = opened
         if self.chunk.width:
-            self._kept[lanes[kept], 0] = samples[kept]
+            self._kept[lanes[keeps], 0] = samples[keeps]
 
     def run_chunk(self, polls: int) -> ChunkOutput:
         """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""

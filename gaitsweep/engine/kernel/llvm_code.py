@@ -1,7 +1,7 @@
 """Compiles the functions of a kernel to machine code by LLVM.
 
 A stage of a kernel is straight-line Python with up to a thousand statements, of which each expression becomes
-an instruction directly. The language is that of `python_source`: assignments to names and to elements of one
+an instruction directly. The language is that of `source.PYTHON`: assignments to names and to elements of one
 flat array, arithmetic, single comparisons, `a if c else b`, calls of functions of numbers, and `if any(c)`
 with `else`, in which names are not defined for later.
 """
@@ -252,13 +252,13 @@ class _Writer:
         """The value of LLVM's own function, or of one of the C library, for each lane."""
         if self.lanes == 1 or name in _OF_VECTORS:
             return self.builder.call(_declared(self.builder.module, name, args[0].type, len(args)), args)
-        found = ir.Constant(args[0].type, ir.Undefined)
+        vector = ir.Constant(args[0].type, ir.Undefined)
         for lane in range(self.lanes):
             place = ir.Constant(ir.IntType(32), lane)
             numbers = [self.builder.extract_element(arg, place) for arg in args]
             one = _declared(self.builder.module, name, numbers[0].type, len(args))
-            found = self.builder.insert_element(found, self.builder.call(one, numbers), place)
-        return found
+            vector = self.builder.insert_element(vector, self.builder.call(one, numbers), place)
+        return vector
 
     def _branch(self, flag: Any, yes: list[ast.stmt], no: list[ast.stmt]) -> None:
         """Write the lines `yes` where the flag of some lane is true, and the lines `no` where none is."""

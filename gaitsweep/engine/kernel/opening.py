@@ -16,8 +16,7 @@ from gaitsweep.engine.kernel import llvm_code
 from gaitsweep.engine.kernel.cpu_program import TILE, loaded_once
 from gaitsweep.engine.kernel.llvm_code import ARRAY, INDEX, VOID, loop
 from gaitsweep.engine.kernel.program import Program
-from gaitsweep.engine.kernel.python_source import Python, loaded, stored
-from gaitsweep.engine.kernel.source import statements
+from gaitsweep.engine.kernel.source import PYTHON, statements
 from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
 from gaitsweep.engine.sweep.lane import OneLane, host_device
 
@@ -37,8 +36,8 @@ def opening_of(lane: OneLane, values: Any, starts: Any) -> Callable[[Columns, Co
     """
 
     def of_one(values: Mapping[str, Array], starts: Mapping[str, Array]) -> tuple[Array, Array, Array]:
-        held, carry, record, sample, keep = lane.open(values, starts)
-        flat = [jnp.ravel(leaf).astype(jnp.float64) for leaf in jax.tree.leaves((held, carry, record))]
+        constants, carry, record, sample, keep = lane.open(values, starts)
+        flat = [jnp.ravel(leaf).astype(jnp.float64) for leaf in jax.tree.leaves((constants, carry, record))]
         return jnp.concatenate(flat), sample.astype(jnp.float64), keep
 
     try:
@@ -50,14 +49,16 @@ def opening_of(lane: OneLane, values: Any, starts: Any) -> Callable[[Columns, Co
 def _by_kernel(of_one: Callable[..., Any], values: Any, starts: Any) -> Callable[[Columns, Columns], Opened]:
     program = Program()
     tracer = Tracer(program)
-    given = tracer.inputs((values, starts), 0, steady=False)
-    slots, samples, keep = tracer.read(jax.make_jaxpr(of_one)(values, starts), given)
-    inputs, outputs = [int(nodes) for nodes in given], [*slots.tolist(), *samples.tolist(), int(keep)]
+    inputs_of_row = tracer.inputs((values, starts), 0, steady=False)
+    slots, samples, keep = tracer.read(jax.make_jaxpr(of_one)(values, starts), inputs_of_row)
+    inputs, outputs = [int(nodes) for nodes in inputs_of_row], [*slots.tolist(), *samples.tolist(), int(keep)]
     names = {at: f"x{i}" for i, at in enumerate(inputs)}
-    lines, results = statements(Python(), program, outputs, names)
-    loads = [f"x{i} = {loaded(program.nodes[at].kind, f's[{i * TILE}]')}" for i, at in enumerate(inputs)]
+    lines, results = statements(PYTHON, program, outputs, names)
+    loads = [
+        f"x{i} = {PYTHON.loaded(program.nodes[at].kind, f's[{i * TILE}]')}" for i, at in enumerate(inputs)
+    ]
     stores = [
-        f"s[{(len(inputs) + k) * TILE}] = {stored(program.nodes[at].kind, result)}"
+        f"s[{(len(inputs) + k) * TILE}] = {PYTHON.stored(program.nodes[at].kind, result)}"
         for k, (at, result) in enumerate(zip(outputs, results, strict=True))
     ]
     body = "\n".join(f"    {line}" for line in [*loads, *lines, *stores])
@@ -72,8 +73,8 @@ def _by_kernel(of_one: Callable[..., Any], values: Any, starts: Any) -> Callable
         room[: len(columns), :rows] = columns
         tiled = np.ascontiguousarray(room.reshape(size, tiles, TILE).transpose(1, 0, 2))
         run(tiled.ctypes.data, tiles)
-        found = tiled[:, len(columns) :].transpose(0, 2, 1).reshape(tiles * TILE, -1)[:rows]
-        return found[:, : slots.size], found[:, slots.size : -1], found[:, -1] != 0.0
+        opened = tiled[:, len(columns) :].transpose(0, 2, 1).reshape(tiles * TILE, -1)[:rows]
+        return opened[:, : slots.size], opened[:, slots.size : -1], opened[:, -1] != 0.0
 
     return open_rows
 
@@ -98,10 +99,12 @@ def _by_xla(of_one: Callable[..., Any]) -> Callable[[Columns, Columns], Opened]:
         for first in range(0, rows, _BATCH):
             # the last batch is filled up with its first row
             some = np.resize(np.arange(first, min(first + _BATCH, rows)), _BATCH)
-            given = [{name: column[some] for name, column in each.items()} for each in (values, starts)]
+            block = [{k: v[some] for k, v in by_name.items()} for by_name in (values, starts)]
             with jax.default_device(host_device()):
-                parts.append(jax.device_get(compiled(*given)))
-        slots, samples, keep = (np.concatenate(each)[:rows] for each in zip(*parts, strict=True))
+                parts.append(jax.device_get(compiled(*block)))
+        slots, samples, keep = (
+            np.concatenate(parts_of_output)[:rows] for parts_of_output in zip(*parts, strict=True)
+        )
         return slots, samples, keep
 
     return open_rows

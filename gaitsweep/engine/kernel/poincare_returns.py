@@ -66,23 +66,23 @@ def _with_tangent(function: Callable[..., ReturnState], args: Any, tangents: Any
 class _Lane:
     """One return and its derivative along one direction, as the functions from which a chunk is compiled.
 
-    `held` are the parameters and their tangent. A lane with an empty `rate` has no derivative.
+    `constants` are the parameters and their tangent. A lane with an empty `rate` has no derivative.
     """
 
     def __init__(self, crossing: PoincareReturn) -> None:
         self.crossing = crossing
 
-    def open(self, held: Any, lane: _LaneState) -> Any:
+    def open(self, constants: Any, lane: _LaneState) -> Any:
         none = jnp.zeros((), jnp.int32)
-        return held, lane, _Ends(none, none), jnp.zeros((0,)), jnp.zeros((), bool)
+        return constants, lane, _Ends(none, none), jnp.zeros((0,)), jnp.zeros((), bool)
 
-    def attempt(self, held: Any, lane: _LaneState) -> _LaneState:
-        (params, along), trajectory = held, lane.trajectory
+    def attempt(self, constants: Any, lane: _LaneState) -> _LaneState:
+        (params, along), trajectory = constants, lane.trajectory
         if not lane.rate:
             return _LaneState(self.crossing.attempt(params, trajectory), [])
         return _with_tangent(self.crossing.attempt, (params, trajectory), (along, lane.rate))
 
-    def poll(self, held: Any, lane: _LaneState, ends: _Ends) -> Any:
+    def poll(self, constants: Any, lane: _LaneState, ends: _Ends) -> Any:
         status = jnp.where(self.crossing.ended(lane.trajectory), Status.complete, Status.running)
         ends = dataclasses.replace(ends, status=status.astype(jnp.int32))
         return lane, ends, jnp.zeros((0,)), jnp.zeros((), bool)
@@ -103,10 +103,10 @@ class KernelReturns:
         self.crossing = crossing
         opened = jax.eval_shape(self._opened, params, state)
         self._shape = opened[1]
-        held, carry = jax.eval_shape(self._without_tangent, *opened)
-        self._plain = _Kernel(crossing, held, carry)
-        held, carry = jax.eval_shape(self._with_zero_tangent, *opened)
-        self._differentiated = _Kernel(crossing, held, carry)
+        constants, carry = jax.eval_shape(self._without_tangent, *opened)
+        self._plain = _Kernel(crossing, constants, carry)
+        constants, carry = jax.eval_shape(self._with_zero_tangent, *opened)
+        self._differentiated = _Kernel(crossing, constants, carry)
         # slots that are read when a return has ended: all values, and the tangents of the state's float
         # leaves and of the time, which come first in a carry
         self._values = _slots(jax.tree.leaves(self._plain.lane_state.trajectory))
@@ -130,8 +130,8 @@ class KernelReturns:
         return (params, nothing[0]), _LaneState(trajectory, nothing[1])
 
     def _value(self, params: Params, state: State) -> Returned:
-        held, carry = self._without_tangent(*self._opened(params, state))
-        ends = self._ends_of(self._plain, vector((held, carry)), self._values)
+        constants, carry = self._without_tangent(*self._opened(params, state))
+        ends = self._ends_of(self._plain, vector((constants, carry)), self._values)
         leaves = jax.tree.leaves(self._shape)
         trajectory = [x.astype(leaf.dtype) for x, leaf in zip(_split(ends, leaves), leaves, strict=True)]
         ended: ReturnState = jax.tree.unflatten(jax.tree.structure(self._shape), trajectory)
@@ -158,8 +158,8 @@ class KernelReturns:
 class _Kernel:
     """Returns compiled for the CPU's cores."""
 
-    def __init__(self, crossing: PoincareReturn, held: Any, carry: Any) -> None:
-        self._chunk = chunk_of(_Lane(crossing), held, carry)  # type: ignore[arg-type]
+    def __init__(self, crossing: PoincareReturn, constants: Any, carry: Any) -> None:
+        self._chunk = chunk_of(_Lane(crossing), constants, carry)  # type: ignore[arg-type]
         self._run, self._slots = cpu_program.compiled(self._chunk, contraction=crossing.numerics.contraction)
         self.lane_state: _LaneState = self._chunk.carry
 
@@ -173,12 +173,12 @@ class _Kernel:
         order = np.minimum(np.arange(tiles * cpu_program.TILE), len(lanes) - 1)
         room = np.zeros((tiles, self._slots, cpu_program.TILE))
         room[:, : lanes.shape[1]] = lanes[order].reshape(tiles, cpu_program.TILE, -1).transpose(0, 2, 1)
-        kept = np.zeros((tiles * cpu_program.TILE, 0, 0))
+        no_samples = np.zeros((tiles * cpu_program.TILE, 0, 0))
         with ThreadPoolExecutor(usable_cores()) as pool:
             flat = room.reshape(tiles, -1)
-            list(pool.map(lambda i: self._run(flat[i : i + 1], kept, _POLLS), range(tiles)))
-        found = room[:, read].transpose(0, 2, 1).reshape(tiles * cpu_program.TILE, -1)[back]
-        return found.reshape(*slots.shape[:-1], read.size)
+            list(pool.map(lambda i: self._run(flat[i : i + 1], no_samples, _POLLS), range(tiles)))
+        slots_of_ends = room[:, read].transpose(0, 2, 1).reshape(tiles * cpu_program.TILE, -1)[back]
+        return slots_of_ends.reshape(*slots.shape[:-1], read.size)
 
 
 def _different(

@@ -70,8 +70,8 @@ def _select_n(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     def choose(at: int, *nodes: int) -> int:
         chosen = nodes[-1]
         for i in range(len(nodes) - 2, -1, -1):
-            here = program.apply("eq", at, program.constant(i, "int"))
-            chosen = program.apply("select", here, nodes[i], chosen)
+            is_index = program.apply("eq", at, program.constant(i, "int"))
+            chosen = program.apply("select", is_index, nodes[i], chosen)
         return chosen
 
     return [tracer.each(choose, which, *cases)]
@@ -82,9 +82,11 @@ def _reduction(build: Build, neutral: float | None = None) -> Rule:
 
     def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
         (array,), axes = args, equation.params["axes"]
-        kept = [i for i in range(array.ndim) if i not in axes]
-        shape = [array.shape[i] for i in kept]
-        flat = np.transpose(array, [*kept, *axes]).reshape(*shape, math.prod(array.shape[i] for i in axes))
+        remaining = [i for i in range(array.ndim) if i not in axes]
+        shape = [array.shape[i] for i in remaining]
+        flat = np.transpose(array, [*remaining, *axes]).reshape(
+            *shape, math.prod(array.shape[i] for i in axes)
+        )
         if flat.shape[-1] == 0:
             if neutral is None:
                 raise refuse("the scalar kernel finds no extreme among no elements")
@@ -110,8 +112,8 @@ def _arg_reduction(order: str) -> Rule:
         for i in range(1, moved.shape[-1]):
             new = moved[..., i]
             wins = tracer.write(lambda w, a, b: arithmetic.outdone(w, a, b, order), best, new)
-            here = np.full(best.shape, program.constant(i, "int"), np.int64)
-            place = tracer.apply("select", wins, here, place)
+            index = np.full(best.shape, program.constant(i, "int"), np.int64)
+            place = tracer.apply("select", wins, index, place)
             best = tracer.apply("select", wins, new, best)
         return [place]
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Container, Iterable, Mapping, Sequence
-from typing import Literal
 
 import numpy as np
 
-from gaitsweep.engine.kernel.operations import OPERATIONS
+from gaitsweep.engine.kernel.operations import OPERATIONS, Kind, Operation
 from gaitsweep.engine.kernel.simplify import simplified
 
-Kind = Literal["f64", "f32", "int", "bool"]
 Value = float | int | bool
 
 # Integers are represented by float64, exact up to 2^53, so that they share vector registers with floats.
@@ -59,15 +57,16 @@ class Program:
 
     def apply(self, op: str, *args: int) -> int:
         """The node of an operation on nodes, simplified."""
-        found = simplified(self, op, args) if self._simplify else self.evaluated(op, args)
-        return self.write(op, *args) if found is None else found
+        simpler = simplified(self, op, args) if self._simplify else self.evaluated(op, args)
+        return self.write(op, *args) if simpler is None else simpler
 
     def write(self, op: str, *args: int) -> int:
         """The node of an operation on nodes, without simplification."""
-        kind = OPERATIONS[op].kind
-        chosen: Kind = self.nodes[args[-1]].kind if kind == "same" else kind  # type: ignore[assignment]
-        node = Node(op, args, chosen)
+        node = Node(op, args, self._kind(OPERATIONS[op], args))
         return self._add((op, args), node, all(self.steady[a] for a in args))
+
+    def _kind(self, operation: Operation, args: Sequence[int]) -> Kind:
+        return self.nodes[args[-1]].kind if operation.kind == "same" else operation.kind
 
     def value(self, at: int) -> Value | None:
         """The value of a constant; None for another node."""
@@ -87,40 +86,40 @@ class Program:
         typed = [_NUMPY[self.nodes[a].kind](v) for a, v in zip(args, values, strict=True)]
         with np.errstate(all="ignore"):
             result = operation.evaluate(*typed)
-        kind: Kind = self.nodes[args[-1]].kind if operation.kind == "same" else operation.kind  # type: ignore[assignment]
+        kind = self._kind(operation, args)
         if kind == "int" and not math.isfinite(float(result)):
             return None
         return self.constant(result, kind)
 
-    def needed(self, wanted: Iterable[int], given: Container[int] = ()) -> list[int]:
-        """The nodes on which `wanted` depend, in order, these included; arguments of `given` are left out."""
+    def needed(self, wanted: Iterable[int], known: Container[int] = ()) -> list[int]:
+        """The nodes on which `wanted` depend, in order, these included; arguments of `known` are left out."""
         reached: set[int] = set()
         waiting = list(wanted)
         while waiting:
             at = waiting.pop()
             if at not in reached:
                 reached.add(at)
-                if at not in given:
+                if at not in known:
                     waiting.extend(self.nodes[at].args)
         return sorted(reached)
 
     def likely(self, wanted: Sequence[int]) -> tuple[list[int], int]:
         """Nodes that equal `wanted` where all conditions have their usual value, and whether one has not."""
-        told: dict[int, int] = {}  # flags, where the conditions before them have their usual value
+        settled: dict[int, int] = {}  # flags, where the conditions before them have their usual value
         exception = self.constant(False, "bool")
         for at in self.needed(wanted):
             if self.nodes[at].kind == "bool":
-                flag = self._with(at, told)
+                flag = self._with(at, settled)
                 usual = self.usual.get(at)
                 if usual is not None:
                     exception = self.apply("or", exception, self.apply("not", flag) if usual else flag)
                     flag = self.constant(usual, "bool")
-                told[at] = flag
+                settled[at] = flag
         # numbers that the conditions need are computed anyway
         now = {at: at for at in self.needed([exception]) if self.nodes[at].kind != "bool"}
         for at in self.needed(wanted):
             if at in self.usual:
-                now[at] = told[at]
+                now[at] = settled[at]
             now.setdefault(at, self._with(at, now))
         return [now[at] for at in wanted], exception
 

@@ -58,11 +58,11 @@ def steps(  # noqa: C901 - one pass over the program, whose cases share all of i
     for at in [*last, *([] if flag is None else [flag])]:
         uses.setdefault(at, []).insert(0, len(order))
     memory, at_hand = set(in_memory), set()
-    found: list[Step] = []
+    sequence: list[Step] = []
 
     def load(at: int) -> None:
         if at not in at_hand and program.nodes[at].op != "constant":
-            found.append(("load", at))
+            sequence.append(("load", at))
             at_hand.add(at)
 
     for at in order:
@@ -73,20 +73,20 @@ def steps(  # noqa: C901 - one pass over the program, whose cases share all of i
             uses[a].pop()
             if not uses[a]:
                 at_hand.discard(a)
-        found.append(("compute", at))
+        sequence.append(("compute", at))
         if at in overwrites and at not in last:
-            found.append(("write", at))
+            sequence.append(("write", at))
             memory.add(at)
         if uses.get(at):
             at_hand.add(at)
-        held = [a for a in at_hand if program.nodes[a].kind != "bool"]
-        while registers is not None and len(held) > registers:
-            farthest = max(held, key=lambda a: (uses[a][-1] + (CHEAP if a in memory else 0), a))
-            held.remove(farthest)
+        in_registers = [a for a in at_hand if program.nodes[a].kind != "bool"]
+        while registers is not None and len(in_registers) > registers:
+            farthest = max(in_registers, key=lambda a: (uses[a][-1] + (CHEAP if a in memory else 0), a))
+            in_registers.remove(farthest)
             at_hand.discard(farthest)
             if farthest not in memory:
                 memory.add(farthest)
-                found.append(("store", farthest))
+                sequence.append(("store", farthest))
     for at in last:
         load(at)
-    return [*found, *(("write", at) for at in last)]
+    return [*sequence, *(("write", at) for at in last)]

@@ -25,9 +25,9 @@ def simplified(program: Program, op: str, args: tuple[int, ...]) -> int | None:
     if known is not None:
         return known
     if op in _RULES:
-        found = _RULES[op](program, args)
-        if found is not None:
-            return found
+        simpler = _RULES[op](program, args)
+        if simpler is not None:
+            return simpler
     if OPERATIONS[op].commutes and args[0] > args[1]:
         return program.apply(op, args[1], args[0])
     return _through_select(program, op, args) if OPERATIONS[op].kind == "bool" else None

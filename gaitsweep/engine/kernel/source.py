@@ -2,34 +2,100 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Mapping, Sequence
-from typing import Literal, Protocol
+from typing import Literal
 
 from gaitsweep.engine.kernel.operations import OPERATIONS, Operation
 from gaitsweep.engine.kernel.program import Kind, Program, Value
 
 
-class Language(Protocol):
-    """The syntax of a target language: `python_source`, `c_source`."""
+@dataclasses.dataclass(frozen=True)
+class Language:
+    """The syntax of a target language; in memory all kinds of values are float64.
+
+    Attributes:
+        field: the field of `Operation` that has the source of an operation.
+        line: the line that defines {name} as {expression}, of the type {type}.
+        types: names of types by kind, if lines have them.
+        flags: the literals of false and true.
+        nan, infinity: the literals of NaN and of infinity.
+        single: the conversion of {} to float32.
+        number: the number 1 or 0 for a flag {}.
+    """
+
+    field: Literal["python", "c"]
+    line: str
+    types: Mapping[Kind, str]
+    flags: tuple[str, str]
+    nan: str
+    infinity: str
+    single: str
+    number: str
 
     def expression(self, operation: Operation, args: Sequence[str], bits: Literal[32, 64]) -> str:
         """An operation on arguments, the last of which has so many bits."""
-        ...
+        return getattr(operation, self.field).format(*args, bits=bits, f="f" if bits == 32 else "")
 
     def definition(self, kind: Kind, name: str, expression: str) -> str:
         """The line that gives a name to a value."""
-        ...
+        return self.line.format(type=self.types.get(kind), name=name, expression=expression)
 
     def literal(self, value: Value, kind: Kind) -> str:
         """A constant, in brackets where it needs them as an argument."""
-        ...
+        if kind == "bool":
+            return self.flags[bool(value)]
+        number = float(value)
+        text = repr(number)
+        if math.isnan(number):
+            text = self.nan
+        elif math.isinf(number):
+            text = self.infinity if number > 0 else f"-{self.infinity}"
+        if kind == "f32":
+            return self.single.format(text)
+        return f"({text})" if text.startswith("-") else text
+
+    def loaded(self, kind: Kind, place: str) -> str:
+        """The expression that loads a value of a kind from memory."""
+        if kind == "bool":
+            return f"{place} != 0.0"
+        return self.single.format(place) if kind == "f32" else place
+
+    def stored(self, kind: Kind, value: str) -> str:
+        """The expression that is stored in memory for a value of a kind."""
+        return self.number.format(value) if kind == "bool" else value
+
+
+# Python for one lane of a CPU; `llvm_code` compiles it to LLVM.
+PYTHON = Language(
+    field="python",
+    line="{name} = {expression}",
+    types={},
+    flags=("False", "True"),
+    nan="nan",
+    infinity="inf",
+    single="float32({})",
+    number="1.0 if {} else 0.0",
+)
+# C for one thread of an NVIDIA GPU; INFINITE and NOT_A_NUMBER are defined at the head of its source.
+C = Language(
+    field="c",
+    line="const {type} {name} = {expression};",
+    types={"f64": "double", "int": "double", "f32": "float", "bool": "bool"},
+    flags=("false", "true"),
+    nan="NOT_A_NUMBER",
+    infinity="INFINITE",
+    single="((float){})",
+    number="{} ? 1.0 : 0.0",
+)
 
 
 def statements(
     language: Language,
     program: Program,
     wanted: Sequence[int],
-    given: Mapping[int, str],
+    known: Mapping[int, str],
     order: Sequence[int] | None = None,
 ) -> tuple[list[str], list[str]]:
     """The lines that compute the nodes `wanted`, and an expression for each of these nodes.
@@ -38,12 +104,12 @@ def statements(
         language: the language of the lines.
         program: the program.
         wanted: the nodes to compute.
-        given: expressions of nodes that are available already, such as inputs.
+        known: expressions of nodes that are available already, such as inputs.
         order: the nodes to compute, with all that they need, in the order of their lines; by default that
             of the program.
     """
-    names = dict(given)
-    lines = name_all(language, program, program.needed(wanted, given) if order is None else order, names)
+    names = dict(known)
+    lines = name_all(language, program, program.needed(wanted, known) if order is None else order, names)
     return lines, [names[at] if at in names else _literal(language, program, at) for at in wanted]
 
 

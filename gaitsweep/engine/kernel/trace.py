@@ -80,14 +80,14 @@ class Tracer:
 
         for equation in jaxpr.eqns:
             try:
-                given = rule_for(equation.primitive.name)(self, equation, [get(a) for a in equation.invars])
+                outputs = rule_for(equation.primitive.name)(self, equation, [get(a) for a in equation.invars])
             except _Refusal as refusal:
                 place = _place(equation)
                 if not place:  # inside a function of JAX: the calling equation may have a place
                     raise
                 raise UnsupportedError(f"{refusal}{place}") from refusal
             # indexing may return NumPy scalars instead of arrays
-            known.update(zip(equation.outvars, map(np.asarray, given), strict=True))
+            known.update(zip(equation.outvars, map(np.asarray, outputs), strict=True))
         return [get(atom) for atom in jaxpr.outvars]
 
     def inputs(self, tree: Any, first: int, *, steady: bool) -> list[Nodes]:

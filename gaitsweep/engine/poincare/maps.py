@@ -32,26 +32,26 @@ Image = tuple[Coordinates, State, Integer, dict[str, Real[Array, ""]]]
 ManyCoordinates = Float[np.ndarray, "... coordinates"]
 
 
-class _Batch:
-    """Arrays of n points or images, as a JAX pytree."""
+class Batch:
+    """A JAX pytree whose arrays have n points or images as their first axis."""
 
     def __getitem__(self, which: Any) -> Self:
         return jax.tree.map(lambda leaf: leaf[which], self)
 
     def merged(self, which: Int[np.ndarray, " some"], others: Self) -> Self:
-        """These, with those at the indices `which` replaced by `others`."""
+        """The batch with the elements at the indices `which` replaced by `others`."""
         return jax.tree.map(partial(_put, which), self, others)
 
 
 def listed(at: Any) -> str:
     """Format the first of some points (n, size), for a short `repr`."""
-    first = [f"[{', '.join(f'{each:.6g}' for each in point)}]" for point in at[:SHOWN]]
+    first = [f"[{', '.join(f'{coordinate:.6g}' for coordinate in point)}]" for point in at[:SHOWN]]
     return ", ".join([*first, "..."] if len(at) > SHOWN else first)
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Points(_Batch):
+class Points(Batch):
     """A batch of points: their coordinates `at` (n, size), and states `modes` with their discrete modes."""
 
     at: Float[np.ndarray, "points coordinates"]
@@ -66,7 +66,7 @@ class Points(_Batch):
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class MapEvaluation(_Batch):
+class MapEvaluation(Batch):
     """The images of n points under a map, and their derivatives.
 
     `points` are the images; `status` (n,) their `ReturnStatus`; `observed` the observables (n,) by name;
@@ -145,17 +145,17 @@ class Map(abc.ABC):
     ) -> MapEvaluation:
         refuse_fork()
         program = _program(self, over, derivatives)
-        held = self.complete(values, len(points))
-        found = []
+        complete = self.complete(values, len(points))
+        batches = []
         for first in range(0, len(points), BATCH_SIZES[-1]):
             count = min(BATCH_SIZES[-1], len(points) - first)
             room = next(size for size in BATCH_SIZES if size >= count)
             order = np.minimum(first + np.arange(room), first + count - 1)
             some = points[order]
-            given = program({name: each[order] for name, each in held.items()}, some.at, some.modes)
-            found.append(jax.tree.map(lambda leaf, n=count: np.asarray(leaf)[:n], given))
+            outputs = program({name: column[order] for name, column in complete.items()}, some.at, some.modes)
+            batches.append(jax.tree.map(lambda leaf, n=count: np.asarray(leaf)[:n], outputs))
         image, state, status, observed, conserved, slopes = jax.tree.map(
-            lambda *parts: np.concatenate(parts), *found
+            lambda *parts: np.concatenate(parts), *batches
         )
         size = points.at.shape[1]
         return MapEvaluation(
@@ -178,31 +178,31 @@ def _program(mapping: Map, over: str | None, derivatives: bool) -> Any:
         size = at.size
 
         def moved(x: Float[Array, " variables"]) -> Any:
-            here = values if over is None else {**values, over: x[size]}
-            image, state, status, observed = mapping.follow(here, x[:size], modes)
-            conserved = mapping.conserved_values(here, x[:size])
+            parameters = values if over is None else {**values, over: x[size]}
+            image, state, status, observed = mapping.follow(parameters, x[:size], modes)
+            conserved = mapping.conserved_values(parameters, x[:size])
             return jnp.concatenate([image, conserved]), (image, state, status, observed, conserved)
 
         x = at if over is None else jnp.concatenate([at, values[over][None]])
         if derivatives:
-            slopes, found = jax.jacfwd(moved, has_aux=True)(x)
+            slopes, outputs = jax.jacfwd(moved, has_aux=True)(x)
         else:
-            _, found = moved(x)
+            _, outputs = moved(x)
             gradients = jax.jacfwd(lambda at: mapping.conserved_values(values, at))(at)
             slopes = jnp.concatenate([jnp.full((size, size), jnp.nan), gradients])
-        return (*found, slopes)
+        return (*outputs, slopes)
 
     return jax.jit(jax.vmap(one))
 
 
 def _put(
     which: Int[np.ndarray, " some"],
-    mine: Shaped[np.ndarray, "points ..."],
+    own: Shaped[np.ndarray, "points ..."],
     theirs: Shaped[np.ndarray, "some ..."],
 ) -> Shaped[np.ndarray, "points ..."]:
-    mine = np.array(mine)
-    mine[which] = theirs
-    return mine
+    own = np.array(own)
+    own[which] = theirs
+    return own
 
 
 def wrap_difference(

@@ -84,8 +84,8 @@ class BatchedReturnMap(Map):
     @cached_property
     def integration(self) -> ResolvedNumerics:
         """The resolved numerics; those of a job's map are resolved already."""
-        given = self.numerics
-        return given if isinstance(given, ResolvedNumerics) else given.resolve(self.model)
+        numerics = self.numerics
+        return numerics if isinstance(numerics, ResolvedNumerics) else numerics.resolve(self.model)
 
     def refined(self, factor: float = 0.5) -> BatchedReturnMap:
         """The same map with a factor on its steps: half of them, or tolerances 32 times finer."""
@@ -128,9 +128,9 @@ class BatchedReturnMap(Map):
         status = jnp.asarray(ReturnStatus.crossed, jnp.int32)
         crossing = crossing_of(self.model, self.integration, self.engine)
         for _ in range(self.cycles):
-            t, state, found = crossing(params, state)
+            t, state, crossed = crossing(params, state)
             total = total + t
-            status = jnp.where(status == ReturnStatus.crossed, found, status)
+            status = jnp.where(status == ReturnStatus.crossed, crossed, status)
         return total, state, status
 
     def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
@@ -160,13 +160,13 @@ class BatchedReturnMap(Map):
         """
         refuse_fork()
         n = max([np.size(v) for v in (*starts.values(), *values.values())], default=1)
-        given = {
+        starts_of_points = {
             q.name: np.broadcast_to(np.asarray(starts.get(q.name, q.default), np.float64), (n,))
             for q in self.model.initial_conditions
         }
-        held = self.complete(values, n)
-        state, status = _settler(self, cycles)(held, given)
-        at = jax.jit(jax.vmap(lambda v, s: self.chart.to_coordinates(self.params(v), s)))(held, state)
+        complete = self.complete(values, n)
+        state, status = _settler(self, cycles)(complete, starts_of_points)
+        at = jax.jit(jax.vmap(lambda v, s: self.chart.to_coordinates(self.params(v), s)))(complete, state)
         return Points(np.asarray(at), jax.tree.map(np.asarray, state)), np.asarray(status)
 
     @cached_property
@@ -207,10 +207,10 @@ def _settler(mapping: BatchedReturnMap, cycles: int) -> Callable[..., Any]:
 
         def turn(_: Any, loop: tuple[State, Integer]) -> tuple[State, Integer]:
             state, status = loop
-            _, moved, found = mapping.state(params, state)
-            going = (status == ReturnStatus.crossed) & (found == ReturnStatus.crossed)
-            kept = jax.tree.map(lambda a, b: jnp.where(going, a, b), moved, state)
-            return kept, jnp.where(status == ReturnStatus.crossed, found, status).astype(jnp.int32)
+            _, moved, status_after = mapping.state(params, state)
+            going = (status == ReturnStatus.crossed) & (status_after == ReturnStatus.crossed)
+            last = jax.tree.map(lambda a, b: jnp.where(going, a, b), moved, state)
+            return last, jnp.where(status == ReturnStatus.crossed, status_after, status).astype(jnp.int32)
 
         crossed = jnp.asarray(ReturnStatus.crossed, jnp.int32)
         return jax.lax.fori_loop(0, cycles, turn, (begun, crossed))

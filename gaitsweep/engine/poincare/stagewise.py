@@ -54,12 +54,12 @@ def stagewise(model: HybridModel, numerics: ResolvedNumerics) -> Callable[[Param
 
     def evaluate(params: Params, pair: Pair) -> Pair:
         carry, s = pair
-        here = dataclasses.replace(carry.state, **s.at)
-        rates = model.flow(params, here)
+        stage_state = dataclasses.replace(carry.state, **s.at)
+        rates = model.flow(params, stage_state)
         tried = s.stage == TRIAL
-        precomputed = (lambda *_: here), (lambda *_: s.first), (lambda *_: rates)
+        precomputed = (lambda *_: stage_state), (lambda *_: s.first), (lambda *_: rates)
         conclude = advance(model, numerics, sensitivities=True, precomputed=precomputed)
-        fired = jnp.any(model.guards(params, here) >= 0.0)
+        fired = jnp.any(model.guards(params, stage_state) >= 0.0)
         after = conclude(params, carry)
         # a step may be rejected without an event: it is tried again from the same state
         taken = tried & ~fired & ((after.t > carry.t) | (carry.h == 0.0))
@@ -76,8 +76,8 @@ def stagewise(model: HybridModel, numerics: ResolvedNumerics) -> Callable[[Param
         # the attempt after a jump has zero length, and its rates are not known yet
         jumped = tried & (carry.h == 0.0)
         along = {name: jnp.where(jumped, 0.0, rate) for name, rate in along.items()}
-        there = euler_update(carry.state, along, h * share)
-        at = {name: getattr(there, name) for name in s.at}
+        next_state = euler_update(carry.state, along, h * share)
+        at = {name: getattr(next_state, name) for name in s.at}
         stage = jnp.where(jumped, TRIAL, follows).astype(s.stage.dtype)
         return carry, Stages(stage, at, first, total)
 

@@ -234,7 +234,7 @@ def readings_at_the_end(rows: RowOutcome) -> Readings:
 def _variables(model: Model) -> list[str]:
     """The declared variables of a model; those that only jumps change are not in its `flow`."""
     declared = model.declarations if isinstance(model, Declared) else {}
-    return [name for name, each in declared.items() if isinstance(each, Variable)]
+    return [name for name, declaration in declared.items() if isinstance(declaration, Variable)]
 
 
 def counted(record: LaneRecord, keep: Flag) -> LaneRecord:
@@ -256,5 +256,5 @@ def _packed(fired: GuardFlags) -> Int[Array, " words"]:
 def unpacked(words: Int[np.ndarray, "rows words"]) -> Bool[np.ndarray, "rows guards"]:
     """The guards that fired (rows, guards), from `LaneRecord.fired` (rows, words); padded with False."""
     bits = np.arange(GUARDS_A_WORD)
-    found = (words[:, :, None].astype(np.int64) >> bits) & 1
-    return found.astype(bool).reshape(len(words), words.shape[1] * bits.size)
+    bits_of_words = (words[:, :, None].astype(np.int64) >> bits) & 1
+    return bits_of_words.astype(bool).reshape(len(words), words.shape[1] * bits.size)

@@ -159,11 +159,11 @@ class SettleRecorder(Recorder):
 
         moves = jnp.maximum(memory.moves[0], distances[:MOST_PERIOD])
         tested = cycles % MOST_PERIOD == 0
-        found = jnp.where(cycles >= FIRST_TEST, self._period(moves, memory.moves[1]), 0)
-        begun = jnp.where(found == memory.orbit[0], memory.orbit[1], cycles)
-        held = tested & (found > 0) & ~still & (cycles - begun >= HOLD)
-        orbit = jnp.where(tested, jnp.stack([found, begun]), memory.orbit)
-        period = jnp.where(fixed, 1, jnp.where(held, found, 0))
+        repeats = jnp.where(cycles >= FIRST_TEST, self._period(moves, memory.moves[1]), 0)
+        begun = jnp.where(repeats == memory.orbit[0], memory.orbit[1], cycles)
+        lasted = tested & (repeats > 0) & ~still & (cycles - begun >= HOLD)
+        orbit = jnp.where(tested, jnp.stack([repeats, begun]), memory.orbit)
+        period = jnp.where(fixed, 1, jnp.where(lasted, repeats, 0))
         # crossings at one instant are not cycles
         settled = (period > 0) & (carry.chain < SETTLE_WINDOW)
         given_up = cycles >= self.max_cycles
@@ -242,7 +242,7 @@ class SettleRecorder(Recorder):
         as periodic, unless it could not be distinguished from rest in any row.
         """
         eps = 64.0 * float(jnp.finfo(newest.dtype).eps) / min(_each(self.tolerance))
-        found = jnp.zeros((), jnp.int32)
+        period = jnp.zeros((), jnp.int32)
         for p in range(MOST_PERIOD, 1, -1):
             spans, in_all = MOST_PERIOD / p, self.max_cycles / p
             now, then = newest[p - 1], before[p - 1]
@@ -254,8 +254,8 @@ class SettleRecorder(Recorder):
             dies_away = APART * spans * now * then < way * (then - now)
             rests = now < max(NO_MOTION / in_all, eps)
             holds = slow & (APART * now < way) & (dies_away | rests)
-            found = jnp.where(holds, p, found)
-        return found
+            period = jnp.where(holds, p, period)
+        return period
 
     def readings(self, rows: RowOutcome) -> Readings:
         return readings_at_the_end(rows)
@@ -264,11 +264,11 @@ class SettleRecorder(Recorder):
         return np.minimum(rows.cycles / (typical or self.max_cycles), 0.95)
 
 
-def tolerances(model: Model, given: float | Mapping[str, float]) -> float | tuple[float, ...]:
+def tolerances(model: Model, tolerance: float | Mapping[str, float]) -> float | tuple[float, ...]:
     """The tolerance of each observable in order, from one for all or from some by name."""
-    if not isinstance(given, Mapping):
-        return given
-    return tuple(given.get(quantity.name, TOLERANCE) for quantity in model.observables)
+    if not isinstance(tolerance, Mapping):
+        return tolerance
+    return tuple(tolerance.get(quantity.name, TOLERANCE) for quantity in model.observables)
 
 
 def _accumulate(cycles: Integer, t: Number, times: Float[Array, " window"]) -> Flag:
@@ -317,11 +317,11 @@ def bounds(
     else the range of its values over the row, from their `span`. That scale is at least `LEAST_SHARE` of the
     magnitude at the `latest` crossings (w, n), and `LEAST_SCALE`.
     """
-    each = _each(tolerance)
-    each = each * len(model.observables) if len(each) == 1 else each
-    share = jnp.asarray([SETTLE_WINDOW * one for one in each], latest.dtype)
-    given = [1.0 if q.circular else q.scale for q in model.observables]
-    scales = jnp.asarray([0.0 if scale is None else scale for scale in given], latest.dtype)
+    per_observable = _each(tolerance)
+    per_observable = per_observable * len(model.observables) if len(per_observable) == 1 else per_observable
+    share = jnp.asarray([SETTLE_WINDOW * one for one in per_observable], latest.dtype)
+    sizes = [1.0 if q.circular else q.scale for q in model.observables]
+    scales = jnp.asarray([0.0 if scale is None else scale for scale in sizes], latest.dtype)
     if not (unscaled := _unscaled(model)):
         return share * scales
     size = LEAST_SHARE * jnp.max(jnp.abs(latest[:, np.asarray(unscaled)]), axis=0)

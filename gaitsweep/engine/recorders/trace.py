@@ -18,10 +18,12 @@ from gaitsweep.engine.recorders.recorder import (
     Beginning,
     LaneRecord,
     PollResult,
+    Readings,
     Recorder,
     RunningRows,
     attempts_until,
     counted,
+    readings_at_the_end,
 )
 from gaitsweep.engine.shapes import Number
 from gaitsweep.row_outcome import RowOutcome
@@ -81,8 +83,8 @@ class TraceRecorder(Recorder):
         recorded = dataclasses.replace(recorded, status=status.astype(jnp.int32))
         return PollResult(carry, recorded, sample, due)
 
-    def readings(self, rows: RowOutcome) -> None:
-        return None
+    def readings(self, rows: RowOutcome) -> Readings:
+        return readings_at_the_end(rows)
 
     def share(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
         return (rows.cycles + rows.samples) / (self.after_cycles + self.samples)

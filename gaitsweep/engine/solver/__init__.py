@@ -61,7 +61,9 @@ def refusal(name: str, model: Model, precision: str) -> str | None:
     if not isinstance(model, HybridModel) and METHODS[name].step is not None:
         return f"is {name}, which needs a flow, but {model.name} has only steps. Allowed: {_OWN}."
     if METHODS[name].step is None and fixed_step_scheme(name, model) is None:
-        located = [k for k, each in METHODS.items() if each.step and (linear or not each.linear_only)]
+        located = [
+            k for k, candidate in METHODS.items() if candidate.step and (linear or not candidate.linear_only)
+        ]
         return f"is {name}, a step that {model.name} does not have. Allowed: {', '.join(located)}."
     if (reason := _steps_alone(name, model)) is not None:
         return reason

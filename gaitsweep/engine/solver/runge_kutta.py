@@ -63,6 +63,6 @@ def tsit5(model: HybridModel) -> Estimate:
 def _sum(weights: tuple[float, ...], rates: list[Rates]) -> Rates:
     first, *others = zip(weights, rates, strict=True)
     total = {name: first[0] * rate for name, rate in first[1].items()}
-    for weight, each in others:
-        total = {name: total[name] + weight * rate for name, rate in each.items()}
+    for weight, rates_of_stage in others:
+        total = {name: total[name] + weight * rate for name, rate in rates_of_stage.items()}
     return total

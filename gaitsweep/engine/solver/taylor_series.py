@@ -270,9 +270,15 @@ def _sqrt(operation: _Operation, k: int, args: list[Series]) -> Series:
 
 
 def _pow(operation: _Operation, k: int, args: list[Series]) -> Series:
-    if any(each is not None for each in args[1][1:]):
-        raise NoRecurrenceError("a power with a moving exponent")
-    return [_of_power(args[1][0], k, args[0], operation.results[0])]
+    base, exponent = args
+    if all(each is None for each in exponent[1:]):
+        return [_of_power(exponent[0], k, base, operation.results[0])]
+    # a^b = exp(b log a)
+    logarithm = operation.auxiliary.setdefault("logarithm", [jnp.log(base[0])])
+    while len(logarithm) <= k:
+        logarithm.append(_of_log(len(logarithm), base, logarithm))
+    argument = _grown(operation, "argument", k, lambda n: _product(n, exponent, logarithm))
+    return [_moment(k, argument, operation.results[0])]
 
 
 def _integer_pow(operation: _Operation, k: int, args: list[Series]) -> Series:
@@ -357,9 +363,13 @@ def _trigonometric(sine: bool, sign: float) -> Rule:
 
 
 def _log(operation: _Operation, k: int, args: list[Series]) -> Series:
-    a, c = args[0], operation.results[0]
+    return [_of_log(k, args[0], operation.results[0])]
+
+
+def _of_log(k: int, a: Series, c: Series) -> Coefficient:
+    """The coefficient of order k of c = log a."""
     top = _minus(a[k], _moment(k, c, a, last=False) if k > 1 else None)
-    return [None if top is None else top / a[0]]
+    return None if top is None else top / a[0]
 
 
 def _chosen(operation: _Operation, k: int, args: list[Series]) -> Series:

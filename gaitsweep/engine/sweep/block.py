@@ -43,11 +43,11 @@ class Block:
         # samples of stored rows, then those of all other rows: lists of pairs (rows (n,), numbers (n, width))
         self._samples: tuple[list[_Samples], list[_Samples]] = ([], [])
         if restored is not None:
-            mine = restored.row - self.first
-            self.ends.put(mine, restored.numbers)
+            places = restored.row - self.first
+            self.ends.put(places, restored.numbers)
             if len(restored.samples):
-                self._samples[0].append((np.repeat(mine, restored.kept), restored.samples))
-            self.ended[mine] = self.stored[mine] = True
+                self._samples[0].append((np.repeat(places, restored.kept), restored.samples))
+            self.ended[places] = self.stored[places] = True
         self.waiting = np.flatnonzero(~self.ended)  # rows that have to be run
 
     @property
@@ -92,8 +92,8 @@ class Block:
 
     def _with(self, parts: Sequence[_Samples]) -> RowOutcome:
         owner, samples = _in_order(parts, self.ends.samples.shape[1])
-        kept = np.bincount(owner, minlength=self.rows)
-        return dataclasses.replace(self.ends, kept=kept, samples=samples)
+        counts = np.bincount(owner, minlength=self.rows)
+        return dataclasses.replace(self.ends, kept=counts, samples=samples)
 
 
 _Samples = tuple[Int[np.ndarray, " _records"], Float[np.ndarray, "_records _width"]]

@@ -19,28 +19,28 @@ from gaitsweep.row_outcome import RowOutcome
 
 
 def labelled(spec: SweepSpec, block: Block) -> RowOutcome:
-    """The rows of a block with `gait` (a code of `gait_codes`) and the traits, of each row or each sample."""
+    """The rows of a block with `gait` (a code of `gait_codes`) and label fields, of each row or sample."""
     rows = block.result()
-    found = spec.recorder.readings(rows)
-    if found is None:
+    readings = spec.recorder.readings(rows)
+    if readings is None:
         return rows
     label = _reader(spec.model, spec.drive)
     # a power of two, so that sweeps with other numbers of rows compile few sizes
-    width = found.batch or min(spec.block, 1 << (spec.n_rows - 1).bit_length())
-    good = found.readable
+    width = readings.batch or min(spec.block, 1 << (spec.n_rows - 1).bit_length())
+    good = readings.readable
     values = {k: np.asarray(v, np.float64) for k, v in block.params.items()}
     parts = []
-    for first in range(0, max(found.rows.size, 1), width):
+    for first in range(0, max(readings.rows.size, 1), width):
         part = slice(first, first + width)
-        n = found.rows[part].size
+        n = readings.rows[part].size
         # batches are filled up with the first row, so that their size is constant
-        padded = np.concatenate([found.rows[part], np.zeros(width - n, np.int64)])
-        times, seen = np.zeros(width), np.zeros((width, found.observed.shape[1]))
-        times[:n], seen[:n] = found.t[part], np.where(good[part, None], found.observed[part], 0.0)
+        padded = np.concatenate([readings.rows[part], np.zeros(width - n, np.int64)])
+        times, seen = np.zeros(width), np.zeros((width, readings.observed.shape[1]))
+        times[:n], seen[:n] = readings.t[part], np.where(good[part, None], readings.observed[part], 0.0)
         # a card has rows to run, which labels would wait for
         with jax.default_device(host_device()):
-            given = label({k: v[padded] for k, v in values.items()}, times, seen)
-        parts.append({k: np.asarray(v)[:n] for k, v in given.items()})
+            labels_of_batch = label({k: v[padded] for k, v in values.items()}, times, seen)
+        parts.append({k: np.asarray(v)[:n] for k, v in labels_of_batch.items()})
     labels = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
     labels = {
         k: np.where(good, gait_codes(v), -1).astype(np.int32)
@@ -48,7 +48,7 @@ def labelled(spec: SweepSpec, block: Block) -> RowOutcome:
         else np.where(good, v, 0 if v.dtype.kind in "iu" else np.nan)
         for k, v in labels.items()
     }
-    return dataclasses.replace(rows, **{"labels" if found.batch is None else "sample_labels": labels})
+    return dataclasses.replace(rows, **{"labels" if readings.batch is None else "sample_labels": labels})
 
 
 def gait_codes(labels: Real[np.ndarray, " *readings"]) -> Int[np.ndarray, " *readings"]:

@@ -87,8 +87,8 @@ class OneLane:
         dt = share * self._longest_step(values, params)
         carry = start(self.model, params, state, dt=dt, stop=self.recorder.stop(params), share=share)
         # constants of a trajectory are computed once
-        held = values if self.driven else params
-        return held, carry, *self.recorder.begin(params, carry)
+        constants = values if self.driven else params
+        return constants, carry, *self.recorder.begin(params, carry)
 
     def _longest_step(self, values: Mapping[str, Float[Array, " ..."]], params: Params) -> Number:
         """The longest step of a row (s); for a moving parameter, the smallest over its values."""
@@ -98,10 +98,10 @@ class OneLane:
             dt = jnp.minimum(dt, step_of(self.model, self.numerics, moved))
         return dt
 
-    def attempt(self, held: Params, carry: Carry) -> Carry:
-        return self._advance(held, carry)
+    def attempt(self, constants: Params, carry: Carry) -> Carry:
+        return self._advance(constants, carry)
 
-    def poll(self, held: Params, carry: Carry, record: LaneRecord) -> PollResult:
+    def poll(self, constants: Params, carry: Carry, record: LaneRecord) -> PollResult:
         """Poll the recorder."""
-        params = self.at(held, carry.t) if self.driven else held
+        params = self.at(constants, carry.t) if self.driven else constants
         return self.recorder.poll(params, carry, record, carry.dt / self.numerics.steps_in_longest)

@@ -63,15 +63,16 @@ class Group:
     ) -> None:
         """Put rows of a block into lanes; the next chunk opens them."""
         self.block_of[lanes], self.row_of[lanes], self._fresh[lanes] = block.number, rows, True
-        given: tuple[Mapping[str, Real[np.ndarray, "rows ..."]], ...] = (block.params, block.starts)
+        columns: tuple[Mapping[str, Real[np.ndarray, "rows ..."]], ...] = (block.params, block.starts)
         if not self._values:
             # idle lanes are computed too, with the values of the first row
             self._values = [
-                {k: np.repeat(v[:1], self.size, axis=0) for k, v in each.items()} for each in given
+                {k: np.repeat(v[:1], self.size, axis=0) for k, v in column_by_name.items()}
+                for column_by_name in columns
             ]
-        for held, each in zip(self._values, given, strict=True):
-            for name, column in held.items():
-                column[lanes] = each[name][rows]
+        for lane_values, column_by_name in zip(self._values, columns, strict=True):
+            for name, column in lane_values.items():
+                column[lanes] = column_by_name[name][rows]
 
     def open_again(self) -> None:
         """Open the rows of all lanes again, as if none of them had begun."""
@@ -108,10 +109,12 @@ class LaneScheduler:
         restored: Callable[[int], RowOutcome | None] | None = None,
     ) -> None:
         self.spec = spec
-        found = {} if restored is None else {number: restored(number) for number in blocks}
+        restored_rows = {} if restored is None else {number: restored(number) for number in blocks}
         # rows that another version of gaitsweep stored may lack a number: they are run again
-        declared = {each.name for each in (*ENGINE_NUMBERS, *spec.recorder.numbers)}
-        self._restored = {k: rows for k, rows in found.items() if rows and declared <= rows.numbers.keys()}
+        declared = {row_number.name for row_number in (*ENGINE_NUMBERS, *spec.recorder.numbers)}
+        self._restored = {
+            k: rows for k, rows in restored_rows.items() if rows and declared <= rows.numbers.keys()
+        }
         self.total = sum(min(spec.block, spec.n_rows - b * spec.block) for b in blocks)
         self.total -= sum(rows.row.size for rows in self._restored.values())
         # a device without rows would have nothing to run
@@ -161,7 +164,7 @@ class LaneScheduler:
             chunk = group.chunk()
         else:
             wait(self._running, return_when=FIRST_COMPLETED)
-            future = next(each for each in self._running if each.done())
+            future = next(running for running in self._running if running.done())
             group = self._running.pop(future)
             chunk = future.result()
         self._collect(group, chunk.output)
@@ -191,8 +194,8 @@ class LaneScheduler:
             part = slice(taken, taken + rows.size)
             taken += rows.size
             for number in np.unique(which[part]):
-                mine = which[part] == number
-                self.groups[number].place(block, rows[mine], lanes[part][mine])
+                of_block = which[part] == number
+                self.groups[number].place(block, rows[of_block], lanes[part][of_block])
 
     def _with_waiting_rows(self) -> Block | None:
         """The newest block while it has waiting rows, then the next block."""
@@ -261,8 +264,8 @@ class LaneScheduler:
 
     def ended(self, but: Container[int] = ()) -> list[RowOutcome]:
         """The ended rows of open blocks that are not on disk, by block, without the blocks `but`."""
-        found = [block.unstored() for number, block in self.open.items() if number not in but]
-        return [rows for rows in found if rows.row.size]
+        unstored = [block.unstored() for number, block in self.open.items() if number not in but]
+        return [rows for rows in unstored if rows.row.size]
 
     def mark_stored(self, ended: Sequence[RowOutcome]) -> None:
         """Mark the rows that `ended` returned as stored on disk."""

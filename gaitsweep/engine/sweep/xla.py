@@ -112,9 +112,9 @@ class XlaLanes(Lanes):
         begin = {k: self._put(np.asarray(v, self._dtype)) for k, v in starts.items()}
         opened = self._open(values, begin)
         if self._lanes is None:
-            held, carry, record, kept = opened
+            constants, carry, record, samples = opened
             status = self._put(np.where(fresh, Status.running, Status.complete).astype(np.int32))
-            self._lanes = held, carry, dataclasses.replace(record, status=status), kept
+            self._lanes = constants, carry, dataclasses.replace(record, status=status), samples
         else:
             self._lanes = self._merge(self._put(fresh), opened, self._lanes)
 
@@ -144,45 +144,45 @@ def _programs(
 def _open(
     one: OneLane, values: Mapping[str, Float[Array, " ..."]], starts: Mapping[str, Float[Array, ""]]
 ) -> tuple[Params, Carry, LaneRecord, Float[Array, "buffer width"]]:
-    held, carry, record, sample, keep = one.open(values, starts)
+    constants, carry, record, sample, keep = one.open(values, starts)
     buffer = jnp.zeros((BUFFER if sample.size else 0, sample.size), sample.dtype)
-    return held, carry, record, _appended(buffer, jnp.zeros((), jnp.int32), sample, keep)
+    return constants, carry, record, _appended(buffer, jnp.zeros((), jnp.int32), sample, keep)
 
 
 def _poll(
-    one: OneLane, held: Params, carry: Carry, record: LaneRecord, kept: Float[Array, "buffer width"]
+    one: OneLane, constants: Params, carry: Carry, record: LaneRecord, samples: Float[Array, "buffer width"]
 ) -> tuple[Carry, LaneRecord, Float[Array, "buffer width"]]:
-    carry, after, sample, keep = one.poll(held, carry, record)
-    return carry, after, _appended(kept, record.filled, sample, keep)
+    carry, after, sample, keep = one.poll(constants, carry, record)
+    return carry, after, _appended(samples, record.filled, sample, keep)
 
 
 def _appended(
-    kept: Float[Array, "buffer width"],
+    samples: Float[Array, "buffer width"],
     place: Int[Array, ""],
     sample: Float[Array, " width"],
     keep: Bool[Array, ""],
 ) -> Float[Array, "buffer width"]:
-    here = (jnp.arange(kept.shape[0]) == place) & keep
-    return jnp.where(here[:, None], sample, kept)
+    at_place = (jnp.arange(samples.shape[0]) == place) & keep
+    return jnp.where(at_place[:, None], sample, samples)
 
 
 def _chunk(
     attempt: Callable[..., Any], poll: Callable[..., Any], polls: Int[Array, ""], lanes: Any
 ) -> tuple[Any, ChunkOutput]:
-    held, carry, record, kept = lanes
+    constants, carry, record, samples = lanes
 
     def going(loop: Any) -> Bool[Array, ""]:
         count, _, record, _ = loop
         return (count < polls) & jnp.any(record.status == Status.running)
 
     def turn(loop: Any) -> Any:
-        count, carry, record, kept = loop
-        carry = jax.lax.fori_loop(0, POLL_INTERVAL, lambda _, c: attempt(held, c), carry)
-        return count + 1, *poll(held, carry, record, kept)
+        count, carry, record, samples = loop
+        carry = jax.lax.fori_loop(0, POLL_INTERVAL, lambda _, c: attempt(constants, c), carry)
+        return count + 1, *poll(constants, carry, record, samples)
 
-    opening = (jnp.zeros((), jnp.int32), carry, record, kept)
-    _, carry, record, kept = jax.lax.while_loop(going, turn, opening)
-    output = ChunkOutput(record.results(carry), record.filled, record.samples, kept)  # type: ignore[arg-type]
+    opening = (jnp.zeros((), jnp.int32), carry, record, samples)
+    _, carry, record, samples = jax.lax.while_loop(going, turn, opening)
+    output = ChunkOutput(record.results(carry), record.filled, record.samples, samples)  # type: ignore[arg-type]
     # the host reads the output, so the buffers are empty again
     record = dataclasses.replace(record, filled=jnp.zeros_like(record.filled))
-    return (held, carry, record, kept), output
+    return (constants, carry, record, samples), output

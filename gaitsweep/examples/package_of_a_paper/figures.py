@@ -8,10 +8,11 @@ from gaitsweep.plot import Title, figure_kind, theme
 
 @figure_kind("settle")
 def hopper_launches(table: pd.DataFrame, *, title: Title | None = None) -> Figure:
-    """Draw how often each speed of launch is settled at."""
+    """Draw a histogram of the launch speeds at the ends of the rows that settled."""
     with theme.canvas(theme.COLUMN, 2.4, title) as figure:
         axes = figure.subplots()
-        axes.hist(table["launch_end"], bins=40, range=(0.0, 10.0), color="#0072B2")
-        axes.set_xlabel("speed of the launch (m/s)")
-        axes.set_ylabel("starts")
+        settled = table.loc[table["status"] == "settled", "launch_end"]
+        axes.hist(settled, bins=40)
+        axes.set_xlabel("launch speed at the end (m/s)")
+        axes.set_ylabel("rows")
     return figure

@@ -43,8 +43,8 @@ def source_place(directory: Directory) -> None:
     """
     from gaitsweep.papers.ambe2021.analysis.source_place import source_place as places
 
-    found = places(gs.load(directory))
-    print_table(found[(found["source"] > 0) | (found["meeting"] > 0) | (found["leg"] == 1)])
+    shares = places(gs.load(directory))
+    print_table(shares[(shares["source"] > 0) | (shares["meeting"] > 0) | (shares["leg"] == 1)])
 
 
 @app.command()

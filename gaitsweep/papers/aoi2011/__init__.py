@@ -5,8 +5,16 @@ from gaitsweep.papers import CLAIMS, CONFIGS, JOBS
 
 extension = gs.Extension(
     models={"waist_quadruped": "gaitsweep.papers.aoi2011.waist_quadruped:WaistQuadruped"},
-    gait_styles={"walk": ("#E69F00", "o"), "trot": ("#0072B2", "^"), "pace": ("#D55E00", "v")},
-    measures=("gaitsweep.papers.aoi2011.measures",),
+    gait_styles={
+        "walk": ("#E69F00", "^", ""),
+        "trot": ("#0072B2", "o", ""),
+        "pace": ("#D55E00", "v", "...."),
+    },
+    measures=(
+        "gaitsweep.papers.aoi2011.equation_measures",
+        "gaitsweep.papers.aoi2011.transition_measures",
+        "gaitsweep.papers.aoi2011.motion_measures",
+    ),
     jobs=JOBS,
     configs=CONFIGS,
     claims=CLAIMS,

@@ -60,14 +60,14 @@ def gait_bouts(
     """
     from gaitsweep.papers.fukuoka2015.analysis import gait_bouts as bouts
 
-    found = bouts.gait_bouts(bouts.gaits_along(gs.load(directory), cycles=cycles), by, least)
-    for row, mine in found.groupby("row"):
-        each = [
+    table = bouts.gait_bouts(bouts.gaits_along(gs.load(directory), cycles=cycles), by, least)
+    for row, bouts_of_row in table.groupby("row"):
+        texts = [
             f"{s[by]} {s['speed_begin']:.2f} to {s['speed_end']:.2f}"
             + f" ({s['windows']})" * (s["windows"] < 3)
-            for s in mine.to_dict("records")
+            for s in bouts_of_row.to_dict("records")
         ]
-        print(f"row {row}, m/s: {', '.join(each)}")
+        print(f"row {row}, m/s: {', '.join(texts)}")
 
 
 @app.command()
@@ -93,12 +93,12 @@ def loading_rule(
 
     table = gs.load(directory)
     if pairs:
-        found = rule.pairs_in(table)
+        judged = rule.pairs_in(table)
     elif predict:
-        found = rule.loading_rule(rule.load_prediction(table), split=split or "k2", repeats=())
+        judged = rule.loading_rule(rule.load_prediction(table), split=split or "k2", repeats=())
     else:
-        found = rule.loading_rule(table, split=split)
-    print_table(found, 3)
+        judged = rule.loading_rule(table, split=split)
+    print_table(judged, 3)
 
 
 @app.command()
@@ -112,11 +112,11 @@ def gait_thresholds(directory: Directory, window: Window = (-math.inf, math.inf)
 
     table = gs.load(directory)
     print_table(gaits_by_threshold(table, window=window))
-    found = gaits_in(table, window=window)
+    gaits = gaits_in(table, window=window)
     print("\nSizes of the shifts of both pairs, cycles, and which the threshold reads as in phase:")
-    print_table(shift_sizes(found), 2)
-    if "gait_by_touchdowns" in found:
-        same = found["gait"].astype(str) == found["gait_by_touchdowns"].astype(str)
+    print_table(shift_sizes(gaits), 2)
+    if "gait_by_touchdowns" in gaits:
+        same = gaits["gait"].astype(str) == gaits["gait_by_touchdowns"].astype(str)
         share = f"{same.sum()} of {len(same)} rows ({100 * same.mean():.1f} %)"
         print(f"\n{share} have the same gait by touchdowns.")
 

@@ -56,16 +56,16 @@ def gait_share(
     table: pd.DataFrame, *, gaits: Sequence[str], where: Condition | None = None, begin: float = -math.inf
 ) -> float:
     """Share of the rows with one of the gaits, by their swing onsets after the time `begin` (1)."""
-    found = gaits_in(records(table, where), window=(begin, math.inf))
-    return float(np.mean(found["gait"].isin(gaits).to_numpy()))
+    shown = gaits_in(records(table, where), window=(begin, math.inf))
+    return float(np.mean(shown["gait"].isin(gaits).to_numpy()))
 
 
 @measure
 def gaits_shown(table: pd.DataFrame, *, speeds: int = 1) -> float:
     """Number of the nine gaits that occur at so many values of the swept parameters or more (1)."""
-    found = gaits_in(table)
+    shown = gaits_in(table)
     axes = [name for name in axes_of(table) if name not in REPEATS]
-    places = found.loc[found["gait"].isin(CHART)].drop_duplicates(["gait", *axes])
+    places = shown.loc[shown["gait"].isin(CHART)].drop_duplicates(["gait", *axes])
     return float((places["gait"].astype(str).value_counts() >= speeds).sum())
 
 
@@ -86,8 +86,8 @@ def speed_gap(
     require(part, "gait", "speed_end")
     kind = part["gait"].astype(str).map(family)
     speed = part["speed_end"].to_numpy(float)
-    sides = [speed[kind.isin(each).to_numpy()] for each in (slow, fast)]
-    if not all(len(each) for each in sides):
+    sides = [speed[kind.isin(kinds_of_side).to_numpy()] for kinds_of_side in (slow, fast)]
+    if not all(len(side) for side in sides):
         raise MeasureError(f"The table lacks {' and '.join([*slow, *fast])}.")
     return float(sides[1].min() - sides[0].max())
 
@@ -101,7 +101,7 @@ def parameter_sets_with(
     require(part, "gait")
     axes = [name for name in axes_of(part) if name not in REPEATS]
     names = part.assign(gait=part["gait"].astype(str)).groupby(axes)["gait"].agg(set)
-    return float(sum(set(gaits) <= each for each in names))
+    return float(sum(set(gaits) <= shown for shown in names))
 
 
 @measure
@@ -158,7 +158,7 @@ def acceleration(
     part = _passes(records(table, where))
     low, high = between
     part = part.loc[(part["pass"] == int(falling)) & part["speed_n"].between(low, high)]
-    slopes = [np.polyfit(mine["t"], mine["speed_n"], 1)[0] for _, mine in part.groupby("row")]
+    slopes = [np.polyfit(crossings["t"], crossings["speed_n"], 1)[0] for _, crossings in part.groupby("row")]
     return float(np.mean(slopes))
 
 
@@ -168,7 +168,7 @@ def narrowest_family(table: pd.DataFrame, *, where: Condition | None = None) -> 
     bouts = _bouts(records(table, where), False, "family")
     bouts["width"] = np.abs(bouts["speed_end"].to_numpy(float) - bouts["speed_begin"].to_numpy(float))
     widths = {
-        str(name): np.median([mine["width"].sum() for _, mine in part.groupby("row")])
+        str(name): np.median([bouts_of_row["width"].sum() for _, bouts_of_row in part.groupby("row")])
         for name, part in bouts.groupby("family")
     }
     return min(widths, key=lambda name: widths[name])
@@ -180,10 +180,10 @@ def bout_time_ratio(
 ) -> float:
     """Median time in a family of gaits in the rising passes of one ramp, over that of another (1)."""
     times = []
-    for each in (table, other):
-        bouts = _bouts(records(each, where), False, "family")
-        mine = (bouts["family"] == family).to_numpy()
-        lasted = (bouts["end"] - bouts["begin"]).to_numpy(float) * mine
+    for job_table in (table, other):
+        bouts = _bouts(records(job_table, where), False, "family")
+        in_family = (bouts["family"] == family).to_numpy()
+        lasted = (bouts["end"] - bouts["begin"]).to_numpy(float) * in_family
         row = bouts["row"].to_numpy()
         times.append(np.median([lasted[row == each_row].sum() for each_row in np.unique(row)]))
     return float(times[0] / times[1])
@@ -193,8 +193,8 @@ def bout_time_ratio(
 def gallops_by_their_canter_or_trot(table: pd.DataFrame, *, where: Condition | None = None) -> float:
     """Share of the gallops of rising passes that follow the canter of the same lead, or a trot (1)."""
     before = []
-    for _, mine in _bouts(records(table, where), False, "gait").groupby("row"):
-        names = [str(name) for name in mine["gait"]]
+    for _, bouts in _bouts(records(table, where), False, "gait").groupby("row"):
+        names = [str(name) for name in bouts["gait"]]
         for first, then in itertools.pairwise(names):
             if then in SAME_LEAD:
                 before.append(first in ("trot", SAME_LEAD[then]))
@@ -237,8 +237,8 @@ def rule_agreement(
     table: pd.DataFrame, *, measure: str, what: str = "right", where: Condition | None = None
 ) -> float:
     """Agreement of a load or pitch with the rule: share of right signs, or r with the shift (1)."""
-    found = loading_rule(records(table, where)).set_index("measure")
-    return float(found.loc[measure, what])
+    judged = loading_rule(records(table, where)).set_index("measure")
+    return float(judged.loc[measure, what])
 
 
 @measure
@@ -266,22 +266,24 @@ def pairs_measure(table: pd.DataFrame, *, gait: str, measure: str) -> list[float
 def late_tilt(table: pd.DataFrame, *, gait: str) -> list[float]:
     """Pitch of each pair's late stance in a gait, nose down, over the range of the pitch (1)."""
     nods = float(np.mean([np.ptp(part["pitch"].to_numpy(float)) for part in _rows_of(table, gait)]))
-    return [each / nods for each in pairs_measure(table, gait=gait, measure="tilt_late")]
+    return [tilt / nods for tilt in pairs_measure(table, gait=gait, measure="tilt_late")]
 
 
 @measure
 def pair_ratio(table: pd.DataFrame, *, gait: str, pair: int, to: int, measure: str) -> float:
     """Size of the `pair_measure` of one pair, over that of the other (1)."""
-    own, other = (abs(pair_measure(table, gait=gait, pair=each, measure=measure)) for each in (pair, to))
+    own, other = (
+        abs(pair_measure(table, gait=gait, pair=pair_name, measure=measure)) for pair_name in (pair, to)
+    )
     return own / other
 
 
 @measure
 def loaded_longer(table: pd.DataFrame, *, gait: str) -> list[float]:
     """Share of the cycle by which each pair's hind foot is loaded longer than its fore foot in a gait (1)."""
-    mine = pd.concat(_rows_of(table, gait))
+    trace = pd.concat(_rows_of(table, gait))
     return [
-        float(np.mean(numbers(mine, f"F_{hind}") > 0.0) - np.mean(numbers(mine, f"F_{fore}") > 0.0))
+        float(np.mean(numbers(trace, f"F_{hind}") > 0.0) - np.mean(numbers(trace, f"F_{fore}") > 0.0))
         for fore, hind in PAIRS
     ]
 
@@ -289,8 +291,8 @@ def loaded_longer(table: pd.DataFrame, *, gait: str) -> list[float]:
 @measure
 def pitch_cycles(table: pd.DataFrame, *, where: Condition | None = None) -> float:
     """Pitch oscillations in a gait cycle, 1 or 2: the larger amplitude; median over the rows (1)."""
-    found = body_oscillation(records(table, where))
-    return float(np.median(np.where(found["twice"] > found["once"], 2.0, 1.0)))
+    oscillation = body_oscillation(records(table, where))
+    return float(np.median(np.where(oscillation["twice"] > oscillation["once"], 2.0, 1.0)))
 
 
 @measure
@@ -299,11 +301,13 @@ def body_cycles_along(
 ) -> list[float]:
     """Pitch oscillations in a gait cycle, 1 or 2, of each family's longest bout along a ramp (1)."""
     bouts = oscillation_along(records(table, where))
-    found = []
+    most_often = []
     for name in families:
-        mine = records(bouts, f"family == '{name}'")
-        found.append(float(mine["body_cycles"].to_numpy()[np.argmax(mine["windows"].to_numpy())]))
-    return found
+        bouts_of_family = records(bouts, f"family == '{name}'")
+        most_often.append(
+            float(bouts_of_family["body_cycles"].to_numpy()[np.argmax(bouts_of_family["windows"].to_numpy())])
+        )
+    return most_often
 
 
 @measure
@@ -356,7 +360,7 @@ def motor_targets() -> list[float]:
     for phase, active in (("sw", 1.0), ("st", -1.0)):
         swings = swinging(jnp.full((2, len(LEGS)), active))
         at = [jnp.full(len(LEGS), values[f"{name}_{phase}"]) for name in ("theta", "l")]
-        forces += [float(jnp.abs(each).max()) for each in driven.forces(swings, *at)]
+        forces += [float(jnp.abs(force).max()) for force in driven.forces(swings, *at)]
     return forces
 
 
@@ -364,8 +368,8 @@ def motor_targets() -> list[float]:
 def load_feedback(*, F: float, k2: float) -> list[float]:
     """Feedback of a load F (N) to extensor and flexor, over -k2 F (1)."""
     theta = jnp.zeros(len(LEGS))
-    given = leg_feedback(theta, jnp.full(len(LEGS), F), theta0=0.0, k1=0.0, k2=k2)
-    return [float(given[half][0]) / (-k2 * F) + 0.0 for half in (EXTENSOR, FLEXOR)]
+    inputs = leg_feedback(theta, jnp.full(len(LEGS), F), theta0=0.0, k1=0.0, k2=k2)
+    return [float(inputs[half][0]) / (-k2 * F) + 0.0 for half in (EXTENSOR, FLEXOR)]
 
 
 @measure
@@ -404,8 +408,8 @@ def _footfalls(part: pd.DataFrame) -> dict[str, float]:
         if len(lands[leg]) < 2:
             raise MeasureError(f"{leg} touches down fewer than two times.")
     turns = TURN / float(np.median(np.diff(lands["LF"])))
-    after = {leg: (mine[:, None] - lands["LF"][None]).ravel() for leg, mine in lands.items()}
-    return {leg: float(mean_direction(turns * each)) / TURN for leg, each in after.items()}
+    after = {leg: (times[:, None] - lands["LF"][None]).ravel() for leg, times in lands.items()}
+    return {leg: float(mean_direction(turns * lag)) / TURN for leg, lag in after.items()}
 
 
 def _most(orders: list[str]) -> str:
@@ -444,8 +448,10 @@ def _sequences(table: pd.DataFrame, falling: bool, by: str) -> dict[Any, list[st
     """
     column = "gait" if by == "right" else by
     bouts = _bouts(table, falling, column)
-    found = {row: [str(name) for name in mine[column]] for row, mine in bouts.groupby("row")}
-    return {row: _mirrored(names) for row, names in found.items()} if by == "right" else found
+    gaits_by_row = {
+        row: [str(name) for name in bouts_of_row[column]] for row, bouts_of_row in bouts.groupby("row")
+    }
+    return {row: _mirrored(names) for row, names in gaits_by_row.items()} if by == "right" else gaits_by_row
 
 
 def _mirrored(names: list[str]) -> list[str]:

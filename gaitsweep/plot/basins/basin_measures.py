@@ -16,6 +16,7 @@ from pydantic import Field
 
 from gaitsweep.analysis.basins.attractor_matching import follow_attractors
 from gaitsweep.analysis.basins.attractors import with_attractors
+from gaitsweep.analysis.basins.fractal_boundaries import BOX
 from gaitsweep.analysis.basins.measures import Basins, basins
 from gaitsweep.analysis.records import axes_of
 from gaitsweep.kinds.run_kind import refinement
@@ -140,6 +141,10 @@ def _shares(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | Non
 
 def _entropies(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None) -> None:
     place = _along(axes, table, panels, measured)
+    axes.set_ylabel("entropy (nats)")
+    if np.isnan(measured.panels["basin_entropy"].to_numpy(float)).all():
+        _explain(axes, measured, f"is narrower than the boxes of {BOX} cells a side")
+        return
     at = [place[value] for value in (measured.panels[panels] if panels else [None])]
     for name, colour, marker in (("basin_entropy", "#0072B2", "o"), ("boundary_entropy", "#D55E00", "s")):
         look: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 3.5, "linewidth": 0.7}
@@ -147,11 +152,20 @@ def _entropies(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | 
     axes.axhline(np.log(2.0), color="#555555", linewidth=0.7, linestyle="--")
     axes.annotate("ln 2", (1.0, np.log(2.0)), xycoords=("axes fraction", "data"), ha="right", va="bottom")
     axes.set_ylim(0.0, 0.8)
-    axes.set_ylabel("entropy (nats)")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22))
 
 
 def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None, unit: str) -> None:
+    axes.set_xlabel(
+        rf"error of a start $\varepsilon$ ({unit})" if unit else r"error of a start $\varepsilon$"
+    )
+    axes.set_ylabel("share of uncertain starts")
+    if not np.any(measured.uncertainty["uncertain"].to_numpy(float) > 0.0):
+        empty = measured.uncertainty.empty
+        lack = "is too narrow to compare starts" if empty else "has no boundary between outcomes"
+        axes.set_xticks([])
+        _explain(axes, measured, lack)
+        return
     values = list(measured.panels[panels]) if panels else [None]
     many = len(values) > _MOST_NAMED
     shades = _SHADES(np.linspace(0.0, 1.0, len(values)))
@@ -167,10 +181,6 @@ def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | 
         look = {"color": shades[number], "marker": theme.SPARE_MARKERS[number % len(theme.SPARE_MARKERS)]}
         named = None if many else label
         axes.loglog(mine["eps"], mine["uncertain"], label=named, markersize=3.5, linewidth=0.7, **look)
-    axes.set_xlabel(
-        rf"error of a start $\varepsilon$ ({unit})" if unit else r"error of a start $\varepsilon$"
-    )
-    axes.set_ylabel("share of uncertain starts")
     for axis in (axes.xaxis, axes.yaxis):
         low, high = axis.get_view_interval()
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)) if high > 2.0 * low else MaxNLocator(3))
@@ -178,8 +188,20 @@ def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | 
         axis.set_minor_formatter(NullFormatter())
     if many and panels:
         _shades_of(axes, table, measured.panels, panels)
-    elif axes.get_legend_handles_labels()[0]:
+    else:
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22))
+
+
+def _explain(axes: Axes, measured: Basins, lack: str) -> None:
+    """Write the reason into a panel without a measure."""
+    whole = measured.panels["grid"].to_numpy(bool).any()
+    reason = (
+        f"The grid of starts {lack}."
+        if whole
+        else "The starts form no complete grid, which this measure needs."
+    )
+    theme.message(axes, reason)
+    axes.set_yticks([])
 
 
 def _shades_of(axes: Axes, table: pd.DataFrame, measured: pd.DataFrame, panels: str) -> None:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+import contextlib
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
 
+import matplotlib as mpl
 import numpy as np
+import pandas as pd
 from jaxtyping import Float, Real
 from matplotlib.axes import Axes
-from matplotlib.patches import Rectangle
+from matplotlib.colors import to_rgba
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 
-from gaitsweep.plot import theme
+from gaitsweep.plot.columns import is_drawn, is_logarithmic
 from gaitsweep.plot.kind import PlannedTable, Refusal
 
 
@@ -33,22 +38,73 @@ def check_cells(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         )
 
 
-def hatch_cells(axes: Axes, edges: tuple[np.ndarray, np.ndarray], at: tuple, marked: np.ndarray) -> None:
-    """Hatch the marked cells; neighbours in a row become one rectangle."""
-    across, up = edges
-    cells = np.zeros((len(up) - 1, len(across) - 1), bool)
-    cells[at] = marked
+class CellGrid(NamedTuple):
+    """Cells around the values of two columns: names, values (nx,), (ny,) and edges (nx + 1,), (ny + 1,)."""
+
+    names: tuple[str, str]
+    values: tuple[np.ndarray, np.ndarray]
+    edges: tuple[np.ndarray, np.ndarray]
+
+    def placed(self, rows: pd.DataFrame, values: Any, empty: Any = np.nan) -> np.ndarray:
+        """The values of rows in their cells, (ny, nx, ...), `empty` in cells without a row."""
+        of_rows = np.asarray(values)
+        (x, y), (across, up) = self.names, self.values
+        cells = np.full((len(up), len(across), *of_rows.shape[1:]), empty, np.result_type(of_rows, empty))
+        cells[np.searchsorted(up, rows[y]), np.searchsorted(across, rows[x])] = of_rows
+        return cells
+
+
+def cell_grid(rows: pd.DataFrame, x: str, y: str, table: pd.DataFrame) -> CellGrid | None:
+    """The grid of the cells of rows, or None if their values are drawn at random or form no grid.
+
+    Args:
+        rows: one panel's rows.
+        x, y: columns along the axes.
+        table: the rows of all panels, which show the cells that one panel lacks, with the job in `.attrs`.
+    """
+    values, edges = [], []
+    for name in (x, y):
+        log = is_logarithmic(table, name)
+        mine, every = (np.unique(each[name].dropna().to_numpy(float)) for each in (rows, table))
+        if is_drawn(table, name) or not _on_grid(mine, log=log):
+            return None
+        values.append(_filled(every if _on_grid(every, log=log) else mine, log=log))
+        edges.append(cell_edges(values[-1], log=log))
+    few = len(rows) < 0.02 * len(np.unique(rows[x])) * len(np.unique(rows[y]))
+    return None if few else CellGrid((x, y), (values[0], values[1]), (edges[0], edges[1]))
+
+
+def colour_cells(axes: Axes, grid: CellGrid, rows: pd.DataFrame, colours: Iterable[str]) -> None:
+    """Cells in the colours of their rows; cells without a row stay empty."""
+    cells = grid.placed(rows, [to_rgba(each) for each in colours], 0.0)
+    axes.pcolormesh(*grid.edges, cells, rasterized=True)
+
+
+@contextlib.contextmanager
+def hatch_look(hatch: str, colour: str, width: float) -> Iterator[dict[str, Any]]:
+    """A context in which a patch takes the width of its hatch, with the look of a hatch alone."""
+    with mpl.rc_context({"hatch.linewidth": width}):
+        yield {"fill": False, "hatch": hatch, "linewidth": 0.0, "edgecolor": colour}
+
+
+def hatch_cells(
+    axes: Axes, grid: CellGrid, rows: pd.DataFrame, marked: Any, hatch: str, colour: str, width: float = 0.5
+) -> None:
+    """Hatch the cells of marked rows; neighbours in a row of cells become one rectangle."""
+    across, up = grid.edges
+    cells = grid.placed(rows, marked, False)
+    bars = []
     for row in np.flatnonzero(cells.any(axis=1)):
-        turns = np.flatnonzero(np.diff(np.r_[False, cells[row], False]))
-        for start, stop in zip(turns[::2], turns[1::2], strict=True):
-            (left, right), (bottom, top) = across[[start, stop]], up[[row, row + 1]]
-            look = {"fill": False, "hatch": theme.HATCH, "linewidth": 0, "edgecolor": "#333333", "zorder": 3}
-            axes.add_patch(
-                Rectangle((float(left), float(bottom)), float(right - left), float(top - bottom), **look)
-            )
+        turns = across[np.flatnonzero(np.diff(np.r_[False, cells[row], False]))]
+        bars += [[(a, up[row]), (b, up[row]), (b, up[row + 1]), (a, up[row + 1])]
+                 for a, b in zip(turns[::2], turns[1::2], strict=True)]  # fmt: skip
+    if bars:
+        shape = Path.make_compound_path(*(Path([*bar, bar[0]], closed=True) for bar in bars))
+        with hatch_look(hatch, colour, width) as look:
+            axes.add_patch(PathPatch(shape, zorder=3, **look))
 
 
-def on_grid(values: Real[np.ndarray, " values"], *, log: bool = False) -> bool:
+def _on_grid(values: Real[np.ndarray, " values"], *, log: bool = False) -> bool:
     """Whether sorted values form a grid: all steps are whole multiples of the smallest, up to rounding.
 
     Steps are ratios with `log`.
@@ -60,7 +116,7 @@ def on_grid(values: Real[np.ndarray, " values"], *, log: bool = False) -> bool:
     return len(values) <= 4 or bool((np.abs(counts - np.round(counts)) < 0.01).all() and counts.max() < 50)
 
 
-def filled(values: Real[np.ndarray, " values"], *, log: bool = False) -> Real[np.ndarray, " cells"]:
+def _filled(values: Real[np.ndarray, " values"], *, log: bool = False) -> Real[np.ndarray, " cells"]:
     """Sorted values of a grid with missing values filled in, so that no cell covers a missing neighbour.
 
     Values that do not form a grid are returned unchanged. Steps are ratios with `log`.
@@ -81,7 +137,7 @@ def filled(values: Real[np.ndarray, " values"], *, log: bool = False) -> Real[np
 
 
 def cell_edges(centres: Real[np.ndarray, " cells"], *, log: bool = False) -> Float[np.ndarray, " edges"]:
-    """The edges of cells, half way between neighbouring centres (for a grid: `filled`).
+    """The edges of cells, half way between neighbouring centres.
 
     Half way is the geometric mean with `log`.
     """

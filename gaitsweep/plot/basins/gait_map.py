@@ -2,35 +2,38 @@
 
 from __future__ import annotations
 
-from typing import Any
+import itertools
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.colors import to_hex, to_rgb, to_rgba
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from gaitsweep.contract import Outcome
 from gaitsweep.plot import theme
-from gaitsweep.plot.basins.cells import cell_edges, filled, hatch_cells, on_grid
+from gaitsweep.plot.basins.cells import CellGrid, cell_grid, colour_cells, hatch_cells, hatch_look
 from gaitsweep.plot.columns import column, described, is_angle, is_logarithmic, log_axes, outcome, rows_where
 from gaitsweep.plot.kind import GaitColumn, Horizontal, Title, Vertical, figure_kind
 
 OTHER = "another gait"  # settled, but in no gait of the model
 _HATCHED = (Outcome.NOT_SETTLED, Outcome.FAILED)
+_STRIPES = ("\\\\\\", "---", "|||")  # of the second gait of a set, the third, ...
+_DOUBTFUL = "++++"  # of a set that may have more gaits
 
 
 @figure_kind("settle", "fixed_time")
 def gait_map(
     table: pd.DataFrame, *, x: Horizontal, y: Vertical, hue: GaitColumn = "gait", title: Title = None
 ) -> Figure:
-    """Cells coloured by the set of gaits in which their starts settle: one colour for each set.
+    """Cells coloured by the set of gaits in which their starts settle, those of several gaits striped.
 
     A gait belongs to a cell's set if any start of the cell settles in it. Cells in which another start failed
-    have a darker colour of their own, those in which another did not settle a lighter one: they may have more
-    gaits. A cell without a named gait is `another gait`, `not settled` or `failed`, the first of these that
-    occurs among its starts. The legend gives each set's share of the cells.
+    have darker colours, those in which another did not settle lighter ones: they may have more gaits. A cell
+    without a named gait is `another gait`, `not settled` or `failed`, the first of these that occurs among
+    its starts. The legend gives each set's share of the cells.
 
     Args:
         table: a settle table, complete or partial, with several starts for each pair of x and y. `none` is
@@ -50,14 +53,17 @@ def gait_map(
             theme.message(axes, "no rows yet")
             return figure
         sets = _sets(table, x, y, hue)
-        colour = _colours(_ordered(sets["set"].tolist()))
+        looks = _looks(_ordered(sets["set"].tolist()))
         log_axes(axes, table, x=x, y=y)
-        _draw(axes, sets, x, y, colour, (is_logarithmic(table, x), is_logarithmic(table, y)))
+        grid = cell_grid(sets, x, y, table)
+        handles = _points(axes, sets, x, y, looks) if grid is None else _cells(axes, sets, grid, looks)
         for which, name in (("x", x), ("y", y)):
             if is_angle(table, name) and not is_logarithmic(table, name):
                 theme.angle_ticks(axes, which)
+        every = sets["set"].tolist()
+        labels = [f"{_words(names)}  {theme.percent(every.count(names) / len(every))} %" for names in looks]
         heading = "gaits that starts settle in, share of cells"
-        theme.legend(figure, _key(sets, colour), ncols=2, title=heading)
+        theme.legend(figure, handles, labels, ncols=2, title=heading)
     return figure
 
 
@@ -94,40 +100,63 @@ def _whole(names: tuple[str, ...]) -> tuple[str, ...]:
     return names[:-1] if len(names) > 1 and names[-1] in _HATCHED else names
 
 
-def _colours(sets: list[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
-    """The colour of each set: that of a single gait, other colours for several gaits, greys for no gait."""
-    whole = list(dict.fromkeys(map(_whole, sets)))
-    alone = theme.colours(dict.fromkeys(name for each in whole for name in each if name != OTHER))
-    colour: dict[tuple[str, ...], str] = {
-        each: theme.COLOURS["none"] if each == (OTHER,) else alone[each[0]]
-        for each in whole
-        if len(each) == 1
-    }
-    free = [each for each in ("#009E73", *theme.SPARE_COLOURS) if each not in alone.values()]
-    free = free or list(theme.SPARE_COLOURS)  # with many gaits no colour is free
-    several = [each for each in whole if len(each) > 1]
-    colour |= {each: free[number % len(free)] for number, each in enumerate(several)}
+class _Look(NamedTuple):
+    """The colours of a set's gaits, and of its cells the hatches over each other: pattern, colour, width."""
+
+    colours: list[str]
+    hatches: list[tuple[str, str, float]]
+
+
+def _looks(sets: list[tuple[str, ...]]) -> dict[tuple[str, ...], _Look]:
+    """The look of each set: that of its first gait, with stripes in the colour of each other one.
+
+    With a start that failed the colours are darker, with one that did not settle lighter, and both hatched.
+    """
+    names = dict.fromkeys("none" if name == OTHER else name for each in sets for name in each)
+    colour, hatch = theme.colours(names), theme.hatches(names)
+    looks = {}
     for each in sets:
-        if each not in colour:
-            colour[each] = _mixed(colour[_whole(each)], "black" if each[-1] == Outcome.FAILED else "white")
-    return colour
+        whole = ["none" if name == OTHER else name for name in _whole(each)]
+        tints = [colour[name] for name in whole]
+        fine = hatch[whole[0]] if len(whole) == 1 else ""
+        if len(whole) < len(each):
+            tints = [theme.mixed(tint, "black" if each[-1] == Outcome.FAILED else "white") for tint in tints]
+            fine = _DOUBTFUL
+        stripes = [(pattern, tint, 1.3) for pattern, tint in zip(itertools.cycle(_STRIPES), tints[1:])]
+        looks[each] = _Look(tints, [*stripes, *([(fine, theme.line_on(tints[0]), 0.5)] if fine else [])])
+    return looks
 
 
-def _mixed(colour: str, other: str) -> str:
-    """The mean of two colours."""
-    red, green, blue = 0.5 * (np.array(to_rgb(colour)) + np.array(to_rgb(other)))
-    return to_hex((float(red), float(green), float(blue)))
-
-
-def _key(sets: pd.DataFrame, colour: dict[tuple[str, ...], str]) -> list[Patch]:
-    """Each set in words, with its share of the cells."""
-    every = sets["set"].tolist()
+def _cells(axes: Axes, sets: pd.DataFrame, grid: CellGrid, looks: dict[tuple[str, ...], _Look]) -> list[Any]:
+    """Draw the sets as cells; returns the handle of each set."""
+    colour_cells(axes, grid, sets, [looks[each].colours[0] for each in sets["set"]])
     handles = []
-    for names in _ordered(every):
-        hatch = theme.HATCH if names[0] in _HATCHED else None
-        face: dict[str, Any] = {"facecolor": colour[names], "edgecolor": "#333333", "linewidth": 0.4}
-        label = f"{_words(names)}  {theme.percent(every.count(names) / len(every))} %"
-        handles.append(Patch(label=label, hatch=hatch, **face))
+    for names, look in looks.items():
+        marked = np.array([each == names for each in sets["set"]])
+        handle = [Patch(facecolor=look.colours[0], linewidth=0.0)]
+        for hatch in look.hatches:
+            hatch_cells(axes, grid, sets, marked, *hatch)
+            with hatch_look(*hatch) as lines:
+                handle.append(Patch(**lines))
+        handles.append(tuple(handle))
+    return handles
+
+
+def _points(axes: Axes, sets: pd.DataFrame, x: str, y: str, looks: dict[tuple[str, ...], _Look]) -> list[Any]:
+    """Draw the sets as points, of two gaits half and half; returns the handle of each set."""
+    size = float(np.clip(63.0 / np.sqrt(len(sets)), 2.0, 6.0))
+    markers = theme.markers(dict.fromkeys(name for each in looks for name in each))
+    handles = []
+    for names, look in looks.items():
+        mine = rows_where(sets, [each == names for each in sets["set"]])
+        style: dict[str, Any] = {"ls": "", "ms": size, "mfc": look.colours[0], "mew": 0.3, "mec": "#333333"}
+        style["marker"] = markers[names[0]]
+        if len(look.colours) > 1:
+            style |= {"marker": "o", "fillstyle": "left", "mfcalt": look.colours[1]}
+        if len(look.colours) > 2:
+            style |= {"mew": 1.0, "mec": look.colours[2]}
+        axes.plot(mine[x], mine[y], **style)
+        handles.append(Line2D([], [], **style))
     return handles
 
 
@@ -139,28 +168,3 @@ def _words(names: tuple[str, ...]) -> str:
     if len(names) == 1:
         return names[0] if names[0] in (OTHER, *_HATCHED) else f"{names[0]} only"
     return f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def _draw(
-    axes: Axes,
-    sets: pd.DataFrame,
-    x: str,
-    y: str,
-    colour: dict[tuple[str, ...], str],
-    logs: tuple[bool, bool],
-) -> None:
-    """Cells if the parameter sets form a grid, else one point for each set."""
-    across, up = np.unique(sets[x]), np.unique(sets[y])
-    colours = np.array([to_rgba(colour[each]) for each in sets["set"]])
-    regular = on_grid(across, log=logs[0]) and on_grid(up, log=logs[1])
-    if not (regular and len(sets) >= 0.02 * len(across) * len(up)):
-        size = float(np.clip(4e3 / len(sets), 4.0, 36.0))
-        axes.scatter(sets[x], sets[y], c=colours, s=size, edgecolors="#333333", linewidths=0.3)
-        return
-    across, up = filled(across, log=logs[0]), filled(up, log=logs[1])
-    at = np.searchsorted(up, sets[y]), np.searchsorted(across, sets[x])
-    edges = cell_edges(across, log=logs[0]), cell_edges(up, log=logs[1])
-    cells = np.zeros((len(up), len(across), 4))
-    cells[at] = colours
-    axes.pcolormesh(*edges, cells, rasterized=True)
-    hatch_cells(axes, edges, at, sets["set"].isin([(name,) for name in _HATCHED]).to_numpy())

@@ -57,6 +57,8 @@ def shock(
     """
     for name in (x, y, hue, *([panels] if panels else [])):
         column(table, name)
+    if not len(table):
+        return basin(table.assign(shock=np.nan), x=x, y=y, hue="shock", panels=panels, title=title)
     measured = basins(table, [x, y], label=hue, by=panels or ()).rows
     far = ~np.isfinite(measured["shock"].to_numpy(float))
     measured.loc[far, "shock"] = np.nan

@@ -65,7 +65,7 @@ def branches(
         log_axes(axes, table, x=x)
         axes.set_ylabel(described(table, name, 36))
         if not len(found):
-            theme.message(axes, "no fixed point was found")
+            theme.message(axes, "No map crosses the line of no change: none has a fixed point.")
             return figure
         value = found["value"].to_numpy(float)
         place = unwrap_from(value, branch_cut(value)) if is_angle(table, name) else value

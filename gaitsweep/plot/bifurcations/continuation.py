@@ -82,7 +82,7 @@ def continuation(
         axes.set_xlabel(described(table, x))
         axes.set_ylabel(described(table, name, 36))
         if not len(table):
-            theme.message(axes, "no fixed point was found")
+            theme.message(axes, "No row has a fixed point on a branch.")
             return figure
         colours = _colours(table, hue)
         for number, (low, high) in enumerate(intervals.values()):

@@ -14,10 +14,11 @@ from pydantic import Field
 
 from gaitsweep.contract import Status
 from gaitsweep.plot import theme
-from gaitsweep.plot.columns import axis_label, column, is_angle, log_axes, symbol
+from gaitsweep.plot.columns import column, described, is_angle, log_axes, symbol
 from gaitsweep.plot.kind import Horizontal, Hue, Observable, Title, figure_kind
 
 _NAMED_LINES = 8
+_DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
 
 
 @figure_kind("return_map", "ramp")
@@ -44,7 +45,7 @@ def cycles(
     column(table, hue)
     lines = [part.sort_values("crossing") if "crossing" in part else part for _, part in _rows(table)]
     values = list(dict.fromkeys(part[hue].iloc[0] for part in lines))
-    colour = _line_colours(values)
+    looks = _looks(values)
     down, across = theme.shape(len(names), theme.PAGE, 1.6)
     with theme.canvas(theme.PAGE, 2.4 * down + (0.45 if len(values) > 1 else 0.0), title) as figure:
         panels = figure.subplots(down, across, sharex=True, squeeze=False).ravel()
@@ -52,17 +53,17 @@ def cycles(
             axes.set_visible(False)
         for axes, name in zip(panels, names, strict=False):
             for part in lines:
-                _line(axes, part, x, name, colour[part[hue].iloc[0]], is_angle(table, name))
-            axes.set_xlabel(axis_label(table, x))
+                _line(axes, part, x, name, looks[part[hue].iloc[0]], is_angle(table, name))
+            axes.set_xlabel(described(table, x, 24))
             log_axes(axes, table, x=x)
-            axes.set_ylabel(axis_label(table, name))
+            axes.set_ylabel(described(table, name, 24))
             if is_angle(table, name):
                 theme.angle_axis(axes, "y")
             if not lines:
-                theme.message(axes, "no rows yet")
+                theme.message(axes, "The run has stored no row yet.")
         if 1 < len(values) <= _NAMED_LINES:
             labels, heading = _labels(table, lines, names, hue)
-            handles = [Line2D([], [], color=colour[value], label=labels[value]) for value in values]
+            handles = [Line2D([], [], label=labels[value], **looks[value]) for value in values]
             theme.legend(figure, handles, ncols=min(4, len(handles)), title=heading)
     return figure
 
@@ -71,17 +72,20 @@ def _rows(table: pd.DataFrame) -> list[tuple[object, pd.DataFrame]]:
     return list(table.groupby("row", sort=True, observed=True)) if "row" in table.columns else [(0, table)]
 
 
-def _line_colours(values: Sequence[Any]) -> dict[Any, str]:
-    """A colour for each value: that of a gait, else one of a palette, repeated for many values."""
-    if all(isinstance(value, str) for value in values):
-        return dict(theme.colours(map(str, values)))
+def _looks(values: Sequence[Any]) -> dict[Any, dict[str, Any]]:
+    """A colour for each value, that of a gait or one of a palette, and dashes if the values are few."""
     palette = theme.SPARE_COLOURS[:6]
-    return {value: palette[number % len(palette)] for number, value in enumerate(values)}
+    named = theme.colours(map(str, values)) if all(isinstance(value, str) for value in values) else {}
+    looks: dict[Any, dict[str, Any]] = {}
+    for number, value in enumerate(values):
+        dashes = _DASHES[number % len(_DASHES)] if len(values) <= _NAMED_LINES else "-"
+        looks[value] = {"color": named.get(value, palette[number % len(palette)]), "ls": dashes, "lw": 1.0}
+    return looks
 
 
-def _line(axes: Axes, part: pd.DataFrame, x: str, name: str, colour: str, angle: bool) -> None:
+def _line(axes: Axes, part: pd.DataFrame, x: str, name: str, look: dict[str, Any], angle: bool) -> None:
     """One row's line, and a cross where the row failed."""
-    across, up = part[x].to_numpy(float), part[name].to_numpy(float)
+    across, up, colour = part[x].to_numpy(float), part[name].to_numpy(float), look["color"]
     parted = np.zeros(max(len(up) - 1, 0), bool)
     if "crossing" in part.columns:
         parted |= np.diff(part["crossing"].to_numpy(int)) > 1  # crossings that the table lacks
@@ -92,7 +96,7 @@ def _line(axes: Axes, part: pd.DataFrame, x: str, name: str, colour: str, angle:
         wraps = np.flatnonzero(parted) + 1
         across, up = np.insert(across, wraps, np.nan), np.insert(up, wraps, np.nan)
     lone = np.isfinite(up) & ~np.isfinite(np.r_[np.nan, up[:-1]]) & ~np.isfinite(np.r_[up[1:], np.nan])
-    axes.plot(across, up, color=colour, lw=0.9)
+    axes.plot(across, up, **look)
     axes.plot(across[lone], up[lone], ".", color=colour, ms=2.5)
     there = np.flatnonzero(np.isfinite(up))
     status = str(part["status"].iloc[-1]) if "status" in part.columns else Status.complete.name

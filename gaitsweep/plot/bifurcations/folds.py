@@ -56,7 +56,7 @@ def folds(
         axes.set_xlabel(described(table, x.removesuffix("_fold")))
         axes.set_ylabel(described(table, y.removesuffix("_fold"), 36))
         if not len(table):
-            theme.message(axes, "no fold was found")
+            theme.message(axes, "No curve of folds was found: see column end of the table.")
             return figure
         colour = theme.colours(list(dict.fromkeys(table["gait"])))
         pieces = [piece for row, curve in table.groupby("row") for piece in _pieces(row, curve, x, y)]

@@ -61,17 +61,27 @@ def gait_transitions(
         shown = outcome(table, hue)
         names = theme.ordered(in_order(table, hue, shown))
         colour = theme.colours([each for each in names if each not in (Outcome.NOT_SETTLED, Outcome.FAILED)])
-        handles = _points(axes, table[x].to_numpy(float), place, shown.to_numpy(), names, colour)
+        marker = theme.markers(colour)
+        handles = _points(axes, table[x].to_numpy(float), place, shown.to_numpy(), names, (colour, marker))
+        labels = [theme.named(name) for name in names]
+        if not np.isfinite(place[(shown != Outcome.FAILED).to_numpy()]).any():
+            theme.message(axes, f"No row that did not fail has a value of {symbol(table, name)}.")
         lost = transition_points_by_gait(table, x, start, hue)
         lost = lost.loc[lost["gait"].isin(list(colour)).to_numpy()]
         for edge in lost.to_dict("records"):
             tint = colour[str(edge["gait"])]
             axes.axvspan(edge["low"], edge["high"], color=tint, alpha=0.3, lw=0)
-            axes.axvline(0.5 * (edge["low"] + edge["high"]), color=tint, lw=0.8, ls=":")
-            handles.append(Patch(facecolor=tint, alpha=0.4, label=_words(table, x, edge)))
+            middle = 0.5 * (edge["low"] + edge["high"])
+            axes.axvline(middle, color=tint, lw=0.8, ls=":")
+            # the marker of the gait, which is told apart in grey
+            look: dict[str, Any] = {"marker": marker[str(edge["gait"])], "mfc": tint}
+            look |= {"ls": "", "color": "#333333"}
+            axes.plot([middle], [0.96], transform=axes.get_xaxis_transform(), ms=5.0, **look)
+            handles.append((Patch(facecolor=tint, alpha=0.3), Line2D([], [], ms=4.0, **look)))
+            labels.append(_words(table, x, edge))
         if is_circular(table, name):
             theme.angle_ticks(axes, "y")
-        theme.legend(figure, handles, ncols=2)
+        theme.legend(figure, handles, labels, ncols=2)
     return figure
 
 
@@ -81,14 +91,14 @@ def _points(
     place: np.ndarray,
     shown: np.ndarray,
     names: list[str],
-    colour: dict[str, str],
-) -> list[Line2D | Patch]:
-    """Draw the rows; returns their entries in the legend."""
-    handles: list[Line2D | Patch] = []
-    markers = theme.markers(list(colour))
+    looks: tuple[dict[str, str], dict[str, str]],
+) -> list[Any]:
+    """Draw the rows; returns their handles in the legend."""
+    handles: list[Any] = []
+    colour, markers = looks
     for name in names:
         mine = shown == name
-        look: dict[str, Any] = {"ls": "", "ms": 3.5, "label": theme.named(name)}
+        look: dict[str, Any] = {"ls": "", "ms": 3.5}
         if name == Outcome.FAILED:
             look |= {"marker": "x", "color": "black", "clip_on": False}
             axes.plot(at[mine], np.zeros(mine.sum()), transform=axes.get_xaxis_transform(), **look)

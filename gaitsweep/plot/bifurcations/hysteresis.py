@@ -10,7 +10,6 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -26,7 +25,7 @@ from gaitsweep.analysis.transitions.hysteresis import (
 )
 from gaitsweep.analysis.transitions.jumps import where_it_moves
 from gaitsweep.plot import theme
-from gaitsweep.plot.bifurcations.passes import DOWN, UP, draw_arrows, draw_row
+from gaitsweep.plot.bifurcations.passes import DOWN, LINES, MARKER, UP, draw_arrows, draw_row
 from gaitsweep.plot.columns import (
     PlotError,
     column,
@@ -46,10 +45,8 @@ from gaitsweep.table import TableError, load
 _PANELS_A_ROW = 3
 _MOST_PANELS = 12
 _FAINT = 4  # with more rows each is drawn fainter
-
-
-# the colour and hatch of the intervals in which rows jump, by the parameter's direction
-_BANDS = {"rising": (UP, "////"), "falling": (DOWN, "\\\\\\\\")}
+# the colour of the intervals in which rows jump, and the ends of their bars as shares of the panel's height
+_JUMPS = {"rising": (UP, 0.97, 1.0), "falling": (DOWN, 0.0, 0.03)}
 
 
 class _Panel(NamedTuple):
@@ -87,12 +84,13 @@ def hysteresis(
     least: Annotated[Positive, "change of y that counts as a jump, in its unit"] = LEAST,
     title: Title = None,
 ) -> Figure:
-    """An observable over the moving parameter, with distinct rising and falling passes and shaded jumps.
+    """An observable over the moving parameter, with distinct rising and falling passes and marked jumps.
 
-    A ramp is a thin line through its crossings; a staircase has a marker at the end of each stair, open if
-    the stair had not settled, and a faint line between stairs of one branch. The legend gives the interval of
-    each pass's jump, the median over the rows. Arrows mark where the two passes differ most. Passes that
-    jump to and fro, as with an irregular gait, belong to no branch and have their own panel below.
+    A ramp is a thin line through its crossings, solid as the parameter rises and dashed as it falls; a
+    staircase has a marker at the end of each stair, open if the stair had not settled. A bar at the top marks
+    the interval of the rising pass's jump, the median over the rows, and a bar at the bottom that of the
+    falling one; the legend gives both. Arrows mark where the two passes differ most. Passes that jump to and
+    fro, as with an irregular gait, belong to no branch and have their own panel below.
 
     Args:
         table: a ramp or staircase table.
@@ -182,7 +180,7 @@ def _second(table: pd.DataFrame, other: str | pd.DataFrame | None, panels: str |
         found = load(path)
         return _remarked(_split(found, panels, True), found)
     except TableError:
-        return [_Panel(path.name, None, f"{path.name}\nhas no table yet:\nrun its job, then\ngaitsweep plot")]
+        return [_Panel(path.name, None, f"{path.name} has no table yet: run its job, then gaitsweep plot.")]
 
 
 def _remarked(shown: list[_Panel], table: pd.DataFrame) -> list[_Panel]:
@@ -234,7 +232,7 @@ def _strip(
 ) -> None:
     """The records of irregular passes, as points."""
     if table is None or not len(irregular):
-        theme.message(axes, "no irregular pass")
+        theme.message(axes, "Each pass follows a branch.")
         return
     kept = rows_where(irregular, sound(irregular, name, x))
     for number, part in kept.groupby("pass", sort=True):
@@ -294,7 +292,7 @@ def _draw(
     least: float,
     origin: float | None,
 ) -> list[Patch]:
-    """One panel: each row's passes on branches, the jumps' intervals shaded; returns the jumps' legend."""
+    """One panel: each row's passes on branches, and bars at jumps; returns the jumps' legend."""
     axes.set_title(panel.heading if panel.table is not None else "")
     if panel.table is None or branches is None:
         theme.message(axes, panel.note)
@@ -304,7 +302,7 @@ def _draw(
     table = rows_where(panel.table, sound(panel.table, name, parameter))
     table = rows_where(table, table.index.isin(branches.index)).sort_values(["row", order], kind="stable")
     if not len(table):
-        theme.message(axes, "no pass on a branch" if len(panel.table) else "no numbers yet")
+        theme.message(axes, _why_empty(panel.table, name))
         return []
     rows = table["row"].unique()
     alpha = 1.0 if len(rows) <= _FAINT else max(0.15, _FAINT / len(rows))
@@ -319,22 +317,22 @@ def _draw(
     return _bands(axes, found, table, parameter)
 
 
+def _why_empty(table: pd.DataFrame, name: str) -> str:
+    if not len(table):
+        return "The run has stored no record yet."
+    if not np.isfinite(table[name].to_numpy(float)).any():
+        return f"No record has a value of {symbol(table, name)}."
+    return "No pass follows a branch: all rows fell, or jump to and fro."
+
+
 def _bands(axes: Axes, found: pd.DataFrame, table: pd.DataFrame, parameter: str) -> list[Patch]:
-    """The intervals of the jumps, hatched by their direction; returns their legend."""
+    """Bars at the intervals of the jumps, and a tint below the points; returns their legend."""
     handles = []
-    edges = found.to_dict("records")
-    for edge in edges:
-        colour, hatch = _BANDS[edge["direction"]]
-        look: dict[str, Any] = {"facecolor": to_rgba(colour, 0.16), "edgecolor": to_rgba(colour, 0.55)}
-        look |= {"hatch": hatch, "lw": 0.8}
-        axes.axvspan(edge["low"], edge["high"], zorder=0, **look)
-        handles.append(Patch(label=_in_words(edge, table, parameter), **look))
-    up, down = ([e for e in edges if e["direction"] == way] for way in ("rising", "falling"))
-    both = [(a, b) for a in up for b in down if max(a["low"], b["low"]) < min(a["high"], b["high"])]
-    if both:
-        hatch = "".join(each for _, each in _BANDS.values())
-        look = {"facecolor": "#CFC9C4", "edgecolor": "#8A7F86", "hatch": hatch, "lw": 0.8}
-        handles.append(Patch(label="where both overlap", **look))
+    for edge in found.to_dict("records"):
+        colour, *ends = _JUMPS[edge["direction"]]
+        axes.axvspan(edge["low"], edge["high"], zorder=0, color=colour, alpha=0.1, lw=0)
+        axes.axvspan(edge["low"], edge["high"], *ends, color=colour, lw=0)
+        handles.append(Patch(label=_in_words(edge, table, parameter), color=colour, lw=0))
     return handles
 
 
@@ -348,7 +346,7 @@ def _below(axes: Axes, handles: list[Patch]) -> None:
     look: dict[str, Any] = {"title_fontsize": 7.0, "fontsize": theme.points(7), "borderaxespad": 0.0}
     axes.legend(
         handles=handles,
-        title="jumps at",
+        title="jumps at (bars at the edges)",
         loc="upper center",
         bbox_to_anchor=(0.5, 0.0),
         bbox_transform=place,
@@ -368,13 +366,15 @@ def _key(shown: list[_Panel], table: pd.DataFrame, parameter: str, drawn: set[st
     """The legend of the colours and markers that are drawn."""
     stairs = [panel.table for panel in shown if panel.table is not None and "stair" in panel.table.columns]
     handles = []
-    for colour, marker, words in ((UP, "^", "rises"), (DOWN, "v", "falls")):
+    for colour, marker, words in ((UP, "^", "rises →"), (DOWN, "v", "falls ←")):
         if colour not in drawn:
             continue
-        look: dict[str, Any] = {"color": colour, "lw": 1.0, "marker": marker if stairs else "", "ms": 4}
-        handles.append(Line2D([], [], label=f"{symbol(table, parameter)} {words}", **look))
+        look: dict[str, Any] = {"color": colour, "ls": LINES[colour], "marker": marker if stairs else ""}
+        handles.append(Line2D([], [], label=f"{symbol(table, parameter)} {words}", **MARKER, **look))
     if any("settled" in each.columns and not each["settled"].to_numpy(bool).all() for each in stairs):
         handles.append(
-            Line2D([], [], ls="", marker="^", ms=4, mfc="white", color="#555555", label="hold not settled")
+            Line2D(
+                [], [], ls="", marker="^", mfc="white", color="#555555", label="hold not settled", **MARKER
+            )
         )
     return handles

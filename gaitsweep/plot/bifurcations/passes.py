@@ -13,7 +13,9 @@ from matplotlib.transforms import ScaledTranslation
 from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.transitions.jumps import STEEPER, where_it_moves
 
-UP, DOWN = "#D55E00", "#0072B2"  # distinct for colour-blind readers, and in lightness
+UP, DOWN = "#E69F00", "#0072B2"  # distinct for colour-blind readers, and in lightness
+LINES: dict[str, Any] = {UP: "-", DOWN: (0, (4, 2))}
+MARKER: dict[str, Any] = {"ms": 5.0, "mew": 0.9}  # points: whether it is hollow is seen at 85 mm
 _GRID = 201  # values of the parameter at which two passes are compared
 
 
@@ -61,9 +63,9 @@ def draw_row(
             parted |= change >= max(least, STEEPER * float(np.quantile(change, 0.25)))
         ends = np.flatnonzero(parted) + 1
         across, along = np.insert(across, ends, np.nan), np.insert(along, ends, np.nan)
-        axes.plot(across, along, color=colour, lw=0.7, alpha=alpha * (0.5 if stairs else 1.0))
+        axes.plot(across, along, color=colour, ls=LINES[colour], lw=0.8, alpha=alpha)
         if stairs:
-            look: dict[str, Any] = {"ls": "", "marker": marker, "ms": 4.0, "mew": 0.8, "alpha": alpha}
+            look: dict[str, Any] = {"ls": "", "marker": marker, "alpha": alpha, **MARKER}
             for which, face in ((settled[mine], colour), (~settled[mine], "white")):
                 axes.plot(at[mine][which], value[mine][which], color=colour, mfc=face, **look)
     return passes
@@ -91,9 +93,15 @@ def draw_arrows(axes: Axes, passes: list[Pass], least: float) -> None:
     at = (begin + end) // 2
     for colour, curve in curves.items():
         above = curve[at] >= curves[DOWN if colour == UP else UP][at]
-        offset = ScaledTranslation(0.0, (7 if above else -7) / 72, axes.figure.dpi_scale_trans)
+        offset = ScaledTranslation(0.0, (9 if above else -9) / 72, axes.figure.dpi_scale_trans)
         way = half if colour == UP else -half
-        look: dict[str, Any] = {"arrowstyle": "-|>", "mutation_scale": 8, "shrinkA": 0, "shrinkB": 0}
+        look: dict[str, Any] = {
+            "arrowstyle": "-|>",
+            "mutation_scale": 9,
+            "zorder": 5,
+            "shrinkA": 0,
+            "shrinkB": 0,
+        }
         ends = (grid[at] - way, curve[at]), (grid[at] + way, curve[at])
         arrow = FancyArrowPatch(*ends, color=colour, lw=1.0, **look)
         arrow.set_transform(axes.transData + offset)

@@ -31,6 +31,7 @@ _PANELS_A_ROW = 3
 _MOST_PANELS = 24
 _POINTS, _CURVE, _POINT, _GHOST = "#B8B8B8", "#0072B2", "#D55E00", "#009E73"
 _FAST = 2.0  # steps larger than so many ranges of the others are left out of the axis limits
+_NEAR, _MOST = 0.1, 0.98  # changes that are small, in ranges of the values, and the least share of them
 FORMS = ("change", "next")
 
 
@@ -41,10 +42,10 @@ def return_map(
     y: Observed,
     panels: Panels = None,
     form: Annotated[
-        Literal["change", "next"],
-        word("change", "next"),
-        "change: y's change over y; next: the next y over y",
-    ] = "change",
+        Annotated[Literal["change", "next"], word("change", "next")] | None,
+        "change: y's change over y; next: the next y over y; by default next, but change where all points "
+        "lie near the diagonal",
+    ] = None,
     bandwidth: Bandwidth = None,
     title: Title = None,
 ) -> Figure:
@@ -60,7 +61,7 @@ def return_map(
     Raises:
         PlotError: the table lacks a column, or the form is unknown.
     """
-    if form not in FORMS:
+    if form not in (None, *FORMS):
         raise PlotError(f"form is {form}, but must be {' or '.join(FORMS)}.")
     name = column(table, y, ("_n", ""))
     for each in ("row", "crossing", *([panels] if panels else [])):
@@ -69,6 +70,7 @@ def return_map(
     if len(values) > _MOST_PANELS:
         title = f"{title or ''} (the first {_MOST_PANELS} of {len(values)} panels)".strip()
     values = values[:_MOST_PANELS] or [None]
+    form = form or ("change" if _near_the_diagonal(table, name) else "next")
     down, across = theme.shape(len(values), theme.PAGE, 2.0, _PANELS_A_ROW)
     width = theme.PAGE if len(values) > 1 else theme.COLUMN + 1.2
     with theme.canvas(width, (2.3 if across > 1 else 2.8) * down + 0.9, title) as figure:
@@ -82,7 +84,7 @@ def return_map(
             if number % across == 0:
                 axes.set_ylabel(_label(table, name, form))
             if number + across >= len(values):
-                axes.set_xlabel(described(table, name, 66 // across))
+                axes.set_xlabel(described(table, name, min(90 // across, 44)))
                 axes.tick_params(labelbottom=True)
         for axes in grid[len(values) :]:
             axes.set_visible(False)
@@ -93,14 +95,20 @@ def return_map(
 
 
 def _label(table: pd.DataFrame, name: str, form: str) -> str:
-    """The label of the vertical axis: `change a crossing (rad)` or the next value."""
-    unit = unit_of(table, name)
-    what = (
-        "change from one crossing\nto the next"
-        if form == "change"
-        else f"{symbol(table, name)} at the next crossing"
-    )
-    return f"{what} ({unit})" if unit else what
+    """The label of the vertical axis: the change to the next crossing, or the next value."""
+    unit, what = unit_of(table, name), symbol(table, name)
+    begin = f"change of {what} to\n" if form == "change" else f"{what} at\n"
+    return f"{begin}the next crossing" + (f" ({unit})" if unit else "")
+
+
+def _near_the_diagonal(table: pd.DataFrame, name: str) -> bool:
+    """Whether all changes are small beside the range of the values."""
+    steps = pairs(table, name)
+    if not len(steps):
+        return True
+    values = steps["value"].to_numpy(float)
+    values = unwrap_from(values, branch_cut(values)) if is_angle(table, name) else values
+    return bool(np.quantile(np.abs(steps["change"].to_numpy(float)), _MOST) < _NEAR * np.ptp(values))
 
 
 def _panel(
@@ -109,7 +117,7 @@ def _panel(
     """One map: points, curve, fixed points and ghosts; returns which of them occur."""
     steps = pairs(part, name)
     if not len(steps):
-        theme.message(axes, "no two crossings yet")
+        theme.message(axes, "No start has two crossings in succession with a value.")
         return set()
     here, change = _on_axis(steps["value"], origin), steps["change"].to_numpy(float)
     curve = drift(part, name, bandwidth=bandwidth)

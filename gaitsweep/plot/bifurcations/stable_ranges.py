@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
+import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -18,7 +19,7 @@ from gaitsweep.plot.bifurcations.continuation import MARKERS, WORDS
 from gaitsweep.plot.columns import PlotError, column, described, log_axes, moved_parameter
 from gaitsweep.plot.kind import AlongAxis, GaitColumn, Title, figure_kind
 
-_TOGETHER = "#009E73"  # as in a gait map of two gaits
+_STRIPES = {"hatch": "\\\\\\", "facecolor": "none", "lw": 0.0}  # of the second gait over the first
 
 
 @figure_kind("continuation")
@@ -32,9 +33,9 @@ def stable_ranges(
 ) -> Figure:
     """The range of a parameter in which each gait is stable, over another that differs between branches.
 
-    Each gait has an area, with another colour where two are stable; edges are marked by the bifurcation
-    there. At an edge without a mark the branch ended, or stability changes at a corner or jump of the map; at
-    an edge without a line branches begin or leave their range.
+    Each gait has an area, striped in the colour of another that is stable too; edges are marked by the
+    bifurcation there. At an edge without a mark the branch ended, or stability changes at a corner or jump of
+    the map; at an edge without a line branches begin or leave their range.
 
     Args:
         table: a continuation's table. If several branches have the same gait at one value of y, their stable
@@ -56,10 +57,10 @@ def stable_ranges(
         log_axes(axes, table, y=y)
         areas = _areas(table.assign(gait=table[hue]), x, y)
         if not areas:
-            theme.message(axes, "no stable gait was found")
+            theme.message(axes, "no stable gait was found" if len(table) else "no rows yet")
             return figure
         _draw(axes, areas)
-        theme.legend(figure, _key(areas), ncols=2)
+        theme.legend(figure, *_key(areas), ncols=2)
     return figure
 
 
@@ -95,26 +96,26 @@ def _union(same: pd.DataFrame, what: str, x: str) -> pd.Series:
 
 
 def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
-    colour = theme.colours(list(areas))
+    colour, hatch = theme.colours(areas), theme.hatches(areas)
     for name, area in areas.items():
         low, high, up = (area[key].to_numpy(float) for key in ("low", "high", "up"))
-        axes.fill_betweenx(up, low, high, color=colour[name], alpha=0.3, lw=0)
-    for low, high, up in _overlaps(areas).values():
-        axes.fill_betweenx(up, low, high, color="white", lw=0)
-        axes.fill_betweenx(up, low, high, color=_TOGETHER, alpha=0.45, lw=0)
-    for name, area in areas.items():
+        axes.fill_betweenx(up, low, high, **theme.hatched(colour[name], hatch[name]))
+    for (one, other), (low, high, up) in _overlaps(areas).items():
+        axes.fill_betweenx(up, low, high, color=colour[one], lw=0.0)
+        axes.fill_betweenx(up, low, high, edgecolor=colour[other], **_STRIPES)
+    for area in areas.values():
         for side in ("low", "high"):
             at, up = area[side].to_numpy(float), area["up"].to_numpy(float)
             by = area[f"{side}_by"].to_numpy(str)
             lost = ~np.isin(by, ["start", "range"])
-            axes.plot(np.where(lost, at, np.nan), up, color=colour[name], lw=1.2, zorder=3)
+            axes.plot(np.where(lost, at, np.nan), up, color=mpl.rcParams["axes.edgecolor"], lw=1.0, zorder=3)
             for mark, shape in MARKERS.items():
                 here = by == mark
-                look: dict[str, Any] = {"ms": 4.5, "color": colour[name], "mfc": "white", "zorder": 4}
+                look: dict[str, Any] = {"ms": 4.5, "color": "black", "mfc": "white", "zorder": 4}
                 axes.plot(at[here], up[here], shape, **look)
 
 
-def _overlaps(areas: dict[str, pd.DataFrame]) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def _overlaps(areas: dict[str, pd.DataFrame]) -> dict[tuple[str, str], tuple[np.ndarray, ...]]:
     """For each pair of gaits: low, high and up (n,) of the range where both are stable, NaN where not."""
     names, found = list(areas), {}
     for number, one in enumerate(names):
@@ -125,22 +126,20 @@ def _overlaps(areas: dict[str, pd.DataFrame]) -> dict[str, tuple[np.ndarray, np.
             apart, up = high <= low, both["up"].to_numpy(float)
             if not apart.all():
                 range_ = np.where(apart, np.nan, low), np.where(apart, np.nan, high), up
-                found[f"{one} and {other}"] = range_
+                found[one, other] = range_
     return found
 
 
-def _key(areas: dict[str, pd.DataFrame]) -> list[Line2D | Patch]:
-    colour = theme.colours(list(areas))
-    handles: list[Line2D | Patch] = [
-        Patch(facecolor=colour[name], alpha=0.3, label=f"{theme.named(name)} stable") for name in areas
-    ]
-    if together := _overlaps(areas):
-        handles.append(Patch(facecolor=_TOGETHER, alpha=0.45, label=f"{', or '.join(together)}: both stable"))
+def _key(areas: dict[str, pd.DataFrame]) -> tuple[list[Any], list[str]]:
+    """The handles and texts of the legend."""
+    colour, hatch = theme.colours(areas), theme.hatches(areas)
+    handles: list[Any] = [Patch(**theme.hatched(colour[name], hatch[name])) for name in areas]
+    labels = [f"{theme.named(name)} stable" for name in areas]
+    for one, other in _overlaps(areas):
+        handles.append((Patch(color=colour[one], lw=0.0), Patch(edgecolor=colour[other], **_STRIPES)))
+        labels.append(f"{theme.named(one)} and {theme.named(other)} stable")
     every = {by for area in areas.values() for by in (*area["low_by"], *area["high_by"])}
+    kinds = [kind for kind in MARKERS if kind in every]
     look: dict[str, Any] = {"ls": "", "ms": 4.5, "color": "black", "mfc": "white"}
-    handles += [
-        Line2D([], [], marker=mark, label=WORDS.get(kind, kind), **look)
-        for kind, mark in MARKERS.items()
-        if kind in every
-    ]
-    return handles
+    handles += [Line2D([], [], marker=MARKERS[kind], **look) for kind in kinds]
+    return handles, [*labels, *(WORDS.get(kind, kind) for kind in kinds)]

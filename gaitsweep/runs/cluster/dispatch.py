@@ -300,7 +300,7 @@ class Dispatch:
         self.flight.update(zip(numbers, tasks, strict=True))
 
     def _rows(self, number: int) -> np.ndarray | None:
-        return None if self.rows_in is None else self.rows_in(*self.directory.rows_of(number))
+        return None if self.rows_in is None else self.rows_in(*self.directory.layout.rows_of(number))
 
     def _take_ended(self) -> int:
         """Process the tasks that have ended, well or not; return their number."""
@@ -366,12 +366,12 @@ class Dispatch:
     def _free_stranded(self) -> None:
         """Submit tasks again that only lost workers may run."""
         present = set(self.workers.names)
-        gone = [
+        stranded = [
             n for n, task in self.flight.items() if task.only is not None and not present & set(task.only)
         ]
-        if gone:
-            self.workers.client.cancel([self.flight[number].future for number in gone], force=True)
-            self._give_back(gone)
+        if stranded:
+            self.workers.client.cancel([self.flight[number].future for number in stranded], force=True)
+            self._give_back(stranded)
 
     def _expire(self) -> None:
         """End workers of which no task has ended for too long; a task may wait behind another."""

@@ -152,12 +152,12 @@ def _held(writer: PartWriter, number: int, patience: float) -> Iterator[bool]:
         raise WorkerUnfit(f"{error.filename} cannot be opened: {reason(error)}") from error
     with locks:
         deadline = time.monotonic() + patience
-        deaths, last = locks.begun(number)
+        deaths, last = locks.unfinished_starts(number)
         try:
             while not locks.take(number, _name()) and time.monotonic() < deadline:
                 _stop_if_unwanted()
                 time.sleep(_POLL)
-                deaths, last = locks.begun(number)
+                deaths, last = locks.unfinished_starts(number)
             if missing := not writer.has(number):
                 if deaths >= MOST_DEATHS:
                     raise BlockGivenUp(f"it ended {deaths} workers that began it, the last of them {last}")

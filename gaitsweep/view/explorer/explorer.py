@@ -29,6 +29,7 @@ from gaitsweep.plot.provenance_marks import remarks
 from gaitsweep.runs.prepare import RunContext, prepare
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.self_check import changes, circular
+from gaitsweep.runs.sentences import status_sentence
 from gaitsweep.skeleton import LimbLook
 from gaitsweep.table import load, replace_file, writing
 from gaitsweep.version import version
@@ -52,6 +53,9 @@ _MOST_SERIES = 6
 _NAMED = 3
 # Differences in angles up to this value between a row simulated again and the table are not reported, rad.
 _APART = 1e-2
+# The page, and the parts that its marks stand for.
+_TEMPLATE = "explorer.html"
+_PARTS = {"style": "explorer.css", "script": "explorer.js", "gif": "gif.js"}
 _OF_MANY_ROWS = ("refine", "over", "coarse")  # fields of a run that choose among its rows
 
 
@@ -170,7 +174,7 @@ def _page(
     if not len(table):
         raise ArgumentError("No row has ended yet, so there is nothing to explore.")
     script = compressed(plotly.encode())
-    frame_size = len(script) + sum(len(_part(name)) for name in ("html", "css", "js")) + 4000
+    frame_size = len(script) + sum(len(_part(name)) for name in (_TEMPLATE, *_PARTS.values())) + 4000
     room = int(max_size * _MB) - frame_size
     least = f"The page needs {(frame_size + 0.2 * _MB) / _MB:.1f} MB even without walks"
     if room < 0.2 * _MB:
@@ -178,7 +182,7 @@ def _page(
     context = prepare(job)
     table = _labelled(table, context)
     shown = map_of(table, job, *axes, _most_records(table, context.design.names, _TABLE_SHARE * room))
-    fields = _table_fields(shown, context.design.names)
+    fields = _table_fields(shown, context.design.names, table.attrs["job"])
     room -= len(compressed(_json(fields)))
     if room < 0:
         raise ExplorerSizeError(f"The table alone is larger than --max-size, {max_size:g} MB.")
@@ -241,8 +245,8 @@ def _most_records(table: pd.DataFrame, exact: Sequence[str], room: float) -> int
     return max(int(room / size), 100)
 
 
-def _table_fields(shown: StartMap, exact: Sequence[str]) -> dict[str, Any]:
-    """The map and the records in the format of the page."""
+def _table_fields(shown: StartMap, exact: Sequence[str], fields_of_job: Mapping[str, Any]) -> dict[str, Any]:
+    """The map and the records in the format of the page, and the sentences of their statuses."""
     fields: dict[str, Any] = {
         "kind": shown.kind,
         "x": shown.axis("x"),
@@ -255,7 +259,7 @@ def _table_fields(shown: StartMap, exact: Sequence[str]) -> dict[str, Any]:
             {"name": html_symbol(shown.table, each.name), "texts": each.texts, "of": each.of_record.tolist()}
             for each in shown.slices
         ],
-        "statuses": {status.name: status.sentence for status in Status},
+        "statuses": {status.name: status_sentence(status.name, fields_of_job) for status in Status},
     }
     if shown.edges is not None and shown.at is not None:
         fields |= {
@@ -533,10 +537,8 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"{type(value)} is not JSON")
 
 
-def _part(ending: str) -> str:
-    return (
-        resources.files("gaitsweep.view.explorer").joinpath("page", f"explorer.{ending}").read_text("utf-8")
-    )
+def _part(name: str) -> str:
+    return resources.files("gaitsweep.view.explorer").joinpath("page", name).read_text("utf-8")
 
 
 def _filled(texts: Mapping[str, str], plotly: str, data: str, size: str) -> str:
@@ -544,10 +546,9 @@ def _filled(texts: Mapping[str, str], plotly: str, data: str, size: str) -> str:
     parts = {f"{{{{{name}}}}}": html.escape(text) for name, text in texts.items()}
     parts |= {
         "{{size}}": size,
-        "{{style}}": _part("css"),
-        "{{script}}": _part("js"),
+        **{f"{{{{{mark}}}}}": _part(name) for mark, name in _PARTS.items()},
         "{{data}}": data,
         "{{plotly}}": plotly,
     }
     # all at once, so that no text is searched for marks
-    return re.sub("|".join(map(re.escape, parts)), lambda mark: parts[mark[0]], _part("html"))
+    return re.sub("|".join(map(re.escape, parts)), lambda mark: parts[mark[0]], _part(_TEMPLATE))

@@ -15,10 +15,10 @@ from gaitsweep.kinds.continuation import Continuation
 from gaitsweep.kinds.run_kind import BlockProgress
 from gaitsweep.kinds.staircase import Staircase
 from gaitsweep.runs.prepare import RunContext
-from gaitsweep.view.explorer.choice import cells_to_trace, spread
 from gaitsweep.view.explorer.replays import Crossings, ReplayedRow, Replayer, Stretch, Windows
 from gaitsweep.view.explorer.section_states import states_at
 from gaitsweep.view.explorer.start_map import CELLS, StartMap
+from gaitsweep.view.explorer.traced_cells import cells_to_trace, spread
 
 FIRST_CYCLES = 3
 LAST_CYCLES = 2  # of a row that has no steady gait

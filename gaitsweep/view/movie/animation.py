@@ -1,4 +1,4 @@
-"""Animations of one row of a trace: the frames of a movie, and a strip of poses over a cycle."""
+"""Animations of one row: the frames of a movie, and a strip of poses over a cycle."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from matplotlib.text import Text
 
 from gaitsweep.mathtext import settable
 from gaitsweep.plot import theme
-from gaitsweep.plot.footfalls import contact_intervals
+from gaitsweep.plot.footprint_diagrams import contact_intervals
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.skeleton import Limb, Skeleton
 from gaitsweep.view.movie.side_view import SideView, bounds

@@ -1,4 +1,4 @@
-"""A job's blocks computed by Dask workers that are threads of this process: what needs no process to die."""
+"""A job's blocks computed by Dask workers in threads of this process, without losses of processes."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_sound_parts_are_not_computed_again(client: Any, tmp_path: Path) -> None
     assert [part for part in parts if part.stat().st_mtime_ns != stamps[part]] == [parts[2], parts[5]]
 
 
-def test_parts_that_come_back_through_the_scheduler(client: Any, whole: gs.Result, tmp_path: Path) -> None:
+def test_parts_return_through_the_scheduler(client: Any, whole: gs.Result, tmp_path: Path) -> None:
     cluster = Cluster(GivenClient(client), collect=True)
     run_job(gs.Job(**JOB), tmp_path / "out", cluster=cluster)
     pd.testing.assert_frame_equal(gs.load(tmp_path / "out"), whole.table, check_exact=True)
@@ -99,11 +99,11 @@ def test_workers_that_do_not_share_the_directory_are_named(
     task._prepared.cache_clear()
     with pytest.raises(RunError) as refusal:
         gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
-    said = str(refusal.value)
-    assert "2 of the 2 workers" in said
-    assert "which is not started" in said
-    assert f"does not see the result directory {tmp_path / 'out'}" in said
-    assert "--collect" in said
+    message = str(refusal.value)
+    assert "2 of the 2 workers" in message
+    assert "which is not started" in message
+    assert f"does not see the result directory {tmp_path / 'out'}" in message
+    assert "--collect" in message
     assert not list((tmp_path / "out" / "table").iterdir())
     assert not list((tmp_path / "out").glob(".probe*"))
     _until_no_task(client)  # though the exception is still known here
@@ -118,7 +118,7 @@ def test_a_worker_that_differs_is_refused_by_its_name_and_what_differs(
         gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
 
 
-def test_what_differs_is_said_in_words() -> None:
+def test_differences_between_workers_are_named() -> None:
     here = {"jax": "1", "the engine": "kernel", "the job's hash": "ab"}
     assert difference(here, here) is None
     assert difference({**here, "jax": "2", "the job's hash": "cd"}, here) == "jax is 2 there and 1 here"
@@ -208,8 +208,8 @@ def test_ctrl_c_leaves_no_task_behind(client: Any, tmp_path: Path) -> None:
     pd.testing.assert_frame_equal(run.table, whole, check_exact=True)
 
 
-def test_ctrl_c_stops_the_blocks_that_are_under_way(client: Any, tmp_path: Path) -> None:
-    """They would take minutes; workers are free again within seconds."""
+def test_ctrl_c_stops_running_blocks(client: Any, tmp_path: Path) -> None:
+    """They would take minutes; workers are free within seconds."""
     job = gs.Job(**{**JOB, "run": {"kind": "fixed_time", "duration": 2000.0}, "numerics": {"dt": 2e-5}})
     began = time.monotonic()
 
@@ -274,7 +274,7 @@ def test_a_file_that_is_none_of_a_scheduler_is_refused(text: str, said: str, tmp
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_does_not_answer_is_told_and_costs_no_threads(
+def test_a_silent_scheduler_is_reported_and_leaves_no_threads(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(connection, "_CONNECT", 0.2)
@@ -352,18 +352,18 @@ def test_names_of_tasks_are_used_again(client: Any, tmp_path: Path, monkeypatch:
 def test_a_reason_and_its_worker_travel_as_a_pickle() -> None:
     import pickle
 
-    found = pickle.loads(pickle.dumps(WorkerUnfit("the disk is full", "tcp://127.0.0.1:1")))
-    assert (str(found), found.address) == ("the disk is full", "tcp://127.0.0.1:1")
+    result = pickle.loads(pickle.dumps(WorkerUnfit("the disk is full", "tcp://127.0.0.1:1")))
+    assert (str(result), result.address) == ("the disk is full", "tcp://127.0.0.1:1")
 
 
 def test_a_sweep_of_keywords_on_a_cluster(client: Any, tmp_path: Path) -> None:
     from toy_model import Toy
 
-    given: dict[str, Any] = {"launch_1": [0.5, 1.0, 2.0], "numerics": {"dt": 2e-3}, "verify": 0}
-    alone = gs.sweep(Toy(N=1), **given)
+    fields: dict[str, Any] = {"launch_1": [0.5, 1.0, 2.0], "numerics": {"dt": 2e-3}, "verify": 0}
+    alone = gs.sweep(Toy(N=1), **fields)
     memory, disk = (
-        gs.sweep(Toy(N=1), client=client, **given),
-        gs.sweep(Toy(N=1), client=client, out=tmp_path / "out", **given),
+        gs.sweep(Toy(N=1), client=client, **fields),
+        gs.sweep(Toy(N=1), client=client, out=tmp_path / "out", **fields),
     )
     pd.testing.assert_frame_equal(memory.table, alone.table, check_exact=True)
     pd.testing.assert_frame_equal(disk.table, alone.table, check_exact=True)

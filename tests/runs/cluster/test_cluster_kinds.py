@@ -73,7 +73,7 @@ def client() -> Iterator[Any]:
         yield client
 
 
-def test_all_kinds_are_here() -> None:
+def test_all_run_kinds_are_tested() -> None:
     assert {job["run"]["kind"] for job in JOBS.values()} == set(RUN_KINDS)
 
 
@@ -89,7 +89,7 @@ def test_the_table_is_that_of_one_process(client: Any, kind: str, tmp_path: Path
     assert files[1] - files[0] == set()
 
 
-def test_a_refined_run_goes_on_inside_its_round(client: Any, tmp_path: Path) -> None:
+def test_a_refined_run_continues_inside_its_round(client: Any, tmp_path: Path) -> None:
     job = gs.Job(name="kinds", verify=0, **JOBS["settle, refined"])
     whole = gs.run(job, tmp_path / "whole").table
     rounds = tmp_path / "out" / "refinement"

@@ -159,8 +159,8 @@ def test_no_other_user_of_the_machine_reaches_local_workers() -> None:
     workers = LocalWorkers(1)
     try:
         assert workers.try_to_connect()
-        found = workers.client.scheduler_info()
-        addresses = [found["address"], *found["workers"]]
+        result = workers.client.scheduler_info()
+        addresses = [result["address"], *result["workers"]]
         assert all(address.startswith("tls://127.0.0.1:") for address in addresses)
         line = [sys.executable, "-c", _STRANGER, *addresses]
         done = subprocess.run(line, capture_output=True, text=True, timeout=120)
@@ -172,7 +172,7 @@ def test_no_other_user_of_the_machine_reaches_local_workers() -> None:
         workers.close()
 
 
-def test_a_terminals_ctrl_c_reaches_local_workers_too_and_is_obeyed_by_the_command(tmp_path: Path) -> None:
+def test_ctrl_c_of_a_terminal_ends_the_command_and_its_local_workers(tmp_path: Path) -> None:
     job = job_of(40, pause=0.2)
     run = Run(tmp_path, job, "--cluster", "local:2")
     until(lambda: run.parts >= 2)
@@ -202,7 +202,7 @@ def test_workers_killed_one_after_another_in_one_run(tmp_path: Path, dask: DaskP
     check(run.out, tmp_path, job)
 
 
-def test_all_workers_go_and_others_come(tmp_path: Path, dask: DaskProcesses) -> None:
+def test_all_workers_are_replaced(tmp_path: Path, dask: DaskProcesses) -> None:
     job = job_of(30, pause=0.2)
     dask.start_scheduler()
     dask.start_worker("a")
@@ -236,7 +236,7 @@ def test_a_scheduler_killed_twice(tmp_path: Path, dask: DaskProcesses) -> None:
     check(run.out, tmp_path, job)
 
 
-def test_a_client_killed_twice_goes_on_when_it_is_run_again(tmp_path: Path, dask: DaskProcesses) -> None:
+def test_a_client_killed_twice_continues_when_it_is_run_again(tmp_path: Path, dask: DaskProcesses) -> None:
     job = job_of(60, pause=0.2)
     dask.start_scheduler()
     dask.start_worker("a")
@@ -279,7 +279,7 @@ def test_a_second_client_is_refused_and_ctrl_c_leaves_the_cluster_clean(
 
 
 @pytest.mark.parametrize("nanny", [(), ("--no-nanny",)], ids=["nanny", "no_nanny"])
-def test_a_hanging_worker_is_ended_and_its_block_goes_elsewhere(
+def test_a_hanging_worker_is_ended_and_its_block_is_reassigned(
     tmp_path: Path, dask: DaskProcesses, nanny: tuple[str, ...]
 ) -> None:
     job = job_of(20, pause=0.1, hanging=[1.0 if 40 <= row < 48 else 0.0 for row in range(160)])

@@ -1,4 +1,4 @@
-"""A simulator whose result depends on its step: a particle in a double well, by explicit Euler with an error.
+"""A simulator whose result depends on its step: a particle in a double well, by a wrong explicit Euler.
 
 x' = x - x^3 in steps x + dt (x - x^3) + lean dt^2: where the wells part and where they lie is off by lean dt,
 to first order: the boundary at x = -lean dt, the wells' bottoms at 1 + lean dt / 2 and -1 + lean dt / 2.

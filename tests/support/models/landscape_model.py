@@ -120,5 +120,5 @@ def curve(params: Mapping[str, jax.Array], theta_2: jax.Array) -> jax.Array:
 def is_near(
     theta_1: np.ndarray, theta_2: np.ndarray, shift: float | np.ndarray = 0.0, bend: float | np.ndarray = 0.7
 ) -> np.ndarray:
-    """Whether a start goes to the near curve."""
+    """Whether a start reaches the near curve."""
     return np.cos(theta_1 - shift - bend * np.sin(theta_2)) > 0.0

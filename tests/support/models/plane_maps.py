@@ -1,4 +1,4 @@
-"""Maps as models of steps, for tests of what settles: each step of 1 s is a crossing of the section."""
+"""Maps as stepped models, for tests of settling: each step of 1 s is a crossing of the section."""
 
 from __future__ import annotations
 

@@ -53,8 +53,8 @@ def gait_shares(
             ("low", f"{gait}_low", 0.0),
             ("high", f"{gait}_high", most_without),
         ):
-            there = (part, gait) in wide.columns
-            sets[column] = wide[part, gait].fillna(otherwise).to_numpy() if there else otherwise
+            occurs = (part, gait) in wide.columns
+            sets[column] = wide[part, gait].fillna(otherwise).to_numpy() if occurs else otherwise
     sets["elsewhere"] = (1.0 - sets[list(WAVES)].sum(axis=1)).clip(lower=0.0).round(12)
     return sets.assign(**_conditions(table, pd.DataFrame(sets[names])))
 
@@ -90,7 +90,7 @@ def existence(N: int, chains: Chain, L: np.ndarray) -> dict[str, np.ndarray]:
     Returns:
         (n,) bool for each of WAVES; for the source wave, of any boundary leg.
     """
-    return {gait: np.asarray(each) for gait, each in zip(WAVES, _hold(N, chains, L), strict=True)}
+    return {gait: np.asarray(exists) for gait, exists in zip(WAVES, _hold(N, chains, L), strict=True)}
 
 
 @partial(jax.jit, static_argnums=0)
@@ -108,9 +108,12 @@ def _conditions(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, np.ndarray
     L = np.broadcast_to(values["L"], (len(sets),))
     m_B = np.maximum(chains.m_1, chains.m_end)
     # with a profile the printed conditions are those of every inner leg, so of the extreme ones
-    m, kappa, a = (np.asarray(each).reshape(len(sets), -1) for each in (chains.m, chains.kappa, chains.a))
+    m, kappa, a = (np.asarray(field).reshape(len(sets), -1) for field in (chains.m, chains.kappa, chains.a))
     sag = m.max(axis=1) * chains.g / kappa.min(axis=1)
     printed = (0.5 * m.max(axis=1) < m_B) & (m_B < m.min(axis=1))
     printed &= (sag < a.min(axis=1)) & (a.max(axis=1) < L)
-    found = existence(springs_of(table), chains, L)
-    return {"conditions": np.asarray(printed), **{f"{gait}_hold": each for gait, each in found.items()}}
+    holds_by_gait = existence(springs_of(table), chains, L)
+    return {
+        "conditions": np.asarray(printed),
+        **{f"{gait}_hold": field for gait, field in holds_by_gait.items()},
+    }

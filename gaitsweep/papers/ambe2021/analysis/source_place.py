@@ -41,12 +41,16 @@ def source_place(table: pd.DataFrame) -> pd.DataFrame:
     rows = []
     groups = table.groupby(names, sort=True).indices if names else {(): np.arange(len(table))}
     for values, at in groups.items():
-        given = dict(zip(names, values if isinstance(values, tuple) else (values,), strict=True))
-        here = source[at], meeting[at]
-        neither = float(np.mean((here[0] == 0) & (here[1] == 0)))
+        parameters = dict(zip(names, values if isinstance(values, tuple) else (values,), strict=True))
+        legs_of_set = source[at], meeting[at]
+        neither = float(np.mean((legs_of_set[0] == 0) & (legs_of_set[1] == 0)))
         rows += [
-            given
-            | {"leg": leg, "source": np.mean(here[0] == leg), "meeting": np.mean(here[1] == leg)}
+            parameters
+            | {
+                "leg": leg,
+                "source": np.mean(legs_of_set[0] == leg),
+                "meeting": np.mean(legs_of_set[1] == leg),
+            }
             | {"neither": neither, "starts": len(at)}
             for leg in range(1, phases.shape[1] + 2)
         ]

@@ -67,17 +67,17 @@ def waves(table: pd.DataFrame) -> pd.DataFrame:
     varied = [
         name for name in table.columns[1 : list(table.columns).index("t")] if not name.startswith("psi_")
     ]
-    given = table.groupby("row", sort=True)[varied].first().reset_index(drop=True)
+    parameters = table.groupby("row", sort=True)[varied].first().reset_index(drop=True)
     return pd.concat(
-        [pd.DataFrame(records)[["row"]], given, pd.DataFrame(records).drop(columns="row")], axis=1
+        [pd.DataFrame(records)[["row"]], parameters, pd.DataFrame(records).drop(columns="row")], axis=1
     )
 
 
 def _wave(row: int, part: pd.DataFrame, N: int, chain: Chain, omega: float) -> dict[str, object]:
-    found, psi = passages(part, N), relative_phases(part, N)
+    swings, psi = passages(part, N), relative_phases(part, N)
     branch, distance = nearest_set(N, chain, psi)
     inside = links_of_wave(N, branch)
-    lags = np.minimum(found.leads, found.period - found.leads)[inside - 1]
+    lags = np.minimum(swings.leads, swings.period - swings.leads)[inside - 1]
     # eqs. (27), (28) are of equal inner legs; with a profile each pair has a lag of its own
     nothing = Speeds(jnp.asarray(jnp.nan), jnp.asarray(jnp.nan))
     speeds = nothing if chain.has_profile else wave_speed(omega, chain)
@@ -88,10 +88,10 @@ def _wave(row: int, part: pd.DataFrame, N: int, chain: Chain, omega: float) -> d
         "k": branch.k if branch.kind != "direct" else 0,
         "distance": distance,
         "free_link": free_link(N, branch),
-        "period": found.period,
+        "period": swings.period,
         "lag": lags.mean(),
         "spread": np.ptp(lags),
-        "wavelength": found.period / lags.mean(),
+        "wavelength": swings.period / lags.mean(),
         "speed": 1.0 / lags.mean(),
         "wavelength_27": printed,
         "speed_28": float(speeds.printed),
@@ -119,8 +119,8 @@ def passages(part: pd.DataFrame, N: int) -> Passages:
     times = [_times(t, part[f"phase_{leg}"].to_numpy(float)) for leg in range(1, N + 2)]
     if min(map(len, times)) < 3:
         raise AnalysisError("A wave needs at least two cycles: use a longer duration of the trace.")
-    period = float(np.mean([each[-1] - each[-3] for each in times])) / 2.0
-    last = np.array([each[-1] for each in times])
+    period = float(np.mean([passed[-1] - passed[-3] for passed in times])) / 2.0
+    last = np.array([passed[-1] for passed in times])
     return Passages(period, np.mod(last[:-1] - last[1:], period))
 
 

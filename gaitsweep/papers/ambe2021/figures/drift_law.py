@@ -31,10 +31,10 @@ from gaitsweep.plot import (
 EQUAL = 1e-9  # largest difference between equal ends, in the unit of the parameter
 ENDS = {"m": ("m_1", "m_end"), "kappa": ("kappa_1", "kappa_end"), "a": ("a_1", "a_end")}
 APART = {
-    "m": "difference of head's and tail's mass |m$_{N+1}$ − m$_1$|, kg",
-    "kappa": "drift of E, unequal end springs, rad a cycle",
-    "a": "drift of E, unequal end amplitudes, rad a cycle",
-    "ends": "drift of E, unequal ends, rad a cycle",
+    "m": "difference of head's and tail's mass, $|m_{N+1} - m_1|$ (kg)",
+    "kappa": "drift of the sum of relative phases $E$ with unequal end springs (rad per cycle)",
+    "a": "drift of the sum of relative phases $E$ with unequal end amplitudes (rad per cycle)",
+    "ends": "drift of the sum of relative phases $E$ with unequal ends (rad per cycle)",
 }
 
 
@@ -76,27 +76,34 @@ def drift_law(
     for name in ("cycles", hue):
         column(table, name)
     ends = [column(table, name) for pair in _columns(table, of) for name in pair]
-    kept = rows_where(table, ~outcome(table, hue).isin([Outcome.NOT_SETTLED, Outcome.FAILED, "none"]))
+    settled = rows_where(table, ~outcome(table, hue).isin([Outcome.NOT_SETTLED, Outcome.FAILED, "none"]))
     with theme.canvas(theme.COLUMN + 0.9, 3.1, title) as figure:
         axes = figure.subplots()
-        axes.set_xlabel(APART[of])
+        axes.set_xlabel(theme.wrapped(APART[of], theme.width_of(theme.COLUMN + 0.9) - 0.8, 8.5))
         axes.set_ylabel("cycles until settled")
-        pairs = _pairs(table, kept, ends, hue, by_mass=of == "m")
+        pairs = _pairs(table, settled, ends, hue, by_mass=of == "m")
         if not len(pairs):
-            theme.message(axes, "no row with unequal ends has settled")
+            theme.message(axes, "Of the rows with unequal ends none has settled.")
             return figure
         names = theme.ordered(sorted(pairs[hue].unique()))
         colour, marker = theme.colours(names), theme.markers(names)
         for name in names:
-            mine = pairs[pairs[hue] == name]
+            points = pairs[pairs[hue] == name]
             look = {"color": colour[name], "marker": marker[name], "s": 16, "linewidths": 0.8}
-            axes.scatter(mine["apart"], mine["max"], label=f"{theme.named(name)}: most cycles", **look)
             axes.scatter(
-                mine["apart"], mine["median"], facecolors="none", label=f"{theme.named(name)}: median",
+                points["apart"],
+                points["max"],
+                label=f"{theme.named(name)}: most cycles",
+                **look,
+            )
+            axes.scatter(
+                points["apart"], points["median"], facecolors="none", label=f"{theme.named(name)}: median",
                 **{**look, "color": None, "edgecolors": colour[name]},
             )  # fmt: skip
         law = pairs.groupby("apart")["law"].first().sort_index()
-        axes.plot(law.index, law, color="black", lw=0.9, label="drift along all of the line")
+        axes.plot(
+            law.index, law, color="black", lw=0.9, label="law: drift along all of the line, eqs. (30)-(32)"
+        )
         for axis, scale in ((axes.xaxis, axes.set_xscale), (axes.yaxis, axes.set_yscale)):
             scale("log")
             _ticks(axis)
@@ -108,11 +115,11 @@ def _columns(table: pd.DataFrame, of: str) -> list[tuple[str, str]]:
     """The columns of head and tail that may differ."""
     if of != "ends":
         return [ENDS[of]]
-    there = [pair for pair in ENDS.values() if set(pair) <= set(table.columns)]
-    if not there:
+    present = [pair for pair in ENDS.values() if set(pair) <= set(table.columns)]
+    if not present:
         pairs = ", ".join(" and ".join(pair) for pair in ENDS.values())
         raise PlotError(f"This table has no column of an end; of: ends needs one of these pairs: {pairs}.")
-    return there
+    return present
 
 
 def _ticks(axis: Axis) -> None:
@@ -124,19 +131,21 @@ def _ticks(axis: Axis) -> None:
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
 
 
-def _pairs(table: pd.DataFrame, kept: pd.DataFrame, ends: list[str], hue: str, by_mass: bool) -> pd.DataFrame:
+def _pairs(
+    table: pd.DataFrame, settled: pd.DataFrame, ends: list[str], hue: str, by_mass: bool
+) -> pd.DataFrame:
     """Per drifting pair of ends and gait: median and largest cycles, asymmetry, cycles of the law."""
     profile = [name for name in profile_parameters_of(table) if name in table]
     moving = [name for name in profile if len(table[name].unique()) > 1]
     if moving:
         raise PlotError(f"{moving[0]} varies, but the law needs a single profile of the inner legs.")
     springs, chain = springs_of(table), chain_of(table)
-    groups = kept.groupby([*ends, kept[hue].astype(str)])["cycles"].agg(["median", "max"])
+    groups = settled.groupby([*ends, settled[hue].astype(str)])["cycles"].agg(["median", "max"])
     pairs = groups.reset_index()
     chains = [
         chain._replace(**dict(zip(ends, values, strict=True))) for values in pairs[ends].to_numpy(float)
     ]
-    pairs["law"] = [float(worst_case_cycles(springs, each)) for each in chains]
-    drifts = np.round([abs(float(drift(each))) for each in chains], 9)
+    pairs["law"] = [float(worst_case_cycles(springs, chain_of_pair)) for chain_of_pair in chains]
+    drifts = np.round([abs(float(drift(chain_of_pair))) for chain_of_pair in chains], 9)
     pairs["apart"] = np.abs(pairs[ends[1]] - pairs[ends[0]]).round(9) if by_mass else drifts
     return rows_where(pairs, pairs["apart"] > EQUAL)

@@ -7,7 +7,6 @@ from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
-import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -31,14 +30,11 @@ from gaitsweep.plot import (
     Refusal,
     Title,
     axis_label,
-    cell_edges,
+    cell_grid,
     column,
     described,
     figure_kind,
-    filled,
-    is_logarithmic,
     log_axes,
-    on_grid,
     theme,
 )
 
@@ -51,7 +47,6 @@ _LINES = {
     "m/2 < m$_B$ < m, m g/κ < a < L": Line2D([], [], color="black", lw=0.9, ls="--"),
     "edge of where the wave is a motion of the chain": Line2D([], [], **_EXACT),
 }
-_PLACES = 240  # points along each axis of a map of sets that form no grid
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
@@ -81,7 +76,7 @@ def gait_shares(
     Curves have their 95 % intervals. Dashed lines are the limits of m/2 < m_B < m and of m g/kappa < a < L,
     solid ones those of the exact conditions (`existence`); parameters that are not on the axes are those of
     the job, or of Table 1 if they vary. With a profile there are no dashed lines. If the sets form no grid,
-    each point of a map shows the nearest set, and the sets are white dots.
+    a map has a point for each.
 
     Args:
         table: a settle table of the multi-legged chain, several starts for each set of parameters.
@@ -98,13 +93,14 @@ def gait_shares(
     with theme.canvas(theme.PAGE, 1.9 * down + 0.8, title) as figure:
         panels = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
         if not len(table):
-            theme.message(panels[0], "no rows yet")
+            for axes in panels:
+                theme.message(axes, "no rows yet")
             return figure
         shares = shares_of(table)
         drawn = None
         for axes, gait in zip(panels, _SHARES, strict=True):
             log_axes(axes, table, x=x, y=y)
-            drawn = _map(axes, shares, x, y, gait, (is_logarithmic(table, x), is_logarithmic(table, y)))
+            drawn = _map(axes, shares, table, x, y, gait)
             axes.set_title(theme.named(gait) if gait in WAVES else "none of these")
             axes.set_xlabel(axis_label(table, x))
             _edges(axes, table, x, y)
@@ -120,32 +116,15 @@ def gait_shares(
     return figure
 
 
-def _map(axes: Axes, shares: pd.DataFrame, x: str, y: str, gait: str, logs: tuple[bool, bool]) -> Any:
-    """Cells if the sets form a grid, averaged over a cell's sets; else the fraction of the nearest set."""
+def _map(axes: Axes, shares: pd.DataFrame, table: pd.DataFrame, x: str, y: str, gait: str) -> Any:
+    """Cells if the sets form a grid, averaged over a cell's sets; else a point for each set."""
     look = {"cmap": "viridis", "vmin": 0.0, "vmax": 1.0, "rasterized": True}
-    across, up = np.unique(shares[x]), np.unique(shares[y])
-    if (
-        len(shares) >= 0.5 * len(across) * len(up)
-        and on_grid(across, log=logs[0])
-        and on_grid(up, log=logs[1])
-    ):
-        cells = shares.pivot_table(index=y, columns=x, values=gait, aggfunc="mean")
-        across, up = filled(across, log=logs[0]), filled(up, log=logs[1])
-        cells = cells.reindex(index=up, columns=across).to_numpy(float)
-        edges = cell_edges(across, log=logs[0]), cell_edges(up, log=logs[1])
-        return axes.pcolormesh(*edges, cells, **look)
-    points = shares[[x, y]].to_numpy(float)
-    axes.plot(*points.T, ".", ms=1.0, mew=0, color="white", zorder=2, rasterized=True)  # the sets themselves
-    points[:, logs] = np.log(points[:, logs])
-    low, size = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-12)
-    middles = (np.arange(_PLACES) + 0.5) / _PLACES
-    places = np.stack(np.meshgrid(middles, middles), axis=-1)
-    away, nearest = scipy.spatial.KDTree((points - low) / size).query(places)
-    # points far from every set stay empty
-    known = np.where(away < 3.0 / np.sqrt(len(points)), shares[gait].to_numpy(float)[nearest], np.nan)
-    edges = np.linspace(0.0, 1.0, _PLACES + 1)[:, None] * size + low
-    edges[:, logs] = np.exp(edges[:, logs])
-    return axes.pcolormesh(edges[:, 0], edges[:, 1], known, **look)
+    cells = pd.DataFrame(shares.groupby([x, y])[gait].mean()).reset_index()
+    grid = cell_grid(cells, x, y, table)
+    if grid is not None:
+        return axes.pcolormesh(*grid.edges, grid.placed(cells, cells[gait]), **look)
+    size = float(np.clip(2e3 / len(cells), 3.0, 30.0))
+    return axes.scatter(cells[x], cells[y], c=cells[gait], s=size, linewidths=0.0, **look)
 
 
 def _curves(table: pd.DataFrame, x: str, title: str | None) -> Figure:
@@ -215,14 +194,14 @@ def _exact(axes: Axes, table: pd.DataFrame, x: str, y: str | None, gait: str) ->
     grid = np.stack([each.ravel() for each in np.meshgrid(along, up)], axis=1)
     sets = pd.DataFrame(grid[:, : 2 if y else 1], columns=[x, y] if y else [x])
     L = np.broadcast_to(parameters_of(table, sets)["L"], (len(sets),))
-    there = existence(springs_of(table), chains_of(table, sets), L)[gait].reshape(len(up), len(along))
+    exists = existence(springs_of(table), chains_of(table, sets), L)[gait].reshape(len(up), len(along))
     if y:
-        if there.any() and not there.all():
+        if exists.any() and not exists.all():
             look = {"colors": _EXACT["color"], "linewidths": _EXACT["lw"]}
-            axes.contour(along, up, there.astype(float), [0.5], **look)
+            axes.contour(along, up, exists.astype(float), [0.5], **look)
     else:
         drawn = [float(np.asarray(line.get_xdata(), float)[0]) for line in axes.get_lines()]
-        for turn in np.flatnonzero(np.diff(there[0].astype(int))):
+        for turn in np.flatnonzero(np.diff(exists[0].astype(int))):
             at, step = 0.5 * (along[turn] + along[turn + 1]), along[turn + 1] - along[turn]
             if min(abs(at - each) for each in drawn) > step:  # not drawn twice for two gaits or conditions
                 axes.axvline(at, zorder=0, **_EXACT)

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from mpl_toolkits.mplot3d import proj3d
 from pydantic import Field
 
 from gaitsweep.analyses import in_order
@@ -39,6 +40,7 @@ from gaitsweep.plot import (
 )
 
 _Three = Field(min_length=3, max_length=3)
+_AWAY = 11.0  # points from a marked point to its name
 _PSI = ("psi_1", "psi_2", "psi_3")
 Planes = list[tuple[Any, list[int]]]  # the axes of each projection, and the two observables along them
 
@@ -78,17 +80,18 @@ def solution_set(
     lines, remark = _theory(table, list(axes)) if theory else (np.zeros((0, 2, 3)), None)
     with theme.canvas(theme.PAGE, 4.3, title) as figure:
         space, planes = _panels(figure)
-        kept = _scatter(table, names, hue, shown, space, planes)
+        settled = _scatter(table, names, hue, shown, space, planes)
         for ends in lines:
             space.plot(*ends.T, color="black", lw=0.9, zorder=5)
             for plane, pair in planes:
                 plane.plot(*ends[:, pair].T, color="black", lw=0.9, zorder=5)
-        for number, (name, place) in enumerate(points.items()):
-            _mark(name, np.asarray(place, float), space, planes, number)
         _label(table, names, space, planes)
-        if not kept:
-            theme.message(planes[0][0], "no row has settled")
+        if not len(settled):
+            theme.message(planes[0][0], "No row has settled yet.")
         _legend(figure, table, hue, shown, _named(table) if len(lines) else None, remark)
+        if points:
+            along = np.linspace(lines[:, 0], lines[:, 1], 20).reshape(-1, 3)
+            _mark(points, np.concatenate([settled, along]), space, planes)
     return figure
 
 
@@ -108,11 +111,11 @@ def _panels(figure: Figure) -> tuple[Any, Planes]:
 
 def _scatter(
     table: pd.DataFrame, names: list[str], hue: str, shown: pd.Series, space: Any, planes: Planes
-) -> int:
-    """The settled rows in all three panels; how many there are."""
+) -> np.ndarray:
+    """The settled rows in all three panels; returns their places, (n, 3)."""
     order = theme.ordered(in_order(table, hue, shown))
     colour, marker = theme.colours(order), theme.markers(order)
-    kept = 0
+    places = [np.zeros((0, 3))]
     for name in order:
         mine = rows_where(table, shown == name)
         if name in (Outcome.NOT_SETTLED, Outcome.FAILED) or not len(mine):
@@ -125,20 +128,39 @@ def _scatter(
         space.scatter(*place.T, s=size, depthshade=False, **look)
         for plane, pair in planes:
             plane.scatter(*place[:, pair].T, s=size, rasterized=True, **look)
-        kept += len(mine)
-    return kept
+        places.append(place)
+    return np.concatenate(places)
 
 
-def _mark(name: str, place: np.ndarray, space: Any, planes: Planes, number: int) -> None:
-    """A named point: an open ring, its name beside it, on changing sides so that neighbours stay readable."""
+def _mark(points: Mapping[str, Sequence[float]], drawn: np.ndarray, space: Any, planes: Planes) -> None:
+    """Named points: open rings, each with its name on the side farthest from what is drawn, (n, 3)."""
+    places = np.array(list(points.values()), float)
     ring = {"facecolors": "none", "edgecolors": "black", "s": 34, "linewidths": 1.1, "zorder": 8}
-    text = {"fontsize": theme.points(9), "fontweight": "bold", "zorder": 9}
-    space.scatter(*place[:, None], depthshade=False, **ring)
-    space.text(place[0] - 0.45, place[1], place[2] + 0.2, name, ha="center", **text)
-    side = [(5, 4), (5, -11), (-11, 4)][number % 3]
+    space.scatter(*places.T, depthshade=False, **ring)
     for plane, pair in planes:
-        plane.scatter(*place[pair], **ring)
-        plane.annotate(name, place[pair], side, textcoords="offset points", **text)
+        plane.scatter(*places[:, pair].T, **ring)
+    space.get_figure(root=True).draw_without_rendering()  # places the panels
+    to_page = space.get_proj()
+    flat = [
+        np.stack(proj3d.proj_transform(each[:, 0], each[:, 1], each[:, 2], to_page)[:2], axis=1)
+        for each in (places, drawn)
+    ]
+    _name(space, list(points), *flat)
+    for plane, pair in planes:
+        _name(plane, list(points), places[:, pair], drawn[:, pair])
+
+
+def _name(axes: Any, names: Sequence[str], places: np.ndarray, drawn: np.ndarray) -> None:
+    """Write names beside their places, (names, 2), far from each other and from what is drawn, (n, 2)."""
+    text = {"fontsize": theme.points(9), "fontweight": "bold", "ha": "center", "va": "center", "zorder": 9}
+    turns = np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
+    sides = _AWAY * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    taken = axes.transData.transform(np.concatenate([places, drawn])) * 72 / axes.figure.dpi
+    for name, place, point in zip(names, places, taken[: len(places)], strict=True):
+        room = np.linalg.norm((point + sides)[:, None] - taken, axis=2).min(axis=1)
+        side = sides[int(np.argmax(room.round()))]
+        axes.annotate(name, place, side, textcoords="offset points", **text)
+        taken = np.concatenate([taken, [point + side]])
 
 
 def _label(table: pd.DataFrame, names: list[str], space: Any, planes: Planes) -> None:

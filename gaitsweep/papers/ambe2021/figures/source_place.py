@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from gaitsweep import near_miss
 from gaitsweep.papers.ambe2021.analysis.source_place import source_place as places_of
 from gaitsweep.plot import (
+    CellGrid,
     Column,
     PlannedTable,
     PlotError,
@@ -21,10 +22,14 @@ from gaitsweep.plot import (
     cell_edges,
     column,
     figure_kind,
+    hatch_cells,
     theme,
 )
 
-_SHOWN = {"source": ("Blues", "source at this leg"), "meeting": ("Oranges", "waves meet at this leg")}
+_SHOWN = {
+    "source": ("Blues", "source at this leg"),
+    "meeting": ("Oranges", "waves meet there (hatched)"),
+}
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
@@ -68,7 +73,8 @@ def source_place(
         for axes in panels[len(x) :]:
             axes.set_visible(False)
         if not len(table):
-            theme.message(panels[0], "no rows yet")
+            for axes in panels[: len(x)]:
+                theme.message(axes, "no rows yet")
             return figure
         shares, drawn = places_of(table), {}
         legs = int(shares["leg"].to_numpy().max())
@@ -76,8 +82,11 @@ def source_place(
         for axes, name in zip(panels, x, strict=False):
             others = [other for other in x if other != name]
             alone = np.all(shares[others].to_numpy(float) == 0.0, axis=1)
-            drawn = _panel(axes, pd.DataFrame(shares[alone]), name, legs, most)
             axes.set_xlabel(axis_label(table, name))
+            if alone.any():
+                drawn = _panel(axes, pd.DataFrame(shares[alone]), name, legs, most)
+            else:
+                theme.message(axes, "No row has 0 for the other profiles.")
         panels[0].set_yticks([*range(1, legs + 1), legs + 2], [*map(str, range(1, legs + 1)), "neither"])
         panels[0].set_ylim(legs + 2.5, 0.5)
         for mesh, label in drawn.values():
@@ -91,20 +100,17 @@ def _panel(axes: Any, shares: pd.DataFrame, name: str, legs: int, most: float) -
 
     Starts spread over many legs, so the colours of sources end at the largest share of all panels, `most`.
     """
-    across, drawn = np.unique(shares[name]), {}
-    edges = cell_edges(across), np.arange(legs + 1) + 0.5
+    across, down = np.unique(shares[name]), np.arange(1, legs + 1)
+    grid = CellGrid((name, "leg"), (across, down), (cell_edges(across), np.arange(legs + 1) + 0.5))
+    drawn = {}
     for column_name, (cmap, label) in _SHOWN.items():
-        cells = shares.pivot(index="leg", columns=name, values=column_name).to_numpy(float)
-        look = {
-            "cmap": cmap,
-            "vmin": 0.0,
-            "rasterized": True,
-            "vmax": most if column_name == "source" else 1.0,
-        }
-        mesh = axes.pcolormesh(*edges, np.ma.masked_equal(cells, 0.0), **look)
+        cells = grid.placed(shares, shares[column_name].to_numpy(float))
+        look = {"cmap": cmap, "vmin": 0.0, "vmax": most if column_name == "source" else 1.0}
+        mesh = axes.pcolormesh(*grid.edges, np.ma.masked_equal(cells, 0.0), rasterized=True, **look)
         drawn[column_name] = mesh, label
+    hatch_cells(axes, grid, shares, shares["meeting"] > 0.0, "////", "white")
     neither = shares.groupby(name)["neither"].first().to_numpy(float)[None]
     rest = np.array([legs + 1.5, legs + 2.5])
-    axes.pcolormesh(edges[0], rest, np.ma.masked_equal(neither, 0.0), cmap="Greys", vmin=0.0, vmax=1.0)
+    axes.pcolormesh(grid.edges[0], rest, np.ma.masked_equal(neither, 0.0), cmap="Greys", vmin=0.0, vmax=1.0)
     axes.axhline(legs + 1.0, color="#AAAAAA", lw=0.6)
     return drawn

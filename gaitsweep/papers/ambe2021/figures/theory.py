@@ -114,8 +114,8 @@ def _touchdowns(N: int, chain: Chain, k: int, at: float, title: str | None) -> F
         for axes, (leg, text) in zip(row, legs, strict=False):
             _segments(axes, chain)
             phi = circle - np.mod(theta[:, leg - 1 : leg] - theta + 1e-12, circle)
-            for beside, colour, marker in ((leg - 2, _FRONT, "<"), (leg, _REAR, ">")):
-                ends = np.array([phi[:, beside].min(), phi[:, beside].max()])
+            for neighbour, colour, marker in ((leg - 2, _FRONT, "<"), (leg, _REAR, ">")):
+                ends = np.array([phi[:, neighbour].min(), phi[:, neighbour].max()])
                 if np.ptp(ends) > 1e-6:
                     along = np.linspace(ends[0], ends[1], 200)
                     axes.plot(
@@ -176,9 +176,9 @@ def _order(N: int, chain: Chain, k: int, at: float, title: str | None) -> Figure
             left.barh(legs, stance, left=when + turn, height=0.6, color="#444444")
         left.plot(when, legs, "o", ms=8.5, mfc="white", mec="black", mew=0.8, zorder=4, clip_on=False)
         look = {"ha": "center", "va": "center", "fontsize": theme.points(7), "zorder": 5}
-        for leg, at_leg, each in zip(legs, when, sets, strict=True):
+        for leg, at_leg, reset_set in zip(legs, when, sets, strict=True):
             left.text(at_leg, leg, str(order.index(leg) + 1), **look)
-            left.text(1.03, leg, f"$S_{{{each.number}}}$", va="center", fontsize=theme.points(8))
+            left.text(1.03, leg, f"$S_{{{reset_set.number}}}$", va="center", fontsize=theme.points(8))
         left.set_xlim(0, 1)
         left.set_yticks(legs, [f"Leg {leg}" + (" = k" if leg == k else "") for leg in legs])
         left.set_ylim(N + 1.6, 0.4)
@@ -199,17 +199,17 @@ def _order(N: int, chain: Chain, k: int, at: float, title: str | None) -> Figure
 
 def _resets(axes: Any, N: int, order: tuple[int, ...]) -> None:
     """A cell for each relative phase and touchdown: coloured where one of its legs was reset before."""
-    gone: set[int] = set()
+    touched_down: set[int] = set()
     for column, leg in enumerate(order):
         for link in range(1, N + 1):
-            front, rear = link in gone, link + 1 in gone
+            front, rear = link in touched_down, link + 1 in touched_down
             colour = "#BBBBBB" if front and rear else _FRONT if front else _REAR if rear else "white"
             cell = {"fc": colour, "ec": "#DDDDDD", "lw": 0.5, "zorder": 1}
             axes.add_patch(Rectangle((column - 0.5, link - 0.5), 1, 1, **cell))
             if leg in (link, link + 1):
                 frame = {"fc": "none", "ec": "black", "lw": 1.3, "zorder": 3}
                 axes.add_patch(Rectangle((column - 0.45, link - 0.45), 0.9, 0.9, **frame))
-        gone.add(leg)
+        touched_down.add(leg)
     axes.set_xlim(-0.5, len(order) - 0.5)
     axes.set_ylim(N + 0.5, 0.5)
     axes.set_xticks(range(len(order)), [str(leg) for leg in order])

@@ -19,8 +19,8 @@ from gaitsweep.plot import (
     Refusal,
     Text,
     Title,
-    axis_label,
     column,
+    described,
     figure_kind,
     theme,
 )
@@ -74,7 +74,7 @@ def wave_speed(
                 look = {"s": 30, "linewidths": 1.2, "zorder": 4, "label": f"simulated: {theme.named(gait)}"}
                 open_ring = {"facecolors": "none", "edgecolors": colour[gait], "marker": marker[gait]}
                 axes.scatter(mine[x], mine[name], **look, **open_ring)
-            axes.set_xlabel(axis_label(table, x))
+            axes.set_xlabel(described(table, x))
             axes.set_ylabel(label)
             axes.set_ylim(bottom=0)
             axes.legend(loc="upper left")

@@ -31,8 +31,8 @@ def chain_of(table: pd.DataFrame, part: pd.DataFrame | None = None) -> Chain:
         AnalysisError: the job's parameters cannot be read.
     """
     chains = chains_of(table, (table if part is None else part).head(1))
-    fields = [np.asarray(each, float)[0] for each in chains]
-    return Chain(*(each if each.ndim else float(each) for each in fields))
+    fields = [np.asarray(field, float)[0] for field in chains]
+    return Chain(*(field if field.ndim else float(field) for field in fields))
 
 
 def chains_of(table: pd.DataFrame, sets: pd.DataFrame) -> Chain:
@@ -61,7 +61,9 @@ def parameters_of(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Any]:
     """The chain's parameters without dampers, numbers or (n,); arguments and errors as for `chains_of`."""
     quantities = (*PARAMETERS, *_profile(table))
     # the theory has no dampers, and the root in their formulas has no value where an axis ends below zero
-    defaults = {each.name: each.default for each in quantities if each.name not in ("sigma", "D")}
+    defaults = {
+        quantity.name: quantity.default for quantity in quantities if quantity.name not in ("sigma", "D")
+    }
     settings: dict[str, Any] = defaults | _job(table, "params")
     settings |= {str(name): sets[name].to_numpy(float) for name in sets if len(sets) and name in defaults}
     if (legs := _profiled(table)) is not None:
@@ -89,7 +91,7 @@ def has_profile(table: pd.DataFrame) -> bool:
 
 def profile_parameters_of(table: pd.DataFrame) -> tuple[str, ...]:
     """The names of the parameters of the table's profile; none without one."""
-    return tuple(each.name for each in _profile(table))
+    return tuple(quantity.name for quantity in _profile(table))
 
 
 def _profiled(table: pd.DataFrame) -> int | None:

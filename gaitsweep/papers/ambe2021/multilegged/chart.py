@@ -35,7 +35,7 @@ class MultileggedChart(Chart):
         pairs = range(1, self.N + 1)
         return (
             *(
-                Quantity(f"psi_{i}", "rad", f"relative phase phi_{i + 1} - phi_{i}", circular=True)
+                Quantity(f"psi_{i}", "rad", f"phase of leg {i + 1} less that of leg {i}", circular=True)
                 for i in pairs
             ),
             Quantity("phi_1", "rad", "phase of leg 1", circular=True),
@@ -80,7 +80,12 @@ class ReducedChart(MultileggedChart):
     @property
     def coordinates(self) -> tuple[Quantity, ...]:
         return tuple(
-            Quantity(f"psi_{i}", "rad", f"phi_{i + 1} - phi_{i} just after leg 1's reset", circular=True)
+            Quantity(
+                f"psi_{i}",
+                "rad",
+                f"phase of leg {i + 1} less that of leg {i}, just after leg 1's reset",
+                circular=True,
+            )
             for i in range(1, self.N + 1)
         )
 

@@ -47,7 +47,7 @@ def fastest_motions(
     """
     m, none = masses, jnp.zeros_like(masses[:1])
     before = jnp.concatenate([none, kappa]), jnp.concatenate([none, jnp.broadcast_to(sigma, kappa.shape)])
-    after = tuple(jnp.concatenate([each[1:], none]) for each in before)
+    after = tuple(jnp.concatenate([values[1:], none]) for values in before)
     rates, damping = [], []
     for k_ground, c_ground in ((K, D), (0.0 * K, 0.0 * D)):
         for with_before, with_after in itertools.product((0.0, 2.0), repeat=2):

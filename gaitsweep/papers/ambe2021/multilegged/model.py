@@ -173,7 +173,7 @@ class Multilegged(HybridModel):
             Quantity(
                 f"psi_{i}",
                 "rad",
-                f"relative phase phi_{i + 1} - phi_{i} {where}",
+                f"phase of leg {i + 1} less that of leg {i}, {where}",
                 circular=True,
                 symbol=rf"\psi_{{{i}}}",
                 source="eq. (7)",
@@ -185,7 +185,10 @@ class Multilegged(HybridModel):
     def signals(self) -> tuple[Quantity, ...]:
         legs = range(1, self.N + 2)
         return (
-            *(Quantity(f"phase_{i}", "rad", f"phase phi_{i} of leg {i}", circular=True) for i in legs),
+            *(
+                Quantity(f"phase_{i}", "rad", f"phase of leg {i}", circular=True, symbol=rf"\phi_{{{i}}}")
+                for i in legs
+            ),
             *(Quantity(f"x_{i}", "m", f"height of mass {i}") for i in legs),
             *(Quantity(f"l_{i}", "m", f"length of leg {i}") for i in legs),
             *(Quantity(f"contact_{i}", "1", f"1 while leg {i} is on the ground") for i in legs),
@@ -202,7 +205,7 @@ class Multilegged(HybridModel):
         def along(name: str, first: str, last: str, n: int) -> jax.Array:
             own = [values[f"{name}_{i}"] for i in range(2, n)] if self.profile else None
             inner = [values[name]] * (n - 2) if own is None else own
-            return jnp.stack([jnp.asarray(each) for each in (values[first], *inner, values[last])])
+            return jnp.stack([jnp.asarray(value) for value in (values[first], *inner, values[last])])
 
         arrays = {
             "masses": along("m", "m_1", "m_end", self.N + 1),

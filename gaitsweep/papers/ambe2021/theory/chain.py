@@ -54,7 +54,7 @@ class Chain(NamedTuple):
     @property
     def has_profile(self) -> bool:
         """Whether inner legs have values of their own."""
-        return any(jnp.ndim(each) > 0 for each in (self.m, self.kappa, self.a))
+        return any(jnp.ndim(values) > 0 for values in (self.m, self.kappa, self.a))
 
     def equal_inner_legs(self, what: str) -> None:
         """Raise an ArgumentError if the chain has a profile, for which `what` is unknown."""
@@ -88,7 +88,7 @@ def _along(n: int, inner: Scalar, first: Scalar | None, last: Scalar | None) -> 
                 f"A profile must have {n - 2} inner values and both ends, not values of shape "
                 f"{jnp.shape(inner)}."
             )
-        return jnp.concatenate([jnp.asarray(each, float).reshape(-1) for each in (first, inner, last)])
+        return jnp.concatenate([jnp.asarray(part, float).reshape(-1) for part in (first, inner, last)])
     values = jnp.full(n, jnp.asarray(inner, float))
     values = values if first is None else values.at[0].set(first)
     return values if last is None else values.at[-1].set(last)

@@ -49,7 +49,7 @@ def touchdown_order(
 
     Source: Fig. 9.
     """
-    theta, circle = np.asarray(places(rule_of(N, branch, chain), s)), float(touchdown_phase(chain))
+    theta, circle = np.asarray(_places(rule_of(N, branch, chain), s)), float(touchdown_phase(chain))
     return order_of_places(theta, circle, section or branch.k)
 
 
@@ -83,9 +83,9 @@ def order_sets(
     """
     chain.equal_inner_legs("the threshold of eq. (18)")
     circle = touchdown_phase(chain)
-    psi = solution(rule_of(N, branch, chain), jnp.asarray(s), circle, branch.k)
+    psi = _solution(rule_of(N, branch, chain), jnp.asarray(s), circle, branch.k)
     threshold = 2.0 * chain.beta * jnp.pi + 2.0 * reset(chain) - chain.m * shift(chain)
-    early = np.flatnonzero(np.asarray(touches_early(psi, circle, jnp.asarray(threshold), branch.k))) + 1
+    early = np.flatnonzero(np.asarray(_touches_early(psi, circle, jnp.asarray(threshold), branch.k))) + 1
     return frozenset(early[early < branch.k].tolist()), frozenset(early[early > branch.k].tolist())
 
 
@@ -103,6 +103,10 @@ def meetings(rule: LagRule, circle: jax.Array, section: Leg) -> jax.Array:
     return jnp.where(rate == 0.0, rule.high, jnp.minimum(meeting, rule.high))
 
 
+# as one program each: operation by operation, JAX would compile every one by itself
+_meetings, _places, _solution, _touches_early = map(jax.jit, (meetings, places, solution, touches_early))
+
+
 def jumps(N: int, branch: Branch, chain: Chain = TABLE_1, section: int | None = None) -> tuple[Jump, ...]:
     """The jumps of a set, in order of rising free phase.
 
@@ -114,13 +118,13 @@ def jumps(N: int, branch: Branch, chain: Chain = TABLE_1, section: int | None = 
     """
     leg = branch.k if section is None else section
     rule, circle = rule_of(N, branch, chain), touchdown_phase(chain)
-    found = []
-    for number, s in enumerate(np.asarray(meetings(rule, circle, leg)), start=1):
+    exchanges = []
+    for number, s in enumerate(np.asarray(_meetings(rule, circle, leg)), start=1):
         if float(rule.low) + APART < s < float(rule.high) - APART:
-            above, below = (solution(rule, jnp.asarray(s + side), circle, leg) for side in (APART, -APART))
+            above, below = (_solution(rule, jnp.asarray(s + side), circle, leg) for side in (APART, -APART))
             change = np.asarray(above - below) - 2.0 * APART * np.asarray(rule.slope)
-            found.append(Jump(float(s), number, wrapped_difference(change)))
-    return tuple(sorted(found, key=lambda jump: jump.s))
+            exchanges.append(Jump(float(s), number, wrapped_difference(change)))
+    return tuple(sorted(exchanges, key=lambda jump: jump.s))
 
 
 # whether the neighbours in front (i - 1) and behind (i + 1) are reset; None where there is no such leg
@@ -150,7 +154,7 @@ def reset_sets(
     """The set of each leg, 1 .. N+1, at the free phase s.
 
     Args:
-        N, branch, chain: as in `solution_set`.
+        N, branch, chain: as in `rule_of`.
         s: the free phase, rad.
         section: the leg at whose touchdown the cycle begins; by default the set's k.
 
@@ -162,8 +166,8 @@ def reset_sets(
 def sets_of_order(order: Sequence[int]) -> tuple[ResetSet, ...]:
     """The set of each leg, 1 .. N+1, for legs that touch down in this order."""
     turn = {leg: place for place, leg in enumerate(order)}
-    beside = [[turn[j] < turn[i] if j in turn else None for j in (i - 1, i + 1)] for i in sorted(order)]
-    return tuple(ResetSet(TABLE_2[front, rear], front, rear) for front, rear in beside)
+    resets = [[turn[j] < turn[i] if j in turn else None for j in (i - 1, i + 1)] for i in sorted(order)]
+    return tuple(ResetSet(TABLE_2[front, rear], front, rear) for front, rear in resets)
 
 
 def touchdown_residuals(N: int, branch: Branch, s: float, chain: Chain = TABLE_1) -> np.ndarray:
@@ -181,18 +185,18 @@ def touchdown_residuals(N: int, branch: Branch, s: float, chain: Chain = TABLE_1
     """
     chain.equal_inner_legs("the balance of eq. (14)")
     circle = float(touchdown_phase(chain))
-    theta = places(rule_of(N, branch, chain), s)
+    theta = _places(rule_of(N, branch, chain), s)
     phi = np.asarray(phases_on_section(theta, touchdown_phase(chain), branch.k))  # on section k
-    found = []
-    for i, each in enumerate(reset_sets(N, branch, s, chain), start=1):
-        gone = circle - phi[i - 1]  # from the touchdown of leg k to that of leg i, rad
-        beside = [
-            (phi[j - 1] + gone - (circle if reset else 0.0))
-            for j, reset in ((i - 1, each.front), (i + 1, each.rear))
+    residuals = []
+    for i, reset_set in enumerate(reset_sets(N, branch, s, chain), start=1):
+        delay = circle - phi[i - 1]  # from the touchdown of leg k to that of leg i, rad
+        neighbour_phases = [
+            (phi[j - 1] + delay - (circle if reset else 0.0))
+            for j, reset in ((i - 1, reset_set.front), (i + 1, reset_set.rear))
             if reset is not None
         ]
         mass = chain.m_1 if i == 1 else chain.m_end if i == N + 1 else chain.m
-        mean = sum(leg_length(np.array(beside), chain)) / len(beside)
-        sag = float(mass) * float(chain.g) / len(beside) / float(chain.kappa)
-        found.append(leg_length(np.array(circle), chain) - (mean - sag))
-    return np.array(found)
+        mean = sum(leg_length(np.array(neighbour_phases), chain)) / len(neighbour_phases)
+        sag = float(mass) * float(chain.g) / len(neighbour_phases) / float(chain.kappa)
+        residuals.append(leg_length(np.array(circle), chain) - (mean - sag))
+    return np.array(residuals)

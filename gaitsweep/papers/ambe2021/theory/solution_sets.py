@@ -23,6 +23,7 @@ tail are alike; else the chain drifts along it.
 
 from __future__ import annotations
 
+import functools
 from typing import Literal, NamedTuple
 
 import jax
@@ -154,9 +155,12 @@ def rule_of(N: int, branch: Branch, chain: Chain) -> LagRule:
             f"{branch} is not a set of a chain of {N + 1} legs: A and B have a boundary leg k, one of "
             f"2 .. {N}; the direct wave has k = {N}."
         )
-    row = branches(N).index(branch)
-    rules = lag_rules(N, chain)
-    return LagRule(rules.fixed[row], rules.slope[row], rules.low[row], rules.high[row])
+    return _row_of_rules(N, branches(N).index(branch), chain)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _row_of_rules(N: int, row: int, chain: Chain) -> LagRule:
+    return jax.tree.map(lambda column: column[row], lag_rules(N, chain))
 
 
 def places(rule: LagRule, s: Scalar) -> jax.Array:

@@ -8,13 +8,16 @@ matrices in touchdown order. Differences of u are the perturbations of psi.
 
 from __future__ import annotations
 
+import functools
+
+import jax
 import numpy as np
 import scipy
 
 from gaitsweep import ArgumentError
 from gaitsweep.papers.ambe2021.theory.chain import TABLE_1, Chain, amplitudes, springs, touchdown_phase
 from gaitsweep.papers.ambe2021.theory.order import order_of_places
-from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches, places, rule_of
+from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, LagRule, branches, places, rule_of
 
 NOTHING = 1e-12  # an element of a linear map below this is a rounding error
 
@@ -59,8 +62,8 @@ def eigenvalues(matrix: np.ndarray) -> np.ndarray:
     _, block = scipy.sparse.csgraph.connected_components(
         np.abs(matrix) > NOTHING, directed=True, connection="strong"
     )
-    found = [np.linalg.eigvals(matrix[np.ix_(block == i, block == i)]) for i in np.unique(block)]
-    values = np.concatenate(found)
+    of_blocks = [np.linalg.eigvals(matrix[np.ix_(block == i, block == i)]) for i in np.unique(block)]
+    values = np.concatenate(of_blocks)
     return values[np.argsort(-np.abs(values), kind="stable")]
 
 
@@ -80,21 +83,26 @@ def linear_map(
 
     Source: eqs. (12), (14), (21).
     """
-    theta, circle = np.asarray(places(rule_of(N, branch, chain), s)), float(touchdown_phase(chain))
-    k, a = np.asarray(springs(N, chain)), np.asarray(amplitudes(N, chain))
+    theta, circle, k, a = map(np.asarray, _of_cycle(N, rule_of(N, branch, chain), s, chain))
     ahead = np.eye(N + 1)
-    for leg in order_of_places(theta, circle, section or branch.k):
+    for leg in order_of_places(theta, float(circle), section or branch.k):
         phi = circle - np.mod(theta[leg - 1] - theta, circle)
         pull = np.zeros(N + 1)
-        beside = {i: k[min(i, leg - 1)] for i in (leg - 2, leg) if 0 <= i <= N}
-        for i, spring in beside.items():
-            share = spring * a[i] / (sum(beside.values()) * a[leg - 1])
+        neighbour_springs = {i: k[min(i, leg - 1)] for i in (leg - 2, leg) if 0 <= i <= N}
+        for i, spring in neighbour_springs.items():
+            share = spring * a[i] / (sum(neighbour_springs.values()) * a[leg - 1])
             pull[i] = _slope(float(phi[i]), chain) * share
         ahead[leg - 1] = (ahead[leg - 1] - pull @ ahead) / (1.0 - pull.sum())
     differences = np.diff(np.eye(N + 1), axis=0)
     # psi does not determine a common shift: the advance of leg 1 is set to zero
     from_psi = np.tril(np.ones((N + 1, N)), -1)
     return differences @ ahead @ from_psi
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _of_cycle(N: int, rule: LagRule, s: float, chain: Chain) -> tuple[jax.Array, ...]:
+    """Places of the legs, touchdown phase, stiffness of the springs, and amplitudes of the legs."""
+    return places(rule, s), touchdown_phase(chain), springs(N, chain), amplitudes(N, chain)
 
 
 def _slope(phi: float, chain: Chain) -> float:

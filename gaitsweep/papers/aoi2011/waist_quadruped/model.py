@@ -249,13 +249,13 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         q_rate = jnp.asarray(rates(body()[0], s.q, s.v))
         x, z = p.path(s.clock, s.growing).target(s.phi, s.segment, (s.landing_x, s.landing_z))
         feet = (*m.feet(s.q, s.v), s.anchor, s.contact)
-        held = jnp.where(s.held, p.K_hold, 0.0)
-        desired = desired_velocities(p, s, held) if p.damping == "rate_error" else None
+        coupling = jnp.where(s.held, p.K_hold, 0.0)
+        desired = desired_velocities(p, s, coupling) if p.damping == "rate_error" else None
         slip = {} if m.mu is None else {"anchor": m.creep(*feet)}
         return {
             "q": q_rate,
             "v": m.accelerations(s.q, s.v, m.torques(s.q, s.v, x, z, desired), m.ground_forces(*feet)),
-            "phi": phase_rates(p, s, held),
+            "phi": phase_rates(p, s, coupling),
             "clock": jnp.ones_like(s.clock),
             **slip,
         }

@@ -57,7 +57,7 @@ def _gait(name: str, centre: float, width: float) -> tuple[Quantity, Quantity]:
             f"{name}_centre", "rad", f"delta_13 at the centre of the gait {name}", centre,
             circular=True, symbol=symbol, source=_SEARCH,
         ),
-        _positive(f"{name}_width", "rad", f"half width of the gait {name} in delta_13", width,
+        _positive(f"{name}_width", "rad", f"half width of the gait {name}, as a lead", width,
                   rf"w^\mathrm{{{name}}}", _SEARCH),
     )  # fmt: skip
 
@@ -128,7 +128,7 @@ PARAMETERS = (
         for pair in ("fore", "hind")
     ),
     *(
-        Quantity(f"x_c_{pair}", "m", f"middle x_c of the {pair} limbs", "x_c",
+        Quantity(f"x_c_{pair}", "m", f"middle of the extreme positions of the {pair} limbs", "x_c",
                  symbol=rf"x_\mathrm{{c, {pair}}}", source=_SEARCH)
         for pair in ("fore", "hind")
     ),
@@ -154,8 +154,8 @@ PARAMETERS = (
     _positive("link_length", "m", "length of each of a limb's two links", 0.08, "l_L", _TABLE_1),
     _positive("g", "m/s2", "gravitational acceleration", 9.8, "g", _PAPER),
     _positive("T_grow", "s", "time in which D and h grow from 0", 4.0, r"T_\mathrm{grow}", _SEARCH),
-    _positive("T_hold", "s", "time for which delta_13 is held", 7.0, r"T_\mathrm{hold}", _SEARCH),
-    Quantity("K_hold", "rad/s", "coupling towards the delta_13 of the start while it is held", 20.0, low=0.0,
+    _positive("T_hold", "s", "time for which the start's lead is held", 7.0, r"T_\mathrm{hold}", _SEARCH),
+    Quantity("K_hold", "rad/s", "coupling towards the start's lead while it is held", 20.0, low=0.0,
              symbol=r"K_\mathrm{hold}", source=_SEARCH),
     *_gait("walk", 2.37, 0.24),
     *_gait("trot", 2.83, 0.22),
@@ -191,7 +191,10 @@ OBSERVABLES = (
     ),
 )  # fmt: skip
 SIGNALS = (
-    *(Quantity(f"phase_{i + 1}", "rad", f"phase phi_{i + 1} of limb {i + 1}", circular=True) for i in LIMBS),
+    *(
+        Quantity(f"phase_{i + 1}", "rad", f"phase of limb {i + 1}", circular=True, symbol=rf"\phi_{i + 1}")
+        for i in LIMBS
+    ),
     *(Quantity(f"contact_{i + 1}", "1", f"1 while foot {i + 1} is on the ground") for i in LIMBS),
     Quantity("waist", "rad", "angle of the waist joint", symbol=r"\theta_w"),
     Quantity("roll", "rad", "roll of the front body, for small angles"),

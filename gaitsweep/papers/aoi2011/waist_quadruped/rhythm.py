@@ -27,8 +27,8 @@ class Transitions(NamedTuple):
     late: jax.Array
 
 
-def phase_rates(p: Params, s: State, held: jax.Array) -> jax.Array:
-    """Derivatives (4,) of the phases, rad/s, eq. (2), (6); `held` (rad/s) couples delta_13 to `s.wanted`."""
+def phase_rates(p: Params, s: State, coupling: jax.Array) -> jax.Array:
+    """Rates (4,) of the phases, rad/s, eq. (2), (6); `coupling` (rad/s) pulls delta_13 to `s.wanted`."""
     left = jnp.sin(s.phi[0] - s.phi[1] - p.delta_star_12)
     right = jnp.sin(s.phi[2] - s.phi[3] - p.delta_star_34)
     # Delta*_ji = -Delta*_ij, so one sine serves both limbs of a pair
@@ -40,8 +40,8 @@ def phase_rates(p: Params, s: State, held: jax.Array) -> jax.Array:
         jnp.sin(s.phi[0] - s.phi[3] - p.delta_star_14),
         jnp.sin(s.phi[1] - s.phi[2] - p.delta_star_23),
     )
-    pair_13 = held * jnp.sin(s.phi[0] - s.phi[2] - s.wanted)
-    pair_24 = held * jnp.sin(s.phi[1] - s.phi[3] - s.wanted)
+    pair_13 = coupling * jnp.sin(s.phi[0] - s.phi[2] - s.wanted)
+    pair_24 = coupling * jnp.sin(s.phi[1] - s.phi[3] - s.wanted)
     pull = [
         -p.K_12 * left - pair_13 - (p.K_13 * d_13 + p.K_14 * d_14),
         p.K_21 * left - pair_24 - (p.K_24 * d_24 + p.K_23 * d_23),
@@ -100,13 +100,13 @@ def landing_points(
     return jnp.where(onwards, path.PEP + path.D, x), jnp.where(onwards, -path.H, z)
 
 
-def desired_velocities(p: Params, s: State, held: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Time derivatives (4,), m/s, of the desired x and z of the feet; `held` as for `phase_rates`."""
+def desired_velocities(p: Params, s: State, coupling: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Time derivatives (4,), m/s, of the desired x and z of the feet; `coupling` as for `phase_rates`."""
 
     def target(phi: jax.Array, clock: jax.Array) -> tuple[jax.Array, jax.Array]:
         return p.path(clock, s.growing).target(phi, s.segment, (s.landing_x, s.landing_z))
 
-    rates = phase_rates(p, s, held), jnp.ones_like(s.clock)
+    rates = phase_rates(p, s, coupling), jnp.ones_like(s.clock)
     return jax.jvp(target, (s.phi, s.clock), rates)[1]
 
 

@@ -121,12 +121,12 @@ class SemiImplicit(FixedStepDynamics):
 
         # in the step in which delta_13 is released, it is held for a share of the step
         share = jnp.where(s.held, jnp.minimum((p.T_hold - s.clock) / dt, 1.0), 0.0)
-        held = p.K_hold * share
-        desired = desired_velocities(p, s, held) if p.damping == "rate_error" else None
+        coupling = p.K_hold * share
+        desired = desired_velocities(p, s, coupling) if p.damping == "rate_error" else None
         forces = m.ground_forces(at, speed, s.anchor, s.contact)
         tau = worked_in(dt.dtype, WaistMechanics.torques)(m, s.q, s.v, x, z, desired)
         q, v = self.body.moved(m, s, tau, forces, dt)
-        gain, clock = dt * phase_rates(p, s, held), s.clock + dt
+        gain, clock = dt * phase_rates(p, s, coupling), s.clock + dt
         return dataclasses.replace(
             s,
             q=q,
@@ -160,7 +160,7 @@ def fastest_motion(p: Params) -> tuple[jax.Array, jax.Array]:
 
     A limb is two rods on a hip whose compliance is that of half a body; ground and joints act as springs and
     dampers. Compared with the largest eigenvalue of the Jacobian of the whole body, its error is between -6 %
-    and 50 %, for nine of ten parameter sets between 0 and 15 % (`tests/engine/test_numerics.py`).
+    and 50 %, for nine of ten parameter sets between 0 and 15 % (`tests/engine/test_flow_spectrum.py`).
     """
     m = p.mechanics
     # the straighter limb's, and the stiffer direction's

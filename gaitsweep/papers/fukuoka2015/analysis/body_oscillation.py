@@ -49,11 +49,11 @@ def harmonics(phase: np.ndarray, signal: np.ndarray) -> tuple[float, float]:
 
 def family_oscillation(trace: pd.DataFrame) -> pd.DataFrame:
     """The mean of `body_oscillation` for each set of parameters and family of gaits, repetitions pooled."""
-    found = body_oscillation(trace)
-    found["family"] = [family(str(gait)) for gait in found["gait"]]
-    names = list(found.columns)
+    oscillation = body_oscillation(trace)
+    oscillation["family"] = [family(str(gait)) for gait in oscillation["gait"]]
+    names = list(oscillation.columns)
     axes = [name for name in names[1 : names.index("gait")] if name not in ("seed", "pair")]
-    return found.groupby([*axes, "family"]).agg(once=("once", "mean"), twice=("twice", "mean"))
+    return oscillation.groupby([*axes, "family"]).agg(once=("once", "mean"), twice=("twice", "mean"))
 
 
 def oscillation_along(trace: pd.DataFrame, cycles: int = 4) -> pd.DataFrame:
@@ -87,15 +87,18 @@ def oscillation_along(trace: pd.DataFrame, cycles: int = 4) -> pd.DataFrame:
     if "pass" not in along.columns:
         along["pass"] = 0
     records = []
-    for _, mine in along.groupby(["row", "pass"], sort=True):
-        for bout in gait_bouts(mine).to_dict("records"):
-            own = mine.loc[mine["t"].between(bout["begin"], bout["end"]) & (mine["family"] == bout["family"])]
+    for _, cycles_of_pass in along.groupby(["row", "pass"], sort=True):
+        for bout in gait_bouts(cycles_of_pass).to_dict("records"):
+            own = cycles_of_pass.loc[
+                cycles_of_pass["t"].between(bout["begin"], bout["end"])
+                & (cycles_of_pass["family"] == bout["family"])
+            ]
             two = own["twice"] > own["once"]
             count = 2 if own["twice"].median() > own["once"].median() else 1
             records.append(
                 {
-                    "row": mine["row"].iloc[0],
-                    "pass": int(mine["pass"].iloc[0]),
+                    "row": cycles_of_pass["row"].iloc[0],
+                    "pass": int(cycles_of_pass["pass"].iloc[0]),
                     **{name: bout[name] for name in ("family", "speed_begin", "speed_end", "windows")},
                     "once": own["once"].median(),
                     "twice": own["twice"].median(),

@@ -50,9 +50,9 @@ def gaits_along(
     along = windows.assign(t=0.5 * (windows["begin"] + windows["end"]))
     if not len(along):
         return along.assign(delta_1=0.0, delta_2=0.0, gait="", family="")
-    found = gait_of(inside, rows=range(len(windows)), thresholds=thresholds, steadiness=PASSING)
-    named = [name for name in found.columns if name.startswith(("delta_", "gait"))]
-    along = pd.concat([along, found[named]], axis=1)
+    named_cycles = gait_of(inside, rows=range(len(windows)), thresholds=thresholds, steadiness=PASSING)
+    named = [name for name in named_cycles.columns if name.startswith(("delta_", "gait"))]
+    along = pd.concat([along, named_cycles[named]], axis=1)
     along["family"] = [family(gait) for gait in along["gait"].astype(str)]
     return along.assign(**_beside(table, along))
 
@@ -71,16 +71,16 @@ def gait_bouts(along: pd.DataFrame, by: str = "family", least: int = 2) -> pd.Da
     """
     numbers = [name for name in along.columns if name not in ("row", "begin", "end", "t")]
     numbers = [name for name in numbers if pd.api.types.is_numeric_dtype(along[name])]
-    found: list[dict[str, Any]] = []
-    for row, mine in along.groupby("row", sort=True):
-        names = mine[by].astype(str).to_numpy()
-        kept = np.concatenate([part for part in _runs(names) if len(part) >= least] or [np.zeros(0, int)])
-        for part in _runs(names[kept]):
-            at = mine.iloc[kept[part]]
+    records: list[dict[str, Any]] = []
+    for row, cycles in along.groupby("row", sort=True):
+        names = cycles[by].astype(str).to_numpy()
+        steady = np.concatenate([part for part in _runs(names) if len(part) >= least] or [np.zeros(0, int)])
+        for part in _runs(names[steady]):
+            at = cycles.iloc[steady[part]]
             ends = {f"{n}_{e}": at[n].iloc[i] for n in numbers for e, i in (("begin", 0), ("end", -1))}
             times = {"begin": at["t"].iloc[0], "end": at["t"].iloc[-1], "windows": len(at)}
-            found.append({"row": row, by: names[kept[part[0]]], **times, **ends})
-    return pd.DataFrame(found or {"row": [], by: []})
+            records.append({"row": row, by: names[steady[part[0]]], **times, **ends})
+    return pd.DataFrame(records or {"row": [], by: []})
 
 
 def _windows(onsets: pd.DataFrame, cycles: int) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -94,9 +94,9 @@ def _windows(onsets: pd.DataFrame, cycles: int) -> tuple[pd.DataFrame, pd.DataFr
     reach = 0.5 * (end - begin) / cycles
     low, high = first.copy(), last.copy()
     for k, number in enumerate(row[first]):
-        mine, after = np.searchsorted(row, number), np.searchsorted(row, number, "right")
-        low[k] = mine + np.searchsorted(t[mine:after], begin[k] - reach[k])
-        high[k] = mine + np.searchsorted(t[mine:after], end[k] + reach[k], "right") - 1
+        start, after = np.searchsorted(row, number), np.searchsorted(row, number, "right")
+        low[k] = start + np.searchsorted(t[start:after], begin[k] - reach[k])
+        high[k] = start + np.searchsorted(t[start:after], end[k] + reach[k], "right") - 1
     count = high - low + 1
     places = np.repeat(high + 1 - np.cumsum(count), count) + np.arange(count.sum())
     inside = onsets.iloc[places][["leg", "t"]].assign(row=np.repeat(np.arange(len(first)), count))
@@ -113,28 +113,28 @@ def _beside(table: pd.DataFrame, along: pd.DataFrame) -> dict[str, np.ndarray]:
     """Speed, moving parameter and pass in each window, if the table has them."""
     run = table.attrs.get("job", {}).get("run", {})
     straight = [name for name in (run.get("parameter"), "x", "speed_n") if name in table.columns]
-    found = {name: np.full(len(along), np.nan) for name in straight}
+    columns = {name: np.full(len(along), np.nan) for name in straight}
     if "pass" in table.columns:
-        found["pass"] = np.full(len(along), np.nan)
+        columns["pass"] = np.full(len(along), np.nan)
     of_row = along.groupby("row").indices
-    for row, mine in table.groupby("row", sort=True):
+    for row, trace in table.groupby("row", sort=True):
         at = of_row.get(row)
-        mine = mine.loc[np.isfinite(mine["t"].to_numpy(float))].sort_values("t", kind="stable")
-        if at is None or not len(mine):
+        trace = trace.loc[np.isfinite(trace["t"].to_numpy(float))].sort_values("t", kind="stable")
+        if at is None or not len(trace):
             continue
-        t = mine["t"].to_numpy(float)
+        t = trace["t"].to_numpy(float)
         begin, middle, end = (along[name].to_numpy(float)[at] for name in ("begin", "t", "end"))
         for name in straight:
-            value = mine[name].to_numpy(float)
+            value = trace[name].to_numpy(float)
             if name == "x":
-                found[name][at] = (np.interp(end, t, value) - np.interp(begin, t, value)) / (end - begin)
+                columns[name][at] = (np.interp(end, t, value) - np.interp(begin, t, value)) / (end - begin)
             else:
-                found[name][at] = np.interp(middle, t, value)
-        if "pass" in found:
+                columns[name][at] = np.interp(middle, t, value)
+        if "pass" in columns:
             nearest = np.clip(np.searchsorted(t, middle), 0, len(t) - 1)
-            found["pass"][at] = mine["pass"].to_numpy(float)[nearest]
-    speed = found.pop("speed_n", found.pop("x", None))
-    return found if speed is None else found | {"speed": speed}
+            columns["pass"][at] = trace["pass"].to_numpy(float)[nearest]
+    speed = columns.pop("speed_n", columns.pop("x", None))
+    return columns if speed is None else columns | {"speed": speed}
 
 
 def speed_transitions(table: pd.DataFrame, by: Sequence[str] = (), cycles: int = 3) -> pd.DataFrame:
@@ -168,16 +168,16 @@ def speed_transitions(table: pd.DataFrame, by: Sequence[str] = (), cycles: int =
     if "speed" not in along.columns:
         raise AnalysisError("The table has no speeds (speed_n, or x of a trace).")
     records = []
-    for row, mine in along.loc[along["family"].isin(FAMILIES)].groupby("row"):
-        bouts = gait_bouts(mine, least=LEAST)
-        turn = mine.loc[mine["pass"] == 1, "t"].min()
+    for row, cycles_of_row in along.loc[along["family"].isin(FAMILIES)].groupby("row"):
+        bouts = gait_bouts(cycles_of_row, least=LEAST)
+        turn = cycles_of_row.loc[cycles_of_row["pass"] == 1, "t"].min()
         for slower, faster in itertools.pairwise(FAMILIES):
             up, down = _up_and_down(bouts, FAMILIES.index(faster), turn)
             records.append({"row": row, "slower": slower, "faster": faster, "up": up, "down": down})
-    found = pd.DataFrame(records, columns=["row", "slower", "faster", "up", "down"])
+    speeds = pd.DataFrame(records, columns=["row", "slower", "faster", "up", "down"])
     for name in reversed(list(by)):
-        found.insert(0, name, table.groupby("row")[name].first().reindex(found["row"]).to_numpy())
-    return _pooled(found.assign(width=found["up"] - found["down"]), [*by, "slower", "faster"])
+        speeds.insert(0, name, table.groupby("row")[name].first().reindex(speeds["row"]).to_numpy())
+    return _pooled(speeds.assign(width=speeds["up"] - speeds["down"]), [*by, "slower", "faster"])
 
 
 def after_dwell(table: pd.DataFrame) -> pd.DataFrame:
@@ -206,8 +206,8 @@ def _up_and_down(bouts: pd.DataFrame, rank: int, turn: float) -> tuple[float, fl
     return float(middle[up[0]]), float(middle[down[0]]) if len(down) else np.nan
 
 
-def _pooled(found: pd.DataFrame, keys: list[str]) -> pd.DataFrame:
-    groups = found.groupby(keys, sort=False)
+def _pooled(speeds: pd.DataFrame, keys: list[str]) -> pd.DataFrame:
+    groups = speeds.groupby(keys, sort=False)
     pooled = groups.agg(
         up=("up", "median"), up_low=("up", "min"), up_high=("up", "max"),
         down=("down", "median"), down_low=("down", "min"), down_high=("down", "max"),

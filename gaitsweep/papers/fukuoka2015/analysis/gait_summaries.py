@@ -60,9 +60,9 @@ def gait_measures(table: pd.DataFrame, by: Sequence[str] | None = None) -> pd.Da
         raise AnalysisError(f"The table has none of {', '.join(MEASURES)} where its rows end.")
     stood = table.loc[table["status"].astype(str) != "fell"]
     groups = stood.assign(gait=stood["gait"].astype(str)).groupby([*axes, "gait"], dropna=False)
-    found = groups[list(names)].median().rename(columns=names)
-    found.insert(0, "rows", groups.size())
-    return found.reset_index()
+    medians = groups[list(names)].median().rename(columns=names)
+    medians.insert(0, "rows", groups.size())
+    return medians.reset_index()
 
 
 def repertoire(
@@ -89,18 +89,20 @@ def repertoire(
     name = np.where(fell, "", table[gait].astype(str))
     number = table.groupby(keys, sort=False, observed=True).ngroup().to_numpy()
     count = int(number.max(initial=-1)) + 1
-    found = pd.DataFrame(table.drop_duplicates(keys)[keys]).reset_index(drop=True)
-    found["rows"] = np.bincount(number, minlength=count)
-    found["fell"] = np.bincount(number[fell], minlength=count)
-    for each in ("unsteady", *CHART):
-        found[each] = np.bincount(number[name == each], minlength=count)
-    found["gaits"] = (found[list(CHART)] > 0).sum(axis=1)
+    gaits_of_sets = pd.DataFrame(table.drop_duplicates(keys)[keys]).reset_index(drop=True)
+    gaits_of_sets["rows"] = np.bincount(number, minlength=count)
+    gaits_of_sets["fell"] = np.bincount(number[fell], minlength=count)
+    for gait_name in ("unsteady", *CHART):
+        gaits_of_sets[gait_name] = np.bincount(number[name == gait_name], minlength=count)
+    gaits_of_sets["gaits"] = (gaits_of_sets[list(CHART)] > 0).sum(axis=1)
     for kind, members in KINDS.items():
         shown = np.isin(name, members)
         medians = table.loc[shown, speed].groupby(number[shown]).median()
-        found[f"speed_{kind}"] = medians.reindex(range(count)).to_numpy()
-    speeds = np.stack([found[f"speed_{kind}"] for kind in ("walk", "trot", "canter", "gallop")], axis=1)
-    return found.assign(in_order=np.all(np.diff(speeds, axis=1) > 0.0, axis=1))
+        gaits_of_sets[f"speed_{kind}"] = medians.reindex(range(count)).to_numpy()
+    speeds = np.stack(
+        [gaits_of_sets[f"speed_{kind}"] for kind in ("walk", "trot", "canter", "gallop")], axis=1
+    )
+    return gaits_of_sets.assign(in_order=np.all(np.diff(speeds, axis=1) > 0.0, axis=1))
 
 
 def gaits_by_threshold(
@@ -125,12 +127,12 @@ def gaits_by_threshold(
     """
     if not len(thresholds):
         raise AnalysisError("thresholds is empty: give at least one threshold.")
-    found = gaits_in(table, window=window, thresholds=(thresholds[0], *thresholds))
+    gaits = gaits_in(table, window=window, thresholds=(thresholds[0], *thresholds))
     speeds = _speeds(table, window)
-    speed = np.array([speeds.get(row, np.nan) for row in found["row"].to_numpy()], float)
+    speed = np.array([speeds.get(row, np.nan) for row in gaits["row"].to_numpy()], float)
     records = []
     for threshold in thresholds:
-        gait = np.asarray(found[f"gait_at_{threshold:g}"], str)
+        gait = np.asarray(gaits[f"gait_at_{threshold:g}"], str)
         medians = {
             kind: float(np.nanmedian(speed[np.isin(gait, members)]))
             for kind, members in KINDS.items()
@@ -144,16 +146,16 @@ def gaits_by_threshold(
     return counted.drop(columns=[name for name in GAITS if not np.any(counted[name].to_numpy(int))])
 
 
-def shift_sizes(found: pd.DataFrame, threshold: float = THRESHOLD) -> pd.DataFrame:
+def shift_sizes(gaits: pd.DataFrame, threshold: float = THRESHOLD) -> pd.DataFrame:
     """The histogram of the sizes of both pairs' shifts, in rows with one of the nine gaits.
 
     Args:
-        found: the result of `gait_tables.gaits_in`.
+        gaits: the result of `gait_tables.gaits_in`.
         threshold: largest shift of a pair in phase, cycles: a whole number of bins.
 
     Returns:
         One record a bin of 0.01: low and high (cycles), read_as (in phase or shifted, by the threshold),
-        shifts (their number) and, where `found` has them, by_touchdowns (the number of those by touchdowns,
+        shifts (their number) and, where `gaits` has them, by_touchdowns (the number of those by touchdowns,
         in rows with one of the nine gaits by them).
     """
     edges = _WIDTH * np.arange(round(0.5 / _WIDTH) + 1)
@@ -162,8 +164,8 @@ def shift_sizes(found: pd.DataFrame, threshold: float = THRESHOLD) -> pd.DataFra
         ("shifts", "gait", ["delta_1", "delta_2"]),
         ("by_touchdowns", "gait_by_touchdowns", ["delta_1_touchdown", "delta_2_touchdown"]),
     ):
-        if gait in found.columns:
-            sizes = found.loc[found[gait].isin(CHART), shifts].abs().to_numpy(float)
+        if gait in gaits.columns:
+            sizes = gaits.loc[gaits[gait].isin(CHART), shifts].abs().to_numpy(float)
             counts[number] = np.histogram(sizes, edges)[0]
     sides = np.where(edges[1:] <= threshold + 0.5 * _WIDTH, "in phase", "shifted")
     sizes = pd.DataFrame({"low": edges[:-1], "high": edges[1:], "read_as": sides, **counts})
@@ -177,6 +179,7 @@ def _speeds(table: pd.DataFrame, window: tuple[float, float]) -> dict[object, fl
         if name in table.columns:
             inside = table if name == "speed_end" else table.loc[table["t"].between(*window)]
             return {
-                row: float(np.nanmedian(mine[name].to_numpy(float))) for row, mine in inside.groupby("row")
+                row: float(np.nanmedian(cycles_of_row[name].to_numpy(float)))
+                for row, cycles_of_row in inside.groupby("row")
             }
     return {}

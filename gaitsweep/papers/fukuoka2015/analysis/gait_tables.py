@@ -66,37 +66,37 @@ def gaits_in(
         AnalysisError: the table is of another kind, or does not have a column.
     """
     if signals is None and _MEAN.format(1) in table.columns:
-        found = _of_averages(table, thresholds)
+        gaits = _of_averages(table, thresholds)
     else:
         onsets = onsets_of(table, signals=signals, level=level, falling=falling)
         rows = np.unique(table["row"])
-        found = gait_of(onsets, rows=rows, window=window, thresholds=thresholds, steadiness=steadiness)
+        gaits = gait_of(onsets, rows=rows, window=window, thresholds=thresholds, steadiness=steadiness)
     axes = table.groupby("row", sort=True)[axes_of(table)].first()
     for place_, name in enumerate(axes.columns):
-        found.insert(1 + place_, name, axes.loc[found["row"], name].to_numpy())
-    found.attrs["quantities"] = table.attrs.get("quantities", {}) | found.attrs.get("quantities", {})
-    return found
+        gaits.insert(1 + place_, name, axes.loc[gaits["row"], name].to_numpy())
+    gaits.attrs["quantities"] = table.attrs.get("quantities", {}) | gaits.attrs.get("quantities", {})
+    return gaits
 
 
-def gaits_counted(found: pd.DataFrame, repeats: Sequence[str] = ("seed", "pair")) -> pd.DataFrame:
+def gaits_counted(table: pd.DataFrame, repeats: Sequence[str] = ("seed", "pair")) -> pd.DataFrame:
     """The number of rows with each gait, for each set of the swept axes except `repeats`.
 
     Args:
-        found: the result of `gaits_in`.
+        table: the result of `gaits_in`.
         repeats: axes along which rows are repetitions.
 
     Raises:
         AnalysisError: the table does not have a column.
     """
-    require(found, "row", "gait", "cycles")
-    columns = list(found.columns)
+    require(table, "row", "gait", "cycles")
+    columns = list(table.columns)
     places = [name for name in columns[1 : columns.index("cycles")] if name not in repeats]
-    gaits = found["gait"].astype(str)
+    gaits = table["gait"].astype(str)
     shown = [name for name in GAITS if name in set(gaits)]
     counts = {name: (gaits == name).astype(int) for name in shown}
     if not places:
         return pd.DataFrame({name: [count.sum()] for name, count in counts.items()})
-    return pd.DataFrame(found[places].assign(**counts).groupby(places, as_index=False, dropna=False).sum())
+    return pd.DataFrame(table[places].assign(**counts).groupby(places, as_index=False, dropna=False).sum())
 
 
 def onsets_of(
@@ -132,23 +132,23 @@ def _of_averages(table: pd.DataFrame, thresholds: Sequence[float]) -> pd.DataFra
     names |= {name: f"{name}_end" for name in ("period", "variation", "antiphase", "length")}
     require(table, "row", "cycles", "gait", *names.values())
     table = table.sort_values("row", kind="stable", ignore_index=True)
-    found = pd.DataFrame({"row": table["row"], "cycles": table["cycles"]})
+    named_rows = pd.DataFrame({"row": table["row"], "cycles": table["cycles"]})
     for name in ("period", "variation", "delta_1", "delta_2", "antiphase", "length"):
-        found[name] = table[names[name]].to_numpy(float)
+        named_rows[name] = table[names[name]].to_numpy(float)
     fell = Status.FAILED.among(table["status"]) if "status" in table.columns else np.zeros(len(table), bool)
     labels = np.where(fell | table["gait"].isna(), "none", table["gait"].astype(str))
-    found["steady"] = np.isin(labels, CHART)
-    found["gait"] = pd.Categorical(labels, list(GAITS))
-    shifts = found["delta_1"].to_numpy(), found["delta_2"].to_numpy()
+    named_rows["steady"] = np.isin(labels, CHART)
+    named_rows["gait"] = pd.Categorical(labels, list(GAITS))
+    shifts = named_rows["delta_1"].to_numpy(), named_rows["delta_2"].to_numpy()
     for threshold in thresholds[1:]:
-        named = np.array(CHART, object)[np.where(found["steady"], place(*shifts, threshold), 4)]
-        gaits = np.where(found["steady"], named, labels)
-        found[f"gait_at_{threshold:g}"] = pd.Categorical(gaits, list(GAITS))
-    found["margin"] = margin(*shifts, thresholds[0])
+        named = np.array(CHART, object)[np.where(named_rows["steady"], place(*shifts, threshold), 4)]
+        gaits = np.where(named_rows["steady"], named, labels)
+        named_rows[f"gait_at_{threshold:g}"] = pd.Categorical(gaits, list(GAITS))
+    named_rows["margin"] = margin(*shifts, thresholds[0])
     if "gait_by_touchdowns" in table.columns:
         landed = table["gait_by_touchdowns"].astype(object).fillna("none")
-        found["gait_by_touchdowns"] = pd.Categorical(np.where(fell, "none", landed), list(GAITS))
+        named_rows["gait_by_touchdowns"] = pd.Categorical(np.where(fell, "none", landed), list(GAITS))
         for name in ("delta_1_touchdown", "delta_2_touchdown"):
-            found[name] = table[f"{name}_end"].to_numpy(float)
-    found.attrs["quantities"] = dict(IN_CYCLES)
-    return found
+            named_rows[name] = table[f"{name}_end"].to_numpy(float)
+    named_rows.attrs["quantities"] = dict(IN_CYCLES)
+    return named_rows

@@ -132,13 +132,13 @@ def _judged(pairs: pd.DataFrame, name: str, case: np.ndarray, least: float) -> d
     r, r_low, r_high = _correlation(x, delta, case)
     shifted = np.abs(delta) > least
     right = x[shifted] * delta[shifted] < 0.0
-    found = {"pairs": len(x), "cases": len(np.unique(case)), "r": r, "r_low": r_low, "r_high": r_high}
-    found |= {"shifted": int(shifted.sum()), "right": np.nan, "right_low": np.nan, "right_high": np.nan}
+    result = {"pairs": len(x), "cases": len(np.unique(case)), "r": r, "r_low": r_low, "r_high": r_high}
+    result |= {"shifted": int(shifted.sum()), "right": np.nan, "right_low": np.nan, "right_high": np.nan}
     if shifted.any():
         share, draws = float(right.mean()), len(np.unique(case[shifted]))
         low, high = wilson(share, draws)
-        found |= {"right": share, "right_low": low, "right_high": high}
-    return found
+        result |= {"right": share, "right_low": low, "right_high": high}
+    return result
 
 
 def wilson(share: float, draws: int, level: float = LEVEL) -> tuple[float, float]:
@@ -230,9 +230,9 @@ def load_prediction(table: pd.DataFrame, feedback: str = "k2") -> pd.DataFrame:
         gait=("gait", "first"), gaits=("gait", "nunique"), delta=("delta", "mean")
     ).reset_index()
     walks = walks.loc[walks["gait"].isin(WALKS) & (walks["gaits"] == 1)]
-    found = walks.merge(loads, left_on=places, right_index=True).reset_index(drop=True)
-    found.insert(0, "row", np.arange(len(found)))
-    return found.assign(pair_number=0)[["row", *axes, "gait", "pair_number", "delta", *names]]
+    rows = walks.merge(loads, left_on=places, right_index=True).reset_index(drop=True)
+    rows.insert(0, "row", np.arange(len(rows)))
+    return rows.assign(pair_number=0)[["row", *axes, "gait", "pair_number", "delta", *names]]
 
 
 def _loads_of_settled(table: pd.DataFrame) -> pd.DataFrame:
@@ -252,7 +252,10 @@ def _loads_of_settled(table: pd.DataFrame) -> pd.DataFrame:
 def _loads_of_trace(trace: pd.DataFrame, pairs: pd.DataFrame) -> pd.DataFrame:
     """Loads (N) and pitch (rad) of each row and pair, averaged over the complete cycles of a trace."""
     require(trace, "row", "t", "pitch", *FLEXORS.values(), *(f"F_{leg}" for leg in LEGS))
-    onsets = {key: each["t"].to_numpy(float) for key, each in onsets_of(trace).groupby(["row", "leg"])}
+    onsets = {
+        key: onsets_of_leg["t"].to_numpy(float)
+        for key, onsets_of_leg in onsets_of(trace).groupby(["row", "leg"])
+    }
     shift = pairs.set_index(["row", "pair_number"])["delta"]
     records = []
     for row, samples in trace.groupby("row", sort=True):
@@ -261,8 +264,8 @@ def _loads_of_trace(trace: pd.DataFrame, pairs: pd.DataFrame) -> pd.DataFrame:
         stances = _Stances(samples.sort_values("t", kind="stable"))
         for number, (fore, hind) in enumerate(PAIRS, start=1):
             begins = onsets.get((row, fore), np.zeros(0)), onsets.get((row, hind), np.zeros(0))
-            found = stances.of_pair((fore, hind), begins, float(shift.loc[row, number]))
-            records.append({"row": row, "pair_number": number} | found)
+            loads = stances.of_pair((fore, hind), begins, float(shift.loc[row, number]))
+            records.append({"row": row, "pair_number": number} | loads)
     return pd.DataFrame(records, columns=["row", "pair_number", *MEASURES])
 
 
@@ -298,18 +301,18 @@ class _Stances:
         if not len(fore):
             return {}
         first, late = np.minimum(fore, hind), LATE * period
-        found: dict[str, np.ndarray] = {}
-        found["load_together"] = self._difference(legs, (first, first), late)
-        found["tilt_together"] = self.over("pitch", first - late, first) / late
-        found["load_late"] = self._difference(legs, (fore, hind), late)
-        found["tilt_late"] = sum(self.over("pitch", at - late, at) for at in (fore, hind)) / (2.0 * late)
+        measures: dict[str, np.ndarray] = {}
+        measures["load_together"] = self._difference(legs, (first, first), late)
+        measures["tilt_together"] = self.over("pitch", first - late, first) / late
+        measures["load_late"] = self._difference(legs, (fore, hind), late)
+        measures["tilt_late"] = sum(self.over("pitch", at - late, at) for at in (fore, hind)) / (2.0 * late)
         load, tilt = [], []
         for leg, at in zip(legs, (fore, hind), strict=True):
             time = self.over(f"time_{leg}", at - period, at)
             load.append(self.over(f"F_{leg}_standing", at - period, at) / time)
             tilt.append(self.over(f"pitch_{leg}", at - period, at) / time)
-        found["load_stance"], found["tilt_stance"] = load[0] - load[1], 0.5 * (tilt[0] + tilt[1])
-        return {name: float(np.mean(value)) for name, value in found.items()}
+        measures["load_stance"], measures["tilt_stance"] = load[0] - load[1], 0.5 * (tilt[0] + tilt[1])
+        return {name: float(np.mean(value)) for name, value in measures.items()}
 
     def _difference(
         self, legs: tuple[str, str], at: tuple[np.ndarray, np.ndarray], late: np.ndarray

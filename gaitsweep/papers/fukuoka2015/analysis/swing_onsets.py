@@ -98,12 +98,12 @@ def onsets_of_crossings(table: pd.DataFrame) -> pd.DataFrame:
         AnalysisError: the table does not have a column.
     """
     require(table, "row", "crossing", "t", *(SINCE.format(leg) for leg in LEGS))
-    kept = [column for column in ("row", "status") if column in table.columns]
+    copied = [column for column in ("row", "status") if column in table.columns]
     crossed = table.loc[table["crossing"] > 0]
     parts = []
     for leg in LEGS:
         t = crossed["t"].to_numpy(float) - crossed[SINCE.format(leg)].to_numpy(float)
-        part = crossed[kept].assign(leg=leg, t=t)
+        part = crossed[copied].assign(leg=leg, t=t)
         part = part.loc[np.isfinite(t) & (t > 0.0)].sort_values(["row", "t"], kind="stable")
         again = part.groupby("row")["t"].diff() < _SAME
         parts.append(part.loc[~again])
@@ -201,30 +201,32 @@ def _cycles(records: pd.DataFrame, count: int) -> tuple[pd.DataFrame, pd.DataFra
 def _shifts(cycles: pd.DataFrame, count: int) -> dict[str, np.ndarray]:
     """Shifts and phases with their resultant lengths and spreads, (count,) each."""
     of = {leg: cycles.loc[cycles["leg"] == leg, ["row", "t", "lasts"]].sort_values("t") for leg in LEGS}
-    found: dict[str, np.ndarray] = {}
+    columns: dict[str, np.ndarray] = {}
 
     def add(name: str, leg: str, other: str, lowest: float) -> np.ndarray:
         mean, length = _mean(*_phases(of[leg], of[other]), count)
-        found[name] = (mean - lowest) % 1.0 + lowest
-        found[f"length_{name}"] = length
-        found[f"spread_{name}"] = np.sqrt(2.0 * np.abs(np.log(np.maximum(length, 1e-300)))) / (2.0 * math.pi)
-        return found[name]
+        columns[name] = (mean - lowest) % 1.0 + lowest
+        columns[f"length_{name}"] = length
+        columns[f"spread_{name}"] = np.sqrt(2.0 * np.abs(np.log(np.maximum(length, 1e-300)))) / (
+            2.0 * math.pi
+        )
+        return columns[name]
 
     (fore_1, hind_1), (fore_2, hind_2) = PAIRS
     delta_1 = add("delta_1", hind_1, fore_1, -0.5)
     delta_2 = add("delta_2", hind_2, fore_2, -0.5)
     between = add("antiphase", fore_2, fore_1, 0.0)
-    found["antiphase"] = (between + 0.5 * (delta_2 - delta_1)) % 1.0
+    columns["antiphase"] = (between + 0.5 * (delta_2 - delta_1)) % 1.0
     for leg in LEGS:
         add(f"phase_{leg}", leg, "LF", 0.0)
-    return found
+    return columns
 
 
-def _phases(mine: pd.DataFrame, others: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
+def _phases(onsets: pd.DataFrame, others: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
     """The rows of one leg's onsets within cycles of another, and their phases there, in [0, 1)."""
     begins = others.dropna()
     begins = begins.assign(begin=begins["t"])  # of `others`, an empty frame would take all its rows again
-    pairs = pd.merge_asof(mine[["row", "t"]], begins, on="t", by="row")
+    pairs = pd.merge_asof(onsets[["row", "t"]], begins, on="t", by="row")
     phase = ((pairs["t"] - pairs["begin"]) / pairs["lasts"]).to_numpy()
     inside = phase < 1.0
     return pairs["row"].to_numpy()[inside], phase[inside]

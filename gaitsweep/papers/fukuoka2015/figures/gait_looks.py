@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 
 from gaitsweep import LimbLook
@@ -41,6 +42,11 @@ def colour_of(gait: str) -> str:
     return theme.colours([gait])[gait]
 
 
+def ink_on(gait: str) -> str:
+    """Black or white, for a text over the colour of a gait."""
+    return "black" if np.dot(to_rgb(colour_of(gait)), (0.3, 0.59, 0.11)) > 0.5 else "white"
+
+
 def marker_of(gait: str) -> str:
     """The marker of a gait, or of no gait."""
     return theme.markers([gait])[gait]
@@ -68,15 +74,15 @@ def has_swing_onsets(table: PlannedTable) -> bool:
     )
 
 
-def in_words(table: pd.DataFrame, found: pd.Series, samples: pd.DataFrame) -> list[str]:
+def in_words(table: pd.DataFrame, gait: pd.Series, samples: pd.DataFrame) -> list[str]:
     """The mean speed of a row's samples, and the values of its swept axes, from its entry of `gaits_in`."""
     texts = []
     if "x" in samples.columns:
         t, x = samples["t"].to_numpy(float), samples["x"].to_numpy(float)
         texts.append(f"{(x[-1] - x[0]) / (t[-1] - t[0]):.2f} m/s")
-    names = list(map(str, found.index))
+    names = list(map(str, gait.index))
     axes = [name for name in names[1 : names.index("cycles")] if name not in ("seed", "pair")]
-    return texts + [written(table, name, found[name]) for name in axes]
+    return texts + [written(table, name, gait[name]) for name in axes]
 
 
 def gait_key(gaits: Iterable[str]) -> list[Line2D]:

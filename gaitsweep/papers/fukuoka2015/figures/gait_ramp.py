@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal
 
@@ -13,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gaits_along
-from gaitsweep.papers.fukuoka2015.figures.gait_looks import ORDER, check_gaits, colour_of, label_of
+from gaitsweep.papers.fukuoka2015.figures.gait_looks import ORDER, check_gaits, colour_of, ink_on, label_of
 from gaitsweep.plot import (
     Count,
     Panels,
@@ -21,8 +22,8 @@ from gaitsweep.plot import (
     PlotError,
     Refusal,
     Title,
-    axis_label,
     column,
+    described,
     figure_kind,
     moved_parameter,
     row_names,
@@ -33,6 +34,8 @@ from gaitsweep.plot import (
 )
 
 _BAR = 0.36
+_BESIDE = 1.4  # inches; of rows' names beside the bars
+_LETTER = 0.065  # inches; width of a letter of a gait's name
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
@@ -56,7 +59,7 @@ def gait_ramp(
     cycles: Annotated[Count, "number of cycles for one reading of the gait"] = 3,
     title: Title = None,
 ) -> Figure:
-    """Two bars for each row, the rising pass above the falling one, coloured by the gait in each window.
+    """Two bars for each row, the rising pass above the falling one, with the gait in each window.
 
     Rows are named by the swept quantities that differ between those of a panel. A measured speed goes to and
     fro a little from cycle to cycle; windows stand at its nearest monotone course (isotonic regression).
@@ -82,14 +85,16 @@ def gait_ramp(
     parts = [table if value is None else rows_where(table, table[str(panels)] == value) for value in values]
     rows = [np.unique(part["row"].to_numpy(int)) for part in parts]
     heights = [max(len(each), 1) for each in rows]
+    span = along[parameter if x == "parameter" else x]
     present = set(along["gait"].astype(str))
     with theme.canvas(theme.PAGE, 0.42 * sum(heights) + 0.35 * len(parts) + 0.9, title) as figure:
         grid = figure.subplots(len(parts), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+        grid[0].set_xlim(span.min(), span.max())
         for axes, value, each in zip(grid, values, rows, strict=True):
             axes.set_title("" if value is None else written(table, str(panels), value), loc="left")
             names = row_names(rows_where(table, table["row"].isin(each.tolist())), [panels] if panels else [])
             _panel(axes, along, [(row, names[row]) for row in each], parameter, x == "speed")
-        grid[-1].set_xlabel(axis_label(table, parameter) if x == "parameter" else "measured speed (m/s)")
+        grid[-1].set_xlabel(described(table, parameter) if x == "parameter" else "measured speed (m/s)")
         shown = [gait for gait in theme.ordered(ORDER) if gait in present]
         handles = [Patch(color=colour_of(gait), label=_kind(gait)) for gait in shown]
         handles = list({handle.get_facecolor(): handle for handle in handles}.values())
@@ -110,7 +115,7 @@ def _kind(gait: str) -> str:
 def _panel(
     axes: Axes, along: pd.DataFrame, rows: Sequence[tuple[Any, str]], parameter: str, measured: bool
 ) -> None:
-    look: dict[str, Any] = {"fontsize": theme.points(7), "va": "center", "ha": "right", "color": "#444444"}
+    look: dict[str, Any] = {"fontsize": theme.points(11), "va": "center", "ha": "right", "weight": "bold"}
     for place, (row, _) in enumerate(rows):
         mine = along.loc[along["row"] == row]
         for down in (0, 1):
@@ -127,19 +132,29 @@ def _panel(
                     arrow, (0.0, height), (-3, 0), axes.get_yaxis_transform(), "offset points", **look
                 )
     axes.set_yticks(range(len(rows)), [name for _, name in rows])
-    axes.tick_params(axis="y", length=0, pad=12)
+    axes.tick_params(axis="y", length=0, pad=16)
     axes.set_ylim(len(rows) - 0.45, -0.55)
     axes.spines["left"].set_visible(False)
 
 
 def _bar(axes: Axes, at: np.ndarray, t: np.ndarray, gaits: Sequence[str], height: float) -> None:
-    """The intervals of one pass's windows: half way to their neighbours, but not over missing windows."""
+    """One pass: its windows reach half way to their neighbours, but not over missing windows.
+
+    A gait has its name where its bar has room for it.
+    """
     if len(at) < 2:
         return
+    letters = (theme.width_of(theme.PAGE) - _BESIDE) / np.ptp(axes.get_xlim()) / _LETTER  # in a unit of x
     middle, step = 0.5 * (at[1:] + at[:-1]), np.diff(t)
     missing = step > 2.0 * np.median(step)
     begins = np.r_[at[0], np.where(missing, at[1:], middle)]
     ends = np.r_[np.where(missing, at[:-1], middle), at[-1]]
-    colour = {gait: colour_of(gait) for gait in set(gaits)}
-    for low, high, gait in zip(begins, ends, gaits, strict=True):
-        axes.barh(height, high - low, _BAR, left=low, color=colour[gait], linewidth=0)
+    kinds = [_kind(gait) for gait in gaits]
+    turns = missing | [one != other for one, other in itertools.pairwise(kinds)]
+    firsts = [0, *(np.flatnonzero(turns) + 1).tolist(), len(at)]
+    for first, last in itertools.pairwise(firsts):
+        low, colour = begins[first], colour_of(gaits[first])
+        bar = axes.barh(height, ends[last - 1] - low, _BAR, left=low, color=colour, linewidth=0)
+        if abs(ends[last - 1] - low) * letters > len(kinds[first]):
+            look: dict[str, Any] = {"fontsize": theme.points(7), "color": ink_on(gaits[first])}
+            axes.bar_label(bar, [kinds[first]], label_type="center", **look)

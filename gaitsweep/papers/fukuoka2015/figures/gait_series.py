@@ -22,9 +22,11 @@ from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
     FLIGHT,
     LEG_COLOURS,
     LIMBS,
+    ORDER,
     colour_of,
     footfalls,
     in_words,
+    label_of,
     shade_flights,
 )
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
@@ -89,8 +91,8 @@ def gait_series(
     """The output of each flexor, footfalls and pitch over time; flight phases in grey.
 
     Each row is a strip; the peaks of loads at touchdown are cut off. A single row may extend over several
-    strips of a given length, with the name of each gait bout: for a walk whose speed changes. Strips in two
-    columns are read downwards, the left column first.
+    strips of a given length, with a bar for each gait bout, named where there is room: for a walk whose speed
+    changes. Strips in two columns are read downwards, the left column first.
 
     Args:
         table: a trace of a model with u_f_LF, ..., contact_1, ... and pitch (F_LF, ... for loads).
@@ -113,10 +115,11 @@ def gait_series(
     along = gaits_along(table) if strip and len(table) else None
     with theme.canvas(theme.PAGE, height, title) as figure:
         outer = figure.subfigures(down, columns, squeeze=False).ravel(order="F")
+        gaits: set[str] = set()
         for number, (sub, part) in enumerate(zip(outer, parts, strict=False)):
             grid = sub.subplots(len(kinds), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
             heading = _heading(table, part, number, titles) if strip is None or titles else ""
-            _draw(
+            gaits |= _draw(
                 dict(zip(kinds, grid, strict=True)),
                 part,
                 along,
@@ -124,12 +127,16 @@ def gait_series(
                 theme.width_of(theme.PAGE) / columns,
             )
         if not parts:
-            theme.message(outer[0].subplots(), "nothing was recorded")
-        handles = [Line2D([], [], color=LEG_COLOURS[leg], lw=1.6, label=LIMBS[leg].name) for leg in LEGS]
+            theme.message(outer[0].subplots(), "No sample of these rows was recorded in this time.")
+        handles = [
+            Line2D([], [], color=LEG_COLOURS[leg], ls=_line(leg), lw=1.6, label=LIMBS[leg].name)
+            for leg in LEGS
+        ]
         flight = (
             [Patch(color=FLIGHT, label="flight: no foot on the ground")] if any(map(_flies, parts)) else []
         )
-        theme.legend(figure, [*handles, *flight], ncols=5)
+        bouts = [Patch(color=colour_of(gait), label=label_of(gait)) for gait in ORDER if gait in gaits]
+        theme.legend(figure, [*handles, *flight, *bouts], ncols=5)
     return figure
 
 
@@ -150,6 +157,11 @@ def _strips(table: pd.DataFrame, window: Sequence[float] | None, strip: float | 
     return parts
 
 
+def _line(leg: str) -> Any:
+    """The line of a leg: dashed for hind legs, whose colours are like those of fore legs in grey print."""
+    return (0, (4, 1)) if LIMBS[leg].pair else "-"
+
+
 def _flies(part: pd.DataFrame) -> bool:
     """Whether there is an instant without a foot on the ground."""
     return bool((part[list(CONTACTS.values())].max(axis=1) < 0.5).any())
@@ -166,17 +178,18 @@ def _heading(table: pd.DataFrame, part: pd.DataFrame, number: int, titles: Seque
 
 def _draw(
     grid: dict[str, Axes], part: pd.DataFrame, along: pd.DataFrame | None, heading: str, wide: float
-) -> None:
-    """One strip, in `wide` inches."""
+) -> set[str]:
+    """One strip, in `wide` inches; returns the gaits of its bouts."""
     t = part["t"].to_numpy(float)
     down = part[[name for name in CONTACTS.values() if name in part.columns]].to_numpy(float)
     footfalls(grid["feet"], part)
     for leg in LEGS:
         out = np.maximum(part[FLEXORS[leg]].to_numpy(float), 0.0)
-        grid["flexor"].plot(t, out, color=LEG_COLOURS[leg], lw=0.9)
+        grid["flexor"].plot(t, out, color=LEG_COLOURS[leg], ls=_line(leg), lw=0.9)
         if "load" in grid:
-            grid["load"].plot(t, part[f"F_{leg}"].to_numpy(float), color=LEG_COLOURS[leg], lw=0.8)
-    grid["flexor"].set_ylabel("flexor")
+            load = part[f"F_{leg}"].to_numpy(float)
+            grid["load"].plot(t, load, color=LEG_COLOURS[leg], ls=_line(leg), lw=0.8)
+    grid["flexor"].set_ylabel("flexor\noutput")
     grid["pitch"].plot(t, part["pitch"].to_numpy(float), color="black", lw=0.9)
     grid["pitch"].axhline(0.0, color="#AAAAAA", lw=0.5, zorder=0)
     grid["pitch"].set_ylabel("pitch,\ndown (rad)")
@@ -192,30 +205,31 @@ def _draw(
     grid["pitch"].set_xlim(t[0], t[-1])
     top = next(iter(grid.values()))
     top.set_title(heading, loc="left")
-    if along is not None and "gait" in grid:
-        _names(grid["gait"], part, along, wide)
+    return set() if along is None else _bouts(grid["gait"], part, along, wide)
 
 
-def _names(axes: Axes, part: pd.DataFrame, along: pd.DataFrame, wide: float) -> None:
-    """The gait bouts as bars with their names, and the speed at round times."""
+def _bouts(axes: Axes, part: pd.DataFrame, along: pd.DataFrame, wide: float) -> set[str]:
+    """The gait bouts as bars with their names, and the speed at both ends; returns the gaits."""
     axes.set_axis_off()
     axes.set_ylim(0.0, 1.0)
     mine = rows_where(along, along["row"] == part["row"].iloc[0])
     low, high = float(part["t"].iloc[0]), float(part["t"].iloc[-1])
     axes.set_xlim(low, high)
     width = (wide - _BESIDE) / (high - low)  # inches a second
-    found = gait_bouts(mine, "gait", _LEAST).to_dict("records")
-    for spell in found:
+    drawn = set()
+    for spell in gait_bouts(mine, "gait", _LEAST).to_dict("records"):
         begin, end = max(float(spell["begin"]), low), min(float(spell["end"]), high)
         if end <= begin:
             continue
         name = str(spell["gait"])
+        drawn.add(name)
         axes.barh(0.15, end - begin, 0.26, left=begin, color=colour_of(name), linewidth=0)
         if (end - begin) * width > _LETTER * len(name):
             look: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": theme.points(7)}
-            axes.text(0.5 * (begin + end), 0.3, name, color=colour_of(name), weight="bold", **look)
+            axes.text(0.5 * (begin + end), 0.3, name, **look)
     if "speed" in mine.columns and len(mine):
         for at in (low, high):
             v = np.interp(at, mine["t"].to_numpy(float), mine["speed"].to_numpy(float))
             side: Any = "left" if at == low else "right"
             axes.text(at, 1.0, f"{v:.2f} m/s", va="top", fontsize=theme.points(7), color="#444444", ha=side)
+    return drawn

@@ -52,9 +52,9 @@ def nine_gaits(
         grid = figure.subplots(3, 3)
         for place, gait in enumerate(CHART):
             axes = grid[place // 3, place % 3]
-            found = gaits.loc[gaits["gait"] == gait]
-            if len(found):
-                _example(axes, table, gait, found.loc[found["margin"].idxmax()], cycles, narrow)
+            candidates = gaits.loc[gaits["gait"] == gait]
+            if len(candidates):
+                _example(axes, table, gait, candidates.loc[candidates["margin"].idxmax()], cycles, narrow)
             else:
                 _name(axes, gait)
                 _empty(axes, "no row" if narrow else "no row has it")

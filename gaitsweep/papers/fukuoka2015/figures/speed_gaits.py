@@ -28,7 +28,6 @@ from gaitsweep.plot import (
     PlannedTable,
     Refusal,
     Title,
-    axis_label,
     column,
     described,
     figure_kind,
@@ -88,14 +87,15 @@ def speed_gaits(
             _bands(axes, part, y, bands, speed, np.ptp(shown[speed].to_numpy(float)) if len(shown) else 1.0)
             axes.set_xlabel(described(table, speed, 60 // len(values)))
             if not len(part):
-                theme.message(axes, "no rows yet")
+                theme.message(axes, "no row with a gait" if len(table) else "no rows yet")
         names = [label_of(band) if y == "gait" else f"{band:.4g}" for band in bands]
         grid[0].set_yticks(
             range(len(bands)), [name.replace("-", "−") if y != "gait" else name for name in names]
         )
         grid[0].set_ylim(-0.6, len(bands) - 0.4)
         if y != "gait":
-            grid[0].set_ylabel(axis_label(table, y))
+            for axes in grid[::across]:
+                axes.set_ylabel(described(table, y, 36))
             theme.legend(figure, gait_key(present), ncols=6)
     return figure
 
@@ -105,12 +105,12 @@ def _bands(axes: Axes, part: pd.DataFrame, y: str, bands: list[Any], speed: str,
     axes.grid(axis="y", color="#EEEEEE", lw=0.6)
     axes.set_axisbelow(True)
     for place, band in enumerate(bands):
-        mine = rows_where(part, part[y] == band)
-        at = mine[speed].to_numpy(float)
-        moving = Status.UNDECIDED.among(mine["status"])
+        rows = rows_where(part, part[y] == band)
+        at = rows[speed].to_numpy(float)
+        moving = Status.UNDECIDED.among(rows["status"])
         offset = _stacked(at, _SAME * extent) * _SPREAD
         for gait in theme.ordered(ORDER):
-            which = (mine["gait"] == gait).to_numpy()
+            which = (rows["gait"] == gait).to_numpy()
             look = {"color": colour_of(gait), "marker": marker_of(gait), "ms": 3.2, "mew": 0.6, "ls": ""}
             for some, face in ((which & ~moving, colour_of(gait)), (which & moving, "white")):
                 if some.any():

@@ -155,10 +155,10 @@ def page_values() -> dict[str, float]:
     """The default body parameters, those of the MJCF, by name."""
     from gaitsweep.expression import evaluate
 
-    found: dict[str, float] = {}
+    defaults: dict[str, float] = {}
     for quantity in BODY:
-        found[quantity.name] = evaluate(quantity.default or 0.0, found)
-    return found
+        defaults[quantity.name] = evaluate(quantity.default or 0.0, defaults)
+    return defaults
 
 
 def edited(spec: Any, values: Mapping[str, float]) -> None:

@@ -49,7 +49,7 @@ def _along_path(
 _SPEED = (
     Quantity("sigma", "1", "place on the path of speed, slow to fast", 0.5, low=0.0, high=1.0,
              symbol=r"\sigma", source=_SEARCH),
-    Quantity("v_d", "m/s", "desired speed, for formulas only (of sigma, for example)", 1.0,
+    Quantity("v_d", "m/s", "desired speed, which formulas may use", 1.0,
              symbol="v_d"),
     *_along_path("s", "1", "tonic drive", 1.18, 1.71, 1.40, "s", True),
     *_along_path("Tr", "s", "time constant of the rise", 0.085, 0.0473, 0.0206, "T_r", True),

@@ -25,7 +25,10 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.state import Params, State
 # A scale so large that no run waits for a quantity to settle: what it follows from has its own.
 _FOLLOWS = 1.0e9
 
-_PAIRS = {1: f"{LEGS[HIND_1]} - {LEGS[FORE_1]}", 2: f"{LEGS[HIND_2]} - {LEGS[FORE_2]}"}
+_PAIRS = {
+    1: f"{LEGS[HIND_1]} less that of {LEGS[FORE_1]}",
+    2: f"{LEGS[HIND_2]} less that of {LEGS[FORE_2]}",
+}
 
 
 def _of_legs(
@@ -48,15 +51,15 @@ OBSERVABLES = (
     Quantity("period", "s", "duration of LF's last cycle", symbol="T"),
     Quantity("flight", "1", "share of the last cycle without a foot on the ground", scale=1.0),
     *(
-        Quantity(f"delta_{i}_mean", "cycles", f"delta_{i} averaged over the last cycles",
+        Quantity(f"delta_{i}_mean", "cycles", f"phase of {legs}, averaged over the last cycles",
                  symbol=rf"\bar\delta_{i}", scale=1.0)
-        for i in _PAIRS
+        for i, legs in _PAIRS.items()
     ),
     *(
-        Quantity(f"delta_{i}_touchdown", "cycles", f"delta_{i}_mean by touchdowns, not swing onsets: of feet "
-                 f"that were in the air for {1e3 * BREAK:g} ms or more",
+        Quantity(f"delta_{i}_touchdown", "cycles", f"phase of {legs} by touchdowns, not swing onsets: of "
+                 f"feet that were in the air for {1e3 * BREAK:g} ms or more",
                  symbol=rf"\bar\delta_{i}^\mathrm{{td}}", scale=_FOLLOWS)
-        for i in _PAIRS
+        for i, legs in _PAIRS.items()
     ),
     Quantity("antiphase", "cycles", "phase between the pairs' middles, 0 to 1, averaged likewise", scale=1.0),
     Quantity("length", "1", "least resultant length of both shifts and that of the fore legs", scale=1.0),
@@ -70,7 +73,7 @@ OBSERVABLES = (
     Quantity("pitch_twice", "1", "share of the pitch's variance likewise that goes twice a cycle",
              scale=_FOLLOWS),
     *_of_legs("since", "s", "time since {}'s last swing onset", r"t", scale=1.0),
-    *_of_legs("late_load", "N", "mean load on {} in late stance (see `cycle`)", r"F_\mathrm{late}"),
+    *_of_legs("late_load", "N", "mean load on {} in late stance", r"F_\mathrm{late}"),
     *_of_legs("stance_load", "N", "mean load on {} in stance", "F"),
     *_of_legs("late_pitch", "rad", "mean pitch in {}'s late stance", r"\phi_\mathrm{late}", scale=1.0),
     *_of_legs("stance_pitch", "rad", "mean pitch in {}'s stance", r"\phi", scale=1.0),
@@ -140,7 +143,7 @@ def observed(params: Params, state: State) -> dict[str, jax.Array]:
         "pitch_range": c.pitch_range,
         "pitch_once": once,
         "pitch_twice": twice,
-        **{f"{name}_{leg}": each[i] for name, each in of_legs.items() for i, leg in enumerate(LEGS)},
+        **{f"{name}_{leg}": values[i] for name, values in of_legs.items() for i, leg in enumerate(LEGS)},
         "power_hip": c.power[0],
         "power_knee": c.power[1],
         "cost_of_transport": cost,
@@ -157,7 +160,7 @@ def signalled(params: Params, state: State) -> dict[str, jax.Array]:
     of_legs |= {"P_hip": hip, "P_knee": knee}
     down = (s.load > 0.0).astype(s.q.dtype)
     return {
-        **{f"{name}_{leg}": each[i] for name, each in of_legs.items() for i, leg in enumerate(LEGS)},
+        **{f"{name}_{leg}": values[i] for name, values in of_legs.items() for i, leg in enumerate(LEGS)},
         **{f"contact_{i + 1}": down[i] for i in range(len(LEGS))},
         "x": s.q[X],
         "z": s.q[Z],

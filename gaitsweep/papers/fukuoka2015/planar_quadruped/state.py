@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import jax
+from jaxtyping import Array, Float
 
 from gaitsweep.papers.fukuoka2015.planar_quadruped.cycle import Cycle
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import PlanarMechanics
@@ -14,13 +15,19 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.rhythm import Motors, Network
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Params:
-    """The network, the motors and the body; `threshold` and `memory` as in `PARAMETERS`."""
+    """The parameters of one trajectory.
+
+    Attributes:
+        network, motors, mechanics: parameters of the rhythm, of its motors and of the body.
+        threshold: largest phase shift of a pair of legs that counts as zero, cycles.
+        memory: number of cycles over which phase shifts are averaged.
+    """
 
     network: Network
     motors: Motors
     mechanics: PlanarMechanics
-    threshold: jax.Array
-    memory: jax.Array
+    threshold: Float[Array, ""]
+    memory: Float[Array, ""]
 
 
 @jax.tree_util.register_dataclass
@@ -28,15 +35,18 @@ class Params:
 class State:
     """The state along a trajectory.
 
-    `q`, `v` (11,) are MuJoCo's qpos and qvel; `warm` (11,) the last acceleration, the initial guess of
-    MuJoCo's solver, (0,) for the tree; `u`, `f` (2, 4) potentials and fatigue; `load` (4,) N on the feet in
-    the last step; `cycle` the measurements of gait cycles.
+    Attributes:
+        q, v: MuJoCo's qpos (m, rad) and qvel (m/s, rad/s).
+        warm: the last acceleration, from which MuJoCo's solver begins; empty if `body` is `tree`.
+        u, f: potentials and fatigue of the extensors (row 0) and the flexors (row 1) of the legs.
+        load: loads on the feet in the last step, N.
+        cycle: running measurements of the gait cycles.
     """
 
-    q: jax.Array
-    v: jax.Array
-    warm: jax.Array
-    u: jax.Array
-    f: jax.Array
-    load: jax.Array
+    q: Float[Array, " coordinates"]
+    v: Float[Array, " coordinates"]
+    warm: Float[Array, " accelerations"]
+    u: Float[Array, "halves legs"]
+    f: Float[Array, "halves legs"]
+    load: Float[Array, " legs"]
     cycle: Cycle

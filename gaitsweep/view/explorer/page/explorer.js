@@ -5,6 +5,8 @@ const AROUND = 40;                              // cycles on both sides of the c
 const TURN = 2 * Math.PI;
 const LARGEST = 32767, NO_NUMBER = -32768;      // of whole numbers of two bytes, as encoding.py packs them
 const CYCLE_SECONDS = 1.6;                      // that a cycle takes at the speed shown first
+const GIF_SIZE = [640, 360], GIF_CAPTION = 28;  // pixels of a body's drawing and of the line above it
+const MOST_PICTURES = 300;                      // of a GIF, at 25 a second or fewer
 // Colours of the page in a light and in a dark scheme; outcomes and limbs keep their own in both. Text has a
 // contrast of at least 4.5 : 1 against what is behind it.
 const SCHEMES = {
@@ -22,7 +24,7 @@ const ASIDE = [0.28, 0.22];
 const SERIES = ["#E69F00", "#0072B2", "#009E73", "#CC79A7", "#D55E00", "#56B4E9"];
 const SWING = "#D55E00";                        // of limbs off the ground, where limbs have no colours of their own
 const SYMBOLS = { "o": "circle", "s": "square", "^": "triangle-up", "D": "diamond", "v": "triangle-down",
-  "x": "x", "P": "cross", "X": "x", "*": "star" };
+  "<": "triangle-left", ">": "triangle-right", "x": "x", "P": "cross", "X": "x", "*": "star" };
 const FONT = "system-ui, -apple-system, Segoe UI, Roboto, DejaVu Sans, sans-serif";
 
 // Of plotly.js' buttons those that stay in the page: others offer an upload.
@@ -428,12 +430,19 @@ function hashOf(i) {
   return mine.length > 1 ? `#row=${row},${mine.indexOf(i)}` : `#row=${row}`;
 }
 
+/** A record's name, its place on the map and its slices. */
+function titleHtml(i) {
+  const where = [data.x, data.y].map(axis => `${columns[axis.name].symbol} = ${escaped(valueText(axis.name, i))}`);
+  return [`${nameOf(i)}: ${where.join(", ")}`, ...data.slices.map(each => each.texts[each.of[i]])].join("; ");
+}
+
 function showRecord() {
   const i = chosen, outcome = outcomeOf(i), status = textOf(columns.status, i);
-  const where = [data.x, data.y].map(axis => `${columns[axis.name].symbol} = ${escaped(valueText(axis.name, i))}`);
-  $("chosen").innerHTML = [`${nameOf(i)}: ${where.join(", ")}`, ...data.slices.map(each => each.texts[each.of[i]])].join("; ");
+  $("chosen").innerHTML = titleHtml(i);
   $("ended").replaceChildren(chip(outcome), outcome.name);
-  const sentence = data.statuses[status];
+  const period = status === "settled" && columns.attractor_period ? numberAt("attractor_period", i) : NaN;
+  const sentence = !(period > 0) ? data.statuses[status]
+    : `The state at the section repeats ${period === 1 ? "at a fixed point" : `on an orbit of ${period} crossings`}.`;
   const whole = recordsOf.get(raw(columns.row, i)).length > 1 ? "the whole row: " : "";
   if (data.passes.length) $("ended").append(`; ${passText(passOf(i))}`);
   $("ended").append(`; ${whole}${status}${sentence ? ": " + sentence : ""}`);
@@ -534,7 +543,7 @@ function showMotion(k) {
   clock.turns = 0;
   const drawn = motion && motion.points !== undefined;
   $("stretches").hidden = !motion;
-  $("bodies").hidden = !drawn;
+  $("bodies").hidden = $("save-gif").hidden = !drawn;
   showBeside();
   $("controls").hidden = !motion || (!drawn && !motion.contact.length);
   $("footfalls").hidden = $("footfalls-title").hidden = !motion || !motion.contact.length;
@@ -572,15 +581,24 @@ function paint() {
   $("time").value = length ? Math.round(at / length * 1000) : 0;
   $("clock").textContent = `${(motion.begin + at).toFixed(2)} s`;
   if (motion.points !== undefined) paintBody($("body"), motion, at, clock.turns);
-  if (beside) {
-    const whole = lengthOf(beside), passed = clock.turns * length + at;
-    if (beside.loops) paintBody($("beside-body"), beside, passed % whole, Math.floor(passed / whole));
-    else paintBody($("beside-body"), beside, Math.min(at, whole), 0);
-  }
+  if (beside) paintBeside($("beside-body"), beside, at, clock.turns * length + at);
   if (motion.contact.length) paintFootfalls(at);
 }
 
+/** Draw the body beside the chosen one, at a time (s) of the chosen one's stretch and after all its turns. */
+function paintBeside(canvas, beside, at, passed) {
+  const whole = lengthOf(beside);
+  if (beside.loops) paintBody(canvas, beside, passed % whole, Math.floor(passed / whole));
+  else paintBody(canvas, beside, Math.min(at, whole), 0);
+}
+
+/** The context of a canvas, cleared, and its size; that of a canvas outside the page is its own. */
 function surface(canvas) {
+  if (!canvas.isConnected) {
+    const pen = canvas.getContext("2d"), { width, height } = canvas;
+    pen.clearRect(0, 0, width, height);
+    return { pen, width, height };
+  }
   const scale = devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
   if (canvas.width !== Math.round(width * scale) || canvas.height !== Math.round(height * scale)) {
     canvas.width = Math.round(width * scale);
@@ -733,6 +751,44 @@ function paintBody(canvas, motion, at, turns) {
   pen.textAlign = "right";
   pen.fillText("forward ⟶", width - 6, 14);
   pen.textAlign = "left";
+}
+
+/** Save the stretch on view, at the speed on view, as an animated GIF. */
+async function saveGif() {
+  const button = $("save-gif"), speed = clock.speed, length = lengthOf(motion), [, owner] = walkFor(chosen);
+  const sides = [[motion, owner], ...(beside ? [[beside, walkFor(other)[1]]] : [])];
+  const delay = Math.max(4, Math.ceil(100 * length / speed / MOST_PICTURES));  // hundredths of a second
+  const count = Math.max(2, Math.round(100 * length / speed / delay)), steps = sides[0][0].loops ? count : count - 1;
+  const whole = document.createElement("canvas"), part = document.createElement("canvas");
+  [part.width, part.height] = GIF_SIZE;
+  [whole.width, whole.height] = [GIF_SIZE[0] * sides.length, GIF_SIZE[1] + GIF_CAPTION];
+  const pen = whole.getContext("2d", { willReadFrequently: true });
+  pen.font = "14px system-ui, DejaVu Sans, sans-serif";
+  pen.textBaseline = "middle";
+  const pixelsOf = k => {
+    pen.fillStyle = shade.paper;
+    pen.fillRect(0, 0, whole.width, whole.height);
+    sides.forEach(([each, i], side) => {
+      const at = k / steps * length, left = side * GIF_SIZE[0];
+      if (side) paintBeside(part, each, at, at); else paintBody(part, each, at, 0);
+      pen.drawImage(part, left, GIF_CAPTION);
+      pen.fillStyle = shade.ink;
+      pen.fillText(`${data.model}: ${outcomeOf(i).name}; ${plain(titleHtml(i))}`, left + 8, GIF_CAPTION / 2, GIF_SIZE[0] - 16);
+    });
+    return new Uint32Array(pen.getImageData(0, 0, whole.width, whole.height).data.buffer);
+  };
+  const name = nameOf(owner), say = text => $("copied").textContent = text;
+  button.disabled = true;
+  try {
+    const delayOf = k => k === count - 1 && !sides[0][0].loops ? 60 : delay;
+    const file = await gifOf(whole.width, whole.height, count, pixelsOf, delayOf, k => say(`GIF: picture ${k + 1} of ${count}`));
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(file);
+    link.download = `${data.name}_${name.replace(/[^0-9a-z]+/gi, "_")}.gif`;
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 60000);
+    $("live").textContent = say(`GIF of ${name} saved, ${(file.size / 1e6).toFixed(1)} MB`);
+  } finally { button.disabled = false; }
 }
 
 // ------------------------------------------------------------------------------- footfalls
@@ -1042,6 +1098,7 @@ async function begin() {
   };
   $("copy-link").onclick = () => copy(location.href, "Link");
   $("copy-python").onclick = () => copy(pythonOf(chosen), "Python");
+  $("save-gif").onclick = saveGif;
   $("play").onclick = () => play(!clock.playing);
   $("time").oninput = () => { play(false); clock.at = Number($("time").value) / 1000 * lengthOf(motion); paint(); };
   addEventListener("keydown", pressed);

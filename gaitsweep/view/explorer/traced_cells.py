@@ -1,4 +1,4 @@
-"""Choice of the starts that are simulated again: an even subgrid, and starts beside a boundary."""
+"""The starts of a map that are simulated again to be animated: an even subgrid, and cells at boundaries."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ def boundary(shown: StartMap) -> np.ndarray:
     assert shown.edges is not None
     lengths = [len(edges) - 1 for edges in shown.edges]
     layer = np.zeros(len(shown.outcome), np.int64)
-    for each in shown.slices:
-        layer = layer * len(each.texts) + each.of_record
+    for axis_of_slices in shown.slices:
+        layer = layer * len(axis_of_slices.texts) + axis_of_slices.of_record
     _, layer = np.unique(layer, return_inverse=True)
     field = np.full((int(layer.max(initial=0)) + 1, *lengths), -1)
     at = (layer, shown.at[:, 0], shown.at[:, 1])
     field[at] = shown.outcome
-    beside = np.zeros(field.shape, bool)
+    at_boundary = np.zeros(field.shape, bool)
     for axis, closed in ((1, shown.closed[0]), (2, shown.closed[1])):
         other = np.roll(field, -1, axis)
         differs = (field != other) & (field >= 0) & (other >= 0)
@@ -27,8 +27,8 @@ def boundary(shown: StartMap) -> np.ndarray:
             last = [slice(None)] * 3
             last[axis] = slice(-1, None)
             differs[tuple(last)] = False
-        beside |= differs | np.roll(differs, 1, axis)
-    return beside[at]
+        at_boundary |= differs | np.roll(differs, 1, axis)
+    return at_boundary[at]
 
 
 def spread(n: int) -> np.ndarray:
@@ -48,17 +48,17 @@ def subgrid(shown: StartMap) -> np.ndarray:
     """The records (n,) from a coarse grid of cells to ever finer ones, all slices in turn."""
     assert shown.at is not None
     assert shown.edges is not None
-    level = np.full(len(shown.at), 0)
+    level = np.zeros(len(shown.at), int)  # of the coarsest grid that has the cell
     longest = max(len(edges) - 1 for edges in shown.edges)
-    step, steps = 1, 0
-    while step < longest:
-        # cells of the middle of each coarser one, so that the grid keeps away from the edges of the map
-        on = ((shown.at - step // 2) % step == 0).all(axis=1)
-        level[on] = steps
-        step, steps = 2 * step, steps + 1
-    mixed = np.empty(len(level), np.int64)
-    mixed[spread(len(level))] = np.arange(len(level))
-    return np.lexsort((mixed, -level))
+    spacing, number = 1, 0
+    while spacing < longest:
+        # shifted by half a spacing, so that coarse grids keep away from the edges of the map
+        on_grid = ((shown.at - spacing // 2) % spacing == 0).all(axis=1)
+        level[on_grid] = number
+        spacing, number = 2 * spacing, number + 1
+    rank = np.empty(len(level), np.int64)
+    rank[spread(len(level))] = np.arange(len(level))
+    return np.lexsort((rank, -level))
 
 
 def cells_to_trace(shown: StartMap, simulated: np.ndarray, most: int) -> tuple[np.ndarray, int]:

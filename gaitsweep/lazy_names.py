@@ -1,4 +1,4 @@
-"""The public names of a package: declared once, in its stub, and imported when they are first used."""
+"""Lazy imports of the public names that the stub of a package declares."""
 
 from __future__ import annotations
 

@@ -151,13 +151,13 @@ def _panel(
     colours = limb_colours(limbs)
     title = axes.set_title(heading or "", loc="left")
     if len(part) < 2:
-        theme.message(axes, "nothing was recorded")
+        theme.message(axes, "No sample of this row was recorded.")
         return set()
     t = part["t"].to_numpy(float)
     low, high = window or (float(t[0]), float(t[-1]))
     low, high = max(low, float(t[0])), min(high, float(t[-1]))
     if high <= low:
-        theme.message(axes, f"recorded from {t[0]:.4g} to {t[-1]:.4g} s only")
+        theme.message(axes, f"This row was recorded from {t[0]:.4g} to {t[-1]:.4g} s only.")
         return set()
     stances = [contact_intervals(t, part[f"contact_{leg}"].to_numpy(float)) for leg in legs]
     hops += [gap for one in stances for gap in _hops(*one, low, high)]

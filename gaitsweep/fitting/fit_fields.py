@@ -1,0 +1,134 @@
+"""Readers of the fields that searches and sensitivity analyses share: constants, measures, settings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from gaitsweep import effort, near_miss
+from gaitsweep.fitting.fixed_point_measure import FixedPoint
+from gaitsweep.fitting.free_parameters import FreeParameter
+from gaitsweep.fitting.measure import Measure
+from gaitsweep.fitting.ramp_measures import GaitSequence, Transition
+from gaitsweep.fitting.row_measures import Coexistence, Edge, Failures, Order, Prominence, Share, Value
+from gaitsweep.job.load import read_with_overrides
+from gaitsweep.kinds.run_kind import RunKind
+from gaitsweep.schema.diagnostics import (
+    Diagnostic,
+    JobError,
+    SchemaSection,
+    quoted,
+    read_model,
+    unknown_field,
+    wrong_kind,
+)
+from gaitsweep.schema.diagnostics import Path as FieldPath
+from gaitsweep.schema.strict_model import Registry, StrictModel, kind_of
+from gaitsweep.shipped import job_file
+
+T = TypeVar("T", bound=StrictModel)
+MEASURES: Registry[Measure] = Registry(
+    "measure",
+    [Value, Edge, Share, Coexistence, Order, Prominence, Failures, FixedPoint, Transition, GaitSequence],
+)
+
+
+def by_name(value: Any, takes: str, path: FieldPath, wrong: list[Diagnostic]) -> Iterator[tuple[str, Any]]:
+    """Yield names and entries of a field that takes such; if it has none, an error is added to `wrong`."""
+    if isinstance(value, Mapping) and value:
+        yield from ((str(name), entry) for name, entry in value.items())
+    else:
+        begin = "is missing: it" if value is None else f"is {quoted(value)}, but"
+        wrong.append(Diagnostic(path, f"{begin} takes {takes}."))
+
+
+def read_free(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> dict[str, FreeParameter]:
+    """Read the free constants by name; errors are added to `wrong`."""
+    read = {}
+    for name, written in by_name(value, "constants by name, such as kappa: {low: 1, high: 2}", path, wrong):
+        if isinstance(written, list) and len(written) == 2:  # [low, high] is short for it
+            written = {"low": written[0], "high": written[1]}
+        if not isinstance(written, Mapping):
+            allowed = near_miss.allowing(FreeParameter.model_fields)
+            text = f"is {quoted(written)}, but takes [low, high], or fields. {allowed}"
+            wrong.append(Diagnostic((*path, name), text))
+            continue
+        if (part := read_model(FreeParameter, written, (*path, name), wrong)) is not None:
+            read[name] = part
+    return read
+
+
+def read_measure(
+    value: Any, path: FieldPath, wrong: list[Diagnostic], beside: type[StrictModel] | None = None
+) -> Measure | None:
+    """Read a measure; errors are added to `wrong`; `beside` has further fields that are allowed."""
+    if (bad := wrong_kind(path, value, MEASURES)) is not None:
+        wrong.append(bad)
+        return None
+    kind = value["kind"]
+    part = MEASURES[kind]
+    own = SchemaSection("", part).fields
+    more = () if beside is None else SchemaSection("", beside).fields
+    unknown = [key for key in value if key not in own]
+    wrong.extend(unknown_field((*path, str(key)), f"a measure ({kind})", [*own, *more]) for key in unknown)
+    fields = {key: entry for key, entry in value.items() if key in own}
+    if "run" in fields and "run" in own:
+        if (run := _read_run(part, fields["run"], (*path, "run"), wrong)) is None:
+            return None
+        fields["run"] = run
+    return read_model(part, fields, path, wrong)
+
+
+def _read_run(measure: type[Measure], value: Any, path: FieldPath, wrong: list[Diagnostic]) -> RunKind | None:
+    """Read the run of a measure of this kind; errors are added to `wrong`."""
+    if isinstance(value, measure.runs):
+        return value
+    kinds = {kind_of(run): run for run in measure.runs}
+    if not isinstance(value, Mapping):
+        text = f"is {quoted(value)}, but takes fields, kind among them: {' or '.join(kinds)}."
+        wrong.append(Diagnostic(path, text))
+        return None
+    kind = value.get("kind", next(iter(kinds)) if len(kinds) == 1 else None)
+    if not isinstance(kind, str) or kind not in kinds:
+        begin = "is missing" if kind is None else f"is {quoted(kind)}"
+        text = f"{begin}, but the run of a measure ({kind_of(measure)}) is {' or '.join(kinds)}."
+        wrong.append(Diagnostic((*path, "kind"), text))
+        return None
+    if value.get("refine") is not None:
+        wrong.append(Diagnostic((*path, "refine"), "has no place in the run of a measure: take it out."))
+        return None
+    return read_model(kinds[kind], value, path, wrong)
+
+
+def read_settings(
+    part: type[T],
+    field: str,
+    other_fields: Sequence[str],
+    written: Mapping[str, Any],
+    wrong: list[Diagnostic],
+) -> T | None:
+    """Read the settings of a search or an analysis, which stand in `field` beside the fields `beside`.
+
+    Errors are added to `wrong`.
+    """
+    rest = {key: value for key, value in written.items() if key not in other_fields}
+    for key in [key for key in rest if key not in part.model_fields]:
+        wrong.append(unknown_field((field, str(key)), field, [*other_fields, *part.model_fields]))
+        del rest[key]
+    return read_model(part, rest, (field,), wrong)
+
+
+def read_file(path: str | Path, overrides: Sequence[str], read: Any) -> Any:
+    """Apply `read(data, folder)` to a YAML file with overrides; errors get file and line.
+
+    Raises:
+        JobError: all errors, with file and line.
+    """
+    path = job_file(path)
+    with effort.limited():
+        document = read_with_overrides(path, overrides)
+        try:
+            return read(document.data, path.parent)
+        except JobError as error:
+            raise document.located(error) from None

@@ -1,0 +1,250 @@
+"""Measures of the last records of rows: values, edges and orders of gaits, shares of starts."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from gaitsweep.contract import Model, Status
+from gaitsweep.fitting.measure import Measured, RowMeasure, SetRows
+from gaitsweep.fitting.measure_fields import (
+    AMONG,
+    FieldError,
+    Gaits,
+    Ranges,
+    error_of_column,
+    error_of_gaits,
+    error_of_list,
+    error_of_ranges,
+)
+from gaitsweep.fitting.measured_columns import column, unit_of, unit_of_parameter, within
+from gaitsweep.schema.numbers import Text
+
+
+class Value(RowMeasure):
+    """The mean of a column over rows, that of angles on the circle; no value if one of them is not sound."""
+
+    reads_angles: ClassVar[bool] = True
+
+    kind: Literal["value"] = Field(description="value: a column of a row's last record")
+    of_: Text = Field(alias="of", description="the column, such as an observable, or a formula of columns")
+    among: Ranges | None = AMONG
+
+    def of_sets(self, rows: SetRows, model: Model) -> Measured:
+        unsound = ~Status.SOUND.among(rows["status"])
+        seen = column(self.of_, rows)
+        if self.among is None:
+            turning = self.circular(model)
+            values = np.angle(np.mean(np.exp(1j * seen), axis=1)) if turning else seen.mean(axis=1)
+            nothing = np.zeros(len(values), bool)
+        else:
+            counts = within(self.among, rows)
+            unsound, nothing = unsound & counts, ~counts.any(axis=1)
+            values = _mean(seen, counts, self.circular(model))
+        why = _why_none(self.of_, rows["status"], unsound, np.isfinite(values))
+        why = np.where(nothing, _no_row(self.among), why)
+        return Measured(np.where(why == "", values, np.nan), why)
+
+    def unit(self, model: Model) -> str:
+        return unit_of(self.of_, model)
+
+    def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
+        return error_of_column(self.of_, columns) or error_of_ranges(self.among, columns)
+
+
+class Edge(RowMeasure):
+    """Value at which rows leave a gait: midway between the last hold that has it and the next.
+
+    Holds are read in the order written; the first has to have the gait.
+    """
+
+    kind: Literal["edge"] = Field(description="edge: where a gait is lost along a parameter, by holds")
+    along: Text = Field(description="the parameter, whose list stands in `at`, from the gait's side")
+    gait: Text = Field(description="the gait that is lost")
+
+    def of_sets(self, rows: SetRows, model: Model) -> Measured:
+        holds = np.asarray(self.at[self.along])
+        has = (rows["gait"] == self.gait) & ~Status.FAILED.among(rows["status"])
+        first = np.where(has.all(axis=1), holds.size, np.argmin(has, axis=1))
+        never, always = first == 0, first == holds.size
+        after = np.clip(first, 1, holds.size - 1)
+        values = np.where(never | always, np.nan, 0.5 * (holds[after - 1] + holds[after]))
+        why = np.where(never, f"no {self.gait} at {self.along} = {holds[0]:g}", "")
+        why = np.where(always, f"{self.gait} is not lost by {self.along} = {holds[-1]:g}", why)
+        return Measured(values, why)
+
+    def unit(self, model: Model) -> str:
+        return unit_of_parameter(self.along, model)
+
+    def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
+        error = error_of_list(self.along, self.at, "an edge", " from the gait's side")
+        return error or error_of_gaits("gait", [self.gait], model)
+
+
+class Share(RowMeasure):
+    """The share of rows that end in a gait; failed rows have none."""
+
+    kind: Literal["share"] = Field(description="share: of rows that end in a gait, such as a basin's")
+    gait: Gaits = Field(description="the gait, or a list of which each counts")
+    among: Ranges | None = AMONG
+
+    def of_sets(self, rows: SetRows, model: Model) -> Measured:
+        has = np.isin(rows["gait"], self.gait) & ~Status.FAILED.among(rows["status"])
+        if self.among is None:
+            return _always(has.mean(axis=1))
+        counts = within(self.among, rows)
+        values = _mean(has.astype(float), counts)
+        return Measured(values, np.where(np.isnan(values), _no_row(self.among), ""))
+
+    def unit(self, model: Model) -> str:
+        return "1"
+
+    def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
+        return error_of_gaits("gait", self.gait, model) or error_of_ranges(self.among, columns)
+
+
+class Coexistence(RowMeasure):
+    """The length of a parameter's range in which holds keep each of several gaits, from some start.
+
+    Each value of the list stands for half of the way to its neighbours.
+    """
+
+    kind: Literal["coexistence"] = Field(
+        description="coexistence: the length of a parameter's range in which holds keep each of several gaits"
+    )
+    gaits: list[Gaits] = Field(min_length=2, description="gaits, or lists of which one is enough")
+    along: Text = Field(description="the parameter, whose list stands in `at` beside those of starts")
+
+    def of_sets(self, rows: SetRows, model: Model) -> Measured:
+        stands = ~Status.FAILED.among(rows["status"])
+        lengths, axis = [len(values) for values in self.at.values()], list(self.at).index(self.along)
+        together = np.ones((len(stands), lengths[axis]), bool)
+        for group in self.gaits:
+            has = (np.isin(rows["gait"], group) & stands).reshape(-1, *lengths)
+            together &= np.moveaxis(has, axis + 1, 1).reshape(*together.shape, -1).any(axis=2)
+        return _always(np.abs(np.trapezoid(together.astype(float), self.at[self.along])))
+
+    def unit(self, model: Model) -> str:
+        return unit_of_parameter(self.along, model)
+
+    def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
+        alone = {name: values for name, values in self.at.items() if name == self.along}
+        error = error_of_gaits("gaits", itertools.chain(*self.gaits), model)
+        return error or error_of_list(self.along, alone, "a coexistence")
+
+
+class Order(RowMeasure):
+    """The least step between the medians of a column in successive groups of gaits: above 0 in their order.
+
+    A group that no sound row shows leaves it without a value.
+    """
+
+    kind: Literal["order"] = Field(
+        description="order: the least step of a column's median from one group of gaits to the next"
+    )
+    of_: Text = Field(alias="of", description="the column that rises, such as speed, or a formula of columns")
+    gaits: list[Gaits] = Field(min_length=2, description="gaits, or lists of them, in the order wanted")
+
+    def of_sets(self, rows: SetRows, model: Model) -> Measured:
+        sound = Status.SOUND.among(rows["status"])
+        seen = column(self.of_, rows)
+        medians = np.full((len(sound), len(self.gaits)), np.nan)
+        why = np.full(len(sound), "", object)
+        for place, group in enumerate(self.gaits):
+            in_group = np.isin(rows["gait"], group) & sound & np.isfinite(seen)
+            has_group = in_group.any(axis=1)
+            medians[has_group, place] = np.nanmedian(np.where(in_group, seen, np.nan)[has_group], axis=1)
+            why = np.where((why == "") & ~has_group, f"no {' or '.join(group)}", why)
+        return Measured(np.diff(medians, axis=1).min(axis=1), why)
+
+    def unit(self, model: Model) -> str:
+        return unit_of(self.of_, model)
+
+    def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
+        every = list(itertools.chain(*self.gaits))
+        if (error := error_of_gaits("gaits", every, model)) is not None:
+            return error
+        if twice := [gait for gait in every if every.count(gait) > 1]:
+            return "gaits", f"has {twice[0]} twice."
+        return error_of_column(self.of_, columns)
+
+
+class Prominence(RowMeasure):
+    """Depth by which a column falls between both ends of a list and rises again: its minimum's prominence.
+
+    It is the smaller of the largest values on the two sides of the least inner value, less that value:
+    positive where the curve is large, small, large.
+    """
+
+    kind: Literal["prominence"] = Field(
+        description="prominence: of the minimum of a column along a parameter; below 0 where there is none"
+    )
+    of_: Text = Field(alias="of", description="the column, or a formula of columns, such as log(speed)")
+    along: Text = Field(description="the parameter, whose list stands in `at`")
+
+    def of_sets(self, rows: SetRows, model: Model) -> Measured:
+        unsound = ~Status.SOUND.among(rows["status"])
+        curve = column(self.of_, rows)
+        least = 1 + curve[:, 1:-1].argmin(axis=1)
+        places = np.arange(curve.shape[1])
+        sides = [places < least[:, None], places > least[:, None]]
+        peaks = [np.where(side, curve, -np.inf).max(axis=1) for side in sides]
+        with np.errstate(invalid="ignore"):  # of curves that are not finite
+            values = np.minimum(*peaks) - curve[np.arange(len(curve)), least]
+        finite = np.asarray(np.isfinite(curve).all(axis=1))
+        why = _why_none(self.of_, rows["status"], unsound, finite)
+        return Measured(np.where(why == "", values, np.nan), why)
+
+    def unit(self, model: Model) -> str:
+        return unit_of(self.of_, model)
+
+    def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
+        if (error := error_of_list(self.along, self.at, "a prominence")) is not None:
+            return error
+        if len(self.at[self.along]) < 3:
+            return "at", f"has fewer than three values of {self.along}, which a prominence takes."
+        return error_of_column(self.of_, columns)
+
+
+class Failures(RowMeasure):
+    """The share of rows that fail: fall, diverge, stall."""
+
+    kind: Literal["failures"] = Field(description="failures: the share of rows that fall or fail otherwise")
+
+    def of_sets(self, rows: SetRows, model: Model) -> Measured:
+        return _always(Status.FAILED.among(rows["status"]).mean(axis=1))
+
+    def unit(self, model: Model) -> str:
+        return "1"
+
+    def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
+        return None
+
+
+def _mean(seen: np.ndarray, counts: np.ndarray, circular: bool = False) -> np.ndarray:
+    """Average the values (n, conditions) that count, on the circle or not; NaN without any."""
+    number = counts.sum(axis=1)
+    per_row = np.where(number > 0, 1.0 / np.maximum(number, 1), np.nan)
+    if circular:
+        return np.angle(per_row * np.where(counts, np.exp(1j * seen), 0.0).sum(axis=1))
+    return per_row * np.where(counts, seen, 0.0).sum(axis=1)
+
+
+def _why_none(of: str, status: np.ndarray, unsound: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Return why sets (n,) have no value of `of`: a row that is not sound, or a missing number; else ""."""
+    first = status[np.arange(len(status)), unsound.argmax(axis=1)]
+    return np.where(unsound.any(axis=1), first, np.where(known, "", f"{of} is missing"))
+
+
+def _no_row(among: Mapping[str, tuple[float, float]] | None) -> str:
+    ranges = (f"{name} in {low:g} to {high:g}" for name, (low, high) in (among or {}).items())
+    return f"no row has {' and '.join(ranges)}"
+
+
+def _always(values: np.ndarray) -> Measured:
+    """Return values of sets that all have one."""
+    return Measured(values, np.full(values.size, ""))

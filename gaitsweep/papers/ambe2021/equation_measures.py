@@ -1,0 +1,183 @@
+"""Measures of the equations of motion of Ambe et al. 2021, and of single legs in a trace."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+
+from gaitsweep.claims import (
+    MeasureError,
+    defaults,
+    measure,
+    numbers,
+    one_row,
+)
+from gaitsweep.expression import evaluate
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import springs_of
+from gaitsweep.papers.ambe2021.multilegged.mechanics import obstacle_problem
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS
+
+
+@functools.cache
+def chain_defaults() -> dict[str, float]:
+    """The default parameters of `multilegged`, those of Table 1, with its N."""
+    return {"N": 3.0, **defaults(PARAMETERS)}
+
+
+@measure
+def chain_parameter(*, formula: str) -> float:
+    """Value of a formula over the default parameters of `multilegged`, in the formula's unit."""
+    return float(evaluate(formula, chain_defaults()))
+
+
+@measure
+def equation_of_motion() -> float:
+    """Largest difference of the model's accelerations from eq. (1) at random states (m/s2)."""
+    values, random, N = chain_defaults(), np.random.default_rng(1), 3
+    model = Multilegged(N=N)
+    params = model.params(_arrays(values))
+    start = _arrays({f"psi_{i}": 1.0 for i in range(1, N + 1)} | {"phi_1": float("nan")})
+    rest, acceleration = model.init(params, start), jax.jit(lambda state: model.flow(params, state)["v"])
+    largest = 0.0
+    for _ in range(20):
+        x, v = random.uniform(0.5, 1.1, N + 1), random.uniform(-1.0, 1.0, N + 1)
+        phi, y = random.uniform(0.0, 2 * np.pi, N + 1), random.uniform(0.0, 0.5, N + 1)
+        length, rate = _printed_leg(phi, values)
+        contact = length >= x  # eq. (2)
+        segment = np.digitize(phi, [2 * values["beta"] * np.pi, (1 + values["beta"]) * np.pi])
+        leaves = {"x": x, "v": v, "phi": phi, "y": y, "contact": contact, "segment": segment}
+        state = dataclasses.replace(rest, **{name: jnp.asarray(leaf) for name, leaf in leaves.items()})
+        theirs = _printed_acceleration(x, v, length, rate * (values["omega"] + y), contact, values)
+        largest = max(largest, float(np.abs(np.asarray(acceleration(state)) - theirs).max()))
+    return largest
+
+
+def _arrays(values: Mapping[str, float]) -> dict[str, jax.Array]:
+    """Values as arrays of JAX, by name."""
+    return {name: jnp.asarray(value) for name, value in values.items()}
+
+
+def _printed_leg(phi: np.ndarray, values: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Leg lengths (m) and their derivative by the phase (m/rad), eq. (3)."""
+    beta, slope = values["beta"], values["a"] / ((1 - values["beta"]) * np.pi)
+    takeoff, landing = phi - 2 * beta * np.pi, 2 * np.pi - phi
+    segments = [phi <= 2 * beta * np.pi, phi < (1 + beta) * np.pi]
+    length = values["L"] - slope * np.select(segments, [0.0 * phi, takeoff], landing)
+    return length, np.select(segments, [0.0 * phi, 0.0 * phi - slope], slope)
+
+
+def _printed_acceleration(
+    x: np.ndarray,
+    v: np.ndarray,
+    length: np.ndarray,
+    rate: np.ndarray,
+    p: np.ndarray,
+    values: Mapping[str, float],
+) -> np.ndarray:
+    """Accelerations (m/s2) of the masses, eq. (1).
+
+    Args:
+        x, v: heights (m) and velocities (m/s) of the masses.
+        length, rate: lengths (m) of the legs and their derivatives (m/s).
+        p: the paper's symbol for contact, 1 on the ground and 0 in the air.
+        values: parameters by name.
+    """
+    masses = np.full(len(x), values["m"])
+    masses[[0, -1]] = values["m_B"]
+    force = -masses * values["g"] - p * (values["K"] * (x - length) + values["D"] * (v - rate))
+    for i in range(len(x)):
+        for j in (i - 1, i + 1):
+            if 0 <= j < len(x):
+                force[i] -= values["kappa"] * (x[i] - x[j]) + values["sigma"] * (v[i] - v[j])
+    return force / masses
+
+
+@measure
+def leg_length_error(table: pd.DataFrame) -> float:
+    """Largest difference of the traced leg lengths from eq. (3) of the traced phases (m)."""
+    values, largest = chain_defaults(), 0.0
+    for leg in range(1, springs_of(table) + 2):
+        length, _ = _printed_leg(numbers(table, f"phase_{leg}"), values)
+        largest = max(largest, float(np.abs(length - numbers(table, f"l_{leg}")).max()))
+    return largest
+
+
+@measure
+def contact_as_printed(table: pd.DataFrame) -> float:
+    """Share of the traced contacts that are those of eq. (2) (1)."""
+    legs = range(1, springs_of(table) + 2)
+    right = [
+        (numbers(table, f"contact_{i}") > 0.5) == (numbers(table, f"l_{i}") >= numbers(table, f"x_{i}"))
+        for i in legs
+    ]
+    return float(np.mean(right))
+
+
+@measure
+def air_in_swing(table: pd.DataFrame) -> float:
+    """Share of takeoff and landing in which a leg is in the air, the smallest of all legs and rows (1)."""
+    beta, shares = chain_defaults()["beta"], []
+    for _, part in table.groupby("row"):
+        for leg in range(1, springs_of(table) + 2):
+            swing = part[part[f"phase_{leg}"] > 2 * beta * np.pi]
+            shares.append(float(np.mean(numbers(pd.DataFrame(swing), f"contact_{leg}") < 0.5)))
+    return min(shares)
+
+
+@measure
+def phase_gain(table: pd.DataFrame) -> float:
+    """Gain of leg 1's phase on omega t from just before a touchdown to ten tau after it (rad)."""
+    part, values = one_row(table, 0), chain_defaults()
+    t, contact = numbers(part, "t"), numbers(part, "contact_1") > 0.5
+    phase = np.unwrap(numbers(part, "phase_1"))
+    down = np.flatnonzero(~contact[:-1] & contact[1:] & (np.mod(phase[:-1], 2 * np.pi) > 1.8 * np.pi))
+    if not len(down) or t[down[0]] + 10 * values["tau"] > t[-1]:
+        raise MeasureError("Leg 1 does not touch down early enough in the recorded time.")
+    after = int(np.searchsorted(t, t[down[0]] + 10 * values["tau"]))
+    gained = phase[after] - phase[down[0]] - values["omega"] * (t[after] - t[down[0]])
+    return float(gained)
+
+
+@measure
+def force_balance_error() -> float:
+    """Largest residual of the force balance, eq. (8), of heights and loads at random leg lengths (N)."""
+    values, random, legs = chain_defaults(), np.random.default_rng(1), 4
+    masses, heights = _masses(legs), _equilibrium(legs)
+    largest = 0.0
+    for _ in range(50):
+        length = values["L"] - random.uniform(0.0, values["a"], legs)
+        x, load = (np.asarray(solved)[0] for solved in heights(length[None]))
+        pull = values["kappa"] * np.diff(x)
+        sides = np.append(pull, 0.0) - np.append(0.0, pull) + load - masses * values["g"]
+        in_the_air = np.where(x > length + 1e-12, np.abs(load), 0.0)
+        largest = max(largest, float(np.abs(sides).max()), float(in_the_air.max()), -float(load.min()))
+    return largest
+
+
+def _masses(legs: int) -> np.ndarray:
+    """Masses (kg) of a chain of legs, those of both ends m_B."""
+    values = chain_defaults()
+    return np.array([values["m_B"], *[values["m"]] * (legs - 2), values["m_B"]])
+
+
+def _equilibrium(legs: int) -> Callable[[np.ndarray], tuple[jax.Array, jax.Array]]:
+    """Heights and loads from leg lengths (n, legs), by eq. (8)."""
+    values, masses = chain_defaults(), jnp.asarray(_masses(legs))
+    kappa, g = jnp.full(legs - 1, values["kappa"]), jnp.asarray(values["g"])
+    return jax.jit(jax.vmap(lambda length: obstacle_problem(length, masses, kappa, g)))
+
+
+@measure
+def height_error(table: pd.DataFrame) -> float:
+    """Median distance of traced heights from those of force balance, eq. (8), at the same legs (m)."""
+    legs = range(1, springs_of(table) + 2)
+    lengths = np.asarray(table[[f"l_{i}" for i in legs]], float)
+    solved, _ = _equilibrium(len(legs))(lengths)
+    return float(np.median(np.abs(np.asarray(solved) - np.asarray(table[[f"x_{i}" for i in legs]], float))))

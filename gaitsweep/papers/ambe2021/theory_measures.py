@@ -1,0 +1,250 @@
+"""Measures of the theory: its sets of solutions, their order of touchdowns, and their stability."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+
+import gaitsweep as gs
+from gaitsweep.analyses import wrapped_difference
+from gaitsweep.claims import (
+    MeasureError,
+    measure,
+)
+from gaitsweep.papers.ambe2021.equation_measures import chain_defaults
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import springs_of
+from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
+from gaitsweep.papers.ambe2021.theory.chain import (
+    Chain,
+    end_resets,
+    lag,
+    touchdown_phase,
+    wave_speed,
+    wavelength,
+)
+from gaitsweep.papers.ambe2021.theory.gaits import GAITS, gait_of
+from gaitsweep.papers.ambe2021.theory.order import (
+    TABLE_2,
+    jumps,
+    order_sets,
+    reset_sets,
+    touchdown_residuals,
+)
+from gaitsweep.papers.ambe2021.theory.solution_sets import (
+    Branch,
+    LagRule,
+    branches,
+    lag_rules,
+    places,
+    rule_of,
+    solution,
+)
+from gaitsweep.papers.ambe2021.theory.stability import (
+    characteristic_polynomial,
+    eigenvalues,
+    linear_map,
+    multipliers,
+)
+
+# shares of a set's range, without its middle, where two legs of A touch down at the same time
+_INSIDE = (0.1, 0.3, 0.45, 0.7, 0.9)
+
+
+@functools.cache
+def _sets(N: int) -> list[tuple[Branch, float]]:
+    """Each set of a chain at a few free phases."""
+    return [(branch, _at(N, *branch, share)[2]) for branch in branches(N) for share in _INSIDE]
+
+
+def _at(N: int, kind: str, k: int, share: float) -> tuple[Branch, LagRule, float]:
+    """A set of solutions, its rule, and the free phase at a share of its range (rad)."""
+    branch = _branch(kind, k)
+    rule = rule_of(N, branch, Chain())
+    return branch, rule, float(rule.low + share * (rule.high - rule.low))
+
+
+def _branch(kind: str, k: int) -> Branch:
+    """A set of solutions by its kind and boundary leg; refuses an unknown kind."""
+    if kind not in ("A", "B", "direct"):
+        raise MeasureError(f"kind is {kind}. Allowed: A, B, direct.")
+    return Branch(kind, k)
+
+
+@measure
+def set_range(*, kind: str, k: int = 3, N: int = 3) -> list[float]:
+    """Ends of the free phase on the section of leg k: psi_{k-1}, or psi_N of the direct wave (rad)."""
+    rule = rule_of(N, _branch(kind, k), Chain())
+    ends = [float(rule.low), float(rule.high)]
+    return [2 * np.pi - ends[1], 2 * np.pi - ends[0]] if kind == "direct" else ends
+
+
+@measure
+def set_phase(*, kind: str, k: int, link: int, N: int = 9, at: float = 0.45) -> float:
+    """The relative phase of one link on the section of leg k, at a share of the set's range (rad)."""
+    _, rule, s = _at(N, kind, k, at)
+    return float(solution(rule, jnp.asarray(s), touchdown_phase(Chain()), k)[link - 1])
+
+
+@measure
+def reduced_map_error(*, N: int = 3, kinds: Sequence[str] = ("A", "B", "direct"), step: int = 1) -> float:
+    """Largest change in a cycle of the reduced chain from the solutions of sets of these kinds (rad).
+
+    Args:
+        N: springs.
+        kinds: A, B or direct.
+        step: every so many of the sets, for long chains.
+    """
+    chosen = [(branch, s) for branch, s in _sets(N) if branch.kind in kinds][::step]
+    circle = touchdown_phase(Chain())
+    psi = np.stack([np.asarray(_solution(N, branch, s, circle)) for branch, s in chosen])
+    mapping, points = _reduced_map(N, psi)
+    return float(np.abs(wrapped_difference(mapping(points).at - points.at)).max())
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1))
+def _solution(N: int, branch: Branch, s: float, circle: jax.Array) -> jax.Array:
+    return solution(rule_of(N, branch, Chain()), jnp.asarray(s), circle, 1)
+
+
+def _reduced_map(N: int, psi: np.ndarray) -> tuple[gs.PoincareMap, Any]:
+    """The simulated return map of the reduced chain, and its points at psi (n, N) on section 1."""
+    mapping = gs.return_map(MultileggedReduced(N=N), numerics={"method": "propagator"})
+    return mapping, mapping.settled({f"psi_{i + 1}": psi[:, i] for i in range(N)}, 0)
+
+
+@measure
+def reduced_multipliers(*, kind: str, k: int) -> list[float]:
+    """Eigenvalues of the simulated return map of the reduced chain at a solution, in falling order (1)."""
+    N = 3
+    branch, _, s = _at(N, kind, k, 0.45)
+    psi = _solution(N, branch, s, touchdown_phase(Chain()))
+    mapping, points = _reduced_map(N, np.asarray(psi)[None])
+    factors = mapping.multipliers(points)
+    return sorted((float(factor) for factor in np.real(np.ravel(factors))), reverse=True)
+
+
+@measure
+def theory_eigenvalues(*, kind: str, k: int, N: int) -> list[float]:
+    """Eigenvalues of the linear map of a cycle, eq. (21), in falling order (1)."""
+    branch, _, s = _at(N, kind, k, 0.45)
+    factors = eigenvalues(linear_map(N, branch, s))
+    return sorted((float(factor) for factor in np.real(factors)), reverse=True)
+
+
+@measure
+def linear_map_error(*, N: int) -> float:
+    """Largest difference of the coefficients of det(lambda - P_k) from those of eqs. (22) and (26) (1)."""
+    largest = 0.0
+    for branch, s in _sets(N):
+        coefficients = characteristic_polynomial(linear_map(N, branch, s))
+        largest = max(largest, float(np.abs(coefficients - np.poly(multipliers(N, branch))).max()))
+    return largest
+
+
+@measure
+def touchdown_relation_error(*, N: int = 9) -> float:
+    """Largest difference of the two sides of eq. (14) over the legs of all sets (m)."""
+    return max(float(np.abs(touchdown_residuals(N, branch, s)).max()) for branch, s in _sets(N))
+
+
+@measure
+def table_2(*, number: int) -> list[str]:
+    """Whether the legs in front of and behind a leg of the set S are reset before it: no, yes or none."""
+    words = {None: "none", False: "no", True: "yes"}
+    return [words[reset] for neighbours, known in TABLE_2.items() if known == number for reset in neighbours]
+
+
+@measure
+def order_sets_agree(*, N: int = 9) -> float:
+    """Share of solutions at which T_1, T_2 of eq. (18) are the legs of S_3, or S_1, S_7 at the ends (1)."""
+    agree = []
+    for branch, s in _sets(N):
+        sets = reset_sets(N, branch, s)
+        alone = {i for i, reset_set in enumerate(sets, 1) if not reset_set.front and not reset_set.rear}
+        first = {i for i in alone if i <= branch.k - 2}
+        last = {i for i in alone if i >= branch.k + 2}
+        agree.append(order_sets(N, branch, s) == (frozenset(first), frozenset(last)))
+    return float(np.mean(agree))
+
+
+@measure
+def chain_of_sets(table: pd.DataFrame) -> float:
+    """Largest gap between the end of a set and the beginning of the next in the chain of sets (rad)."""
+    rules, circle, gaps = lag_rules(springs_of(table), Chain()), float(touchdown_phase(Chain())), []
+    for i in range(len(rules.low) - 1):
+        one, other = (jax.tree.map(lambda leaf, at=at: leaf[at], rules) for at in (i, i + 1))
+        ends = [np.asarray(places(one, s)) for s in (one.low, one.high)]
+        starts = [np.asarray(places(other, s)) for s in (other.low, other.high)]
+        away = [np.abs((a - b + circle / 2) % circle - circle / 2).max() for a in ends for b in starts]
+        gaps.append(min(away))
+    return float(max(gaps))
+
+
+@measure
+def ends_of_chain(*, N: int) -> list[str]:
+    """The gaits of the first and of the last set of the chain of sets."""
+    return [GAITS[gait_of(branches(N)[at])] for at in (0, -1)]
+
+
+@measure
+def jump_sizes(table: pd.DataFrame) -> list[float]:
+    """Smallest and largest size of the jumps of all sets on their own sections (rad)."""
+    N = springs_of(table)
+    sizes = [np.abs(jump.change).max() for branch in branches(N) for jump in jumps(N, branch)]
+    if not sizes:
+        raise MeasureError(f"The sets of a chain of {N + 1} legs have no jumps.")
+    return [float(min(sizes)), float(max(sizes))]
+
+
+@measure
+def wave_numbers(*, which: str, beta: float = 0.8) -> float:
+    """The theory's wavelength (legs), speed printed or exact (legs/s), or lag (rad), at a duty factor."""
+    chain = Chain(beta=beta)
+    speeds = wave_speed(chain_defaults()["omega"], chain)
+    allowed = {
+        "wavelength": wavelength(chain),
+        "printed": speeds.printed,
+        "exact": speeds.exact,
+        "lag": lag(chain),
+    }
+    if which not in allowed:
+        raise MeasureError(f"which is {which}. Allowed: {', '.join(allowed)}.")
+    return float(allowed[which])
+
+
+@measure
+def end_touchdown(*, end: str, m_1: float = 0.9, m_end: float = 0.9) -> float:
+    """Touchdown phase of the first or the last leg with its neighbour in stance (rad)."""
+    head, tail = end_resets(Chain(m_1=m_1, m_end=m_end))
+    return float(2 * np.pi - (head if end == "head" else tail))
+
+
+@measure
+def line_range(*, k: int, N: int = 3) -> list[float]:
+    """Ends of psi_{k-1} over the solution sets A and B together (rad)."""
+    return [set_range(kind="A", k=k, N=N)[0], set_range(kind="B", k=k, N=N)[1]]
+
+
+@measure
+def slopes_of_fig10(table: pd.DataFrame, *, k: int) -> list[float]:
+    """Slopes of psi_k over psi_{k-1} along the solution sets A and B (1)."""
+    slopes = []
+    for kind in ("A", "B"):
+        rule = rule_of(springs_of(table), _branch(kind, k), Chain())
+        ends = [rule.low + share * (rule.high - rule.low) for share in (0.6, 0.8)]
+        low, high = (np.asarray(solution(rule, s, touchdown_phase(Chain()), k)) for s in ends)
+        slopes.append(float((high[k - 1] - low[k - 1]) / (high[k - 2] - low[k - 2])))
+    return slopes
+
+
+@measure
+def shorter_set(*, k: int, N: int = 3) -> float:
+    """Range of psi_{k-1} over the solution set A, over that over the set B (1)."""
+    (a, b), (c, d) = set_range(kind="A", k=k, N=N), set_range(kind="B", k=k, N=N)
+    return (b - a) / (d - c)

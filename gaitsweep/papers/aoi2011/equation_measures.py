@@ -1,0 +1,252 @@
+"""Measures of the model's constants and equations.
+
+Equations are compared with what the model computes, at random states: by formulas written out here, or by
+MuJoCo, which shares nothing with gaitsweep's equations of motion but the description of the body.
+"""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gaitsweep.analyses import (
+    TURN,
+)
+from gaitsweep.claims import (
+    defaults,
+    measure,
+)
+from gaitsweep.dynamics.tree import movements, places, rates, turned, velocity
+from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
+from gaitsweep.papers.aoi2011.waist_quadruped.drawing import scaled_mjcf
+from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import LATE
+from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import HIP, KNEE, LIMBS, WAIST, body
+from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import after_events, phase_rates, transitions
+from gaitsweep.papers.aoi2011.waist_quadruped.state import State
+
+MODEL = WaistQuadruped()
+STATES = 20  # random states at which an equation is tested
+
+
+@measure
+def degrees_of_freedom() -> float:
+    """Number of degrees of freedom of the waist quadruped."""
+    return float(body()[0].nv)
+
+
+@measure
+def nominal_gait(*, beta: float) -> list[float]:
+    """Duty factor, frequency (rad/s), stride (m) and speed (m/s) of eq. (3), from the model's oscillators."""
+    p = _params(beta=beta)
+    cycle = TURN / float(p.omega)
+    stance = cycle - float(p.T_sw)
+    return [stance / cycle, float(p.omega), cycle / stance * float(p.D), float(p.D) / stance]
+
+
+@measure
+def phase_rate_error() -> float:
+    """Largest difference (rad/s) of the oscillators' rates from eq. (2) with eq. (6)."""
+    rng, worst = np.random.default_rng(1), 0.0
+    pairs = [(i, j) for i in range(4) for j in range(4) if i != j]
+    for _ in range(STATES):
+        gains = {
+            f"K_{i + 1}{j + 1}": gain for (i, j), gain in zip(pairs, rng.uniform(0.0, 20.0, 12), strict=True)
+        }
+        leads = {f"delta_star_{i + 1}{j + 1}": rng.uniform(0.0, TURN) for i, j in pairs if i < j}
+        p, phi = _params(**gains, **leads), rng.uniform(0.0, TURN, 4)
+        wanted = np.full(4, float(p.omega))
+        for i, j in pairs:
+            lead = leads[f"delta_star_{min(i, j) + 1}{max(i, j) + 1}"] * (1.0 if i < j else -1.0)
+            wanted[i] -= gains[f"K_{i + 1}{j + 1}"] * math.sin(phi[i] - phi[j] - lead)
+        computed = phase_rates(p, _state(phi=jnp.asarray(phi)), jnp.zeros(()))
+        worst = max(worst, float(np.max(np.abs(np.asarray(computed) - wanted))))
+    return worst
+
+
+@measure
+def reset_error() -> float:
+    """Largest difference (rad) of the phase after a landing from phi_AEP, eq. (7)."""
+    p, worst = _params(), 0.0
+    aep = float(p.phi_AEP)
+    for phase in np.linspace(0.51, 0.99, STATES) * aep:
+        s = _state(phi=jnp.full(4, phase), segment=jnp.full(4, LATE), contact=jnp.zeros(4, bool),
+                   lifted=jnp.ones(4, bool))  # fmt: skip
+        now = transitions(s, jnp.zeros(4, bool), jnp.ones(4, bool))
+        after = after_events(p, s, now, (s.landing_x, s.landing_z), 0.0)
+        worst = max(worst, float(np.max(np.abs(np.asarray(after.phi) - aep))))
+    return worst
+
+
+@measure
+def waist_constants(*, f: float) -> list[float]:
+    """Stiffness and damping of the waist as shares of kappa_0 (2 pi f)^2 and 2 kappa_0 zeta_0 (2 pi f)."""
+    p, values = _params(f=f), _defaults()
+    rate = TURN * f
+    spring, damper = values["kappa_0"] * rate**2, 2.0 * values["kappa_0"] * values["zeta_0"] * rate
+    return [float(p.mechanics.kappa_w) / spring, float(p.mechanics.sigma_w) / damper]
+
+
+@measure
+def torque_error(*, joints: str) -> float:
+    """Largest difference (N m) of the torques of the `waist`, eq. (A6), or the `limbs`, eq. (4)."""
+    m, worst = _params().mechanics, 0.0
+    for q, v in _moments():
+        x, z = jnp.full(4, 0.01), jnp.full(4, -0.12)
+        tau = np.asarray(m.torques(jnp.asarray(q), jnp.asarray(v), x, z))
+        if joints == "waist":
+            wanted = {WAIST - 1: -float(m.kappa_w) * q[WAIST] - float(m.sigma_w) * v[WAIST - 1]}
+        else:
+            wanted = {}
+            for i in LIMBS:
+                hip, knee = _by_cosines(0.01, -0.12, float(m.link_length), float(m.bends[i]))
+                for at, angle, k, s in (
+                    (HIP[i], hip, m.kappa_1, m.sigma_1),
+                    (KNEE[i], knee, m.kappa_2, m.sigma_2),
+                ):
+                    wanted[at - 1] = -float(k) * (q[at] - angle) - float(s) * v[at - 1]
+        worst = max(worst, *(abs(tau[at] - value) for at, value in wanted.items()))
+    return worst
+
+
+@measure
+def ground_force_error() -> float:
+    """Largest difference (N) of the force on a foot from eq. (A8), in contact and off the ground."""
+    p, rng, worst = _params(), np.random.default_rng(3), 0.0
+    m = p.mechanics
+    for _ in range(STATES):
+        at, speed, anchor = (
+            rng.normal(0.0, 1e-3, (4, 3)),
+            rng.normal(0.0, 0.1, (4, 3)),
+            rng.normal(0.0, 1e-3, (4, 2)),
+        )
+        contact = at[:, 2] <= 0.0
+        sunk = at - np.concatenate([anchor, np.zeros((4, 1))], axis=1)
+        wanted = np.where(contact[:, None], -float(m.K_TL) * sunk - float(m.D_TL) * speed, 0.0)
+        computed = m.ground_forces(
+            jnp.asarray(at), jnp.asarray(speed), jnp.asarray(anchor), jnp.asarray(contact)
+        )
+        worst = max(worst, float(np.max(np.abs(np.stack([f.force for f in computed]) - wanted))))
+    return worst
+
+
+@measure
+def angular_velocity_error() -> float:
+    """Largest error (1/s) of the quaternion's rate against the 3-1-2 Euler angles of eq. (A1) and (A2)."""
+    rng, step, worst = np.random.default_rng(4), 1e-6, 0.0
+
+    def quaternion(angles: np.ndarray) -> np.ndarray:
+        return Rotation.from_euler("ZXY", angles[[2, 0, 1]]).as_quat(scalar_first=True)
+
+    for _ in range(STATES):
+        angles, turning = rng.uniform(-1.0, 1.0, 3), rng.normal(0.0, 2.0, 3)
+        (s1, c1), (s2, c2) = ((math.sin(a), math.cos(a)) for a in angles[:2])
+        b = np.array([[c2, 0.0, -c1 * s2], [0.0, 1.0, s1], [s2, 0.0, c1 * c2]])
+        q = np.concatenate([np.zeros(3), quaternion(angles), np.zeros(9)])
+        v = np.concatenate([np.zeros(3), b @ turning, np.zeros(9)])
+        moved = (quaternion(angles + step * turning) - quaternion(angles - step * turning)) / (2.0 * step)
+        computed = np.asarray(rates(body()[0], jnp.asarray(q), jnp.asarray(v)))[3:7]
+        worst = max(worst, float(np.max(np.abs(computed - moved))))
+    return worst
+
+
+@measure
+def mechanics_error(*, of: str) -> float:
+    """Largest relative difference of `kinetic_energy`, `feet` or `accelerations` from MuJoCo's.
+
+    Eq. (A3), (A7), (1). Accelerations are those under gravity, joint torques and forces on the feet.
+    """
+    p = _params()
+    m, rng = p.mechanics, np.random.default_rng(5)
+    by = mujoco.MjModel.from_xml_string(scaled_mjcf(_defaults()))
+    data, worst = mujoco.MjData(by), 0.0
+    functions = _mechanics()
+    for q, v in _moments():
+        data.qpos, data.qvel = q, v
+        tau, forces = rng.normal(0.0, 1.0, 15), rng.normal(0.0, 10.0, (4, 3))
+        mujoco.mj_forward(by, data)
+        if of == "kinetic_energy":
+            mujoco.mj_energyVel(by, data)
+            computed, wanted = np.array([functions[of](m, q, v)]), np.array([data.energy[1]])
+        elif of == "feet":
+            computed = np.asarray(functions[of](m, q, v))
+            wanted = np.stack([data.site(f"foot_{i + 1}").xpos for i in LIMBS])
+        else:
+            data.qfrc_applied = tau
+            for i in LIMBS:
+                site, jacobian = data.site(f"foot_{i + 1}").id, np.zeros((3, by.nv))
+                mujoco.mj_jacSite(by, data, jacobian, None, site)
+                data.qfrc_applied += jacobian.T @ forces[i]
+            mujoco.mj_forward(by, data)
+            computed, wanted = np.asarray(functions["accelerations"](m, q, v, tau, forces)), data.qacc
+        worst = max(worst, float(np.max(np.abs(computed - wanted)) / np.max(np.abs(wanted))))
+    return worst
+
+
+def _mechanics() -> dict[str, Any]:
+    def accelerations(m: Any, q: Any, v: Any, tau: Any, forces: Any) -> Any:
+        zero = jnp.zeros((4, 3))
+        placed = m.ground_forces(zero, zero, zero[:, :2], jnp.zeros(4, bool))
+        pushed = [dataclasses.replace(push, force=force) for push, force in zip(placed, forces, strict=True)]
+        return m.accelerations(q, v, tau, pushed)
+
+    return {
+        "kinetic_energy": jax.jit(lambda m, q, v: _kinetic_energy(m.geometry(), q, v)),
+        "feet": jax.jit(lambda m, q, v: m.feet(q, v)[0]),
+        "accelerations": jax.jit(accelerations),
+    }
+
+
+def _kinetic_energy(geometry: Any, q: Any, v: Any) -> Any:
+    """The kinetic energy of the bodies and links, J."""
+    placed, total = places(body()[0], geometry, q), 0.0
+    for i, (place, moving) in enumerate(zip(placed, movements(body()[0], placed, v), strict=True)):
+        speed, w = velocity(place, moving, geometry.com[i]), moving.angular
+        spin = w @ turned(place.turn, geometry.inertia[i]) @ w
+        total = total + 0.5 * (geometry.mass[i] * (speed @ speed) + spin)
+    return total
+
+
+@cache
+def _defaults() -> dict[str, float]:
+    return defaults(MODEL.parameters)
+
+
+def _params(**changed: float) -> Any:
+    values = {**_defaults(), **changed}
+    return MODEL.params({name: jnp.asarray(value) for name, value in values.items()})
+
+
+def _state(**changed: Any) -> State:
+    """A state that is zero except for the given values."""
+    zeros = {field.name: jnp.zeros(()) for field in dataclasses.fields(State)}
+    zeros |= {name: jnp.zeros(4) for name in ("landing_x", "landing_z", "height", "gain")}
+    zeros |= {"q": jnp.zeros(16), "v": jnp.zeros(15)}
+    flags = {"contact": jnp.zeros(4, bool), "lifted": jnp.zeros(4, bool), "segment": jnp.zeros(4, int)}
+    return State(**{**zeros, **flags, **changed})
+
+
+def _moments() -> list[tuple[np.ndarray, np.ndarray]]:
+    """Random positions and velocities of the whole body."""
+    rng, moments = np.random.default_rng(2), []
+    for _ in range(STATES):
+        turn = Rotation.from_euler("ZXY", rng.uniform(-0.5, 0.5, 3)).as_quat(scalar_first=True)
+        q = np.concatenate([rng.normal(0.0, 0.2, 3), turn, rng.uniform(-0.8, 0.8, 9)])
+        moments.append((q, rng.normal(0.0, 1.0, 15)))
+    return moments
+
+
+def _by_cosines(x: float, z: float, link: float, bend: float) -> tuple[float, float]:
+    """Hip and knee angles of a limb of two equal links with its foot at (x, z), by the law of cosines."""
+    inner = math.acos(min(math.hypot(x, z) / (2.0 * link), 1.0))
+    return math.atan2(-x, -z) - bend * inner, 2.0 * bend * inner

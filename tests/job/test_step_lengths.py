@@ -1,0 +1,77 @@
+"""Step lengths of a job's rows: the longest accurate one, and explicit ones that are too long."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gaitsweep.job import Job, JobError
+from gaitsweep.job.step_lengths import row_steps
+from gaitsweep.runs.prepare import row_values
+
+
+def test_each_row_has_its_own_longest_step() -> None:
+    job = Job(
+        name="masses", model="multilegged", vary={"m_B": [0.6, 0.9], "psi_1": [1, 2, 3]},
+        start={"psi_2": 2, "psi_3": 3}, run={"kind": "settle"},
+    )  # fmt: skip
+    steps = row_steps(job.design, job.run, job.integration)
+    assert steps.dt.size == 2, "two sets of parameters, whatever the starts"
+    assert steps.each == 3
+    assert steps.dt[0] < 0.7 * steps.dt[1]
+    resolved = job.resolved()["numerics"]
+    assert (resolved["method"], resolved["dt"]) == ("propagator6", "auto")
+    assert "rtol" not in resolved
+
+
+def test_a_ramp_has_the_step_of_its_whole_path() -> None:
+    run = {"kind": "ramp", "parameter": "m_B", "path": [0.9, 0.5, 0.9], "rate": 0.01}
+    start = {"psi_1": 1, "psi_2": 2, "psi_3": 3}
+    moving = Job(name="ramp", model="multilegged", start=start, run=run)
+    still = Job(name="still", model="multilegged", start=start, params={"m_B": 0.5}, run={"kind": "settle"})
+    (ramp,), (least,) = (row_steps(job.design, job.run, job.integration).dt for job in (moving, still))
+    assert ramp == pytest.approx(least)
+
+
+@pytest.mark.slow("numerics0-sentences0")
+@pytest.mark.parametrize(
+    ("numerics", "sentences"),
+    [
+        ({"method": "propagator6", "dt": 32e-3}, ["too long for 36 of 72 rows", "0.02576 s (at m_B = 0.7)"]),
+        ({"method": "rk4", "dt": 4.5e-3}, ["too long for 36 of 72 rows", "longest accurate step of rk4"]),
+        ({"dt": 32}, ["numerics.dt is 32 s, too long for 72 of 72 rows"]),
+    ],
+)
+def test_an_explicit_step_is_refused_where_it_is_too_long(numerics: dict, sentences: list[str]) -> None:
+    """The readme's own example: at 0.7 kg 32 ms lost 31 of 36 rows without a word."""
+    phases = {"linspace": [0, "2*pi", 6], "at": "centre"}
+    fields: dict[str, Any] = {
+        "name": "end_mass", "model": "multilegged", "start": {"psi_3": "pi"}, "run": {"kind": "settle"},
+        "vary": {"m_B": [0.7, 0.9], "psi_1": phases, "psi_2": phases},
+    }  # fmt: skip
+    with pytest.raises(JobError) as refused:
+        Job(**fields, numerics=numerics)
+    for sentence in sentences:
+        assert sentence in str(refused.value)
+    Job(**fields, numerics={"method": "propagator6", "dt": 25e-3})
+
+
+def test_steps_of_unexamined_rows_are_checked_when_they_begin() -> None:
+    """Also where some rows of the job are simulated, as in a round of a refined run."""
+    start = {"psi_1": 1, "psi_2": 2, "psi_3": 3}
+    job = Job(
+        name="some", model="multilegged", start=start, run={"kind": "settle"}, vary={"m_B": [0.9, 0.9, 0.7]}
+    )
+    steps = dataclasses.replace(row_steps(job.design, job.run, job.integration), sampled=True)
+    numerics = dataclasses.replace(job.integration, dt=27e-3)
+
+    def values(*rows: int) -> np.ndarray:
+        given = row_values(job.design, job.run, numerics, steps, lambda a, b: np.array(rows)[a:b])
+        return given(0, len(rows))[0]["m_B"]
+
+    assert values(1, 0).tolist() == [0.9, 0.9]
+    with pytest.raises(JobError, match=r"too long for row 2: use at most 0\.02"):
+        values(0, 2)

@@ -1,0 +1,48 @@
+"""Gaits are told apart in grey print, by lightness, hatch or marker, and have one look in all figures."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+
+import pytest
+
+from gaitsweep.contract import Outcome
+from gaitsweep.extension import extensions
+from gaitsweep.plot import style, theme
+
+OUTCOMES = ["none", Outcome.NOT_SETTLED, Outcome.FAILED]
+EXTENSIONS = [name for name, each in extensions().items() if each.gait_styles]
+SPARE = [f"gait {number}" for number in range(8)]
+
+
+def alike(names: list[str], looks: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Pairs of names of nearly the same lightness whose other look is the same."""
+    colour = theme.colours(names)
+    return [
+        (one, other)
+        for one, other in itertools.combinations(names, 2)
+        if theme.contrast(colour[one], colour[other]) < theme.CONTRAST
+        and set(looks[one]) == set(looks[other])
+    ]
+
+
+@pytest.mark.parametrize("names", [*(list(extensions()[each].gait_styles) for each in EXTENSIONS), SPARE])
+def test_gaits_of_one_figure_differ_in_lightness_or_in_hatch_and_marker(names: list[str]) -> None:
+    hatch = theme.hatches([*names, *OUTCOMES])
+    assert alike([*names, *OUTCOMES], hatch) == []
+    assert alike([*names, "none"], theme.markers([*names, "none"])) == []
+    with style(hatches=False):
+        assert not any(theme.hatches(names).values())
+
+
+def test_contrast_is_the_ratio_of_luminances() -> None:
+    assert theme.contrast("#000000", "#FFFFFF") == pytest.approx(21.0)
+    assert theme.contrast("#009E73", "#0072B2") == pytest.approx(1.53, abs=0.02)  # source and retrograde
+
+
+def test_a_gait_of_two_extensions_has_one_look() -> None:
+    looks: dict[str, tuple[str, ...]] = {}
+    for each in extensions().values():
+        for gait, look in each.gait_styles.items():
+            assert looks.setdefault(gait, look) == look, gait
