@@ -134,7 +134,7 @@ def first_zero(coefficients: list[Guards], h: Number) -> Number:
         value, slope = polynomial(coefficients, at), polynomial(slopes, at)
         low, high = jnp.where(value < 0.0, at, low), jnp.where(value < 0.0, high, at)
         newton = at - value / jnp.where(slope == 0.0, 1.0, slope)
-        at = jnp.where((newton > low) & (newton < high), newton, 0.5 * (low + high))
+        at = jnp.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
     return jnp.min(jnp.where(rises, at, jnp.inf), initial=jnp.inf)
 
 
