@@ -38,7 +38,7 @@ FUNCTIONS = {
     "circular": lambda x, y: jnp.sin(x) * jnp.cos(y) + jnp.arctan(x - y),
     "hyperbolic": lambda x, y: jnp.sinh(x) + jnp.cosh(y) + jnp.tanh(x * y),
     "logistic": lambda x, y: jax.nn.sigmoid(3.0 * x) - jax.nn.softplus(y),
-    "chosen": lambda x, y: jnp.where(x > 0.0, x * y, y) + jnp.maximum(x, y**2) + jnp.minimum(x, -y),
+    "chosen": lambda x, y: jnp.where(x > 0.0, x * y, y) + jnp.maximum(x + 1.0, y**2) + jnp.minimum(x, -y),
     "size": lambda x, y: jnp.abs(-x) + jnp.clip(y, -3.0, 3.0) + jnp.sign(x) * y,
     "moved": lambda x, y: jnp.stack([x, y, x * y])[::-1].reshape(3, 1)[1:].sum() + jnp.array([x, y])[1],
     "matrix": lambda x, y: jnp.array([[x, y], [1.0, x]]) @ jnp.array([y, 2.0 * x]) @ jnp.array([1.0, y]),
