@@ -77,7 +77,7 @@ def test_the_figure_of_the_lorenz_map_shows_no_such_point() -> None:
     at = np.asarray(axes.lines[-1].get_xdata(), float)
     steps = np.isfinite(at[1:]) & np.isfinite(at[:-1])
     assert not np.any(steps & (at[:-1] < 0.0) & (at[1:] > 0.0))  # it is broken between the branches
-    change = plot.return_map(crossings(LORENZ["z"].to_numpy()), y="v").axes[0]
+    change = plot.return_map(crossings(LORENZ["z"].to_numpy()), y="v", form="change").axes[0]
     low, high = change.get_ylim()
     assert -18.0 < low < -15.0  # the data go from -15.4 to 7.9
     assert 7.0 < high < 11.0

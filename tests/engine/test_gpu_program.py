@@ -16,10 +16,9 @@ import pytest
 
 from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.kernel import cuda
-from gaitsweep.engine.kernel.c_source import function
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.program import Kind, Program
-from gaitsweep.engine.kernel.source import C, statements
+from gaitsweep.engine.kernel.source import C, c_function, statements
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
@@ -53,7 +52,7 @@ class Compiled:
         ]
         parameters = [f"const {kind} {name}" for kind, name in zip(self.types, given.values(), strict=True)]
         head = f"KERNEL void of({', '.join([*parameters, 'double* out'])})"
-        self.code = library(HOST_HEAD + function(head, lines), folder)
+        self.code = library(HOST_HEAD + c_function(head, lines), folder)
 
     def __call__(self, *values: Any) -> list[Any]:
         out = np.zeros(len(self.results))

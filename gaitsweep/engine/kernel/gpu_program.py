@@ -18,11 +18,10 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.kernel.c_source import function, structure
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.program import Kind
 from gaitsweep.engine.kernel.schedule import depth_first, scheduled
-from gaitsweep.engine.kernel.source import C, name_all, statements
+from gaitsweep.engine.kernel.source import C, c_function, c_structure, name_all, statements
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
 # Threads of a block, each of which may have 255 registers, the maximum. With 168 or 128 registers more
@@ -148,7 +147,9 @@ def placing(chunk: Chunk, seen: Sequence[int], title: str) -> str:
         [
             f"// Written by gaitsweep: {title}",
             HEAD,
-            function("PART void prepare(double* S, const index n, const index i)", [*lines, *more, *stores]),
+            c_function(
+                "PART void prepare(double* S, const index n, const index i)", [*lines, *more, *stores]
+            ),
             _CLEAR.format(
                 slots=chunk.n_slots, status=chunk.record.status.first, complete=float(Status.complete)
             ),
@@ -266,14 +267,14 @@ class _Thread:
         """The structures, and the functions that `run` calls."""
         back = [_write(self.chunk, at, slot, f"carry.s{slot}") for at, slot in self.carried.items()]
         return [
-            structure("Same", self._members(self.same)) + "CONSTANT struct Same same;\n",
-            structure("Own", self._members(self.own)),
-            structure("Carry", self._members(self.carried)),
+            c_structure("Same", self._members(self.same)) + "CONSTANT struct Same same;\n",
+            c_structure("Own", self._members(self.own)),
+            c_structure("Carry", self._members(self.carried)),
             self._reading("Own", "read_own", self.own),
             self._reading("Carry", "read_carry", self.carried),
             self._attempt(),
             *self._polls(),
-            function(
+            c_function(
                 "PART void write_carry(double* S, const index n, const index i, const struct Carry carry)",
                 back,
             ),
@@ -282,7 +283,7 @@ class _Thread:
     def _reading(self, structure: str, name: str, nodes: dict[int, int]) -> str:
         lines = [f"read.s{slot} = {_read(self.chunk, at, slot)};" for at, slot in nodes.items()]
         head = f"PART struct {structure} {name}(const double* S, const index n, const index i)"
-        return function(head, [f"struct {structure} read;", *lines, "return read;"])
+        return c_function(head, [f"struct {structure} read;", *lines, "return read;"])
 
     def _attempt(self) -> str:
         # a waiting trajectory makes no attempt
@@ -294,23 +295,23 @@ class _Thread:
         lines, results = statements(C, self.chunk.program, wanted, names, order)
         changed = dict(zip(self.chunk.attempt, results, strict=True))
         parameters = "const struct Own own, const struct Carry carry"
-        return function(f"PART struct Carry attempt({parameters})", [*lines, *self._moved(changed)])
+        return c_function(f"PART struct Carry attempt({parameters})", [*lines, *self._moved(changed)])
 
     def _polls(self) -> list[str]:
         """The function `poll`, and the two that it chooses from if there are quiet polls."""
         chunk, arguments = self.chunk, ", ".join(_OF_POLL)
         head = "PART struct Carry {}(" + ", ".join(f"{kind} {name}" for name, kind in _OF_POLL.items()) + ")"
         if chunk.program.value(chunk.eventful) is False:
-            return [function(head.format("poll"), self._poll(chunk.polled))]
+            return [c_function(head.format("poll"), self._poll(chunk.polled))]
         inputs, names = _loads(
             chunk, (at for at in chunk.program.needed([chunk.eventful], self._names) if at not in self._names)
         )
         lines, (eventful,) = statements(C, chunk.program, [chunk.eventful], self._names | names)
         choice = f"return {eventful} ? full_poll({arguments}) : quiet_poll({arguments});"
         return [
-            function(head.format("full_poll"), self._poll(chunk.polled)),
-            function(head.format("quiet_poll"), self._poll(chunk.quiet)),
-            function(head.format("poll"), [*inputs, *lines, choice]),
+            c_function(head.format("full_poll"), self._poll(chunk.polled)),
+            c_function(head.format("quiet_poll"), self._poll(chunk.quiet)),
+            c_function(head.format("poll"), [*inputs, *lines, choice]),
         ]
 
     def _poll(self, polled: Sequence[int]) -> list[str]:

@@ -113,6 +113,17 @@ def statements(
     return lines, [names[at] if at in names else _literal(language, program, at) for at in wanted]
 
 
+def c_structure(name: str, members: Mapping[str, Kind]) -> str:
+    """The definition of a C structure with these members; one without any has a member that is not used."""
+    lines = [f"    {C.types[kind]} {member};" for member, kind in members.items()] or ["    double none;"]
+    return "\n".join([f"struct {name} {{", *lines, "};\n"])
+
+
+def c_function(head: str, lines: Sequence[str]) -> str:
+    """The definition of a C function from its head, without braces, and the lines of its body."""
+    return "\n".join([f"{head} {{", *(f"    {line}" for line in lines), "}\n"])
+
+
 def name_all(language: Language, program: Program, order: Sequence[int], names: dict[int, str]) -> list[str]:
     """The lines that compute the nodes `order`, in this order; `names` gets an expression of each."""
     lines: list[str] = []

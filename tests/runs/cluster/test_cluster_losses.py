@@ -271,7 +271,10 @@ def test_a_second_client_is_refused_and_ctrl_c_leaves_the_cluster_clean(
     assert f"Another run (process {run.process.pid} on " in second.ended(code=2)
     run.process.send_signal(signal.SIGINT)
     errors = run.ended(code=130)
-    assert f"Stopped: {Snapshot.of(run.out).rows_safe} of 480 rows are safe" in errors
+    stopped = re.search(r"Stopped: (\d+) of 480 rows are safe", errors)
+    assert stopped is not None
+    # each worker may still write the block of 8 rows that it was sending
+    assert 0 <= Snapshot.of(run.out).rows_safe - int(stopped[1]) <= 2 * 8
     with Client(dask.address) as client:
         until(lambda: not client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)), 10)
     Run(tmp_path, job, "--cluster", dask.address).ended()

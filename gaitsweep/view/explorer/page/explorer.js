@@ -755,6 +755,7 @@ function paintBody(canvas, motion, at, turns) {
 
 /** Save the stretch on view, at the speed on view, as an animated GIF. */
 async function saveGif() {
+  if (!motion || !picturesOf(motion)) return;  // no body is drawn
   const button = $("save-gif"), speed = clock.speed, length = lengthOf(motion), [, owner] = walkFor(chosen);
   const sides = [[motion, owner], ...(beside ? [[beside, walkFor(other)[1]]] : [])];
   const delay = Math.max(4, Math.ceil(100 * length / speed / MOST_PICTURES));  // hundredths of a second
