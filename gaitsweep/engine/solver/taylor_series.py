@@ -203,6 +203,8 @@ def _linear(operation: _Operation, k: int, args: list[Series]) -> Series:
 def _first_moves(operation: _Operation, k: int, args: list[Series]) -> Series:
     """An operation that is linear in its first argument; the others are indices or shapes."""
     first, *others = args
+    if any(each is not None for other in others for each in other[1 : k + 1]):
+        raise NoRecurrenceError(f"JAX's operation {operation.name} with a moving second argument")
     if first[k] is None:
         return [None] * len(operation.results)
     found = operation.bind(first[k], *(a[0] for a in others))
