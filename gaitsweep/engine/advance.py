@@ -238,18 +238,19 @@ def _advance_hybrid(
         # before the value to which a schedule of steps changes at the end
         params_at_end = params if drive is None else drive(params, carry.t + h * STEP_END)
         expansion, smooth, polynomials = None, False, []
-        bends, near_time = jnp.asarray(False), jnp.zeros_like(h)
+        planned, bends, near_time = h, jnp.asarray(False), jnp.zeros_like(h)
         if method.series:
             expansion = step(params_within, carry.state, h)
             smooth = not may_switch(model, params_within, carry.state)
             # events are searched between few points of a step whose polynomials do not hold throughout
             h = h if smooth else jnp.minimum(h, dt * (FEWEST_STEPS / SHORTEST_CYCLE))
             polynomials = expansion.along(lambda s: model.guards(params_within, s), carry.state)
-            bends = bends_back(polynomials, h)
             # a step ends at its first event; that of a ramp would have the parameters of another length
-            root = first_zero(polynomials, h) + 0.5 * finest if drive is None else jnp.inf
-            near_time = jnp.where(root < h, jnp.maximum(root - finest, 0.0), 0.0)
+            planned, past_root = h, 0.5 * finest * jnp.exp2(2.0 * carry.trials)
+            root = first_zero(polynomials, h) + past_root if drive is None else jnp.inf
+            near_time = jnp.where(root < h, jnp.maximum(root - 2.0 * past_root, 0.0), 0.0)
             h = jnp.minimum(h, root)
+            bends = bends_back(polynomials, h)
             trial = expansion.at(carry.state, h)
             change = _fitting_change(expansion.error(h), carry, trial, numerics, order)
             # a rejected step is shortened and tried again
@@ -286,7 +287,9 @@ def _advance_hybrid(
             shows, unseen = switches_within(flow, params_within, ends, rates, h, within)
             hides = hides | ((h > SWITCH_STEP * carry.unit) & (shows | unseen))
         hidden = unlikely(going & taken & ~short & hides)
-        again = failed | hidden
+        # a guard that is above zero by its polynomial, and not by its value, is tried further past the root
+        rounded = unlikely(going & taken & ~hidden & (h < planned) & ~jnp.any(fired))
+        again = failed | hidden | rounded
         if in_turn:
             # guards that fired in the same trial as the last jump and have not jumped yet
             waits = fired & (carry.far_guards == jnp.inf)
@@ -343,6 +346,9 @@ def _advance_hybrid(
             h_max, next_h = _controlled(method, carry, h, change, failed, land, hit, locating, guess)
         # an event that may begin and end within the step is searched in its first half
         h_max, next_h = jnp.where(hidden, carry.h_max, h_max), jnp.where(hidden, 0.5 * h, next_h)
+        if method.series:
+            h_max, next_h = jnp.where(rounded, carry.h_max, h_max), jnp.where(rounded, planned, next_h)
+            bracket["trials"] = jnp.where(rounded, carry.trials + 1, bracket["trials"])
         # an event that a jump caused follows the crossing at the same instant
         next_h = jnp.where(leaves, 0.0, next_h)
 

@@ -58,6 +58,7 @@ _SHAPES = (
     "squeeze",
     "slice",
     "concatenate",
+    "unstack",
     "stack",
     "transpose",
     "copy",
@@ -210,6 +211,8 @@ def _is_smooth(equation: JaxprEqn, places: set[int]) -> bool:
     name = equation.primitive.name
     if name == _CAST:
         return jnp.issubdtype(equation.params["new_dtype"], jnp.floating)
+    if name == "integer_pow":
+        return equation.params["y"] > 0
     return name in _SMOOTH or places <= _SMOOTH_IN.get(name, set())
 
 
