@@ -369,7 +369,8 @@ def _advance_hybrid(
         closed = crossed & ((land & ~remaining & ~owed) | leaves)
         timed = unlikely(on & (h >= room) & ~leaves)
 
-        chain = jnp.where(land, carry.chain + 1, jnp.where(on & ~short, 0, carry.chain))
+        before = jnp.where(short, carry.chain, 0)
+        chain = jnp.where(land, before + 1, jnp.where(on, before, carry.chain))
         halt = jnp.where(closed, Halt.CROSSING, jnp.where(timed, Halt.TIME, Halt.GOING))
         if method.adaptive:
             # many cycles can pass between two polls of the recorder, so a fall is tested after every step

@@ -146,6 +146,36 @@ class Peaks(DeclaredModel):
         return jnp.ones(())
 
 
+class Ball(DeclaredModel):
+    """A ball that bounces from a floor far from height 0, and whose take-offs are events too."""
+
+    base = parameter("m", "height of the floor", 1.0)
+    h = variable("m", "height", 2.0)
+    v = variable("m/s", "speed upwards")
+
+    @observable("m", "height")
+    def height(self, p, s):
+        return s.h
+
+    def flow(self, p, s):
+        return {"h": s.v, "v": -9.81}
+
+    @event("lands", section=True)
+    def lands(self, p, s):
+        return p.base - s.h
+
+    @lands.jump
+    def bounce(self, p, s):
+        return s.replace(v=-0.4 * s.v)
+
+    @event("takes off")
+    def takes_off(self, p, s):
+        return s.h - p.base
+
+    def period(self, p):
+        return jnp.ones(())
+
+
 @pytest.mark.parametrize("wave", [20.0, 60.0, 200.0])
 def test_no_short_event_is_missed(wave: float) -> None:
     found = gs.sweep(
@@ -157,6 +187,18 @@ def test_no_short_event_is_missed(wave: float) -> None:
     assert (
         found.table["count_end"].iloc[0] == math.floor((wave - 1.0 - math.acos(0.99)) / (2.0 * math.pi)) + 1
     )
+
+
+def test_impacts_that_accumulate_stall_within_few_attempts() -> None:
+    """Flights become shorter than rounding of the heights: roots of polynomials that no guard reaches."""
+    found = gs.sweep(
+        Ball(),
+        run={"kind": "settle", "max_cycles": 3000},
+        numerics={"method": "taylor"},
+        verify=0,
+    )
+    assert found.table["status"].iloc[0] == "event_stall"
+    assert found.manifest["timings"]["attempts"] < 5000
 
 
 def test_zeros_within_a_step() -> None:
