@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import opcode
 import pickle
 import sys
 import sysconfig
@@ -23,6 +24,7 @@ import jax
 import numpy as np
 
 from gaitsweep.contract import Model
+from gaitsweep.own_modules import modules_beside
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -43,7 +45,31 @@ _FORMAL = {
     *("__abstractmethods__", "_abc_impl", "__firstlineno__", "__static_attributes__", "__annotate_func__"),
     *("__annotations_cache__", "__annotate__", "__classdictcell__"),
 }
-_CODES: WeakKeyDictionary[types.CodeType, tuple[bytes, tuple[str, ...]]] = WeakKeyDictionary()
+# packages whose versions, or whose meaning, are the same wherever a digest for other processes is compared
+_KNOWN = {
+    *("gaitsweep", "jax", "jaxlib", "jaxtyping", "numpy", "builtins", "math", "cmath", "operator"),
+    *("abc", "collections", "dataclasses", "enum", "functools", "itertools", "types", "typing"),
+}
+# names in code that may read what no digest holds
+_UNKNOWN = {
+    *("__dict__", "__import__", "compile", "eval", "exec", "fromfile", "fromregex", "genfromtxt", "getattr"),
+    *(
+        "globals",
+        "hash",
+        "id",
+        "import_module",
+        "input",
+        "load",
+        "loadtxt",
+        "locals",
+        "memmap",
+        "open",
+        "vars",
+    ),
+    *("random", "devices", "default_backend", "device_count", "local_devices", "callback", "pure_callback"),
+}
+_IMPORTS = opcode.opmap["IMPORT_NAME"]
+_CODES: WeakKeyDictionary[types.CodeType, tuple[bytes, tuple[str, ...], bool]] = WeakKeyDictionary()
 _FILES: dict[tuple[str, str, int], set[Path]] = {}
 _LATEST: dict[tuple[str, str, int], str] = {}  # by module, name and structure
 
@@ -89,6 +115,26 @@ def content_of(model: Model) -> str:
     return content
 
 
+def lasting_content(model: Model, *others: Any) -> str | None:
+    """A digest of a model and other objects that holds in other processes as well.
+
+    It includes the sources of the model's modules. None for a model that may read what no digest holds:
+    files, the environment, a clock, packages other than JAX and NumPy, or a class without a source.
+    """
+    reader, module = _Reader(), sys.modules.get(type(model).__module__)
+    if model.host_parameters or model.data_digest or _FILES.get(_key(model)) or module is None:
+        return None
+    reader.read((type(model), others))
+    reader.attributes(model)
+    if is_users(module.__name__):
+        sources = modules_beside(module)
+        if not sources:
+            return None
+        for name, file in sorted(sources.items()):
+            reader.read((name, file.read_bytes()))
+    return reader.digest.hexdigest() if reader.lasting else None
+
+
 def depends_on(model: Model, files: Iterable[Path]) -> None:
     """Let the content of a model include files that its functions read as they are traced."""
     _FILES.setdefault(_key(model), set()).update(files)
@@ -103,6 +149,7 @@ class _Reader:
 
     def __init__(self) -> None:
         self.digest = hashlib.sha256()
+        self.lasting = True  # whether the digest holds in other processes
         self._seen: dict[int, int] = {}
         self._alive: list[Any] = []  # an object that is gone would leave its id to another
 
@@ -122,6 +169,7 @@ class _Reader:
         elif isinstance(value, type):
             self._class(value)
         elif isinstance(value, types.ModuleType):
+            self._know(value.__name__)
             self._say("module", value.__name__.encode())
         elif isinstance(value, Enum):
             self._say("enum", f"{kind.__module__}.{value}".encode())
@@ -145,6 +193,11 @@ class _Reader:
                 self._say("attribute", name.encode())
                 self.read(getattr(value, name))
 
+    def _know(self, module: str | None) -> None:
+        """Note whether other processes know what a module defines, by its name or its content."""
+        top = str(module).partition(".")[0]
+        self.lasting &= top in _KNOWN or (top in sys.modules and is_users(str(module)))
+
     def _say(self, what: str, data: bytes) -> None:
         self.digest.update(f"{what} {len(data)}:".encode() + data)
 
@@ -155,7 +208,7 @@ class _Reader:
             self.read(item)
 
     def _function(self, function: types.FunctionType) -> None:
-        digest, names = _code(function.__code__)
+        digest, names, names_are_known = _code(function.__code__)
         self._say("function", digest)
         self.read(function.__defaults__)
         self.read(function.__kwdefaults__)
@@ -165,8 +218,10 @@ class _Reader:
             except ValueError:  # not filled yet
                 self._say("empty", b"")
         of_module = function.__globals__
+        self._know(of_module.get("__name__"))
         if not is_users(str(of_module.get("__name__"))):
             return
+        self.lasting &= names_are_known
         self.read(vars(function))
         for name in names:
             if name in of_module:
@@ -179,6 +234,7 @@ class _Reader:
             self.read(value)
             return
         users = is_users(value.__name__)
+        self._know(value.__name__)
         self._say("module", value.__name__.encode())
         for name in names:
             part = vars(value).get(name)
@@ -189,6 +245,7 @@ class _Reader:
     def _class(self, kind: type) -> None:
         self._say("class", f"{kind.__module__}.{kind.__qualname__}".encode())
         for base in kind.__mro__:
+            self._know(base.__module__)
             if not is_users(base.__module__) and not base.__module__.startswith("gaitsweep.models."):
                 continue
             for name, value in list(vars(base).items()):
@@ -201,12 +258,16 @@ class _Reader:
             array = np.asarray(value)
             data = pickle.dumps(array) if array.dtype.hasobject else array.tobytes()
         except Exception:  # a tracer, or keys of random numbers
+            self.lasting = False
             self._say("object", str(id(value)).encode())
             return
         self._say(f"{array.dtype} {array.shape}", data)
 
     def _object(self, value: Any) -> None:
         kind = type(value)
+        self._know(
+            kind.__module__ if kind.__module__ != "builtins" else getattr(value, "__module__", "builtins")
+        )
         self._say("object", f"{kind.__module__}.{kind.__qualname__}".encode())
         parts = [name for name in _PARTS.get(kind, ("__wrapped__",)) if hasattr(value, name)]
         for name in parts:
@@ -218,6 +279,7 @@ class _Reader:
             try:
                 data = pickle.dumps(value)
             except Exception:  # what cannot be stored is known by itself only
+                self.lasting = False
                 data = str(id(value)).encode()
             self._say("data", data)
 
@@ -241,23 +303,26 @@ def _slots(kind: type) -> Iterator[str]:
                 yield name
 
 
-def _code(code: types.CodeType) -> tuple[bytes, tuple[str, ...]]:
-    """The digest of a code object, and the names that it and the code inside it read."""
-    known = _CODES.get(code)
-    if known is None:
+def _code(code: types.CodeType) -> tuple[bytes, tuple[str, ...], bool]:
+    """The digest of a code object, the names that it and its inner code read, and whether these are known."""
+    entry = _CODES.get(code)
+    if entry is None:
         names, digest = dict.fromkeys(code.co_names), hashlib.sha256()
+        known = _UNKNOWN.isdisjoint(code.co_names) and _IMPORTS not in code.co_code[::2]
         shape = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
         digest.update(repr((shape, code.co_names, code.co_varnames, code.co_freevars)).encode())
         digest.update(code.co_code + getattr(code, "co_exceptiontable", b""))
         for constant in code.co_consts:
             if isinstance(constant, types.CodeType):
-                inner, more = _code(constant)
+                inner, more, inner_known = _code(constant)
+                known &= inner_known
                 digest.update(inner)
                 names |= dict.fromkeys(more)
             else:
-                digest.update(f"{type(constant).__name__} {constant!r}".encode())
-        known = _CODES[code] = digest.digest(), tuple(names)
-    return known
+                text = sorted(map(repr, constant)) if isinstance(constant, frozenset) else repr(constant)
+                digest.update(f"{type(constant).__name__} {text}".encode())
+        entry = _CODES[code] = digest.digest(), tuple(names), known
+    return entry
 
 
 @functools.lru_cache(maxsize=4096)

@@ -27,6 +27,7 @@ from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
+from gaitsweep.engine.stored_programs import stored
 from gaitsweep.expression import ExpressionError, resolve
 from gaitsweep.mathtext import can_be_set
 from gaitsweep.models.traced_program import unrepeatable
@@ -83,7 +84,7 @@ def _fault(model: Model) -> str | None:
         return "which has no parameter: declare at least one, such as a frequency or a mass."
     if not model.observables:
         return "which has no observable: declare at least one, to be recorded at each crossing."
-    return next(_of_quantities(model), None) or _traced(model)
+    return next(_of_quantities(model), None) or stored("fault", model, (), lambda: _traced(model))
 
 
 def _traced(model: Model) -> str | None:

@@ -29,8 +29,8 @@ from gaitsweep.job import Job
 from gaitsweep.job.step_lengths import RowSteps, refuse_long_steps, row_steps
 from gaitsweep.kinds.columns import quantities_of
 from gaitsweep.kinds.run_kind import RunKind, Schedule, Scheduled
-from gaitsweep.models.own_modules import modules_beside
 from gaitsweep.models.traced_program import traced_program
+from gaitsweep.own_modules import modules_beside
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.table import WriteError, reason
 from gaitsweep.table.manifest import Layout

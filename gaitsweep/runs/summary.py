@@ -17,7 +17,7 @@ from gaitsweep import models
 from gaitsweep.contract import Model, Status
 from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.kinds.run_kind import table_columns
-from gaitsweep.models.own_modules import folder_of_class
+from gaitsweep.own_modules import folder_of_class
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.sentences import MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD
 from gaitsweep.table import ResultDirectory, load_parts
