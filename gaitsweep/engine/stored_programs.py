@@ -1,7 +1,9 @@
 """What tracing a model gives, stored in the cache folder, so that a known model is not traced again.
 
-An entry is JSON, of which nothing is run. Its name is a digest of all that decides it: the content of the
-model with the sources of its modules, gaitsweep's own files, the versions that trace, and JAX's settings.
+The name of an entry is a digest of all that decides it: the content of the model with the sources of its
+modules, gaitsweep's own sources, the versions that trace and compile, and the settings of JAX. Programs are
+JSON, of which nothing is run. What XLA has compiled is code, as kernels are, and is loaded as they are: from
+a folder that no other user can write to.
 """
 
 from __future__ import annotations
@@ -15,39 +17,89 @@ from pathlib import Path
 from typing import Any
 
 import jax
-from jaxlib.version import __version__ as jaxlib_version
 import numpy as np
+from jax.experimental.serialize_executable import deserialize_and_load, serialize
+from jaxlib.version import __version__ as jaxlib_version
 
 from gaitsweep.cache_folder import cache_folder, keep, kept
 from gaitsweep.contract import Model
 from gaitsweep.engine.content import lasting_content
+from gaitsweep.engine.kernel.llvm_code import processor
+from gaitsweep.engine.sweep.lane import host_device
 
 # settings of JAX that change no trace
 _WITHOUT_EFFECT = ("cache", "devices", "platforms", "log", "traceback")
 
 
-def stored(what: str, model: Model, others: tuple[Any, ...], work_out: Callable[[], Any]) -> Any:
-    """What `work_out` returns for a model, of lists, texts and numbers; read where a process stored it.
+def stored(what: str, model: Model, others: tuple[Any, ...] | None, work_out: Callable[[], Any]) -> Any:
+    """What `work_out` returns for a model, as JSON gives it back; read where a process has stored it.
 
     Args:
-        what: the name of the function that works it out.
+        what: the name of what is worked out.
         model: the model, by whose content it is found again.
-        others: what else decides the result.
+        others: what else decides the result; None where it has no digest, so that nothing is stored.
         work_out: traces the model; not called where its result is stored.
     """
-    content = lasting_content(model, what, *others)
-    folder = None if content is None else cache_folder("programs")
-    if folder is None:
-        return work_out()
-    key = hashlib.sha256(repr((content, _OWN_FILES, _VERSIONS, _settings())).encode()).hexdigest()
-    file = folder / f"{what}_{key[:32]}.json"
-    if (text := kept(file)) is not None:
-        return json.loads(text)
-    result = work_out()
-    # unless it has read files, which are known afterwards
-    if lasting_content(model, what, *others) == content:
-        keep(file, json.dumps(result).encode())
-    return result
+    entry = _Entry(what, model, others)
+    if (text := entry.read()) is None:
+        text = json.dumps(work_out()).encode()
+        entry.write(text)
+    return json.loads(text)
+
+
+def compiled_on_host(
+    what: str,
+    model: Model,
+    others: tuple[Any, ...] | None,
+    function: Callable[..., Any],
+    arguments: tuple[Any, ...],
+    results: Any,
+) -> Callable[..., Any]:
+    """A function of a model, compiled by XLA for the host's device; loaded where a process has stored it.
+
+    Args:
+        what, model, others: as for `stored`.
+        function: a JAX function.
+        arguments: pytrees of arrays of the shapes and types with which it will be called.
+        results: a pytree of the structure of its results.
+    """
+    device = host_device()
+    shapes = jax.tree.map(lambda array: (array.shape, str(array.dtype)), arguments)
+    if others is not None:
+        others = *others, repr(shapes), device.platform, device.device_kind, *processor()
+    entry = _Entry(what, model, others)
+    if (code := entry.read()) is not None:
+        trees = jax.tree.structure((arguments, {})), jax.tree.structure(results)
+        return deserialize_and_load(code, *trees, execution_devices=[device])
+    with jax.default_device(device):
+        compiled = jax.jit(function).lower(*arguments).compile()
+    try:
+        code, _, structure = serialize(compiled)
+    except (NotImplementedError, ValueError):  # constants that are no part of the program
+        return compiled
+    if structure == jax.tree.structure(results):
+        entry.write(code)
+    return compiled
+
+
+class _Entry:
+    """The file of what is worked out from a model, if it may be stored."""
+
+    def __init__(self, what: str, model: Model, others: tuple[Any, ...] | None) -> None:
+        self._of = model, what, *(others or ())
+        self._content = None if others is None else lasting_content(*self._of)
+        folder = None if self._content is None else cache_folder("programs")
+        key = repr((self._content, _SOURCES, _VERSIONS, _settings()))
+        digest = hashlib.sha256(key.encode()).hexdigest()[:32]
+        self._file = None if folder is None else folder / f"{what}_{digest}"
+
+    def read(self) -> bytes | None:
+        return None if self._file is None else kept(self._file)
+
+    def write(self, data: bytes) -> None:
+        """Store what was worked out, unless a file was read for it: only afterwards is that known."""
+        if self._file is not None and lasting_content(*self._of) == self._content:
+            keep(self._file, data)
 
 
 def _stamps(folder: str) -> Iterator[tuple[str, int, int]]:
@@ -60,9 +112,9 @@ def _stamps(folder: str) -> Iterator[tuple[str, int, int]]:
             yield entry.path, about.st_mtime_ns, about.st_size
 
 
-# gaitsweep's sources as they are imported, not as they may be edited later, and the versions that trace
-_OWN_FILES = sorted(_stamps(str(Path(__file__).parents[1])))
-_VERSIONS = sys.version, jax.__version__, jaxlib_version, np.__version__
+# gaitsweep's sources as they are imported, not as they may be edited later
+_SOURCES = hashlib.sha256(repr(sorted(_stamps(str(Path(__file__).parents[1])))).encode()).hexdigest()
+_VERSIONS = sys.version, jax.__version__, jaxlib_version, np.__version__, os.environ.get("XLA_FLAGS")
 
 
 def _settings() -> list[tuple[str, str]]:

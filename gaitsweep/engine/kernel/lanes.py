@@ -73,9 +73,8 @@ class Kernel:
     def stored(self, what: str, work_out: Callable[[], Any], *others: Any) -> Any:
         """As `stored_programs.stored`, for this run; the program of a ramp or staircase is not stored."""
         lane = self.lane
-        if lane.driven:
-            return work_out()
-        return stored(what, lane.model, (lane.recorder, lane.numerics, *others), work_out)
+        deciding = None if lane.driven else (lane.recorder, lane.numerics, *others)
+        return stored(what, lane.model, deciding, work_out)
 
     def _read(self) -> tuple[dict[str, tuple[int, tuple[int, ...]]], int]:
         record, carry = self.chunk.record, self.chunk.carry
