@@ -7,6 +7,7 @@ give the numbers of before.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import opcode
@@ -15,6 +16,7 @@ import sys
 import sysconfig
 import types
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextvars import ContextVar
 from enum import Enum
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -71,6 +73,7 @@ _UNKNOWN = {
 _IMPORTS = opcode.opmap["IMPORT_NAME"]
 _CODES: WeakKeyDictionary[types.CodeType, tuple[bytes, tuple[str, ...], bool]] = WeakKeyDictionary()
 _FILES: dict[tuple[str, str, int], set[Path]] = {}
+_HELD: ContextVar[dict[tuple[type, Model], str] | None] = ContextVar("held", default=None)
 _LATEST: dict[tuple[str, str, int], str] = {}  # by module, name and structure
 
 
@@ -102,6 +105,9 @@ def content_of(model: Model) -> str:
     Code of installed packages and of gaitsweep is read no further than their names. The digest holds in this
     process only.
     """
+    held = _HELD.get()
+    if held is not None and (known := held.get((type(model), model))) is not None:
+        return known
     reader, key = _Reader(), _key(model)
     reader.read(type(model))
     reader.attributes(model)
@@ -112,7 +118,19 @@ def content_of(model: Model) -> str:
     if _LATEST.get(key, content) != content:
         jax.clear_caches()
     _LATEST[key] = content
+    if held is not None:
+        held[type(model), model] = content
     return content
+
+
+@contextlib.contextmanager
+def held_contents() -> Iterator[None]:
+    """A context in which models do not change, so that the content of each is read once."""
+    token = _HELD.set({})
+    try:
+        yield
+    finally:
+        _HELD.reset(token)
 
 
 def lasting_content(model: Model, *others: Any) -> str | None:
@@ -138,6 +156,8 @@ def lasting_content(model: Model, *others: Any) -> str | None:
 def depends_on(model: Model, files: Iterable[Path]) -> None:
     """Let the content of a model include files that its functions read as they are traced."""
     _FILES.setdefault(_key(model), set()).update(files)
+    if (held := _HELD.get()) is not None:
+        held.pop((type(model), model), None)
 
 
 def _key(model: Model) -> tuple[str, str, int]:

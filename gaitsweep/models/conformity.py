@@ -435,7 +435,7 @@ class _Begun:
     @property
     def own_state(self) -> dict[str, Any]:
         """The state less what arms its events, which is NaN where a guard is."""
-        return {name: value for name, value in self.state.items() if name != ARMING}
+        return {name: value for name, value in self.state.items() if not name.startswith(ARMING)}
 
 
 def _by_path(tree: Any) -> dict[str, Any]:

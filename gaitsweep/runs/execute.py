@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import tempfile
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
@@ -38,6 +37,7 @@ from gaitsweep.runs.self_check import (
 from gaitsweep.runs.sentences import advice, self_check_sentence
 from gaitsweep.runs.summary import describe, sum_up, summed_up, tallied_column
 from gaitsweep.table import ResultDirectory, TableError, load
+from gaitsweep.table.files import temporary_folder
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
@@ -128,7 +128,7 @@ def table_in_memory(
     Raises:
         RunError, TableError: as `run_job`.
     """
-    with tempfile.TemporaryDirectory(prefix="gaitsweep_") as folder:
+    with temporary_folder() as folder:
         table = load(
             run_job(
                 job, folder, on_progress=on_progress, on_message=on_message, figures=False, cluster=cluster
