@@ -13,6 +13,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
 from gaitsweep.engine.sweep.sweep import Timings
@@ -190,11 +191,15 @@ class _SelfCheck:
                 wait([self._begun], timeout=0.1)
             check, again = self._begun.result()
         if check is not None and again is not None:
-            path = self._directory.path
-            compare_stored(self._context, check, again, lambda rows: load(path, rows=rows), on_sweep_progress)
+            compare_stored(self._context, check, again, self._stored, on_sweep_progress)
         judged = {"rows": 0, "verdict": "off"} if check is None else check.judged()
         self._directory.update_manifest(self_check=judged)
         return judged
+
+    def _stored(self, rows: np.ndarray) -> pd.DataFrame:
+        table = load(self._directory.path, rows=rows)
+        table.attrs.clear()  # pandas copies them with each column
+        return table
 
     @property
     def _known(self) -> dict[str, Any] | None:
