@@ -73,7 +73,7 @@ _UNKNOWN = {
 _IMPORTS = opcode.opmap["IMPORT_NAME"]
 _CODES: WeakKeyDictionary[types.CodeType, tuple[bytes, tuple[str, ...], bool]] = WeakKeyDictionary()
 _FILES: dict[tuple[str, str, int], set[Path]] = {}
-_HELD: ContextVar[dict[tuple[type, Model], str] | None] = ContextVar("held", default=None)
+_HELD: ContextVar[dict[tuple[Any, ...], str] | None] = ContextVar("held", default=None)
 _LATEST: dict[tuple[str, str, int], str] = {}  # by module, name and structure
 
 
@@ -108,9 +108,7 @@ def content_of(model: Model) -> str:
     held = _HELD.get()
     if held is not None and (known := held.get((type(model), model))) is not None:
         return known
-    reader, key = _Reader(), _key(model)
-    reader.read(type(model))
-    reader.attributes(model)
+    reader, key = _read(model), _key(model)
     for file in sorted(_FILES.get(key, ())):
         reader.read((str(file), (file.stat().st_mtime_ns, file.stat().st_size) if file.is_file() else None))
     content = reader.digest.hexdigest()
@@ -139,18 +137,34 @@ def lasting_content(model: Model, *others: Any) -> str | None:
     It includes the sources of the model's modules. None for a model that may read what no digest holds:
     files, the environment, a clock, packages other than JAX and NumPy, or a class without a source.
     """
-    reader, module = _Reader(), sys.modules.get(type(model).__module__)
-    if model.host_parameters or model.data_digest or _FILES.get(_key(model)) or module is None:
+    if _FILES.get(_key(model)):
         return None
-    reader.read((type(model), others))
-    reader.attributes(model)
+    held = {} if (held := _HELD.get()) is None else held
+    if (content := held.get((type(model), model, "lasting"))) is None:
+        content = held[type(model), model, "lasting"] = _lasting(model)
+    reader = _Reader(model, type(model))
+    reader.read((content, others))
+    return reader.digest.hexdigest() if content and reader.lasting else None
+
+
+def _lasting(model: Model) -> str:
+    module = sys.modules.get(type(model).__module__)
+    if module is None or model.host_parameters or model.data_digest:
+        return ""
+    reader = _read(model)
     if is_users(module.__name__):
         sources = modules_beside(module)
-        if not sources:
-            return None
+        reader.lasting &= bool(sources)
         for name, file in sorted(sources.items()):
             reader.read((name, file.read_bytes()))
-    return reader.digest.hexdigest() if reader.lasting else None
+    return reader.digest.hexdigest() if reader.lasting else ""
+
+
+def _read(model: Model) -> _Reader:
+    reader = _Reader()
+    reader.read(type(model))
+    reader.attributes(model)
+    return reader
 
 
 def depends_on(model: Model, files: Iterable[Path]) -> None:
@@ -165,12 +179,12 @@ def _key(model: Model) -> tuple[str, str, int]:
 
 
 class _Reader:
-    """Adds values to a digest, with what they refer to."""
+    """Adds values to a digest, with what they refer to; `known` are added by their places alone."""
 
-    def __init__(self) -> None:
+    def __init__(self, *known: Any) -> None:
         self.digest = hashlib.sha256()
         self.lasting = True  # whether the digest holds in other processes
-        self._seen: dict[int, int] = {}
+        self._seen: dict[int, int] = {id(value): place for place, value in enumerate(known)}
         self._alive: list[Any] = []  # an object that is gone would leave its id to another
 
     def read(self, value: Any) -> None:

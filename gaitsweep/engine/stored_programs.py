@@ -24,7 +24,6 @@ from jaxlib.version import __version__ as jaxlib_version
 from gaitsweep.cache_folder import cache_folder, keep, kept
 from gaitsweep.contract import Model
 from gaitsweep.engine.content import lasting_content
-from gaitsweep.engine.kernel.llvm_code import processor
 from gaitsweep.engine.sweep.lane import host_device
 
 # settings of JAX that change no trace
@@ -63,6 +62,8 @@ def compiled_on_host(
         arguments: pytrees of arrays of the shapes and types with which it will be called.
         results: a pytree of the structure of its results.
     """
+    from gaitsweep.engine.kernel.llvm_code import processor  # whose imports reading a job does not need
+
     device = host_device()
     shapes = jax.tree.map(lambda array: (array.shape, str(array.dtype)), arguments)
     if others is not None:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from gaitsweep.engine.content import held_contents
 from gaitsweep.engine.sweep.sweep import Timings
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
 RESULTS = Path("results")
 
 
+@held_contents()
 def run_job(
     job: Job,
     out: str | Path | None = None,
