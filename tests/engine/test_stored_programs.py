@@ -82,7 +82,7 @@ def test_models_that_read_what_no_digest_holds_are_not_stored(folder: Path, name
 
 def test_models_without_a_source_or_with_a_data_file_are_not_stored(folder: Path) -> None:
     model = spring(folder)
-    of_session = type("Spring", (type(model),), {"__module__": "__main__"})
+    of_session: Any = type("Spring", (type(model),), {"__module__": "__main__"})
     assert lasting_content(of_session()) is None
     depends_on(model, [folder / "table.csv"])
     assert lasting_content(model) is None
