@@ -124,7 +124,8 @@ def content_of(model: Model) -> str:
 @contextlib.contextmanager
 def held_contents() -> Iterator[None]:
     """A context in which models do not change, so that the content of each is read once."""
-    token = _HELD.set({})
+    outer = _HELD.get()
+    token = _HELD.set({} if outer is None else outer)
     try:
         yield
     finally:
@@ -156,7 +157,10 @@ def _lasting(model: Model) -> str:
         sources = modules_beside(module)
         reader.lasting &= bool(sources)
         for name, file in sorted(sources.items()):
-            reader.read((name, file.read_bytes()))
+            try:
+                reader.read((name, file.read_bytes()))
+            except OSError:
+                reader.lasting = False
     return reader.digest.hexdigest() if reader.lasting else ""
 
 

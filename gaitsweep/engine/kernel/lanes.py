@@ -57,7 +57,7 @@ class Kernel:
         starts = {q.name: scalar for q in model.initial_conditions} | {STEP_FACTOR: scalar}
         self.shapes: tuple[Shapes, Shapes] = (values, starts)
         self.title = f"{model.name}, {type(recorder).__name__}, {numerics.method}"
-        leaves, self.width = self.stored("read", self._read)
+        leaves, self.width = self.stored("leaves", self._read_leaves)
         self.leaves = {name: Leaf(first, tuple(shape)) for name, (first, shape) in leaves.items()}
         self.open = self._opening()
 
@@ -76,7 +76,7 @@ class Kernel:
         deciding = None if lane.driven else (lane.recorder, lane.numerics, *others)
         return stored(what, lane.model, deciding, work_out)
 
-    def _read(self) -> tuple[dict[str, tuple[int, tuple[int, ...]]], int]:
+    def _read_leaves(self) -> tuple[dict[str, tuple[int, tuple[int, ...]]], int]:
         record, carry = self.chunk.record, self.chunk.carry
         leaves = {**record.results(carry), "filled": record.filled, "samples": record.samples}
         return {name: (leaf.first, leaf.shape) for name, leaf in leaves.items()}, self.chunk.width

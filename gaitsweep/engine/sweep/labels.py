@@ -71,14 +71,15 @@ def _reader(model: Model, drive: Callable[..., Any] | None) -> Callable[..., Any
         params = model.params(values) if drive is None else drive(values, t)
         return model.label(params, {name: observed[i] for i, name in enumerate(names)})
 
-    of_rows, compiled = jax.vmap(one), dict[int, Callable[..., Any]]()
+    of_rows, compiled = jax.vmap(one), dict[tuple[Any, ...], Callable[..., Any]]()
     fields = dict.fromkeys(("gait", *(q.name for q in model.label_fields)), 0)
 
     # on the host, since a card has rows to run, which labels would wait for
     def on_host(*arguments: Any) -> dict[str, Array]:
-        if (width := arguments[1].size) not in compiled:
+        shapes = tuple(array.shape for array in jax.tree.leaves(arguments))
+        if shapes not in compiled:
             others = () if drive is None else None
-            compiled[width] = compiled_on_host("label", model, others, of_rows, arguments, fields)
-        return compiled[width](*arguments)
+            compiled[shapes] = compiled_on_host("label", model, others, of_rows, arguments, fields)
+        return compiled[shapes](*arguments)
 
     return on_host
