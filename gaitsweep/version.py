@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import functools
-import importlib.metadata
 
 
 @functools.cache
 def version() -> str:
     """Give the version, or "unknown" where the package runs from a folder without being installed."""
+    from importlib.metadata import PackageNotFoundError
+    from importlib.metadata import version as installed
+
     try:
-        return importlib.metadata.version("gaitsweep")
-    except importlib.metadata.PackageNotFoundError:
+        return installed("gaitsweep")
+    except PackageNotFoundError:
         return "unknown"
