@@ -16,6 +16,10 @@ import hypothesis
 import jax
 import pytest
 
+from gaitsweep.engine import stored_programs
+
+# tests replace parts of the engine, and the programs of one would be given to another
+stored_programs.cache_folder = lambda _: None
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_num_cpu_devices", 2)  # so that sweeps over several devices are tested anywhere
 jax.config.update("jax_numpy_rank_promotion", "raise")

@@ -12,8 +12,8 @@ from jaxtyping import Array, Float, Int, Real
 
 from gaitsweep.contract import Model, names_gait
 from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.stored_programs import compiled_on_host
 from gaitsweep.engine.sweep.block import Block
-from gaitsweep.engine.sweep.lane import host_device
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.row_outcome import RowOutcome
 
@@ -37,9 +37,7 @@ def labelled(spec: SweepSpec, block: Block) -> RowOutcome:
         padded = np.concatenate([readings.rows[part], np.zeros(width - n, np.int64)])
         times, seen = np.zeros(width), np.zeros((width, readings.observed.shape[1]))
         times[:n], seen[:n] = readings.t[part], np.where(good[part, None], readings.observed[part], 0.0)
-        # a card has rows to run, which labels would wait for
-        with jax.default_device(host_device()):
-            labels_of_batch = label({k: v[padded] for k, v in values.items()}, times, seen)
+        labels_of_batch = label({k: v[padded] for k, v in values.items()}, times, seen)
         parts.append({k: np.asarray(v)[:n] for k, v in labels_of_batch.items()})
     labels = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
     labels = {
@@ -73,4 +71,15 @@ def _reader(model: Model, drive: Callable[..., Any] | None) -> Callable[..., Any
         params = model.params(values) if drive is None else drive(values, t)
         return model.label(params, {name: observed[i] for i, name in enumerate(names)})
 
-    return jax.jit(jax.vmap(one))
+    of_rows, compiled = jax.vmap(one), dict[tuple[Any, ...], Callable[..., Any]]()
+    fields = dict.fromkeys(("gait", *(q.name for q in model.label_fields)), 0)
+
+    # on the host, since a card has rows to run, which labels would wait for
+    def on_host(*arguments: Any) -> dict[str, Array]:
+        shapes = tuple(array.shape for array in jax.tree.leaves(arguments))
+        if shapes not in compiled:
+            others = () if drive is None else None
+            compiled[shapes] = compiled_on_host("label", model, others, of_rows, arguments, fields)
+        return compiled[shapes](*arguments)
+
+    return on_host
