@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import graphlib
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -178,15 +179,21 @@ def _check_path(design: Design, spec: ModelSpec, run: RunKind, movement: Movemen
     return diagnostics
 
 
-def check_figures(figures: list[FigureKind], design: Design, run: RunKind) -> list[Diagnostic]:
-    """Diagnostics about figures that cannot be drawn from the run's table, or that share a name."""
+def check_figures(figures: Mapping[int, FigureKind], design: Design, run: RunKind) -> list[Diagnostic]:
+    """Diagnostics about figures that cannot be drawn from the run's table, or share a name.
+
+    Args:
+        figures: the figures by their places in the job.
+        design: the job's rows.
+        run: their run.
+    """
     model = design.model
     columns = table_columns(design, run)
     table = PlannedTable(design, run, columns)
     observables = [quantity.name for quantity in model.observables]
     wrong: list[Diagnostic] = []
     stems: dict[str, int] = {}
-    for index, figure in enumerate(figures):
+    for index, figure in figures.items():
         path = ("figures", index)
         if not figure.suits(run):
             others = [kind_of(part) for part in RUN_KINDS.values() if figure.kind_name in part.figures]
