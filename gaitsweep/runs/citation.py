@@ -113,7 +113,7 @@ def _author(person: Mapping[str, str]) -> str:
 
 
 def _changed(snapshot: Snapshot) -> str:
-    """Name the fixed parameters and fields of structure that differ from the defaults of a model that is found."""
+    """Name the fixed parameters and structure that differ from the model's defaults, if it is found."""
     job = snapshot.job
     try:
         kind = models.find_of_table({"job": job, "manifest": snapshot.manifest, "path": str(snapshot.path)})
