@@ -116,7 +116,7 @@ def _between_its_ends(design: Design, name: str, quantity: Quantity) -> bool:
 def remarks_on_rows(design: Design, name: str) -> list[str]:
     """Starts of a job without effect on a user's model, and faults of the model at some rows, as sentences.
 
-    These are the corners of the axes and others, or all rows of a small job. Models of gaitsweep and models
+    Rows are the corners of the axes and others, or all rows of a small job. Models of gaitsweep and models
     with `host_parameters` are not checked. If a formula has no value in one of the rows, nothing is reported:
     the run reports it for the row's block.
 
@@ -148,12 +148,7 @@ def remarks_on_rows(design: Design, name: str) -> list[str]:
 def _idle_starts(design: Design) -> list[str]:
     """The starts without effect that a job varies, or sets to another value than their default."""
     idle, quantities = idle_starts(design.model), design.model.initial_conditions
-    used = {
-        name
-        for quantity in quantities
-        if quantity.name not in idle
-        for name in design.closure([quantity.name])
-    }
+    used = design.closure(quantity.name for quantity in quantities if quantity.name not in idle)
     return [
         quantity.name
         for quantity in quantities
