@@ -22,8 +22,9 @@ from jaxtyping import Array, Bool, Float, Int
 from gaitsweep import near_miss
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declarations import Mode, Variable, faults_of_quantity
-from gaitsweep.dynamics.declared_model import ARMING, STEPS, Declared
+from gaitsweep.dynamics.declared_model import ARMING, STEPS, Declared, DeclaredModel
 from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
@@ -270,6 +271,35 @@ def _moved_or_jumped(model: Model, params: Any, state: Any, events: Any, rates: 
         if np.array_equal(getattr(inputs[1], name), getattr(after, name)):
             constant = "return its rate, or 0.0 if it is constant"
             raise _Fault(f"flow returns no rate of {name}, and no jump changes it: {constant}.")
+
+
+@cached_by_content(maxsize=64)
+def idle_starts(model: Model) -> tuple[str, ...]:
+    """The names of starts on which the state at t = 0 does not depend; of a model with a body, none."""
+    if model.host_parameters:
+        return ()
+    quantities = (model.parameters, model.initial_conditions)
+    given = tuple({quantity.name: _NUMBER for quantity in some} for some in quantities)
+
+    def begun(values: Any, start: Any) -> Any:
+        return model.init(model.params(values), start)
+
+    tracer = Tracer(Program())
+    inputs = tracer.inputs(given, 0, steady=False)
+    starts = jax.tree.unflatten(jax.tree.structure(given), inputs)[1]
+    try:
+        state = tracer.read(jax.make_jaxpr(begun)(*given), inputs)
+    except UnsupportedError:
+        read = frozenset[str]().union(*dependences(begun, *given))
+        return tuple(name for name in starts if name not in read)
+    needed = set(tracer.program.needed(node for leaf in state for node in leaf.ravel().tolist()))
+    return tuple(name for name, node in starts.items() if int(node) not in needed)
+
+
+def sets_starts(model: Model) -> str:
+    """The function that sets the starts in `idle_starts`."""
+    own = isinstance(model, DeclaredModel) and type(model).complete is not DeclaredModel.complete
+    return "complete" if own else "init"
 
 
 def _kind(array: Any) -> str:

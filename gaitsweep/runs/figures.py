@@ -175,7 +175,7 @@ def _figures_of(snapshot: Snapshot) -> tuple[list[dict[str, Any]], FigureStyle]:
     file = snapshot.path / JOB
     try:
         asked: Mapping[str, Any] = snapshot.job
-        if snapshot.job_edited or "job" not in snapshot.manifest:
+        if snapshot.written is not snapshot.job or "job" not in snapshot.manifest:
             asked = read_document(file).data if file.exists() else {}
         return read_figures(asked, str(file))
     except JobError as error:
