@@ -1,0 +1,227 @@
+"""Branch points of maps that are smooth only on each side of a corner, as where two feet land at once.
+
+If two events coincide on a whole branch, their order differs on its two sides, and so do the modes at the
+section and the derivatives of the map. Each side has a smooth map of its own with a branch point, where a half
+of a second branch begins. Two halves on the same side of the parameter are a pitchfork with a corner,
+x -> x + p x +- |x| x; two on different sides are transcritical.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
+from gaitsweep.analysis.continuation.newton import sizes
+from gaitsweep.engine.poincare.maps import Points
+
+Vector = Float[np.ndarray, " unknowns"]
+Plane = Float[np.ndarray, "2 unknowns"]
+# Distance from the branch point, in scaled coordinates, of the points at which a side is differentiated.
+ALONG = 1e-4
+# Largest smallest singular value of a side on which the map has a branch point too.
+SINGULAR = 1e-3
+# On one side of a corner: largest share of a displacement along the critical direction that the map adds to
+# it, and largest change of the Jacobian over `ALONG`, as a share of its norm and 1.
+NEARLY_FIXED, CONTINUOUS = 0.1, 0.05
+# Least and largest critical component of an image whose modes are those of a side, in displacements.
+COMPONENT = (0.2, 5.0)
+# Longest displacement that is tried, and the farthest image, in units of `ALONG`.
+LONGEST, FARTHEST = 30.0, 100.0
+# Largest difference of the unit tangents of one branch on both sides.
+ALIKE = 2e-3
+# Weights of values at one, two and three distances: their limit at 0, and their derivative there.
+LIMIT, SLOPE = np.array([3.0, -3.0, 1.0]), np.array([-2.5, 4.0, -1.5])
+
+
+@dataclasses.dataclass(frozen=True)
+class Side:
+    """A branch point on one side of a corner, in scaled unknowns.
+
+    `points` (1,) has the modes of this side; `outward` is the critical direction that leads into it;
+    `tangents` are the unit tangents of both branches; `jacobian` is that of the map at the branch point, in
+    coordinates. `w`, `null` and `bent` as in `branch_points`.
+    """
+
+    points: Points
+    outward: Vector
+    tangents: Plane
+    jacobian: Float[np.ndarray, "coordinates coordinates"]
+    w: Float[np.ndarray, " equations"]
+    null: Plane
+    bent: Plane
+
+    def rate(self, through: Vector, scale: Vector) -> float:
+        """A number with the sign of d(multiplier)/d(parameter) on the branch that goes `through`."""
+        return multiplier_rate(self.w, self.null, self.bent, through, self.outward, self.points, scale)
+
+    def into(self, half: Vector, along: Vector) -> Vector:
+        """The tangent `half` with the sign with which it leads into this side from the branch `along`."""
+        share, *_ = np.linalg.lstsq(np.stack([self.outward, along], axis=1), half, rcond=None)
+        return half * np.sign(share[0])
+
+
+def multiplier_rate(
+    w: Float[np.ndarray, " equations"],
+    null: Plane,
+    bent: Plane,
+    through: Vector,
+    eigenvector: Vector,
+    points: Points,
+    scale: Vector,
+) -> float:
+    """A number with the sign of d(multiplier)/d(parameter) on the branch that goes `through`.
+
+    `w`, `null` and `bent` are as in `branch_points`; the `eigenvector` is that of the multiplier 1.
+    """
+    change = (null @ through) @ (bent @ eigenvector)
+    return float(change * (_projection(w, points) @ (scale * eigenvector)) * np.sign(through[-1]))
+
+
+def crossing_tangents(null: Plane, bent: Plane) -> Plane | None:
+    """The unit tangents (2, m) of two branches that cross; None where none or only one is real."""
+    form = bent @ null.T
+    (low, high), vectors = np.linalg.eigh(0.5 * (form + form.T))
+    if not low < 0.0 < high:
+        return None
+    pair = np.array([[np.sqrt(high), np.sqrt(-low)], [-np.sqrt(high), np.sqrt(-low)]])
+    return pair @ vectors.T @ null / np.sqrt(high - low)
+
+
+def both_sides(problem: ContinuationProblem, at: BranchPoints) -> list[Side]:
+    """The branch point `at` (1,) as seen from both sides of it along its critical direction.
+
+    Fewer than two where a side has no branch point there, or was not found.
+    """
+    scale, size = problem.scale()[0], at.points.at.shape[1]
+    z = np.concatenate([at.points.at[0], at.drift[0], at.parameter]) / scale
+    miss, J = problem.scaled_equations(at.points, z[None])
+    sides = []
+    if not (np.isfinite(miss).all() and np.isfinite(J).all()):
+        return sides
+    w, _, null = _singular_vectors(J[0])
+    critical = _critical(null)
+    projection = _projection(w, at.points) @ (scale * critical)
+    if not abs(projection) > 0.0:
+        return sides
+    component = np.zeros_like(z)
+    component[:size] = (_projection(w, at.points) * scale)[:size] / projection
+    for sign in (1.0, -1.0):
+        tried = _displacements(problem, at, component, critical, sign)
+        found, moved = _images_on_side(problem, at, tried, component, sign)
+        for k in range(len(found)):
+            side = _side(problem, found[[k]], moved[k], z)
+            if side is not None:
+                sides.append(side)
+                break
+    return sides
+
+
+def _displacements(
+    problem: ContinuationProblem, at: BranchPoints, component: Vector, critical: Vector, sign: float
+) -> Float[np.ndarray, "tried unknowns"]:
+    """Displacements (n, m) to one side of a branch point: along the critical direction, then coordinates.
+
+    The modes at the branch point are those of one side. With them, a displacement to the other side may not
+    be a state of the model. But another displacement may have its image there, with the modes of that side.
+    """
+    scale, size = problem.scale()[0], at.points.at.shape[1]
+    axes = np.zeros((size, len(component)))
+    axes[:, :size] = np.eye(size)
+    gradients = at.images.conserved_jacobian[0, problem.held.which] * scale[:size]
+    axes[:, :size] -= axes[:, :size] @ np.linalg.pinv(gradients) @ gradients
+    amount = axes @ component
+    near = np.abs(amount) * LONGEST > 1.0
+    order = np.argsort(-np.abs(amount[near]), kind="stable")
+    return sign * np.concatenate([critical[None], (axes[near] / amount[near, None])[order]])
+
+
+def _images_on_side(
+    problem: ContinuationProblem,
+    at: BranchPoints,
+    tried: Float[np.ndarray, "tried unknowns"],
+    component: Vector,
+    sign: float,
+) -> tuple[Points, Float[np.ndarray, "found unknowns"]]:
+    """The images (k,) on one side of points displaced from a branch point, and their scaled displacements."""
+    scale, size, every = problem.scale()[0], at.points.at.shape[1], np.zeros(len(tried), int)
+    points = Points(at.points.at + ALONG * (tried * scale)[:, :size], at.points[every].modes)
+    some = problem[every]
+    images = problem.mapping.images(points, {**some.values, problem.parameter: at.parameter[every]})
+    moved = np.zeros_like(tried)
+    moved[:, :size] = problem.mapping.difference(images.points.at, at.points.at) / scale[:size]
+    amount = sign * (moved @ component) / ALONG
+    with np.errstate(invalid="ignore"):
+        good: Bool[np.ndarray, " tried"] = images.sound & (amount > COMPONENT[0]) & (amount < COMPONENT[1])
+        good &= np.linalg.norm(moved, axis=1) < FARTHEST * ALONG
+    return images.points[good], moved[good]
+
+
+def _side(problem: ContinuationProblem, found: Points, moved: Vector, z: Vector) -> Side | None:
+    """The branch point at scaled unknowns z on the side of a point (1,) that lies `moved` from it.
+
+    None where the map with the modes of that point has no branch point there, or is not smooth.
+    """
+    scale, size = problem.scale()[0], found.at.shape[1]
+    points = Points((z * scale)[None, :size], found.modes)
+    beside = z + moved
+    beside[size:] = z[size:]
+    _, J = problem.scaled_equations(points, beside[None])
+    if not np.isfinite(J).all():
+        return None
+    w, _, null = _singular_vectors(J[0])
+    outward = _critical(null)
+    across = _projection(w, points) * scale
+    outward = outward * np.sign((across @ moved) * (across @ outward))
+    steps = ALONG * np.arange(1.0, 4.0)[:, None] * outward
+    miss, several = problem.scaled_equations(points, z + steps)
+    if not (np.isfinite(several).all() and np.isfinite(miss).all()):
+        return None
+    changes = np.linalg.norm(np.diff(several, axis=0), axis=(1, 2))
+    if np.any(np.linalg.norm(miss, axis=1) > NEARLY_FIXED * np.linalg.norm(steps, axis=1)) or np.any(
+        changes > CONTINUOUS * (1.0 + np.linalg.norm(several[0]))
+    ):
+        return None
+    J0 = np.tensordot(LIMIT, several, 1)
+    w, smallest, null = _singular_vectors(J0)
+    if smallest > SINGULAR:
+        return None
+    critical = _critical(null)
+    outward = critical * np.sign(critical @ outward)
+    other = null[0] * (null[1] @ outward) - null[1] * (null[0] @ outward)
+    basis = np.stack([outward, other / np.linalg.norm(other)])
+    # beside the branch point, so that both points are on this side
+    pair = problem.scaled_equations(points, z + steps[1] + 0.5 * ALONG * np.stack([basis[1], -basis[1]]))[1]
+    if not np.isfinite(pair).all():
+        return None
+    along = np.tensordot(SLOPE, several, 1) / ALONG
+    bent = np.stack([w @ along, w @ (pair[0] - pair[1]) / ALONG])
+    tangents = crossing_tangents(basis, bent)
+    if tangents is None:
+        return None
+    row_scale = sizes(points.at)[0]
+    jacobian = J0[:size, :size] * row_scale[:, None] / scale[:size] + np.eye(size)
+    return Side(points, outward, tangents, jacobian, w, basis, bent)
+
+
+def _singular_vectors(J: Float[np.ndarray, "equations unknowns"]) -> tuple[Vector, float, Plane]:
+    """The left singular vector of the smallest singular value, this value, and the two null vectors."""
+    left, values, right = np.linalg.svd(J)
+    return left[:, -1], float(values[-1]), right[-2:]
+
+
+def _critical(null: Plane) -> Vector:
+    """The unit vector of a plane along which the parameter does not change."""
+    vector = null[0] * null[1, -1] - null[1] * null[0, -1]
+    length = np.linalg.norm(vector)
+    return vector / length if length > 0.0 else null[0]
+
+
+def _projection(w: Float[np.ndarray, " equations"], points: Points) -> Vector:
+    """The left null vector w of the scaled equations, as a covector (m,) of the coordinates."""
+    size = points.at.shape[1]
+    covector = np.zeros(len(w) + 1)
+    covector[:size] = w[:size] / sizes(points.at)[0]
+    return covector
