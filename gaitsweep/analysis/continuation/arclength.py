@@ -212,7 +212,7 @@ class ContinuationProblem:
         """Newton's equations of one branch at scaled `unknowns` (n, m), with the modes of `like` (1,).
 
         Returns:
-            The scaled residuals (n, m - 1), NaN where the map is undefined, and their Jacobians (n, m - 1, m).
+            Scaled residuals (n, m - 1), NaN where the map is undefined, and their Jacobians (n, m - 1, m).
         """
         scale, size = self.scale()[0], like.at.shape[1]
         row_scale = np.ones(len(scale) - 1)

@@ -103,10 +103,10 @@ def continuation(
         `special` is fold, flip, neimark_sacker, transcritical, supercritical_pitchfork (the branch that turns
         exists where one more multiplier of the other is outside the unit circle), subcritical_pitchfork
         (where one fewer is), or branch_point (where two branches cross in another way, or several multipliers
-        are 1 at once). A map that is smooth only on each side of a corner has them too: a pitchfork where both
-        halves of the branch that crosses are on one side of the parameter, transcritical where they are on
-        two, a branch_point where its derivatives do not tell; corner: a fold at a corner of the map, where no multiplier is 1; kink: a step over a
-        corner or a jump of the map; or empty.
+        are 1 at once). Where the map has a corner along the branch, its halves on both sides decide: a
+        pitchfork if they are on one side of the parameter, transcritical if on two, else branch_point.
+        corner: a fold at a corner of the map, where no multiplier is 1; kink: a step over a corner or a jump
+        of the map; or empty.
         A branch that ends as lost, or has a kink, is followed again on the refined map (half the time step),
         and the result of that is returned: so neither is an artefact of the time step alone.
         `end` is the reason why the branch ends: range, closed, most, lost (no step converges, or the map is

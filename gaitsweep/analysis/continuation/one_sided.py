@@ -1,7 +1,7 @@
 """Branch points of maps that are smooth only on each side of a corner, as where two feet land at once.
 
 If two events coincide on a whole branch, their order differs on its two sides, and so do the modes at the
-section and the derivatives of the map. Each side has a smooth map of its own with a branch point, where a half
+section and the derivatives of the map. Each side has a smooth map of its own with a branch point, where half
 of a second branch begins. Two halves on the same side of the parameter are a pitchfork with a corner,
 x -> x + p x +- |x| x; two on different sides are transcritical.
 """
