@@ -116,38 +116,40 @@ def cornered(problem: ContinuationProblem, at: BranchPoints, sides: list[Side]) 
     if not sides:
         return None
     scale = problem.scale()[0]
-    nearest = min(sides, key=lambda side: float(np.abs(side.jacobian - at.images.jacobian[0]).max()))
-    images = dataclasses.replace(at.images, jacobian=nearest.jacobian[None])
-    at = dataclasses.replace(at, images=images)
-    if len(sides) < 2:
-        return Crossing("branch_point", at, None)
-    pairs = [(i, k) for i in (0, 1) for k in (0, 1)]
-    aligned = [abs(sides[0].tangents[i] @ sides[1].tangents[k]) for i, k in pairs]
-    i, k = pairs[int(np.argmax(aligned))]
-    through, other = sides[0].tangents[i], sides[1].tangents[k]
-    if not _is_alike(through, other):
-        return Crossing("branch_point", at, None)
-    halves = [side.into(side.tangents[1 - n], through) for side, n in zip(sides, (i, k), strict=True)]
     along = at.tangent[0] / scale
+    nearest = min(sides, key=lambda side: float(np.abs(side.jacobian - at.images.jacobian[0]).max()))
+    at = dataclasses.replace(at, images=dataclasses.replace(at.images, jacobian=nearest.jacobian[None]))
+    throughs = [side.tangents[np.argmax(np.abs(side.tangents @ along))] for side in sides]
+    if len(sides) == 2:
+        # the branch that lies in the corner is that which both sides have
+        alike = np.abs(sides[0].tangents @ sides[1].tangents.T)
+        i, k = np.unravel_index(np.argmax(alike), alike.shape)
+        throughs = [sides[0].tangents[i], sides[1].tangents[k]]
+        if not _is_alike(*throughs):
+            return Crossing("branch_point", at, None)
+    through = throughs[0]
+    halves = [side.half(own) for side, own in zip(sides, throughs, strict=True)]
+    ways = [(side.points, half * scale) for side, half in zip(sides, halves, strict=True)]
     candidates = [through, *halves]
     ours = int(np.argmax(np.abs([candidate @ along for candidate in candidates])))
-    ahead = candidates[ours] * np.sign(candidates[ours] @ along)
-    ways = [(side.points, half) for side, half in zip(sides, halves, strict=True)]
     if ours:
-        # this branch ends in the corner, where the other half and the branch that goes through begin
+        # this branch ends in the corner, where the other half and both ways of the one through it begin
         del ways[ours - 1]
-        ways += [(sides[ours - 1].points, through), (sides[ours - 1].points, -through)]
-    at = _directed(at, ahead * scale)
-    aside = _aside(problem, at, [(points, tangent * scale) for points, tangent in ways])
+        ways += _both_ways(sides[ours - 1].points, through * scale)
+    at = _directed(at, candidates[ours] * np.sign(candidates[ours] @ along) * scale)
+    return Crossing(_kind_of_halves(sides, halves, through, scale), at, _aside(problem, at, ways))
+
+
+def _kind_of_halves(sides: list[Side], halves: list[Vector], through: Vector, scale: Vector) -> str:
+    """The kind of a branch point by the halves of the second branch on both sides of a corner."""
     rates = [side.rate(through, scale) for side in sides]
     turns = [half[-1] for half in halves]
-    kind = "branch_point"
-    if min(np.abs(turns)) > FLAT and abs(through[-1]) > FLAT and rates[0] * rates[1] > 0.0:
-        if turns[0] * turns[1] < 0.0:
-            kind = "transcritical"
-        else:
-            kind = "supercritical_pitchfork" if turns[0] * rates[0] > 0.0 else "subcritical_pitchfork"
-    return Crossing(kind, at, aside)
+    clear = min(np.abs([through[-1], *turns])) > FLAT and min(rates) * max(rates) > 0.0
+    if len(sides) < 2 or not clear:
+        return "branch_point"
+    if turns[0] * turns[1] < 0.0:
+        return "transcritical"
+    return "supercritical_pitchfork" if turns[0] * rates[0] > 0.0 else "subcritical_pitchfork"
 
 
 def _is_smooth(sides: list[Side]) -> bool:

@@ -57,10 +57,11 @@ class Side:
         """A number with the sign of d(multiplier)/d(parameter) on the branch that goes `through`."""
         return multiplier_rate(self.w, self.null, self.bent, through, self.outward, self.points, scale)
 
-    def into(self, half: Vector, along: Vector) -> Vector:
-        """The tangent `half` with the sign with which it leads into this side from the branch `along`."""
-        share, *_ = np.linalg.lstsq(np.stack([self.outward, along], axis=1), half, rcond=None)
-        return half * np.sign(share[0])
+    def half(self, through: Vector) -> Vector:
+        """The tangent, into this side, of the other branch than that which goes `through`."""
+        other = self.tangents[np.argmin(np.abs(self.tangents @ through))]
+        share, *_ = np.linalg.lstsq(np.stack([self.outward, through], axis=1), other, rcond=None)
+        return other * np.sign(share[0])
 
 
 def multiplier_rate(
