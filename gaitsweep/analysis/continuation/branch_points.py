@@ -14,7 +14,7 @@ import dataclasses
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.one_sided import (
@@ -117,34 +117,33 @@ def cornered(problem: ContinuationProblem, at: BranchPoints, sides: list[Side]) 
         return None
     scale = problem.scale()[0]
     along = at.tangent[0] / scale
-    nearest = min(sides, key=lambda side: float(np.abs(side.jacobian - at.images.jacobian[0]).max()))
-    at = dataclasses.replace(at, images=dataclasses.replace(at.images, jacobian=nearest.jacobian[None]))
+    own = next((side for side in sides if side.near), sides[0])
+    at = dataclasses.replace(at, images=dataclasses.replace(at.images, jacobian=own.jacobian[None]))
     throughs = [side.tangents[np.argmax(np.abs(side.tangents @ along))] for side in sides]
     if len(sides) == 2:
         # the branch that lies in the corner is that which both sides have
-        alike = np.abs(sides[0].tangents @ sides[1].tangents.T)
-        i, k = np.unravel_index(np.argmax(alike), alike.shape)
+        (i, k), alike = _common(sides)
         throughs = [sides[0].tangents[i], sides[1].tangents[k]]
-        if not _is_alike(*throughs):
+        if not alike[i, k]:
             return Crossing("branch_point", at, None)
-    through = throughs[0]
-    halves = [side.half(own) for side, own in zip(sides, throughs, strict=True)]
+    halves = [side.half(through) for side, through in zip(sides, throughs, strict=True)]
     ways = [(side.points, half * scale) for side, half in zip(sides, halves, strict=True)]
-    candidates = [through, *halves]
+    place = next(n for n, side in enumerate(sides) if side is own)
+    candidates = [throughs[place], halves[place]]
     ours = int(np.argmax(np.abs([candidate @ along for candidate in candidates])))
     if ours:
         # this branch ends in the corner, where the other half and both ways of the one through it begin
-        del ways[ours - 1]
-        ways += _both_ways(sides[ours - 1].points, through * scale)
+        ways = [*ways[:place], *ways[place + 1 :], *_both_ways(own.points, throughs[place] * scale)]
     at = _directed(at, candidates[ours] * np.sign(candidates[ours] @ along) * scale)
-    return Crossing(_kind_of_halves(sides, halves, through, scale), at, _aside(problem, at, ways))
+    aside = _aside(problem, at, ways)
+    return Crossing(_kind_of_halves(sides, halves, throughs, scale), at, aside)
 
 
-def _kind_of_halves(sides: list[Side], halves: list[Vector], through: Vector, scale: Vector) -> str:
+def _kind_of_halves(sides: list[Side], halves: list[Vector], throughs: list[Vector], scale: Vector) -> str:
     """The kind of a branch point by the halves of the second branch on both sides of a corner."""
-    rates = [side.rate(through, scale) for side in sides]
+    rates = [side.rate(through, scale) for side, through in zip(sides, throughs, strict=True)]
     turns = [half[-1] for half in halves]
-    clear = min(np.abs([through[-1], *turns])) > FLAT and min(rates) * max(rates) > 0.0
+    clear = min(np.abs([throughs[0][-1], *turns])) > FLAT and min(rates) * max(rates) > 0.0
     if len(sides) < 2 or not clear:
         return "branch_point"
     if turns[0] * turns[1] < 0.0:
@@ -152,16 +151,24 @@ def _kind_of_halves(sides: list[Side], halves: list[Vector], through: Vector, sc
     return "supercritical_pitchfork" if turns[0] * rates[0] > 0.0 else "subcritical_pitchfork"
 
 
+def _common(sides: list[Side]) -> tuple[tuple[int, int], Bool[np.ndarray, "2 2"]]:
+    """The pair of tangents of two sides that are most alike, and which pairs are alike."""
+    first, last = sides if sides[0].near else sides[::-1]
+    pushed = first.tangents @ last.push.T
+    pushed /= np.linalg.norm(pushed, axis=1)[:, None]
+    signs = np.sign(pushed @ last.tangents.T)
+    apart = np.linalg.norm(pushed[:, None] * signs[:, :, None] - last.tangents, axis=2)
+    apart = apart if first is sides[0] else apart.T
+    i, k = divmod(int(np.argmin(apart)), 2)
+    return (i, k), apart < ALIKE
+
+
 def _is_smooth(sides: list[Side]) -> bool:
-    """Whether both sides have the same branches."""
-    if len(sides) < 2:
+    """Whether both sides have the same branches, at the same place."""
+    if len(sides) < 2 or not all(side.near for side in sides):
         return False
-    one, other = (side.tangents for side in sides)
-    return any(all(map(_is_alike, one, order)) for order in (other, other[::-1]))
-
-
-def _is_alike(one: Vector, other: Vector) -> bool:
-    return float(np.linalg.norm(one - other * np.sign(one @ other))) < ALIKE
+    _, alike = _common(sides)
+    return bool(np.all(np.diag(alike)) or np.all(np.diag(alike[::-1])))
 
 
 def _directed(at: BranchPoints, tangent: Vector) -> BranchPoints:
@@ -217,7 +224,7 @@ def _both_ways(points: Points, tangent: Vector) -> list[tuple[Points, Vector]]:
 def _aside(
     problem: ContinuationProblem, at: BranchPoints, ways: list[tuple[Points, Vector]]
 ) -> BranchPoints | None:
-    """Points (k,) beside a branch point, on branches with these modes (1,) and tangents (m,); None if k = 0.
+    """Points (k,) beside a branch point, on branches from points (1,) with tangents (m,); None if k = 0.
 
     The equations are singular at the branch point itself, so they are linearised where the step leads.
     """
@@ -225,8 +232,8 @@ def _aside(
     tangents = np.stack([tangent for _, tangent in ways])
     tangents /= np.sqrt(np.sum(problem.weights * tangents**2, axis=1))[:, None]
     change, size = ASIDE * tangents, at.points.at.shape[1]
-    modes = jax.tree.map(lambda *leaves: np.concatenate(leaves), *(points.modes for points, _ in ways))
-    points = Points(at.points.at + change[:, :size], modes)
+    starts = jax.tree.map(lambda *leaves: np.concatenate(leaves), *(points for points, _ in ways))
+    points = Points(starts.at + change[:, :size], starts.modes)
     parameter = at.parameter + change[:, -1]
     images = problem[each].evaluated(points, parameter)
     drift = at.drift + change[:, size:-1]

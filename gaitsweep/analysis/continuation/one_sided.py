@@ -1,7 +1,8 @@
 """Branch points of maps that are smooth only on each side of a corner, as where two feet land at once.
 
 If two events coincide on a whole branch, their order differs on its two sides, and so do the modes at the
-section and the derivatives of the map. Each side has a smooth map of its own with a branch point, where half
+section and the derivatives of the map. If one of the two is still to come at the section, and moves the state,
+even the coordinates of the branch differ. Each side has a smooth map of its own with a branch point, where half
 of a second branch begins. Two halves on the same side of the parameter are a pitchfork with a corner,
 x -> x + p x +- |x| x; two on different sides are transcritical.
 """
@@ -11,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.newton import sizes
@@ -26,10 +27,9 @@ SINGULAR = 1e-3
 # On one side of a corner: largest share of a displacement along the critical direction that the map adds to
 # it, and largest change of the Jacobian over `ALONG`, as a share of its norm and 1.
 NEARLY_FIXED, CONTINUOUS = 0.1, 0.05
-# Least and largest critical component of an image whose modes are those of a side, in displacements.
-COMPONENT = (0.2, 5.0)
-# Longest displacement that is tried, and the farthest image, in units of `ALONG`.
-LONGEST, FARTHEST = 30.0, 100.0
+# Most displacements that are tried for a side, the longest one, and the farthest image if coordinates are the
+# same on both sides, in units of `ALONG`.
+MOST_TRIED, LONGEST, FARTHEST = 8, 30.0, 100.0
 # Largest difference of the unit tangents of one branch on both sides.
 ALIKE = 2e-3
 # Weights of values at one, two and three distances: their limit at 0, and their derivative there.
@@ -40,12 +40,16 @@ LIMIT, SLOPE = np.array([3.0, -3.0, 1.0]), np.array([-2.5, 4.0, -1.5])
 class Side:
     """A branch point on one side of a corner, in scaled unknowns.
 
-    `points` (1,) has the modes of this side; `outward` is the critical direction that leads into it;
+    `points` (1,) is the branch point with the coordinates and modes of this side; `push` (m, m) leads from
+    displacements at the point given to those at `points`, and `near` tells whether these are at one place;
+    `outward` is the critical direction that leads into it;
     `tangents` are the unit tangents of both branches; `jacobian` is that of the map at the branch point, in
     coordinates. `w`, `null` and `bent` as in `branch_points`.
     """
 
     points: Points
+    push: Float[np.ndarray, "unknowns unknowns"]
+    near: bool
     outward: Vector
     tangents: Plane
     jacobian: Float[np.ndarray, "coordinates coordinates"]
@@ -99,31 +103,38 @@ def both_sides(problem: ContinuationProblem, at: BranchPoints) -> list[Side]:
     scale, size = problem.scale()[0], at.points.at.shape[1]
     z = np.concatenate([at.points.at[0], at.drift[0], at.parameter]) / scale
     miss, J = problem.scaled_equations(at.points, z[None])
-    sides = []
     if not (np.isfinite(miss).all() and np.isfinite(J).all()):
-        return sides
+        return []
     w, _, null = _singular_vectors(J[0])
-    critical = _critical(null)
-    projection = _projection(w, at.points) @ (scale * critical)
-    if not abs(projection) > 0.0:
-        return sides
-    component = np.zeros_like(z)
-    component[:size] = (_projection(w, at.points) * scale)[:size] / projection
+    critical, component = _critical(null), _projection(w, at.points) * scale
+    if component @ critical == 0.0:
+        return []
+    tried = _displacements(problem, at, component / (component @ critical), critical)
+    every = np.zeros(len(tried), int)
+    sides: list[Side] = []
     for sign in (1.0, -1.0):
-        tried = _displacements(problem, at, component, critical, sign)
-        found, moved = _images_on_side(problem, at, tried, component, sign)
-        for k in range(len(found)):
-            side = _side(problem, found[[k]], moved[k], z)
-            if side is not None:
+        displaced = Points(at.points.at + sign * ALONG * (tried * scale)[:, :size], at.points[every].modes)
+        images = problem[every].evaluated(displaced, at.parameter[every])
+        for k in np.flatnonzero(images.sound):
+            push = np.eye(len(z))
+            push[:size, :size] = images.jacobian[k] * scale[:size] / scale[:size, None]
+            push[:size, -1] = images.d_parameter[k] * scale[-1] / scale[:size]
+            side = _side(problem, at, images.points[[k]], push, sign * ALONG * tried[k])
+            if side is not None and all(_differ(side, other) for other in sides):
                 sides.append(side)
                 break
     return sides
 
 
+def _differ(side: Side, other: Side) -> bool:
+    """Whether two sides are not the same one."""
+    return side.near != other.near or bool(side.near and side.outward @ other.outward < 0.0)
+
+
 def _displacements(
-    problem: ContinuationProblem, at: BranchPoints, component: Vector, critical: Vector, sign: float
+    problem: ContinuationProblem, at: BranchPoints, component: Vector, critical: Vector
 ) -> Float[np.ndarray, "tried unknowns"]:
-    """Displacements (n, m) to one side of a branch point: along the critical direction, then coordinates.
+    """Displacements (n, m) with a critical component of 1: along the critical direction, then coordinates.
 
     The modes at the branch point are those of one side. With them, a displacement to the other side may not
     be a state of the model. But another displacement may have its image there, with the modes of that side.
@@ -134,42 +145,30 @@ def _displacements(
     gradients = at.images.conserved_jacobian[0, problem.held.which] * scale[:size]
     axes[:, :size] -= axes[:, :size] @ np.linalg.pinv(gradients) @ gradients
     amount = axes @ component
-    near = np.abs(amount) * LONGEST > 1.0
-    order = np.argsort(-np.abs(amount[near]), kind="stable")
-    return sign * np.concatenate([critical[None], (axes[near] / amount[near, None])[order]])
+    order = np.argsort(-np.abs(amount), kind="stable")[: MOST_TRIED - 1]
+    order = order[np.abs(amount[order]) * LONGEST > 1.0]
+    return np.concatenate([critical[None], axes[order] / amount[order, None]])
 
 
-def _images_on_side(
+def _side(
     problem: ContinuationProblem,
     at: BranchPoints,
-    tried: Float[np.ndarray, "tried unknowns"],
-    component: Vector,
-    sign: float,
-) -> tuple[Points, Float[np.ndarray, "found unknowns"]]:
-    """The images (k,) on one side of points displaced from a branch point, and their scaled displacements."""
-    scale, size, every = problem.scale()[0], at.points.at.shape[1], np.zeros(len(tried), int)
-    points = Points(at.points.at + ALONG * (tried * scale)[:, :size], at.points[every].modes)
-    some = problem[every]
-    images = problem.mapping.images(points, {**some.values, problem.parameter: at.parameter[every]})
-    moved = np.zeros_like(tried)
-    moved[:, :size] = problem.mapping.difference(images.points.at, at.points.at) / scale[:size]
-    amount = sign * (moved @ component) / ALONG
-    with np.errstate(invalid="ignore"):
-        good: Bool[np.ndarray, " tried"] = images.sound & (amount > COMPONENT[0]) & (amount < COMPONENT[1])
-        good &= np.linalg.norm(moved, axis=1) < FARTHEST * ALONG
-    return images.points[good], moved[good]
+    image: Points,
+    push: Float[np.ndarray, "unknowns unknowns"],
+    displacement: Vector,
+) -> Side | None:
+    """The branch point `at` (1,) on the side of the `image` (1,) of a point with a `displacement` from it.
 
-
-def _side(problem: ContinuationProblem, found: Points, moved: Vector, z: Vector) -> Side | None:
-    """The branch point at scaled unknowns z on the side of a point (1,) that lies `moved` from it.
-
-    None where the map with the modes of that point has no branch point there, or is not smooth.
+    None where the map with the modes of the image has no branch point there, or is not smooth.
     """
-    scale, size = problem.scale()[0], found.at.shape[1]
-    points = Points((z * scale)[None, :size], found.modes)
-    beside = z + moved
-    beside[size:] = z[size:]
-    _, J = problem.scaled_equations(points, beside[None])
+    scale, size = problem.scale()[0], image.at.shape[1]
+    moved = push @ displacement
+    moved[size:] = 0.0
+    z = np.concatenate([image.at[0], at.drift[0], at.parameter]) / scale - moved
+    points = Points((z * scale)[None, :size], image.modes)
+    apart = problem.mapping.difference(points.at, at.points.at)[0] / scale[:size]
+    near = bool(np.linalg.norm(apart) < FARTHEST * ALONG)
+    _, J = problem.scaled_equations(points, (z + moved)[None])
     if not np.isfinite(J).all():
         return None
     w, _, null = _singular_vectors(J[0])
@@ -204,7 +203,7 @@ def _side(problem: ContinuationProblem, found: Points, moved: Vector, z: Vector)
         return None
     row_scale = sizes(points.at)[0]
     jacobian = J0[:size, :size] * row_scale[:, None] / scale[:size] + np.eye(size)
-    return Side(points, outward, tangents, jacobian, w, basis, bent)
+    return Side(points, push, near, outward, tangents, jacobian, w, basis, bent)
 
 
 def _singular_vectors(J: Float[np.ndarray, "equations unknowns"]) -> tuple[Vector, float, Plane]:
