@@ -1,10 +1,10 @@
 """Branch points of maps that are smooth only on each side of a corner, as where two feet land at once.
 
 If two events coincide on a whole branch, their order differs on its two sides, and so do the modes at the
-section and the derivatives of the map. If one of the two is still to come at the section, and moves the state,
-even the coordinates of the branch differ. Each side has a smooth map of its own with a branch point, where half
-of a second branch begins. Two halves on the same side of the parameter are a pitchfork with a corner,
-x -> x + p x +- |x| x; two on different sides are transcritical.
+section and the derivatives of the map. If one of the two is still to come at the section, and moves the
+state, even the coordinates of the branch differ. Each side has a smooth map of its own with a branch point,
+where half of a second branch begins. Two halves on the same side of the parameter are a pitchfork with a
+corner, x -> x + p x +- |x| x; two on different sides are transcritical.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
-from gaitsweep.analysis.continuation.newton import sizes
+from gaitsweep.analysis.continuation.newton import along, sizes
 from gaitsweep.engine.poincare.maps import Points
 
 Vector = Float[np.ndarray, " unknowns"]
@@ -110,6 +110,7 @@ def both_sides(problem: ContinuationProblem, at: BranchPoints) -> list[Side]:
     if component @ critical == 0.0:
         return []
     tried = _displacements(problem, at, component / (component @ critical), critical)
+    spread = along(at.images.conserved_jacobian[0, problem.held.which])
     every = np.zeros(len(tried), int)
     sides: list[Side] = []
     for sign in (1.0, -1.0):
@@ -118,8 +119,10 @@ def both_sides(problem: ContinuationProblem, at: BranchPoints) -> list[Side]:
         for k in np.flatnonzero(images.sound):
             push = np.eye(len(z))
             push[:size, :size] = images.jacobian[k] * scale[:size] / scale[:size, None]
+            push[:size, size:-1] = -spread / scale[:size, None]
             push[:size, -1] = images.d_parameter[k] * scale[-1] / scale[:size]
-            side = _side(problem, at, images.points[[k]], push, sign * ALONG * tried[k])
+            image = Points(images.points.at[[k]] - spread @ at.drift[0], images.points[[k]].modes)
+            side = _side(problem, at, image, push, sign * ALONG * tried[k])
             if side is not None and all(_differ(side, other) for other in sides):
                 sides.append(side)
                 break
@@ -196,8 +199,8 @@ def _side(
     pair = problem.scaled_equations(points, z + steps[1] + 0.5 * ALONG * np.stack([basis[1], -basis[1]]))[1]
     if not np.isfinite(pair).all():
         return None
-    along = np.tensordot(SLOPE, several, 1) / ALONG
-    bent = np.stack([w @ along, w @ (pair[0] - pair[1]) / ALONG])
+    across = np.tensordot(SLOPE, several, 1) / ALONG
+    bent = np.stack([w @ across, w @ (pair[0] - pair[1]) / ALONG])
     tangents = crossing_tangents(basis, bent)
     if tangents is None:
         return None
