@@ -17,7 +17,9 @@ from gaitsweep.job.model_spec import ModelSpec
 from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.kinds.run_kind import Movement, table_columns
 from gaitsweep.models.conformity import NAMED, faults_of_rows
+from gaitsweep.plot.figure_style import FigureStyle
 from gaitsweep.plot.kind import FigureKind, PlannedTable
+from gaitsweep.plot.style_names import StyleNames
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path, unknown_name
 from gaitsweep.schema.strict_model import kind_of
 
@@ -178,13 +180,16 @@ def _check_path(design: Design, spec: ModelSpec, run: RunKind, movement: Movemen
     return diagnostics
 
 
-def check_figures(figures: list[FigureKind], design: Design, run: RunKind) -> list[Diagnostic]:
+def check_figures(
+    figures: list[FigureKind], style: FigureStyle, design: Design, run: RunKind
+) -> list[Diagnostic]:
     """Diagnostics about figures that cannot be drawn from the run's table, or that share a name."""
     model = design.model
     columns = table_columns(design, run)
     table = PlannedTable(design, run, columns)
     observables = [quantity.name for quantity in model.observables]
-    wrong: list[Diagnostic] = []
+    names = StyleNames.of_model(model, columns)
+    wrong = [Diagnostic(("style", *place), text) for place, text in names.unknown(style)]
     stems: dict[str, int] = {}
     for index, figure in enumerate(figures):
         path = ("figures", index)

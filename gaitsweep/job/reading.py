@@ -212,5 +212,5 @@ def _check_whole(design: Design, spec: ModelSpec, job: Any, numerics: ResolvedNu
             Diagnostic(("model",), f"{text} has another column of this name: rename the quantity.")
         )
     diagnostics.extend(check_ranges(design, spec, run))
-    diagnostics.extend(check_figures(job.figures, design, run))
+    diagnostics.extend(check_figures(job.figures, job.style, design, run))
     return diagnostics

@@ -78,10 +78,8 @@ def speed_gaits(
     height = max(0.23, 0.16 if len(bands) > 12 else 0.26) * max(len(bands), 3) + 0.9
     down, across = theme.shape(len(values), theme.PAGE, 1.2)
     with theme.canvas(theme.PAGE, height * down + (0.0 if y == "gait" else 0.35), title) as figure:
-        grid = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
-        for axes in grid[len(values) :]:
-            axes.set_visible(False)
-        for axes, value in zip(grid, values, strict=False):
+        grid = theme.panels(figure, len(values), down, across, sharex=True, sharey=True)
+        for axes, value in zip(grid, values, strict=True):
             part = shown if value is None else rows_where(shown, shown[str(panels)] == value)
             axes.set_title("" if value is None else written(table, str(panels), value))
             _bands(axes, part, y, bands, speed, np.ptp(shown[speed].to_numpy(float)) if len(shown) else 1.0)
