@@ -190,6 +190,10 @@ def check_figures(
     observables = [quantity.name for quantity in model.observables]
     names = StyleNames.of_model(model, columns)
     wrong = [Diagnostic(("style", *place), text) for place, text in names.unknown(style)]
+    if style.colours and figures and not any(figure.colours_gaits for figure in figures):
+        kinds = ", ".join(figure.kind_name for figure in figures)
+        text = f"has no effect: no figure of this job colours gaits ({kinds}). Remove it."
+        wrong.append(Diagnostic(("style", "colours"), text))
     stems: dict[str, int] = {}
     for index, figure in enumerate(figures):
         path = ("figures", index)

@@ -93,7 +93,8 @@ def base_name(name: str) -> str:
 def symbol(table: pd.DataFrame, name: str) -> str:
     """A column's symbol in TeX: from `table.attrs["quantities"]`, else from its name.
 
-    Of a label of the style it is the formula, or the text without a unit in brackets at its end. If Matplotlib cannot typeset the symbol, the name is used.
+    Of a label of the style it is the formula, or the text without a unit in brackets at its end. If
+    Matplotlib cannot typeset the symbol, the name is used.
     """
     if label := _own_label(table, name):
         formula = _ONE_FORMULA.fullmatch(label)

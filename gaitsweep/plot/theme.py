@@ -75,7 +75,8 @@ _PAPER: dict[Any, Any] = {key: mpl.rcParamsDefault[key] for key in _INK}
 _STEPS = (0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0)  # of ticks, in pi
 # The least span of values along an axis, below which rounding would look like a change.
 _LEAST_ANGLE, _LEAST_SHARE, _LEAST_VALUE = 0.01, 1e-3, 1e-9  # rad, of the largest magnitude, in any unit
-_LEAST_PANEL = 6.0  # mm
+_LEAST_PANEL, _LEAST_SHARE_OF_NATURAL = 12.0, 0.6  # height in mm, or if less, share of the natural one
+_BELOW = 0.4  # inches: height of a legend below panels
 _HIGHEST, _HIGHER = 1000, 5  # mm, of a figure: the heights that are tried
 _SHORT = 4  # labels of three letters along an axis of a turn
 _LETTER = 0.53  # mean width of a letter, as a share of the size of its font
@@ -204,27 +205,35 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
                 _break_lines(figure)
                 _break_lines(figure)  # broken labels may have made other panels narrower
             if asked.height is not None:
-                _check_height(figure, asked.height)
+                _check_height(figure, height)
 
 
-def _check_height(figure: Figure, asked: float) -> None:
-    """Refuse a height (mm) at which a panel of a figure has no room."""
-    least = asked
-    while not _has_room(figure) and least < _HIGHEST:
+def _check_height(figure: Figure, natural: float) -> None:
+    """Refuse the height of a figure at which a panel has no room.
+
+    Args:
+        figure: that of `canvas`, with the height of its style.
+        natural: its height without a style, inches, at which all panels have room.
+    """
+    asked = least = figure.get_figheight() * _INCH
+    figure.set_figheight(natural)
+    enough = np.minimum(_LEAST_PANEL / _INCH, _LEAST_SHARE_OF_NATURAL * _panel_heights(figure))
+    figure.set_figheight(asked / _INCH)
+    while (_panel_heights(figure) < enough).any() and least < _HIGHEST:
         least = _HIGHER * (least // _HIGHER + 1.0)
         figure.set_figheight(least / _INCH)
     if least > asked:
         raise PlotError(f"height is {asked:g} mm, but this figure needs at least {least:g} mm.")
 
 
-def _has_room(figure: Figure) -> bool:
-    """Whether the layout gives each panel of a figure some height."""
+def _panel_heights(figure: Figure) -> np.ndarray:
+    """The heights of panels in inches, (n,), of which all are 0 if the layout gives one of them no room."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         figure.draw_without_rendering()
-    heights = [axes.get_position().height for axes in figure.axes if axes.get_label() != "<colorbar>"]
-    collapsed = any(re.match(_COLLAPSED, str(each.message)) for each in caught)
-    return not collapsed and min(heights, default=1.0) * figure.get_figheight() > _LEAST_PANEL / _INCH
+    panels = [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
+    heights = np.array([axes.get_position().height for axes in panels]) * figure.get_figheight()
+    return heights * (not any(re.match(_COLLAPSED, str(each.message)) for each in caught))
 
 
 def _break_lines(figure: Figure) -> None:
@@ -308,26 +317,27 @@ def legend(
     ncols: int = 2,
     title: str | None = None,
     in_cell: bool = False,
-) -> bool:
-    """The legend below a figure, in as many columns as its width allows; returns whether it is in a cell.
+) -> None:
+    """The legend below a figure, in as many columns as its width allows.
 
     Args:
         figure: that of `canvas`.
         handles, labels: entries and their texts; by default those of all panels.
         ncols: the most columns.
         title: text above the entries, unless the style leaves out captions.
-        in_cell: whether the legend may stand in the empty cell at the end of a grid of panels.
+        in_cell: whether it may stand in the empty cell at the end of a grid of panels; the figure is then
+            lower by its height.
     """
     title = None if current().caption is False else title
     if not title and handles is not None and not len(handles):
-        return False
+        return
     look: dict[str, Any] = {"loc": "outside lower center", "title": title}
     look["handler_map"] = {tuple: HandlerTuple(ndivide=1, pad=0.0)}  # several handles as one, over each other
     look |= {"handles": handles} if handles is not None else {}
     look |= {"labels": labels} if labels is not None else {}
     if isinstance(figure, _OnePanel):
         figure.legend(ncols=1, **look)
-        return False
+        return
     if handles:  # as many columns as fill the rows
         ncols = -(-len(handles) // -(-len(handles) // ncols))
     room = figure.get_figwidth() - 0.1
@@ -335,7 +345,7 @@ def legend(
         look["title"] = wrapped(title, room, 7.5)
     renderer = cast(FigureCanvasAgg, figure.canvas).get_renderer()
     if in_cell and _legend_in_cell(figure, {**look, "title": title}, renderer):
-        return True
+        return
     made, columns = figure.legend(ncols=ncols, **look), ncols
     while columns > 1 and made.get_window_extent(renderer).width > room * figure.dpi:
         made.remove()
@@ -344,7 +354,6 @@ def legend(
     if made.get_window_extent(renderer).width > room * figure.dpi:
         for text in made.get_texts():
             text.set_text(wrapped(text.get_text(), room - 0.45, 7.5))
-    return False
 
 
 def _legend_in_cell(figure: Figure, look: dict[str, Any], renderer: Any) -> bool:
@@ -366,6 +375,8 @@ def _legend_in_cell(figure: Figure, look: dict[str, Any], renderer: Any) -> bool
     made = figure.legend(ncols=1, **{**look, **place_of})
     box = made.get_window_extent(renderer)
     if box.width <= width * figure.dpi and box.height <= figure.bbox.height / grid.nrows:
+        if current().height is None:
+            figure.set_figheight(figure.get_figheight() - _BELOW)
         return True
     made.remove()
     return False

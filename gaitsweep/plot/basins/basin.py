@@ -34,7 +34,6 @@ from gaitsweep.schema.numbers import Flag
 
 _PANELS_A_ROW = 4
 _MOST_PANELS = 40
-_LEGEND = 0.4  # inches, of a legend below the panels
 
 _HATCHED = (Outcome.NOT_SETTLED, Outcome.FAILED)
 _Looks = tuple[dict[str, str], ...]  # colour, marker and hatch of each outcome, the same in all panels
@@ -87,7 +86,7 @@ def basin(
             above = theme.wrapped(", ".join(text.replace(" ", "\u00a0") for text in texts), side, 7.5)
             headings.append(f"{written(table, panels, value)}\n{above}".strip())
     lines = max((text.count("\n") for text in headings), default=0)
-    height = rows * (side + 0.35 + 0.14 * lines) + (0.35 if numeric else _LEGEND + 0.35)
+    height = rows * (side + 0.35 + 0.14 * lines) + (0.35 if numeric else 0.75)
     with theme.canvas(width, height, title) as figure:
         if not len(table):
             theme.message(figure.add_subplot(), "no rows yet")
@@ -112,9 +111,7 @@ def basin(
             if current().marks is False:
                 inferred = 0.0
             heading = ("share of starts above each panel" if headings else "share of starts") * shares
-            if _legend(figure, key, shown if shares and not headings else None, looks, heading, inferred):
-                if current().height is None:
-                    figure.set_figheight(height - _LEGEND)
+            _legend(figure, key, shown if shares and not headings else None, looks, heading, inferred)
     return figure
 
 
@@ -189,8 +186,8 @@ def _legend(
     looks: _Looks,
     heading: str,
     inferred: float,
-) -> bool:
-    """The legend: each outcome, with its share of `shown` if given; returns whether it is in an empty cell."""
+) -> None:
+    """The legend: each outcome, with its share of `shown` if given."""
     colour, _, hatch = looks
     texts = [theme.named(name) for name in names] if shown is None else _shares(shown, names, "  ")
     handles = [
@@ -200,4 +197,4 @@ def _legend(
     guessed = f"({theme.percent(inferred)} % of cells inferred from their neighbours)" if inferred else ""
     columns = min(len(handles), 2 if shown is not None else 3)
     title = f"{heading} {guessed}".strip()
-    return theme.legend(figure, handles, ncols=columns, title=title, in_cell=True)
+    theme.legend(figure, handles, ncols=columns, title=title, in_cell=True)

@@ -43,7 +43,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
             )
 
 
-@figure_kind("settle", check=_check)
+@figure_kind("settle", check=_check, colours_gaits=False)
 def source_place(
     table: pd.DataFrame,
     *,
