@@ -35,7 +35,7 @@ from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle, current, given_axes, read_style, styled
 from gaitsweep.plot.provenance_marks import letter_panels, mark, remarks
 from gaitsweep.plot.style_names import StyleNames
-from gaitsweep.schema.diagnostics import Path, quoted
+from gaitsweep.schema.diagnostics import Diagnostic, Path, quoted
 from gaitsweep.schema.numbers import Positive, Real, Stem, Text, checked, read_text
 from gaitsweep.schema.strict_model import Registry, kind_of
 
@@ -272,7 +272,7 @@ def _check_names(table: pd.DataFrame, own: FigureStyle, shared: FigureStyle) -> 
     names = StyleNames.of_table(table, model_of(table))
     wrong = [*names.unknown(own), *names.unknown(shared, shared=True)]
     if wrong:
-        raise PlotError("\n".join(f"{'.'.join(map(str, path))} {text}" for path, text in wrong))
+        raise PlotError("\n".join(str(Diagnostic(path, text)) for path, text in wrong))
 
 
 def figure_kind(

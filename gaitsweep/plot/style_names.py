@@ -73,5 +73,6 @@ class StyleNames:
                     continue
                 if shared and (name in gait_styles() or near_miss.nearest(name, allowed) is None):
                     continue
-                text = f"names no {what} of this table or of its model"
+                text = f"no {what} of this table or of its model"
+                text = f"is {name}, which is {text}" if isinstance(place, int) else f"names {text}"
                 yield (field, place), f"{text}{near_miss.suggestion(name, allowed)}"

@@ -48,7 +48,9 @@ def name_branches(axes: Axes, at: np.ndarray, value: np.ndarray, gaits: np.ndarr
         middle_first = sorted(np.linspace(0.0, 1.0, _PLACES), key=lambda share: abs(share - 0.5))
         places = [mine[round(share * (len(mine) - 1))] for share in middle_first]
         if not any(
-            _fits(axes, gait, (float(at[k]), float(value[k])), side, ink, taken) for k in places for side in (1, -1)
+            _fits(axes, gait, (float(at[k]), float(value[k])), side, ink, taken)
+            for k in places
+            for side in (1, -1)
         ):
             without.append(gait)
     return without
