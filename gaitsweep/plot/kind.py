@@ -240,6 +240,8 @@ def _in_style(draw: Callable[Spec, Figure], kind: type[FigureKind]) -> Callable[
     def drawn(*args: Any, ax: Axes | None = None, **spec: Any) -> Figure:
         asked = {name: spec.pop(name) for name in STYLE_FIELDS if name in spec}
         table = args[0] if args else spec.get("table")
+        if spec.get("title") == "none":  # as in a job
+            spec["title"] = ""
         own, shared = read_style(**asked), current()
         if isinstance(table, pd.DataFrame):
             _check_names(table, own, shared)

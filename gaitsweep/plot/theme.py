@@ -72,11 +72,11 @@ _INK = (
     "axes3d.xaxis.panecolor", "axes3d.yaxis.panecolor", "axes3d.zaxis.panecolor",
 )  # fmt: skip
 _PAPER: dict[Any, Any] = {key: mpl.rcParamsDefault[key] for key in _INK}
-_STEPS = (0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0)  # of ticks, in pi
+_STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0)  # of ticks, in pi
 # The least span of values along an axis, below which rounding would look like a change.
 _LEAST_ANGLE, _LEAST_SHARE, _LEAST_VALUE = 0.01, 1e-3, 1e-9  # rad, of the largest magnitude, in any unit
 _LEAST_PANEL, _LEAST_SHARE_OF_NATURAL = 12.0, 0.6  # height in mm, or if less, share of the natural one
-_BELOW = 0.4  # inches: height of a legend below panels
+_BELOW, _LINE = 0.4, 0.13  # inches: heights of a legend below panels, and of another line in it
 _HIGHEST, _HIGHER = 1000, 5  # mm, of a figure: the heights that are tried
 _SHORT = 4  # labels of three letters along an axis of a turn
 _LETTER = 0.53  # mean width of a letter, as a share of the size of its font
@@ -354,6 +354,14 @@ def legend(
     if made.get_window_extent(renderer).width > room * figure.dpi:
         for text in made.get_texts():
             text.set_text(wrapped(text.get_text(), room - 0.45, 7.5))
+        rows = np.array_split([text.get_text().count("\n") for text in made.get_texts()], columns)
+        grow(figure, _LINE * max(int(row.sum()) for row in rows))
+
+
+def grow(figure: Figure, inches: float) -> None:
+    """Make a figure higher, for what stands below its panels, unless its style has a height."""
+    if current().height is None and not isinstance(figure, _OnePanel):
+        figure.set_figheight(figure.get_figheight() + inches)
 
 
 def _legend_in_cell(figure: Figure, look: dict[str, Any], renderer: Any) -> bool:
@@ -375,8 +383,7 @@ def _legend_in_cell(figure: Figure, look: dict[str, Any], renderer: Any) -> bool
     made = figure.legend(ncols=1, **{**look, **place_of})
     box = made.get_window_extent(renderer)
     if box.width <= width * figure.dpi and box.height <= figure.bbox.height / grid.nrows:
-        if current().height is None:
-            figure.set_figheight(figure.get_figheight() - _BELOW)
+        grow(figure, -_BELOW)
         return True
     made.remove()
     return False

@@ -27,7 +27,7 @@ from tests.support.hysteresis_tables import map_table, staircase_table
 from tests.support.plot_tables import legend_texts, rendered, settle_table
 
 BASIN = {"x": "psi_1", "y": "psi_2", "panels": "psi_3"}
-JOB = {
+JOB: dict[str, Any] = {
     "name": "styled",
     "model": "multilegged_reduced",
     "vary": {"psi_1": {"values": [0.5, 3.0]}, "psi_2": {"values": [0.5, 3.0]}},
@@ -111,7 +111,7 @@ def test_colours_of_gaits_are_refused_where_they_have_no_effect() -> None:
     with pytest.raises(PlotError, match="does not colour gaits"):
         plot.draw("hysteresis", staircase_table(), y="delta_13", colours={"trot": "red"})
     wrong: Any = {"kind": "return_map", "y": "psi_1", "colours": {"direct": "red"}}
-    job = JOB | {"run": {"kind": "return_map", "crossings": 4}}
+    job: dict[str, Any] = JOB | {"run": {"kind": "return_map", "crossings": 4}}
     with pytest.raises(gs.JobError, match=r"figures\[0\].colours has no effect"):
         gs.Job(**job, figures=[wrong])
     with pytest.raises(gs.JobError, match=r"style.colours has no effect"):
@@ -193,7 +193,7 @@ def test_a_value_that_is_constant_to_rounding_is_drawn_as_constant() -> None:
 def test_no_title() -> None:
     figure = plot.draw("hysteresis", staircase_table(), y="delta_13", title="")
     assert figure.axes[0].get_title() == figure.get_suptitle() == ""
-    job = JOB | {"figures": [{"kind": "basin", "x": "psi_1", "y": "psi_2", "title": ""}]}
+    job: dict[str, Any] = JOB | {"figures": [{"kind": "basin", "x": "psi_1", "y": "psi_2", "title": ""}]}
     assert gs.Job(**job).figures[0].title == ""  # type: ignore[attr-defined]
     job["figures"][0]["title"] = "none"
     assert gs.Job(**job).figures[0].title == ""  # type: ignore[attr-defined]

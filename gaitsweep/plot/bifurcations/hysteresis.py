@@ -130,6 +130,7 @@ def hysteresis(
     strips = any(len(irregular) for _, irregular in parted)
     with theme.canvas(width, (3.5 if strips else 2.5) * down + 1.0, title) as figure:
         grid, below = _panels(figure, len(shown), down, across, strips)
+        broken: list[int] = []
         for number, (axes, strip, panel) in enumerate(zip(grid, below, shown, strict=True)):
             branches, irregular = parted[number]
             handles = _draw(axes, panel, branches, name, parameter, least, origin)
@@ -147,7 +148,8 @@ def hysteresis(
                 label = described(table, parameter, 66 // across)
                 strip.set_xlabel(theme.wrapped(label, room, 8.5))
                 strip.tick_params(labelbottom=True)
-            _below(strip, handles, room)
+            broken.append(_below(strip, handles, room))
+        theme.grow(figure, 0.12 * max(broken))
         for axes in {grid[0], below[0]}:
             theme.value_axis(axes, angle=origin is not None)
         drawn = {str(line.get_color()) for axes in (*grid, *below) for line in axes.lines}
@@ -379,10 +381,10 @@ def _bands(axes: Axes, found: pd.DataFrame, table: pd.DataFrame, parameter: str)
     return handles
 
 
-def _below(axes: Axes, handles: list[Patch], room: float) -> None:
-    """The jumps of a panel, in a legend below its axis, in lines of `room` inches."""
+def _below(axes: Axes, handles: list[Patch], room: float) -> int:
+    """The jumps of a panel, in a legend below its axis, in lines of `room` inches; returns those broken."""
     if not handles:
-        return
+        return 0
     for handle in handles:
         handle.set_label(theme.wrapped(str(handle.get_label()), room, 7.0))
     label = axes.get_xlabel()
@@ -397,6 +399,7 @@ def _below(axes: Axes, handles: list[Patch], room: float) -> None:
         bbox_transform=place,
         **look,
     )
+    return sum(str(handle.get_label()).count("\n") for handle in handles)
 
 
 def _in_words(edge: Mapping[Any, Any], table: pd.DataFrame, parameter: str) -> str:
