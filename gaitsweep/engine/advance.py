@@ -288,7 +288,7 @@ def _advance_hybrid(
             hides = hides | ((h > SWITCH_STEP * carry.unit) & (shows | unseen))
         hidden = unlikely(going & taken & ~short & hides)
         # a guard that is above zero by its polynomial, and not by its value, is tried further past the root
-        rounded = unlikely(going & taken & ~hidden & (h < planned) & ~jnp.any(fired))
+        rounded = method.series & unlikely(going & taken & ~hidden & (h < planned) & ~jnp.any(fired))
         again = failed | hidden | rounded
         if in_turn:
             # guards that fired in the same trial as the last jump and have not jumped yet
@@ -346,9 +346,8 @@ def _advance_hybrid(
             h_max, next_h = _controlled(method, carry, h, change, failed, land, hit, locating, guess)
         # an event that may begin and end within the step is searched in its first half
         h_max, next_h = jnp.where(hidden, carry.h_max, h_max), jnp.where(hidden, 0.5 * h, next_h)
-        if method.series:
-            h_max, next_h = jnp.where(rounded, carry.h_max, h_max), jnp.where(rounded, planned, next_h)
-            bracket["trials"] = jnp.where(rounded, carry.trials + 1, bracket["trials"])
+        h_max, next_h = jnp.where(rounded, carry.h_max, h_max), jnp.where(rounded, planned, next_h)
+        bracket["trials"] = jnp.where(rounded, carry.trials + 1, bracket["trials"])
         # an event that a jump caused follows the crossing at the same instant
         next_h = jnp.where(leaves, 0.0, next_h)
 

@@ -18,7 +18,9 @@ from gaitsweep.job.model_spec import ModelSpec
 from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.kinds.run_kind import Movement, table_columns
 from gaitsweep.models.conformity import NAMED, faults_of_rows, idle_starts, sets_starts
+from gaitsweep.plot.figure_style import FigureStyle
 from gaitsweep.plot.kind import FigureKind, PlannedTable
+from gaitsweep.plot.style_names import StyleNames
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path, unknown_name
 from gaitsweep.schema.strict_model import kind_of
 
@@ -195,11 +197,14 @@ def _check_path(design: Design, spec: ModelSpec, run: RunKind, movement: Movemen
     return diagnostics
 
 
-def check_figures(figures: Mapping[int, FigureKind], design: Design, run: RunKind) -> list[Diagnostic]:
-    """Diagnostics about figures that cannot be drawn from the run's table, or share a name.
+def check_figures(
+    figures: Mapping[int, FigureKind], style: FigureStyle, design: Design, run: RunKind
+) -> list[Diagnostic]:
+    """Diagnostics about figures that cannot be drawn from the run's table, or that share a name.
 
     Args:
         figures: the figures by their places in the job.
+        style: the style of all figures.
         design: the job's rows.
         run: their run.
     """
@@ -207,7 +212,12 @@ def check_figures(figures: Mapping[int, FigureKind], design: Design, run: RunKin
     columns = table_columns(design, run)
     table = PlannedTable(design, run, columns)
     observables = [quantity.name for quantity in model.observables]
-    wrong: list[Diagnostic] = []
+    names = StyleNames.of_model(model, columns)
+    wrong = [Diagnostic(("style", *place), text) for place, text in names.unknown(style)]
+    if style.colours and figures and not any(figure.colours_gaits for figure in figures.values()):
+        kinds = ", ".join(figure.kind_name for figure in figures.values())
+        text = f"has no effect: no figure of this job colours gaits ({kinds}). Remove it."
+        wrong.append(Diagnostic(("style", "colours"), text))
     stems: dict[str, int] = {}
     for index, figure in figures.items():
         path = ("figures", index)

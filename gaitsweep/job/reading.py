@@ -122,7 +122,7 @@ def _beside(
 ) -> list[Diagnostic]:
     """Diagnostics that do not follow from those already found; `places` are those of the job's figures."""
     figures = dict(zip(range(len(job.figures)) if places is None else places, job.figures, strict=True))
-    later = check_figures(figures, design, job.run)
+    later = check_figures(figures, job.style, design, job.run)
     if not {"", "run", *_OF_VALUES} & {str(*diagnostic.path[:1]) for diagnostic in diagnostics}:
         later += check_ranges(design, spec, job.run)
     return later
@@ -254,5 +254,5 @@ def _check_whole(design: Design, spec: ModelSpec, job: Any, numerics: ResolvedNu
             Diagnostic(("model",), f"{text} has another column of this name: rename the quantity.")
         )
     diagnostics.extend(check_ranges(design, spec, run))
-    diagnostics.extend(check_figures(dict(enumerate(job.figures)), design, run))
+    diagnostics.extend(check_figures(dict(enumerate(job.figures)), job.style, design, run))
     return diagnostics
