@@ -97,11 +97,14 @@ def test_persons_and_url_of_citation_cff(tmp_path: Path, monkeypatch: pytest.Mon
     ("line", "printed", "missing"),
     [
         ("", "", "The paper of cited_hopper:Hopper is missing"),
-        ('source = "Raibert 1986, Legged Robots"', "note = {Raibert 1986, Legged Robots}", ""),
+        pytest.param(
+            'source = "Raibert 1986, Legged Robots"', "note = {Raibert 1986, Legged Robots}", "",
+            marks=pytest.mark.slow,
+        ),
         ('bibtex = "@book{raibert86,\\n  year = {1986}\\n}"', "hopper:Hopper [raibert86] was", ""),
-        ('bibtex = "Raibert 1986"', "", "no BibTeX entry"),
+        pytest.param('bibtex = "Raibert 1986"', "", "no BibTeX entry", marks=pytest.mark.slow),
     ],
-)
+)  # fmt: skip
 def test_a_users_model_gives_its_own_paper(
     line: str, printed: str, missing: str, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
