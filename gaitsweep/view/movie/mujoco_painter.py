@@ -92,8 +92,9 @@ def _camera(given: np.lib.npyio.NpzFile, aspect: float) -> mujoco.MjvCamera:
 
 
 def _light(model: mujoco.MjModel) -> None:
-    """Light that keeps marks and shadows on pale ground visible."""
-    model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = 0.42, 0.4
+    """Light that keeps marks and shadows on pale ground visible; without lamps, more from the viewer."""
+    more = 1.0 if model.nlight else 1.4
+    model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = 0.42 * more, 0.4 * more
     model.vis.headlight.specular[:] = 0.0
     model.light_diffuse[:], model.light_specular[:] = 0.3, 0.0
 
