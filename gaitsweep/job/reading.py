@@ -18,7 +18,7 @@ from gaitsweep.job.config import Config
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec, read_settings
 from gaitsweep.job.step_lengths import check_numerics, check_steps
 from gaitsweep.kinds import parameter_written
-from gaitsweep.kinds.run_kind import Checked, RunKind, table_columns
+from gaitsweep.kinds.run_kind import RunKind, table_columns
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, from_pydantic, quoted
 from gaitsweep.schema.numbers import SCOPE, Scope
 
@@ -192,8 +192,7 @@ def _check_whole(design: Design, spec: ModelSpec, job: Any, numerics: ResolvedNu
                 text = f"is {parameter}{moves}: {name} is compiled into the body of a row"
                 text += " and cannot move while the row runs."
                 diagnostics.append(Diagnostic(movement.named, text))
-    if isinstance(run, Checked):
-        diagnostics.extend(run.check(design, numerics.method))
+    diagnostics.extend(run.check(design, numerics.method))
     diagnostics.extend(check_numerics(spec.model, job.numerics, numerics))
     columns = table_columns(design, run)
     places = [(name, path, "varies") for group in design.groups for name, path in group.paths.items()]

@@ -21,8 +21,7 @@ from gaitsweep.engine.sweep.lane import ChunkOutput
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.job import Job
-from gaitsweep.kinds.fixed_points import FollowsFixedPoints
-from gaitsweep.kinds.run_kind import MakesTables, refinement, table_columns
+from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.runs.prepare import RunContext, nominal_period, prepare
 from gaitsweep.table.parts import part_bytes
 
@@ -30,8 +29,6 @@ from gaitsweep.table.parts import part_bytes
 EVENTS_SHARE = 1.05
 # Of a grid that refines, the share of rows that are simulated; the chain's slices of 99 x 99 need 0.15.
 REFINED_SHARE = 0.2
-# The time in which all programs of a return map are compiled, as a multiple of that of its settling.
-PROGRAMS = 4.0
 BYTES_A_NUMBER = 8
 # A part of a table has this much beside its records, and this much more for each column; an entry of a column
 # that repeats itself (what varies on a grid, a status, a time that all rows share) takes this.
@@ -75,12 +72,13 @@ def estimate(job: Job) -> Estimate:
     context = prepare(job)
     spec = context.spec
     pace = _measured(context)
-    if isinstance(job.run, FollowsFixedPoints):  # the directions of derivatives fill its lanes
-        pace = dataclasses.replace(pace, at_a_time=1, compile_s=_compiling_of_map(job.run, context))
+    if job.run.makes_tables:  # the directions of derivatives fill its lanes
+        compile_s = job.run.compile_time(context.design, spec)
+        pace = dataclasses.replace(pace, at_a_time=1, compile_s=compile_s)
     cost = job.run.cost(context.design, pace.attempts / pace.crossings, 1.0 / pace.crossings)
     slots = pace.at_a_time
     # the last rows of a sweep leave lanes idle, so a sweep takes a whole number of its rows' rounds at least
-    share = 1.0 if refinement(job.run, context.design) is None else REFINED_SHARE
+    share = 1.0 if job.run.refined(context.design) is None else REFINED_SHARE
     simulated = math.ceil(share * spec.n_rows)
     rounds, rounds_most = (max(rows / slots, 1.0) for rows in (simulated, spec.n_rows))
     columns = table_columns(context.design, job.run)
@@ -108,14 +106,6 @@ def estimate(job: Job) -> Estimate:
         steps=simulated * cost.likely,
         compile_s=pace.compile_s,
     )
-
-
-def _compiling_of_map(run: FollowsFixedPoints, context: RunContext) -> float:
-    """Estimate the time (s) in which the programs of a return map are compiled, from one of them."""
-    began = time.perf_counter()
-    mapping, values, starts = run.return_map(context.design, context.spec, np.zeros(1, np.int64))
-    mapping.settled(starts, values, 1)
-    return PROGRAMS * (time.perf_counter() - began)
 
 
 def _bytes_of_record(design: Design, job: Job) -> float:
@@ -194,7 +184,7 @@ def _host_s(context: RunContext, pool: LaneScheduler) -> float:
 
     It is 0 for a kind that makes its own table, where this work is part of the steps.
     """
-    if isinstance(context.job.run, MakesTables):
+    if context.job.run.makes_tables:
         return 0.0
     group, block = pool.groups[0], next(iter(pool.open.values()))
     block.ends.status[:] = Status.settled

@@ -20,7 +20,6 @@ from gaitsweep.engine.sweep.sweep import Timings
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
 from gaitsweep.job.checks import remarks_on_rows
-from gaitsweep.kinds.run_kind import refinement
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.executor import Executor, ThisProcess
 from gaitsweep.runs.prepare import RunContext, naming_the_file, prepare
@@ -28,7 +27,7 @@ from gaitsweep.runs.progress import Progress, so_far
 from gaitsweep.runs.provenance import continue_directory
 from gaitsweep.runs.refinement import Refinement
 from gaitsweep.runs.self_check import (
-    Again,
+    RerunRows,
     SelfCheck,
     SelfCheckError,
     compare_stored,
@@ -153,7 +152,7 @@ class _SelfCheck:
         self._context, self._directory = context, directory
         self._asked = rows_to_repeat(context)
         self._thread = ThreadPoolExecutor(1)
-        self._begun: Future[tuple[SelfCheck | None, Again | None]] | None = None
+        self._begun: Future[tuple[SelfCheck | None, RerunRows | None]] | None = None
         self._abandoned = threading.Event()
 
     def __enter__(self) -> _SelfCheck:
@@ -166,12 +165,12 @@ class _SelfCheck:
     def begin(self) -> None:
         """Begin the self-check now, in a thread."""
 
-        def go_on(_: SweepProgress) -> None:
+        def stop_if_abandoned(_: SweepProgress) -> None:
             if self._abandoned.is_set():  # the rows have been stopped, and nobody reads its result
                 raise InterruptedError
 
         if self._known is None:
-            self._begun = self._thread.submit(self_check, self._context, self._asked, go_on)
+            self._begun = self._thread.submit(self_check, self._context, self._asked, stop_if_abandoned)
 
     def result(self, on_progress: Progress) -> dict[str, Any]:
         """Return the result for a complete table: the stored one, or that of a new self-check."""
@@ -183,15 +182,15 @@ class _SelfCheck:
             on_progress(total, total, 0.0, 1.0, f"self-check: {now.done} of {now.rows} rows")
 
         if self._begun is None:
-            check, again = self_check(self._context, self._asked, on_sweep_progress)
+            check, rerun = self_check(self._context, self._asked, on_sweep_progress)
         else:
             while not self._begun.done():
                 on_progress(total, total, 0.0, 1.0, "self-check")  # where Ctrl-C is obeyed
                 wait([self._begun], timeout=0.1)
-            check, again = self._begun.result()
-        if check is not None and again is not None:
+            check, rerun = self._begun.result()
+        if check is not None and rerun is not None:
             path = self._directory.path
-            compare_stored(self._context, check, again, lambda rows: load(path, rows=rows), on_sweep_progress)
+            compare_stored(self._context, check, rerun, lambda rows: load(path, rows=rows), on_sweep_progress)
         judged = {"rows": 0, "verdict": "off"} if check is None else check.judged()
         self._directory.update_manifest(self_check=judged)
         return judged
@@ -229,7 +228,7 @@ def _run_missing(
     on_wait()
     try:
         with executor.serve(context, directory, on_wait):
-            if (grid := refinement(context.job.run, context.design)) is not None:
+            if (grid := context.job.run.refined(context.design)) is not None:
                 Refinement(context, grid, directory, executor).run(on_progress, timings)
             else:
                 stored = _Open(directory, spent_so_far)

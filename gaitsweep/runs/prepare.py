@@ -28,7 +28,7 @@ from gaitsweep.expression import functions_of, resolve
 from gaitsweep.job import Job
 from gaitsweep.job.step_lengths import RowSteps, refuse_long_steps, row_steps
 from gaitsweep.kinds.columns import quantities_of
-from gaitsweep.kinds.run_kind import RunKind, Schedule, Scheduled
+from gaitsweep.kinds.run_kind import RunKind, Schedule
 from gaitsweep.models.own_modules import modules_beside
 from gaitsweep.models.traced_program import traced_program
 from gaitsweep.row_outcome import RowOutcome
@@ -109,7 +109,7 @@ def prepare(job: Job) -> RunContext:
     rows = job.design
     numerics = job.integration
     recorder, moved = job.run.recorder(rows.model), job.run.moved
-    schedule = job.run.schedule() if isinstance(job.run, Scheduled) else None
+    schedule = job.run.schedule()
     drive = None if schedule is None or moved is None else Drive(rows, moved, schedule)
     try:
         engine, note = choose(job.engine.name, devices[0], rows.model, recorder, numerics, drive)

@@ -16,7 +16,6 @@ import pandas as pd
 
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
-from gaitsweep.kinds.run_kind import refinement
 from gaitsweep.runs.execute import RESULTS, run_job
 from gaitsweep.runs.executor import compute_blocks
 from gaitsweep.runs.prepare import RunContext, RunError, naming_the_file, prepare
@@ -60,7 +59,7 @@ def run_rows(
     """
     path = RESULTS / job.name if out is None else Path(out)
     context = prepare(job)
-    if refinement(job.run, context.design) is not None:
+    if job.run.refined(context.design) is not None:
         raise RunError(
             "run.refine is boundary, so which rows are simulated follows from others: use --cluster."
         )
