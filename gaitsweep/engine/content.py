@@ -30,18 +30,10 @@ T = TypeVar("T")
 _PLAIN = (type(None), bool, int, float, complex, str, bytes, type(...))
 # entries of a class that decide no number, or repeat others
 _FORMAL = {
-    *(
-        "__module__",
-        "__qualname__",
-        "__doc__",
-        "__dict__",
-        "__weakref__",
-        "__annotations__",
-        "__parameters__",
-    ),
-    *("__dataclass_fields__", "__dataclass_params__", "__match_args__", "__orig_bases__", "__slots__"),
-    *("__abstractmethods__", "_abc_impl", "__firstlineno__", "__static_attributes__", "__annotate_func__"),
-    *("__annotations_cache__", "__annotate__", "__classdictcell__"),
+    *("__module__", "__qualname__", "__doc__", "__dict__", "__weakref__", "__annotations__"),
+    *("__parameters__", "__dataclass_fields__", "__dataclass_params__", "__match_args__", "__orig_bases__"),
+    *("__slots__", "__abstractmethods__", "_abc_impl", "__firstlineno__", "__static_attributes__"),
+    *("__annotate_func__", "__annotations_cache__", "__annotate__", "__classdictcell__"),
 }
 _CODES: WeakKeyDictionary[types.CodeType, tuple[bytes, tuple[str, ...]]] = WeakKeyDictionary()
 _FILES: dict[tuple[str, str, int], set[Path]] = {}
@@ -53,19 +45,19 @@ def cached_by_content(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]
 
     def decorate(function: Callable[P, T]) -> Callable[P, T]:
         @functools.lru_cache(maxsize)
-        def kept(_: tuple[str, ...], args: Any, options: Any) -> T:
+        def cached(_: tuple[str, ...], args: Any, options: Any) -> T:
             return function(*args, **dict(options))
 
         @functools.wraps(function)
-        def found(*args: P.args, **options: P.kwargs) -> T:
-            models = [
+        def call(*args: P.args, **options: P.kwargs) -> T:
+            models = (
                 argument if isinstance(argument, Model) else getattr(argument, "model", None)
                 for argument in args
-            ]
-            contents = tuple(content_of(argument) for argument in models if isinstance(argument, Model))
-            return kept(contents, args, tuple(sorted(options.items())))
+            )
+            contents = tuple(content_of(model) for model in models if isinstance(model, Model))
+            return cached(contents, args, tuple(sorted(options.items())))
 
-        return found
+        return call
 
     return decorate
 
@@ -110,10 +102,10 @@ class _Reader:
         """Add a value; one that was added before is named by its place."""
         kind = type(value)
         if kind in _PLAIN:
-            self._say(kind.__name__, repr(value).encode())
+            self._add(kind.__name__, repr(value).encode())
             return
         if (place := self._seen.get(id(value))) is not None:
-            self._say("again", str(place).encode())
+            self._add("again", str(place).encode())
             return
         self._seen[id(value)] = len(self._seen)
         self._alive.append(value)
@@ -122,9 +114,9 @@ class _Reader:
         elif isinstance(value, type):
             self._class(value)
         elif isinstance(value, types.ModuleType):
-            self._say("module", value.__name__.encode())
+            self._add("module", value.__name__.encode())
         elif isinstance(value, Enum):
-            self._say("enum", f"{kind.__module__}.{value}".encode())
+            self._add("enum", f"{kind.__module__}.{value}".encode())
         elif isinstance(value, np.ndarray | np.generic | jax.Array):
             self._array(value)
         elif isinstance(value, tuple | list):
@@ -137,40 +129,40 @@ class _Reader:
             self._object(value)
 
     def attributes(self, value: Any) -> None:
-        """Add the attributes of an object, less what it only keeps for later."""
+        """Add the attributes of an object, without its cached properties."""
         names = {**dict.fromkeys(_slots(type(value))), **getattr(value, "__dict__", {})}
         for name in names:
             of_class = getattr(type(value), name, None)
             if not isinstance(of_class, functools.cached_property) and hasattr(value, name):
-                self._say("attribute", name.encode())
+                self._add("attribute", name.encode())
                 self.read(getattr(value, name))
 
-    def _say(self, what: str, data: bytes) -> None:
+    def _add(self, what: str, data: bytes) -> None:
         self.digest.update(f"{what} {len(data)}:".encode() + data)
 
-    def _all(self, what: str, values: Any) -> None:
+    def _all(self, what: str, values: Iterable[Any]) -> None:
         items = list(values)
-        self._say(what, str(len(items)).encode())
+        self._add(what, str(len(items)).encode())
         for item in items:
             self.read(item)
 
     def _function(self, function: types.FunctionType) -> None:
         digest, names = _code(function.__code__)
-        self._say("function", digest)
+        self._add("function", digest)
         self.read(function.__defaults__)
         self.read(function.__kwdefaults__)
         for cell in function.__closure__ or ():
             try:
                 self.read(cell.cell_contents)
             except ValueError:  # not filled yet
-                self._say("empty", b"")
+                self._add("empty", b"")
         of_module = function.__globals__
         if not is_users(str(of_module.get("__name__"))):
             return
         self.read(vars(function))
         for name in names:
             if name in of_module:
-                self._say("global", name.encode())
+                self._add("global", name.encode())
                 self._global(of_module[name], names)
 
     def _global(self, value: Any, names: tuple[str, ...]) -> None:
@@ -179,21 +171,21 @@ class _Reader:
             self.read(value)
             return
         users = is_users(value.__name__)
-        self._say("module", value.__name__.encode())
+        self._add("module", value.__name__.encode())
         for name in names:
             part = vars(value).get(name)
             if part is not None and (users or isinstance(part, (*_PLAIN, np.ndarray, np.generic))):
-                self._say("of module", name.encode())
+                self._add("of module", name.encode())
                 self._global(part, names)
 
     def _class(self, kind: type) -> None:
-        self._say("class", f"{kind.__module__}.{kind.__qualname__}".encode())
+        self._add("class", f"{kind.__module__}.{kind.__qualname__}".encode())
         for base in kind.__mro__:
             if not is_users(base.__module__) and not base.__module__.startswith("gaitsweep.models."):
                 continue
             for name, value in list(vars(base).items()):
                 if name not in _FORMAL:
-                    self._say("member", name.encode())
+                    self._add("member", name.encode())
                     self.read(value)
 
     def _array(self, value: Any) -> None:
@@ -201,13 +193,13 @@ class _Reader:
             array = np.asarray(value)
             data = pickle.dumps(array) if array.dtype.hasobject else array.tobytes()
         except Exception:  # a tracer, or keys of random numbers
-            self._say("object", str(id(value)).encode())
+            self._add("object", str(id(value)).encode())
             return
-        self._say(f"{array.dtype} {array.shape}", data)
+        self._add(f"{array.dtype} {array.shape}", data)
 
     def _object(self, value: Any) -> None:
         kind = type(value)
-        self._say("object", f"{kind.__module__}.{kind.__qualname__}".encode())
+        self._add("object", f"{kind.__module__}.{kind.__qualname__}".encode())
         parts = [name for name in _PARTS.get(kind, ("__wrapped__",)) if hasattr(value, name)]
         for name in parts:
             self.read(getattr(value, name))
@@ -219,7 +211,7 @@ class _Reader:
                 data = pickle.dumps(value)
             except Exception:  # what cannot be stored is known by itself only
                 data = str(id(value)).encode()
-            self._say("data", data)
+            self._add("data", data)
 
 
 # what objects of Python refer to; others, such as jitted functions, have `__wrapped__`

@@ -153,7 +153,7 @@ def _measured(context: RunContext) -> Measured:
     pool.begin()
     compile_s = time.perf_counter() - began
     began = time.perf_counter()
-    outputs = pool.together(polls_per_chunk(spec))
+    outputs = pool.advance_all(polls_per_chunk(spec))
     spent = time.perf_counter() - began
     at_a_time = sum(group.at_a_time for group in pool.groups)
     rate = at_a_time * POLL_INTERVAL * polls_per_chunk(spec) / spent

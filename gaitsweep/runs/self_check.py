@@ -436,7 +436,7 @@ class _Comparison:
         values, starts = self.context.design.values_in(rows)
 
         def observed(row_values: Any, start: Any) -> Any:
-            params = model.params(row_values) if drive is None else drive(row_values, 0.0)
+            params = model.params(row_values) if drive is None else drive(row_values, jax.numpy.zeros(()))
             seen = model.observe(params, model.init(params, start))
             return jax.numpy.stack([seen[q.name] for q in model.observables])
 

@@ -36,10 +36,9 @@ def varying_slots(kernel: Kernel, names: frozenset[str]) -> frozenset[int]:
     def constants(
         values: Mapping[str, Float[Array, " ..."]], starts: Mapping[str, Float[Array, ""]]
     ) -> Params:
-        held, *_ = kernel.lane.open(values, starts)
-        return held
+        return kernel.lane.open(values, starts)[0]
 
-    leaves = jax.tree.leaves(kernel.chunk.held)
+    leaves = jax.tree.leaves(kernel.chunk.constants)
     dependent = dependences(constants, *kernel.shapes)
     return frozenset(
         leaf.first + i
@@ -134,7 +133,7 @@ class CudaLanes(KernelLanes):
         new = int(output.filled.max()) if width else 0
         if new:
             samples = self._kept.from_card(new * size * width).reshape(new, size, width)
-            output = output._replace(kept=samples.transpose(1, 0, 2))
+            output = output._replace(buffers=samples.transpose(1, 0, 2))
         return output
 
 

@@ -164,4 +164,4 @@ class CpuLanes(KernelLanes):
         self._run(self._slots.reshape(tiles, -1), self._kept, polls)
         output = self.output(lambda slot: self._slots[:, slot].ravel()[: self.size])
         self._slots[:, self.chunk.record.filled.first] = 0.0
-        return output._replace(kept=self._kept[: self.size])
+        return output._replace(buffers=self._kept[: self.size])

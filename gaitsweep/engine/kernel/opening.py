@@ -23,6 +23,7 @@ from gaitsweep.engine.sweep.lane import OneLane, host_device
 # Rows that XLA opens in one call: constant, since its last bits depend on it.
 _BATCH = 64
 
+# Of each row its slots, its first sample, and whether to keep that sample.
 Opened = tuple[Float[np.ndarray, "rows slots"], Float[np.ndarray, "rows width"], Bool[np.ndarray, " rows"]]
 Columns = Mapping[str, Float[np.ndarray, " rows"]]
 
@@ -97,11 +98,11 @@ def _by_xla(of_one: Callable[..., Any]) -> Callable[[Columns, Columns], Opened]:
     def open_rows(values: Columns, starts: Columns) -> Opened:
         rows, parts = len(next(iter(values.values()))), []
         for first in range(0, rows, _BATCH):
-            # the last batch is filled up with its first row
-            some = np.resize(np.arange(first, min(first + _BATCH, rows)), _BATCH)
-            block = [{k: v[some] for k, v in by_name.items()} for by_name in (values, starts)]
+            # the last batch is filled up with its own rows
+            batch = np.resize(np.arange(first, min(first + _BATCH, rows)), _BATCH)
+            columns = [{k: v[batch] for k, v in by_name.items()} for by_name in (values, starts)]
             with jax.default_device(host_device()):
-                parts.append(jax.device_get(compiled(*block)))
+                parts.append(jax.device_get(compiled(*columns)))
         slots, samples, keep = (
             np.concatenate(parts_of_output)[:rows] for parts_of_output in zip(*parts, strict=True)
         )

@@ -151,8 +151,9 @@ class Map(abc.ABC):
             count = min(BATCH_SIZES[-1], len(points) - first)
             room = next(size for size in BATCH_SIZES if size >= count)
             order = np.minimum(first + np.arange(room), first + count - 1)
-            some = points[order]
-            outputs = program({name: column[order] for name, column in complete.items()}, some.at, some.modes)
+            batch = points[order]
+            parameters = {name: column[order] for name, column in complete.items()}
+            outputs = program(parameters, batch.at, batch.modes)
             batches.append(jax.tree.map(lambda leaf, n=count: np.asarray(leaf)[:n], outputs))
         image, state, status, observed, conserved, slopes = jax.tree.map(
             lambda *parts: np.concatenate(parts), *batches

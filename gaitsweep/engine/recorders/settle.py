@@ -235,11 +235,15 @@ class SettleRecorder(Recorder):
 
         `newest` and `before` (p,) are the largest distances from the state p crossings earlier, in units of
         the bound of a settled state, over the last `MOST_PERIOD` crossings and as many before them. The
-        period is p under three conditions: this distance, summed over the cycles of a whole row, is below the
-        bound; it decays, and the remaining motion, extrapolated by a geometric series, is `APART` times
-        shorter than the distance between the points of the orbit; and no divisor of p satisfies these. So
-        neither a slowly converging spiral, whose remaining motion is that distance, nor a slow drift counts
-        as periodic, unless it could not be distinguished from rest in any row.
+        period is p under three conditions:
+
+        1. This distance, summed over the cycles of a whole row, is below the bound.
+        2. It decays, and the remaining motion, extrapolated by a geometric series, is `APART` times shorter
+           than the distance between the points of the orbit; or it is too small to be told from rest.
+        3. No divisor of p satisfies these conditions.
+
+        So neither a slowly converging spiral, whose remaining motion is that distance, nor a slow drift
+        counts as periodic.
         """
         eps = 64.0 * float(jnp.finfo(newest.dtype).eps) / min(_each(self.tolerance))
         period = jnp.zeros((), jnp.int32)
@@ -253,8 +257,8 @@ class SettleRecorder(Recorder):
             # the geometric series now * (1 + r + r^2 + ...), r = now / then, times the periods of a span
             dies_away = APART * spans * now * then < way * (then - now)
             rests = now < max(NO_MOTION / in_all, eps)
-            holds = slow & (APART * now < way) & (dies_away | rests)
-            period = jnp.where(holds, p, period)
+            repeats = slow & (APART * now < way) & (dies_away | rests)
+            period = jnp.where(repeats, p, period)
         return period
 
     def readings(self, rows: RowOutcome) -> Readings:

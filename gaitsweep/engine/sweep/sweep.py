@@ -76,7 +76,7 @@ def sweep(
         # compiled before any row ends, since ended rows would wait for it
         labelled(spec, next(iter(scheduler.open.values())))
     timings.compile_s = time.perf_counter() - began
-    scheduler.go()
+    scheduler.start()
     disk = _Disk(scheduler.close, len(spec.devices) if spec.devices[0].platform == "gpu" else 1)
     keeper = _Keeper(scheduler, open_rows, disk)
     try:
@@ -212,7 +212,7 @@ class _Keeper:
         age = time.perf_counter() - self._oldest
         if age + ahead + self._disk.ahead_s + self._store_s > SAFE_WITHIN - _SPARE:
             # the rows of blocks that are being written are safe before these
-            ended = self._scheduler.ended(but=self._scheduler.taken)
+            ended = self._scheduler.ended(but=self._scheduler.being_written)
             self._oldest = None
             if ended:
                 self._storing = True

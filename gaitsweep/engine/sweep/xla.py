@@ -123,7 +123,8 @@ class XlaLanes(Lanes):
         self._lanes, output = self._chunk(self._put(np.int32(polls)), self._lanes)
         if not np.asarray(output.filled).any():
             # buffers are large and mostly empty: a broadcast zero has the same shape and needs no transfer
-            output = output._replace(kept=np.broadcast_to(np.zeros((), self._dtype), output.kept.shape))
+            empty = np.broadcast_to(np.zeros((), self._dtype), output.buffers.shape)
+            output = output._replace(buffers=empty)
         return jax.device_get(output)
 
     def _put(self, array: Shaped[np.ndarray, " ..."] | np.generic) -> Shaped[Array, " ..."]:
@@ -144,6 +145,7 @@ def _programs(
 def _open(
     one: OneLane, values: Mapping[str, Float[Array, " ..."]], starts: Mapping[str, Float[Array, ""]]
 ) -> tuple[Params, Carry, LaneRecord, Float[Array, "buffer width"]]:
+    """A trajectory's constants, carry and record, and its buffer of samples."""
     constants, carry, record, sample, keep = one.open(values, starts)
     buffer = jnp.zeros((BUFFER if sample.size else 0, sample.size), sample.dtype)
     return constants, carry, record, _appended(buffer, jnp.zeros((), jnp.int32), sample, keep)
@@ -152,6 +154,7 @@ def _open(
 def _poll(
     one: OneLane, constants: Params, carry: Carry, record: LaneRecord, samples: Float[Array, "buffer width"]
 ) -> tuple[Carry, LaneRecord, Float[Array, "buffer width"]]:
+    """A trajectory's carry, record and buffer after a poll."""
     carry, after, sample, keep = one.poll(constants, carry, record)
     return carry, after, _appended(samples, record.filled, sample, keep)
 
@@ -162,6 +165,7 @@ def _appended(
     sample: Float[Array, " width"],
     keep: Bool[Array, ""],
 ) -> Float[Array, "buffer width"]:
+    """A buffer with a sample at `place` if `keep`."""
     at_place = (jnp.arange(samples.shape[0]) == place) & keep
     return jnp.where(at_place[:, None], sample, samples)
 
@@ -169,19 +173,20 @@ def _appended(
 def _chunk(
     attempt: Callable[..., Any], poll: Callable[..., Any], polls: Int[Array, ""], lanes: Any
 ) -> tuple[Any, ChunkOutput]:
+    """The lanes after up to `polls` polls, with empty buffers, and the output for the host."""
     constants, carry, record, samples = lanes
 
-    def going(loop: Any) -> Bool[Array, ""]:
+    def goes_on(loop: Any) -> Bool[Array, ""]:
         count, _, record, _ = loop
         return (count < polls) & jnp.any(record.status == Status.running)
 
-    def turn(loop: Any) -> Any:
+    def attempts_and_poll(loop: Any) -> Any:
         count, carry, record, samples = loop
         carry = jax.lax.fori_loop(0, POLL_INTERVAL, lambda _, c: attempt(constants, c), carry)
         return count + 1, *poll(constants, carry, record, samples)
 
     opening = (jnp.zeros((), jnp.int32), carry, record, samples)
-    _, carry, record, samples = jax.lax.while_loop(going, turn, opening)
+    _, carry, record, samples = jax.lax.while_loop(goes_on, attempts_and_poll, opening)
     output = ChunkOutput(record.results(carry), record.filled, record.samples, samples)  # type: ignore[arg-type]
     # the host reads the output, so the buffers are empty again
     record = dataclasses.replace(record, filled=jnp.zeros_like(record.filled))
