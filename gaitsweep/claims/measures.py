@@ -23,6 +23,8 @@ Measure = TypeVar("Measure", bound=Callable[..., Value])
 
 MEASURES: dict[str, Callable[..., Value]] = {}
 
+BROKEN = 0.05  # s; a shorter loss of contact is a break of the stance, not a swing
+
 
 def measure(function: Measure) -> Measure:
     """Register a function as a measure, under its name; a decorator.
@@ -37,9 +39,6 @@ def measure(function: Measure) -> Measure:
     if MEASURES.setdefault(name, function) is not function:
         raise ValueError(f"A measure named {name} exists already: choose another name.")
     return function
-
-
-BROKEN = 0.05  # s; a shorter loss of contact is a break of the stance, not a swing
 
 
 class MeasureError(AnalysisError):

@@ -8,6 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from typing import BinaryIO
 
 import pandas as pd
 import yaml
@@ -106,10 +107,10 @@ def reproduce(
         TableError: the folder cannot be written.
     """
     folder = RESULTS / f"reproduce_{paper.name}" if out is None else Path(out)
-    return _Reproducing(paper, folder, quick, on_progress, on_message or (lambda sentence: None)).result()
+    return _PaperRun(paper, folder, quick, on_progress, on_message or (lambda sentence: None)).result()
 
 
-class _Reproducing:
+class _PaperRun:
     """The jobs of a paper that have run, their tables, and the verdicts on its claims."""
 
     def __init__(
@@ -236,6 +237,7 @@ class _Reproducing:
 
 
 def _inline(value: object) -> str:
+    """A value as YAML on one line, for `--set`."""
     return yaml.safe_dump(value, default_flow_style=True, width=10**6).removesuffix("...\n").strip()
 
 
@@ -281,7 +283,8 @@ def allowed(claim: Claim) -> str:
     return "equal" if claim.equals is None else f"equal to {written(claim.equals)}"
 
 
-def _write(folder: Path, name: str, write: Callable) -> None:
+def _write(folder: Path, name: str, write: Callable[[BinaryIO], object]) -> None:
+    """Write a file of the folder of a reproduction."""
     target = folder / name
     with writing(f"{target} could not be written"):
         folder.mkdir(parents=True, exist_ok=True)
