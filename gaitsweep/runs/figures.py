@@ -172,6 +172,7 @@ def draw_figures(
 
 
 def _figures_of(snapshot: Snapshot) -> tuple[list[dict[str, Any]], FigureStyle]:
+    """The figures of a directory and their style, from `job.yaml` if it was edited."""
     file = snapshot.path / JOB
     try:
         asked: Mapping[str, Any] = snapshot.job
@@ -228,5 +229,6 @@ def _shown(axis: Mapping[str, Any], step: int) -> int:
 
 
 def _ordinal(number: int) -> str:
+    """An ordinal number: 3rd, 11th, 21st."""
     ending = "th" if number % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
     return f"{number}{ending}"

@@ -65,7 +65,7 @@ def run_rows(
         )
     blocks = blocks_of(rows, context.layout)
     with naming_the_file():
-        _make(path, context, on_message)
+        _create(path, context, on_message)
         writer = PartWriter(path, context.layout)
         missing = writer.missing(blocks)
         if missing:
@@ -110,10 +110,10 @@ def blocks_of(rows: str, layout: Layout) -> Sequence[int]:
     return range(first // block, -(-min(stop, n_rows) // block))
 
 
-def _make(path: Path, context: RunContext, on_message: Callable[[str], None]) -> None:
+def _create(path: Path, context: RunContext, on_message: Callable[[str], None]) -> None:
     """Create the directory, unless another process has created it for the same job."""
 
-    def made() -> None:
+    def create() -> None:
         if (path / MANIFEST).exists():
             if manifest := claim(path, context.layout):
                 for warning in check_program(context, path, manifest):
@@ -129,7 +129,7 @@ def _make(path: Path, context: RunContext, on_message: Callable[[str], None]) ->
             continue_directory(context, directory, on_message)
             describe(context, directory)
 
-    _patiently(made)
+    _patiently(create)
 
 
 def _patiently(take: Callable[[], T]) -> T:
@@ -145,6 +145,7 @@ def _patiently(take: Callable[[], T]) -> T:
 
 
 def _run_missing(context: RunContext, writer: PartWriter, missing: list[int], on_progress: Progress) -> None:
+    """Compute the missing blocks, each of which this process locks."""
     total = context.spec.n_rows
     with BlockLocks(writer.path) as locks:
         for number in missing:

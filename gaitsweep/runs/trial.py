@@ -71,14 +71,14 @@ def trial(kind: type[Model]) -> Trial:
     if set(manifest["counts"]) == {Status.not_a_number.name}:
         faults.append(f"of which all {manifest['rows']} rows that were tried ended as not_a_number.")
     counts = ", ".join(f"{number} {status}" for status, number in manifest["counts"].items())
-    rows = manifest["rows"]
-    tried = f"Tried {rows} rows of {CYCLES} cycles over the ranges of parameters and starts: {counts}."
+    tried = f"Tried {manifest['rows']} rows of {CYCLES} cycles over the ranges of parameters and starts:"
     begun = remarks({**manifest, MISLABELLED: {}})
     crosses = table["cycles"].to_numpy(float).any()
     warned = [*(_constant(model, table) if crosses else ()), *_unmet(model, table, values)]
     if isinstance(model, HybridModel) and model.locates_events and not model.host_parameters:
         warned += _stiff(model, values)
-    return Trial(faults, [tried, *begun, *energies, *(f"Warning: {warning}" for warning in warned)])
+    sentences = [f"{tried} {counts}.", *begun, *energies]
+    return Trial(faults, [*sentences, *(f"Warning: {warning}" for warning in warned)])
 
 
 def _constant(model: Model, table: pd.DataFrame) -> list[str]:
@@ -164,7 +164,7 @@ def _stiff(model: HybridModel, values: Mapping[str, np.ndarray]) -> list[str]:
         )
 
     share, words = fastest({})
-    said = [f"At the defaults the flow is stiff: its {words}."] if share > STIFF else []
+    warnings_of_rates = [f"At the defaults the flow is stiff: its {words}."] if share > STIFF else []
     for quantity in model.parameters:
         name, column = quantity.name, values[quantity.name]
         for bound, tried in ((quantity.low, np.min(column)), (quantity.high, np.max(column))):
@@ -173,8 +173,9 @@ def _stiff(model: HybridModel, values: Mapping[str, np.ndarray]) -> list[str]:
                 more, words = fastest({name: end})
                 if more > max(STIFF, STIFFER * share):
                     far = f"{name} = {end:.4g}, far from its default {column[0]:.4g}, makes the flow stiff"
-                    said.append(f"{far}: its {words}. Bounds (low=, high=) keep rows from there.")
-    return said
+                    text = f"{far}: its {words}. Bounds (low=, high=) keep rows from there."
+                    warnings_of_rates.append(text)
+    return warnings_of_rates
 
 
 def _run(kind: type[Model], values: Mapping[str, np.ndarray], run: Settle | Trace) -> pd.DataFrame:
