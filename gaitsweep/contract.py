@@ -91,11 +91,17 @@ class Status(ResultCode):
         [False, True]
     """
 
-    running = 0, "The row has not ended yet." settled = 1, "The state at the section stopped changing, or
-    repeats every 2 to 8 crossings.", Verdict.sound cycle_limit = 2, "The row reached run.max_cycles without
-    settling." fell = 3, "The body fell, by the model's test of a fall.", Verdict.failed diverged = 4, "A
-    state variable grew past the bound of divergence.", Verdict.failed not_a_number = 5, "A state variable
-    became NaN, or the model's period is not finite.", Verdict.failed event_stall = (
+    running = 0, "The row has not ended yet."
+    settled = (
+        1,
+        "The state at the section stopped changing, or repeats every 2 to 8 crossings.",
+        Verdict.sound,
+    )
+    cycle_limit = 2, "The row reached run.max_cycles without settling."
+    fell = 3, "The body fell, by the model's test of a fall.", Verdict.failed
+    diverged = 4, "A state variable grew past the bound of divergence.", Verdict.failed
+    not_a_number = 5, "A state variable became NaN, or the model's period is not finite.", Verdict.failed
+    event_stall = (
         6,
         "Events followed each other at one instant without end (stalled_by names them).",
         Verdict.failed,

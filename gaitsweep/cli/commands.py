@@ -396,7 +396,7 @@ def reproduce(
         bool,
         typer.Option(
             "--quick",
-            help="Use fewer rows, wider tolerances and no self-check: minutes instead of half an hour.",
+            help="Use fewer rows, wider tolerances and no self-check: minutes instead of up to an hour.",
         ),
     ] = False,
     claims: Annotated[

@@ -94,8 +94,8 @@ class FollowsFixedPoints(RunKind):
         return wrong
 
     def starting_points(
-        self, rows: Design, spec: SweepSpec, sample: Int[np.ndarray, " sampled"], share: float
-    ) -> tuple[StartingPoints, StartingPoints]:
+        self, rows: Design, spec: SweepSpec, sample: Int[np.ndarray, " sampled"], *shares: float
+    ) -> list[StartingPoints]:
         mapping, values, starts = self.return_map(rows, spec, sample)
 
         def fixed_points(of_map: BatchedReturnMap) -> StartingPoints:
@@ -104,7 +104,7 @@ class FollowsFixedPoints(RunKind):
             observed = [fixed.images.observed[q.name] for q in rows.model.observables]
             return StartingPoints(fixed.converged, np.stack(observed, axis=1))
 
-        return fixed_points(mapping), fixed_points(mapping.refined(share))
+        return [fixed_points(mapping.refined(share)) for share in shares]
 
     def compile_time(self, rows: Design, spec: SweepSpec) -> float:
         """A multiple of the time in which one of the programs is compiled."""

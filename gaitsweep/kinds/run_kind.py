@@ -210,13 +210,13 @@ class RunKind(StrictModel, abc.ABC):
         return 0.0
 
     def starting_points(
-        self, rows: Design, spec: SweepSpec, sample: Int[np.ndarray, " sampled"], share: float
-    ) -> tuple[StartingPoints, StartingPoints] | None:
-        """The fixed points at which the records of some rows begin, with the job's step and a share of it.
+        self, rows: Design, spec: SweepSpec, sample: Int[np.ndarray, " sampled"], *shares: float
+    ) -> list[StartingPoints]:
+        """The fixed points at which the records of some rows begin, for each of these shares of the step.
 
-        None: the rows begin at their starts.
+        Empty: the rows begin at their starts.
         """
-        return None
+        return []
 
     def hashed(self, fields: Mapping[str, Any]) -> dict[str, Any]:
         """The fields that decide the numbers of the table."""

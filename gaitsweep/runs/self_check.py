@@ -22,6 +22,7 @@ from gaitsweep.design import Design
 from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.numerics import STEP_FACTOR, tolerance_scale
 from gaitsweep.engine.poincare.maps import wrap_difference
+from gaitsweep.engine.poincare.return_map import REFINED
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder, end_values
 from gaitsweep.engine.recorders.recorder import Recorder
@@ -230,8 +231,8 @@ def self_check(
     if context.spec.numerics.adaptive:
         check.finer = f"tolerances {1.0 / tolerance_scale(FINER):.0f} times finer"
     comparison, rerun = _Comparison(context, on_progress), None
-    points = context.job.run.starting_points(context.design, context.spec, rows, FINER)
-    if points is not None:
+    points = context.job.run.starting_points(context.design, context.spec, rows, 1.0, FINER)
+    if points:
         return check, comparison.compare_starting_points(*points, rows, check)
     if compared in ("settled", "ends"):
         rerun, resting = comparison.compare_ends(rows, check)
@@ -260,7 +261,13 @@ def compare_stored(
     """
     run, comparison = context.job.run, _Comparison(context, on_progress)
     if isinstance(rerun.result, StartingPoints):
-        differs = _other_beginnings(context.model, run, rerun.result, rerun.rows, stored(rerun.rows))
+        records = stored(rerun.rows)
+        differs = _other_beginnings(context.model, run, rerun.result, rerun.rows, records)
+        if differs.any():
+            # a branch that was lost or has a kink was followed again from the fixed point of the refined map
+            rows = rerun.rows[differs]
+            (refined,) = run.starting_points(context.design, context.spec, rows, REFINED)
+            differs[differs] = _other_beginnings(context.model, run, refined, rows, records)
     elif run.one_a_row:
         differs = comparison.other_ends(rerun, stored(rerun.rows))
     else:

@@ -29,6 +29,9 @@ from gaitsweep.engine.shapes import Integer
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import functions_of, names_in, resolve
 
+# The fraction of the step of a refined map.
+REFINED = 0.5
+
 
 @dataclasses.dataclass(frozen=True)
 class AllVariables(Chart):
@@ -87,7 +90,7 @@ class BatchedReturnMap(Map):
         numerics = self.numerics
         return numerics if isinstance(numerics, ResolvedNumerics) else numerics.resolve(self.model)
 
-    def refined(self, factor: float = 0.5) -> BatchedReturnMap:
+    def refined(self, factor: float = REFINED) -> BatchedReturnMap:
         """The same map with a factor on its steps: half of them, or tolerances 32 times finer."""
         return dataclasses.replace(self, numerics=self.integration.refined(factor))
 
