@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
 import time
 from collections import Counter
@@ -110,22 +111,22 @@ def reproduce(
     return _PaperRun(paper, folder, quick, on_progress, on_message or (lambda sentence: None)).result()
 
 
+@dataclasses.dataclass
 class _PaperRun:
     """The jobs of a paper that have run, their tables, and the verdicts on its claims."""
 
-    def __init__(
-        self,
-        paper: Paper,
-        folder: Path,
-        quick: bool,
-        on_progress: Progress | None,
-        on_message: Callable[[str], None],
-    ) -> None:
-        self.paper, self.folder, self.quick = paper, folder, quick
-        self.on_progress, self.on_message = on_progress, on_message
-        self.runs: dict[str, JobRun] = {}
-        self.sources = {name: _source(paper.job_file(name), job) for name, job in paper.jobs.items()}
-        self._tables: dict[str, pd.DataFrame] = {}
+    paper: Paper
+    folder: Path
+    quick: bool
+    on_progress: Progress | None
+    on_message: Callable[[str], None]
+    runs: dict[str, JobRun] = dataclasses.field(default_factory=dict)
+    _tables: dict[str, pd.DataFrame] = dataclasses.field(default_factory=dict)
+
+    @functools.cached_property
+    def sources(self) -> dict[str, tuple[str, str]]:
+        """The model and the constants of each job."""
+        return {name: _source(self.paper.job_file(name), job) for name, job in self.paper.jobs.items()}
 
     def result(self) -> Reproduction:
         """Run the jobs, judge the claims, and write the table and the page."""

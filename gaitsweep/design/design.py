@@ -26,6 +26,9 @@ from gaitsweep.schema.numbers import bound
 MOST_CHECKED, MOST_LETTERS = 1_000_000, 20_000_000
 MOST_CELLS = 200_000  # points of an axis whose distinct values are counted
 
+RowNumbers = Int[np.ndarray, " rows"]
+Columns = dict[str, Float[np.ndarray, " rows"]]  # the values of rows by name
+
 
 @dataclasses.dataclass(frozen=True)
 class GridAxis:
@@ -75,7 +78,7 @@ class Design:
             for name, text in derived.items()
         }
 
-    def columns(self, start: int, stop: int) -> dict[str, Float[np.ndarray, " rows"]]:
+    def columns(self, start: int, stop: int) -> Columns:
         """Values of the axes in rows start..stop-1: a float64 array (stop - start,) by name.
 
         Raises:
@@ -84,9 +87,7 @@ class Design:
         """
         return self.at(self._rows(start, stop), self.names)
 
-    def values(
-        self, start: int, stop: int
-    ) -> tuple[dict[str, Float[np.ndarray, " rows"]], dict[str, Float[np.ndarray, " rows"]]]:
+    def values(self, start: int, stop: int) -> tuple[Columns, Columns]:
         """All parameters and all starts in rows start..stop-1: float64 arrays (stop - start,) by name.
 
         Raises:
@@ -96,9 +97,7 @@ class Design:
         """
         return self.values_in(self._rows(start, stop))
 
-    def values_in(
-        self, rows: Int[np.ndarray, " rows"]
-    ) -> tuple[dict[str, Float[np.ndarray, " rows"]], dict[str, Float[np.ndarray, " rows"]]]:
+    def values_in(self, rows: RowNumbers) -> tuple[Columns, Columns]:
         """All parameters and all starts in `rows` (n,) of int64, as `values` gives them."""
         parameters = [quantity.name for quantity in self.model.parameters]
         starts = [quantity.name for quantity in self.model.initial_conditions]
@@ -106,9 +105,7 @@ class Design:
         self._check_block(rows, values)
         return {name: values[name] for name in parameters}, {name: values[name] for name in starts}
 
-    def at(
-        self, rows: Int[np.ndarray, " rows"], wanted: Iterable[str]
-    ) -> dict[str, Float[np.ndarray, " rows"]]:
+    def at(self, rows: RowNumbers, wanted: Iterable[str]) -> Columns:
         """The `wanted` names in `rows` (n,) of int64: float64 arrays (n,), in that order."""
         wanted = tuple(wanted)
         needed = self.closure(wanted)
@@ -201,7 +198,7 @@ class Design:
         """Number of rows for which the group at `position` keeps its point."""
         return math.prod(group.length for group in self.groups[position + 1 :])
 
-    def index(self, rows: Int[np.ndarray, " rows"], position: int) -> Int[np.ndarray, " rows"]:
+    def index(self, rows: RowNumbers, position: int) -> Int[np.ndarray, " rows"]:
         """The index of the point of the group at `position` in rows (n,)."""
         return rows // self.stride(position) % self.groups[position].length
 
@@ -233,9 +230,7 @@ class Design:
         letters = sum(len(text) for text in texts if isinstance(text, str))
         return count <= MOST_CHECKED and count * letters <= MOST_LETTERS
 
-    def _check_block(
-        self, rows: Int[np.ndarray, " rows"], values: Mapping[str, Float[np.ndarray, " rows"]]
-    ) -> None:
+    def _check_block(self, rows: RowNumbers, values: Columns) -> None:
         """Raise JobError for a value in `rows` (n,) that is not allowed; `checkable` names are left out."""
         for quantity in self._unchecked:
             column = values[quantity.name]
@@ -254,7 +249,7 @@ class Design:
         """The position of the group of each name that varies."""
         return {name: place for place, group in enumerate(self.groups) for name in group.axes}
 
-    def _rows(self, start: int, stop: int) -> Int[np.ndarray, " rows"]:
+    def _rows(self, start: int, stop: int) -> RowNumbers:
         if not 0 <= start <= stop <= self.n_rows:
             raise IndexError(f"Rows {start} to {stop} are out of range: the job has {self.n_rows} rows.")
         return np.arange(start, stop, dtype=np.int64)

@@ -233,7 +233,7 @@ def self_check(
     comparison, rerun = _Comparison(context, on_progress), None
     points = context.job.run.starting_points(context.design, context.spec, rows, 1.0, FINER)
     if points:
-        return check, comparison.compare_starting_points(*points, rows, check)
+        return check, comparison.compare_starting_points(rows, points[0], points[1], check)
     if compared in ("settled", "ends"):
         rerun, resting = comparison.compare_ends(rows, check)
         rows = rows[~resting]
@@ -404,7 +404,7 @@ class _Comparison:
         return RerunRows(rows, recorder, once)
 
     def compare_starting_points(
-        self, once: StartingPoints, finer: StartingPoints, rows: np.ndarray, check: SelfCheck
+        self, rows: np.ndarray, once: StartingPoints, finer: StartingPoints, check: SelfCheck
     ) -> RerunRows:
         """Compare the fixed points at which the branches of rows (n,) begin; return the rerun."""
         model = self.context.model

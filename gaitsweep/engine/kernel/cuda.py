@@ -15,6 +15,7 @@ from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.kernel import gpu_program
 from gaitsweep.engine.kernel.card import CudaDevice, DeviceArray
 from gaitsweep.engine.kernel.lanes import Kernel, KernelLanes
+from gaitsweep.engine.kernel.opening import Opened
 from gaitsweep.engine.recorders.recorder import BUFFER
 from gaitsweep.engine.sweep.lane import ChunkOutput, Device, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
@@ -78,7 +79,6 @@ class CudaLanes(KernelLanes):
         self.card.use()
         count, width = int(np.count_nonzero(fresh)), self._filling.shape[1]
         self._staged = self._filling.host(count * width).reshape(count, width)
-        self._placed = 0
         self.open_rows(params, starts, fresh)
         self._filling.to_card(self._staged.size)
         self.card.launch(self._put, count, self._slots, self._kept, self.size, self._filling, count)
@@ -97,19 +97,9 @@ class CudaLanes(KernelLanes):
             self.at_a_time = min(self.size, self.card.threads(self.run))
         self.card.wait()
 
-    def put(
-        self,
-        lanes: Int[np.ndarray, " opened"],
-        opened: Float[np.ndarray, "opened slots"],
-        samples: Float[np.ndarray, "opened width"],
-        keeps: Bool[np.ndarray, " opened"],
-    ) -> None:
-        first, n_opened = gpu_program.FILLING, opened.shape[1]
-        part = self._staged[self._placed : self._placed + lanes.size]
-        part[:, 0], part[:, 1] = lanes, keeps
-        part[:, first : first + n_opened] = opened
-        part[:, first + n_opened :] = samples
-        self._placed += lanes.size
+    def put(self, lanes: Int[np.ndarray, " opened"], opened: Opened) -> None:
+        head = np.stack([lanes, opened.keeps], axis=1)
+        self._staged[:] = np.concatenate([head, opened.slots, opened.samples], axis=1)
 
     def advance(self, polls: int) -> None:
         """Start to advance running lanes; `card.wait` waits for the end.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -23,13 +23,19 @@ from gaitsweep.engine.sweep.lane import OneLane, host_device
 # Rows that XLA opens in one call: constant, since its last bits depend on it.
 _BATCH = 64
 
-# Of each row its slots, its first sample, and whether to keep that sample.
-Opened = tuple[Float[np.ndarray, "rows slots"], Float[np.ndarray, "rows width"], Bool[np.ndarray, " rows"]]
 Columns = Mapping[str, Float[np.ndarray, " rows"]]
 
 
+class Opened(NamedTuple):
+    """Opened rows (n,): their slots, the first sample of each, and whether to keep that sample."""
+
+    slots: Float[np.ndarray, "rows slots"]
+    samples: Float[np.ndarray, "rows width"]
+    keeps: Bool[np.ndarray, " rows"]
+
+
 def opening_of(lane: OneLane, values: Any, starts: Any) -> Callable[[Columns, Columns], Opened]:
-    """The function `(values, starts) -> (slots, samples, keep)` of rows.
+    """The function `(values, starts) -> Opened` of rows.
 
     Args:
         lane: the engine's functions of one trajectory.
@@ -75,7 +81,7 @@ def _by_kernel(of_one: Callable[..., Any], values: Any, starts: Any) -> Callable
         tiled = np.ascontiguousarray(room.reshape(size, tiles, TILE).transpose(1, 0, 2))
         run(tiled.ctypes.data, tiles)
         opened = tiled[:, len(columns) :].transpose(0, 2, 1).reshape(tiles * TILE, -1)[:rows]
-        return opened[:, : slots.size], opened[:, slots.size : -1], opened[:, -1] != 0.0
+        return Opened(opened[:, : slots.size], opened[:, slots.size : -1], opened[:, -1] != 0.0)
 
     return open_rows
 
@@ -103,9 +109,6 @@ def _by_xla(of_one: Callable[..., Any]) -> Callable[[Columns, Columns], Opened]:
             columns = [{k: v[batch] for k, v in by_name.items()} for by_name in (values, starts)]
             with jax.default_device(host_device()):
                 parts.append(jax.device_get(compiled(*columns)))
-        slots, samples, keep = (
-            np.concatenate(parts_of_output)[:rows] for parts_of_output in zip(*parts, strict=True)
-        )
-        return slots, samples, keep
+        return Opened(*(np.concatenate(output)[:rows] for output in zip(*parts, strict=True)))
 
     return open_rows

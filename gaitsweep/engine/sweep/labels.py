@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float, Int, Real
+from jaxtyping import Array, Int, Real
 
 from gaitsweep.contract import Model, names_gait
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.recorders.recorder import Readings
+from gaitsweep.engine.shapes import Number, Observed
 from gaitsweep.engine.sweep.block import Block
 from gaitsweep.engine.sweep.lane import RowDrive, Values, host_device
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
@@ -73,11 +74,7 @@ def _compiled_label(model: Model, drive: RowDrive | None) -> Callable[..., Any]:
     """The function `(values, t, observed) -> labels` of many readings."""
     names = [q.name for q in model.observables]
 
-    def one(
-        values: Mapping[str, Float[Array, " ..."]],
-        t: Float[Array, ""],
-        observed: Float[Array, " observables"],
-    ) -> dict[str, Real[Array, ""]]:
+    def one(values: Any, t: Number, observed: Observed) -> dict[str, Real[Array, ""]]:
         params = model.params(values) if drive is None else drive(values, t)
         return model.label(params, {name: observed[i] for i, name in enumerate(names)})
 
