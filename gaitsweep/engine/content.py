@@ -1,4 +1,4 @@
-"""A digest of what a model computes with, and caches of programs that are keyed on it.
+"""Digests of the code and data of models, and caches of programs that are keyed on them.
 
 Two models of one class are equal if their structures are. Between two calls, though, a user may have changed
 a global, an attribute or a method of the class, or a value in a closure, and a program compiled before would
@@ -63,10 +63,9 @@ def cached_by_content(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]
 
 
 def content_of(model: Model) -> str:
-    """A digest of what the functions of a model read: their code, globals, closures and class attributes.
+    """A digest of the functions of a model: their code, globals, closures and class attributes.
 
-    Code of installed packages and of gaitsweep is read no further than their names. The digest holds in this
-    process only.
+    Code of installed packages and of gaitsweep counts by name only. Another process has another digest.
     """
     reader, key = _Reader(), _key(model)
     reader.read(type(model))
@@ -91,7 +90,7 @@ def _key(model: Model) -> tuple[str, str, int]:
 
 
 class _Reader:
-    """Adds values to a digest, with what they refer to."""
+    """Adds values to a digest, and the objects that they refer to."""
 
     def __init__(self) -> None:
         self.digest = hashlib.sha256()
@@ -166,7 +165,7 @@ class _Reader:
                 self._global(of_module[name], names)
 
     def _global(self, value: Any, names: tuple[str, ...]) -> None:
-        """Add a global; of a module what the code may read of it."""
+        """Add a global; of a module its members with one of the code's `names`."""
         if not isinstance(value, types.ModuleType) or id(value) in self._seen:
             self.read(value)
             return
@@ -209,7 +208,7 @@ class _Reader:
         elif not parts:
             try:
                 data = pickle.dumps(value)
-            except Exception:  # what cannot be stored is known by itself only
+            except Exception:  # an object that cannot be pickled has its identity
                 data = str(id(value)).encode()
             self._add("data", data)
 

@@ -126,7 +126,7 @@ def observed_at_end(
 
 
 def label_fields(model: Model) -> list[Column]:
-    """The fields that the model labels besides the gait."""
+    """The model's `label_fields`."""
 
     def read(records: Records, name: str) -> Any:
         return gaits(model, records.label(name, -1)) if names_gait(name) else records.label(name)
@@ -168,8 +168,8 @@ def _stalled_by(records: Records) -> pd.Categorical:
     words = records.of_row(records.block.fired)
     stalled = np.flatnonzero(words.any(axis=1))  # few, if any
     guards = [
-        # an event may have several guards
         " and ".join(
+            # an event may have several guards, which have its name
             dict.fromkeys(names[i] if i < len(names) else f"guard {i + 1}" for i in np.flatnonzero(row))
         )
         for row in unpacked(words[stalled])

@@ -28,7 +28,7 @@ from gaitsweep.schema.strict_model import StrictModel, kind_of, plain
 
 @dataclasses.dataclass(frozen=True)
 class Movement:
-    """A parameter that a run moves along `values`; `named` and `valued` are the job's fields with both."""
+    """A parameter that a run moves along `values`; `named` and `valued` are the paths of both in the job."""
 
     parameter: str
     values: tuple[float, ...]
@@ -93,14 +93,14 @@ class RunKind(StrictModel, abc.ABC):
         ArgumentError: an unknown field, or a value that is not allowed.
     """
 
-    # how the self-check compares a sample of rows with the same rows at finer steps: by their fixed point
-    # where they settle, by where they end, or by their first crossings
+    # how the self-check compares rows with the same rows at finer steps: at the fixed points where they
+    # settle, at their ends, or at their first crossings
     compared: ClassVar[Literal["settled", "ends", "crossings"]] = "crossings"
     one_a_row: ClassVar[bool] = False  # whether the table has one record for each row
     stores_starting_points: ClassVar[bool] = False  # whether the first record of a row is its starting point
-    figures: ClassVar[tuple[str, ...]] = ()  # kinds of figures that it feeds, beside those that name it
-    # the fields that decide nothing while the field of their key is not set, so that older results, from
-    # before there were such fields, keep their hashes
+    figures: ClassVar[tuple[str, ...]] = ()  # kinds of figures of its table, beside those that name it
+    # the fields without effect while the field of the key is not set: they are left out of the hash, so that
+    # results that are older than these fields keep theirs
     idle_without: ClassVar[Mapping[str, tuple[str, ...]]] = {}
 
     def __init__(self, **fields: Any) -> None:
@@ -113,14 +113,14 @@ class RunKind(StrictModel, abc.ABC):
             )
             raise ArgumentError("\n".join(map(str, wrong))) from None
 
-    # so that pydantic does not call it for a job, whose errors are gathered and reported with their lines
+    # pydantic then does not call it while it reads a job, whose errors are reported together
     __init__.__pydantic_base_init__ = True  # pyright: ignore[reportFunctionMemberAccess]
 
     @classmethod
     def __pydantic_init_subclass__(cls, **options: Any) -> None:
-        shown = inspect.signature(cls)  # what a notebook shows: `kind` may be left out
-        known = [parameter for name, parameter in shown.parameters.items() if name != "kind"]
-        cls.__signature__ = shown.replace(parameters=known)
+        signature = inspect.signature(cls)  # which a notebook shows
+        parameters = [parameter for name, parameter in signature.parameters.items() if name != "kind"]
+        cls.__signature__ = signature.replace(parameters=parameters)
 
     @classmethod
     def moves(cls) -> bool:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.design.vary import written_groups, written_length, written_names
 from gaitsweep.errors import UserError
 
 if TYPE_CHECKING:
@@ -48,7 +47,7 @@ def dataset_of(table: pd.DataFrame) -> xarray.Dataset:
             "to_xarray needs the package xarray: install it with pip install 'gaitsweep[xarray]'."
         ) from None
     job, manifest = table.attrs["job"], table.attrs["manifest"]
-    axes = _axes(job.get("vary", {}))
+    axes = _axes(manifest)
     lengths = {dimension: length for dimension, _, length in axes}
     row = table["row"].to_numpy(np.int64)
     record = table.groupby("row").cumcount().to_numpy()
@@ -87,11 +86,10 @@ def dataset_of(table: pd.DataFrame) -> xarray.Dataset:
     return xarray.Dataset(variables, coordinates, about)
 
 
-def _axes(vary: Mapping[str, Any]) -> list[tuple[str, tuple[str, ...], int]]:
-    """Return dimension, names that vary along it, and length of each axis of a resolved job."""
-    lengths = (written_length(form, group) for form, group in written_groups(vary))
-    groups = zip(written_names(vary), lengths, strict=True)
+def _axes(manifest: Mapping[str, Any]) -> list[tuple[str, list[str], int]]:
+    """Return dimension, names that vary along it, and length of each axis of a table."""
     points = itertools.chain([POINT], (f"{POINT}_{number}" for number in itertools.count(2)))
+    groups = [(axis["names"], axis["length"]) for axis in manifest["axes"]]
     return [(names[0] if len(names) == 1 else next(points), names, length) for names, length in groups]
 
 

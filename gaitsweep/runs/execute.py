@@ -54,7 +54,7 @@ def run_job(
     strict: bool = False,
     cluster: Cluster | None = None,
 ) -> Path:
-    """Run what a job's directory still lacks, then draw its figures.
+    """Run the rows that a job's directory lacks, then draw its figures.
 
     Args:
         job: the job.
@@ -69,9 +69,8 @@ def run_job(
         The result directory.
 
     Raises:
-        RunError, TableError: the run cannot continue; rows on disk are safe, and the next run continues.
-        KeyboardInterrupt: likewise.
-        FigureError: the table is complete, but a figure of it could not be drawn.
+        RunError, TableError, KeyboardInterrupt: the run ends; rows on disk are safe, and the next run
+        continues. FigureError: the table is complete, but a figure of it could not be drawn.
     """
     path = RESULTS / job.name if out is None else Path(out)
     on_progress = on_progress or (lambda *_, **__: None)
@@ -143,7 +142,7 @@ def _rows_leave_the_host_idle(context: RunContext) -> bool:
 
 
 class _SelfCheck:
-    """The self-check of a run: after the rows, or beside them in a thread once `begin` was called.
+    """The self-check of a run: after its rows, or at the same time in a thread once `begin` was called.
 
     Its exceptions are raised by `result`. Its rows have their own lanes; the table is read at the end.
     """

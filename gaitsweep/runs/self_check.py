@@ -99,7 +99,8 @@ class SelfCheck:
     def record_changes(self, quantities: tuple[Quantity, ...], change: np.ndarray, size: np.ndarray) -> None:
         """Update the largest changes from changes (n, quantities), where known; `size` has the same shape."""
         size = np.broadcast_to(size, change.shape)
-        # an unchanged value has the share 0 also where the size is 0, as of crossings at one instant
+        # an unchanged value has the share 0 even if its size is 0, as the interval of crossings at one
+        # instant
         share = np.divide(change, size, out=np.where(change > 0.0, np.inf, 0.0), where=size > 0.0)
         share[np.isnan(size)] = 0.0
         for i, quantity in enumerate(quantities):
@@ -388,7 +389,7 @@ class _Comparison:
             return RerunRows(rows, recorder, once)
         counts = counted(model, observed[0], observed[1])
         off = most > np.where(counts, 0.0, TOLERANCES * TOLERANCE * size)
-        # what a start moved by 1e-9 changes as much is the motion's own sensitivity
+        # a change that a start moved by 1e-9 also causes is due to the sensitivity of the motion
         spread = np.nanmax(changes(model, observed[0], observed[2]), axis=1, initial=0.0)
         wrong = off & (most > spread / MOVED * LOCAL_ERROR)
         late = np.nanmax(np.abs(times[0] - times[1]), axis=1, initial=0.0)

@@ -117,7 +117,7 @@ class CudaDevice:
         return self._pinned.allocate(size * _NUMBER)
 
     def copy(self, source: Any, target: Any, size: int) -> None:
-        """Copy the first `size` numbers of a piece of memory, after all earlier launches."""
+        """Copy the first `size` numbers of one memory to another, after all earlier launches."""
         self._copy_bytes(source, target, size * _NUMBER)
 
     def _copy_bytes(self, source: Any, target: Any, size: int) -> None:
@@ -177,7 +177,7 @@ class CudaDevice:
         return THREADS * blocks * self.use().properties.multiprocessor_count
 
     def launch(self, kernel: Any, threads: int, *args: DeviceArray | int) -> None:
-        """Start a kernel with at least so many threads; its arguments are `DeviceArray` and int."""
+        """Start a kernel with at least `threads` threads and these arguments."""
         config = self._core.LaunchConfig(grid=-(-threads // THREADS), block=THREADS)
         converted = [a.buffer if isinstance(a, DeviceArray) else ctypes.c_longlong(a) for a in args]
         self._core.launch(self._stream, config, kernel, *converted)

@@ -25,8 +25,8 @@ from gaitsweep.engine.kernel.source import C, c_function, c_structure, name_all,
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
 # Threads of a block, each of which may have 255 registers, the maximum. With 168 or 128 registers more
-# threads run at once, but spill more: a body of 15 joints makes 0.58 and 0.4 times the steps. Without the
-# bound of one block at a time the compiler may choose so few by itself, even 32.
+# threads run at once, but spill more: a body of 15 joints makes 0.58 and 0.4 times the steps. The bound of
+# one block at a time keeps the compiler from choosing as few as 32.
 THREADS = 128
 # The parameters of a poll, by name.
 _OF_POLL = {
@@ -43,7 +43,7 @@ READ_AGAIN = 60
 FILLING = 2
 _FORMATS: dict[Kind, Any] = {"f64": np.float64, "int": np.float64, "f32": np.float32, "bool": np.bool_}
 
-# What differs between the compilers of a card and of a host, on which tests run the rest.
+# Definitions for the compiler of a card; tests compile the same source for a host with others.
 HEAD = f"""#define INFINITE __longlong_as_double(0x7ff0000000000000LL)
 #define NOT_A_NUMBER __longlong_as_double(0x7ff8000000000000LL)
 #define CONSTANT __constant__
@@ -330,7 +330,8 @@ class _Thread:
         read_at: dict[int, int] = {}
 
         def read(at: int, place: int) -> None:
-            # a value that is read anew needs no register in between; `volatile` keeps it from being shared
+            # a value that is read again needs no register in between; without `volatile` it would be read
+            # once
             slot, read_at[at] = chunk.slot_of(at), place
             names[at] = f"r{slot}_{place}"
             value = C.loaded(program.nodes[at].kind, f"((volatile const double*)S)[{slot} * n + i]")

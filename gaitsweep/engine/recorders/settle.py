@@ -244,7 +244,7 @@ class SettleRecorder(Recorder):
 
         1. This distance, summed over the cycles of a whole row, is below the bound.
         2. It decays, and the remaining motion, extrapolated by a geometric series, is `APART` times shorter
-           than the distance between the points of the orbit; or it is too small to be told from rest.
+           than the distance between the points of the orbit; or it cannot be distinguished from rest.
         3. No divisor of p satisfies these conditions.
 
         So neither a slowly converging spiral, whose remaining motion is that distance, nor a slow drift

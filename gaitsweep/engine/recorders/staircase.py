@@ -46,13 +46,13 @@ BATCH = 1024
 @final
 @dataclasses.dataclass(frozen=True)
 class StepRecorder(Recorder):
-    """The end of each stair: stair, crossings, t, settled, slowest, the observables at the last crossing.
+    """Records the end of each stair: its number, the crossings, t (s), settled, slowest, the observables.
 
-    Settled: no observable is farther from its value at any of the last `SETTLE_WINDOW` crossings than
-    `SETTLE_WINDOW` times its `tolerance`, in units of its scale, and as many crossings were on this stair
-    (a fixed point: orbits of several crossings do not settle here); else `slowest` is the number of the
-    observable that moved most, -1 where it is not known. The row is moved by a drive over the same `stairs`;
-    its state goes on from stair to stair.
+    The observables are those at the last crossing. A stair is settled if each observable differs from its
+    values at the last `SETTLE_WINDOW` crossings by less than `SETTLE_WINDOW` times its `tolerance`, in
+    units of its scale, and all of these crossings were on this stair; orbits of several crossings do not
+    settle. Else `slowest` is the number of the observable that moved most, -1 if it is unknown. A drive
+    over the same `stairs` moves the parameter; the state continues from stair to stair.
     """
 
     model: Model

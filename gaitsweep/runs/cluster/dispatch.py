@@ -216,7 +216,16 @@ class Cluster(Executor):
 
 
 class Dispatch:
-    """The blocks of one table on their way to workers and back; arguments as of `Cluster.run_blocks`."""
+    """The dispatch of the blocks of one table.
+
+    Args:
+        cluster: the cluster.
+        directory: the result directory of the table.
+        assignment: the description that all tasks share.
+        missing: the numbers of the blocks.
+        on_progress: progress callback; an exception that it raises stops the dispatch.
+        rows_in: function that chooses the rows of a refined run, or None.
+    """
 
     def __init__(
         self,
@@ -348,7 +357,8 @@ class Dispatch:
             self.workers.refuse(error.address, str(error))
             self.waiting.appendleft(number)
             return
-        # the block's own record counts deaths; a scheduler also blames blocks that waited beside it
+        # the block's own record counts deaths; a scheduler also counts those of blocks that waited on a
+        # worker
         if isinstance(error, NoValidWorkerError | Unwanted) or (
             isinstance(error, KilledWorker) and not self.cluster.collect
         ):

@@ -166,7 +166,7 @@ def _held(writer: PartWriter, number: int, patience: float) -> Iterator[bool]:
             raise WorkerUnfit(f"{writer.path / BLOCK_LOCKS} cannot be written: {reason(error)}") from error
         try:
             yield missing
-        finally:  # by an exception too: what does not come here is a worker that died
+        finally:  # after an exception too; a worker that died leaves its start without an end
             if missing:
                 with contextlib.suppress(OSError):
                     locks.end(number)
