@@ -186,10 +186,9 @@ def unknowns(rows: Design) -> int:
     if chart is not None:
         return len(chart.coordinates)
 
-    def begin(values: Any, start: Any) -> Any:
+    def initial_state(values: Any, start: Any) -> Any:
         return rows.model.init(rows.model.params(values), start)
 
-    first = [
-        {name: column[0] for name, column in part.items()} for part in rows.values_in(np.zeros(1, np.int64))
-    ]
-    return sum(int(np.size(leaf)) for leaf in jax.tree.leaves(jax.eval_shape(begin, *first)))
+    parameters_and_starts = rows.values_in(np.zeros(1, np.int64))
+    first = [{name: column[0] for name, column in columns.items()} for columns in parameters_and_starts]
+    return sum(int(np.size(leaf)) for leaf in jax.tree.leaves(jax.eval_shape(initial_state, *first)))

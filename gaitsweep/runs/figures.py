@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import json
 import math
@@ -72,8 +73,8 @@ def _draw_missing_figures(directory: ResultDirectory, job: Mapping[str, Any], on
     """Draw the figures that a complete directory lacks; existing ones were drawn from the same rows."""
     drawn = directory.manifest.get("figures_drawn", {})
     specs, style = read_figures(job, str(directory.path / JOB))
-    asked = style.model_dump(mode="json", exclude_none=True)
-    by_name = {name: asked | spec for spec in specs for name in _file_names(spec, style)}
+    style_fields = style.model_dump(mode="json", exclude_none=True)
+    by_name = {name: style_fields | spec for spec in specs for name in _file_names(spec, style)}
     wanted = {
         name
         for name, spec in by_name.items()
@@ -139,7 +140,7 @@ def draw_figures(
     snapshot, table = load_with_snapshot(path, rows=None if shown is None else shown.rows)
     if shown is not None:
         table.attrs["thinned"] = shown.remark
-    specs, below = _figures_of(snapshot)
+    specs, job_style = _figures_of(snapshot)
     if not specs:
         return []
     folder = Path(path) / FIGURES
@@ -147,24 +148,24 @@ def draw_figures(
         own_folder(folder)
     files, refused = [], []
     for number, spec in enumerate(specs):
-        own = read_style(**{key: spec.pop(key) for key in STYLE_FIELDS if key in spec})
-        asked = (style or FigureStyle()).over(own).over(below)
-        wanted = [folder / name for name in _file_names(spec, asked) if names is None or name in names]
+        own_style = read_style(**{key: spec.pop(key) for key in STYLE_FIELDS if key in spec})
+        whole_style = (style or FigureStyle()).over(own_style).over(job_style)
+        wanted = [folder / name for name in _file_names(spec, whole_style) if names is None or name in names]
         if not wanted:
             continue
         if on_progress is not None:
             on_progress(len(files) + 1)
         fields = {key: value for key, value in spec.items() if key not in ("kind", "name")}
         try:
-            with styled(asked):
+            with styled(whole_style):
                 figure = draw(spec["kind"], table, **fields)
         except UserError as error:
             refused.append(f"figures[{number}] ({spec['kind']}): {error}")
             continue
         for file in wanted:
-            look = {"format": file.suffix[1:], "dpi": asked.dpi or 150}
+            save = functools.partial(figure.savefig, format=file.suffix[1:], dpi=whole_style.dpi or 150)
             with writing(f"{file} could not be written"):
-                replace_file(file, lambda stream, look=look, figure=figure: figure.savefig(stream, **look))
+                replace_file(file, save)
             files.append(file)
     if refused:
         raise FigureError("\n".join(refused), files)

@@ -111,6 +111,7 @@ def sweep(
 
 
 def _encoded(spec: SweepSpec, block: Block, encode: Callable[[int, RowOutcome], Any] | None) -> Any:
+    """The labelled rows of a block, converted by `encode` if it is given."""
     result = labelled(spec, block)
     return result if encode is None else encode(block.number, result)
 
@@ -133,7 +134,7 @@ class _Disk:
         self._most = self.MOST * cards
         self._encoding = ThreadPoolExecutor(self.ENCODING * cards)
         # writes in progress, each with the function to call when it is on disk
-        self._waiting: deque[tuple[Future[None], Callable[[], None]]] = deque()
+        self._pending: deque[tuple[Future[None], Callable[[], None]]] = deque()
         self._longest_s = 1.0  # s of writing a block; the first time it loads libraries
 
     def write(self, number: int, encode: Callable[[], Any], write: Callable[[Any], None]) -> None:
@@ -142,32 +143,32 @@ class _Disk:
         encoded = self._encoding.submit(encode)
         job = self._thread.submit(self._timed, lambda: write(encoded.result()))
         # a block that could not be written stays open, so that its rows are stored
-        self._waiting.append((job, lambda: self._written(number)))
+        self._pending.append((job, lambda: self._written(number)))
 
     def store(self, keep: Callable[[], None], stored: Callable[[], None]) -> None:
         """Queue rows for `keep`, and call `stored` afterwards."""
-        self._waiting.append((self._thread.submit(keep), stored))
+        self._pending.append((self._thread.submit(keep), stored))
 
     def take_done(self, most: int) -> None:
         """Record finished writes, and wait until fewer than `most` writes are pending."""
-        while self._waiting and (len(self._waiting) >= most or self._waiting[0][0].done()):
+        while self._pending and (len(self._pending) >= most or self._pending[0][0].done()):
             self._take()
 
     def _take(self) -> None:
-        future, done = self._waiting.popleft()
+        future, done = self._pending.popleft()
         future.result()
         done()
 
     @property
     def ahead_s(self) -> float:
         """The estimated time (s) until one more block would be written."""
-        return (1 + sum(not future.done() for future, _ in self._waiting)) * self._longest_s
+        return (1 + sum(not future.done() for future, _ in self._pending)) * self._longest_s
 
     def end(self) -> None:
         """Finish all pending writes; raises the error of the first one that failed."""
         failures: list[BaseException] = []
         try:
-            while self._waiting:
+            while self._pending:
                 try:
                     self._take()
                 except BaseException as failure:
