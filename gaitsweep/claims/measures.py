@@ -8,6 +8,7 @@ from typing import Annotated, Any, TypeVar
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Int, Shaped
+from numpy.typing import ArrayLike
 from pydantic import AfterValidator
 
 from gaitsweep import models
@@ -163,7 +164,7 @@ def _plain(column: pd.Series) -> Shaped[np.ndarray, " rows"]:
     return column.astype(object).where(column.notna(), np.nan).to_numpy(object)
 
 
-def masked(table: pd.DataFrame, mask: Any) -> pd.DataFrame:
+def masked(table: pd.DataFrame, mask: ArrayLike) -> pd.DataFrame:
     """The records (n,) where `mask` (n,) is true."""
     return pd.DataFrame(table.loc[np.asarray(mask, bool)])
 

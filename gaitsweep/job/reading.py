@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ValidationError
 
@@ -22,13 +22,16 @@ from gaitsweep.kinds.run_kind import RunKind, table_columns
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, from_pydantic, quoted
 from gaitsweep.schema.numbers import SCOPE, Scope
 
+if TYPE_CHECKING:
+    from gaitsweep.job.job import Job
+
 FITS = ("search", "sensitivity")  # fields of jobs that a command of the same name reads
 _READ_HERE = ("params", "start", "vary", "structure")  # parts of a job that pydantic gets as they were read
 
 
 def read_job(
-    data: Any, folder: Path, handler: Callable[[Any], Any], sections: dict[str, SchemaSection]
-) -> tuple[Any, Design, ResolvedNumerics]:
+    data: Any, folder: Path, handler: Callable[[Any], Job], sections: dict[str, SchemaSection]
+) -> tuple[Job, Design, ResolvedNumerics]:
     """The job built by pydantic, its rows, and its numerics.
 
     Model, structure, params, start and vary come first, since expressions in the other parts use them.
@@ -105,6 +108,7 @@ def read_job(
 
 
 def _plain(value: Any) -> Any:
+    """The fields of a model of pydantic, such as a run kind; other values unchanged."""
     return value.model_dump() if isinstance(value, BaseModel) else value
 
 
@@ -187,9 +191,9 @@ def _scope(design: Design | None, spec: ModelSpec | None, moved: str | None) -> 
     return Scope(fixed, moving)
 
 
-def _check_whole(design: Design, spec: ModelSpec, job: Any, numerics: ResolvedNumerics) -> list[Diagnostic]:
+def _check_whole(design: Design, spec: ModelSpec, job: Job, numerics: ResolvedNumerics) -> list[Diagnostic]:
     """Diagnostics about sections that are valid by themselves but do not fit together."""
-    run: RunKind = job.run
+    run = job.run
     diagnostics: list[Diagnostic] = []
     for movement in run.movements:
         parameter = movement.parameter

@@ -33,7 +33,7 @@ unregister = RUN_KINDS.unregister
 import_all("run_kinds")
 
 
-def parameter_written(run: Any) -> Any:
+def parameter_written(run: Any) -> object:
     """The parameter that a run moves, as written in a job that is not checked yet, or None."""
     name = run.get("kind") if isinstance(run, Mapping) else None
     kind = RUN_KINDS.get(name) if isinstance(name, str) else None

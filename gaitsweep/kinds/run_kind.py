@@ -244,7 +244,7 @@ class RunKind(StrictModel, abc.ABC):
             records = Records.one_a_sample(model, block, self.recorder(model).names)
         columns: dict[str, Any] = {"row": records.rows}
         columns |= {name: records.of_row(values) for name, values in axes.items()}
-        columns |= {column.name: column.of(records) for column in self.all_columns(model)}
+        columns |= {column.name: column.values(records) for column in self.all_columns(model)}
         return pd.DataFrame(columns)
 
 

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from gaitsweep.contract import Model
+from gaitsweep.contract import Model, Params
 from gaitsweep.design import Design
 from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.numerics import ResolvedNumerics
@@ -182,7 +182,7 @@ class Drive:
         self._following = rows.following(moved)
         self.times = schedule.times
 
-    def __call__(self, values: Any, t: jax.Array) -> Any:
+    def __call__(self, values: Mapping[str, jax.Array], t: jax.Array) -> Params:
         moved = {**values, self._moved: self._schedule.at(t)}
         return self._rows.model.params(resolve(self._following, moved, functions_of(jnp)))
 

@@ -16,7 +16,7 @@ import pandas as pd
 
 from gaitsweep import models
 from gaitsweep.angle_difference import wrapped_difference
-from gaitsweep.contract import HybridModel, Model, Quantity, State, Status
+from gaitsweep.contract import HybridModel, Model, Params, Quantity, State, Status
 from gaitsweep.dynamics.declarations import SingleEvent, mode, observable
 from gaitsweep.dynamics.declared_model import DeclaredModel
 from gaitsweep.engine.flow_spectrum import flow_eigenvalues
@@ -111,7 +111,7 @@ def _counting(model: Model) -> type[Model]:
     if not (number := len(_counted(model))):
         return kind
 
-    def jump(self: DeclaredModel, params: Any, state: State, fired: jax.Array) -> State:
+    def jump(self: DeclaredModel, params: Params, state: State, fired: jax.Array) -> State:
         after = kind.jump(self, params, state, fired)
         happens = jnp.stack(list(self.happening(params, state, fired).values()))
         return after.replace(**{_TIMES: getattr(state, _TIMES) + happens.astype(int)})
@@ -227,7 +227,7 @@ def _with_rates(kind: type[Model]) -> type[Model]:
         base: Any = super(watched, self)
         return (*base.signals, *more)
 
-    def signal(self: HybridModel, params: Any, state: State) -> dict[str, jax.Array]:
+    def signal(self: HybridModel, params: Params, state: State) -> dict[str, jax.Array]:
         with_rates = kind.signal(self, params, state)
         rates = self.flow(params, state)
         at = {name: getattr(state, name) for name in rates}
@@ -242,7 +242,7 @@ def _with_rates(kind: type[Model]) -> type[Model]:
     return watched
 
 
-def _shapes(model: Model) -> tuple[Any, Any]:
+def _shapes(model: Model) -> tuple[Params, State]:
     """The shapes of a model's parameters and of its state."""
     number = jax.ShapeDtypeStruct((), float)
     params = jax.eval_shape(model.params, {q.name: number for q in model.parameters})

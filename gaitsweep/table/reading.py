@@ -438,7 +438,7 @@ def _near_column(path: Path, name: str) -> str:
 
 
 def _joined(name: str, parts: _Parts) -> Any:
-    """A column of all parts."""
+    """A column of all parts: categorical, an array, or a series."""
     whole = parts.whole(name)
     if not any(name in part.categories for part in parts.parts):
         return _promoted(name, parts.parts) if whole is None else whole
@@ -468,7 +468,8 @@ def _promoted(name: str, parts: list[_Part]) -> pd.Series:
     return pa.chunked_array(chunks, common).to_pandas()
 
 
-def _in_arrow(piece: Any) -> pa.ChunkedArray:
+def _in_arrow(piece: np.ndarray | pa.Array | pa.ChunkedArray) -> pa.ChunkedArray:
+    """A column of a part, which may be missing or lie in NumPy's memory, as an array of Arrow."""
     return piece if isinstance(piece, pa.ChunkedArray) else pa.chunked_array([pa.array(piece)])
 
 

@@ -39,9 +39,9 @@ from gaitsweep.runs.prepare import RunContext
 from gaitsweep.table import ResultDirectory, replace_file, writing
 from gaitsweep.table.locks import BLOCK_LOCKS
 
-# Tasks in flight: two for each worker, so that none waits for the client, or as many as end in this time (s).
-_AHEAD = 1.0
-_MOST_IN_FLIGHT = 4096
+# Tasks in flight: two for each worker, so that no worker waits for the client, or as many as end in
+# `_AHEAD` s.
+_AHEAD, _MOST_IN_FLIGHT = 1.0, 4096
 _MOST_GATHERED = 16  # parts that come back through the scheduler at the same time
 # Time between two polls of the tasks (s) if more than `_MANY` end in a second, and else: each poll takes
 # time of a core on which a worker may run.
@@ -248,7 +248,8 @@ class Dispatch:
         self._on_progress, self._reported = on_progress, -_REPORT
         self._began = time.monotonic()
         self._longest: float | None = None  # s, of the tasks that have ended
-        self._rate, self._ends, self._counted = 0.0, 0, self._began  # blocks a second, of the last while
+        # blocks that ended since `_counted` (s), and their number in a second before that
+        self._ends, self._counted, self._rate = 0, self._began, 0.0
         self._checked_at = self._began
         self._tasks_of_workers: dict[str, _TasksOfWorker] = {}  # by the worker's address
 
