@@ -232,6 +232,7 @@ def plot(
     width: Annotated[
         str | None, typer.Option("--width", help="Width: column (85 mm), page (180 mm), or mm.")
     ] = None,
+    height: Annotated[float | None, typer.Option("--height", help="Height of each figure, in mm.")] = None,
     formats: Annotated[
         list[str], typer.Option("--format", help="File format: png, pdf or svg; may be repeated.")
     ] = [],  # noqa: B006 - typer does not change it
@@ -253,7 +254,7 @@ def plot(
     from gaitsweep.runs.figures import FigureError, draw_figures
     from gaitsweep.table import Snapshot
 
-    given = {"width": width, "format": formats or None, "dpi": dpi}
+    given = {"width": width, "height": height, "format": formats or None, "dpi": dpi}
     given |= {"colours": dict(map(_named_colour, colours)) or None}
     given |= {"panel_letters": panel_letters or None, "marks": False if no_marks else None}
     style = read_style(**given)

@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
-import scipy
 from jaxtyping import Float, Int, UInt
 from pydantic import BeforeValidator, Field
 
@@ -243,6 +242,8 @@ def _bits(seed: int, name: str, count: int) -> UInt[np.ndarray, " points"]:
 
 def _sobol(seed: int, names: list[str], count: int) -> dict[str, Float[np.ndarray, " points"]]:
     """An unscrambled Sobol sequence with our own digital shift, since SciPy's scrambling may change."""
+    import scipy
+
     sequence = scipy.stats.qmc.Sobol(len(names), scramble=False, bits=_SOBOL_BITS)
     shifts = [_bits(seed, name, 1)[0] >> np.uint64(64 - _SOBOL_BITS) for name in names]
     points = np.empty((len(names), count))

@@ -7,13 +7,16 @@ give the numbers of before.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
+import opcode
 import pickle
 import sys
 import sysconfig
 import types
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextvars import ContextVar
 from enum import Enum
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -23,6 +26,7 @@ import jax
 import numpy as np
 
 from gaitsweep.contract import Model
+from gaitsweep.own_modules import modules_beside
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -35,8 +39,33 @@ _FORMAL = {
     *("__slots__", "__abstractmethods__", "_abc_impl", "__firstlineno__", "__static_attributes__"),
     *("__annotate_func__", "__annotations_cache__", "__annotate__", "__classdictcell__"),
 }
-_CODES: WeakKeyDictionary[types.CodeType, tuple[bytes, tuple[str, ...]]] = WeakKeyDictionary()
+# packages whose versions, or whose meaning, are the same wherever a digest for other processes is compared
+_KNOWN = {
+    *("gaitsweep", "jax", "jaxlib", "jaxtyping", "numpy", "builtins", "math", "cmath", "operator"),
+    *("abc", "collections", "dataclasses", "enum", "functools", "itertools", "types", "typing"),
+}
+# names in code that may read what no digest holds
+_UNKNOWN = {
+    *("__dict__", "__import__", "compile", "eval", "exec", "fromfile", "fromregex", "genfromtxt", "getattr"),
+    *(
+        "globals",
+        "hash",
+        "id",
+        "import_module",
+        "input",
+        "load",
+        "loadtxt",
+        "locals",
+        "memmap",
+        "open",
+        "vars",
+    ),
+    *("random", "devices", "default_backend", "device_count", "local_devices", "callback", "pure_callback"),
+}
+_IMPORTS = opcode.opmap["IMPORT_NAME"]
+_CODES: WeakKeyDictionary[types.CodeType, tuple[bytes, tuple[str, ...], bool]] = WeakKeyDictionary()
 _FILES: dict[tuple[str, str, int], set[Path]] = {}
+_HELD: ContextVar[dict[tuple[Any, ...], str] | None] = ContextVar("held", default=None)
 _LATEST: dict[tuple[str, str, int], str] = {}  # by module, name and structure
 
 
@@ -67,9 +96,10 @@ def content_of(model: Model) -> str:
 
     Code of installed packages and of gaitsweep counts by name only. Another process has another digest.
     """
-    reader, key = _Reader(), _key(model)
-    reader.read(type(model))
-    reader.attributes(model)
+    held = _HELD.get()
+    if held is not None and (known := held.get((type(model), model))) is not None:
+        return known
+    reader, key = _read(model), _key(model)
     for file in sorted(_FILES.get(key, ())):
         reader.read((str(file), (file.stat().st_mtime_ns, file.stat().st_size) if file.is_file() else None))
     content = reader.digest.hexdigest()
@@ -77,12 +107,66 @@ def content_of(model: Model) -> str:
     if _LATEST.get(key, content) != content:
         jax.clear_caches()
     _LATEST[key] = content
+    if held is not None:
+        held[type(model), model] = content
     return content
+
+
+@contextlib.contextmanager
+def held_contents() -> Iterator[None]:
+    """A context in which models do not change, so that the content of each is read once."""
+    outer = _HELD.get()
+    token = _HELD.set({} if outer is None else outer)
+    try:
+        yield
+    finally:
+        _HELD.reset(token)
+
+
+def lasting_content(model: Model, *others: Any) -> str | None:
+    """A digest of a model and other objects that holds in other processes as well.
+
+    It includes the sources of the model's modules. None for a model that may read what no digest holds:
+    files, the environment, a clock, packages other than JAX and NumPy, or a class without a source.
+    """
+    if _FILES.get(_key(model)):
+        return None
+    held = {} if (held := _HELD.get()) is None else held
+    if (content := held.get((type(model), model, "lasting"))) is None:
+        content = held[type(model), model, "lasting"] = _lasting(model)
+    reader = _Reader(model, type(model))
+    reader.read((content, others))
+    return reader.digest.hexdigest() if content and reader.lasting else None
+
+
+def _lasting(model: Model) -> str:
+    module = sys.modules.get(type(model).__module__)
+    if module is None or model.host_parameters or model.data_digest:
+        return ""
+    reader = _read(model)
+    if is_users(module.__name__):
+        sources = modules_beside(module)
+        reader.lasting &= bool(sources)
+        for name, file in sorted(sources.items()):
+            try:
+                reader.read((name, file.read_bytes()))
+            except OSError:
+                reader.lasting = False
+    return reader.digest.hexdigest() if reader.lasting else ""
+
+
+def _read(model: Model) -> _Reader:
+    reader = _Reader()
+    reader.read(type(model))
+    reader.attributes(model)
+    return reader
 
 
 def depends_on(model: Model, files: Iterable[Path]) -> None:
     """Let the content of a model include files that its functions read as they are traced."""
     _FILES.setdefault(_key(model), set()).update(files)
+    if (held := _HELD.get()) is not None:
+        held.pop((type(model), model), None)
 
 
 def _key(model: Model) -> tuple[str, str, int]:
@@ -90,11 +174,12 @@ def _key(model: Model) -> tuple[str, str, int]:
 
 
 class _Reader:
-    """Adds values to a digest, and the objects that they refer to."""
+    """Adds values to a digest, with what they refer to; `known` are added by their places alone."""
 
-    def __init__(self) -> None:
+    def __init__(self, *known: Any) -> None:
         self.digest = hashlib.sha256()
-        self._seen: dict[int, int] = {}
+        self.lasting = True  # whether the digest holds in other processes
+        self._seen: dict[int, int] = {id(value): place for place, value in enumerate(known)}
         self._alive: list[Any] = []  # an object that is gone would leave its id to another
 
     def read(self, value: Any) -> None:
@@ -113,6 +198,7 @@ class _Reader:
         elif isinstance(value, type):
             self._class(value)
         elif isinstance(value, types.ModuleType):
+            self._know(value.__name__)
             self._add("module", value.__name__.encode())
         elif isinstance(value, Enum):
             self._add("enum", f"{kind.__module__}.{value}".encode())
@@ -136,6 +222,11 @@ class _Reader:
                 self._add("attribute", name.encode())
                 self.read(getattr(value, name))
 
+    def _know(self, module: str | None) -> None:
+        """Note whether other processes know what a module defines, by its name or its content."""
+        top = str(module).partition(".")[0]
+        self.lasting &= top in _KNOWN or (top in sys.modules and is_users(str(module)))
+
     def _add(self, what: str, data: bytes) -> None:
         self.digest.update(f"{what} {len(data)}:".encode() + data)
 
@@ -146,7 +237,7 @@ class _Reader:
             self.read(item)
 
     def _function(self, function: types.FunctionType) -> None:
-        digest, names = _code(function.__code__)
+        digest, names, names_are_known = _code(function.__code__)
         self._add("function", digest)
         self.read(function.__defaults__)
         self.read(function.__kwdefaults__)
@@ -156,8 +247,10 @@ class _Reader:
             except ValueError:  # not filled yet
                 self._add("empty", b"")
         of_module = function.__globals__
+        self._know(of_module.get("__name__"))
         if not is_users(str(of_module.get("__name__"))):
             return
+        self.lasting &= names_are_known
         self.read(vars(function))
         for name in names:
             if name in of_module:
@@ -170,6 +263,7 @@ class _Reader:
             self.read(value)
             return
         users = is_users(value.__name__)
+        self._know(value.__name__)
         self._add("module", value.__name__.encode())
         for name in names:
             part = vars(value).get(name)
@@ -180,6 +274,7 @@ class _Reader:
     def _class(self, kind: type) -> None:
         self._add("class", f"{kind.__module__}.{kind.__qualname__}".encode())
         for base in kind.__mro__:
+            self._know(base.__module__)
             if not is_users(base.__module__) and not base.__module__.startswith("gaitsweep.models."):
                 continue
             for name, value in list(vars(base).items()):
@@ -192,12 +287,16 @@ class _Reader:
             array = np.asarray(value)
             data = pickle.dumps(array) if array.dtype.hasobject else array.tobytes()
         except Exception:  # a tracer, or keys of random numbers
+            self.lasting = False
             self._add("object", str(id(value)).encode())
             return
         self._add(f"{array.dtype} {array.shape}", data)
 
     def _object(self, value: Any) -> None:
         kind = type(value)
+        self._know(
+            kind.__module__ if kind.__module__ != "builtins" else getattr(value, "__module__", "builtins")
+        )
         self._add("object", f"{kind.__module__}.{kind.__qualname__}".encode())
         parts = [name for name in _PARTS.get(kind, ("__wrapped__",)) if hasattr(value, name)]
         for name in parts:
@@ -208,7 +307,8 @@ class _Reader:
         elif not parts:
             try:
                 data = pickle.dumps(value)
-            except Exception:  # an object that cannot be pickled has its identity
+            except Exception:  # what cannot be stored is known by itself only
+                self.lasting = False
                 data = str(id(value)).encode()
             self._add("data", data)
 
@@ -232,23 +332,26 @@ def _slots(kind: type) -> Iterator[str]:
                 yield name
 
 
-def _code(code: types.CodeType) -> tuple[bytes, tuple[str, ...]]:
-    """The digest of a code object, and the names that it and the code inside it read."""
-    known = _CODES.get(code)
-    if known is None:
+def _code(code: types.CodeType) -> tuple[bytes, tuple[str, ...], bool]:
+    """The digest of a code object, the names that it and its inner code read, and whether these are known."""
+    entry = _CODES.get(code)
+    if entry is None:
         names, digest = dict.fromkeys(code.co_names), hashlib.sha256()
+        known = _UNKNOWN.isdisjoint(code.co_names) and _IMPORTS not in code.co_code[::2]
         shape = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
         digest.update(repr((shape, code.co_names, code.co_varnames, code.co_freevars)).encode())
         digest.update(code.co_code + getattr(code, "co_exceptiontable", b""))
         for constant in code.co_consts:
             if isinstance(constant, types.CodeType):
-                inner, more = _code(constant)
+                inner, more, inner_known = _code(constant)
+                known &= inner_known
                 digest.update(inner)
                 names |= dict.fromkeys(more)
             else:
-                digest.update(f"{type(constant).__name__} {constant!r}".encode())
-        known = _CODES[code] = digest.digest(), tuple(names)
-    return known
+                text = sorted(map(repr, constant)) if isinstance(constant, frozenset) else repr(constant)
+                digest.update(f"{type(constant).__name__} {text}".encode())
+        entry = _CODES[code] = digest.digest(), tuple(names), known
+    return entry
 
 
 @functools.lru_cache(maxsize=4096)

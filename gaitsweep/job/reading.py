@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from gaitsweep.job.job import Job
 
 FITS = ("search", "sensitivity")  # fields of jobs that a command of the same name reads
+_OF_VALUES = ("config", "model", "structure", "params", "start", "vary")  # fields that decide a row's values
 _READ_HERE = ("params", "start", "vary", "structure")  # parts of a job that pydantic gets as they were read
 
 
@@ -83,28 +84,69 @@ def read_job(
     if spec is not None and not vary.diagnostics:
         design = _design(spec, vary.groups, settings, moved, diagnostics)
     token = SCOPE.set(_scope(design, spec, moved))
-    job = None
     try:
-        job = handler(fields)
+        job, places = handler(fields), None
     except ValidationError as error:
-        diagnostics.extend(from_pydantic(error, sections, ""))
+        wrong = from_pydantic(error, sections, "")
+        diagnostics.extend(wrong)
+        job, places = _without(fields, wrong, handler)
     finally:
         SCOPE.reset(token)
-    config.refuse(diagnostics)
+    if job is None or design is None or spec is None:
+        config.refuse(diagnostics)
     assert job is not None
     assert design is not None
     assert spec is not None
-    for movement in job.run.movements:
-        if movement.parameter not in spec.parameters:
-            reason = spec.unknown(movement.parameter, "params") or ""
-            config.refuse([Diagnostic(movement.named, f"is {movement.parameter}, which {reason}")])
+    diagnostics.extend(_unknown_movements(job.run, spec))
     if job.run.moved is not None and job.run.turns:  # a trace may lack its path, which its check reports
         first = {job.run.moved: job.run.turns[0]}
         design = dataclasses.replace(design, settings={**design.settings, **first})
+    if diagnostics:
+        config.refuse([*diagnostics, *_beside(diagnostics, design, spec, job, places)])
     numerics = job.numerics.resolve(spec.model, job.engine.contraction)
     config.refuse(_check_whole(design, spec, job, numerics))
     config.refuse(check_steps(design, job.run, numerics))
     return job, design, numerics
+
+
+def _unknown_movements(run: RunKind, spec: ModelSpec) -> list[Diagnostic]:
+    """Diagnostics about parameters that a run moves and the model does not have."""
+    return [
+        Diagnostic(movement.named, f"is {name}, which {spec.unknown(name, 'params') or ''}")
+        for movement in run.movements
+        if (name := movement.parameter) not in spec.parameters
+    ]
+
+
+def _beside(
+    diagnostics: Sequence[Diagnostic], design: Design, spec: ModelSpec, job: Job, places: list[int] | None
+) -> list[Diagnostic]:
+    """Diagnostics that do not follow from those already found; `places` are those of the job's figures."""
+    figures = dict(zip(range(len(job.figures)) if places is None else places, job.figures, strict=True))
+    later = check_figures(figures, job.style, design, job.run)
+    if not {"", "run", *_OF_VALUES} & {str(*diagnostic.path[:1]) for diagnostic in diagnostics}:
+        later += check_ranges(design, spec, job.run)
+    return later
+
+
+def _without(
+    ready: Mapping[str, Any], wrong: Sequence[Diagnostic], handler: Callable[[Any], Any]
+) -> tuple[Any, list[int]]:
+    """The job without the fields that pydantic refused, and the places of its figures.
+
+    The job is None where it must have such a field.
+    """
+    refused, figures = {diagnostic.path[:2] for diagnostic in wrong}, ready.get("figures")
+    places = range(len(figures)) if isinstance(figures, list | tuple) else ()
+    places = [place for place in places if ("figures", place) not in refused]
+    names = {path[0] for path in refused if path[1:] == () or path[0] != "figures"}
+    rest = {"name": "job", **{name: value for name, value in ready.items() if name not in names}}
+    if figures is not None:
+        rest["figures"] = [figures[place] for place in places]
+    try:
+        return handler(rest), places
+    except ValidationError:
+        return None, []
 
 
 def _plain(value: Any) -> Any:
@@ -207,7 +249,7 @@ def _check_whole(design: Design, spec: ModelSpec, job: Job, numerics: ResolvedNu
     diagnostics += check_numerics(spec.model, job.numerics, numerics)
     diagnostics += _check_columns(design, run)
     diagnostics += check_ranges(design, spec, run)
-    diagnostics += check_figures(job.figures, design, run)
+    diagnostics += check_figures(dict(enumerate(job.figures)), job.style, design, run)
     return diagnostics
 
 

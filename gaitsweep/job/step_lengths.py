@@ -26,6 +26,7 @@ from gaitsweep.engine.numerics import (
     unknown_step,
 )
 from gaitsweep.engine.solver import METHODS, refusal
+from gaitsweep.engine.stored_programs import stored
 from gaitsweep.engine.sweep.xla import see_all_cores
 from gaitsweep.expression import functions_of, resolve
 from gaitsweep.job.numerics import NumericsSpec
@@ -207,22 +208,30 @@ def _steps_and_limits(model: Model, numerics: ResolvedNumerics) -> Callable[...,
         longest = longest_step(model, numerics.method, params)
         return nan if dt is None else dt, nan if longest is None else longest
 
-    return over_rows(one)
+    return over_rows(one, "steps", model, numerics)
 
 
 def _parameters_of_steps(model: Model, numerics: ResolvedNumerics) -> list[str]:
     """The parameters on which the length of steps depends."""
-    names = [quantity.name for quantity in model.parameters]
     if model.host_parameters:
-        return names
+        return [quantity.name for quantity in model.parameters]
+    return _deciding_names(model, numerics)
+
+
+@cached_by_content(maxsize=16)
+def _deciding_names(model: Model, numerics: ResolvedNumerics) -> list[str]:
+    names = [quantity.name for quantity in model.parameters]
 
     def one(values: dict[str, jax.Array]) -> list[jax.Array]:
         params = model.params(values)
         lengths = recommended_step(model, numerics, params), longest_step(model, numerics.method, params)
         return [x for x in lengths if x is not None]
 
-    number = jax.ShapeDtypeStruct((), jnp.float64)
-    return sorted(frozenset[str]().union(*dependences(one, dict.fromkeys(names, number))))
+    def deciding() -> list[str]:
+        number = jax.ShapeDtypeStruct((), jnp.float64)
+        return sorted(frozenset[str]().union(*dependences(one, dict.fromkeys(names, number))))
+
+    return stored("deciding", model, (numerics,), deciding)
 
 
 def _from_spectrum(design: Design, numerics: ResolvedNumerics, steps: RowSteps) -> np.ndarray:

@@ -37,11 +37,9 @@ def sensitivity_figure(indices: pd.DataFrame) -> Figure:
     bars = max(len(_DRAWN[method]) for method in set(indices["method"]))
     height = down * (_REST + parameters * _ROW * max(1.0, 0.6 * bars)) + 0.35
     with theme.canvas(wide, height) as figure:
-        panels = figure.subplots(down, across, squeeze=False)
-        for axes in panels.ravel()[len(outputs) :]:
-            axes.set_axis_off()
+        panels = theme.panels(figure, len(outputs), down, across)
         shown: dict[str, Any] = {}
-        for axes, output in zip(panels.ravel(), outputs, strict=False):
+        for axes, output in zip(panels, outputs, strict=True):
             here = indices.loc[indices["output"] == output]
             shown |= _panel(axes, here, indices)
             axes.set_title(axis_label(indices, output) if output in _quantities(indices) else output)

@@ -7,15 +7,16 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import tempfile
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
+from gaitsweep.engine.content import held_contents
 from gaitsweep.engine.sweep.sweep import Timings
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
@@ -37,6 +38,7 @@ from gaitsweep.runs.self_check import (
 from gaitsweep.runs.sentences import advice, self_check_sentence
 from gaitsweep.runs.summary import describe, sum_up, summed_up, tallied_column
 from gaitsweep.table import ResultDirectory, TableError, load
+from gaitsweep.table.files import temporary_folder
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
 RESULTS = Path("results")
 
 
+@held_contents()
 def run_job(
     job: Job,
     out: str | Path | None = None,
@@ -126,7 +129,7 @@ def table_in_memory(
     Raises:
         RunError, TableError: as `run_job`.
     """
-    with tempfile.TemporaryDirectory(prefix="gaitsweep_") as folder:
+    with temporary_folder() as folder:
         table = load(
             run_job(
                 job, folder, on_progress=on_progress, on_message=on_message, figures=False, cluster=cluster
@@ -188,11 +191,15 @@ class _SelfCheck:
                 wait([self._begun], timeout=0.1)
             check, rerun = self._begun.result()
         if check is not None and rerun is not None:
-            path = self._directory.path
-            compare_stored(self._context, check, rerun, lambda rows: load(path, rows=rows), on_sweep_progress)
+            compare_stored(self._context, check, rerun, self._stored, on_sweep_progress)
         judged = {"rows": 0, "verdict": "off"} if check is None else check.judged()
         self._directory.update_manifest(self_check=judged)
         return judged
+
+    def _stored(self, rows: np.ndarray) -> pd.DataFrame:
+        table = load(self._directory.path, rows=rows)
+        table.attrs.clear()  # pandas copies them with each column
+        return table
 
     @property
     def _known(self) -> dict[str, Any] | None:

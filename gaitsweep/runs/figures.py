@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from gaitsweep import plot
 from gaitsweep.errors import EXIT_FAILURE, UserError
 from gaitsweep.job import JobError, read_figures
-from gaitsweep.plot import draw
-from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle, read_style, styled
+from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle, StyleError, read_style
 from gaitsweep.runs.progress import Progress
 from gaitsweep.schema.yaml_document import read_document
 from gaitsweep.table import (
@@ -133,6 +133,7 @@ def draw_figures(
 
     Raises:
         TableError: there is no table yet, or `job.yaml` asks for an unknown figure.
+        StyleError: the style has colours of gaits, and no figure shows gaits by colour.
         WriteError: a figure cannot be written; the old file is kept.
         FigureError: the table lacks data for some figures; the others are drawn.
     """
@@ -143,6 +144,9 @@ def draw_figures(
     specs, job_style = _figures_of(snapshot)
     if not specs:
         return []
+    kinds = [spec["kind"] for spec in specs]
+    if style is not None and style.colours and not any(plot.FIGURES[kind].colours_gaits for kind in kinds):
+        raise StyleError(f"colours has no effect: no figure of {path} colours gaits ({', '.join(kinds)}).")
     folder = Path(path) / FIGURES
     with writing(f"{folder} cannot be made"):
         own_folder(folder)
@@ -156,9 +160,11 @@ def draw_figures(
         if on_progress is not None:
             on_progress(len(files) + 1)
         fields = {key: value for key, value in spec.items() if key not in ("kind", "name")}
+        if not plot.FIGURES[spec["kind"]].colours_gaits:  # they are for other figures of the job
+            whole_style = whole_style.model_copy(update={"colours": own_style.colours})
+        fields |= {key: value for key, value in whole_style if value is not None}
         try:
-            with styled(whole_style):
-                figure = draw(spec["kind"], table, **fields)
+            figure = plot.draw(spec["kind"], table, **fields)
         except UserError as error:
             refused.append(f"figures[{number}] ({spec['kind']}): {error}")
             continue
@@ -177,7 +183,7 @@ def _figures_of(snapshot: Snapshot) -> tuple[list[dict[str, Any]], FigureStyle]:
     file = snapshot.path / JOB
     try:
         asked: Mapping[str, Any] = snapshot.job
-        if snapshot.job_edited or "job" not in snapshot.manifest:
+        if snapshot.written is not snapshot.job or "job" not in snapshot.manifest:
             asked = read_document(file).data if file.exists() else {}
         return read_figures(asked, str(file))
     except JobError as error:

@@ -19,6 +19,7 @@ import pandas as pd
 
 from gaitsweep.contract import Model, Quantity, Status
 from gaitsweep.design import Design
+from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.numerics import STEP_FACTOR, tolerance_scale
 from gaitsweep.engine.poincare.maps import wrap_difference
@@ -279,6 +280,18 @@ def compare_stored(
     check.stored_differs = int(differs.sum())
 
 
+@cached_by_content(maxsize=16)
+def _observed(model: Model, drive: Callable[..., Any] | None) -> Callable[..., np.ndarray]:
+    """`(values, starts) -> observables (n, k)` of rows at their starts."""
+
+    def observed(values: Any, start: Any) -> jax.Array:
+        params = model.params(values) if drive is None else drive(values, 0.0)
+        seen = model.observe(params, model.init(params, start))
+        return jax.numpy.stack([seen[q.name] for q in model.observables])
+
+    return over_rows(observed, "observed", model if drive is None else None)
+
+
 @dataclasses.dataclass(frozen=True)
 class _Comparison:
     """Comparison of reruns of some rows of a run with each other and with stored records."""
@@ -440,15 +453,11 @@ class _Comparison:
 
     def with_starts(self, rows: np.ndarray, ends: np.ndarray) -> np.ndarray:
         """Return the observables (2 n, k) of rows at their starts and at their ends."""
-        model, drive = self.context.model, self.context.spec.drive
+        model = self.context.model
         values, starts = self.context.design.values_in(rows)
-
-        def observed(row_values: Any, start: Any) -> Any:
-            params = model.params(row_values) if drive is None else drive(row_values, jax.numpy.zeros(()))
-            seen = model.observe(params, model.init(params, start))
-            return jax.numpy.stack([seen[q.name] for q in model.observables])
-
-        return np.concatenate([over_rows(observed)(model.on_host(values), starts), ends])
+        return np.concatenate(
+            [_observed(model, self.context.spec.drive)(model.on_host(values), starts), ends]
+        )
 
     @property
     def beginning(self) -> Recorder:

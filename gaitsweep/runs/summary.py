@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import collections
-import functools
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,9 +14,10 @@ import pandas as pd
 
 from gaitsweep import models
 from gaitsweep.contract import Model, Status
+from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.kinds.run_kind import table_columns
-from gaitsweep.models.own_modules import folder_of_class
+from gaitsweep.own_modules import folder_of_class
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.sentences import MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD
 from gaitsweep.table import ResultDirectory, load_parts
@@ -96,7 +96,7 @@ def _of_starts(context: RunContext) -> dict[str, Any]:
     return counts
 
 
-@functools.lru_cache(maxsize=16)
+@cached_by_content(maxsize=16)
 def _period_and_beyond(model: Model) -> Callable[..., tuple[jax.Array, dict[str, jax.Array]]]:
     """The function `(values, starts) -> (period, beyond)` of rows, by the names of events."""
     has_surfaces = type(model).beyond_at_start is not Model.beyond_at_start
@@ -106,7 +106,7 @@ def _period_and_beyond(model: Model) -> Callable[..., tuple[jax.Array, dict[str,
         beyond = model.beyond_at_start(params, model.init(params, start)) if has_surfaces else {}
         return model.period(params), beyond
 
-    return over_rows(one)
+    return over_rows(one, "begun", model)
 
 
 def summed_up(context: RunContext, directory: ResultDirectory) -> bool:

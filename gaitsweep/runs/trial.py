@@ -24,7 +24,7 @@ from gaitsweep.errors import UserError
 from gaitsweep.job import Job
 from gaitsweep.kinds import Settle, Trace
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
-from gaitsweep.models.conformity import sample, written
+from gaitsweep.models.conformity import idle_starts, sample, sets_starts, written
 from gaitsweep.runs.execute import table_in_memory
 from gaitsweep.runs.sentences import MISLABELLED, remarks
 
@@ -77,6 +77,8 @@ def trial(kind: type[Model]) -> Trial:
     warned = [*(_constant(model, table) if crosses else ()), *_unmet(model, table, values)]
     if isinstance(model, HybridModel) and model.locates_events and not model.host_parameters:
         warned += _stiff(model, values)
+    if idle := idle_starts(model):
+        begun.append(f"These starts have no effect: {', '.join(idle)}; {sets_starts(model)} sets them.")
     sentences = [f"{tried} {counts}.", *begun, *energies]
     return Trial(faults, [*sentences, *(f"Warning: {warning}" for warning in warned)])
 

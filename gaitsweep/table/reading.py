@@ -28,6 +28,7 @@ from gaitsweep.table.parts import Footer
 Rows = slice | range | ArrayLike
 
 _LARGEST_JOB = 64 * 2**20  # bytes
+_WITHOUT_NUMBERS = ("name", "verify", "figures", "style")  # fields of a job that decide no number
 _DEEPEST, _MOST_EVENTS = 50, 400_000  # of an edited `job.yaml`
 
 
@@ -63,8 +64,12 @@ class Snapshot:
 
     @property
     def job_edited(self) -> bool:
-        """Whether `job.yaml` was changed after the run wrote it."""
-        return self.written is not self.job
+        """Whether `job.yaml` was changed after the run in a field that decides the table's numbers."""
+        own, now = (
+            {key: value for key, value in job.items() if key not in _WITHOUT_NUMBERS}
+            for job in (self.job, self.written)
+        )
+        return own != now
 
     @property
     def counts(self) -> dict[str, int]:

@@ -53,6 +53,7 @@ METHODS = {
     # the step's own error has to be smaller than the peaks that it should see
     "rk4": (Numerics(method="rk4", dt=0.02), [1e-5, 1e-6]),
     "tsit5": (Numerics(method="tsit5", dt=0.1, rtol=1e-12, atol=1e-13), [1e-5, 1e-8]),
+    "taylor": (Numerics(method="taylor", dt=0.3, rtol=1e-12, atol=1e-13), [1e-3, 1e-5, 1e-8]),
     "propagator6": (Numerics(method="propagator6", dt=0.1), [1e-4, 1e-6]),
     "propagator": (Numerics(method="propagator", dt=0.3), [1e-3, 1e-6, 1e-8]),
 }
@@ -64,6 +65,7 @@ METHODS = {
     "propagator6-xla",
     "rk4-kernel",
     "rk4-xla",
+    "taylor-xla",
     "tsit5-kernel",
     "tsit5-xla",
 )

@@ -188,6 +188,10 @@ def test_progress_rises_to_the_end(tmp_path: Path) -> None:
         assert total == 1600
         assert 0 <= done <= total
         reports.append((done, fraction))
+        assert (fraction < 1.0) == note.startswith(("compiling", "round ")), note
+        if note.startswith("round "):
+            assert done < total / 2  # rows that were simulated; the others are inferred
+            assert ("of a coarse grid" in note) == note.startswith("round 1 ")
 
     gs.run(job(figures=[]), tmp_path / "out", on_progress=on_progress)
     shares = [fraction for _, fraction in reports]

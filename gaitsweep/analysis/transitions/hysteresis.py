@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Shaped
 
-from gaitsweep.analysis.circular import is_circular, mean_direction
+from gaitsweep.analysis.circular import branch_cut, is_circular, mean_direction, unwrap_from
 from gaitsweep.analysis.records import AnalysisError, axes_of, panels_of, require, section_column
 from gaitsweep.analysis.transitions.jumps import Course, courses, records_of, rising, stretches
 from gaitsweep.angle_difference import TURN, wrapped_difference
@@ -102,19 +102,24 @@ def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = L
     Returns:
         One record a jump: row, swept axes, pass, direction (rising or falling, the parameter's), `low` and
         `high` (the parameter's interval: from the last value before the jump to the first after it; for a
-        ramp, where a tenth and nine tenths of it are completed), before, after, size (after - before).
+        ramp, where a tenth and nine tenths of it are completed), before, after, size (after - before; of
+        about half a turn, with the sign that figures show).
 
     Raises:
         AnalysisError: the table does not have a column.
     """
     name = section_column(table, observable)
     circular, axes = is_circular(table, name), axes_of(table)
+    cut = branch_cut(table[name].to_numpy(float)) if circular else 0.0
     records = []
     for course in courses(table, observable, parameter):
         for start, stop in stretches(course, least):
             number = int(course.passes[stop if course.settled is not None else (start + stop) // 2])
             passed = course.parameter[start : stop + 1]
             before, after = course.value[[start, stop]]
+            size = after - before
+            if circular and abs(abs(size) - TURN / 2) < LEAST:  # both ways are alike: take that of figures
+                size = float(unwrap_from(after, cut) - unwrap_from(before, cut))
             records.append(
                 {
                     **_place(course, axes),
@@ -124,7 +129,7 @@ def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = L
                     "high": passed.max(),
                     "before": np.mod(before, TURN) if circular else before,
                     "after": np.mod(after, TURN) if circular else after,
-                    "size": after - before,
+                    "size": size,
                 }
             )
     columns = ["row", *axes, "pass", "direction", "low", "high", "before", "after", "size"]

@@ -52,15 +52,22 @@ def compiled(chunk: Chunk, *, contraction: bool = True) -> tuple[Callable[[Any, 
     receives the rows to keep. The kernel is compiled now, or loaded from the cache.
     """
     tile = Tile(chunk, TILE, contraction)
+    return running(tile.layout, tile.source, tile.module), tile.slots
+
+
+def running(
+    layout: tuple[int, ...], source: str, module: Callable[[], ir.Module]
+) -> Callable[[Any, Any, int], None]:
+    """The function `run` of `compiled`, from the layout, the source and the module of a `Tile`."""
     kinds = ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64
-    function = loaded_once(f"{tile.layout}\n{tile.source}", tile.module, *kinds)
+    function = loaded_once(f"{layout}\n{source}", module, *kinds)
 
     def run(S: np.ndarray, samples: np.ndarray, polls: int) -> None:
         assert S.flags.c_contiguous
         assert samples.flags.c_contiguous
         function(S.ctypes.data, S.shape[0], samples.ctypes.data, polls)
 
-    return run, tile.slots
+    return run
 
 
 def loaded_once(source: str, module: Callable[[], ir.Module], *kinds: Any) -> Callable[..., None]:

@@ -56,8 +56,9 @@ class CudaLanes(KernelLanes):
     def __init__(self, spec: SweepSpec, device: Device) -> None:
         super().__init__(spec)
         self.card = CudaDevice(getattr(device, "local_hardware_id", None) or 0)
+        self.chunk = self.kernel.chunk
         self._contraction = spec.numerics.contraction
-        self._seen = [leaf.first + i for leaf in self.read_leaves.values() for i in range(leaf.size)]
+        self._seen = [leaf.first + i for leaf in self.kernel.leaves.values() for i in range(leaf.size)]
         source = gpu_program.placing(self.chunk, self._seen, self.kernel.title)
         module = self.card.module(source, contraction=self._contraction)
         self._put, self._collect, self._trajectory = (

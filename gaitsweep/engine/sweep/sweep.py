@@ -9,6 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextvars import copy_context
 from typing import Any, Protocol
 
 from gaitsweep.engine.sweep.block import Block
@@ -140,7 +141,7 @@ class _Disk:
     def write(self, number: int, encode: Callable[[], Any], write: Callable[[Any], None]) -> None:
         """Queue a block for encoding and writing; raises errors of earlier blocks."""
         self.take_done(self._most)
-        encoded = self._encoding.submit(encode)
+        encoded = self._encoding.submit(copy_context().run, encode)
         job = self._thread.submit(self._timed, lambda: write(encoded.result()))
         # a block that could not be written stays open, so that its rows are stored
         self._pending.append((job, lambda: self._written(number)))

@@ -85,7 +85,7 @@ def basin_measures(
             table = _with_attractors(table, panels)
         column(table, hue)
         measured = basins(table, axes, label=hue, by=panels or ())
-        shares, entropies, uncertain = figure.subplots(down, across).ravel()
+        shares, entropies, uncertain = theme.panels(figure, 3, down, across)
         _shares(shares, table, measured, panels)
         _entropies(entropies, table, measured, panels)
         first = axes[0] if axes else next(name for name in axes_of(table) if name != panels)

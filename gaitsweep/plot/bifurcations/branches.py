@@ -35,7 +35,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         yield ("x",), f"is {figure.x}, which does not vary between rows. {near_miss.allowing(table.varied)}"
 
 
-@figure_kind("return_map", check=_check)
+@figure_kind("return_map", check=_check, colours_gaits=False)
 def branches(
     table: pd.DataFrame,
     *,
@@ -77,8 +77,7 @@ def branches(
             axes.plot(
                 without, np.zeros(len(without)), "|", color="#555555", ms=7, transform=below, clip_on=False
             )
-        if is_angle(table, name):
-            theme.angle_ticks(axes, "y")
+        theme.value_axis(axes, angle=is_angle(table, name))
         theme.legend(figure, _key(found, len(without) > 0), ncols=2)
     return figure
 

@@ -89,8 +89,7 @@ def continuation(
             axes.axvspan(low, high, zorder=0, **_beside(number))
         for _, branch in table.groupby(of_branch, sort=True):
             _draw(axes, branch, x, name, colours.get(branch["row"].iloc[0]))
-        if is_angle(table, name):
-            theme.angle_ticks(axes, "y")
+        theme.value_axis(axes, angle=is_angle(table, name))
         handles = _key(table, intervals, hue is not None)
         if hue is not None and _numbers(table, hue):
             shades = ScalarMappable(_span(table, hue), "viridis")

@@ -35,7 +35,7 @@ _NEAR, _MOST = 0.1, 0.98  # changes that are small, in ranges of the values, and
 FORMS = ("change", "next")
 
 
-@figure_kind("return_map")
+@figure_kind("return_map", colours_gaits=False)
 def return_map(
     table: pd.DataFrame,
     *,
@@ -74,10 +74,10 @@ def return_map(
     down, across = theme.shape(len(values), theme.PAGE, 2.0, _PANELS_A_ROW)
     width = theme.PAGE if len(values) > 1 else theme.COLUMN + 1.2
     with theme.canvas(width, (2.3 if across > 1 else 2.8) * down + 0.9, title) as figure:
-        grid = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
+        grid = theme.panels(figure, len(values), down, across, sharex=True, sharey=True)
         origin = branch_cut(table[name].to_numpy(float)) if is_angle(table, name) else None
         seen: set[str] = set()
-        for number, (axes, value) in enumerate(zip(grid, values, strict=False)):
+        for number, (axes, value) in enumerate(zip(grid, values, strict=True)):
             part = table if value is None else rows_where(table, table[panels] == value)
             seen |= _panel(axes, part, name, form, bandwidth, origin)
             axes.set_title("" if value is None else written(table, str(panels), value))
@@ -85,12 +85,9 @@ def return_map(
                 axes.set_ylabel(_label(table, name, form))
             if number + across >= len(values):
                 axes.set_xlabel(described(table, name, min(90 // across, 44)))
-                axes.tick_params(labelbottom=True)
-        for axes in grid[len(values) :]:
-            axes.set_visible(False)
-        _scale(list(grid[: len(values)]), form, origin)
+        _scale(grid, form, origin)
         if seen:
-            theme.legend(figure, _key(seen), ncols=min(across + 1, 3))
+            theme.legend(figure, _key(seen), ncols=min(across + 1, 3), in_cell=True)
     return figure
 
 

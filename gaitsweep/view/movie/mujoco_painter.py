@@ -28,7 +28,7 @@ def main() -> None:
     given = np.load(io.BytesIO(sys.stdin.buffer.read()))
     pictures = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # output of libraries must not mix with the frames
-    model = _on_white(str(given["mjcf"]))
+    model = _staged(str(given["mjcf"]), float(given["square"]))
     data = mujoco.MjData(model)
     width, height = (int(pixels) for pixels in given["size"])
     model.vis.global_.offwidth, model.vis.global_.offheight = width, height
@@ -51,15 +51,29 @@ def main() -> None:
     renderer.close()
 
 
-def _on_white(mjcf: str) -> mujoco.MjModel:
-    """The model, with a white sky where it has none, which would be black."""
+def _staged(mjcf: str, square: float) -> mujoco.MjModel:
+    """The model, with a white sky and a ground of squares (m) where it has none.
+
+    Without a sky it would be black; on ground of one colour a body seems to step on the spot.
+    """
     spec = mujoco.MjSpec.from_string(mjcf)
-    if not any(each.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX for each in spec.textures):
+    if not any(texture.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX for texture in spec.textures):
         look = {"builtin": mujoco.mjtBuiltin.mjBUILTIN_FLAT, "width": 8, "height": 8}
         white = [1.0, 1.0, 1.0]
         spec.add_texture(
             name="white_sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, rgb1=white, rgb2=white, **look
         )
+    flat = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
+    plain = [geom for geom in spec.worldbody.geoms if geom.type in flat and not geom.material]
+    if plain:
+        spec.add_texture(
+            name="squares", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+            width=256, height=256, rgb1=[0.93, 0.93, 0.91], rgb2=[0.82, 0.82, 0.8],
+        )  # fmt: skip
+        material = spec.add_material(name="squares", texuniform=True, texrepeat=[0.5 / square] * 2)
+        material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "squares"
+        for geom in plain:
+            geom.material = "squares"
     return spec.compile()
 
 

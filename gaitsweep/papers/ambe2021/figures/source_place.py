@@ -43,7 +43,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
             )
 
 
-@figure_kind("settle", check=_check)
+@figure_kind("settle", check=_check, colours_gaits=False)
 def source_place(
     table: pd.DataFrame,
     *,
@@ -67,19 +67,17 @@ def source_place(
         column(table, name)
     down, across = theme.shape(len(x), theme.PAGE, 1.4)
     with theme.canvas(theme.PAGE, 3.3 * down, title) as figure:
-        panels = figure.subplots(down, across, sharey=True, squeeze=False).ravel()
+        panels = theme.panels(figure, len(x), down, across, sharey=True)
         for axes in panels[::across]:
             axes.set_ylabel("leg, 1 at the head")
-        for axes in panels[len(x) :]:
-            axes.set_visible(False)
         if not len(table):
-            for axes in panels[: len(x)]:
+            for axes in panels:
                 theme.message(axes, "no rows yet")
             return figure
         shares, drawn = places_of(table), {}
         legs = int(shares["leg"].to_numpy().max())
         most = max(float(shares["source"].to_numpy().max()), 0.01)
-        for axes, name in zip(panels, x, strict=False):
+        for axes, name in zip(panels, x, strict=True):
             others = [other for other in x if other != name]
             alone = np.all(shares[others].to_numpy(float) == 0.0, axis=1)
             axes.set_xlabel(axis_label(table, name))

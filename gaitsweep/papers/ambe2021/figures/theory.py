@@ -110,8 +110,8 @@ def _touchdowns(N: int, chain: Chain, k: int, at: float, title: str | None) -> F
     theta = np.asarray(jax.vmap(lambda s: places(rule, s))(jnp.asarray(free)))
     down, across = theme.shape(len(legs), theme.PAGE, 2.0)
     with theme.canvas(theme.PAGE, 1.9 * down + 0.8, title) as figure:
-        row = figure.subplots(down, across, sharey=True, squeeze=False).ravel()
-        for axes, (leg, text) in zip(row, legs, strict=False):
+        row = theme.panels(figure, len(legs), down, across, sharey=True)
+        for axes, (leg, text) in zip(row, legs, strict=True):
             _segments(axes, chain)
             phi = circle - np.mod(theta[:, leg - 1 : leg] - theta + 1e-12, circle)
             for neighbour, colour, marker in ((leg - 2, _FRONT, "<"), (leg, _REAR, ">")):
@@ -129,8 +129,6 @@ def _touchdowns(N: int, chain: Chain, k: int, at: float, title: str | None) -> F
             theme.angle_axis(axes, "x")
         for axes in row[::across]:
             axes.set_ylabel("leg length less L (m)")
-        for axes in row[len(legs) :]:
-            axes.set_visible(False)
         handles = [
             Line2D([], [], ls="", marker="o", color=_TOUCHING, label="leg that touches down"),
             Line2D([], [], ls="", marker="<", color=_FRONT, label="leg in front of it, towards the head"),

@@ -97,13 +97,11 @@ def loading_rule(
     present = set(pairs["gait"].astype(str))
     heading = title if only is None else f"{title or ''} {written(table, only, value)}".strip()
     with theme.canvas(theme.PAGE, (2.25 if across > 1 else 1.75) * down + 0.6, heading) as figure:
-        grid = figure.subplots(down, across, sharey=True, squeeze=False).ravel()
-        for number, (axes, name) in enumerate(zip(grid, names, strict=False)):
+        grid = theme.panels(figure, len(names), down, across, sharey=True)
+        for number, (axes, name) in enumerate(zip(grid, names, strict=True)):
             _panel(axes, pairs, name, agreement[name])
             if number % across == 0:
                 axes.set_ylabel("shift of the pair, $\\delta$ (cycles)\nhind leg late: positive")
-        for axes in grid[len(names) :]:
-            axes.set_visible(False)
         rule_ = Patch(color=_OF_THE_RULE, label="sign as the rule says")
         theme.legend(figure, [*gait_key(present), rule_], ncols=6)
     return figure

@@ -78,14 +78,13 @@ def speed_gaits(
     height = max(0.23, 0.16 if len(bands) > 12 else 0.26) * max(len(bands), 3) + 0.9
     down, across = theme.shape(len(values), theme.PAGE, 1.2)
     with theme.canvas(theme.PAGE, height * down + (0.0 if y == "gait" else 0.35), title) as figure:
-        grid = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
-        for axes in grid[len(values) :]:
-            axes.set_visible(False)
-        for axes, value in zip(grid, values, strict=False):
+        grid = theme.panels(figure, len(values), down, across, sharex=True, sharey=True)
+        for number, (axes, value) in enumerate(zip(grid, values, strict=True)):
             part = shown if value is None else rows_where(shown, shown[str(panels)] == value)
             axes.set_title("" if value is None else written(table, str(panels), value))
             _bands(axes, part, y, bands, speed, np.ptp(shown[speed].to_numpy(float)) if len(shown) else 1.0)
-            axes.set_xlabel(described(table, speed, 60 // len(values)))
+            if number + across >= len(values):
+                axes.set_xlabel(described(table, speed, 60 // across))
             if not len(part):
                 theme.message(axes, "no row with a gait" if len(table) else "no rows yet")
         names = [label_of(band) if y == "gait" else f"{band:.4g}" for band in bands]
