@@ -45,7 +45,7 @@ class Extension:
         functions: what `gs.analyses` has, "package.module:function" or a whole module by name.
         measures: modules whose functions are decorated by `gaitsweep.claims.measure`.
         jobs: a folder of jobs, which `builtin:NAME` finds.
-        configs: a folder of configs, likewise.
+        configs: a folder of configs, which `builtin:NAME` finds.
         claims: a folder of tables of claims, NAME.yaml each, for `gaitsweep reproduce NAME`.
     """
 

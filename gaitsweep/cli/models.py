@@ -13,7 +13,7 @@ import typer
 
 from gaitsweep.cli.new_files import NewFilesError, write_folder
 from gaitsweep.cli.options import NewFolder, print_message
-from gaitsweep.errors import REFUSED, ArgumentError
+from gaitsweep.errors import EXIT_REFUSED, ArgumentError
 from gaitsweep.shipped import EXAMPLES
 
 if TYPE_CHECKING:
@@ -150,14 +150,14 @@ def check_model(
     for words in found:
         print_message(f"The model is {name}, {words}")
     if found:
-        raise typer.Exit(REFUSED)
+        raise typer.Exit(EXIT_REFUSED)
     from gaitsweep.runs.trial import trial  # of a model without faults
 
     tried = trial(kind)
     for words in tried.faults:
         print_message(f"The model is {name}, {words}")
     if tried.faults:
-        raise typer.Exit(REFUSED)
+        raise typer.Exit(EXIT_REFUSED)
     print(f"{name}: valid, {show.extent_of(kind())}")
     for remark in tried.remarks:
         print(remark)
@@ -171,7 +171,7 @@ def check_model(
 
 
 def _step_against_c(name: str, model: MjcfModel, steps: int) -> None:
-    """Compare an MJCF model with MuJoCo C and print the result; exit with REFUSED if they differ."""
+    """Compare an MJCF model with MuJoCo C and print the result; exit with EXIT_REFUSED if they differ."""
     from gaitsweep.dynamics.mjx.against_c import compare
     from gaitsweep.dynamics.mjx.refusals import cautions
 
@@ -186,7 +186,7 @@ def _step_against_c(name: str, model: MjcfModel, steps: int) -> None:
         f"largest difference before a divergence is {found.largest:.1e}"
     )
     if found.wrong:
-        raise typer.Exit(REFUSED)
+        raise typer.Exit(EXIT_REFUSED)
 
 
 def _refuse_name(name: str) -> None:

@@ -1,4 +1,4 @@
-"""A digest of what a model computes with, and caches of programs that are keyed on it.
+"""Digests of the code and data of models, and caches of programs that are keyed on them.
 
 Two models of one class are equal if their structures are. Between two calls, though, a user may have changed
 a global, an attribute or a method of the class, or a value in a closure, and a program compiled before would
@@ -34,18 +34,10 @@ T = TypeVar("T")
 _PLAIN = (type(None), bool, int, float, complex, str, bytes, type(...))
 # entries of a class that decide no number, or repeat others
 _FORMAL = {
-    *(
-        "__module__",
-        "__qualname__",
-        "__doc__",
-        "__dict__",
-        "__weakref__",
-        "__annotations__",
-        "__parameters__",
-    ),
-    *("__dataclass_fields__", "__dataclass_params__", "__match_args__", "__orig_bases__", "__slots__"),
-    *("__abstractmethods__", "_abc_impl", "__firstlineno__", "__static_attributes__", "__annotate_func__"),
-    *("__annotations_cache__", "__annotate__", "__classdictcell__"),
+    *("__module__", "__qualname__", "__doc__", "__dict__", "__weakref__", "__annotations__"),
+    *("__parameters__", "__dataclass_fields__", "__dataclass_params__", "__match_args__", "__orig_bases__"),
+    *("__slots__", "__abstractmethods__", "_abc_impl", "__firstlineno__", "__static_attributes__"),
+    *("__annotate_func__", "__annotations_cache__", "__annotate__", "__classdictcell__"),
 }
 # packages whose versions, or whose meaning, are the same wherever a digest for other processes is compared
 _KNOWN = {
@@ -82,28 +74,27 @@ def cached_by_content(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]
 
     def decorate(function: Callable[P, T]) -> Callable[P, T]:
         @functools.lru_cache(maxsize)
-        def kept(_: tuple[str, ...], args: Any, options: Any) -> T:
+        def cached(_: tuple[str, ...], args: Any, options: Any) -> T:
             return function(*args, **dict(options))
 
         @functools.wraps(function)
-        def found(*args: P.args, **options: P.kwargs) -> T:
-            models = [
+        def call(*args: P.args, **options: P.kwargs) -> T:
+            models = (
                 argument if isinstance(argument, Model) else getattr(argument, "model", None)
                 for argument in args
-            ]
-            contents = tuple(content_of(argument) for argument in models if isinstance(argument, Model))
-            return kept(contents, args, tuple(sorted(options.items())))
+            )
+            contents = tuple(content_of(model) for model in models if isinstance(model, Model))
+            return cached(contents, args, tuple(sorted(options.items())))
 
-        return found
+        return call
 
     return decorate
 
 
 def content_of(model: Model) -> str:
-    """A digest of what the functions of a model read: their code, globals, closures and class attributes.
+    """A digest of the functions of a model: their code, globals, closures and class attributes.
 
-    Code of installed packages and of gaitsweep is read no further than their names. The digest holds in this
-    process only.
+    Code of installed packages and of gaitsweep counts by name only. Another process has another digest.
     """
     held = _HELD.get()
     if held is not None and (known := held.get((type(model), model))) is not None:
@@ -195,10 +186,10 @@ class _Reader:
         """Add a value; one that was added before is named by its place."""
         kind = type(value)
         if kind in _PLAIN:
-            self._say(kind.__name__, repr(value).encode())
+            self._add(kind.__name__, repr(value).encode())
             return
         if (place := self._seen.get(id(value))) is not None:
-            self._say("again", str(place).encode())
+            self._add("again", str(place).encode())
             return
         self._seen[id(value)] = len(self._seen)
         self._alive.append(value)
@@ -208,9 +199,9 @@ class _Reader:
             self._class(value)
         elif isinstance(value, types.ModuleType):
             self._know(value.__name__)
-            self._say("module", value.__name__.encode())
+            self._add("module", value.__name__.encode())
         elif isinstance(value, Enum):
-            self._say("enum", f"{kind.__module__}.{value}".encode())
+            self._add("enum", f"{kind.__module__}.{value}".encode())
         elif isinstance(value, np.ndarray | np.generic | jax.Array):
             self._array(value)
         elif isinstance(value, tuple | list):
@@ -223,12 +214,12 @@ class _Reader:
             self._object(value)
 
     def attributes(self, value: Any) -> None:
-        """Add the attributes of an object, less what it only keeps for later."""
+        """Add the attributes of an object, without its cached properties."""
         names = {**dict.fromkeys(_slots(type(value))), **getattr(value, "__dict__", {})}
         for name in names:
             of_class = getattr(type(value), name, None)
             if not isinstance(of_class, functools.cached_property) and hasattr(value, name):
-                self._say("attribute", name.encode())
+                self._add("attribute", name.encode())
                 self.read(getattr(value, name))
 
     def _know(self, module: str | None) -> None:
@@ -236,25 +227,25 @@ class _Reader:
         top = str(module).partition(".")[0]
         self.lasting &= top in _KNOWN or (top in sys.modules and is_users(str(module)))
 
-    def _say(self, what: str, data: bytes) -> None:
+    def _add(self, what: str, data: bytes) -> None:
         self.digest.update(f"{what} {len(data)}:".encode() + data)
 
-    def _all(self, what: str, values: Any) -> None:
+    def _all(self, what: str, values: Iterable[Any]) -> None:
         items = list(values)
-        self._say(what, str(len(items)).encode())
+        self._add(what, str(len(items)).encode())
         for item in items:
             self.read(item)
 
     def _function(self, function: types.FunctionType) -> None:
         digest, names, names_are_known = _code(function.__code__)
-        self._say("function", digest)
+        self._add("function", digest)
         self.read(function.__defaults__)
         self.read(function.__kwdefaults__)
         for cell in function.__closure__ or ():
             try:
                 self.read(cell.cell_contents)
             except ValueError:  # not filled yet
-                self._say("empty", b"")
+                self._add("empty", b"")
         of_module = function.__globals__
         self._know(of_module.get("__name__"))
         if not is_users(str(of_module.get("__name__"))):
@@ -263,32 +254,32 @@ class _Reader:
         self.read(vars(function))
         for name in names:
             if name in of_module:
-                self._say("global", name.encode())
+                self._add("global", name.encode())
                 self._global(of_module[name], names)
 
     def _global(self, value: Any, names: tuple[str, ...]) -> None:
-        """Add a global; of a module what the code may read of it."""
+        """Add a global; of a module its members with one of the code's `names`."""
         if not isinstance(value, types.ModuleType) or id(value) in self._seen:
             self.read(value)
             return
         users = is_users(value.__name__)
         self._know(value.__name__)
-        self._say("module", value.__name__.encode())
+        self._add("module", value.__name__.encode())
         for name in names:
             part = vars(value).get(name)
             if part is not None and (users or isinstance(part, (*_PLAIN, np.ndarray, np.generic))):
-                self._say("of module", name.encode())
+                self._add("of module", name.encode())
                 self._global(part, names)
 
     def _class(self, kind: type) -> None:
-        self._say("class", f"{kind.__module__}.{kind.__qualname__}".encode())
+        self._add("class", f"{kind.__module__}.{kind.__qualname__}".encode())
         for base in kind.__mro__:
             self._know(base.__module__)
             if not is_users(base.__module__) and not base.__module__.startswith("gaitsweep.models."):
                 continue
             for name, value in list(vars(base).items()):
                 if name not in _FORMAL:
-                    self._say("member", name.encode())
+                    self._add("member", name.encode())
                     self.read(value)
 
     def _array(self, value: Any) -> None:
@@ -297,16 +288,16 @@ class _Reader:
             data = pickle.dumps(array) if array.dtype.hasobject else array.tobytes()
         except Exception:  # a tracer, or keys of random numbers
             self.lasting = False
-            self._say("object", str(id(value)).encode())
+            self._add("object", str(id(value)).encode())
             return
-        self._say(f"{array.dtype} {array.shape}", data)
+        self._add(f"{array.dtype} {array.shape}", data)
 
     def _object(self, value: Any) -> None:
         kind = type(value)
         self._know(
             kind.__module__ if kind.__module__ != "builtins" else getattr(value, "__module__", "builtins")
         )
-        self._say("object", f"{kind.__module__}.{kind.__qualname__}".encode())
+        self._add("object", f"{kind.__module__}.{kind.__qualname__}".encode())
         parts = [name for name in _PARTS.get(kind, ("__wrapped__",)) if hasattr(value, name)]
         for name in parts:
             self.read(getattr(value, name))
@@ -319,7 +310,7 @@ class _Reader:
             except Exception:  # what cannot be stored is known by itself only
                 self.lasting = False
                 data = str(id(value)).encode()
-            self._say("data", data)
+            self._add("data", data)
 
 
 # what objects of Python refer to; others, such as jitted functions, have `__wrapped__`

@@ -21,7 +21,7 @@ import numpy as np
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
 from jaxlib.version import __version__ as jaxlib_version
 
-from gaitsweep.cache_folder import cache_folder, keep, kept
+from gaitsweep.cache_folder import cache_folder, load_cached, store_cached
 from gaitsweep.contract import Model
 from gaitsweep.engine.content import lasting_content
 from gaitsweep.engine.sweep.lane import host_device
@@ -95,12 +95,12 @@ class _Entry:
         self._file = None if folder is None else folder / f"{what}_{digest}"
 
     def read(self) -> bytes | None:
-        return None if self._file is None else kept(self._file)
+        return None if self._file is None else load_cached(self._file)
 
     def write(self, data: bytes) -> None:
         """Store what was worked out, unless a file was read for it: only afterwards is that known."""
         if self._file is not None and lasting_content(*self._of) == self._content:
-            keep(self._file, data)
+            store_cached(self._file, data)
 
 
 def _stamps(folder: str) -> Iterator[tuple[str, int, int]]:

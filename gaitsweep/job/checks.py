@@ -12,7 +12,7 @@ import numpy as np
 from gaitsweep import near_miss
 from gaitsweep.contract import Quantity
 from gaitsweep.design.axes import RangeAxis
-from gaitsweep.design.design import MOST_CHECKED, Design, inside, must
+from gaitsweep.design.design import MOST_CHECKED, Design, inside, requirement
 from gaitsweep.expression import CONSTANTS, ExpressionError
 from gaitsweep.job.model_spec import ModelSpec
 from gaitsweep.kinds import RUN_KINDS, RunKind
@@ -101,7 +101,7 @@ def _check_quantity(design: Design, spec: ModelSpec, name: str, quantity: Quanti
             formula = f'"{setting}", which is ' if isinstance(setting, str) else ""
             where = f" in row {rows[wrong].min()}" if spans else ""
             value = values[wrong[np.argmin(rows[wrong])]]
-            return Diagnostic(path, f"is {formula}{value:g}{where}, but {must(quantity)}.")
+            return Diagnostic(path, f"is {formula}{value:g}{where}, but {requirement(quantity)}.")
     return None
 
 
@@ -179,7 +179,8 @@ def _check_path(design: Design, spec: ModelSpec, run: RunKind, movement: Movemen
     diagnostics = []
     for index, value in enumerate(path):
         if not inside(np.array(value), quantity):
-            diagnostics.append(Diagnostic((*movement.valued, index), f"is {value:g}, but {must(quantity)}."))
+            text = f"is {value:g}, but {requirement(quantity)}."
+            diagnostics.append(Diagnostic((*movement.valued, index), text))
     if diagnostics:
         return diagnostics
     for name in design.following(moving):

@@ -82,10 +82,10 @@ def citation_of(path: Path) -> tuple[str, list[str]]:
             f"{path} has {snapshot.rows_done} of {manifest['rows']} rows: run the same command to complete "
             "it, then cite it."
         )
-    if lacking := [name for name in ("method", "versions") if not manifest.get(name)]:
-        raise CitationError(
-            f"The manifest of {path} has no {lacking[0]}: run the job again with gaitsweep run."
-        )
+    for field in ("method", "versions"):
+        if not manifest.get(field):
+            text = f"The manifest of {path} has no {field}: run the job again with gaitsweep run."
+            raise CitationError(text)
     name, missing = str(job.get("model", "")), []
     paper = manifest.get("paper") or (paper_of(models.find(name)) if name in models.names() else None)
     entries, cited = [tool_entry(manifest["versions"]["gaitsweep"], manifest.get("git_commit"))], ""
@@ -133,6 +133,7 @@ def _changed(snapshot: Snapshot) -> str:
 
 
 def _entry(kind: str, key: str, fields: Mapping[str, str]) -> str:
+    """Format a BibTeX entry."""
     lines = ",\n".join(f"  {name} = {{{value}}}" for name, value in fields.items())
     return f"@{kind}{{{key},\n{lines}\n}}"
 
@@ -144,7 +145,7 @@ def _methods(model: str, job: Mapping[str, Any], manifest: Mapping[str, Any], ch
     """
     versions, numerics = manifest["versions"], job.get("numerics", {})
     run, n = job.get("run", {}), manifest["rows"]
-    noun = f"{'set' if 'search' in job or 'sensitivity' in job else 'row'}{'s' * (n != 1)}"
+    noun = f"{'set' if job.keys() & {'search', 'sensitivity'} else 'row'}{'s' * (n != 1)}"
     axes = [f"{' with '.join(part['names'])} ({part['length']})" for part in manifest.get("axes", ())]
     over = f" over {', '.join(axes)}" if axes else ""
     inferred = manifest.get("counts", {}).get(Status.inferred.name, 0)

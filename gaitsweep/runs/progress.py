@@ -9,8 +9,6 @@ from typing import Protocol, TextIO
 
 INTERVAL = 30.0  # s between two lines
 _ENOUGH = 0.01  # share done before a time left is printed: from the first few steps it would be a guess
-
-
 _NAMES = 5  # of gaits in a remark
 
 

@@ -201,5 +201,6 @@ def _ranges(numbers: Iterable[int]) -> list[list[int]]:
 
 
 def _numbers(ranges: Iterable[Iterable[int]]) -> Iterable[int]:
+    """The numbers in pairs of the first and the last."""
     for first, last in ranges:
         yield from range(first, last + 1)

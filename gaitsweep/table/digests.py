@@ -40,8 +40,8 @@ def read_digests(folder: Path) -> dict[str, str]:
             continue
         except OSError as error:
             raise TableError(f"{file} cannot be read: {reason(error)}.") from error
-        found = (_LINE.fullmatch(line) for line in text.split("\n"))
-        digests.update((match[2], match[1]) for match in found if match)
+        lines = (_LINE.fullmatch(line) for line in text.split("\n"))
+        digests.update((line[2], line[1]) for line in lines if line)
     return digests
 
 

@@ -75,10 +75,10 @@ def read_file(path: Path, most: int | None = None) -> bytes:
     # without O_NONBLOCK, opening a pipe waits for its writer
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
     with os.fdopen(descriptor, "rb") as file:
-        found = os.fstat(file.fileno())
-        if not stat.S_ISREG(found.st_mode):
+        status = os.fstat(file.fileno())
+        if not stat.S_ISREG(status.st_mode):
             raise OSError(errno.EINVAL, "it is not a regular file", str(path))
-        if most is not None and found.st_size > most:
+        if most is not None and status.st_size > most:
             raise OSError(errno.EFBIG, f"it is larger than {most} bytes", str(path))
         return file.read()
 

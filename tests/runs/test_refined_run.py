@@ -12,7 +12,6 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.job import JobError
-from gaitsweep.kinds import run_kind
 from gaitsweep.runs import refinement
 from gaitsweep.runs.estimate import estimate
 from gaitsweep.table import EncodedPart, ResultDirectory
@@ -231,6 +230,6 @@ def test_jobs_that_do_not_refine_keep_their_hash() -> None:
     assert len(hashes) == 3
     again = gs.Job(**json.loads(json.dumps(job().resolved())))
     assert again.hash() == job().hash()
-    grid = run_kind.refinement(job().run, job().design)
+    grid = job().run.refined(job().design)
     assert grid is not None
     assert grid.wraps == {0: True, 2: True}

@@ -21,9 +21,9 @@ from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
 from gaitsweep.engine.stored_programs import stored
 from gaitsweep.engine.sweep.lane import host_device
 
-# Rows for which the values of all nodes are in memory.
+# Rows that are computed at a time, since the values of all nodes are in memory.
 _AT_A_TIME = 4096
-# NumPy's forms of operations whose own form takes one number at a time
+# NumPy's forms of operations whose own form takes one number at a time.
 _OF_ARRAYS: dict[str, Callable[..., Any]] = {
     "select": np.where,
     **{name: np.vectorize(OPERATIONS[name].evaluate, otypes=[float]) for name in ("erf", "erfc")},
@@ -66,7 +66,7 @@ def over_rows(
 
 
 def _by_xla(function: Callable[..., Any]) -> Callable[..., Any]:
-    # what the compiler's optimisation takes would be lost
+    # on few rows an optimised program saves less time than its optimisation takes
     compiled = jax.jit(jax.vmap(function), compiler_options={"xla_backend_optimization_level": 0})
 
     def of_rows(*trees: Any) -> Any:
@@ -79,7 +79,7 @@ def _by_xla(function: Callable[..., Any]) -> Callable[..., Any]:
 def _program(function: Callable[..., Any], shapes: Any) -> tuple[list[Any], list[Any], Any]:
     """The operations of a function of one row, each with its arguments or its value, and its results."""
     jaxpr, out = jax.make_jaxpr(function, return_shape=True)(*shapes)
-    program = Program(simplify=False)  # functions are checked for NaN
+    program = Program(simplify=False)  # a product with 0 is NaN where the other factor is
     tracer = Tracer(program)
     outputs = tracer.read(jaxpr, tracer.inputs(shapes, 0, steady=False))
     results, structure = jax.tree.flatten(out)

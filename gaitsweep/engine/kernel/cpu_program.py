@@ -93,9 +93,9 @@ class Tile:
 
     `contraction`: whether a product and a sum may become one instruction.
 
-    After the program's slots come a flag and a sample for the loop that keeps samples, what plain attempts
-    share, and room for values that a stage loads again. Slots that plain attempts change are there twice,
-    `apart` slots from each other: an attempt reads those of one side, `i`, and writes those of the other,
+    The program's slots are followed by a flag and a sample for the loop that keeps samples, by the values
+    that plain attempts share, and by room for values that a stage loads again. Slots that plain attempts
+    change exist twice, `apart` slots from each other: an attempt reads one side, `i`, and writes the other,
     `j`.
     """
 
@@ -172,7 +172,7 @@ class Tile:
         Args:
             outputs: the nodes, by slot.
             at_hand: where nodes are in memory already; inputs are in their slots.
-            old, new: the sides that are read and written, of slots that are there twice.
+            old, new: the sides that are read and written, of slots that exist twice.
             flag: a flag, which the lines name `unusual`.
             registers: values in registers at a time; None if the compiler chooses them.
         """

@@ -109,21 +109,8 @@ class KernelLanes(Lanes):
         self._dtype = np.dtype(spec.numerics.carried)
 
     @abc.abstractmethod
-    def put(
-        self,
-        lanes: Int[np.ndarray, " opened"],
-        opened: Float[np.ndarray, "opened slots"],
-        samples: Float[np.ndarray, "opened width"],
-        keeps: Bool[np.ndarray, " opened"],
-    ) -> None:
-        """Write opened rows to lanes.
-
-        Args:
-            lanes: their numbers.
-            opened: the first slots of each row.
-            samples: a sample of each row, written to the buffer of its lane.
-            keeps: whether the sample of a row is written.
-        """
+    def put(self, lanes: Int[np.ndarray, " opened"], opened: Opened) -> None:
+        """Write opened rows to lanes, and the samples that are kept to their buffers."""
 
     def open_rows(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
         """Open the rows in the lanes marked `fresh`, and `put` them there; values have one number a lane."""
@@ -132,7 +119,7 @@ class KernelLanes(Lanes):
             {name: np.asarray(column[lanes], self._dtype) for name, column in columns.items()}
             for columns in (params, starts)
         )
-        self.put(lanes, *self.kernel.open(values, initial))
+        self.put(lanes, self.kernel.open(values, initial))
 
     def output(self, read_slot: Callable[[int], Real[np.ndarray, " lanes"]]) -> ChunkOutput:
         """The output of a chunk without its buffers; `read_slot` returns the values of a slot."""
@@ -176,27 +163,21 @@ class CpuLanes(KernelLanes):
         leaves, width = self.kernel.leaves, self.kernel.width
         self._filled = leaves["filled"].first
         self._slots[:, leaves["status"].first] = Status.complete
-        self._kept = np.zeros((tiles * TILE, BUFFER if width else 0, width))
+        self._buffers = np.zeros((tiles * TILE, BUFFER if width else 0, width))
 
     def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
         self.open_rows(params, starts, fresh)
 
-    def put(
-        self,
-        lanes: Int[np.ndarray, " opened"],
-        opened: Float[np.ndarray, "opened slots"],
-        samples: Float[np.ndarray, "opened width"],
-        keeps: Bool[np.ndarray, " opened"],
-    ) -> None:
+    def put(self, lanes: Int[np.ndarray, " opened"], opened: Opened) -> None:
         tile, lane = np.divmod(lanes, TILE)
-        self._slots[tile, : opened.shape[1], lane] = opened
+        self._slots[tile, : opened.slots.shape[1], lane] = opened.slots
         if self.kernel.width:
-            self._kept[lanes[keeps], 0] = samples[keeps]
+            self._buffers[lanes[opened.keeps], 0] = opened.samples[opened.keeps]
 
     def run_chunk(self, polls: int) -> ChunkOutput:
         """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""
         tiles = self._slots.shape[0]
-        self._run(self._slots.reshape(tiles, -1), self._kept, polls)
+        self._run(self._slots.reshape(tiles, -1), self._buffers, polls)
         output = self.output(lambda slot: self._slots[:, slot].ravel()[: self.size])
         self._slots[:, self._filled] = 0.0
-        return output._replace(kept=self._kept[: self.size])
+        return output._replace(buffers=self._buffers[: self.size])

@@ -23,8 +23,15 @@ from gaitsweep.engine.sweep.lane import OneLane, host_device
 # Rows that XLA opens in one call: constant, since its last bits depend on it.
 _BATCH = 64
 
-Opened = tuple[Float[np.ndarray, "rows slots"], Float[np.ndarray, "rows width"], Bool[np.ndarray, " rows"]]
 Columns = Mapping[str, Float[np.ndarray, " rows"]]
+
+
+class Opened(NamedTuple):
+    """Opened rows (n,): their slots, the first sample of each, and whether to keep that sample."""
+
+    slots: Float[np.ndarray, "rows slots"]
+    samples: Float[np.ndarray, "rows width"]
+    keeps: Bool[np.ndarray, " rows"]
 
 
 class Opening(NamedTuple):
@@ -92,7 +99,7 @@ def opened_by_kernel(opening: Opening) -> Callable[[Columns, Columns], Opened]:
         tiled = np.ascontiguousarray(room.reshape(size, tiles, TILE).transpose(1, 0, 2))
         run(tiled.ctypes.data, tiles)
         opened = tiled[:, len(columns) :].transpose(0, 2, 1).reshape(tiles * TILE, -1)[:rows]
-        return opened[:, : opening.slots], opened[:, opening.slots : -1], opened[:, -1] != 0.0
+        return Opened(opened[:, : opening.slots], opened[:, opening.slots : -1], opened[:, -1] != 0.0)
 
     return open_rows
 
@@ -116,14 +123,11 @@ def opened_by_xla(lane: OneLane) -> Callable[[Columns, Columns], Opened]:
     def open_rows(values: Columns, starts: Columns) -> Opened:
         rows, parts = len(next(iter(values.values()))), []
         for first in range(0, rows, _BATCH):
-            # the last batch is filled up with its first row
-            some = np.resize(np.arange(first, min(first + _BATCH, rows)), _BATCH)
-            block = [{k: v[some] for k, v in by_name.items()} for by_name in (values, starts)]
+            # the last batch is filled up with its own rows
+            batch = np.resize(np.arange(first, min(first + _BATCH, rows)), _BATCH)
+            columns = [{k: v[batch] for k, v in by_name.items()} for by_name in (values, starts)]
             with jax.default_device(host_device()):
-                parts.append(jax.device_get(compiled(*block)))
-        slots, samples, keep = (
-            np.concatenate(parts_of_output)[:rows] for parts_of_output in zip(*parts, strict=True)
-        )
-        return slots, samples, keep
+                parts.append(jax.device_get(compiled(*columns)))
+        return Opened(*(np.concatenate(output)[:rows] for output in zip(*parts, strict=True)))
 
     return open_rows

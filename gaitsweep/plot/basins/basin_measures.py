@@ -19,7 +19,6 @@ from gaitsweep.analysis.basins.attractors import with_attractors
 from gaitsweep.analysis.basins.fractal_boundaries import BOX
 from gaitsweep.analysis.basins.measures import Basins, basins
 from gaitsweep.analysis.records import axes_of
-from gaitsweep.kinds.run_kind import refinement
 from gaitsweep.plot import theme
 from gaitsweep.plot.columns import axis_label, column, is_angle, rows_where, unit_of, written
 from gaitsweep.plot.kind import TEXT_COLUMNS, Column, PlannedTable, Refusal, Title, figure_kind
@@ -45,7 +44,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     if len(set(units.values())) > 1:
         shown = ", ".join(f"{name} in {unit or '1'}" for name, unit in units.items())
         yield ("axes",), f"needs one unit for the distance between starts, but there are {shown}."
-    if figure.hue == "attractor" and refinement(table.run, table.rows) is not None:
+    if figure.hue == "attractor" and table.run.refined(table.rows) is not None:
         yield (
             ("hue",),
             ("is attractor, but run.refine infers rows, which have no state that identifies an attractor."),
