@@ -151,11 +151,11 @@ def test_two_feet_that_land_at_once() -> None:
     landings and between the lift-offs.
     """
     for c, kind in ((1.0, "subcritical_pitchfork"), (-1.0, "supercritical_pitchfork")):
-        chain = gs.return_map(TwoLegs(), c=c, k=0.3)
+        chain = gs.return_map(TwoLegs(), c=c, k=0.1)
         starts = chain.settled({"phi_2_0": 0.02}, cycles=60)
         table = continuation(
-            chain.mapping, starts, {"c": c}, parameter="k", within=(-0.1, 0.3), begin=0.3, towards=-1,
-            crossing=True, steps=ArclengthSteps(most=12),
+            chain.mapping, starts, {"c": c}, parameter="k", within=(-0.1, 0.1), begin=0.1, towards=-1,
+            crossing=True, steps=ArclengthSteps(most=20),
         )  # fmt: skip
         at_zero = table[table["special"] != ""]
         assert at_zero["special"].tolist() == [kind]
