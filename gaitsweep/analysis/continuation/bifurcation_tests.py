@@ -19,6 +19,7 @@ from jaxtyping import Complex
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem, PerBranch
 from gaitsweep.analysis.continuation.branch_points import (
     FLAT,
+    IMPERFECT,
     Crossing,
     branch_point,
     cornered,
@@ -37,8 +38,6 @@ MOST_TRIALS = 40
 REAL = 1e-6
 # Two real multipliers cross the unit circle together if they are this close to it, and to each other.
 TOGETHER = 1e-3
-# The largest scaled beta at which branches cross, that is a few residuals of Newton's method.
-IMPERFECT = 1e-8
 # A determinant this small, as a share of its larger value at the step's ends, has a zero and no jump.
 SMALL = 1e-3
 

@@ -34,6 +34,8 @@ CROSSINGS = ("transcritical", "supercritical_pitchfork", "subcritical_pitchfork"
 FLAT = 1e-3
 # Tolerance and most steps of the search for a branch point.
 TOLERANCE, MOST_STEPS = 1e-8, 12
+# The largest scaled beta at which branches cross, that is a few residuals of Newton's method.
+IMPERFECT = 1e-8
 # Length of the first step along the branch that crosses.
 ASIDE = 0.01
 
@@ -81,9 +83,10 @@ def branch_point(problem: ContinuationProblem, near: BranchPoints) -> tuple[Cros
     at = dataclasses.replace(
         near, points=points, drift=unscaled[None, size:-1], parameter=parameter, images=images
     )
-    sides = both_sides(problem, at)
+    passing = abs(beta) > IMPERFECT
+    sides = [] if passing else both_sides(problem, at)
     tangents = crossing_tangents(branching.null, branching.bent)
-    if tangents is None or not _is_smooth(sides):
+    if tangents is None or not (passing or _is_smooth(sides)):
         return cornered(problem, at, sides), beta
     along = near.tangent[0] / scale
     ours = int(np.argmax(np.abs(tangents @ along)))
