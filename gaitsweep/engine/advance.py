@@ -252,7 +252,8 @@ def _advance_hybrid(
             h = jnp.minimum(h, root)
             bends = bends_back(polynomials, h)
             trial = expansion.at(carry.state, h)
-            change = _fitting_change(expansion.error(h), carry, trial, numerics, order)
+            rates = None if smooth else flow_after(params_at_end, trial)
+            change = _fitting_change(expansion.error(h, rates), carry, trial, numerics, order)
             # a rejected step is shortened and tried again
             taken = (change >= CAUTION) | (h <= LEAST_SHARE * dt)
         elif method.adaptive:
@@ -283,8 +284,8 @@ def _advance_hybrid(
                 hides = hides | unresolved(carry.near, slopes, guards, speed, inside, h)
             if expansion is not None:
                 hides = bends if smooth else hides | bends
-            ends, rates = (carry.state, trial), (leaving, arriving)
-            shows, unseen = switches_within(flow, params_within, ends, rates, h, within)
+            ends, end_rates = (carry.state, trial), (leaving, arriving)
+            shows, unseen = switches_within(flow, params_within, ends, end_rates, h, within)
             hides = hides | ((h > SWITCH_STEP * carry.unit) & (shows | unseen))
         hidden = unlikely(going & taken & ~short & hides)
         # a guard that is above zero by its polynomial, and not by its value, is tried further past the root

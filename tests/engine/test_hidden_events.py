@@ -181,7 +181,8 @@ def test_pulses_are_met_however_they_are_written(form: str) -> None:
     @jax.jit
     def too_long(begin: jax.Array, h: jax.Array, width: jax.Array) -> jax.Array:
         ones = {"clock": jnp.asarray(1.0)}
-        shows, hides = switches_within(flow, width, (Clock(begin), Clock(begin + h)), (ones, ones), h)
+        ends = Clock(begin), Clock(begin + h)
+        shows, hides = switches_within(flow, width, ends, (ones, ones), h, lambda s: Clock(begin + s * h))
         return shows | hides
 
     smooth = form in ("bell", "smooth steps")  # which step control sees if they are wide

@@ -201,6 +201,31 @@ def test_impacts_that_accumulate_stall_within_few_attempts() -> None:
     assert found.manifest["timings"]["attempts"] < 5000
 
 
+class Pulse(DeclaredModel):
+    """A charge that a short pulse of current raises by 1, from a given time on."""
+
+    width = parameter("s", "length of the pulse", 1e-3)
+    clock = variable("s", "time")
+    charge = variable("1", "charge")
+
+    @observable("1", "charge")
+    def level(self, p, s):
+        return s.charge
+
+    def flow(self, p, s):
+        flows = (s.clock > 0.5941) & (s.clock < 0.5941 + p.width)
+        return {"clock": jnp.ones(()), "charge": jnp.where(flows, 1.0 / p.width, 0.0)}
+
+    def period(self, p):
+        return jnp.ones(())
+
+
+def test_switches_of_the_flow_are_met_to_the_tolerance() -> None:
+    run = {"kind": "fixed_time", "duration": 1.0}
+    found = gs.sweep(Pulse(), width=[3e-4, 3e-3, 3e-2], run=run, numerics={"method": "taylor"}, verify=0)
+    np.testing.assert_allclose(found.table["level_end"], 1.0, rtol=0.0, atol=1e-6)
+
+
 def test_zeros_within_a_step() -> None:
     """Two zeros that the ends do not show are suspected; one that they show is found."""
     h = jnp.asarray(1.0)

@@ -47,13 +47,23 @@ class Expansion:
         """The state at a time t (s) after `state`, the one that was expanded."""
         return dataclasses.replace(state, **{name: polynomial(c, t) for name, c in self.series.items()})
 
-    def error(self, h: Number) -> Rates:
-        """An estimate of the error after h seconds, by field."""
+    def error(self, h: Number, rates: Rates | None = None) -> Rates:
+        """An estimate of the error after h seconds, by field.
+
+        `rates` are those of a flow that may switch: a switch within the step shows in the rates at its end.
+        """
         p, power = self.order, h ** (self.order - 1)
         # odd or even solutions lack every other term
-        return {
+        terms = {
             name: jnp.maximum(jnp.abs(c[p] * (power * h)), TERM_RATIO * jnp.abs(c[p - 1] * power))
             for name, c in self.series.items()
+        }
+        if rates is None:
+            return terms
+        slopes = {name: [k * each for k, each in enumerate(c)][1:] for name, c in self.series.items()}
+        return {
+            name: jnp.maximum(term, h * jnp.abs(rates[name] - polynomial(slopes[name], h)))
+            for name, term in terms.items()
         }
 
     def along(self, function: Callable[[State], Value], state: State) -> list[Value]:
