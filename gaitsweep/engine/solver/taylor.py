@@ -136,6 +136,8 @@ def bends_back(coefficients: list[Guards], h: Number) -> Flag:
 def first_zero(coefficients: list[Guards], h: Number) -> Number:
     """The first time (s) within a step at which a guard rises above zero; infinite if none does."""
     near, end = coefficients[0], polynomial(coefficients, h)
+    if near.size == 0:  # a flow without events
+        return jnp.full_like(h, jnp.inf)
     slopes = [each * k for k, each in enumerate(coefficients)][1:]
     rises = (near < 0.0) & (end >= 0.0)
     low, high = jnp.zeros_like(near), jnp.full_like(near, h)
