@@ -54,12 +54,13 @@ def branch_cut(angles: Float[np.ndarray, " angles"]) -> float:
     return float(places[widest] + 0.5 * gaps[widest] - TURN)
 
 
-def unwrap_from(angles: Float[np.ndarray, " angles"], origin: float) -> Float[np.ndarray, " angles"]:
-    """Angles (rad) in the turn that begins at `origin`.
+def unwrap_from(angles: Float[np.ndarray, " angles"], origin: float | None) -> Float[np.ndarray, " angles"]:
+    """Angles (rad) in the turn that begins at `origin`; unchanged without an origin, as other values have.
 
     Example:
         >>> import numpy as np, gaitsweep as gs
         >>> np.rad2deg(gs.analyses.unwrap_from(np.deg2rad([350.0, 10.0]), -np.pi)).round(6).tolist()
         [-10.0, 10.0]
     """
-    return origin + np.mod(np.asarray(angles, float) - origin, TURN)
+    values = np.asarray(angles, float)
+    return values if origin is None else origin + np.mod(values - origin, TURN)

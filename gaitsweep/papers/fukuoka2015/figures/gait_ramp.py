@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gaits_along
-from gaitsweep.papers.fukuoka2015.figures.gait_looks import ORDER, check_gaits, colour_of, ink_on, label_of
+from gaitsweep.papers.fukuoka2015.figures.gait_looks import ORDER, check_gaits, colour_of, label_of
 from gaitsweep.plot import (
     Count,
     Panels,
@@ -156,5 +156,8 @@ def _bar(axes: Axes, at: np.ndarray, t: np.ndarray, gaits: Sequence[str], height
         low, colour = begins[first], colour_of(gaits[first])
         bar = axes.barh(height, ends[last - 1] - low, _BAR, left=low, color=colour, linewidth=0)
         if abs(ends[last - 1] - low) * letters > len(kinds[first]):
-            look: dict[str, Any] = {"fontsize": theme.points(7), "color": ink_on(gaits[first])}
+            look: dict[str, Any] = {
+                "fontsize": theme.points(7),
+                "color": theme.ink_on(colour_of(gaits[first])),
+            }
             axes.bar_label(bar, [kinds[first]], label_type="center", **look)
