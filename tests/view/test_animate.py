@@ -25,6 +25,7 @@ from gaitsweep.table import Snapshot
 from gaitsweep.view import row_movie as movie
 from gaitsweep.view.movie import mujoco_movie, mujoco_painter
 from gaitsweep.view.movie.side_view import SWING
+from gaitsweep.view.row_motion import read_motion
 from tests.support.trace_directories import (
     CYCLE,
     SPEED,
@@ -202,7 +203,7 @@ def test_a_row_without_a_trace_is_simulated_again(tmp_path: Path, run: dict[str,
         run=run,
     )
     table = gs.run(job, tmp_path / "rows").table
-    motion = movie.read_motion(tmp_path / "rows", 0)
+    motion = read_motion(tmp_path / "rows", 0)
     last = float(np.max(table[end].to_numpy(float)))
     assert motion.t[-1] == pytest.approx(last, abs=motion.period / 64)
     assert motion.t[-1] - motion.t[0] == pytest.approx(4 * motion.period, rel=0.02)
@@ -212,10 +213,10 @@ def test_a_row_without_a_trace_is_simulated_again(tmp_path: Path, run: dict[str,
         for name in ("x_1", "l_3"):
             wanted = np.interp(motion.t, alone["t"], alone[name])
             np.testing.assert_allclose(motion.signals[name], wanted, atol=2e-3)  # between samples
-    early = movie.read_motion(tmp_path / "rows", 0, start=1.0, seconds=2.0)
+    early = read_motion(tmp_path / "rows", 0, start=1.0, seconds=2.0)
     assert (early.t[0], early.t[-1]) == pytest.approx((1.0, 3.0), abs=motion.period / 64)
     with pytest.raises(movie.PlotError, match="goes from 0 to"):
-        movie.read_motion(tmp_path / "rows", 0, start=last + 1.0)
+        read_motion(tmp_path / "rows", 0, start=last + 1.0)
     out = movie.write_movie(tmp_path / "rows", fps=2.0, size=(320, 180))
     assert out.name == "animation_row0.gif"
 
@@ -229,7 +230,7 @@ def test_a_trace_has_the_gait_of_its_end(tmp_path: Path, moves: bool) -> None:
     start: dict[str, Any] = {"psi_1": 1.13, "psi_2": 0.98, "psi_3": 1.5}
     result = gs.run(Job(name="trace", model="multilegged", start=start, run=run | moving), tmp_path / "trace")
     assert set(result.table["gait"]) == {"direct"}
-    assert movie.read_motion(tmp_path / "trace", 0).gait == ("" if moves else "direct")
+    assert read_motion(tmp_path / "trace", 0).gait == ("" if moves else "direct")
     table = gs.simulate("multilegged", **start, duration=20.0, every=5.0)
     assert not {"gait", "outcome", "status"} & set(table.columns)
 
@@ -240,7 +241,7 @@ def test_a_movie_is_titled_by_gait_and_speed(quadruped: Path, chain: Path) -> No
         (quadruped, "", f"waist_quadruped, at {SPEED:.2g} m/s; row 0: "),
         (chain, "direct", "multilegged, direct; row 0"),  # which has no speed
     ):
-        motion = dataclasses.replace(movie.read_motion(folder, 0), gait=gait)
+        motion = dataclasses.replace(read_motion(folder, 0), gait=gait)
         with movie._prepared(motion, motion.t, "", "matplotlib", 1.0, None) as (clip, _):
             assert clip.title.startswith(title)
 
@@ -254,7 +255,7 @@ def test_a_body_of_an_mjcf_is_drawn_from_its_geoms(tmp_path: Path) -> None:
     folder = written(
         tmp_path / "hops", job, [pd.DataFrame({"row": 0, "t": t, **signals, "status": "complete"})]
     )
-    motion = movie.read_motion(folder, 0)
+    motion = read_motion(folder, 0)
     skeleton = motion.model.skeleton(motion.values, motion.signals)
     assert skeleton is not None
     trunk, foot = skeleton.bodies
@@ -268,7 +269,7 @@ def test_a_body_of_an_mjcf_is_drawn_from_its_geoms(tmp_path: Path) -> None:
 
 def test_legs_in_swing_are_coloured_and_lifted_on_request(chain: Path) -> None:
     """The chain's legs have one colour, so another marks those in swing; only these are lifted."""
-    motion = movie.read_motion(chain, 0)
+    motion = read_motion(chain, 0)
     skeletons = []
     for lift in (1.0, 3.0):
         with movie._prepared(motion, motion.t, "", "auto", lift, None) as (clip, draw):

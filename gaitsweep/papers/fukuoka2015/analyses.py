@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 import gaitsweep as gs
-from gaitsweep.cli import Directory, Kept, print_table
+from gaitsweep.cli import Directory, GroupColumns, print_table
 
 app = typer.Typer()
 Window = Annotated[
@@ -139,7 +139,7 @@ def gait_measures(
 
 
 @app.command()
-def speed_transitions(directory: Directory, by: Kept = None) -> None:
+def speed_transitions(directory: Directory, by: GroupColumns = None) -> None:
     """Print the speeds at which gaits change.
 
     As the speed rises and as it falls, with the hysteresis between.
