@@ -141,8 +141,7 @@ def phase_gain(table: pd.DataFrame) -> float:
     if not len(down) or t[down[0]] + 10 * values["tau"] > t[-1]:
         raise MeasureError("Leg 1 does not touch down early enough in the recorded time.")
     after = int(np.searchsorted(t, t[down[0]] + 10 * values["tau"]))
-    gained = phase[after] - phase[down[0]] - values["omega"] * (t[after] - t[down[0]])
-    return float(gained)
+    return float(phase[after] - phase[down[0]] - values["omega"] * (t[after] - t[down[0]]))
 
 
 @measure

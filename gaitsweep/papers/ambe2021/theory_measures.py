@@ -109,6 +109,7 @@ def reduced_map_error(*, N: int = 3, kinds: Sequence[str] = ("A", "B", "direct")
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
 def _solution(N: int, branch: Branch, s: float, circle: jax.Array) -> jax.Array:
+    """The relative phases (N,) of a set on section 1, at its free phase s; `circle` rad is a cycle."""
     return solution(rule_of(N, branch, Chain()), jnp.asarray(s), circle, 1)
 
 
@@ -157,7 +158,12 @@ def touchdown_relation_error(*, N: int = 9) -> float:
 def table_2(*, number: int) -> list[str]:
     """Whether the legs in front of and behind a leg of the set S are reset before it: no, yes or none."""
     words = {None: "none", False: "no", True: "yes"}
-    return [words[reset] for neighbours, known in TABLE_2.items() if known == number for reset in neighbours]
+    return [
+        words[reset]
+        for neighbours, reset_set in TABLE_2.items()
+        if reset_set == number
+        for reset in neighbours
+    ]
 
 
 @measure

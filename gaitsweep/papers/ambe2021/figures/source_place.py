@@ -20,9 +20,9 @@ from gaitsweep.plot import (
     Title,
     axis_label,
     cell_edges,
-    column,
     figure_kind,
     hatch_cells,
+    require_columns,
     theme,
 )
 
@@ -37,10 +37,8 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         yield figure.needs(table, "the multi-legged chain's psi_1")
     for place, name in enumerate(figure.x):
         if name not in table.varied:
-            yield (
-                ("x", place),
-                f"is {name}, which does not vary in this job. {near_miss.allowing(table.varied)}",
-            )
+            allowed = near_miss.allowing(table.varied)
+            yield ("x", place), f"is {name}, which does not vary in this job. {allowed}"
 
 
 @figure_kind("settle", check=_check)
@@ -63,23 +61,20 @@ def source_place(
     """
     if not x:
         raise PlotError("x is empty: name a profile that varies, such as m_slope.")
-    for name in x:
-        column(table, name)
+    require_columns(table, *x)
     down, across = theme.shape(len(x), theme.PAGE, 1.4)
     with theme.canvas(theme.PAGE, 3.3 * down, title) as figure:
-        panels = figure.subplots(down, across, sharey=True, squeeze=False).ravel()
+        panels = theme.panels(figure, (down, across), len(x), sharey=True)
         for axes in panels[::across]:
             axes.set_ylabel("leg, 1 at the head")
-        for axes in panels[len(x) :]:
-            axes.set_visible(False)
         if not len(table):
-            for axes in panels[: len(x)]:
+            for axes in panels:
                 theme.message(axes, "no rows yet")
             return figure
         shares, drawn = places_of(table), {}
         legs = int(shares["leg"].to_numpy().max())
         most = max(float(shares["source"].to_numpy().max()), 0.01)
-        for axes, name in zip(panels, x, strict=False):
+        for axes, name in zip(panels, x, strict=True):
             others = [other for other in x if other != name]
             alone = np.all(shares[others].to_numpy(float) == 0.0, axis=1)
             axes.set_xlabel(axis_label(table, name))
@@ -89,9 +84,10 @@ def source_place(
                 theme.message(axes, "No row has 0 for the other profiles.")
         panels[0].set_yticks([*range(1, legs + 1), legs + 2], [*map(str, range(1, legs + 1)), "neither"])
         panels[0].set_ylim(legs + 2.5, 0.5)
+        cells = list(figure.axes)  # before those of colour bars
         for mesh, label in drawn.values():
             side: dict[str, Any] = {"pad": 0.01} if across == len(x) else {"location": "bottom"}
-            figure.colorbar(mesh, ax=panels, label=f"share: {label}", shrink=0.9, **side)
+            figure.colorbar(mesh, ax=cells, label=f"share: {label}", shrink=0.9, **side)
     return figure
 
 
