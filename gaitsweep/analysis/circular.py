@@ -16,8 +16,8 @@ def is_circular(table: pd.DataFrame, name: str) -> bool:
 
     The name is looked up as it is, then without the suffix _n or _end of section observables.
     """
-    known = table.attrs.get("quantities", {})
-    entry = known.get(name) or known.get(re.sub(r"_(n|end)\Z", "", name)) or {}
+    quantities = table.attrs.get("quantities", {})
+    entry = quantities.get(name) or quantities.get(re.sub(r"_(n|end)\Z", "", name)) or {}
     circular = entry.get("circular")
     return bool(circular) if circular is not None else re.match(r"(psi|phi|delta)(_|\Z)", name) is not None
 
