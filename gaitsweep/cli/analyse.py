@@ -37,10 +37,7 @@ class _Analyses(TyperGroup):
 
 
 app = typer.Typer(
-    cls=_Analyses,
-    help="Analyse a table and print the results.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
+    cls=_Analyses, help="Analyse a table and print the results.", no_args_is_help=True, rich_markup_mode=None
 )
 
 Observable = Annotated[str, typer.Option("--observable", metavar="NAME", help="Observable at the section.")]

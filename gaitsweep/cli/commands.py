@@ -239,8 +239,7 @@ def plot(
     ] = [],  # noqa: B006 - typer does not change it
     dpi: Annotated[int | None, typer.Option("--dpi", help="Pixels per inch of png files (150).")] = None,
     colours: Annotated[
-        list[str],
-        typer.Option("--colour", metavar="GAIT=COLOUR", help="Colour of a gait; may be repeated."),
+        list[str], typer.Option("--colour", metavar="GAIT=COLOUR", help="Colour of a gait; may be repeated.")
     ] = [],  # noqa: B006 - typer does not change it
     panel_letters: Annotated[
         bool, typer.Option("--panel-letters", help="Write a, b, c, ... above panels.")
@@ -317,8 +316,7 @@ app.command()(models.check_model)
 @app.command()
 def check(
     job_files: Annotated[
-        list[Path],
-        typer.Argument(metavar="JOB.yaml...", parser=shipped_or_own, help="One or more jobs."),
+        list[Path], typer.Argument(metavar="JOB.yaml...", parser=shipped_or_own, help="One or more jobs.")
     ],
 ) -> None:
     """Check jobs without running them, and print one line for each."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -28,6 +28,7 @@ from gaitsweep.schema.strict_model import Registry, StrictModel, kind_of
 from gaitsweep.shipped import job_file
 
 T = TypeVar("T", bound=StrictModel)
+R = TypeVar("R")
 MEASURES: Registry[Measure] = Registry(
     "measure",
     [Value, Edge, Share, Coexistence, Order, Prominence, Failures, FixedPoint, Transition, GaitSequence],
@@ -118,7 +119,7 @@ def read_settings(
     return read_model(part, settings, (field,), wrong)
 
 
-def read_file(path: str | Path, overrides: Sequence[str], read: Any) -> Any:
+def read_file(path: str | Path, overrides: Sequence[str], read: Callable[[Any, Path], R]) -> R:
     """Apply `read(data, folder)` to a YAML file with overrides; errors get file and line.
 
     Raises:

@@ -21,12 +21,7 @@ from gaitsweep.job.config import Config
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec
 from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.kinds.run_kind import RunKind, table_columns
-from gaitsweep.schema.diagnostics import (
-    Diagnostic,
-    JobError,
-    quoted,
-    refuse,
-)
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, refuse
 from gaitsweep.schema.diagnostics import Path as FieldPath
 
 # Fields of a job that have no place beside sets of constants.

@@ -209,12 +209,7 @@ class Population:
         return [(dict(zip(self._structure, key, strict=True)), place) for key, place in places.items()]
 
     def _rows(
-        self,
-        context: RunContext,
-        constants: Values,
-        n: int,
-        on_progress: OnProgress,
-        share: float,
+        self, context: RunContext, constants: Values, n: int, on_progress: OnProgress, share: float
     ) -> tuple[Values, np.ndarray]:
         """Run rows: columns (m, conditions) of the sets that are not refused, and the reasons (n,) or "".
 

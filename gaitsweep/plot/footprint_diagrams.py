@@ -17,15 +17,7 @@ from matplotlib.ticker import MultipleLocator
 
 from gaitsweep.plot import theme
 from gaitsweep.plot.columns import PlotError, column, row_names, rows_where, written
-from gaitsweep.plot.kind import (
-    Panels,
-    PlannedTable,
-    Refusal,
-    Title,
-    Window,
-    check_window,
-    figure_kind,
-)
+from gaitsweep.plot.kind import Panels, PlannedTable, Refusal, Title, Window, check_window, figure_kind
 from gaitsweep.plot.limbs import limb_colours, limbs_of, model_of, name_limbs
 from gaitsweep.schema.numbers import Flag, Text
 from gaitsweep.skeleton import LimbLook

@@ -15,7 +15,7 @@ from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.errors import ArgumentError
 
 Trajectories = Int[np.ndarray, " trajectories"]  # a number for each trajectory
-# The label of a trajectory that has reached no attractor yet; -1 - w if it ended by the `Way` w.
+# The label of a trajectory that has reached no attractor yet; -1 - w if it ended by the `ReturnStatus` w.
 UNDECIDED = -1
 # Least number of lanes in a call: fewer take a kernel as long, and every size is compiled separately.
 FEWEST = 8

@@ -38,11 +38,7 @@ class Continued:
 
 
 def follow_attractors(
-    table: pd.DataFrame,
-    parameter: str,
-    *,
-    within: float | None = None,
-    **grouping: Any,
+    table: pd.DataFrame, parameter: str, *, within: float | None = None, **grouping: Any
 ) -> Continued:
     """Group the settled rows at each value of a parameter, and match the attractors of successive values.
 

@@ -148,10 +148,7 @@ def _fractality(
 
 
 def minimal_fatal_shock(
-    table: pd.DataFrame,
-    axes: Sequence[str],
-    labels: pd.Series,
-    scales: Mapping[str, float] | None = None,
+    table: pd.DataFrame, axes: Sequence[str], labels: pd.Series, scales: Mapping[str, float] | None = None
 ) -> tuple[Float[np.ndarray, " rows"], Shaped[np.ndarray, " rows"]]:
     """The minimal fatal shock: the distance from each start to the nearest start with another outcome.
 

@@ -118,7 +118,7 @@ def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = L
             direction = "rising" if rising(course, number) else "falling"
             ends = {"before": before, "after": after}
             if circular:
-                ends = {name: np.mod(end, TURN) for name, end in ends.items()}
+                ends = {side: np.mod(end, TURN) for side, end in ends.items()}
             record = {**_place(course, axes), "pass": number, "direction": direction}
             record |= {"low": passed.min(), "high": passed.max(), **ends, "size": after - before}
             records.append(record)
@@ -162,11 +162,7 @@ def _irregular(
 
 
 def transition_points(
-    table: pd.DataFrame,
-    observable: str,
-    parameter: str,
-    least: float = LEAST,
-    by: Sequence[str] = (),
+    table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST, by: Sequence[str] = ()
 ) -> pd.DataFrame:
     """The transition point of each pass, over all rows on a branch: their `largest_jumps`.
 
@@ -279,10 +275,13 @@ def _joined(parts: list[pd.DataFrame]) -> pd.DataFrame:
 
 def _oscillating(all_jumps: pd.DataFrame) -> Bool[np.ndarray, " jumps"]:
     """Whether each of the `jumps` is of a pass whose jumps reverse direction at least twice, (n,)."""
-    size, one = all_jumps["size"].to_numpy(float), all_jumps.groupby(["row", "pass"]).ngroup().to_numpy(int)
-    back = (size[1:] * size[:-1] < 0.0) & (one[1:] == one[:-1])
-    turns = np.bincount(one[1:][back], minlength=int(one.max(initial=0)) + 1)
-    return turns[one] >= 2
+    size, pass_number = (
+        all_jumps["size"].to_numpy(float),
+        all_jumps.groupby(["row", "pass"]).ngroup().to_numpy(int),
+    )
+    reverses = (size[1:] * size[:-1] < 0.0) & (pass_number[1:] == pass_number[:-1])
+    turns = np.bincount(pass_number[1:][reverses], minlength=int(pass_number.max(initial=0)) + 1)
+    return turns[pass_number] >= 2
 
 
 def _reversals(value: Float[np.ndarray, " records"], least: float) -> int:
@@ -329,13 +328,13 @@ def _edges_of(
 
 def _area(course: Course, first: int, circular: bool) -> dict[str, float]:
     """The area between passes `first` and `first + 1` of a course."""
-    nothing: dict[str, float] = dict.fromkeys(("area", "signed", "low", "high"), float("nan"))
+    no_area: dict[str, float] = dict.fromkeys(("area", "signed", "low", "high"), float("nan"))
     branches = [_branch(course, number, circular) for number in (first, first + 1)]
     if any(len(at) < 2 for at, _ in branches):
-        return nothing
+        return no_area
     low, high = max(at[0] for at, _ in branches), min(at[-1] for at, _ in branches)
     if high <= low:
-        return nothing
+        return no_area
     grid = np.unique(np.clip(np.concatenate([at for at, _ in branches]), low, high))
     first_branch, second_branch = (np.interp(grid, at, value) for at, value in branches)
     difference = (first_branch - second_branch) if rising(course, first) else (second_branch - first_branch)

@@ -122,11 +122,7 @@ def fixed_points(
 
 
 def ghosts(
-    table: pd.DataFrame,
-    observable: str,
-    by: By = None,
-    bandwidth: float | None = None,
-    near: float = NEAR,
+    table: pd.DataFrame, observable: str, by: By = None, bandwidth: float | None = None, near: float = NEAR
 ) -> pd.DataFrame:
     """The ghosts: minima of the size of the drift near zero, left behind by a saddle-node bifurcation.
 

@@ -11,13 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from gaitsweep.claims import (
-    MeasureError,
-    defaults,
-    measure,
-    numbers,
-    one_row,
-)
+from gaitsweep.claims import MeasureError, defaults, measure, numbers, one_row
 from gaitsweep.expression import evaluate
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import springs_of
 from gaitsweep.papers.ambe2021.multilegged.mechanics import obstacle_problem

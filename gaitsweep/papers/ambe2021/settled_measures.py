@@ -10,13 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from gaitsweep.analyses import wrapped_difference
-from gaitsweep.claims import (
-    MeasureError,
-    masked,
-    measure,
-    numbers,
-    records,
-)
+from gaitsweep.claims import MeasureError, masked, measure, numbers, records
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import psi_columns
 from gaitsweep.papers.ambe2021.theory.gaits import WAVES
 

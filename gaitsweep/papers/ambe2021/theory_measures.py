@@ -13,10 +13,7 @@ import pandas as pd
 
 import gaitsweep as gs
 from gaitsweep.analyses import wrapped_difference
-from gaitsweep.claims import (
-    MeasureError,
-    measure,
-)
+from gaitsweep.claims import MeasureError, measure
 from gaitsweep.papers.ambe2021.equation_measures import chain_defaults
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import springs_of
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
@@ -29,13 +26,7 @@ from gaitsweep.papers.ambe2021.theory.chain import (
     wavelength,
 )
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, gait_of
-from gaitsweep.papers.ambe2021.theory.order import (
-    TABLE_2,
-    jumps,
-    order_sets,
-    reset_sets,
-    touchdown_residuals,
-)
+from gaitsweep.papers.ambe2021.theory.order import TABLE_2, jumps, order_sets, reset_sets, touchdown_residuals
 from gaitsweep.papers.ambe2021.theory.solution_sets import (
     Branch,
     LagRule,

@@ -8,15 +8,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analyses import wrapped_difference
-from gaitsweep.claims import (
-    Condition,
-    masked,
-    measure,
-    numbers,
-    one_row,
-    records,
-    value,
-)
+from gaitsweep.claims import Condition, masked, measure, numbers, one_row, records, value
 from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares
 from gaitsweep.papers.ambe2021.analysis.source_place import source_drift, source_place
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import passages, waves
@@ -24,14 +16,9 @@ from gaitsweep.papers.ambe2021.equation_measures import chain_defaults
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import relative_phases, springs_of
 from gaitsweep.papers.ambe2021.multilegged.model import LANDING, STANCE, TAKEOFF
 from gaitsweep.papers.ambe2021.settled_measures import last_steps
-from gaitsweep.papers.ambe2021.theory.chain import (
-    Chain,
-    wavelength,
-)
+from gaitsweep.papers.ambe2021.theory.chain import Chain, wavelength
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, WAVES, free_link, nearest_set
-from gaitsweep.papers.ambe2021.theory.order import (
-    sets_of_order,
-)
+from gaitsweep.papers.ambe2021.theory.order import sets_of_order
 
 
 @measure

@@ -20,13 +20,8 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gaitsweep.analyses import (
-    TURN,
-)
-from gaitsweep.claims import (
-    defaults,
-    measure,
-)
+from gaitsweep.analyses import TURN
+from gaitsweep.claims import defaults, measure
 from gaitsweep.dynamics.tree import movements, places, rates, turned, velocity
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.drawing import scaled_mjcf

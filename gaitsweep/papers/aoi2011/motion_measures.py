@@ -11,24 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analyses import (
-    TURN,
-    AnalysisError,
-    mean_direction,
-    require,
-    unwrap_from,
-    wrapped_difference,
-)
-from gaitsweep.claims import (
-    Condition,
-    masked,
-    measure,
-    records,
-    row_params,
-    stances,
-    stored_job,
-    value,
-)
+from gaitsweep.analyses import TURN, AnalysisError, mean_direction, require, unwrap_from, wrapped_difference
+from gaitsweep.claims import Condition, masked, measure, records, row_params, stances, stored_job, value
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import LIMBS
 
 # Largest deviation of the times between touchdowns from one cycle, where a foot lands once a cycle

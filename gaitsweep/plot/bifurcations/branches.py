@@ -16,14 +16,7 @@ from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.transitions.return_map import branches as find_branches
 from gaitsweep.plot import theme
 from gaitsweep.plot.bifurcations.continuation import STABLE, UNSTABLE
-from gaitsweep.plot.columns import (
-    column,
-    described,
-    is_angle,
-    log_axes,
-    origin_of,
-    require_columns,
-)
+from gaitsweep.plot.columns import column, described, is_angle, log_axes, origin_of, require_columns
 from gaitsweep.plot.kind import (
     TEXT_COLUMNS,
     AlongAxis,

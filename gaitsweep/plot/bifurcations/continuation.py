@@ -21,14 +21,7 @@ from pydantic import Field
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
 from gaitsweep.near_miss import allowing
 from gaitsweep.plot import theme
-from gaitsweep.plot.columns import (
-    PlotError,
-    column,
-    described,
-    is_angle,
-    moved_parameter,
-    require_columns,
-)
+from gaitsweep.plot.columns import PlotError, column, described, is_angle, moved_parameter, require_columns
 from gaitsweep.plot.kind import Column, Observable, Title, figure_kind
 from gaitsweep.schema.numbers import Real, Text
 

@@ -64,7 +64,7 @@ def motion_fields(motion: Motion) -> dict[str, Any]:
         columns = np.column_stack([pictures.points, pictures.camera - pictures.camera[0]])
         in_units = np.rint(columns / unit)
         steps = np.diff(in_units, axis=0, prepend=np.zeros((1, in_units.shape[1])))
-        steps = np.clip(steps, -_LARGEST, _LARGEST)  # 32 heights between two pictures
+        steps = np.clip(steps, -_LARGEST, _LARGEST)  # less than 32 heights from one picture to the next
         fields |= {
             "unit": _digits(unit),
             "ground": round(float(pictures.camera[0]), 4),
@@ -74,7 +74,9 @@ def motion_fields(motion: Motion) -> dict[str, Any]:
     return fields
 
 
-def crossing_fields(crossings: Crossings, shown: np.ndarray, low: np.ndarray, high: np.ndarray) -> Any:
+def crossing_fields(
+    crossings: Crossings, shown: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> dict[str, Any]:
     """The observables `shown` (k,) over the crossings of a row, as fractions from low to high."""
     values = crossings.observed[:, shown]
     share = (values - low) / np.where(high > low, high - low, 1.0)

@@ -26,10 +26,7 @@ from gaitsweep.plot import (
     theme,
 )
 
-_SHOWN = {
-    "source": ("Blues", "source at this leg"),
-    "meeting": ("Oranges", "waves meet there (hatched)"),
-}
+_SHOWN = {"source": ("Blues", "source at this leg"), "meeting": ("Oranges", "waves meet there (hatched)")}
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
