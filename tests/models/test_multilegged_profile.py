@@ -158,7 +158,8 @@ def test_no_profile_of_the_inner_legs_moves_the_source() -> None:
     assert float(drift(chain)) == 0.0
     # D of each leg with all its neighbours in stance: eq. (31) for the first leg, eq. (32) for the last one
     stiffness = np.convolve(springs(N, chain), [1.0, 1.0])  # both springs of each leg
-    own = (1.0 - chain.beta) * np.pi * chain.g * masses(N, chain) / (amplitudes(N, chain) * stiffness)
+    weights = chain.g * np.asarray(masses(N, chain))
+    own = (1.0 - chain.beta) * np.pi * weights / (np.asarray(amplitudes(N, chain)) * stiffness)
     assert own[[0, -1]] == pytest.approx(float(reset(chain)))
     assert own[1:-1].max() < own[0]
     model = MultileggedReduced(N, profile=True)
