@@ -3,7 +3,8 @@
     python -m benchmarks.start_up [--repeat 5]
 
 Each is a new process, and the medians are printed: seconds of the clock, and of CPU time on all cores. The
-job is Fig. 4 of Ambe 2021 with 4 x 4 x 4 starts, whose rows take a tenth of a second.
+job is Fig. 4 of Ambe 2021 with 4 x 4 x 4 starts, whose rows take a tenth of a second. The model of `gs.sweep`
+is a copy of the hopper of the examples, as a user's own; the last lines are calls in one session.
 """
 
 from __future__ import annotations
@@ -22,12 +23,34 @@ from pathlib import Path
 JOB = Path(__file__).parents[1] / "sweeps" / "multilegged_solution_set.yaml"
 FEW = [f"--set=vary.psi_{i}={{linspace: [0, 2*pi, 4], at: centre}}" for i in (1, 2, 3)]
 GAITSWEEP = [sys.executable, "-m", "gaitsweep"]
+HOPPER = Path(__file__).parents[1] / "gaitsweep" / "examples" / "hopper.py"
+SWEEP = """
+import numpy as np, gaitsweep as gs
+from own_hopper import Hopper
+def sweep(): gs.sweep(Hopper(), launch_0=np.linspace(0.1, 8.0, 16), run=gs.Settle(max_cycles=400))
+def simulate(): gs.simulate(Hopper(), launch_0=2.0, duration=2.0)
+"""
+WARM = """
+import time
+for call in (sweep, simulate):
+    call()
+    began, spent = time.perf_counter(), time.process_time()
+    for _ in range(50): call()
+    clock, spent = (time.perf_counter() - began) / 50, (time.process_time() - spent) / 50
+    print(f"{clock:6.3f} s {spent:6.3f} s  gs.{call.__name__}, in a warm session")
+"""
+
+
+def environment_of(cache: Path) -> dict[str, str]:
+    """The environment of a command with this cache, and the user's model beside it."""
+    paths = os.pathsep.join([str(cache.parent), os.environ.get("PYTHONPATH", "")])
+    return {**os.environ, "GAITSWEEP_CACHE": str(cache), "PYTHONPATH": paths}
 
 
 def run(command: list[str], cache: Path) -> tuple[float, float]:
     """Seconds of the clock and of CPU time of a command."""
     before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    environment = {**os.environ, "GAITSWEEP_CACHE": str(cache)}
+    environment = environment_of(cache)
     subprocess.run(command, env=environment, check=True, stdout=subprocess.DEVNULL)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     spent = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
@@ -42,6 +65,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         cache, out = Path(folder, "cache"), Path(folder, "out")
         job = [*GAITSWEEP, "run", str(JOB), *FEW, "--out", str(out)]
+        shutil.copy(HOPPER, Path(folder, "own_hopper.py"))
+        sweeping = [sys.executable, "-c", f"{SWEEP}sweep()"]
         loading = [sys.executable, "-c", f"import gaitsweep as gs; gs.load({str(out)!r})"]
         # what is removed before each process: the result directory, and the caches too
         commands = {
@@ -49,9 +74,12 @@ def main() -> None:
             "gaitsweep run, cached": (job, [out]),
             "gaitsweep run, of a complete job": (job, []),
             "gaitsweep run --dry-run": ([*job, "--dry-run"], []),
+            "gaitsweep check": ([*GAITSWEEP, "check", str(JOB)], []),
             "gaitsweep plot": ([*GAITSWEEP, "plot", str(out)], []),
             "gaitsweep --help": ([*GAITSWEEP, "--help"], []),
             "gs.load": (loading, []),
+            "first gs.sweep, of a new model": (sweeping, [cache]),
+            "first gs.sweep, of a known model": (sweeping, []),
         }
         print("  clock    CPU")
         for name, (command, removed) in commands.items():
@@ -62,6 +90,7 @@ def main() -> None:
                 results.append(run(command, cache))
             clock, spent = (statistics.median(each) for each in zip(*results, strict=True))
             print(f"{clock:5.1f} s {spent:5.1f} s  {name}", flush=True)
+        subprocess.run([sys.executable, "-c", SWEEP + WARM], env=environment_of(cache), check=True)
 
 
 if __name__ == "__main__":

@@ -45,7 +45,7 @@ def _warn_once(sentence: str) -> None:
     warnings.warn(sentence, stacklevel=3)
 
 
-def keep(file: Path, content: bytes) -> None:
+def store_cached(file: Path, content: bytes) -> None:
     """Write a file of the cache with its digest, at once; a file that cannot be written is left out."""
     with contextlib.suppress(OSError):
         # closed below, before it is renamed
@@ -59,7 +59,7 @@ def keep(file: Path, content: bytes) -> None:
             raise
 
 
-def kept(file: Path) -> bytes | None:
+def load_cached(file: Path) -> bytes | None:
     """The content of a file of the cache; None where it is missing, damaged or altered."""
     try:
         data = file.read_bytes()

@@ -113,7 +113,7 @@ class Status(ResultCode):
     no_fixed_point = 11, "No fixed point was found at which a branch could begin."
     at_rest = (
         12,
-        ("All rates of the flow vanished for good: the row is at a fixed point of the flow."),
+        "All rates of the flow vanished for good: the row is at a fixed point of the flow.",
         Verdict.sound,
     )
 
@@ -283,8 +283,9 @@ class Model(Jumps):
     source: ClassVar[str]  # the paper
     bibtex: ClassVar[str] = ""  # its BibTeX entry
     gaits: ClassVar[tuple[str, ...]]  # the names that `label` indexes; "none" where no gait is recognised
-    # parameters that a job may set only beside another: that other's name, and why, as a sentence's end; for
-    # a name that meant something else once: a job of that time lacks the other, and is refused
+    # parameters that a job may set only together with another one: the name of that one, and the reason,
+    # which ends a sentence. An older job with a name that has another meaning now lacks the other, and is
+    # refused.
     given_with: ClassVar[Mapping[str, tuple[str, str]]] = MappingProxyType({})
 
     def __init_subclass__(cls, **options: Any) -> None:
@@ -318,7 +319,7 @@ class Model(Jumps):
 
     @property
     def label_fields(self) -> tuple[Quantity, ...]:
-        """The fields that `label` returns beside `gait`; those named `gait_...` are indices of gaits too."""
+        """The fields that `label` returns in addition to `gait`; a field `gait_...` is an index of a gait."""
         return ()
 
     @property
@@ -378,7 +379,7 @@ class Model(Jumps):
 
     @property
     def data_digest(self) -> str:
-        """A digest of files beside its modules that decide its numbers, such as an MJCF; empty: none."""
+        """A digest of data files that decide its numbers, such as an MJCF; empty without such files."""
         return ""
 
     def caveats(self) -> list[str]:

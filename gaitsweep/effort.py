@@ -1,4 +1,4 @@
-"""A budget for reading one job: searches and evaluations are counted, so that every file is read quickly."""
+"""A budget of near misses and expressions for reading one job, so that every file is read quickly."""
 
 from __future__ import annotations
 

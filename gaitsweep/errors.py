@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from typing import ClassVar
 
-REFUSED = 2  # the request is invalid
-EXIT_FAILURE = 1  # the request is valid, but its execution failed, for example by a full disk
+EXIT_FAILURE = 1  # exit code: the request is valid, but its execution failed, for example by a full disk
+EXIT_REFUSED = 2  # exit code: the request is invalid
 
 
 class UserError(Exception):
@@ -16,7 +16,7 @@ class UserError(Exception):
     `exit_code`. Any other exception is a bug.
     """
 
-    exit_code: ClassVar[int] = REFUSED
+    exit_code: ClassVar[int] = EXIT_REFUSED
     subject: ClassVar[str] = ""  # the words that the message continues, if it is not a complete sentence
 
     @property

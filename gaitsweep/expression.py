@@ -26,11 +26,11 @@ __all__ = ["ExpressionError", "evaluate", "names_in"]
 
 CONSTANTS: Mapping[str, float] = {"pi": math.pi, "e": math.e}
 FUNCTIONS = ("sqrt", "sin", "cos", "tan", "exp", "log", "abs", "floor", "min", "max")
-# what no quantity may be called: the names of formulas, and the fields of `vary` that are no axes
+# Names that no quantity may have: those of formulas, and the fields of `vary` that are not axes.
 RESERVED = frozenset({*CONSTANTS, *FUNCTIONS, "zip", "sample"})
 
-_LONGEST = 500
-_DEEPEST = 60
+_LONGEST = 500  # characters
+_DEEPEST = 60  # operations inside each other
 _OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -50,6 +50,7 @@ _COMPARISONS: dict[type, Callable[..., Any]] = {
     ast.Eq: operator.eq,
     ast.NotEq: operator.ne,
 }
+# Syntax that is refused, in words.
 _WORDS: dict[type, str] = {
     ast.Attribute: "a dot after a name",
     ast.Subscript: "an index in brackets",
@@ -224,17 +225,18 @@ def _operand(text: str, node: ast.expr, columns: Mapping[str, np.ndarray]) -> An
     return _evaluate_tree(text, node, numbers, functions_of(np), np.float64)
 
 
-def _compared(text: str, left: Any, how: ast.cmpop, right: Any) -> Any:
+def _compared(text: str, left: Any, comparison: ast.cmpop, right: Any) -> Any:
+    """The truth values of one comparison of operands."""
     if isinstance(right, list):
-        alike = [_compared(text, left, ast.Eq(), item) for item in right]
-        equal = functools.reduce(np.logical_or, alike, np.zeros(np.shape(left), bool))
-        return np.logical_not(equal) if isinstance(how, ast.NotIn) else equal
+        equal_to_items = [_compared(text, left, ast.Eq(), item) for item in right]
+        equal = functools.reduce(np.logical_or, equal_to_items, np.zeros(np.shape(left), bool))
+        return np.logical_not(equal) if isinstance(comparison, ast.NotIn) else equal
     texts = [isinstance(item, str) or np.asarray(item).dtype.kind == "O" for item in (left, right)]
     if texts[0] != texts[1]:
         raise ExpressionError(f"{_quoted(text)} compares text with a number.")
-    if texts[0] and type(how) not in (ast.Eq, ast.NotEq):
+    if texts[0] and type(comparison) not in (ast.Eq, ast.NotEq):
         raise ExpressionError(f"{_quoted(text)} orders texts, but only ==, != and in [...] can compare them.")
-    return np.asarray(_COMPARISONS[type(how)](left, right), bool)
+    return np.asarray(_COMPARISONS[type(comparison)](left, right), bool)
 
 
 def names_in(expression: str | float) -> set[str]:
@@ -245,12 +247,13 @@ def names_in(expression: str | float) -> set[str]:
 
 
 def _names_of(tree: ast.expr) -> set[str]:
+    """The names in a tree, without those of the functions that it calls."""
     called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
     return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and id(node) not in called}
 
 
 def functions_of(module: Any) -> dict[str, Callable[..., Any]]:
-    """FUNCTIONS as `module` has them, `module` being numpy or jax.numpy; min and max take two or more."""
+    """FUNCTIONS of `module`, numpy or jax.numpy; min and max take two or more arguments."""
     table = {name: getattr(module, name) for name in FUNCTIONS if name not in ("min", "max")}
     table["min"] = lambda *values: functools.reduce(module.minimum, values)
     table["max"] = lambda *values: functools.reduce(module.maximum, values)
@@ -262,6 +265,7 @@ def _quoted(text: str) -> str:
 
 
 def _number(value: Any) -> float:
+    """A finite number as a float; raises ExpressionError for others."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise ExpressionError(f"{value!r} is not a number.")
     try:
@@ -304,10 +308,11 @@ def _evaluate_tree(
 
 
 def _arithmetic(error: Exception) -> str:
-    sort = str(error)
-    if "divi" in sort:
+    """The reason of an error in arithmetic, from the message of Python or NumPy."""
+    message = str(error)
+    if "divi" in message:
         return "it divides by zero, or takes the logarithm of zero"
-    if "overflow" in sort or "too large" in sort:
+    if "overflow" in message or "too large" in message:
         return "it grows past 1.8e308"
     return "a root, power or logarithm is not defined for its number"
 
@@ -315,9 +320,9 @@ def _arithmetic(error: Exception) -> str:
 @functools.lru_cache(maxsize=4096)
 def _parse(text: str, condition: bool = False) -> ast.expr:
     """The tree of `text`, its numbers floats, checked to hold nothing but arithmetic, or a condition."""
-    sort = "a condition" if condition else "a number"
+    needed = "a condition" if condition else "a number"
     if not text.strip():
-        raise ExpressionError(f"the text is empty where {sort} is needed.")
+        raise ExpressionError(f"the text is empty where {needed} is needed.")
     if len(text) > _LONGEST:
         raise ExpressionError(f"{_quoted(text)} is longer than {_LONGEST} characters.")
     try:
@@ -325,13 +330,14 @@ def _parse(text: str, condition: bool = False) -> ast.expr:
             warnings.simplefilter("ignore")
             body = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, MemoryError, RecursionError):
-        sort = sort if condition else f"{sort} or arithmetic"
-        raise ExpressionError(f"{_quoted(text)} is not {sort}{_hint(text)}.") from None
+        needed = needed if condition else f"{needed} or arithmetic"
+        raise ExpressionError(f"{_quoted(text)} is not {needed}{_hint(text)}.") from None
     (_check_condition if condition else _check)(text, body)
     return body
 
 
 def _hint(text: str) -> str:
+    """The end of a message about text in which a number stands directly before a name or a parenthesis."""
     if product := re.search(r"(?<![\w.])(\d+\.?\d*)\s*([A-Za-z_]\w*|\()", text):
         return f"; a product needs a star, and a number has no unit: {product[1]}*{product[2]}"
     return ""
@@ -347,12 +353,12 @@ def _check_condition(text: str, node: ast.expr) -> None:
             _check_condition(text, node.operand)
         case ast.Compare():
             _check_operand(text, node.left)
-            for how, part in zip(node.ops, node.comparators, strict=True):
-                if type(how) in _COMPARISONS:
+            for comparison, part in zip(node.ops, node.comparators, strict=True):
+                if type(comparison) in _COMPARISONS:
                     _check_operand(text, part)
-                elif isinstance(how, (ast.In, ast.NotIn)) and isinstance(part, (ast.List, ast.Tuple)):
-                    for one in part.elts:
-                        _check_operand(text, one)
+                elif isinstance(comparison, (ast.In, ast.NotIn)) and isinstance(part, (ast.List, ast.Tuple)):
+                    for item in part.elts:
+                        _check_operand(text, item)
                 else:
                     raise _error_in(text, "only < <= > >= == != and in [...] are comparisons.")
         case ast.Name() if node.id not in FUNCTIONS:
@@ -368,6 +374,7 @@ def _check_operand(text: str, node: ast.expr) -> None:
 
 
 def _check(text: str, body: ast.expr) -> None:
+    """Refuse text that is not arithmetic, and make its numbers floats."""
     stack: list[tuple[ast.AST, int]] = [(body, 1)]
     while stack:
         node, depth = stack.pop()

@@ -11,14 +11,16 @@ from __future__ import annotations
 import dataclasses
 import functools
 import importlib
-import importlib.metadata
 import itertools
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from gaitsweep.errors import UserError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 GROUP = "gaitsweep.extensions"
 Style = tuple[str, str] | tuple[str, str, str]  # colour, marker, hatch
@@ -43,7 +45,7 @@ class Extension:
         functions: what `gs.analyses` has, "package.module:function" or a whole module by name.
         measures: modules whose functions are decorated by `gaitsweep.claims.measure`.
         jobs: a folder of jobs, which `builtin:NAME` finds.
-        configs: a folder of configs, likewise.
+        configs: a folder of configs, which `builtin:NAME` finds.
         claims: a folder of tables of claims, NAME.yaml each, for `gaitsweep reproduce NAME`.
     """
 
@@ -119,26 +121,28 @@ def folders(kind: str) -> list[Path]:
     return list(dict.fromkeys(folder for folder in declared if folder is not None))
 
 
-Entries = list[tuple[importlib.metadata.EntryPoint, str]]
-
-
-def _entries() -> Entries:
+def _entries() -> list[tuple[EntryPoint, str]]:
     """Entry points, and the package of each, gaitsweep's own first; those of a checkout where it is one."""
     installed = _installed()
     own = _of_checkout() or [entry for entry in installed if entry[1] == "gaitsweep"]
     return [*own, *(entry for entry in installed if entry[1] != "gaitsweep")]
 
 
-def _of_checkout() -> Entries:
+def _of_checkout() -> list[tuple[EntryPoint, str]]:
     """The entry points of the checkout from which gaitsweep runs; none elsewhere."""
+    import tomllib  # imports that `--help` does not need
+    from importlib.metadata import EntryPoint
+
     if not _CHECKOUT.is_file():
         return []
     project = tomllib.loads(_CHECKOUT.read_text(encoding="utf-8")).get("project", {})
     declared = project["entry-points"][GROUP] if project.get("name") == "gaitsweep" else {}
-    entries = (importlib.metadata.EntryPoint(name, value, GROUP) for name, value in declared.items())
+    entries = (EntryPoint(name, value, GROUP) for name, value in declared.items())
     return [(entry, "gaitsweep") for entry in entries]
 
 
-def _installed() -> Entries:
-    entries = sorted(importlib.metadata.entry_points(group=GROUP), key=lambda entry: entry.name)
+def _installed() -> list[tuple[EntryPoint, str]]:
+    from importlib.metadata import entry_points
+
+    entries = sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
     return [(entry, "?" if entry.dist is None else entry.dist.name) for entry in entries]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import gc
 import importlib
 from collections.abc import Callable
 from pathlib import Path
@@ -26,7 +27,13 @@ def attach_stub(package: str, file: str) -> tuple[Callable[[str], Any], Callable
         source = sources.get(name)
         if source is None:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        members = vars(importlib.import_module(source))
-        return members[name] if name in members else importlib.import_module(f"{source}.{name}")
+        thresholds = gc.get_threshold()
+        # imports make few cycles and many objects, which would be searched again and again
+        gc.set_threshold(max(50_000, thresholds[0]) if thresholds[0] else 0, *thresholds[1:])
+        try:
+            members = vars(importlib.import_module(source))
+            return members[name] if name in members else importlib.import_module(f"{source}.{name}")
+        finally:
+            gc.set_threshold(*thresholds)
 
     return get, lambda: sorted(sources), sorted(sources)

@@ -19,11 +19,10 @@ class RowNumber:
     """A number of a row's result, by whose declaration it reaches the table.
 
     Args:
-        name: its name.
-        dtype: of its stored values; along a trajectory it is an int32, or a float of the run's precision.
-        absent: its value in rows that have not ended or were not simulated, and where a trajectory begins.
-        quantity: the unit and the meaning of its column; None where the run kind declares the columns that it
-            needs of it.
+        name: its name. dtype: type of its stored values; along a trajectory it is an int32, or a float of
+        the run's precision. absent: its value in rows that have not ended or were not simulated, and where
+        a trajectory begins. quantity: unit and meaning of its column; None if the run kind declares the
+        column itself.
     """
 
     name: str
@@ -32,9 +31,9 @@ class RowNumber:
     quantity: Quantity | None = None
 
 
-# The numbers that the engine has of every row. `attempts` counts steps tried, `t_end` is a time in s, `last`
-# (k,) holds the observables at the last crossing of the section, `fired` (words,) has a bit for each guard
-# that stalled the row.
+# The numbers that the engine gives for every row. `attempts` counts steps tried, `t_end` is a time in s,
+# `last` (k,) holds the observables at the last crossing of the section, `fired` (words,) has a bit for each
+# guard that stalled the row.
 ENGINE_NUMBERS = (
     RowNumber("status", np.int32),
     RowNumber("cycles", np.int64),

@@ -44,9 +44,7 @@ def shipped_as(file: Path, similar: Callable[[str, list[str]], str | None]) -> s
             where it is only similar.
         similar: the most similar name of a list, or None.
     """
-    owners = {
-        each.stem: _owner(folder) for folder in reversed(job_folders()) for each in folder.glob("*.yaml")
-    }
+    owners = {job.stem: _owner(folder) for folder in reversed(job_folders()) for job in folder.glob("*.yaml")}
     name = similar(file.stem, sorted(owners)) if file.parent in job_folders() else file.stem
     return f"{BUILTIN}{name}, which comes with {owners[name]}" if name in owners else None
 
@@ -55,11 +53,12 @@ def _owner(folder: Path) -> str:
     """Owner of a folder's jobs, in words: gaitsweep, or an extension."""
     if folder in (EXAMPLES, shipped("sweeps")):
         return "gaitsweep"
-    return next(f"the extension {name}" for name, each in extensions().items() if each.jobs == folder)
+    owners = (name for name, extension in extensions().items() if extension.jobs == folder)
+    return f"the extension {next(owners)}"
 
 
 def _named(path: str | Path, *folders: Path) -> Path | None:
-    """The file in one of these folders that a name means, whether it exists or not; None for a path."""
+    """The file of these folders that `builtin:NAME` stands for, whether it exists or not; None for a path."""
     name = str(path)
     if not name.startswith(BUILTIN):
         return None

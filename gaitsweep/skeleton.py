@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class LimbLook:
-    """The name and the place of a limb: what figures draw alike; `pair` and `far` as of `Limb`."""
+    """The name of a limb, and its place in the body; see `Limb`."""
 
     name: str
     pair: int = 0
@@ -24,7 +24,8 @@ class LimbLook:
 class Limb:
     """A limb as it is drawn: `points` (n, k, 3) m from its root to its foot, over n samples.
 
-    Limbs of one `pair` share a colour; `far`: on the left side, away from who looks, and so drawn lighter.
+    Limbs of one `pair` have the same colour. A `far` limb is on the left side, away from the viewer, and is
+    drawn lighter.
     """
 
     name: str
@@ -37,9 +38,10 @@ class Limb:
 class Skeleton:
     """A body as it is drawn, over n samples; x forward, y to the left, z up from the ground, m.
 
-    `limbs`, the first that of the signal contact_1, or none; `bodies` (n, k, 3), each filled to the hull of
-    its points, from head to tail; `springs` (n, 2, 3), their ends; `note`: what a stranger has to know
-    besides; `heading`, rad from x: the direction in which it walks, by default from its tail to its head.
+    `limbs` are in the order of the signals contact_1, contact_2, ... `bodies` (n, k, 3) are drawn as the
+    hulls of their points, from head to tail. `springs` (n, 2, 3) are the two ends of each spring. `note` is
+    a remark for viewers. `heading` is the direction of walking, rad from x; by default from the tail to the
+    head.
     """
 
     limbs: tuple[Limb, ...]

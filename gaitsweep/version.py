@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-import importlib.metadata
+import functools
 
 
+@functools.cache
 def version() -> str:
     """Give the version, or "unknown" where the package runs from a folder without being installed."""
+    from importlib.metadata import PackageNotFoundError
+    from importlib.metadata import version as installed
+
     try:
-        return importlib.metadata.version("gaitsweep")
-    except importlib.metadata.PackageNotFoundError:
+        return installed("gaitsweep")
+    except PackageNotFoundError:
         return "unknown"

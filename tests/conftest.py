@@ -13,9 +13,19 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
 import hypothesis
-import jax
 import pytest
 
+from gaitsweep.cli.main import keep_compiled_programs
+
+# XLA's programs come from the cache that the command has, as the kernels do; JAX reads its folder at import
+keep_compiled_programs()
+
+import jax  # noqa: E402
+
+from gaitsweep.engine import stored_programs  # noqa: E402
+
+# tests replace parts of the engine, and the programs of one would be given to another
+stored_programs.cache_folder = lambda _: None
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_num_cpu_devices", 2)  # so that sweeps over several devices are tested anywhere
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -59,9 +69,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collection_finish() -> None:
-    """Leave what was imported out of garbage collection: each pass over it takes a quarter of a second."""
+    """Leave what was imported out of garbage collection: each pass over it takes a quarter of a second.
+
+    Passes are also rarer than Python's, since traces of JAX make many objects that live on.
+    """
     gc.collect()
     gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
 
 
 # Memory of a process (bytes) above which compiled programs of earlier files are dropped.

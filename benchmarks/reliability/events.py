@@ -38,6 +38,7 @@ import gaitsweep as gs
 from gaitsweep.api.keywords import job_of
 from gaitsweep.api.maps import PoincareMap
 from gaitsweep.errors import UserError
+from gaitsweep.job.numerics import METHOD_NAMES
 
 from .random_events import FAMILIES
 from .random_events.family import Case, Family, Solution, differences
@@ -84,15 +85,18 @@ def numbers(solution: Solution, row: pd.DataFrame) -> tuple[str, float]:
     return status, error
 
 
-def run_together(family: Family, cases: list[Case], engine: str) -> tuple[pd.DataFrame, str]:
-    """The table of cases of one run, and what the run said; the self-check included."""
+def run_together(family: Family, cases: list[Case], options: dict[str, Any]) -> tuple[pd.DataFrame, str]:
+    """The table of cases of one run, and what the run said; the self-check included.
+
+    `options` are those of the job: its `engine` and its `numerics`.
+    """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         result = gs.sweep(
             family.model(),
             run=cases[0].run,
-            engine=engine,
             zip=zipped(cases),
+            **options,
         )
         table = result.table
     messages = [str(each.message) for each in caught if each.category is UserWarning]
@@ -107,14 +111,14 @@ def zipped(cases: list[Case]) -> dict[str, Any]:
     return {name: {"values": [case.values[name] for case in cases]} for name in cases[0].values}
 
 
-def jacobians(family: Family, cases: list[Case], engine: str) -> tuple[list[str], np.ndarray, str]:
+def jacobians(
+    family: Family, cases: list[Case], options: dict[str, Any]
+) -> tuple[list[str], np.ndarray, str]:
     """The coordinates, the return map's Jacobians (n, size, size), and what was said."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         model = family.model()
-        job = job_of(
-            model, {"zip": zipped(cases)}, run=gs.ReturnMap(crossings=1), engine={"name": engine}, verify=0
-        )
+        job = job_of(model, {"zip": zipped(cases)}, run=gs.ReturnMap(crossings=1), verify=0, **options)
         mapping = PoincareMap(job, 1, ())
         result = mapping.jacobian(mapping.settled({}, 0))
     messages = [str(each.message) for each in caught if each.category is UserWarning]
@@ -138,13 +142,13 @@ def in_groups(cases: Iterable[Case]) -> list[list[int]]:
     return list(groups.values())
 
 
-def verdicts_on(family: Family, cases: list[Case], engine: str) -> list[Verdict]:
+def verdicts_on(family: Family, cases: list[Case], options: dict[str, Any]) -> list[Verdict]:
     """The verdicts on cases of one family."""
     solutions = [family.exact(case) for case in cases]
     verdicts: list[Verdict | None] = [None] * len(cases)
     for group in in_groups(cases):
         try:
-            table, spoken = run_together(family, [cases[i] for i in group], engine)
+            table, spoken = run_together(family, [cases[i] for i in group], options)
             rows: dict[Hashable, pd.DataFrame] = dict(iter(table.groupby("row")))
         except UserError:
             spoken, rows = "", {}  # each is asked alone
@@ -152,16 +156,18 @@ def verdicts_on(family: Family, cases: list[Case], engine: str) -> list[Verdict]
             error = numbers(solutions[i], rows[place])[1] if place in rows else np.inf
             outcome, said = AGREE, spoken
             if not error <= TOLERANCE:
-                outcome, said, error = asked_alone(family, cases[i], solutions[i], engine)
+                outcome, said, error = asked_alone(family, cases[i], solutions[i], options)
             verdicts[i] = Verdict(family.name, cases[i], outcome, said, error)
     results = [verdict for verdict in verdicts if verdict is not None]
-    return with_jacobians(family, results, engine) if family.jacobian else results
+    return with_jacobians(family, results, options) if family.jacobian else results
 
 
-def asked_alone(family: Family, case: Case, right: Solution, engine: str) -> tuple[str, str, float]:
+def asked_alone(
+    family: Family, case: Case, right: Solution, options: dict[str, Any]
+) -> tuple[str, str, float]:
     """The outcome of a case that runs alone with its self-check, what was said, and the error."""
     try:
-        table, said = run_together(family, [case], engine)
+        table, said = run_together(family, [case], options)
     except UserError as refusal:
         return LOST, f"refused: {refusal}", np.nan
     status, error = numbers(right, table)
@@ -172,14 +178,14 @@ def asked_alone(family: Family, case: Case, right: Solution, engine: str) -> tup
     return (MARKED if said else SILENT), f"{status} {said}".strip(), error
 
 
-def with_jacobians(family: Family, verdicts: list[Verdict], engine: str) -> list[Verdict]:
+def with_jacobians(family: Family, verdicts: list[Verdict], options: dict[str, Any]) -> list[Verdict]:
     """The verdicts, where models whose Jacobian is wrong no longer agree."""
     result = list(verdicts)
     chosen = [i for i, each in enumerate(verdicts) if each.case.differentiable]
     if not chosen:
         return result
     try:
-        coordinates, matrices, spoken = jacobians(family, [verdicts[i].case for i in chosen], engine)
+        coordinates, matrices, spoken = jacobians(family, [verdicts[i].case for i in chosen], options)
     except UserError as refusal:
         for i in chosen:
             result[i] = worse(verdicts[i], LOST, f"refused: {refusal}", np.nan)
@@ -192,7 +198,7 @@ def with_jacobians(family: Family, verdicts: list[Verdict], engine: str) -> list
             result[i] = worse(verdicts[i], LOST, "the Jacobian is NaN", np.nan)
         else:
             # what was said of many maps may be about another one
-            said = spoken and jacobians(family, [verdicts[i].case], engine)[2]
+            said = spoken and jacobians(family, [verdicts[i].case], options)[2]
             outcome = MARKED if said else SILENT
             result[i] = worse(verdicts[i], outcome, f"Jacobian off by {error:.1e} {said}".strip(), error)
     return result
@@ -220,12 +226,12 @@ def shares(families: list[Family], models: int) -> list[int]:
     return np.diff(ends, prepend=0).tolist()
 
 
-def judged(work: tuple[str, int, int, str]) -> tuple[list[Verdict], float]:
+def judged(work: tuple[str, int, int, dict[str, Any]]) -> tuple[list[Verdict], float]:
     """The verdicts on so many models of the family with a name, and the seconds that they took."""
-    name, models, seed, engine = work
+    name, models, seed, options = work
     begun = time.monotonic()
     family = next(each for each in FAMILIES if each.name == name)
-    verdicts = verdicts_on(family, drawn(family, models, seed), engine)
+    verdicts = verdicts_on(family, drawn(family, models, seed), options)
     return verdicts, time.monotonic() - begun
 
 
@@ -234,13 +240,15 @@ def compared(
     seed: int = 0,
     names: Iterable[str] = (),
     engine: str = "auto",
+    method: str = "auto",
     workers: int = 1,
     on_progress: Callable[[list[Verdict], float], None] | None = None,
 ) -> list[Verdict]:
     """The verdicts on random models of the families with these names, or of all."""
     chosen = [family for family in FAMILIES if not names or family.name in names]
     counts = shares(chosen, models)
-    work = [(family.name, n, seed, engine) for family, n in zip(chosen, counts, strict=True) if n]
+    options = {"engine": {"name": engine}, "numerics": {"method": method}}
+    work = [(family.name, n, seed, options) for family, n in zip(chosen, counts, strict=True) if n]
     found: list[Verdict] = []
     with contextlib.ExitStack() as stack:
         if workers == 1:
@@ -309,6 +317,7 @@ def main(arguments: list[str] | None = None) -> int:
         "--family", action="append", choices=[family.name for family in FAMILIES], default=[]
     )
     options.add_argument("--engine", default="auto", choices=["auto", "kernel", "xla"])
+    options.add_argument("--method", default="auto", choices=METHOD_NAMES)
     options.add_argument("--workers", type=int, default=2, help="processes, a family each at a time")
     options.add_argument("--most", type=int, default=2, help="models listed of each family and outcome")
     options.add_argument("--list", action="store_true", help="say what the families are, and stop")
@@ -318,14 +327,17 @@ def main(arguments: list[str] | None = None) -> int:
             print(f"{family.name:24s}{family.about}")
         return 0
 
-    print(f"{chosen.models} models, seed {chosen.seed}, engine {chosen.engine}\n{HEADER}", flush=True)
+    numerics = f"engine {chosen.engine}, method {chosen.method}"
+    print(f"{chosen.models} models, seed {chosen.seed}, {numerics}\n{HEADER}", flush=True)
     begun = time.monotonic()
 
     def on_progress(verdicts: list[Verdict], seconds: float) -> None:
         if verdicts:
             print(line(verdicts[0].family, verdicts, seconds), flush=True)
 
-    verdicts = compared(chosen.models, chosen.seed, chosen.family, chosen.engine, chosen.workers, on_progress)
+    verdicts = compared(
+        chosen.models, chosen.seed, chosen.family, chosen.engine, chosen.method, chosen.workers, on_progress
+    )
     print(line("all", verdicts, time.monotonic() - begun))
     if text := listed(verdicts, chosen.most):
         print(text)

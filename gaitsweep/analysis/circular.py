@@ -41,17 +41,17 @@ def mean_direction(angles: Float[np.ndarray, " angles"]) -> float:
 def branch_cut(angles: Float[np.ndarray, " angles"]) -> float:
     """The angle at which to cut the circle so that clusters of angles (rad) stay whole, in (-2 pi, 0].
 
-    It is 0 if the widest gap between the angles contains 0, so that they keep their usual range; else the
-    middle of that gap, less a turn.
+    It is in a gap between the angles at least half as wide as the widest: 0 if such a gap contains 0, so that
+    they keep their usual range; else the middle of the last such gap, less a turn.
     """
     places = np.unique(np.mod(np.asarray(angles, float)[np.isfinite(angles)], TURN))
     if not len(places):
         return 0.0
     gaps = np.diff(np.append(places, places[0] + TURN))
-    widest = int(np.argmax(gaps))
-    if widest == len(places) - 1:
+    last = int(np.flatnonzero(gaps >= 0.5 * gaps.max())[-1])
+    if last == len(places) - 1:
         return 0.0
-    return float(places[widest] + 0.5 * gaps[widest] - TURN)
+    return float(places[last] + 0.5 * gaps[last] - TURN)
 
 
 def unwrap_from(angles: Float[np.ndarray, " angles"], origin: float | None) -> Float[np.ndarray, " angles"]:

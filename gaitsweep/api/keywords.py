@@ -75,14 +75,13 @@ def fields_of(
     """
     if isinstance(fields.get("engine"), str):
         fields["engine"] = {"name": fields["engine"]}
-    name, structure = _named(model)
+    name, fields_of_model, structure = _named(model)
     settings = dict(values)
     for field, more in (("params", params), ("start", start)):
         repeated = next((key for key in more or {} if key in settings), None)
         if repeated is not None:
             raise ArgumentError(f"{repeated} is given twice, once in {field}.")
         settings |= more or {}
-    fields_of_model = _structure_of(name)
     sizes = {key: value for key, value in settings.items() if key in fields_of_model}
     if structure is None:
         structure = sizes
@@ -162,15 +161,17 @@ def fields_without_axes(
     return job_fields
 
 
-def _named(model: AnyModel) -> tuple[str, dict[str, Any] | None]:
-    """Return the name of a model, and the structure of an instance."""
+def _named(model: AnyModel) -> tuple[str, list[str], dict[str, Any] | None]:
+    """Return the name of a model, the names of its structure, and the structure of an instance."""
     if isinstance(model, str):
-        return model, None
+        return model, _structure_of(model), None
     if isinstance(model, type) and issubclass(model, Model):
-        return models.name_of(model), None
+        name = models.name_of(model)
+        return name, _structure_of(name), None
     if isinstance(model, Model):
         name = models.name_of(type(model))
-        return name, {field: getattr(model, field) for field in _structure_of(name)}
+        fields = _structure_of(name)
+        return name, fields, {field: getattr(model, field) for field in fields}
     raise ArgumentError(f"A model is an instance, a class or a name, not {type(model).__name__}.")
 
 

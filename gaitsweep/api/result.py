@@ -46,9 +46,9 @@ class Result:
         'm/s'
     """
 
-    def __init__(self, path: Path | None = None, table: pd.DataFrame | None = None) -> None:
+    def __init__(self, path: str | Path | None = None, table: pd.DataFrame | None = None) -> None:
         """Keep the directory, or the table of a result in memory."""
-        self._path, self._table = path, table
+        self._path, self._table = None if path is None else Path(path), table
 
     @property
     def path(self) -> Path:

@@ -15,6 +15,7 @@ from gaitsweep.api.result import Result, run_in_memory
 from gaitsweep.api.result import run as run_job
 from gaitsweep.contract import Status
 from gaitsweep.design.design import row_params
+from gaitsweep.engine.content import held_contents
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
 from gaitsweep.kinds import Settle, Trace
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 SAMPLES_PER_CYCLE = 100
 
 
+@held_contents()
 def sweep(
     model: AnyModel,
     *,
@@ -76,6 +78,7 @@ def sweep(
     return run_in_memory(job, client) if out is None else run_job(job, out, client=client)
 
 
+@held_contents()
 def simulate(
     model: AnyModel,
     *,

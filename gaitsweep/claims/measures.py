@@ -8,6 +8,7 @@ from typing import Annotated, Any, TypeVar
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Int, Shaped
+from numpy.typing import ArrayLike
 from pydantic import AfterValidator
 
 from gaitsweep import models
@@ -23,6 +24,8 @@ Measure = TypeVar("Measure", bound=Callable[..., Value])
 
 MEASURES: dict[str, Callable[..., Value]] = {}
 
+BROKEN = 0.05  # s; a shorter loss of contact is a break of the stance, not a swing
+
 
 def measure(function: Measure) -> Measure:
     """Register a function as a measure, under its name; a decorator.
@@ -37,9 +40,6 @@ def measure(function: Measure) -> Measure:
     if MEASURES.setdefault(name, function) is not function:
         raise ValueError(f"A measure named {name} exists already: choose another name.")
     return function
-
-
-BROKEN = 0.05  # s; a shorter loss of contact is a break of the stance, not a swing
 
 
 class MeasureError(AnalysisError):
@@ -164,7 +164,7 @@ def _plain(column: pd.Series) -> Shaped[np.ndarray, " rows"]:
     return column.astype(object).where(column.notna(), np.nan).to_numpy(object)
 
 
-def masked(table: pd.DataFrame, mask: Any) -> pd.DataFrame:
+def masked(table: pd.DataFrame, mask: ArrayLike) -> pd.DataFrame:
     """The records (n,) where `mask` (n,) is true."""
     return pd.DataFrame(table.loc[np.asarray(mask, bool)])
 

@@ -27,7 +27,7 @@ _COLOURS = {
 }
 # The sections of the page: what disagrees with the paper first and open, the rest folded.
 _FIRST = (ClaimVerdict.not_reproduced, ClaimVerdict.open_constants)
-_ORDER = (*_FIRST, *(each for each in ClaimVerdict if each not in _FIRST))
+_ORDER = (*_FIRST, *(verdict for verdict in ClaimVerdict if verdict not in _FIRST))
 
 # A link to a folded claim or figure opens it, which not every browser does by itself.
 _SCRIPT = """<script>
@@ -41,14 +41,14 @@ reveal();
 </script>"""
 
 
-def _verdicts(scheme: int) -> str:
+def _colours(scheme: int) -> str:
     """The CSS properties of the verdicts' colours: scheme 0 is light, 1 is dark."""
     return " ".join(f"--{verdict.name}: {colours[scheme]};" for verdict, colours in _COLOURS.items())
 
 
 _STYLE = (
     SCHEMES
-    + f":root {{ {_verdicts(0)} }}\n@media (prefers-color-scheme: dark) {{ :root {{ {_verdicts(1)} }} }}"
+    + f":root {{ {_colours(0)} }}\n@media (prefers-color-scheme: dark) {{ :root {{ {_colours(1)} }} }}"
     + """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 80rem; margin: 1.5rem auto; padding: 0 1rem;
   color: var(--ink); background: var(--paper); }
@@ -85,12 +85,12 @@ def page(paper: str, table: pd.DataFrame, runs: Sequence[JobRun], *, quick: bool
     shown: set[str] = set()
     sections = [_head(paper, table, quick)]
     sections += [
-        _verdict(verdict, table, shown, failed) for verdict in _ORDER if verdict in set(table["verdict"])
+        _section(verdict, table, shown, failed) for verdict in _ORDER if verdict in set(table["verdict"])
     ]
     return document(html.escape(paper), _STYLE, [*sections, _jobs(runs), _SCRIPT])
 
 
-def _verdict(verdict: ClaimVerdict, table: pd.DataFrame, shown: set[str], failed: bool) -> str:
+def _section(verdict: ClaimVerdict, table: pd.DataFrame, shown: set[str], failed: bool) -> str:
     """The claims with one verdict, grouped by their figure, which stands beside them.
 
     Args:
@@ -126,6 +126,7 @@ def _beside(file: str, claims: pd.DataFrame, shown: set[str]) -> str:
 
 
 def _head(paper: str, table: pd.DataFrame, quick: bool) -> str:
+    """The title of the page, and the number of claims with each verdict."""
     verdicts = [ClaimVerdict(verdict) for verdict in table["verdict"]]
     lines = "".join(
         f'<tr style="--colour: var(--{verdict.name})"><td><a class="verdict" href="#{verdict.name}">'
@@ -142,13 +143,14 @@ def _head(paper: str, table: pd.DataFrame, quick: bool) -> str:
 
 
 def _claim(claim: dict[str, object]) -> str:
+    """The article of a claim, from its record in the table."""
     verdict = ClaimVerdict(str(claim["verdict"]))
     unit = "" if claim["unit"] in ("", "1") else f" {claim['unit']}"
     fields = {
         "paper": f"{claim['paper']}{unit}",
         "gaitsweep": f"{claim['ours']}{unit}" if claim["ours"] else "",
+        "allowed": f"{claim['allowed']}{unit}: {claim['because']}",
     }
-    fields["allowed"] = f"{claim['allowed']}{unit}: {claim['because']}"
     for key, words in (
         ("why", "reason"),
         ("chosen", "our choice"),
@@ -171,6 +173,7 @@ def _claim(claim: dict[str, object]) -> str:
 
 
 def _jobs(runs: Sequence[JobRun]) -> str:
+    """The section of the jobs that ran; empty without jobs."""
     lines = "".join(
         f"<dt>{html.escape(run.name)}</dt><dd><code>{html.escape(run.command)}</code><br>"
         f'<span class="small">{html.escape(run.notes)}</span></dd>'

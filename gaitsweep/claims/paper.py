@@ -34,7 +34,7 @@ _Words = list[str]
 
 
 class PaperJob(StrictModel):
-    """A job whose table claims are measured from."""
+    """A job from whose table claims are measured."""
 
     job: Stem = Field(
         description="file of the job, in an extension's folder of jobs or beside the table of claims"
@@ -51,17 +51,22 @@ class PaperJob(StrictModel):
     )
 
 
-class Quick(StrictModel):
-    """Fields of a claim that `--quick` replaces."""
+class Bounds(StrictModel):
+    """The values that a claim allows."""
 
     tolerance: float | None = Field(default=None, ge=0, description="absolute tolerance")
     between: tuple[float, float] | None = Field(default=None, description="allowed interval")
-    above: float | None = Field(default=None, description="lower bound")
-    below: float | None = Field(default=None, description="upper bound")
+    above: float | None = Field(default=None, description="lower bound of the value")
+    below: float | None = Field(default=None, description="upper bound of the value")
+
+
+class Quick(Bounds):
+    """Fields of a claim that `--quick` replaces."""
+
     because: str | None = Field(default=None, description="reason for this tolerance")
 
 
-class Claim(StrictModel):
+class Claim(Bounds):
     """A figure, table, equation or sentence of a paper, and the rule of its verdict."""
 
     id: str = Field(pattern=r"^[a-z][a-z0-9_]*$", description="name of the claim in the table")
@@ -74,10 +79,6 @@ class Claim(StrictModel):
     unit: str = Field(
         default="", description="unit of the value; 1 for a number without unit, empty for texts"
     )
-    tolerance: float | None = Field(default=None, ge=0, description="absolute tolerance")
-    between: tuple[float, float] | None = Field(default=None, description="allowed interval")
-    above: float | None = Field(default=None, description="lower bound of the value")
-    below: float | None = Field(default=None, description="upper bound of the value")
     equals: str | _Words | None = Field(
         default=None, description="expected text or texts; by default those of paper"
     )
@@ -126,9 +127,8 @@ class Claim(StrictModel):
         if self.quick is False:
             return None
         replaced = self.quick.model_dump(exclude_none=True)
-        bounds = dict.fromkeys(("tolerance", "between", "above", "below"))
-        if replaced.keys() & bounds.keys():
-            replaced = bounds | replaced
+        if replaced.keys() & Bounds.model_fields.keys():
+            replaced = dict.fromkeys(Bounds.model_fields) | replaced
         return self.model_copy(update=replaced)
 
 
@@ -200,7 +200,7 @@ def read_paper(name: str | Path) -> Paper:
     except ValidationError as error:
         raise document.located(JobError(from_pydantic(error, _SECTIONS, ""))) from None
     paper._file = file
-    if wrong := list(_checked(paper)):
+    if wrong := list(_diagnostics(paper)):
         raise document.located(JobError(wrong))
     return paper
 
@@ -214,26 +214,23 @@ _SECTIONS = {
 }
 
 
-def _checked(paper: Paper) -> Iterator[Diagnostic]:
+def _diagnostics(paper: Paper) -> Iterator[Diagnostic]:
     """Diagnostics across fields: unknown names, and claims without a rule for their verdict."""
-    before: dict[str, int] = {}
-    for at, claim in enumerate(paper.claims):
-        path = ("claims", at)
-        if before.setdefault(claim.id, at) != at:
-            yield Diagnostic(
-                (*path, "id"), f"is {claim.id}, like that of claims[{before[claim.id]}]: ids must differ."
-            )
+    index_of_id: dict[str, int] = {}
+    for index, claim in enumerate(paper.claims):
+        path = ("claims", index)
+        if (first := index_of_id.setdefault(claim.id, index)) != index:
+            yield Diagnostic((*path, "id"), f"is {claim.id}, like that of claims[{first}]: ids must differ.")
         for number, name in enumerate(claim.of):
             if name not in paper.jobs:
                 yield unknown_name((*path, "of", number), name, "under jobs", paper.jobs)
         if claim.measure not in MEASURES:
             yield unknown_name((*path, "measure"), claim.measure, "a measure", MEASURES)
-        elif (text := _misfit(claim)) is not None:
+        elif (text := _wrong_arguments(claim)) is not None:
             yield Diagnostic((*path, "with"), text)
         if not claim.of and not claim.command:
             yield Diagnostic((*path, "command"), "is missing: a claim without jobs must name its command.")
-        text = _unjudged(claim)
-        if text is not None:
+        if (text := _wrong_rule(claim)) is not None:
             yield Diagnostic(path, text)
     for name in paper.jobs:
         if not paper.job_file(name).is_file():
@@ -244,7 +241,7 @@ def _checked(paper: Paper) -> Iterator[Diagnostic]:
             )
 
 
-def _misfit(claim: Claim) -> str | None:
+def _wrong_arguments(claim: Claim) -> str | None:
     """The reason why a measure does not accept the tables and arguments of a claim, or None."""
     measure = MEASURES[claim.measure]
     try:
@@ -262,7 +259,7 @@ def _misfit(claim: Claim) -> str | None:
     return None
 
 
-def _unjudged(claim: Claim) -> str | None:
+def _wrong_rule(claim: Claim) -> str | None:
     """The reason why a claim has no rule for its verdict, or None."""
     first = claim.paper[0] if isinstance(claim.paper, list) else claim.paper
     numeric = isinstance(first, float)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
 import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from typing import BinaryIO
 
 import pandas as pd
 import yaml
@@ -106,25 +108,25 @@ def reproduce(
         TableError: the folder cannot be written.
     """
     folder = RESULTS / f"reproduce_{paper.name}" if out is None else Path(out)
-    return _Reproducing(paper, folder, quick, on_progress, on_message or (lambda sentence: None)).result()
+    return _PaperRun(paper, folder, quick, on_progress, on_message or (lambda sentence: None)).result()
 
 
-class _Reproducing:
+@dataclasses.dataclass
+class _PaperRun:
     """The jobs of a paper that have run, their tables, and the verdicts on its claims."""
 
-    def __init__(
-        self,
-        paper: Paper,
-        folder: Path,
-        quick: bool,
-        on_progress: Progress | None,
-        on_message: Callable[[str], None],
-    ) -> None:
-        self.paper, self.folder, self.quick = paper, folder, quick
-        self.on_progress, self.on_message = on_progress, on_message
-        self.runs: dict[str, JobRun] = {}
-        self.sources = {name: _source(paper.job_file(name), job) for name, job in paper.jobs.items()}
-        self._tables: dict[str, pd.DataFrame] = {}
+    paper: Paper
+    folder: Path
+    quick: bool
+    on_progress: Progress | None
+    on_message: Callable[[str], None]
+    runs: dict[str, JobRun] = dataclasses.field(default_factory=dict)
+    _tables: dict[str, pd.DataFrame] = dataclasses.field(default_factory=dict)
+
+    @functools.cached_property
+    def sources(self) -> dict[str, tuple[str, str]]:
+        """The model and the constants of each job."""
+        return {name: _source(self.paper.job_file(name), job) for name, job in self.paper.jobs.items()}
 
     def result(self) -> Reproduction:
         """Run the jobs, judge the claims, and write the table and the page."""
@@ -236,6 +238,7 @@ class _Reproducing:
 
 
 def _inline(value: object) -> str:
+    """A value as YAML on one line, for `--set`."""
     return yaml.safe_dump(value, default_flow_style=True, width=10**6).removesuffix("...\n").strip()
 
 
@@ -281,7 +284,8 @@ def allowed(claim: Claim) -> str:
     return "equal" if claim.equals is None else f"equal to {written(claim.equals)}"
 
 
-def _write(folder: Path, name: str, write: Callable) -> None:
+def _write(folder: Path, name: str, write: Callable[[BinaryIO], object]) -> None:
+    """Write a file of the folder of a reproduction."""
     target = folder / name
     with writing(f"{target} could not be written"):
         folder.mkdir(parents=True, exist_ok=True)

@@ -22,11 +22,7 @@ class ClaimVerdict(enum.StrEnum):
         member._value_, member.words, member.sentence = value, words, sentence
         return member
 
-    reproduced = (
-        "reproduced",
-        "reproduced",
-        "our value agrees with the paper's within the tolerance",
-    )
+    reproduced = "reproduced", "reproduced", "our value agrees with the paper's within the tolerance"
     not_reproduced = (
         "not",
         "not reproduced",
@@ -42,11 +38,7 @@ class ClaimVerdict(enum.StrEnum):
         "true by definition",
         "the definition of the model or of its labels decides it, and no simulation can change it",
     )
-    answered = (
-        "answered",
-        "answered",
-        "the paper leaves the question open, and this run confirms our answer",
-    )
+    answered = "answered", "answered", "the paper leaves the question open, and this run confirms our answer"
     not_run = (
         "not run",
         "not run",
@@ -72,27 +64,27 @@ def verdict(claim: Claim, ours: Value) -> ClaimVerdict:
 
 def agrees(claim: Claim, ours: Value) -> bool:
     """Whether a value is within a claim's tolerance and bounds, or equals its text; false for NaN."""
-    if claim.tolerance is not None:
-        theirs: Any = claim.paper
-        if _listed(theirs) != _listed(ours):
-            return False
-        pairs = zip(_items(theirs), _items(ours), strict=False)
-        same_length = len(_items(theirs)) == len(_items(ours))
-        return same_length and all(_number(b) and abs(a - b) <= claim.tolerance for a, b in pairs)
-    if claim.interval is not None:
+    values, tolerance = _items(ours), claim.tolerance
+    if tolerance is None and claim.interval is not None:
         low, high = claim.interval
-        return all(_number(item) and low <= item <= high for item in _items(ours))
-    expected: Any = claim.paper if claim.equals is None else claim.equals
-    return _listed(expected) == _listed(ours) and list(_items(expected)) == list(_items(ours))
+        return all(_is_finite(value) and low <= value <= high for value in values)
+    expected: Any = claim.paper if claim.equals is None or tolerance is not None else claim.equals
+    theirs = _items(expected)
+    if _is_list(expected) != _is_list(ours) or len(theirs) != len(values):
+        return False
+    if tolerance is None:
+        return theirs == values
+    return all(_is_finite(b) and abs(a - b) <= tolerance for a, b in zip(theirs, values, strict=True))
 
 
-def _listed(value: object) -> bool:
+def _is_list(value: Value) -> bool:
     return isinstance(value, Sequence) and not isinstance(value, str)
 
 
-def _items(value: Any) -> Sequence[Any]:
-    return value if _listed(value) else [value]
+def _items(value: Any) -> list[Any]:
+    """The items of a list; a list with the value itself for others."""
+    return list(value) if _is_list(value) else [value]
 
 
-def _number(value: object) -> bool:
+def _is_finite(value: object) -> bool:
     return isinstance(value, (int, float)) and math.isfinite(value)

@@ -40,8 +40,14 @@ app = typer.Typer(
     cls=_Analyses, help="Analyse a table and print the results.", no_args_is_help=True, rich_markup_mode=None
 )
 
-Observable = Annotated[str, typer.Option("--observable", metavar="NAME", help="Observable at the section.")]
-Parameter = Annotated[str, typer.Option("--parameter", metavar="NAME", help="Moving parameter.")]
+Observable = Annotated[
+    str | None,
+    typer.Option("--observable", metavar="NAME", help="Observable at the section; by default the figure's."),
+]
+Parameter = Annotated[
+    str | None,
+    typer.Option("--parameter", metavar="NAME", help="Moving parameter; by default the job's."),
+]
 
 GroupColumns = Annotated[
     list[str] | None,
@@ -172,7 +178,7 @@ def wada(directory: Directory, by: GroupColumns = None) -> None:
 
 
 @app.command()
-def hysteresis(directory: Directory, observable: Observable, parameter: Parameter) -> None:
+def hysteresis(directory: Directory, observable: Observable = None, parameter: Parameter = None) -> None:
     """Print jumps and hysteresis of a ramp or staircase.
 
     Jumps are those between branches; loops have areas.
@@ -180,6 +186,9 @@ def hysteresis(directory: Directory, observable: Observable, parameter: Paramete
     from gaitsweep.analysis.transitions.hysteresis import loop_area, transition_points
 
     table = result_table(directory)
+    recorded = [str(name).removesuffix("_n") for name in table.columns if str(name).endswith("_n")]
+    observable = observable or _from_job(table, "--observable", "hysteresis", "y", recorded)
+    parameter = parameter or _from_job(table, "--parameter", "hysteresis", "parameter", [])
     print_table(transition_points(table, observable, parameter))
     print_table(loop_area(table, observable, parameter))
 
@@ -187,16 +196,44 @@ def hysteresis(directory: Directory, observable: Observable, parameter: Paramete
 @app.command()
 def gait_transitions(
     directory: Directory,
-    parameter: Parameter,
-    start: Annotated[str, typer.Option("--start", metavar="NAME", help="Start that selects the branch.")],
+    parameter: Parameter = None,
+    start: Annotated[
+        str | None,
+        typer.Option(
+            "--start", metavar="NAME", help="Start that selects the branch; by default the figure's."
+        ),
+    ] = None,
 ) -> None:
     """Print the parameter values at which gaits are lost.
 
     They follow from settled rows along a parameter.
     """
+    from gaitsweep.analysis.records import axes_of
     from gaitsweep.analysis.transitions.hysteresis import transition_points_by_gait
 
-    print_table(transition_points_by_gait(result_table(directory), parameter, start))
+    table = result_table(directory)
+    parameter = parameter or _from_job(table, "--parameter", "gait_transitions", "x", axes_of(table))
+    start = start or _from_job(table, "--start", "gait_transitions", "start", axes_of(table))
+    print_table(transition_points_by_gait(table, parameter, start))
+
+
+def _from_job(table: Any, option: str, kind: str, field: str, names: list[str]) -> str:
+    """The value of an option that a table's job gives: its run, its figures of a kind, or its only name.
+
+    Raises:
+        BadParameter: the job gives none, or several.
+    """
+    job = table.attrs.get("job", {})
+    run = [job.get("run", {}).get(field)]
+    figures = [figure.get(field) for figure in job.get("figures", []) if figure["kind"] == kind]
+    for several in (run, figures, names):
+        values = list(dict.fromkeys(value for value in several if value))
+        if len(values) == 1:
+            return str(values[0])
+        if values:
+            break
+    text = f"is not given, and the job names {' and '.join(values) if values else 'none'}: give {option}."
+    raise typer.BadParameter(text, param_hint=option)
 
 
 def _of_extensions() -> dict[str, Any]:

@@ -234,6 +234,7 @@ def plot(
     width: Annotated[
         str | None, typer.Option("--width", help="Width: column (85 mm), page (180 mm), or mm.")
     ] = None,
+    height: Annotated[float | None, typer.Option("--height", help="Height of each figure, in mm.")] = None,
     formats: Annotated[
         list[str], typer.Option("--format", help="File format: png, pdf or svg; may be repeated.")
     ] = [],  # noqa: B006 - typer does not change it
@@ -256,6 +257,7 @@ def plot(
 
     style = read_style(
         width=width,
+        height=height,
         format=formats or None,
         dpi=dpi,
         colours=dict(map(_named_colour, colours)) or None,
@@ -396,7 +398,7 @@ def reproduce(
         bool,
         typer.Option(
             "--quick",
-            help="Use fewer rows, wider tolerances and no self-check: minutes instead of half an hour.",
+            help="Use fewer rows, wider tolerances and no self-check: minutes instead of up to an hour.",
         ),
     ] = False,
     claims: Annotated[

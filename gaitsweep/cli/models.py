@@ -13,7 +13,7 @@ import typer
 
 from gaitsweep.cli.new_files import NewFilesError, write_folder
 from gaitsweep.cli.options import NewFolder, print_message
-from gaitsweep.errors import REFUSED, ArgumentError
+from gaitsweep.errors import EXIT_REFUSED, ArgumentError
 from gaitsweep.shipped import EXAMPLES
 
 if TYPE_CHECKING:
@@ -161,15 +161,15 @@ def check_model(
 
 
 def _refuse_faults(name: str, faults: Sequence[str]) -> None:
-    """Print a sentence for each fault of a model, and exit with REFUSED if there are any."""
+    """Print a sentence for each fault of a model, and exit with EXIT_REFUSED if there are any."""
     for fault in faults:
         print_message(f"The model is {name}, {fault}")
     if faults:
-        raise typer.Exit(REFUSED)
+        raise typer.Exit(EXIT_REFUSED)
 
 
 def _step_against_c(name: str, model: MjcfModel, steps: int) -> None:
-    """Compare an MJCF model with MuJoCo C and print the result; exit with REFUSED if they differ."""
+    """Compare an MJCF model with MuJoCo C and print the result; exit with EXIT_REFUSED if they differ."""
     from gaitsweep.dynamics.mjx.against_c import compare
     from gaitsweep.dynamics.mjx.refusals import cautions
 
@@ -184,7 +184,7 @@ def _step_against_c(name: str, model: MjcfModel, steps: int) -> None:
         f"the largest difference before a divergence is {comparison.largest:.1e}"
     )
     if comparison.wrong:
-        raise typer.Exit(REFUSED)
+        raise typer.Exit(EXIT_REFUSED)
 
 
 def _refuse_name(name: str) -> None:

@@ -202,6 +202,8 @@ def extent_of(model: Model) -> str:
 
 def model(name: str, kind: type[Model]) -> None:
     """Print the quantities of a model that a job can set, and its outputs, under a name that jobs use."""
+    from gaitsweep.models.conformity import idle_starts  # which imports the engine
+
     instance = kind()
     doc = (kind.__doc__ or "").strip().splitlines()
     console = _console()
@@ -212,7 +214,9 @@ def model(name: str, kind: type[Model]) -> None:
         _print_table("structure (one value per job)", ("name", "default", "allowed", "meaning"), structure)
     columns = ("name", "unit", "default", "allowed", "meaning", "source")
     _print_table("parameters", columns, [quantity(parameter) for parameter in instance.parameters])
-    _print_table("start", columns[:5], [quantity(start)[:5] for start in instance.initial_conditions])
+    idle = idle_starts(instance)
+    starts = [quantity(start)[:5] for start in instance.initial_conditions if start.name not in idle]
+    _print_table("start", columns[:5], starts)
     for title, quantities in (
         ("observables", instance.observables),
         ("signals", instance.signals),

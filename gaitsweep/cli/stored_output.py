@@ -15,7 +15,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from gaitsweep.cache_folder import cache_folder, keep, kept
+from gaitsweep.cache_folder import cache_folder, load_cached, store_cached
 
 _MOST = 200  # commands whose output is stored
 # Variables that choose the device, so that the same file may be another job.
@@ -33,7 +33,7 @@ def load_output(command: Sequence[str]) -> tuple[str, str] | None:
     if file is None:
         return None
     try:
-        stored = json.loads(kept(file) or b"")
+        stored = json.loads(load_cached(file) or b"")
         folder, files = Path(stored["folder"]), stored["files"]
         if set(_files_in(folder)) != {name for name in files if Path(name).is_relative_to(folder)}:
             return None
@@ -63,7 +63,7 @@ def store_output(
         names = [*(str(source.absolute()) for source in sources), *_files_in(folder)]
         files = {name: _digest(Path(name)) for name in names}
         state = {"folder": str(folder), "files": files, "program": _program()}
-        keep(file, json.dumps({**state, "printed": printed, "errors": errors}).encode())
+        store_cached(file, json.dumps({**state, "printed": printed, "errors": errors}).encode())
         for old in sorted(file.parent.glob("*.json"), key=lambda output: output.stat().st_mtime)[:-_MOST]:
             old.unlink()
 

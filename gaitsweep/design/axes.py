@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
-import scipy
 from jaxtyping import Float, Int, UInt
 from pydantic import BeforeValidator, Field
 
@@ -31,7 +30,7 @@ def _of_length(value: Any, length: int, words: str) -> Any:
 
 _THREE = BeforeValidator(checked(_of_length, length=3, words="[first, last, number of points]"))
 _TWO = BeforeValidator(checked(_of_length, length=2, words="[low, high]"))
-Ends = Annotated[tuple[Number, Number, PointCount], _THREE]
+EndsAndCount = Annotated[tuple[Number, Number, PointCount], _THREE]
 At = Annotated[Literal["ends", "centre"], word("ends", "centre")]
 _AT = "ends: both ends are points; centre: the points are the centres of equal cells"
 _SEED = "seed of the points, combined with the name of the axis"
@@ -49,7 +48,7 @@ class Values(StrictModel):
 class Linspace(StrictModel):
     """Equally spaced points."""
 
-    linspace: Ends = Field(description="[first, last, number of points]")
+    linspace: EndsAndCount = Field(description="[first, last, number of points]")
     at: At = Field(default="ends", description=_AT)
 
     def axis(self, name: str) -> RangeAxis:
@@ -59,7 +58,7 @@ class Linspace(StrictModel):
 class Logspace(StrictModel):
     """Points with equal ratios, between two ends above 0."""
 
-    logspace: Ends = Field(description="[first, last, number of points], the ends above 0")
+    logspace: EndsAndCount = Field(description="[first, last, number of points], the ends above 0")
     at: At = Field(default="ends", description=_AT)
 
     def axis(self, name: str) -> RangeAxis:
@@ -69,23 +68,23 @@ class Logspace(StrictModel):
 class Random(StrictModel):
     """Independent uniform points."""
 
-    random: Ends = Field(description="[low, high, number of points]")
+    random: EndsAndCount = Field(description="[low, high, number of points]")
     seed: Seed = Field(default=0, description=_SEED)
 
     def axis(self, name: str) -> RangeAxis:
-        return RangeAxis(
-            *self.random, RandomAxis(SampleBox((name,), self.random[2], self.seed, "random"), name)
-        )
+        box = SampleBox((name,), self.random[2], self.seed, "random")
+        return RangeAxis(*self.random, RandomAxis(box, name))
 
 
 class Sobol(StrictModel):
     """Points of a shifted Sobol sequence."""
 
-    sobol: Ends = Field(description="[low, high, number of points]")
+    sobol: EndsAndCount = Field(description="[low, high, number of points]")
     seed: Seed = Field(default=0, description=_SEED)
 
     def axis(self, name: str) -> RangeAxis:
-        return RangeAxis(*self.sobol, RandomAxis(SampleBox((name,), self.sobol[2], self.seed, "sobol"), name))
+        box = SampleBox((name,), self.sobol[2], self.seed, "sobol")
+        return RangeAxis(*self.sobol, RandomAxis(box, name))
 
 
 class Sample(StrictModel):
@@ -156,7 +155,7 @@ class LinearSpacing:
     """Equal steps over [0, 1]: both ends included, or the centres of equal cells."""
 
     count: int
-    at: str
+    at: Literal["ends", "centre"]
 
     def __call__(self, index: Int[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
         return (index + 0.5) / self.count if self.at == "centre" else index / max(self.count - 1, 1)
@@ -169,7 +168,7 @@ class SampleBox:
     names: tuple[str, ...]
     count: int
     seed: int
-    method: str
+    method: Literal["random", "sobol"]
 
     @cached_property
     def points(self) -> dict[str, Float[np.ndarray, " points"]]:
@@ -236,13 +235,15 @@ Axis = ListAxis | RangeAxis
 
 
 def _bits(seed: int, name: str, count: int) -> UInt[np.ndarray, " points"]:
-    """Raw 64-bit words, which NumPy guarantees never to change; each name has its own stream."""
+    """Random 64-bit words, which no version of NumPy changes; each name has its own stream."""
     key = int.from_bytes(hashlib.sha256(f"{seed} {name}".encode()).digest()[:16], "big")
     return np.asarray(np.random.Philox(key=key).random_raw(count))
 
 
 def _sobol(seed: int, names: list[str], count: int) -> dict[str, Float[np.ndarray, " points"]]:
     """An unscrambled Sobol sequence with our own digital shift, since SciPy's scrambling may change."""
+    import scipy
+
     sequence = scipy.stats.qmc.Sobol(len(names), scramble=False, bits=_SOBOL_BITS)
     shifts = [_bits(seed, name, 1)[0] >> np.uint64(64 - _SOBOL_BITS) for name in names]
     points = np.empty((len(names), count))

@@ -21,9 +21,13 @@ from gaitsweep.expression import names_in, resolve
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.numbers import bound
 
-MOST_CHECKED = 1_000_000  # combinations of a formula's axes that are checked before a job runs
-MOST_CELLS = 200_000  # points of an axis, at most, for which it is tested whether they are drawn as cells
-MOST_WORK = 20_000_000  # these combinations times the letters of all formulas that are evaluated for each
+# A name is checked before a job runs if its axes have at most so many combinations, and these times the
+# letters of its formulas are at most so many.
+MOST_CHECKED, MOST_LETTERS = 1_000_000, 20_000_000
+MOST_CELLS = 200_000  # points of an axis whose distinct values are counted
+
+RowNumbers = Int[np.ndarray, " rows"]
+Columns = dict[str, Float[np.ndarray, " rows"]]  # the values of rows by name
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,7 +78,7 @@ class Design:
             for name, text in derived.items()
         }
 
-    def columns(self, start: int, stop: int) -> dict[str, Float[np.ndarray, " rows"]]:
+    def columns(self, start: int, stop: int) -> Columns:
         """Values of the axes in rows start..stop-1: a float64 array (stop - start,) by name.
 
         Raises:
@@ -83,9 +87,7 @@ class Design:
         """
         return self.at(self._rows(start, stop), self.names)
 
-    def values(
-        self, start: int, stop: int
-    ) -> tuple[dict[str, Float[np.ndarray, " rows"]], dict[str, Float[np.ndarray, " rows"]]]:
+    def values(self, start: int, stop: int) -> tuple[Columns, Columns]:
         """All parameters and all starts in rows start..stop-1: float64 arrays (stop - start,) by name.
 
         Raises:
@@ -95,9 +97,7 @@ class Design:
         """
         return self.values_in(self._rows(start, stop))
 
-    def values_in(
-        self, rows: Int[np.ndarray, " rows"]
-    ) -> tuple[dict[str, Float[np.ndarray, " rows"]], dict[str, Float[np.ndarray, " rows"]]]:
+    def values_in(self, rows: RowNumbers) -> tuple[Columns, Columns]:
         """All parameters and all starts in `rows` (n,) of int64, as `values` gives them."""
         parameters = [quantity.name for quantity in self.model.parameters]
         starts = [quantity.name for quantity in self.model.initial_conditions]
@@ -105,9 +105,7 @@ class Design:
         self._check_block(rows, values)
         return {name: values[name] for name in parameters}, {name: values[name] for name in starts}
 
-    def at(
-        self, rows: Int[np.ndarray, " rows"], wanted: Iterable[str]
-    ) -> dict[str, Float[np.ndarray, " rows"]]:
+    def at(self, rows: RowNumbers, wanted: Iterable[str]) -> Columns:
         """The `wanted` names in `rows` (n,) of int64: float64 arrays (n,), in that order."""
         wanted = tuple(wanted)
         needed = self.closure(wanted)
@@ -154,7 +152,11 @@ class Design:
 
     @functools.cached_property
     def order(self) -> tuple[str, ...]:
-        """All names, each after those that it uses; raises graphlib.CycleError if they form a cycle."""
+        """All names, each after those that it uses.
+
+        Raises:
+            graphlib.CycleError: names use each other in a cycle.
+        """
         graph = {name: sorted(self.uses(name)) for name in [*self.settings, *self._places]}
         return tuple(graphlib.TopologicalSorter(graph).static_order())
 
@@ -169,7 +171,7 @@ class Design:
         }
 
     def in_cells(self, name: str) -> bool:
-        """Whether figures draw a name's points as cells: equal steps or ratios, or few points."""
+        """Whether figures draw a name's points as cells: equal steps or ratios, or at most four values."""
         if name not in self._places:
             return False
         axis = self.groups[self._places[name]].axes[name]
@@ -196,7 +198,7 @@ class Design:
         """Number of rows for which the group at `position` keeps its point."""
         return math.prod(group.length for group in self.groups[position + 1 :])
 
-    def index(self, rows: Int[np.ndarray, " rows"], position: int) -> Int[np.ndarray, " rows"]:
+    def index(self, rows: RowNumbers, position: int) -> Int[np.ndarray, " rows"]:
         """The index of the point of the group at `position` in rows (n,)."""
         return rows // self.stride(position) % self.groups[position].length
 
@@ -226,30 +228,28 @@ class Design:
         count = math.prod(self.groups[place].length for place in self.spans(name))
         texts = (self.settings.get(closed_name) for closed_name in self.closure([name]))
         letters = sum(len(text) for text in texts if isinstance(text, str))
-        return count <= MOST_CHECKED and count * letters <= MOST_WORK
+        return count <= MOST_CHECKED and count * letters <= MOST_LETTERS
 
-    def _check_block(
-        self, rows: Int[np.ndarray, " rows"], values: Mapping[str, Float[np.ndarray, " rows"]]
-    ) -> None:
-        for quantity in (*self.model.parameters, *self.model.initial_conditions):
-            if quantity.name in self._unchecked:
-                wrong = np.flatnonzero(~inside(values[quantity.name], quantity))
-                if wrong.size:
-                    value, row = values[quantity.name][wrong[0]], int(rows[wrong[0]])
-                    raise JobError(
-                        [Diagnostic((quantity.name,), f"is {value:g} in row {row}, but {must(quantity)}.")]
-                    )
+    def _check_block(self, rows: RowNumbers, values: Columns) -> None:
+        """Raise JobError for a value in `rows` (n,) that is not allowed; `checkable` names are left out."""
+        for quantity in self._unchecked:
+            column = values[quantity.name]
+            wrong = np.flatnonzero(~inside(column, quantity))
+            if wrong.size:
+                text = f"is {column[wrong[0]]:g} in row {rows[wrong[0]]}, but {requirement(quantity)}."
+                raise JobError([Diagnostic((quantity.name,), text)])
 
     @functools.cached_property
-    def _unchecked(self) -> frozenset[str]:
-        return frozenset(name for name in self.order if not self.checkable(name))
+    def _unchecked(self) -> list[Quantity]:
+        quantities = (*self.model.parameters, *self.model.initial_conditions)
+        return [quantity for quantity in quantities if not self.checkable(quantity.name)]
 
     @functools.cached_property
     def _places(self) -> dict[str, int]:
         """The position of the group of each name that varies."""
         return {name: place for place, group in enumerate(self.groups) for name in group.axes}
 
-    def _rows(self, start: int, stop: int) -> Int[np.ndarray, " rows"]:
+    def _rows(self, start: int, stop: int) -> RowNumbers:
         if not 0 <= start <= stop <= self.n_rows:
             raise IndexError(f"Rows {start} to {stop} are out of range: the job has {self.n_rows} rows.")
         return np.arange(start, stop, dtype=np.int64)
@@ -279,7 +279,7 @@ def inside(values: Float[np.ndarray, " *rows"], quantity: Quantity) -> np.ndarra
     return within | np.isnan(values) if undecided else within
 
 
-def must(quantity: Quantity) -> str:
+def requirement(quantity: Quantity) -> str:
     """The end of a message about a value out of range: allowed range, meaning and unit."""
     unit = "" if quantity.unit in ("", "1") else f", in {quantity.unit}"
     if quantity.whole and math.isinf(quantity.low) and math.isinf(quantity.high):

@@ -106,8 +106,8 @@ def _check_size(vary: Vary) -> None:
         if rows > 10**30:  # the product itself can grow past anything
             break
     if rows > MOST_ROWS:
-        made = f"{rows}" if rows < 10**30 else "more than 1e30"
-        vary.refuse(("vary",), f"gives {made} rows; at most {MOST_ROWS} are allowed.")
+        number = f"{rows}" if rows < 10**30 else "more than 1e30"
+        vary.refuse(("vary",), f"gives {number} rows; at most {MOST_ROWS} are allowed.")
     drawn = sum(group.length * len(group.axes) for group in vary.groups if group.drawn)
     if drawn > MOST_DRAWN:
         text = f"draws {drawn} numbers (points times names); at most {MOST_DRAWN} are allowed."
@@ -256,15 +256,6 @@ def written_names(vary: Any) -> Iterator[tuple[str, ...]]:
         names = group.get("of", {}) if form == "sample" else group
         if isinstance(names, Mapping):
             yield tuple(map(str, names))
-
-
-def written_length(form: str, group: Mapping[str, Any]) -> int:
-    """The number of points of a group of `written_groups`, whose `vary` is in normal form."""
-    if form == "sample":
-        return int(group["n"])
-    axis = next(iter(group.values()))
-    points = next(axis[kind] for kind in AXIS_KINDS if kind in axis)
-    return len(points) if "values" in axis else int(points[2])
 
 
 def vary_schema() -> dict[str, Any]:

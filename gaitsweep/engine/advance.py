@@ -34,13 +34,21 @@ from gaitsweep.engine.hidden_events import (
     guard_slopes,
     may_bend,
     may_hide,
+    may_switch,
     switches_within,
     unresolved,
 )
-from gaitsweep.engine.numerics import ORDER, ResolvedNumerics, tolerance_scale
+from gaitsweep.engine.numerics import (
+    FEWEST_STEPS,
+    ORDER,
+    SHORTEST_CYCLE,
+    ResolvedNumerics,
+    tolerance_scale,
+)
 from gaitsweep.engine.rarity import likely, unlikely
 from gaitsweep.engine.shapes import Flag, GuardFlags, Guards, Integer, Number
 from gaitsweep.engine.solver import METHODS, Method, Step, euler_update, fixed_step_scheme
+from gaitsweep.engine.solver.taylor import bends_back, first_zero, order_of, polynomial
 
 
 class Halt:
@@ -209,7 +217,9 @@ def _advance_hybrid(
     assert method.step is not None
     # independent jumps need their turns only for the derivative of each one's event time
     in_turn = model.simultaneous == "in_turn" or (model.simultaneous == "independent" and sensitivities)
-    step, flow, flow_after = precomputed or (method.step(model), model.flow, model.flow)
+    order = order_of(numerics.rtol) if method.series else ORDER - 1
+    chosen = method.step(model, order) if method.series else method.step(model)
+    step, flow, flow_after = precomputed or (chosen, model.flow, model.flow)
 
     def attempt(params: Params, carry: Carry) -> Carry:
         dtype, dt = carry.t.dtype, carry.dt
@@ -227,9 +237,27 @@ def _advance_hybrid(
         params_within = params if drive is None else drive(params, carry.t + 0.5 * h)
         # before the value to which a schedule of steps changes at the end
         params_at_end = params if drive is None else drive(params, carry.t + h * STEP_END)
-        if method.adaptive:
+        expansion, smooth, polynomials = None, False, []
+        planned, bends, near_time = h, jnp.asarray(False), jnp.zeros_like(h)
+        if method.series:
+            expansion = step(params_within, carry.state, h)
+            smooth = not may_switch(model, params_within, carry.state)
+            # events are searched between few points of a step whose polynomials do not hold throughout
+            h = h if smooth else jnp.minimum(h, dt * (FEWEST_STEPS / SHORTEST_CYCLE))
+            polynomials = expansion.along(lambda s: model.guards(params_within, s), carry.state)
+            # a step ends at its first event; that of a ramp would have the parameters of another length
+            planned, past_root = h, 0.5 * finest * jnp.exp2(2.0 * carry.trials)
+            root = first_zero(polynomials, h) + past_root if drive is None else jnp.inf
+            near_time = jnp.where(root < h, jnp.maximum(root - 2.0 * past_root, 0.0), 0.0)
+            h = jnp.minimum(h, root)
+            bends = bends_back(polynomials, h)
+            trial = expansion.at(carry.state, h)
+            change = _fitting_change(expansion.error(h), carry, trial, numerics, order)
+            # a rejected step is shortened and tried again
+            taken = (change >= CAUTION) | (h <= LEAST_SHARE * dt)
+        elif method.adaptive:
             trial, error = step(params_within, carry.state, h)
-            change = _fitting_change(error, carry, trial, numerics)
+            change = _fitting_change(error, carry, trial, numerics, order)
             # a rejected step is shortened and tried again
             taken = (change >= CAUTION) | (h <= LEAST_SHARE * dt)
         else:
@@ -244,13 +272,24 @@ def _advance_hybrid(
         speed = guard_slopes(model, params_at_end, trial, arriving)
         hides = may_hide(carry.near, slopes, guards, h)
         if method.adaptive:
-            states = (between(carry.state, leaving, trial, arriving, h, share) for share in PROBES)
-            inside = [model.guards(params_within, state) for state in states]
-            hides = hides | unresolved(carry.near, slopes, guards, speed, inside, h)
-            shows, unseen = switches_within(flow, params_within, (carry.state, trial), (leaving, arriving), h)
+
+            def within(share: float) -> State:
+                if expansion is not None:
+                    return expansion.at(carry.state, share * h)
+                return between(carry.state, leaving, trial, arriving, h, share)
+
+            if not smooth:
+                inside = [model.guards(params_within, within(share)) for share in PROBES]
+                hides = hides | unresolved(carry.near, slopes, guards, speed, inside, h)
+            if expansion is not None:
+                hides = bends if smooth else hides | bends
+            ends, rates = (carry.state, trial), (leaving, arriving)
+            shows, unseen = switches_within(flow, params_within, ends, rates, h, within)
             hides = hides | ((h > SWITCH_STEP * carry.unit) & (shows | unseen))
         hidden = unlikely(going & taken & ~short & hides)
-        again = failed | hidden
+        # a guard that is above zero by its polynomial, and not by its value, is tried further past the root
+        rounded = method.series & unlikely(going & taken & ~hidden & (h < planned) & ~jnp.any(fired))
+        again = failed | hidden | rounded
         if in_turn:
             # guards that fired in the same trial as the last jump and have not jumped yet
             waits = fired & (carry.far_guards == jnp.inf)
@@ -267,6 +306,12 @@ def _advance_hybrid(
             jnp.where(hit, carry.near, guards), jnp.where(hit, guards, carry.far_guards)
         )
         late = h - h * _share(below, above)
+        if expansion is not None:
+            # the secant of a short bracket, which every guard that fired has entered below zero
+            entering = polynomial(polynomials, near_time)
+            brackets = hit & (near_time > 0.0) & jnp.all(~fired | (entering < 0.0))
+            rest = (h - near_time) * (1.0 - _share(*_first_to_fire(entering, guards)))
+            late = jnp.where(brackets, rest, late)
         # of a smooth guard, the secant through so short a bracket has its slope
         past = jnp.asarray(False)
         if may_bend(model.guards, params_at_end, trial, arriving):
@@ -301,6 +346,8 @@ def _advance_hybrid(
             h_max, next_h = _controlled(method, carry, h, change, failed, land, hit, locating, guess)
         # an event that may begin and end within the step is searched in its first half
         h_max, next_h = jnp.where(hidden, carry.h_max, h_max), jnp.where(hidden, 0.5 * h, next_h)
+        h_max, next_h = jnp.where(rounded, carry.h_max, h_max), jnp.where(rounded, planned, next_h)
+        bracket["trials"] = jnp.where(rounded, carry.trials + 1, bracket["trials"])
         # an event that a jump caused follows the crossing at the same instant
         next_h = jnp.where(leaves, 0.0, next_h)
 
@@ -321,7 +368,8 @@ def _advance_hybrid(
         closed = crossed & ((land & ~remaining & ~owed) | leaves)
         timed = unlikely(on & (h >= room) & ~leaves)
 
-        chain = jnp.where(land, carry.chain + 1, jnp.where(on & ~short, 0, carry.chain))
+        before = jnp.where(short, carry.chain, 0)
+        chain = jnp.where(land, before + 1, jnp.where(on, before, carry.chain))
         halt = jnp.where(closed, Halt.CROSSING, jnp.where(timed, Halt.TIME, Halt.GOING))
         if method.adaptive:
             # many cycles can pass between two polls of the recorder, so a fall is tested after every step
@@ -347,7 +395,9 @@ def _advance_hybrid(
     return attempt
 
 
-def _fitting_change(error: Rates, carry: Carry, trial: State, numerics: ResolvedNumerics) -> Number:
+def _fitting_change(
+    error: Rates, carry: Carry, trial: State, numerics: ResolvedNumerics, order: int
+) -> Number:
     """The factor on a step with which its error would meet the tolerance, with the safety factor CAUTION.
 
     It is at least CAUTION if the step itself meets the tolerance, and 0 if the error is NaN.
@@ -362,9 +412,12 @@ def _fitting_change(error: Rates, carry: Carry, trial: State, numerics: Resolved
             worst, jnp.max(jnp.abs(error_of_field) / (finer * (numerics.atol + numerics.rtol * size)))
         )
     worst = jax.lax.stop_gradient(worst)
-    # the fourth root instead of the fifth: two square roots are far cheaper, and the tolerance is met as well
-    floor = (CAUTION / 10.0) ** (ORDER - 1)
-    change = CAUTION / jnp.sqrt(jnp.sqrt(jnp.maximum(worst, floor)))
+    floor = (CAUTION / 10.0) ** order
+    worst = jnp.maximum(worst, floor)
+    # of tsit5 the fourth root instead of the fifth: two square roots are far cheaper, and the tolerance is
+    # met as well
+    root = jnp.sqrt(jnp.sqrt(worst)) if order == ORDER - 1 else jnp.exp(jnp.log(worst) / order)
+    change = CAUTION / root
     return jnp.where(worst >= 0.0, change, 0.0)
 
 

@@ -1,4 +1,4 @@
-"""A digest of what a model computes with, and caches of programs that are keyed on it.
+"""Digests of the code and data of models, and caches of programs that are keyed on them.
 
 Two models of one class are equal if their structures are. Between two calls, though, a user may have changed
 a global, an attribute or a method of the class, or a value in a closure, and a program compiled before would
@@ -7,13 +7,16 @@ give the numbers of before.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
+import opcode
 import pickle
 import sys
 import sysconfig
 import types
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextvars import ContextVar
 from enum import Enum
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -23,6 +26,7 @@ import jax
 import numpy as np
 
 from gaitsweep.contract import Model
+from gaitsweep.own_modules import modules_beside
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -30,21 +34,38 @@ T = TypeVar("T")
 _PLAIN = (type(None), bool, int, float, complex, str, bytes, type(...))
 # entries of a class that decide no number, or repeat others
 _FORMAL = {
-    *(
-        "__module__",
-        "__qualname__",
-        "__doc__",
-        "__dict__",
-        "__weakref__",
-        "__annotations__",
-        "__parameters__",
-    ),
-    *("__dataclass_fields__", "__dataclass_params__", "__match_args__", "__orig_bases__", "__slots__"),
-    *("__abstractmethods__", "_abc_impl", "__firstlineno__", "__static_attributes__", "__annotate_func__"),
-    *("__annotations_cache__", "__annotate__", "__classdictcell__"),
+    *("__module__", "__qualname__", "__doc__", "__dict__", "__weakref__", "__annotations__"),
+    *("__parameters__", "__dataclass_fields__", "__dataclass_params__", "__match_args__", "__orig_bases__"),
+    *("__slots__", "__abstractmethods__", "_abc_impl", "__firstlineno__", "__static_attributes__"),
+    *("__annotate_func__", "__annotations_cache__", "__annotate__", "__classdictcell__"),
 }
-_CODES: WeakKeyDictionary[types.CodeType, tuple[bytes, tuple[str, ...]]] = WeakKeyDictionary()
+# packages whose versions, or whose meaning, are the same wherever a digest for other processes is compared
+_KNOWN = {
+    *("gaitsweep", "jax", "jaxlib", "jaxtyping", "numpy", "builtins", "math", "cmath", "operator"),
+    *("abc", "collections", "dataclasses", "enum", "functools", "itertools", "types", "typing"),
+}
+# names in code that may read what no digest holds
+_UNKNOWN = {
+    *("__dict__", "__import__", "compile", "eval", "exec", "fromfile", "fromregex", "genfromtxt", "getattr"),
+    *(
+        "globals",
+        "hash",
+        "id",
+        "import_module",
+        "input",
+        "load",
+        "loadtxt",
+        "locals",
+        "memmap",
+        "open",
+        "vars",
+    ),
+    *("random", "devices", "default_backend", "device_count", "local_devices", "callback", "pure_callback"),
+}
+_IMPORTS = opcode.opmap["IMPORT_NAME"]
+_CODES: WeakKeyDictionary[types.CodeType, tuple[bytes, tuple[str, ...], bool]] = WeakKeyDictionary()
 _FILES: dict[tuple[str, str, int], set[Path]] = {}
+_HELD: ContextVar[dict[tuple[Any, ...], str] | None] = ContextVar("held", default=None)
 _LATEST: dict[tuple[str, str, int], str] = {}  # by module, name and structure
 
 
@@ -53,32 +74,32 @@ def cached_by_content(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]
 
     def decorate(function: Callable[P, T]) -> Callable[P, T]:
         @functools.lru_cache(maxsize)
-        def kept(_: tuple[str, ...], args: Any, options: Any) -> T:
+        def cached(_: tuple[str, ...], args: Any, options: Any) -> T:
             return function(*args, **dict(options))
 
         @functools.wraps(function)
-        def found(*args: P.args, **options: P.kwargs) -> T:
-            models = [
+        def call(*args: P.args, **options: P.kwargs) -> T:
+            models = (
                 argument if isinstance(argument, Model) else getattr(argument, "model", None)
                 for argument in args
-            ]
-            contents = tuple(content_of(argument) for argument in models if isinstance(argument, Model))
-            return kept(contents, args, tuple(sorted(options.items())))
+            )
+            contents = tuple(content_of(model) for model in models if isinstance(model, Model))
+            return cached(contents, args, tuple(sorted(options.items())))
 
-        return found
+        return call
 
     return decorate
 
 
 def content_of(model: Model) -> str:
-    """A digest of what the functions of a model read: their code, globals, closures and class attributes.
+    """A digest of the functions of a model: their code, globals, closures and class attributes.
 
-    Code of installed packages and of gaitsweep is read no further than their names. The digest holds in this
-    process only.
+    Code of installed packages and of gaitsweep counts by name only. Another process has another digest.
     """
-    reader, key = _Reader(), _key(model)
-    reader.read(type(model))
-    reader.attributes(model)
+    held = _HELD.get()
+    if held is not None and (known := held.get((type(model), model))) is not None:
+        return known
+    reader, key = _read(model), _key(model)
     for file in sorted(_FILES.get(key, ())):
         reader.read((str(file), (file.stat().st_mtime_ns, file.stat().st_size) if file.is_file() else None))
     content = reader.digest.hexdigest()
@@ -86,12 +107,66 @@ def content_of(model: Model) -> str:
     if _LATEST.get(key, content) != content:
         jax.clear_caches()
     _LATEST[key] = content
+    if held is not None:
+        held[type(model), model] = content
     return content
+
+
+@contextlib.contextmanager
+def held_contents() -> Iterator[None]:
+    """A context in which models do not change, so that the content of each is read once."""
+    outer = _HELD.get()
+    token = _HELD.set({} if outer is None else outer)
+    try:
+        yield
+    finally:
+        _HELD.reset(token)
+
+
+def lasting_content(model: Model, *others: Any) -> str | None:
+    """A digest of a model and other objects that holds in other processes as well.
+
+    It includes the sources of the model's modules. None for a model that may read what no digest holds:
+    files, the environment, a clock, packages other than JAX and NumPy, or a class without a source.
+    """
+    if _FILES.get(_key(model)):
+        return None
+    held = {} if (held := _HELD.get()) is None else held
+    if (content := held.get((type(model), model, "lasting"))) is None:
+        content = held[type(model), model, "lasting"] = _lasting(model)
+    reader = _Reader(model, type(model))
+    reader.read((content, others))
+    return reader.digest.hexdigest() if content and reader.lasting else None
+
+
+def _lasting(model: Model) -> str:
+    module = sys.modules.get(type(model).__module__)
+    if module is None or model.host_parameters or model.data_digest:
+        return ""
+    reader = _read(model)
+    if is_users(module.__name__):
+        sources = modules_beside(module)
+        reader.lasting &= bool(sources)
+        for name, file in sorted(sources.items()):
+            try:
+                reader.read((name, file.read_bytes()))
+            except OSError:
+                reader.lasting = False
+    return reader.digest.hexdigest() if reader.lasting else ""
+
+
+def _read(model: Model) -> _Reader:
+    reader = _Reader()
+    reader.read(type(model))
+    reader.attributes(model)
+    return reader
 
 
 def depends_on(model: Model, files: Iterable[Path]) -> None:
     """Let the content of a model include files that its functions read as they are traced."""
     _FILES.setdefault(_key(model), set()).update(files)
+    if (held := _HELD.get()) is not None:
+        held.pop((type(model), model), None)
 
 
 def _key(model: Model) -> tuple[str, str, int]:
@@ -99,21 +174,22 @@ def _key(model: Model) -> tuple[str, str, int]:
 
 
 class _Reader:
-    """Adds values to a digest, with what they refer to."""
+    """Adds values to a digest, with what they refer to; `known` are added by their places alone."""
 
-    def __init__(self) -> None:
+    def __init__(self, *known: Any) -> None:
         self.digest = hashlib.sha256()
-        self._seen: dict[int, int] = {}
+        self.lasting = True  # whether the digest holds in other processes
+        self._seen: dict[int, int] = {id(value): place for place, value in enumerate(known)}
         self._alive: list[Any] = []  # an object that is gone would leave its id to another
 
     def read(self, value: Any) -> None:
         """Add a value; one that was added before is named by its place."""
         kind = type(value)
         if kind in _PLAIN:
-            self._say(kind.__name__, repr(value).encode())
+            self._add(kind.__name__, repr(value).encode())
             return
         if (place := self._seen.get(id(value))) is not None:
-            self._say("again", str(place).encode())
+            self._add("again", str(place).encode())
             return
         self._seen[id(value)] = len(self._seen)
         self._alive.append(value)
@@ -122,9 +198,10 @@ class _Reader:
         elif isinstance(value, type):
             self._class(value)
         elif isinstance(value, types.ModuleType):
-            self._say("module", value.__name__.encode())
+            self._know(value.__name__)
+            self._add("module", value.__name__.encode())
         elif isinstance(value, Enum):
-            self._say("enum", f"{kind.__module__}.{value}".encode())
+            self._add("enum", f"{kind.__module__}.{value}".encode())
         elif isinstance(value, np.ndarray | np.generic | jax.Array):
             self._array(value)
         elif isinstance(value, tuple | list):
@@ -137,63 +214,72 @@ class _Reader:
             self._object(value)
 
     def attributes(self, value: Any) -> None:
-        """Add the attributes of an object, less what it only keeps for later."""
+        """Add the attributes of an object, without its cached properties."""
         names = {**dict.fromkeys(_slots(type(value))), **getattr(value, "__dict__", {})}
         for name in names:
             of_class = getattr(type(value), name, None)
             if not isinstance(of_class, functools.cached_property) and hasattr(value, name):
-                self._say("attribute", name.encode())
+                self._add("attribute", name.encode())
                 self.read(getattr(value, name))
 
-    def _say(self, what: str, data: bytes) -> None:
+    def _know(self, module: str | None) -> None:
+        """Note whether other processes know what a module defines, by its name or its content."""
+        top = str(module).partition(".")[0]
+        self.lasting &= top in _KNOWN or (top in sys.modules and is_users(str(module)))
+
+    def _add(self, what: str, data: bytes) -> None:
         self.digest.update(f"{what} {len(data)}:".encode() + data)
 
-    def _all(self, what: str, values: Any) -> None:
+    def _all(self, what: str, values: Iterable[Any]) -> None:
         items = list(values)
-        self._say(what, str(len(items)).encode())
+        self._add(what, str(len(items)).encode())
         for item in items:
             self.read(item)
 
     def _function(self, function: types.FunctionType) -> None:
-        digest, names = _code(function.__code__)
-        self._say("function", digest)
+        digest, names, names_are_known = _code(function.__code__)
+        self._add("function", digest)
         self.read(function.__defaults__)
         self.read(function.__kwdefaults__)
         for cell in function.__closure__ or ():
             try:
                 self.read(cell.cell_contents)
             except ValueError:  # not filled yet
-                self._say("empty", b"")
+                self._add("empty", b"")
         of_module = function.__globals__
+        self._know(of_module.get("__name__"))
         if not is_users(str(of_module.get("__name__"))):
             return
+        self.lasting &= names_are_known
         self.read(vars(function))
         for name in names:
             if name in of_module:
-                self._say("global", name.encode())
+                self._add("global", name.encode())
                 self._global(of_module[name], names)
 
     def _global(self, value: Any, names: tuple[str, ...]) -> None:
-        """Add a global; of a module what the code may read of it."""
+        """Add a global; of a module its members with one of the code's `names`."""
         if not isinstance(value, types.ModuleType) or id(value) in self._seen:
             self.read(value)
             return
         users = is_users(value.__name__)
-        self._say("module", value.__name__.encode())
+        self._know(value.__name__)
+        self._add("module", value.__name__.encode())
         for name in names:
             part = vars(value).get(name)
             if part is not None and (users or isinstance(part, (*_PLAIN, np.ndarray, np.generic))):
-                self._say("of module", name.encode())
+                self._add("of module", name.encode())
                 self._global(part, names)
 
     def _class(self, kind: type) -> None:
-        self._say("class", f"{kind.__module__}.{kind.__qualname__}".encode())
+        self._add("class", f"{kind.__module__}.{kind.__qualname__}".encode())
         for base in kind.__mro__:
+            self._know(base.__module__)
             if not is_users(base.__module__) and not base.__module__.startswith("gaitsweep.models."):
                 continue
             for name, value in list(vars(base).items()):
                 if name not in _FORMAL:
-                    self._say("member", name.encode())
+                    self._add("member", name.encode())
                     self.read(value)
 
     def _array(self, value: Any) -> None:
@@ -201,13 +287,17 @@ class _Reader:
             array = np.asarray(value)
             data = pickle.dumps(array) if array.dtype.hasobject else array.tobytes()
         except Exception:  # a tracer, or keys of random numbers
-            self._say("object", str(id(value)).encode())
+            self.lasting = False
+            self._add("object", str(id(value)).encode())
             return
-        self._say(f"{array.dtype} {array.shape}", data)
+        self._add(f"{array.dtype} {array.shape}", data)
 
     def _object(self, value: Any) -> None:
         kind = type(value)
-        self._say("object", f"{kind.__module__}.{kind.__qualname__}".encode())
+        self._know(
+            kind.__module__ if kind.__module__ != "builtins" else getattr(value, "__module__", "builtins")
+        )
+        self._add("object", f"{kind.__module__}.{kind.__qualname__}".encode())
         parts = [name for name in _PARTS.get(kind, ("__wrapped__",)) if hasattr(value, name)]
         for name in parts:
             self.read(getattr(value, name))
@@ -218,8 +308,9 @@ class _Reader:
             try:
                 data = pickle.dumps(value)
             except Exception:  # what cannot be stored is known by itself only
+                self.lasting = False
                 data = str(id(value)).encode()
-            self._say("data", data)
+            self._add("data", data)
 
 
 # what objects of Python refer to; others, such as jitted functions, have `__wrapped__`
@@ -241,23 +332,26 @@ def _slots(kind: type) -> Iterator[str]:
                 yield name
 
 
-def _code(code: types.CodeType) -> tuple[bytes, tuple[str, ...]]:
-    """The digest of a code object, and the names that it and the code inside it read."""
-    known = _CODES.get(code)
-    if known is None:
+def _code(code: types.CodeType) -> tuple[bytes, tuple[str, ...], bool]:
+    """The digest of a code object, the names that it and its inner code read, and whether these are known."""
+    entry = _CODES.get(code)
+    if entry is None:
         names, digest = dict.fromkeys(code.co_names), hashlib.sha256()
+        known = _UNKNOWN.isdisjoint(code.co_names) and _IMPORTS not in code.co_code[::2]
         shape = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
         digest.update(repr((shape, code.co_names, code.co_varnames, code.co_freevars)).encode())
         digest.update(code.co_code + getattr(code, "co_exceptiontable", b""))
         for constant in code.co_consts:
             if isinstance(constant, types.CodeType):
-                inner, more = _code(constant)
+                inner, more, inner_known = _code(constant)
+                known &= inner_known
                 digest.update(inner)
                 names |= dict.fromkeys(more)
             else:
-                digest.update(f"{type(constant).__name__} {constant!r}".encode())
-        known = _CODES[code] = digest.digest(), tuple(names)
-    return known
+                text = sorted(map(repr, constant)) if isinstance(constant, frozenset) else repr(constant)
+                digest.update(f"{type(constant).__name__} {text}".encode())
+        entry = _CODES[code] = digest.digest(), tuple(names), known
+    return entry
 
 
 @functools.lru_cache(maxsize=4096)

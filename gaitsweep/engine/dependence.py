@@ -12,8 +12,8 @@ from jax.extend.core import Literal
 def dependences(function: Callable[..., Any], *inputs: Any) -> list[frozenset[str]]:
     """The names of the arguments on which each array that a function returns depends.
 
-    A result of a function that is compiled by itself, or of a branch, counts as dependent on all arguments of
-    that.
+    A result of an inner function (of `jax.jit`, or a branch) counts as dependent on all arguments of that
+    function.
 
     Args:
         function: of mappings of arrays by name.
@@ -25,10 +25,10 @@ def dependences(function: Callable[..., Any], *inputs: Any) -> list[frozenset[st
         variable: frozenset({path[-1].key}) for variable, path in zip(program.invars, paths, strict=True)
     }
 
-    def of(*atoms: Any) -> frozenset[str]:
-        known = (names.get(atom, frozenset()) for atom in atoms if not isinstance(atom, Literal))
-        return frozenset[str]().union(*known)
+    def names_of(*atoms: Any) -> frozenset[str]:
+        variables = (atom for atom in atoms if not isinstance(atom, Literal))
+        return frozenset[str]().union(*(names.get(variable, ()) for variable in variables))
 
     for equation in program.eqns:
-        names.update(dict.fromkeys(equation.outvars, of(*equation.invars)))
-    return [of(atom) for atom in program.outvars]
+        names.update(dict.fromkeys(equation.outvars, names_of(*equation.invars)))
+    return [names_of(atom) for atom in program.outvars]

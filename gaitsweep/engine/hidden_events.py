@@ -58,6 +58,7 @@ _SHAPES = (
     "squeeze",
     "slice",
     "concatenate",
+    "unstack",
     "stack",
     "transpose",
     "copy",
@@ -184,6 +185,37 @@ def may_bend(
     )
 
 
+def may_switch(model: HybridModel, params: Params, state: State) -> bool:
+    """Whether the flow may switch, or a guard may jump or bend, as the flow moves the state.
+
+    A part of a guard without derivative (`stop_gradient`), such as a margin for rounding, does not count.
+    """
+    rates, found = jax.eval_shape(lambda: (model.flow(params, state), switching(model.flow, params, state)))
+    if found.levels.size + found.surfaces.size:
+        return True
+    with jax.disable_jit():
+        program = jax.make_jaxpr(model.guards)(params, state).jaxpr
+    needed, counted = {v for v in program.outvars if not isinstance(v, Literal)}, set()
+    for equation in reversed(program.eqns):
+        if needed.intersection(equation.outvars) and equation.primitive.name != "stop_gradient":
+            needed.update(v for v in equation.invars if not isinstance(v, Literal))
+            counted.update(equation.outvars)
+    return any(
+        counted.intersection(equation.outvars) and not _is_smooth(equation, places)
+        for equation, places in _moving(program, state, rates)
+    )
+
+
+def _is_smooth(equation: JaxprEqn, places: set[int]) -> bool:
+    """Whether an operation is smooth in its arguments at these places."""
+    name = equation.primitive.name
+    if name == _CAST:
+        return jnp.issubdtype(equation.params["new_dtype"], jnp.floating)
+    if name == "integer_pow":
+        return equation.params["y"] > 0
+    return name in _SMOOTH or places <= _SMOOTH_IN.get(name, set())
+
+
 def _moving(program: Jaxpr, state: State, rates: Mapping[str, object]) -> list[tuple[JaxprEqn, set[int]]]:
     """The equations of a program of `(params, state)` that move with the state, and which arguments do."""
     # a state that is registered without names of its fields counts as moving as a whole
@@ -205,6 +237,7 @@ def switches_within(
     ends: tuple[State, State],
     rates: tuple[Rates, Rates],
     h: Number,
+    within: Callable[[float], State],
 ) -> tuple[Flag, Flag]:
     """Detect switches of a flow within a step.
 
@@ -212,6 +245,7 @@ def switches_within(
         flow, params: the flow and its parameters.
         ends, rates: the states at the step's beginning and end, and the flow's rates there.
         h: its length (s).
+        within: the state at a share of the step.
 
     Returns:
         Whether the flow has switched between the ends, and whether it may have switched there and back.
@@ -230,7 +264,7 @@ def switches_within(
     slopes, end_slopes = (
         side * slopes_along(surfaces, *state_and_rates) for state_and_rates in zip(ends, rates, strict=True)
     )
-    inside = [side * surfaces(between(ends[0], rates[0], ends[1], rates[1], h, share)) for share in PROBES]
+    inside = [side * surfaces(within(share)) for share in PROBES]
     hides = may_hide(near, slopes, end, h) | unresolved(near, slopes, end, end_slopes, inside, h)
     return shows, hides
 

@@ -138,6 +138,8 @@ def recommended_step(model: Model, numerics: ResolvedNumerics, params: Params) -
     longest = longest_step(model, numerics.method, params)
     if longest is None or fixed_step_scheme(numerics.method, model) is not None:
         return longest
+    if METHODS[numerics.method].series:
+        return longest
     if numerics.adaptive:
         return longest * (FEWEST_STEPS / SHORTEST_CYCLE)
     return SAFETY * longest

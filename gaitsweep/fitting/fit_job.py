@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gaitsweep import near_miss
-from gaitsweep.design.design import inside, must
+from gaitsweep.design.design import inside, requirement
 from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measure import Measure
@@ -241,7 +241,7 @@ def check_constants(fit: FitJob) -> list[Diagnostic]:
             if not isinstance(end, int | float) or isinstance(end, bool):
                 wrong.append(Diagnostic(path, f"has the choice {quoted(end)}, but takes numbers."))
             elif not inside(np.array([float(end)]), quantity)[0]:
-                wrong.append(Diagnostic(path, f"goes to {end:g}, but {must(quantity)}."))
+                wrong.append(Diagnostic(path, f"goes to {end:g}, but {requirement(quantity)}."))
     return wrong
 
 
@@ -297,5 +297,5 @@ def check_measures(fit: FitJob) -> list[Diagnostic]:
                 quantity = fit.spec.quantities[condition]
                 outside = np.array(values)[~inside(np.array(values), quantity)]
                 if outside.size:
-                    wrong.append(Diagnostic(path, f"is {outside[0]:g}, but {must(quantity)}."))
+                    wrong.append(Diagnostic(path, f"is {outside[0]:g}, but {requirement(quantity)}."))
     return wrong

@@ -23,7 +23,7 @@ from gaitsweep.fitting.free_parameters import Sets
 from gaitsweep.fitting.measure import Measure, Measured, MeasuredByName, RowMeasure
 from gaitsweep.fitting.ramp_measures import RampMeasure, crossings_of
 from gaitsweep.job import Job, JobError
-from gaitsweep.job.step_lengths import longer_than_right
+from gaitsweep.job.step_lengths import too_long_steps
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.prepare import RunContext, prepare
@@ -391,7 +391,7 @@ def _values(
         for quantity in (*model.parameters, *model.initial_conditions):
             outside = ~inside(row_values[quantity.name], quantity)
             _note(refused, outside, len(places), f"{quantity.name} out of range")
-        too_long = longer_than_right(design, context.job.run, context.spec.numerics)
+        too_long = too_long_steps(design, context.job.run, context.spec.numerics)
         _note(refused, too_long, len(places), "steps too long")
     return params, starts, refused
 

@@ -5,19 +5,22 @@ from __future__ import annotations
 import dataclasses
 import graphlib
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Quantity
 from gaitsweep.design.axes import RangeAxis
-from gaitsweep.design.design import MOST_CHECKED, Design, inside, must
+from gaitsweep.design.design import MOST_CHECKED, Design, inside, requirement
 from gaitsweep.expression import CONSTANTS, ExpressionError
 from gaitsweep.job.model_spec import ModelSpec
 from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.kinds.run_kind import Movement, table_columns
-from gaitsweep.models.conformity import NAMED, faults_of_rows
+from gaitsweep.models.conformity import NAMED, faults_of_rows, idle_starts, sets_starts
+from gaitsweep.plot.figure_style import FigureStyle
 from gaitsweep.plot.kind import FigureKind, PlannedTable
+from gaitsweep.plot.style_names import StyleNames
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path, unknown_name
 from gaitsweep.schema.strict_model import kind_of
 
@@ -98,7 +101,7 @@ def _check_quantity(design: Design, spec: ModelSpec, name: str, quantity: Quanti
             formula = f'"{setting}", which is ' if isinstance(setting, str) else ""
             where = f" in row {rows[wrong].min()}" if spans else ""
             value = values[wrong[np.argmin(rows[wrong])]]
-            return Diagnostic(path, f"is {formula}{value:g}{where}, but {must(quantity)}.")
+            return Diagnostic(path, f"is {formula}{value:g}{where}, but {requirement(quantity)}.")
     return None
 
 
@@ -113,9 +116,9 @@ def _between_its_ends(design: Design, name: str, quantity: Quantity) -> bool:
 
 
 def remarks_on_rows(design: Design, name: str) -> list[str]:
-    """Faults that `check-model` would find in a user's model at some rows of a job, as sentences.
+    """Starts of a job without effect on a user's model, and faults of the model at some rows, as sentences.
 
-    These are the corners of the axes and others, or all rows of a small job. Models of gaitsweep and models
+    Rows are the corners of the axes and others, or all rows of a small job. Models of gaitsweep and models
     with `host_parameters` are not checked. If a formula has no value in one of the rows, nothing is reported:
     the run reports it for the row's block.
 
@@ -126,19 +129,35 @@ def remarks_on_rows(design: Design, name: str) -> list[str]:
     model = design.model
     if model.host_parameters or type(model).__module__.startswith("gaitsweep."):
         return []
+    idle = [
+        f"{start} has no effect: {sets_starts(model)} of {name} sets it." for start in _idle_starts(design)
+    ]
     rows = _some_rows(design)
     try:
         values, starts = design.values_in(rows)
         varied = design.at(rows, design.names[:NAMED])
     except (ExpressionError, JobError):
-        return []
+        return idle
 
     def where(place: int) -> str:
         at = ", ".join(f"{name} = {column[place]:.6g}" for name, column in varied.items())
         more = ", ..." if len(design.names) > NAMED else ""
         return f" at the start of row {rows[place]}" + (f" ({at}{more})" if at else "")
 
-    return [f"The model is {name}, {words}" for words in faults_of_rows(model, values, starts, where)]
+    return idle + [f"The model is {name}, {words}" for words in faults_of_rows(model, values, starts, where)]
+
+
+def _idle_starts(design: Design) -> list[str]:
+    """The starts without effect that a job varies, or sets to another value than their default."""
+    idle, quantities = idle_starts(design.model), design.model.initial_conditions
+    used = design.closure(quantity.name for quantity in quantities if quantity.name not in idle)
+    return [
+        quantity.name
+        for quantity in quantities
+        if quantity.name in idle
+        and quantity.name not in used
+        and (quantity.name in design.names or design.settings[quantity.name] not in (quantity.default, None))
+    ]
 
 
 def _some_rows(design: Design) -> np.ndarray:
@@ -160,7 +179,8 @@ def _check_path(design: Design, spec: ModelSpec, run: RunKind, movement: Movemen
     diagnostics = []
     for index, value in enumerate(path):
         if not inside(np.array(value), quantity):
-            diagnostics.append(Diagnostic((*movement.valued, index), f"is {value:g}, but {must(quantity)}."))
+            text = f"is {value:g}, but {requirement(quantity)}."
+            diagnostics.append(Diagnostic((*movement.valued, index), text))
     if diagnostics:
         return diagnostics
     for name in design.following(moving):
@@ -178,15 +198,29 @@ def _check_path(design: Design, spec: ModelSpec, run: RunKind, movement: Movemen
     return diagnostics
 
 
-def check_figures(figures: list[FigureKind], design: Design, run: RunKind) -> list[Diagnostic]:
-    """Diagnostics about figures that cannot be drawn from the run's table, or that share a name."""
+def check_figures(
+    figures: Mapping[int, FigureKind], style: FigureStyle, design: Design, run: RunKind
+) -> list[Diagnostic]:
+    """Diagnostics about figures that cannot be drawn from the run's table, or that share a name.
+
+    Args:
+        figures: the figures by their places in the job.
+        style: the style of all figures.
+        design: the job's rows.
+        run: their run.
+    """
     model = design.model
     columns = table_columns(design, run)
     table = PlannedTable(design, run, columns)
     observables = [quantity.name for quantity in model.observables]
-    wrong: list[Diagnostic] = []
+    names = StyleNames.of_model(model, columns)
+    wrong = [Diagnostic(("style", *place), text) for place, text in names.unknown(style)]
+    if style.colours and figures and not any(figure.colours_gaits for figure in figures.values()):
+        kinds = ", ".join(figure.kind_name for figure in figures.values())
+        text = f"has no effect: no figure of this job colours gaits ({kinds}). Remove it."
+        wrong.append(Diagnostic(("style", "colours"), text))
     stems: dict[str, int] = {}
-    for index, figure in enumerate(figures):
+    for index, figure in figures.items():
         path = ("figures", index)
         if not figure.suits(run):
             others = [kind_of(part) for part in RUN_KINDS.values() if figure.kind_name in part.figures]

@@ -31,11 +31,8 @@ class Config:
         if named is None:
             return
         if not isinstance(named, (str, Path)) or not str(named).strip():
-            self.diagnostics.append(
-                Diagnostic(
-                    ("config",), f"is {quoted(named)}, but must be the path of a YAML file or builtin:NAME."
-                )
-            )
+            text = f"is {quoted(named)}, but must be the path of a YAML file or builtin:NAME."
+            self.diagnostics.append(Diagnostic(("config",), text))
             return
         try:
             self._document = read_document(config_file(named, folder))
@@ -93,5 +90,6 @@ class Config:
 
 
 def _moving(raw: Mapping[str, Any]) -> set[str]:
+    """The names that an unchecked job varies, or moves while a row runs."""
     varied = {name for names in written_names(raw.get("vary")) for name in names}
     return {*varied, str(parameter_written(raw.get("run")))}

@@ -105,7 +105,7 @@ class Job(StrictModel):
 
     if TYPE_CHECKING:
 
-        def __init__(  # what a field is read from, for type checkers, which would expect what it holds
+        def __init__(  # type checkers would expect the types of the fields, not of accepted values
             self,
             *,
             name: str,
@@ -208,30 +208,19 @@ class Job(StrictModel):
         }
         if not self.engine.contraction:  # left out by default, as it was before it could be chosen
             runs_on["contraction"] = False
-        return _job_hash(self.resolved(), self.run, runs_on, steps)
+        resolved = self.resolved()
+        deciding = {key: resolved[key] for key in ("model", "structure", "params", "start", "numerics")}
+        deciding |= {"vary": _in_order(resolved["vary"]), "run": self.run.hashed(resolved["run"])}
+        deciding |= {"engine": runs_on, "form": _HASHED_FORM}
+        if steps is not None:
+            deciding["steps"] = steps
+        text = json.dumps(deciding, sort_keys=True, separators=(",", ":"), allow_nan=False)
+        return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _without_style(fields: dict[str, Any]) -> dict[str, Any]:
     """The fields of a figure or a style without those of a style that are left open."""
     return {key: value for key, value in fields.items() if key not in STYLE_FIELDS or value is not None}
-
-
-def _job_hash(resolved: dict[str, Any], run: RunKind, engine: dict[str, Any], steps: str | None) -> str:
-    """The sha256, in hex, of a resolved job without its name, its figures and other fields without effect.
-
-    Args:
-        resolved: the job as plain values, as `Job.resolved` gives it.
-        run: its run kind, which decides which of its fields count.
-        engine: name, lanes, block and device on which the rows run.
-        steps: digest of the steps that the model recommends, if the job leaves them open.
-    """
-    deciding = {key: resolved[key] for key in ("model", "structure", "params", "start", "numerics")}
-    deciding |= {"vary": _in_order(resolved["vary"]), "run": run.hashed(resolved["run"]), "engine": engine}
-    if steps is not None:
-        deciding["steps"] = steps
-    deciding["form"] = _HASHED_FORM
-    text = json.dumps(deciding, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _in_order(vary: dict[str, Any]) -> list[Any]:
@@ -251,11 +240,12 @@ def _in_order(vary: dict[str, Any]) -> list[Any]:
 def _sections(data: Any) -> dict[str, SchemaSection]:
     """The parts of a job by the keys under which pydantic reports them."""
     runs = {kind: SchemaSection(f"run ({kind})", part, "run") for kind, part in RUN_KINDS.items()}
+    # kinds of figures take long to import, and are not needed without figures
+    needed = FIGURES if isinstance(data, Mapping) and data.get("figures") else {}
     # a figure's kind may be a run's too (return_map), hence the prefix
-    asked = FIGURES if isinstance(data, Mapping) and data.get("figures") else {}  # they take long to import
     figures = {
         f"figures.{kind}": SchemaSection(f"a figure ({kind})", part, "figures")
-        for kind, part in asked.items()
+        for kind, part in needed.items()
     }
     others = {
         "": SchemaSection("a job", Job),
@@ -280,17 +270,17 @@ def read_figures(job: Mapping[str, Any], file: str) -> tuple[list[dict[str, Any]
     """
     data = {"figures": job.get("figures", []), "style": job.get("style", {})}
     try:
-        read = _Figures.model_validate(data)
+        checked = _Figures.model_validate(data)
     except ValidationError as error:
         wrong = from_pydantic(error, {**_sections(data), "": SchemaSection("a job", _Figures)}, "")
         raise JobError([dataclasses.replace(diagnostic, file=file) for diagnostic in wrong]) from None
-    plain = [figure.model_dump(mode="json", exclude_none=True) for figure in read.figures]
+    plain = [figure.model_dump(mode="json", exclude_none=True) for figure in checked.figures]
     stems = [figure.get("name") or figure["kind"] for figure in plain]
-    twice = next((stem for stem in stems if stems.count(stem) > 1), None)
-    if twice is not None:
-        text = f"has two figures named {twice}: give each figure its own name."
+    repeated = next((stem for stem in stems if stems.count(stem) > 1), None)
+    if repeated is not None:
+        text = f"has two figures named {repeated}: give each figure its own name."
         raise JobError([Diagnostic(("figures",), text, file=file)])
-    return plain, read.style
+    return plain, checked.style
 
 
 def schema() -> dict[str, Any]:

@@ -10,7 +10,6 @@ from gaitsweep import effort, models
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job.job import Job
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted
-from gaitsweep.schema.diagnostics import Path as FieldPath
 from gaitsweep.schema.yaml_document import Document, read_document, read_value
 from gaitsweep.shipped import job_file
 
@@ -56,13 +55,8 @@ def _override(document: Document, override: str) -> None:
     key, equals, text = override.partition("=")
     parts = tuple(part.strip() for part in key.split("."))
     if not equals or not all(parts):
-        raise JobError(
-            [
-                Diagnostic(
-                    (), "is not valid: write --set key=value, such as --set run.max_cycles=10.", place=origin
-                )
-            ]
-        )
+        text = "is not valid: write --set key=value, such as --set run.max_cycles=10."
+        raise JobError([Diagnostic((), text, place=origin)])
     value = read_value(text, origin)
     section = document.data
     for depth, part in enumerate(parts[:-1]):
@@ -73,11 +67,7 @@ def _override(document: Document, override: str) -> None:
             text = f"is {quoted(section)} and has no fields to set."
             raise JobError([Diagnostic(parts[: depth + 1], text, place=origin)])
     section[parts[-1]] = value
-    _note_place(document, parts, origin)
-
-
-def _note_place(document: Document, parts: FieldPath, origin: str) -> None:
-    """Make the override the place of this field, and of the fields that it created, in error messages."""
+    # error messages name the override as the place of this field, and of the fields that it created
     for path in [path for path in document.places if path[: len(parts)] == parts]:
         del document.places[path]
     for length in range(1, len(parts) + 1):

@@ -91,46 +91,43 @@ def read_model_spec(
         The spec, or None if there are errors; and the diagnostics.
     """
     try:
-        found_class = models.find(read_text(name), folders)
+        model_class = models.find(read_text(name), folders)
     except (models.ModelError, InvalidValue) as error:
         return None, [Diagnostic(("model",), str(error))]
     written = [(("structure", key), key, value) for key, value in _items(structure)]
-    fields = {field.name: field for field in dataclasses.fields(found_class) if field.init}  # type: ignore[arg-type]
+    fields = {field.name: field for field in dataclasses.fields(model_class) if field.init}  # type: ignore[arg-type]
     written += [(("params", key), key, value) for key, value in _items(params) if key in fields]
     diagnostics: list[Diagnostic] = []
     shape: dict[str, Any] = {key: field.default for key, field in fields.items()}
-    seen: dict[str, Any] = {}
+    first: dict[str, Any] = {}  # the value that is written first, by field
     for path, key, value in written:
         if key not in fields:
             text = f"is not part of the structure of {name}{near_miss.suggestion(str(key), fields)}"
             diagnostics.append(Diagnostic(path, text))
             continue
         try:
-            shape[key] = _read_size(value, fields[key], typing.get_type_hints(found_class).get(key))
+            shape[key] = _read_size(value, fields[key], typing.get_type_hints(model_class).get(key))
         except InvalidValue as error:
             diagnostics.append(Diagnostic(path, str(error)))
-        if seen.setdefault(key, shape[key]) != shape[key]:
-            diagnostics.append(
-                Diagnostic(
-                    path,
-                    f"is {quoted(value)}, but structure.{key} is {quoted(seen[key])}: remove one of the two.",
-                )
-            )
+        if first.setdefault(key, shape[key]) != shape[key]:
+            text = f"is {quoted(value)}, but structure.{key} is {quoted(first[key])}: remove one of the two."
+            diagnostics.append(Diagnostic(path, text))
     for key, value in shape.items():
         if value is dataclasses.MISSING:
-            diagnostics.append(
-                Diagnostic(("structure", key), f"is missing: {name} has no default for {key}.")
-            )
+            text = f"is missing: {name} has no default for {key}."
+            diagnostics.append(Diagnostic(("structure", key), text))
     if diagnostics:
         return None, diagnostics
-    return _instance(str(name), found_class, shape)
+    return _instance(str(name), model_class, shape)
 
 
 def _items(mapping: Any) -> list[tuple[str, Any]]:
+    """The items of a section as written; none if it is not a mapping."""
     return [(str(key), value) for key, value in mapping.items()] if isinstance(mapping, Mapping) else []
 
 
-def _read_size(value: Any, field: dataclasses.Field, hint: Any) -> Any:
+def _read_size(value: Any, field: dataclasses.Field, hint: Any) -> bool | str | float:
+    """The value of a field of the structure, by its type; raises InvalidValue."""
     if hint is bool:
         return read_flag(value)
     if hint is str:
@@ -145,6 +142,7 @@ def _read_size(value: Any, field: dataclasses.Field, hint: Any) -> Any:
 def _instance(
     name: str, model_class: type[Model], shape: dict[str, Any]
 ) -> tuple[ModelSpec | None, list[Diagnostic]]:
+    """The spec of a model with this structure, or None; and the diagnostics."""
     refuse_missing_platform()  # a model's constants are arrays of JAX
     try:
         model = model_class(**shape)
@@ -153,14 +151,11 @@ def _instance(
     except Exception as error:  # a user's model may refuse its structure in any way
         return None, [Diagnostic(("structure",), f"is not accepted by {name}: {str(error).rstrip('.')}.")]
     names = [*parameters, *starts, *shape]
-    for quantity_name in names:
-        if quantity_name in RESERVED or names.count(quantity_name) > 1:
-            what = (
-                f"a quantity named {quantity_name}, which is reserved"
-                if quantity_name in RESERVED
-                else f"{quantity_name} twice"
-            )
-            return None, [Diagnostic(("model",), f"is {name}, which has {what}: rename it.")]
+    for quantity in names:
+        if quantity in RESERVED or names.count(quantity) > 1:
+            reserved = f"a quantity named {quantity}, which is reserved"
+            fault_of_name = reserved if quantity in RESERVED else f"{quantity} twice"
+            return None, [Diagnostic(("model",), f"is {name}, which has {fault_of_name}: rename it.")]
     if name not in models.names() and (wrong := fault(model)) is not None:
         return None, [Diagnostic(("model",), f"is {name}, {wrong}")]
     return ModelSpec(model, shape, parameters, starts), []
@@ -171,11 +166,8 @@ def read_settings(raw: Any, field: str, spec: ModelSpec) -> tuple[dict[str, floa
     if raw is None:
         return {}, []
     if not isinstance(raw, Mapping):
-        return {}, [
-            Diagnostic(
-                (field,), f"is {quoted(raw)}, but must be a mapping of names to numbers (name: number)."
-            )
-        ]
+        text = f"is {quoted(raw)}, but must be a mapping of names to numbers (name: number)."
+        return {}, [Diagnostic((field,), text)]
     settings: dict[str, float | str] = {}
     diagnostics: list[Diagnostic] = []
     for key, value in raw.items():
@@ -194,6 +186,7 @@ def read_settings(raw: Any, field: str, spec: ModelSpec) -> tuple[dict[str, floa
 
 
 def _read_setting(value: Any, quantity: Quantity) -> float | str:
+    """The number or the formula that a job sets for a quantity; raises InvalidValue."""
     switch = (quantity.low, quantity.high, quantity.open_ends) == (0.0, 1.0, False)
     if switch and isinstance(value, bool):
         return float(value)

@@ -16,7 +16,7 @@ from gaitsweep.schema.strict_model import StrictModel
 # Each part takes some milliseconds, however few its rows, which add up on a GPU. But an unfinished block of
 # more than _LARGE rows takes much memory, and a worker of a cluster loses it as a whole.
 _SMALL, _LARGE, _PARTS, _MOST_PARTS = 1024, 32_768, 64, 500
-METHOD_NAMES = ("auto", "tsit5", "rk4", "propagator6", "propagator", "semi_implicit")
+METHOD_NAMES = ("auto", "tsit5", "taylor", "rk4", "propagator6", "propagator", "semi_implicit")
 
 
 def _step(value: Any) -> float | str:
@@ -42,12 +42,13 @@ class NumericsSpec(StrictModel):
     """Integration of trajectories; the model recommends values for the fields that are left out."""
 
     method: Annotated[
-        Literal["auto", "tsit5", "rk4", "propagator6", "propagator", "semi_implicit"],
+        Literal["auto", "tsit5", "taylor", "rk4", "propagator6", "propagator", "semi_implicit"],
         word(*METHOD_NAMES, former=former_names.METHODS),
     ] = Field(
         default="auto",
         description="auto: the method that the model recommends; tsit5: Runge-Kutta pair of orders 5 and 4 "
-        "with step control by rtol and atol; rk4: classic Runge-Kutta of order 4; propagator6: order 6 with "
+        "with step control by rtol and atol; taylor: Taylor series of an order that follows from rtol, "
+        "for smooth flows to fine tolerances; rk4: classic Runge-Kutta of order 4; propagator6: order 6 with "
         "long steps over stiff contacts, for flows that are linear between events; propagator: the "
         "same, with "
         "each transient resolved to 1e-6; semi_implicit: steps of fixed length with events inside them, for "
@@ -63,10 +64,12 @@ class NumericsSpec(StrictModel):
         "row. Longer steps are refused.",
     )
     rtol: Positive | None = Field(
-        default=None, description="relative tolerance of a step's error, for tsit5; by default the model's"
+        default=None,
+        description="relative tolerance of a step's error, for tsit5 and taylor; by default the model's",
     )
     atol: Positive | None = Field(
-        default=None, description="absolute tolerance of a step's error, for tsit5; by default the model's"
+        default=None,
+        description="absolute tolerance of a step's error, for tsit5 and taylor; by default the model's",
     )
     precision: Annotated[Literal["float64", "float32", "mixed"], word("float64", "float32", "mixed")] = Field(
         default="float64",

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ValidationError
 
@@ -18,17 +18,21 @@ from gaitsweep.job.config import Config
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec, read_settings
 from gaitsweep.job.step_lengths import check_numerics, check_steps
 from gaitsweep.kinds import parameter_written
-from gaitsweep.kinds.run_kind import Checked, RunKind, table_columns
+from gaitsweep.kinds.run_kind import RunKind, table_columns
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, from_pydantic, quoted
 from gaitsweep.schema.numbers import SCOPE, Scope
 
+if TYPE_CHECKING:
+    from gaitsweep.job.job import Job
+
 FITS = ("search", "sensitivity")  # fields of jobs that a command of the same name reads
+_OF_VALUES = ("config", "model", "structure", "params", "start", "vary")  # fields that decide a row's values
 _READ_HERE = ("params", "start", "vary", "structure")  # parts of a job that pydantic gets as they were read
 
 
 def read_job(
-    data: Any, folder: Path, handler: Callable[[Any], Any], sections: dict[str, SchemaSection]
-) -> tuple[Any, Design, ResolvedNumerics]:
+    data: Any, folder: Path, handler: Callable[[Any], Job], sections: dict[str, SchemaSection]
+) -> tuple[Job, Design, ResolvedNumerics]:
     """The job built by pydantic, its rows, and its numerics.
 
     Model, structure, params, start and vary come first, since expressions in the other parts use them.
@@ -49,21 +53,21 @@ def read_job(
         raise JobError([Diagnostic((others[0],), text)])
     config = Config({str(key): _plain(value) for key, value in data.items() if value is not None}, folder)
     raw, diagnostics = config.raw, list(config.diagnostics)
-    ready = {key: value for key, value in raw.items() if key not in _READ_HERE}
+    fields = {key: value for key, value in raw.items() if key not in _READ_HERE}
     spec = None
     if "model" in raw:
         spec, wrong = read_model_spec(raw["model"], raw.get("structure"), raw.get("params"), [folder])
         diagnostics.extend(wrong)
     settings: dict[str, float | str] = {}
     if spec is not None:
-        ready["structure"] = spec.resolved_structure
+        fields["structure"] = spec.resolved_structure
         for field in ("params", "start"):
-            ready[field], wrong = read_settings(raw.get(field), field, spec)
-            settings |= ready[field]
+            fields[field], wrong = read_settings(raw.get(field), field, spec)
+            settings |= fields[field]
             diagnostics.extend(wrong)
     moved = _moved(raw, spec)
 
-    def reason(name: str) -> str | None:
+    def refusal(name: str) -> str | None:
         if spec is None:
             return None
         if name in settings:
@@ -73,83 +77,133 @@ def read_job(
             return "varies, but run.parameter moves it: remove one of the two."
         return spec.unknown(name, "vary")
 
-    vary = read_vary(raw.get("vary"), spec.quantities if spec else {}, reason)
-    ready["vary"] = vary.plain
+    vary = read_vary(raw.get("vary"), spec.quantities if spec else {}, refusal)
+    fields["vary"] = vary.plain
     diagnostics.extend(vary.diagnostics)
     design = None
     if spec is not None and not vary.diagnostics:
-        design = _laid_out(spec, vary.groups, settings, moved, diagnostics)
+        design = _design(spec, vary.groups, settings, moved, diagnostics)
     token = SCOPE.set(_scope(design, spec, moved))
-    job = None
     try:
-        job = handler(ready)
+        job, places = handler(fields), None
     except ValidationError as error:
-        diagnostics.extend(from_pydantic(error, sections, ""))
+        wrong = from_pydantic(error, sections, "")
+        diagnostics.extend(wrong)
+        job, places = _without(fields, wrong, handler)
     finally:
         SCOPE.reset(token)
-    config.refuse(diagnostics)
+    if job is None or design is None or spec is None:
+        config.refuse(diagnostics)
     assert job is not None
     assert design is not None
     assert spec is not None
-    for movement in job.run.movements:
-        if movement.parameter not in spec.parameters:
-            why = spec.unknown(movement.parameter, "params") or ""
-            config.refuse([Diagnostic(movement.named, f"is {movement.parameter}, which {why}")])
-    moving = job.run.moved
-    if moving is not None:
-        # a trace may lack it, which its check reports
-        first = {moving: job.run.turns[0]} if job.run.turns else {}
+    diagnostics.extend(_unknown_movements(job.run, spec))
+    if job.run.moved is not None and job.run.turns:  # a trace may lack its path, which its check reports
+        first = {job.run.moved: job.run.turns[0]}
         design = dataclasses.replace(design, settings={**design.settings, **first})
+    if diagnostics:
+        config.refuse([*diagnostics, *_beside(diagnostics, design, spec, job, places)])
     numerics = job.numerics.resolve(spec.model, job.engine.contraction)
     config.refuse(_check_whole(design, spec, job, numerics))
     config.refuse(check_steps(design, job.run, numerics))
     return job, design, numerics
 
 
+def _unknown_movements(run: RunKind, spec: ModelSpec) -> list[Diagnostic]:
+    """Diagnostics about parameters that a run moves and the model does not have."""
+    return [
+        Diagnostic(movement.named, f"is {name}, which {spec.unknown(name, 'params') or ''}")
+        for movement in run.movements
+        if (name := movement.parameter) not in spec.parameters
+    ]
+
+
+def _beside(
+    diagnostics: Sequence[Diagnostic], design: Design, spec: ModelSpec, job: Job, places: list[int] | None
+) -> list[Diagnostic]:
+    """Diagnostics that do not follow from those already found; `places` are those of the job's figures."""
+    figures = dict(zip(range(len(job.figures)) if places is None else places, job.figures, strict=True))
+    later = check_figures(figures, job.style, design, job.run)
+    if not {"", "run", *_OF_VALUES} & {str(*diagnostic.path[:1]) for diagnostic in diagnostics}:
+        later += check_ranges(design, spec, job.run)
+    return later
+
+
+def _without(
+    ready: Mapping[str, Any], wrong: Sequence[Diagnostic], handler: Callable[[Any], Any]
+) -> tuple[Any, list[int]]:
+    """The job without the fields that pydantic refused, and the places of its figures.
+
+    The job is None where it must have such a field.
+    """
+    refused, figures = {diagnostic.path[:2] for diagnostic in wrong}, ready.get("figures")
+    places = range(len(figures)) if isinstance(figures, list | tuple) else ()
+    places = [place for place in places if ("figures", place) not in refused]
+    names = {path[0] for path in refused if path[1:] == () or path[0] != "figures"}
+    rest = {"name": "job", **{name: value for name, value in ready.items() if name not in names}}
+    if figures is not None:
+        rest["figures"] = [figures[place] for place in places]
+    try:
+        return handler(rest), places
+    except ValidationError:
+        return None, []
+
+
 def _plain(value: Any) -> Any:
+    """The fields of a model of pydantic, such as a run kind; other values unchanged."""
     return value.model_dump() if isinstance(value, BaseModel) else value
 
 
 def _moved(raw: Mapping[str, Any], spec: ModelSpec | None) -> str | None:
+    """The parameter that the run moves, if it is one of the model's."""
     name = parameter_written(raw.get("run"))
     return name if spec is not None and isinstance(name, str) and name in spec.parameters else None
 
 
-def _laid_out(
+def _design(
     spec: ModelSpec,
     groups: list[Group],
-    given: Mapping[str, float | str],
+    written: Mapping[str, float | str],
     moved: str | None,
     diagnostics: list[Diagnostic],
 ) -> Design | None:
-    """The design with the model's defaults; a moving parameter has the value 1 until its path is read."""
+    """The design with the model's defaults; a moving parameter has the value 1 until its path is read.
+
+    Args:
+        spec: the model.
+        groups: the groups of `vary`.
+        written: the settings under `params` and `start`.
+        moved: the parameter that the run moves, or None.
+        diagnostics: those of the job, to which errors are added.
+
+    Returns:
+        The design; None if its formulas have errors.
+    """
     varied = {name for group in groups for name in group.axes}
     settings: dict[str, float | str] = {}
     for name, quantity in spec.quantities.items():
         field = "params" if name in spec.parameters else "start"
         if name in varied:
             continue
-        if name == moved and name in given:
+        if name == moved and name in written:
             text = "is fixed, but run.parameter moves it: remove one of the two."
             diagnostics.append(Diagnostic((field, name), text))
-        if name in given:
-            settings[name] = given[name]
+        if name in written:
+            settings[name] = written[name]
         elif name == moved:
             settings[name] = 1.0
         elif quantity.default is not None:
-            settings[name] = (
-                quantity.default if isinstance(quantity.default, str) else float(quantity.default)
-            )
+            default = quantity.default
+            settings[name] = default if isinstance(default, str) else float(default)
         elif (field, name) not in {diagnostic.path[:2] for diagnostic in diagnostics}:
-            text = (
-                f"is missing: {quantity.meaning} ({quantity.unit}) has no default. Set it here or under vary."
-            )
-            diagnostics.append(Diagnostic((field, name), text))
+            text = f"is missing: {quantity.meaning} ({quantity.unit}) has no default."
+            diagnostics.append(Diagnostic((field, name), f"{text} Set it here or under vary."))
             settings[name] = 1.0
-    for name, (other, why) in spec.model.given_with.items():
-        if name in {*varied, *given, moved} and other not in {*varied, *given, moved}:
+    named = {*varied, *written, moved}
+    for name, (other, reason) in spec.model.given_with.items():
+        if name in named and other not in named:
             paths = [group.paths[name] for group in groups if name in group.paths]
-            text = f"is set without {other}: {why}"
+            text = f"is set without {other}: {reason}"
             diagnostics.append(Diagnostic((*paths, ("params", name))[0], text))
     design = Design(spec.model, tuple(groups), settings, spec.sizes)
     wrong = check_names(design, spec)
@@ -179,10 +233,9 @@ def _scope(design: Design | None, spec: ModelSpec | None, moved: str | None) -> 
     return Scope(fixed, moving)
 
 
-def _check_whole(design: Design, spec: ModelSpec, job: Any, numerics: ResolvedNumerics) -> list[Diagnostic]:
+def _check_whole(design: Design, spec: ModelSpec, job: Job, numerics: ResolvedNumerics) -> list[Diagnostic]:
     """Diagnostics about sections that are valid by themselves but do not fit together."""
-    run: RunKind = job.run
-    moving = run.moved
+    run = job.run
     diagnostics: list[Diagnostic] = []
     for movement in run.movements:
         parameter = movement.parameter
@@ -192,25 +245,32 @@ def _check_whole(design: Design, spec: ModelSpec, job: Any, numerics: ResolvedNu
                 text = f"is {parameter}{moves}: {name} is compiled into the body of a row"
                 text += " and cannot move while the row runs."
                 diagnostics.append(Diagnostic(movement.named, text))
-    if isinstance(run, Checked):
-        diagnostics.extend(run.check(design, numerics.method))
-    diagnostics.extend(check_numerics(spec.model, job.numerics, numerics))
+    diagnostics += run.check(design, numerics.method)
+    diagnostics += check_numerics(spec.model, job.numerics, numerics)
+    diagnostics += _check_columns(design, run)
+    diagnostics += check_ranges(design, spec, run)
+    diagnostics += check_figures(dict(enumerate(job.figures)), job.style, design, run)
+    return diagnostics
+
+
+def _check_columns(design: Design, run: RunKind) -> list[Diagnostic]:
+    """Diagnostics about names that two columns of the table would have."""
     columns = table_columns(design, run)
-    places = [(name, path, "varies") for group in design.groups for name, path in group.paths.items()]
-    if moving is not None:
-        places.append((moving, ("run", "parameter"), "is"))
-    for name, path, does in places:
-        if columns.count(name) > 1:
-            text = (
-                f"{does} {name}, but the table has another column of this name: rename the model's quantity."
-            )
-            diagnostics.append(Diagnostic(path, text))
-    named = {name for name, _, _ in places}
-    for name in dict.fromkeys(name for name in columns if columns.count(name) > 1 and name not in named):
-        text = f"is {spec.model.name}, which has a quantity {name}, but the table of {run.kind_name}"
-        diagnostics.append(
-            Diagnostic(("model",), f"{text} has another column of this name: rename the quantity.")
+    repeated = dict.fromkeys(name for name in columns if columns.count(name) > 1)
+    places = {name: (path, "varies") for group in design.groups for name, path in group.paths.items()}
+    if run.moved is not None:
+        places[run.moved] = ("run", "parameter"), "is"
+    diagnostics = [
+        Diagnostic(
+            path,
+            f"{does} {name}, but the table has another column of this name: rename the model's quantity.",
         )
-    diagnostics.extend(check_ranges(design, spec, run))
-    diagnostics.extend(check_figures(job.figures, design, run))
+        for name, (path, does) in places.items()
+        if name in repeated
+    ]
+    for name in repeated:
+        if name not in places:
+            text = f"is {design.model.name}, which has a quantity {name}, but the table of {run.kind_name}"
+            text += " has another column of this name: rename the quantity."
+            diagnostics.append(Diagnostic(("model",), text))
     return diagnostics

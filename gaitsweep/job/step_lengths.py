@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -25,6 +26,7 @@ from gaitsweep.engine.numerics import (
     unknown_step,
 )
 from gaitsweep.engine.solver import METHODS, refusal
+from gaitsweep.engine.stored_programs import stored
 from gaitsweep.engine.sweep.xla import see_all_cores
 from gaitsweep.expression import functions_of, resolve
 from gaitsweep.job.numerics import NumericsSpec
@@ -71,13 +73,13 @@ def check_numerics(model: Model, numerics: NumericsSpec, resolved: ResolvedNumer
 class RowSteps:
     """The steps of a job's rows, evaluated for each distinct set of the parameters on which they depend.
 
-    `rows` (n,) has one row of each set, `each` is the number of rows of a set, `dt` (n,) is their step (s),
-    and `longest` (n,) the longest accurate step (s), NaN if unknown. If `sampled`, only some sets were
-    evaluated.
+    `rows` (n,) has one row of each set, `rows_per_set` is the number of rows of a set, `dt` (n,) is their
+    step (s), and `longest` (n,) the longest accurate step (s), NaN if unknown. If `sampled`, only some sets
+    were evaluated.
     """
 
     rows: np.ndarray
-    each: float
+    rows_per_set: float
     dt: np.ndarray
     longest: np.ndarray
     sampled: bool
@@ -98,7 +100,7 @@ def row_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> RowSt
         numerics: the resolved numerics of this model.
     """
     model = design.model
-    names = _deciding(model, numerics, design)
+    names = _parameters_of_steps(model, numerics)
     spans = sorted({place for name in names for place in design.spans(name)})
     count = math.prod(design.groups[place].length for place in spans)
     most = MOST_RECOMMENDED if numerics.dt is None else MOST_SETS
@@ -125,20 +127,19 @@ def check_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> lis
         return []
     worst = int(wrong[np.argmin(longest[wrong])])
     worst_row = design.at(steps.rows[[worst]], design.names)
-    named = [name for name in design.names if _matters(design, name, steps)]
+    named = [name for name in design.names if _varies(design, name, steps)]
     where = ", ".join(f"{name} = {worst_row[name][0]:.6g}" for name in named)
-    rows = round(wrong.size * steps.each) if not steps.sampled else None
-    of = f"{rows} of {design.n_rows}" if rows is not None else f"some of {design.n_rows}"
+    rows = "some" if steps.sampled else round(wrong.size * steps.rows_per_set)
     text = (
-        f"is {numerics.dt:g} s, too long for {of} rows: the longest accurate step of "
+        f"is {numerics.dt:g} s, too long for {rows} of {design.n_rows} rows: the longest accurate step of "
         f"{numerics.method} for all of them is {_rounded_down(float(longest[worst])):g} s"
         f"{f' (at {where})' if where else ''}. Remove it to let each row take an accurate step."
     )
     return [Diagnostic(("numerics", "dt"), text)]
 
 
-def longer_than_right(design: Design, run: RunKind, numerics: ResolvedNumerics) -> np.ndarray:
-    """Whether each row's step (n_rows,) is known to be too long for its parameters."""
+def too_long_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> np.ndarray:
+    """Mask of the rows (n_rows,) whose step is known to be too long for their parameters."""
     if numerics.dt is None:
         return np.zeros(design.n_rows, bool)
     dt, longest = _steps(design, run, numerics, np.arange(design.n_rows))
@@ -150,18 +151,19 @@ def refuse_long_steps(design: Design, run: RunKind, numerics: ResolvedNumerics, 
     dt, longest = _steps(design, run, numerics, rows)
     wrong = np.flatnonzero(dt > longest * _ROUNDING)
     if wrong.size:
-        row, right = int(rows[wrong[0]]), _rounded_down(float(longest[wrong[0]]))
-        text = f"is {numerics.dt:g} s, too long for row {row}: use at most {right:g} s, or remove it."
+        row, limit = int(rows[wrong[0]]), _rounded_down(float(longest[wrong[0]]))
+        text = f"is {numerics.dt:g} s, too long for row {row}: use at most {limit:g} s, or remove it."
         raise JobError([Diagnostic(("numerics", "dt"), text)])
 
 
-def _matters(design: Design, name: str, steps: RowSteps) -> bool:
+def _varies(design: Design, name: str, steps: RowSteps) -> bool:
     """Whether the values of an axis differ between the evaluated sets."""
-    seen = design.at(steps.rows[:: max(1, steps.rows.size // 1000)], [name])[name]
-    return bool(np.ptp(seen) > 0.0)
+    values = design.at(steps.rows[:: max(1, steps.rows.size // 1000)], [name])[name]
+    return bool(np.ptp(values) > 0.0)
 
 
 def _rounded_down(value: float) -> float:
+    """A number above 0, rounded down to four digits."""
     digits = 10.0 ** (math.floor(math.log10(value)) - 3)
     return math.floor(value / digits) * digits
 
@@ -179,7 +181,7 @@ def _steps(
     see_all_cores()
     model = design.model
     values = design.at(rows, [quantity.name for quantity in model.parameters])
-    function = _function(model, numerics)
+    steps_and_limits = _steps_and_limits(model, numerics)
     steps_by_place = []
     for place in run.places():
         row_values = {**values, **{name: np.full(rows.size, at) for name, at in place.items()}}
@@ -190,15 +192,14 @@ def _steps(
         padded = {
             k: np.resize(np.broadcast_to(v, rows.shape).astype(float), room) for k, v in row_values.items()
         }
-        step_and_longest = function(model.on_host(padded))
-        steps_by_place.append([np.asarray(column)[:n] for column in step_and_longest])
+        steps_by_place.append([np.asarray(column)[:n] for column in steps_and_limits(model.on_host(padded))])
     dt, longest = (np.min(np.stack(column), axis=0) for column in zip(*steps_by_place, strict=True))
     return dt, longest
 
 
 @cached_by_content(maxsize=16)
-def _function(model: Model, numerics: ResolvedNumerics) -> Any:
-    """`values -> (dt, longest)` of many rows."""
+def _steps_and_limits(model: Model, numerics: ResolvedNumerics) -> Callable[..., Any]:
+    """The function `values -> (dt, longest)` of many rows."""
 
     def one(values: Any) -> tuple[jax.Array, jax.Array]:
         params = model.params(values)
@@ -207,23 +208,30 @@ def _function(model: Model, numerics: ResolvedNumerics) -> Any:
         longest = longest_step(model, numerics.method, params)
         return nan if dt is None else dt, nan if longest is None else longest
 
-    return over_rows(one)
+    return over_rows(one, "steps", model, numerics)
 
 
-def _deciding(model: Model, numerics: ResolvedNumerics, design: Design) -> list[str]:
+def _parameters_of_steps(model: Model, numerics: ResolvedNumerics) -> list[str]:
     """The parameters on which the length of steps depends."""
-    names = [quantity.name for quantity in model.parameters]
     if model.host_parameters:
-        return names
+        return [quantity.name for quantity in model.parameters]
+    return _deciding_names(model, numerics)
+
+
+@cached_by_content(maxsize=16)
+def _deciding_names(model: Model, numerics: ResolvedNumerics) -> list[str]:
+    names = [quantity.name for quantity in model.parameters]
 
     def one(values: dict[str, jax.Array]) -> list[jax.Array]:
         params = model.params(values)
         lengths = recommended_step(model, numerics, params), longest_step(model, numerics.method, params)
         return [x for x in lengths if x is not None]
 
-    number = jax.ShapeDtypeStruct((), jnp.float64)
-    deciding = frozenset[str]().union(*dependences(one, dict.fromkeys(names, number)))
-    return sorted(deciding)
+    def deciding() -> list[str]:
+        number = jax.ShapeDtypeStruct((), jnp.float64)
+        return sorted(frozenset[str]().union(*dependences(one, dict.fromkeys(names, number))))
+
+    return stored("deciding", model, (numerics,), deciding)
 
 
 def _from_spectrum(design: Design, numerics: ResolvedNumerics, steps: RowSteps) -> np.ndarray:
@@ -232,9 +240,9 @@ def _from_spectrum(design: Design, numerics: ResolvedNumerics, steps: RowSteps) 
     They come from the flow's matrix where it is linear, and are a share of the nominal period elsewhere.
     """
     model = design.model
-    some = np.unique(np.linspace(0, steps.rows.size - 1, FEW_SETS).astype(int))
+    examined = np.unique(np.linspace(0, steps.rows.size - 1, FEW_SETS).astype(int))
     longest = np.full(steps.rows.size, np.inf)
-    for at in some:
+    for at in examined:
         values, starts = design.values_in(steps.rows[[at]])
         one = {name: jnp.asarray(value[0]) for name, value in model.on_host(values).items()}
         params = model.params(one)

@@ -33,8 +33,8 @@ unregister = RUN_KINDS.unregister
 import_all("run_kinds")
 
 
-def parameter_written(run: Any) -> Any:
+def parameter_written(run: Any) -> object:
     """The parameter that a run moves, as written in a job that is not checked yet, or None."""
-    kind = run.get("kind") if isinstance(run, Mapping) else None
-    part = RUN_KINDS.get(kind) if isinstance(kind, str) else None
-    return run.get("parameter") if part is not None and part.moves() else None
+    name = run.get("kind") if isinstance(run, Mapping) else None
+    kind = RUN_KINDS.get(name) if isinstance(name, str) else None
+    return run.get("parameter") if kind is not None and kind.moves() else None

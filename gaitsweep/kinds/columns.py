@@ -18,6 +18,8 @@ from gaitsweep.table.reading import outcomes
 UNKNOWN_GAIT = "unknown"  # gait of a row whose label is not the index of a gait; the label follows
 STATUSES = [status.name for status in Status if status is not Status.running]
 
+ColumnValues = np.ndarray | pd.Categorical
+
 
 @dataclasses.dataclass(frozen=True)
 class Column:
@@ -31,11 +33,11 @@ class Column:
     """
 
     name: str
-    read: Callable[[Records], Any] | None = None
+    read: Callable[[Records], ColumnValues] | None = None
     quantity: Quantity | None = None
     repeats: bool = True
 
-    def of(self, records: Records) -> Any:
+    def values(self, records: Records) -> ColumnValues:
         """The values of the column, (n,)."""
         return records[self.name] if self.read is None else self.read(records)
 
@@ -126,9 +128,9 @@ def observed_at_end(
 
 
 def label_fields(model: Model) -> list[Column]:
-    """The fields that the model labels besides the gait."""
+    """The model's `label_fields`."""
 
-    def read(records: Records, name: str) -> Any:
+    def read(records: Records, name: str) -> ColumnValues:
         return gaits(model, records.label(name, -1)) if names_gait(name) else records.label(name)
 
     return [Column(q.name, lambda records, q=q: read(records, q.name), q, False) for q in model.label_fields]
@@ -168,8 +170,8 @@ def _stalled_by(records: Records) -> pd.Categorical:
     words = records.of_row(records.block.fired)
     stalled = np.flatnonzero(words.any(axis=1))  # few, if any
     guards = [
-        # an event may have several guards
         " and ".join(
+            # an event may have several guards, which have its name
             dict.fromkeys(names[i] if i < len(names) else f"guard {i + 1}" for i in np.flatnonzero(row))
         )
         for row in unpacked(words[stalled])

@@ -84,7 +84,7 @@ class Continuation(FollowsFixedPoints):
         along = 1.0 / self.longest
         plain = along + math.log(self.longest / self.step, LONGER)
         folded = plain + along + 2.0 * POINTS_OF_FOLD
-        points, longer, most = (branches * min(each, self.most) for each in (plain, folded, self.most))
+        points, longer, most = (branches * min(count, self.most) for count in (plain, folded, self.most))
         # cycles of a derivative, which has a direction for each coordinate and one for the parameter
         slopes = 1.0 + DERIVATIVE * (unknowns(rows) + 1)
         begun, again = self.settle * cycle, FOLLOWED_AGAIN * cycle * (FOLDED[0] + FOLDED[1] * slopes)
@@ -102,7 +102,7 @@ class Continuation(FollowsFixedPoints):
         """The branches of rows first..last-1; `on_progress` is called before each of their steps."""
         mapping, values, table = self.followed(rows, spec, np.arange(first, last), on_progress)
         has_point = table["stable"].notna().to_numpy()
-        table = self.records(rows, first, mapping, values, table, has_point, has_point, {})
+        table = self.records(rows, first, mapping, values, table, has_point, has_point)
         # missing numbers would be read as such, and those of other blocks are flags
         return table if has_point.any() else table.assign(stable=pd.Series([None] * len(table), dtype=object))
 

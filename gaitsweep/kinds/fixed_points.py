@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import abc
-import dataclasses
+import time
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+from types import MappingProxyType
+from typing import Any
 
 import jax
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 from pydantic import Field
 
 from gaitsweep import near_miss
@@ -25,23 +26,16 @@ from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.engine.sweep.labels import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import STATUSES, gaits
-from gaitsweep.kinds.run_kind import BlockProgress, RunKind, table_columns
+from gaitsweep.kinds.run_kind import RunKind, StartingPoints, table_columns
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
 
-
-@dataclasses.dataclass(frozen=True)
-class StartingPoints:
-    """Whether each row has a starting point (n,), and the observables there (n, k)."""
-
-    found: Bool[np.ndarray, " sampled"]
-    observed: Float[np.ndarray, "sampled observables"]
+# Time in which all programs of a return map are compiled, as a multiple of that of its settling.
+PROGRAMS = 4.0
 
 
 class FollowsFixedPoints(RunKind):
     """A run kind that begins at a fixed point of each row's return map and follows it by its arclength."""
-
-    stores_starting_points: ClassVar[bool] = False  # whether the first record of a row is its starting point
 
     settle: CountOrZero = Field(
         default=100, description="cycles simulated before the search for the first fixed point"
@@ -70,12 +64,6 @@ class FollowsFixedPoints(RunKind):
     @abc.abstractmethod
     def check_ranges(self, rows: Design) -> list[Diagnostic]:
         """Diagnostics about the ranges of the parameters."""
-
-    @abc.abstractmethod
-    def block_table(
-        self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
-    ) -> pd.DataFrame:
-        """The records of rows first..last-1; `on_progress` is called before each step of a row."""
 
     def _check_steps(self) -> list[Diagnostic]:
         """Diagnostics about the lengths of the steps."""
@@ -106,18 +94,24 @@ class FollowsFixedPoints(RunKind):
         return wrong
 
     def starting_points(
-        self, rows: Design, spec: SweepSpec, sample: Int[np.ndarray, " sampled"], share: float
-    ) -> tuple[StartingPoints, StartingPoints]:
-        """The fixed points at which branches begin, computed again with a fraction of the step."""
+        self, rows: Design, spec: SweepSpec, sample: Int[np.ndarray, " sampled"], *shares: float
+    ) -> list[StartingPoints]:
         mapping, values, starts = self.return_map(rows, spec, sample)
 
-        def found(one: BatchedReturnMap) -> StartingPoints:
-            points, _ = one.settled(starts, values, self.settle)
-            fixed = newton(one, points, values, fix=self.fix)
-            seen = [fixed.images.observed[q.name] for q in rows.model.observables]
-            return StartingPoints(fixed.converged, np.stack(seen, axis=1))
+        def fixed_points(of_map: BatchedReturnMap) -> StartingPoints:
+            points, _ = of_map.settled(starts, values, self.settle)
+            fixed = newton(of_map, points, values, fix=self.fix)
+            observed = [fixed.images.observed[q.name] for q in rows.model.observables]
+            return StartingPoints(fixed.converged, np.stack(observed, axis=1))
 
-        return found(mapping), found(mapping.refined(share))
+        return [fixed_points(mapping.refined(share)) for share in shares]
+
+    def compile_time(self, rows: Design, spec: SweepSpec) -> float:
+        """A multiple of the time in which one of the programs is compiled."""
+        began = time.perf_counter()
+        mapping, values, starts = self.return_map(rows, spec, np.zeros(1, np.int64))
+        mapping.settled(starts, values, 1)
+        return PROGRAMS * (time.perf_counter() - began)
 
     def return_map(
         self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"]
@@ -130,7 +124,7 @@ class FollowsFixedPoints(RunKind):
         return mapping, values, starts
 
     def steps(self, on_step: Callable[[Any, Any], None]) -> ArclengthSteps:
-        """The lengths of the steps, before each of which `on_step` is called as `ArclengthSteps` says."""
+        """The lengths of the steps; `on_step` is called before each, as in `ArclengthSteps`."""
         return ArclengthSteps(self.step, self.longest, self.shortest, self.most, on_step)
 
     def records(
@@ -142,7 +136,7 @@ class FollowsFixedPoints(RunKind):
         table: pd.DataFrame,
         has_point: Bool[np.ndarray, " records"],
         sound: Bool[np.ndarray, " records"],
-        renamed: Mapping[str, str],
+        renamed: Mapping[str, str] = MappingProxyType({}),
     ) -> pd.DataFrame:
         """The records of a block, from the branches of its rows.
 
@@ -192,10 +186,9 @@ def unknowns(rows: Design) -> int:
     if chart is not None:
         return len(chart.coordinates)
 
-    def begin(values: Any, start: Any) -> Any:
+    def initial_state(values: Any, start: Any) -> Any:
         return rows.model.init(rows.model.params(values), start)
 
-    first = [
-        {name: column[0] for name, column in part.items()} for part in rows.values_in(np.zeros(1, np.int64))
-    ]
-    return sum(int(np.size(leaf)) for leaf in jax.tree.leaves(jax.eval_shape(begin, *first)))
+    parameters_and_starts = rows.values_in(np.zeros(1, np.int64))
+    first = [{name: column[0] for name, column in columns.items()} for columns in parameters_and_starts]
+    return sum(int(np.size(leaf)) for leaf in jax.tree.leaves(jax.eval_shape(initial_state, *first)))

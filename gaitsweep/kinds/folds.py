@@ -113,8 +113,8 @@ class Folds(FollowsFixedPoints):
         """A row's curve likely crosses its ranges once, with at most `most` points in each direction."""
         points = POINTS_SHARE * (1.0 / self.longest + math.log2(self.longest / self.step))
         points, most = min(points, 2.0 * self.most), 2.0 * self.most
-        each = DERIVATIVES_A_POINT * (unknowns(rows) + 1)
-        likely, longest = ((self.settle + count * each) * cycle for count in (points, most))
+        cycles_a_point = DERIVATIVES_A_POINT * (unknowns(rows) + 1)
+        likely, longest = ((self.settle + count * cycles_a_point) * cycle for count in (points, most))
         return Cost(likely, longest, max(points, 1.0))
 
     def block_table(

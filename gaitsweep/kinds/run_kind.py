@@ -7,11 +7,11 @@ import dataclasses
 import inspect
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
+from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 from pydantic import ValidationError
 
 from gaitsweep.contract import Model
@@ -28,7 +28,7 @@ from gaitsweep.schema.strict_model import StrictModel, kind_of, plain
 
 @dataclasses.dataclass(frozen=True)
 class Movement:
-    """A parameter that a run moves along `values`; `named` and `valued` are the job's fields with both."""
+    """A parameter that a run moves along `values`; `named` and `valued` are the paths of both in the job."""
 
     parameter: str
     values: tuple[float, ...]
@@ -55,9 +55,9 @@ class Schedule(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Cost:
-    """Likely and largest number of attempts of a row, and the number of its records.
+    """The likely and the largest number of attempts of a row, and the likely number of its records.
 
-    `longer` and `longer_records` are those of a row whose branch folds, for kinds that follow branches.
+    `longer` and `longer_records` are the numbers of a row whose branch folds, for kinds that follow branches.
     """
 
     likely: float
@@ -67,12 +67,24 @@ class Cost:
     longer_records: float | None = None
 
 
+@dataclasses.dataclass(frozen=True)
+class StartingPoints:
+    """Whether each row has a starting point (n,), and the observables there (n, k)."""
+
+    exists: Bool[np.ndarray, " sampled"]
+    observed: Float[np.ndarray, "sampled observables"]
+
+
 class RunKind(StrictModel, abc.ABC):
     """The task of each row of a job.
 
-    A kind has a field `kind: Literal["its_name"]` and defines `recorder`, `columns` and `cost`. A kind that
-    moves a parameter has the fields `parameter` and `path`; one that moves several has `parameters` and their
-    ranges `within`. What else a kind may have is in `Scheduled`, `Checked`, `Refinable` and `MakesTables`.
+    1. A kind gives a field `kind: Literal["its_name"]`, `recorder`, `columns` and `cost`. A kind that moves a
+       parameter has the fields `parameter` and `path`; one that moves several has `parameters` and their
+       ranges `within`.
+    2. It may give the optional members: the class variables, `check`; `schedule` where a parameter moves
+       while a row runs; `refined` where only some rows are simulated; `block_table` with `compile_time` where
+       the sweep engine does not make its records, and `starting_points` where these begin at fixed points.
+    3. The runner alone calls its functions.
 
     In Python it is created without `kind`, as in `Settle(max_cycles=150)`; NumPy arrays and numbers are
     accepted.
@@ -81,13 +93,14 @@ class RunKind(StrictModel, abc.ABC):
         ArgumentError: an unknown field, or a value that is not allowed.
     """
 
-    # how the self-check compares a sample of rows with the same rows at finer steps: by their fixed point
-    # where they settle, by where they end, or by their first crossings
+    # how the self-check compares rows with the same rows at finer steps: at the fixed points where they
+    # settle, at their ends, or at their first crossings
     compared: ClassVar[Literal["settled", "ends", "crossings"]] = "crossings"
     one_a_row: ClassVar[bool] = False  # whether the table has one record for each row
-    figures: ClassVar[tuple[str, ...]] = ()  # kinds of figures that it feeds, beside those that name it
-    # the fields that decide nothing while the field of their key is not set, so that older results, from
-    # before there were such fields, keep their hashes
+    stores_starting_points: ClassVar[bool] = False  # whether the first record of a row is its starting point
+    figures: ClassVar[tuple[str, ...]] = ()  # kinds of figures of its table, beside those that name it
+    # the fields without effect while the field of the key is not set: they are left out of the hash, so that
+    # results that are older than these fields keep theirs
     idle_without: ClassVar[Mapping[str, tuple[str, ...]]] = {}
 
     def __init__(self, **fields: Any) -> None:
@@ -100,14 +113,14 @@ class RunKind(StrictModel, abc.ABC):
             )
             raise ArgumentError("\n".join(map(str, wrong))) from None
 
-    # so that pydantic does not call it for a job, whose errors are gathered and reported with their lines
+    # pydantic then does not call it while it reads a job, whose errors are reported together
     __init__.__pydantic_base_init__ = True  # pyright: ignore[reportFunctionMemberAccess]
 
     @classmethod
     def __pydantic_init_subclass__(cls, **options: Any) -> None:
-        shown = inspect.signature(cls)  # what a notebook shows: `kind` may be left out
-        known = [parameter for name, parameter in shown.parameters.items() if name != "kind"]
-        cls.__signature__ = shown.replace(parameters=known)
+        signature = inspect.signature(cls)  # which a notebook shows
+        parameters = [parameter for name, parameter in signature.parameters.items() if name != "kind"]
+        cls.__signature__ = signature.replace(parameters=parameters)
 
     @classmethod
     def moves(cls) -> bool:
@@ -164,6 +177,47 @@ class RunKind(StrictModel, abc.ABC):
             period: length of a cycle, s.
         """
 
+    def schedule(self) -> Schedule | None:
+        """The schedule of the parameter that moves while a row runs; None: no parameter moves."""
+        return None
+
+    def check(self, rows: Design, method: str) -> list[Diagnostic]:
+        """Diagnostics of the fields beyond those of their types, by themselves and for these rows.
+
+        Args:
+            rows: the job's rows.
+            method: the integration method that the job uses.
+        """
+        return []
+
+    def refined(self, rows: Design) -> Grid | None:
+        """The grid of which only the boundaries between gaits are simulated; None: all rows are simulated."""
+        return None
+
+    def block_table(
+        self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
+    ) -> pd.DataFrame:
+        """The records of rows first..last-1; `on_progress` is called repeatedly meanwhile."""
+        raise NotImplementedError
+
+    @property
+    def makes_tables(self) -> bool:
+        """Whether `block_table` makes the records, and not the sweep engine."""
+        return type(self).block_table is not RunKind.block_table
+
+    def compile_time(self, rows: Design, spec: SweepSpec) -> float:
+        """Estimated time (s) in which the programs of `block_table` are compiled."""
+        return 0.0
+
+    def starting_points(
+        self, rows: Design, spec: SweepSpec, sample: Int[np.ndarray, " sampled"], *shares: float
+    ) -> list[StartingPoints]:
+        """The fixed points at which the records of some rows begin, for each of these shares of the step.
+
+        Empty: the rows begin at their starts.
+        """
+        return []
+
     def hashed(self, fields: Mapping[str, Any]) -> dict[str, Any]:
         """The fields that decide the numbers of the table."""
         idle = {name for key, names in self.idle_without.items() if not getattr(self, key) for name in names}
@@ -190,54 +244,8 @@ class RunKind(StrictModel, abc.ABC):
             records = Records.one_a_sample(model, block, self.recorder(model).names)
         columns: dict[str, Any] = {"row": records.rows}
         columns |= {name: records.of_row(values) for name, values in axes.items()}
-        columns |= {column.name: column.of(records) for column in self.all_columns(model)}
+        columns |= {column.name: column.values(records) for column in self.all_columns(model)}
         return pd.DataFrame(columns)
-
-
-@runtime_checkable
-class Scheduled(Protocol):
-    """A run kind that moves a parameter while a row runs."""
-
-    def schedule(self) -> Schedule | None:
-        """Schedule of the moving parameter, or None if these fields move none."""
-
-
-@runtime_checkable
-class Checked(Protocol):
-    """A run kind with checks beyond those of its fields' types."""
-
-    def check(self, rows: Design, method: str) -> list[Diagnostic]:
-        """Diagnostics of the fields, by themselves and for these rows.
-
-        Args:
-            rows: the job's rows.
-            method: the integration method that the job uses.
-        """
-        ...
-
-
-@runtime_checkable
-class Refinable(Protocol):
-    """A run kind that may simulate only the rows at the boundaries between gaits."""
-
-    def refined(self, rows: Design) -> Grid | None:
-        """Refinement of the boundaries between gaits, or None if all rows are simulated."""
-
-
-@runtime_checkable
-class MakesTables(Protocol):
-    """A run kind that makes its table without the sweep engine."""
-
-    def block_table(
-        self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
-    ) -> pd.DataFrame:
-        """The records of rows first..last-1; `on_progress` is called repeatedly meanwhile."""
-        ...
-
-
-def refinement(run: RunKind, rows: Design) -> Grid | None:
-    """The refinement of a run's boundaries between gaits, or None if all rows are simulated."""
-    return run.refined(rows) if isinstance(run, Refinable) else None
 
 
 def path_values(path: Sequence[float]) -> Iterator[float]:

@@ -10,8 +10,7 @@ from pydantic import Field, PlainValidator, WithJsonSchema
 from gaitsweep import near_miss
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
-from gaitsweep.engine.recorders.settle import SettleRecorder as Recorder
-from gaitsweep.engine.recorders.settle import tolerances
+from gaitsweep.engine.recorders.settle import SettleRecorder, tolerances
 from gaitsweep.engine.sweep.boundary_cells import Grid
 from gaitsweep.kinds.columns import (
     GAIT,
@@ -49,6 +48,15 @@ def _power_of_two(value: Any) -> int:
     return whole
 
 
+def tolerance_field(noun: str) -> Any:
+    """The field with the tolerance on settled rows or stairs."""
+    return Field(
+        default=1e-3,
+        description=f"largest change per cycle of a settled {noun}: of angles in rad, of other observables "
+        "as a fraction of their scale; one number for all, or numbers by observable (1e-3 for the others)",
+    )
+
+
 class Settle(RunKind):
     """Follow each row until its state at the section stops changing or repeats; one record per row."""
 
@@ -63,11 +71,7 @@ class Settle(RunKind):
         "crossings",
     )
     max_cycles: Count = Field(default=150, description="cycles after which a row is given up")
-    tolerance: PositiveOrEach = Field(
-        default=1e-3,
-        description="largest change per cycle of a settled row: of angles in rad, of other observables as a "
-        "fraction of their scale; one number for all, or numbers by observable (1e-3 for the others)",
-    )
+    tolerance: PositiveOrEach = tolerance_field("row")
     max_time: Positive | None = Field(
         default=None, description="simulated time after which a row is given up, in s"
     )
@@ -89,8 +93,8 @@ class Settle(RunKind):
         )
     )
 
-    def recorder(self, model: Model) -> Recorder:
-        return Recorder(model, self.max_cycles, tolerances(model, self.tolerance), self.max_time)
+    def recorder(self, model: Model) -> SettleRecorder:
+        return SettleRecorder(model, self.max_cycles, tolerances(model, self.tolerance), self.max_time)
 
     def columns(self, model: Model) -> list[Column]:
         return [

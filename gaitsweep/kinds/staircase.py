@@ -26,7 +26,7 @@ from gaitsweep.kinds.columns import (
     observed_at_crossings,
 )
 from gaitsweep.kinds.run_kind import Cost, RunKind
-from gaitsweep.kinds.settle import check_tolerance
+from gaitsweep.kinds.settle import check_tolerance, tolerance_field
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Positive, PositiveOrEach, Real, Text
 
@@ -53,12 +53,7 @@ class Staircase(RunKind):
     first_dwell: Positive | None = Field(
         default=None, description="time on the first stair, in s; by default as on the others"
     )
-    tolerance: PositiveOrEach = Field(
-        default=1e-3,
-        description="largest change per cycle of a settled stair: of angles in rad, of other "
-        "observables as a "
-        "fraction of their scale; one number for all, or numbers by observable (1e-3 for the others)",
-    )
+    tolerance: PositiveOrEach = tolerance_field("stair")
 
     def schedule(self) -> StepSchedule:
         return StepSchedule(tuple(self.path), self.step, self.dwell, self.first_dwell)

@@ -9,7 +9,7 @@ from pydantic import Field
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.ramp import RampSchedule
-from gaitsweep.engine.recorders.trace import TraceRecorder as Recorder
+from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.kinds.columns import GAIT, STALLED_BY, STATUS, Column, signals
 from gaitsweep.kinds.ramp import moving_columns
 from gaitsweep.kinds.run_kind import Cost, RunKind
@@ -17,7 +17,7 @@ from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import CountOrZero, NotNegative, Positive, Real, Text
 
 MOST_SAMPLES = 10_000_000  # of a row's trace
-_MOVING = ("parameter", "path", "rate", "initial_dwell")  # fields that say how a parameter moves
+_MOVING = ("parameter", "path", "rate", "initial_dwell")  # fields of a moving parameter
 
 
 class Trace(RunKind):
@@ -43,8 +43,8 @@ class Trace(RunKind):
         default=0.0, description="time at the first value before the parameter moves, in s"
     )
 
-    def recorder(self, model: Model) -> Recorder:
-        return Recorder(model, self.duration, self.every, self.after_cycles)
+    def recorder(self, model: Model) -> TraceRecorder:
+        return TraceRecorder(model, self.duration, self.every, self.after_cycles)
 
     def schedule(self) -> RampSchedule | None:
         if self.parameter is None or self.path is None or self.rate is None:
@@ -61,18 +61,12 @@ class Trace(RunKind):
             text = f"is {self.every:g} s, but must be at most run.duration, {self.duration:g} s."
             return [Diagnostic(("run", "every"), text)]
         if self.duration / self.every > MOST_SAMPLES:
-            text = (
-                f"gives {self.duration / self.every:.3g} samples per row; at most {MOST_SAMPLES} are allowed."
-            )
-            return [Diagnostic(("run", "every"), text)]
+            samples = f"{self.duration / self.every:.3g} samples per row"
+            return [Diagnostic(("run", "every"), f"gives {samples}; at most {MOST_SAMPLES} are allowed.")]
         if self.parameter is None:
+            text = "has no effect without run.parameter: name the parameter that moves."
             written = [name for name in _MOVING if name in self.model_fields_set and getattr(self, name)]
-            return [
-                Diagnostic(
-                    ("run", name), "has no effect without run.parameter: name the parameter that moves."
-                )
-                for name in written
-            ]
+            return [Diagnostic(("run", name), text) for name in written]
         for name in ("path", "rate"):
             if getattr(self, name) is None:
                 return [Diagnostic(("run", name), f"is missing, but run.parameter is {self.parameter}.")]

@@ -17,7 +17,7 @@ from gaitsweep import near_miss
 from gaitsweep.contract import HybridModel, Model, SteppedModel
 from gaitsweep.errors import UserError
 from gaitsweep.extension import model_paths
-from gaitsweep.models.own_modules import Stamp, data_files, installed, modules_beside, modules_in, stamp_of
+from gaitsweep.own_modules import Stamp, data_files, installed, modules_beside, modules_in, stamp_of
 
 _OWN = "write your own model as package.module:attribute"
 # classes that no module gives, such as those of a notebook's cells, by the name that a job has for them

@@ -22,11 +22,13 @@ from jaxtyping import Array, Bool, Float, Int
 from gaitsweep import near_miss
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declarations import Mode, Variable, faults_of_quantity
-from gaitsweep.dynamics.declared_model import ARMING, STEPS, Declared
+from gaitsweep.dynamics.declared_model import ARMING, STEPS, Declared, DeclaredModel
 from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
+from gaitsweep.engine.stored_programs import stored
 from gaitsweep.expression import ExpressionError, resolve
 from gaitsweep.mathtext import can_be_set
 from gaitsweep.models.traced_program import unrepeatable
@@ -83,7 +85,7 @@ def _fault(model: Model) -> str | None:
         return "which has no parameter: declare at least one, such as a frequency or a mass."
     if not model.observables:
         return "which has no observable: declare at least one, to be recorded at each crossing."
-    return next(_of_quantities(model), None) or _traced(model)
+    return next(_of_quantities(model), None) or stored("fault", model, (), lambda: _traced(model))
 
 
 def _traced(model: Model) -> str | None:
@@ -271,6 +273,35 @@ def _moved_or_jumped(model: Model, params: Any, state: Any, events: Any, rates: 
             raise _Fault(f"flow returns no rate of {name}, and no jump changes it: {constant}.")
 
 
+@cached_by_content(maxsize=64)
+def idle_starts(model: Model) -> tuple[str, ...]:
+    """The names of starts on which the state at t = 0 does not depend; of a model with a body, none."""
+    if model.host_parameters:
+        return ()
+    quantities = (model.parameters, model.initial_conditions)
+    given = tuple({quantity.name: _NUMBER for quantity in some} for some in quantities)
+
+    def begun(values: Any, start: Any) -> Any:
+        return model.init(model.params(values), start)
+
+    tracer = Tracer(Program())
+    inputs = tracer.inputs(given, 0, steady=False)
+    starts = jax.tree.unflatten(jax.tree.structure(given), inputs)[1]
+    try:
+        state = tracer.read(jax.make_jaxpr(begun)(*given), inputs)
+    except UnsupportedError:
+        read = frozenset[str]().union(*dependences(begun, *given))
+        return tuple(name for name in starts if name not in read)
+    needed = set(tracer.program.needed(node for leaf in state for node in leaf.ravel().tolist()))
+    return tuple(name for name, node in starts.items() if int(node) not in needed)
+
+
+def sets_starts(model: Model) -> str:
+    """The function that sets the starts in `idle_starts`."""
+    own = isinstance(model, DeclaredModel) and type(model).complete is not DeclaredModel.complete
+    return "complete" if own else "init"
+
+
 def _kind(array: Any) -> str:
     """The kind of numbers of an array."""
     kinds = {"b": "booleans", "i": "whole numbers", "u": "whole numbers", "f": "real numbers"}
@@ -412,14 +443,13 @@ def _of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
 
 @dataclasses.dataclass(frozen=True)
 class _Begun:
-    """Evaluate a model's functions at starts; leaves (n, ...).
+    """Evaluate a model's functions at starts; arrays (n, ...), those of states by their path.
 
     `rates` and `guards` are those of a model with a flow, `stepped` is the state of one without after 1e-6 s.
     `still` is the state after a jump, and `closes` whether a cycle ends, where no event has fired.
     """
 
-    params: Any
-    state: Any
+    state: dict[str, Any]
     observed: Any
     signals: Any
     gait: Any
@@ -428,24 +458,28 @@ class _Begun:
     rates: Any
     guards: Any
     stepped: Any
-    still: Any
+    still: dict[str, Any]
     closes: Any
     beyond: dict[str, Any]
 
     @property
     def own_state(self) -> dict[str, Any]:
         """The state less what arms its events, which is NaN where a guard is."""
-        return {name: value for name, value in vars(self.state).items() if name != ARMING}
+        return {name: value for name, value in self.state.items() if not name.startswith(ARMING)}
 
 
-jax.tree_util.register_dataclass(_Begun)
+def _by_path(tree: Any) -> dict[str, Any]:
+    return {
+        jax.tree_util.keystr(path).lstrip("."): leaf
+        for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
+    }
 
 
 @cached_by_content(maxsize=16)
 def _begun(model: Model) -> Callable[[Any, Any], _Begun]:
     """`(values, starts) -> _Begun` of points."""
 
-    def of_one(values: Any, start: Any) -> _Begun:
+    def of_one(values: Any, start: Any) -> dict[str, Any]:
         params = model.params(values)
         state = model.init(params, start)
         observed = model.observe(params, state)
@@ -455,11 +489,10 @@ def _begun(model: Model) -> Callable[[Any, Any], _Begun]:
             quiet = jnp.zeros(guards.shape, bool)
         else:
             assert isinstance(model, FixedStepDynamics)
-            stepped = model.step(params, state, jnp.asarray(1e-6))
-            quiet = jnp.zeros(model.events(params, state, stepped).shape, bool)
-        return _Begun(
-            params=params,
-            state=state,
+            after = model.step(params, state, jnp.asarray(1e-6))
+            stepped, quiet = _by_path(after), jnp.zeros(model.events(params, state, after).shape, bool)
+        begun = _Begun(
+            state=_by_path(state),
             observed=observed,
             signals=model.signal(params, state),
             gait=jnp.asarray(model.label(params, observed)["gait"], int),
@@ -468,10 +501,23 @@ def _begun(model: Model) -> Callable[[Any, Any], _Begun]:
             rates=rates,
             guards=guards,
             stepped=stepped,
-            still=model.jump(params, state, quiet),
+            still=_by_path(model.jump(params, state, quiet)),
             closes=jnp.asarray(model.section(params, state, quiet)),
             beyond=model.beyond_at_start(params, state),
         )
+        return vars(begun)
+
+    of_rows = over_rows(of_one, "start", model)
+    return lambda values, starts: _Begun(**of_rows(values, starts))
+
+
+@cached_by_content(maxsize=16)
+def _states(model: Model) -> Callable[[Any, Any], tuple[Any, Any]]:
+    """`(values, starts) -> (params, state)` of points."""
+
+    def of_one(values: Any, start: Any) -> tuple[Any, Any]:
+        params = model.params(values)
+        return params, model.init(params, start)
 
     return over_rows(of_one)
 
@@ -481,14 +527,15 @@ def _by_value(model: Model) -> Iterator[str]:
     # a simulator has thousands of operations, and each set of its parameters is a body
     costly = model.host_parameters or not isinstance(model, HybridModel)
     values, starts = sample(model, _SAMPLE // 8 if costly else _SAMPLE)
-    begun, known = _at_points(model, values, starts), {**values, **starts}
-    default = jax.tree.map(lambda leaf: leaf[:1], begun)
+    points = dict(model.on_host(values)), dict(starts)
+    begun, known = _begun(model)(*points), {**values, **starts}
+    default = _Begun(**jax.tree.map(lambda leaf: leaf[:1], vars(begun)))
     if bool(default.fallen[0]):
         yield "but its function failed returns True for its default start."
     if default.guards is not None:
         yield from _not_finite("guards", default.guards, lambda row: written(known, row))
     yield from _sound(default, lambda row: written(known, row))
-    yield from _in_order(model, begun, lambda row: written(known, row))
+    yield from _in_order(model, begun, points, lambda row: written(known, row))
 
 
 def faults_of_rows(model: Model, values: Columns, starts: Columns, where: Where) -> list[str]:
@@ -501,8 +548,9 @@ def faults_of_rows(model: Model, values: Columns, starts: Columns, where: Where)
     Returns:
         Ends of sentences, as in `fault`.
     """
-    at_starts = _at_points(model, values, starts)
-    sentences = [*_sound(at_starts, where), *_in_order(model, at_starts, where)]
+    points = dict(model.on_host(values)), dict(starts)
+    at_starts = _begun(model)(*points)
+    sentences = [*_sound(at_starts, where), *_in_order(model, at_starts, points, where)]
     if np.all(at_starts.fallen):
         sentences.append(f"but its function failed returns True{where(0)} and at all other starts tried.")
     has_guards = True if at_starts.guards is None else ~np.any(np.isnan(at_starts.guards), axis=1)
@@ -513,10 +561,6 @@ def faults_of_rows(model: Model, values: Columns, starts: Columns, where: Where)
                 "the event occurs only after its function has been below zero."
             )
     return sentences
-
-
-def _at_points(model: Model, values: Columns, starts: Columns) -> _Begun:
-    return _begun(model)(dict(model.on_host(values)), dict(starts))
 
 
 def _sound(at_starts: _Begun, where: Where) -> Iterator[str]:
@@ -530,10 +574,8 @@ def _sound(at_starts: _Begun, where: Where) -> Iterator[str]:
     }
     for name, values in numbers.items():
         yield from _not_finite(name, values, where)
-    for (path, old), new in zip(
-        jax.tree.leaves_with_path(at_starts.state), jax.tree.leaves(at_starts.still), strict=True
-    ):
-        field = jax.tree_util.keystr(path).lstrip(".")
+    for field, old in at_starts.state.items():
+        new = at_starts.still[field]
         row = _first_row((np.asarray(old) != new) & ~(np.isnan(old) & np.isnan(new)))
         if row is not None:
             text = f"but its function jump changes {field} although no event has fired{where(row)}"
@@ -542,7 +584,7 @@ def _sound(at_starts: _Begun, where: Where) -> Iterator[str]:
         yield f"but its function section closes a cycle although no event has fired{where(row)}."
 
 
-def _in_order(model: Model, at_starts: _Begun, where: Where) -> Iterator[str]:
+def _in_order(model: Model, at_starts: _Begun, points: tuple[Any, Any], where: Where) -> Iterator[str]:
     """Faults of periods, labels and events at any start."""
     period, gait = at_starts.period, at_starts.gait
     if (row := _first_row(~((period > 0.0) & (period < math.inf)))) is not None:
@@ -554,7 +596,7 @@ def _in_order(model: Model, at_starts: _Begun, where: Where) -> Iterator[str]:
         yield f"but its function {_returns('label', f'gait {gait[row]}{where(row)}', index)}"
     if not isinstance(model, HybridModel):
         return
-    params, state, guards = at_starts.params, at_starts.state, at_starts.guards
+    guards = at_starts.guards
     assert guards is not None
     leaves = [np.reshape(leaf, (len(guards), -1)) for leaf in jax.tree.leaves(at_starts.own_state)]
     sound = np.all(np.concatenate([np.isfinite(np.asarray(leaf, float)) for leaf in leaves], axis=1), axis=1)
@@ -562,7 +604,7 @@ def _in_order(model: Model, at_starts: _Begun, where: Where) -> Iterator[str]:
         name = _guard(model, int(np.argmax(np.isnan(guards[row]))))
         yield f"but its function guards returns NaN for {name}{where(row)}, so this event never occurs."
     if model.simultaneous == "independent":
-        dependent = _dependent(model, params, state)
+        dependent = _dependent(model, *_states(model)(*points))
         for i, j in np.argwhere(np.any(dependent, axis=0)).tolist():
             at = where(int(np.argmax(dependent[:, i, j])))
             events = f"the events {_guard(model, i)} and {_guard(model, j)}"
@@ -572,7 +614,7 @@ def _in_order(model: Model, at_starts: _Begun, where: Where) -> Iterator[str]:
     armed = isinstance(model, Declared) and all(event.rising for event in model.declared_events())
     if armed or not np.any(guards >= 0.0):
         return
-    fires = _without_end(model, params, state)
+    fires = _without_end(model, *_states(model)(*points))
     for guard in np.flatnonzero(np.any(fires, axis=0)).tolist():
         at = where(int(np.argmax(fires[:, guard])))
         yield f"whose event {_guard(model, guard)} is not ended by its jump and so occurs without end{at}."

@@ -18,8 +18,9 @@ import numpy as np
 from gaitsweep.contract import HybridModel, Model
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
 from gaitsweep.engine.content import cached_by_content, depends_on
+from gaitsweep.engine.stored_programs import stored
 from gaitsweep.engine.sweep.xla import see_all_cores
-from gaitsweep.models.own_modules import data_files
+from gaitsweep.own_modules import data_files
 
 # JAX keeps traces of jitted functions and of the bodies of loops, by this context too
 _TRACE = jax.make_user_context("")
@@ -76,12 +77,16 @@ def traced_program(model: Model) -> TracedProgram:
     if type(model).__module__.startswith("gaitsweep."):
         return TracedProgram({})
     see_all_cores()  # float64, as the engine traces
-    with _TRACE("first"), data_files() as read:
-        first = dict(_digests(model))
-    depends_on(model, read)
-    with _TRACE("second"):
-        second = dict(_digests(model))
-    return TracedProgram(first, first_difference(first, second))
+
+    def traced_twice() -> tuple[Mapping[str, str], str | None]:
+        with _TRACE("first"), data_files() as read:
+            first = dict(_digests(model))
+        depends_on(model, read)
+        with _TRACE("second"):
+            second = dict(_digests(model))
+        return first, first_difference(first, second)
+
+    return TracedProgram(*stored("functions", model, (), traced_twice))
 
 
 def first_difference(one: Mapping[str, str], other: Mapping[str, str]) -> str | None:

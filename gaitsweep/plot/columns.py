@@ -26,6 +26,9 @@ _GREEK = frozenset(
     {"alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda", "mu", "nu"}
     | {"xi", "pi", "rho", "sigma", "tau", "phi", "chi", "psi", "omega"}
 )
+OTHER = "another gait"  # settled, but in no gait of the model
+_ONE_FORMULA = re.compile(r"[^$]*(\$[^$]+\$)[^$]*")
+_UNIT_AT_END = re.compile(r"\s*\([^()]*\)\Z")
 _UNITS = {"t": "s", "t_end": "s", "crossing": "", "cycles": ""}
 _WORDS = {"t": "time", "t_end": "time at the end", "crossing": "cycle", "cycles": "cycles"}
 
@@ -107,17 +110,19 @@ def base_name(name: str) -> str:
 def symbol(table: pd.DataFrame, name: str) -> str:
     """A column's symbol in TeX: from `table.attrs["quantities"]`, else from its name.
 
-    If Matplotlib cannot typeset the symbol, the name is used.
+    Of a label of the style it is the formula, or the text without a unit in brackets at its end. If
+    Matplotlib cannot typeset the symbol, the name is used.
     """
-    if name in (labels := current().labels or {}):
-        return labels[name]
+    if label := _own_label(table, name):
+        formula = _ONE_FORMULA.fullmatch(label)
+        return formula[1] if formula else _UNIT_AT_END.sub("", label) or label
     own = _quantity(table, name).get("symbol")
     if own and can_be_set(f"${own}$"):
         return f"${own}$"
     quantities = table.attrs.get("quantities", {})
-    recorded = _bare(name) in quantities or (name in quantities and name not in axes_of(table))
-    base = _bare(name) if recorded and name not in _WORDS else base_name(name)
-    return _WORDS.get(base) or _formula(base) or _bare(base).replace("_", " ")
+    recorded = bare(name) in quantities or (name in quantities and name not in axes_of(table))
+    base = bare(name) if recorded and name not in _WORDS else base_name(name)
+    return _WORDS.get(base) or _formula(base) or bare(base).replace("_", " ")
 
 
 def _formula(name: str) -> str | None:
@@ -131,14 +136,16 @@ def _formula(name: str) -> str | None:
 
 
 def axis_label(table: pd.DataFrame, name: str) -> str:
-    """A column's symbol and unit, for an axis."""
+    """The style's label of a column, else its symbol and unit, for an axis."""
     unit = unit_of(table, name)
-    return f"{symbol(table, name)} ({unit})" if unit and not _labelled(name) else symbol(table, name)
+    return _own_label(table, name) or (f"{symbol(table, name)} ({unit})" if unit else symbol(table, name))
 
 
-def _labelled(name: str) -> bool:
-    """Whether the style has a label for a column, which stands alone along its axis."""
-    return name in (current().labels or {})
+def _own_label(table: pd.DataFrame, name: str) -> str | None:
+    """The style's label of a column, by its name or, if the column is recorded, by the observable's."""
+    labels = current().labels or {}
+    plain = name if name in axes_of(table) else bare(name)
+    return labels.get(name) or labels.get(plain)
 
 
 def unit_of(table: pd.DataFrame, name: str) -> str:
@@ -149,7 +156,7 @@ def unit_of(table: pd.DataFrame, name: str) -> str:
 
 def described(table: pd.DataFrame, name: str, width: int = 44) -> str:
     """A column's meaning, symbol (if it has one) and unit in lines of `width`, as the label of an axis."""
-    meaning = "" if _labelled(name) else settable(str(_quantity(table, name).get("meaning", "")))
+    meaning = "" if _own_label(table, name) else settable(str(_quantity(table, name).get("meaning", "")))
     label, unit = axis_label(table, name), unit_of(table, name)
     if not meaning or len(meaning) > 2 * width or label.startswith(meaning):
         return label
@@ -197,9 +204,9 @@ def outcome(table: pd.DataFrame, hue: str) -> pd.Series:
 def _quantity(table: pd.DataFrame, name: str) -> dict:
     """The entry of a column in `table.attrs["quantities"]`: its unit, symbol and whether it is circular."""
     quantities = table.attrs.get("quantities", {})
-    return dict(quantities.get(name) or quantities.get(base_name(name)) or quantities.get(_bare(name)) or {})
+    return dict(quantities.get(name) or quantities.get(base_name(name)) or quantities.get(bare(name)) or {})
 
 
-def _bare(name: str) -> str:
+def bare(name: str) -> str:
     """A name without its suffix (speed for speed_n), even if that may be part of the name (m_end)."""
     return re.sub(r"_(end|n)\Z", "", name)

@@ -12,7 +12,18 @@ from pydantic import BeforeValidator, Field, ValidationError
 
 from gaitsweep.errors import UserError
 from gaitsweep.schema.diagnostics import SchemaSection, from_pydantic, quoted
-from gaitsweep.schema.numbers import Count, Flag, InvalidValue, Positive, Text, checked, read_real, word
+from gaitsweep.schema.numbers import (
+    Count,
+    Flag,
+    InvalidValue,
+    Positive,
+    Text,
+    checked,
+    read_flag,
+    read_real,
+    read_text,
+    word,
+)
 from gaitsweep.schema.strict_model import StrictModel
 
 if TYPE_CHECKING:
@@ -48,8 +59,19 @@ def _read_colour(value: Any) -> str:
     return to_hex(value)
 
 
+def _read_letters(value: Any) -> bool | list[str]:
+    if isinstance(value, list) and value:
+        return [read_text(letter) for letter in value]
+    try:
+        return read_flag(value)
+    except InvalidValue:
+        text = "but must be true, false, or a list of letters such as [b, c]."
+        raise InvalidValue(f"is {quoted(value)}, {text}") from None
+
+
 _Width = Annotated[float | Literal["column", "page"], BeforeValidator(checked(_read_width))]
 _Colour = Annotated[str, BeforeValidator(checked(_read_colour))]
+_Letters = Annotated[bool | list[str], BeforeValidator(checked(_read_letters))]
 _Format = Annotated[Literal["png", "pdf", "svg"], word(*FORMATS)]
 _OneOrMore = BeforeValidator(lambda value: [value] if isinstance(value, str) else value)
 
@@ -61,6 +83,9 @@ class FigureStyle(StrictModel):
         default=None, description="width of the figure: column (85 mm), page (180 mm), or a number of mm"
     )
     height: Positive | None = Field(default=None, description="height of the figure, in mm")
+    panel_columns: Count | None = Field(
+        default=None, description="number of panels beside each other; by default as many as have room"
+    )
     format: Annotated[list[_Format], Field(min_length=1), _OneOrMore] | None = Field(
         default=None, description="file format, png, pdf or svg, or a list of these; by default png"
     )
@@ -74,8 +99,11 @@ class FigureStyle(StrictModel):
         default=None,
         description="whether areas of gaits are hatched, which grey print needs; by default true",
     )
-    panel_letters: Flag | None = Field(
-        default=None, description="whether panels have the letters a, b, c, ..."
+    panel_letters: _Letters | None = Field(
+        default=None, description="whether panels have the letters a, b, c, ..., or a list of their letters"
+    )
+    caption: Flag | None = Field(
+        default=None, description="whether a line above the legend explains it; by default true"
     )
     marks: Flag | None = Field(
         default=None,
@@ -137,8 +165,8 @@ def style(**fields: Any) -> Iterator[None]:
     """A context in which all figures have a style: `with gs.plot.style(width="column", format="pdf"): ...`.
 
     Args:
-        fields: those of `FigureStyle`: width, height, format, dpi, colours, order, labels, hatches,
-            panel_letters, marks. A figure's own arguments take precedence.
+        fields: those of `FigureStyle`: width, height, panel_columns, format, dpi, colours, order, labels,
+            hatches, panel_letters, caption, marks. A figure's own arguments take precedence.
 
     Raises:
         StyleError: a field does not exist, or has a value that is not allowed.

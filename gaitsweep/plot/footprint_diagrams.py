@@ -37,7 +37,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     yield from check_window(figure)
 
 
-@figure_kind("trace", check=_check)
+@figure_kind("trace", check=_check, colours_gaits=False)
 def footprints(
     table: pd.DataFrame,
     *,

@@ -24,7 +24,7 @@ from typing import (
 )
 
 import pandas as pd
-from pydantic import Field, create_model
+from pydantic import BeforeValidator, Field, create_model
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Model
@@ -34,8 +34,9 @@ from gaitsweep.mathtext import can_be_set
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle, current, given_axes, read_style, styled
 from gaitsweep.plot.provenance_marks import letter_panels, mark, remarks
-from gaitsweep.schema.diagnostics import Path, quoted
-from gaitsweep.schema.numbers import Positive, Real, Stem, Text
+from gaitsweep.plot.style_names import StyleNames
+from gaitsweep.schema.diagnostics import Diagnostic, Path, quoted
+from gaitsweep.schema.numbers import Positive, Real, Stem, Text, checked, read_text
 from gaitsweep.schema.strict_model import Registry, kind_of
 
 if TYPE_CHECKING:
@@ -57,7 +58,11 @@ Panels = Annotated[Column | None, "column whose values have a panel each"]
 Name = Annotated[
     Stem | None, Field(description="name of the figure's file without ending; by default its kind")
 ]
-Title = Annotated[Text | None, "text above the figure"]
+Title = Annotated[
+    str | None,
+    BeforeValidator(checked(lambda text: "" if text in ("", "none") else text and read_text(text))),
+    'text above the figure; "" or none: no text there',
+]
 Bandwidth = Annotated[
     Positive | None,
     "half-width of the smoothing window, in the unit of y; by default 0.05 rad for an angle, and a twentieth "
@@ -116,6 +121,7 @@ class FigureKind(FigureStyle):
     observable_fields: ClassVar[tuple[str, ...]] = ()  # those that name observables, one or a list
     axis_fields: ClassVar[tuple[str, ...]] = ()  # those that name columns of numbers, drawn along an axis
     worked_out: ClassVar[tuple[str, ...]] = ()  # columns that it adds to the table
+    colours_gaits: ClassVar[bool] = True  # whether the colours of gaits have an effect
 
     @property
     def kind_name(self) -> str:
@@ -157,6 +163,10 @@ class FigureKind(FigureStyle):
     def refusals(self, table: PlannedTable) -> Iterator[Refusal]:
         """Errors of the figure for a table that has its columns and observables."""
         yield from self._titles()
+        if self.colours and not self.colours_gaits:
+            yield ("colours",), f"has no effect: a figure {self.kind_name} does not colour gaits. Remove it."
+        if getattr(self, "hue", None) not in TEXT_COLUMNS - {"gait", "outcome", "status"}:
+            yield from StyleNames.of_model(table.model, table.columns).unknown(self)
         along = [(field, getattr(self, field)) for field in self.axis_fields]
         for number, (field, column) in enumerate(along):
             if column in TEXT_COLUMNS:
@@ -215,11 +225,11 @@ def register(kind: type[FigureKind]) -> type[FigureKind]:
         ValueError: there is another kind of this name.
     """
     FIGURES.register(kind)
-    kind.draw = staticmethod(_in_style(kind.draw))
+    kind.draw = staticmethod(_in_style(kind.draw, kind))
     return kind
 
 
-def _in_style(draw: Callable[Spec, Figure]) -> Callable[Spec, Figure]:
+def _in_style(draw: Callable[Spec, Figure], kind: type[FigureKind]) -> Callable[Spec, Figure]:
     """A drawing function that takes the fields of a style, and `ax`, besides its own arguments.
 
     Type checkers see its own arguments, so that they find one that is missing; `plot.draw` and `plot.style`
@@ -230,12 +240,20 @@ def _in_style(draw: Callable[Spec, Figure]) -> Callable[Spec, Figure]:
     def drawn(*args: Any, ax: Axes | None = None, **spec: Any) -> Figure:
         style_fields = {name: spec.pop(name) for name in STYLE_FIELDS if name in spec}
         table = args[0] if args else spec.get("table")
-        with styled(read_style(**style_fields), ax):
+        if spec.get("title") == "none":  # as in a job
+            spec["title"] = ""
+        own, shared = read_style(**style_fields), current()
+        if isinstance(table, pd.DataFrame):
+            _check_names(table, own, shared)
+        if own.colours and not kind.colours_gaits:
+            raise PlotError(f"colours has no effect: a figure {kind_of(kind)} does not colour gaits.")
+        with styled(own, ax):
             figure = draw(*args, **spec)  # pyright: ignore[reportCallIssue]
             panel = given_axes()
             figure = figure if panel is None else cast("Figure", panel.get_figure(root=True))
-            if current().panel_letters and panel is None:
-                letter_panels(figure)
+            letters = current().panel_letters
+            if letters and (panel is None or isinstance(letters, list)):
+                letter_panels(figure.axes if panel is None else [panel], letters)
             if isinstance(table, pd.DataFrame) and current().marks is not False:
                 mark(figure if panel is None else panel, remarks(table))
         return figure
@@ -243,10 +261,27 @@ def _in_style(draw: Callable[Spec, Figure]) -> Callable[Spec, Figure]:
     return drawn  # pyright: ignore[reportReturnType] - a ParamSpec cannot have more keywords
 
 
+def _check_names(table: pd.DataFrame, own: FigureStyle, shared: FigureStyle) -> None:
+    """Refuse names of gaits and columns in a style that name nothing in the table or in its model.
+
+    Raises:
+        PlotError: a name names nothing; the message has the near miss.
+    """
+    if not any((each.colours, each.order, each.labels) != (None, None, None) for each in (own, shared)):
+        return
+    from gaitsweep.plot.limbs import model_of  # jobs are read without Matplotlib
+
+    names = StyleNames.of_table(table, model_of(table))
+    wrong = [*names.unknown(own), *names.unknown(shared, shared=True)]
+    if wrong:
+        raise PlotError("\n".join(str(Diagnostic(path, text)) for path, text in wrong))
+
+
 def figure_kind(
     *runs: str,
     check: Callable[[Any, PlannedTable], Iterator[Refusal]] | None = None,
     worked_out: tuple[str, ...] = (),
+    colours_gaits: bool = True,
 ) -> Callable[[Callable[Spec, Figure]], Callable[Spec, Figure]]:
     """Register a function from a table to a figure as a kind; its figures carry remarks. A decorator.
 
@@ -256,6 +291,7 @@ def figure_kind(
         runs: the run kinds whose tables it can show.
         check: like `FigureKind.check`, for the figure in a job and the planned table.
         worked_out: columns that it adds to the table.
+        colours_gaits: whether the colours of gaits have an effect.
     """
 
     def registered(draw: Callable[Spec, Figure]) -> Callable[Spec, Figure]:
@@ -268,6 +304,7 @@ def figure_kind(
         title = name.title().replace("_", "")
         kind = create_model(title, __base__=FigureKind, __doc__=about, __module__=draw.__module__, **fields)
         kind.draw, kind.runs, kind.worked_out = staticmethod(draw), runs, worked_out
+        kind.colours_gaits = colours_gaits
         for role in ("column_fields", "axis_fields", "observable_fields"):
             setattr(kind, role, tuple(n for n, (type_, _) in fields.items() if role in _parts([type_])))
         if check is not None:

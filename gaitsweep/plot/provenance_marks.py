@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from gaitsweep.plot.columns import PlotError
 from gaitsweep.table.self_check_fields import DIFFERENCES
 
 if TYPE_CHECKING:
@@ -61,12 +62,19 @@ def _rows_so_far(table: pd.DataFrame, manifest: Mapping[str, Any]) -> int | None
     return present if present < rows else None
 
 
-def letter_panels(figure: Figure) -> None:
-    """Write the letters a, b, c, ... above the left corner of a figure's panels, if there are several."""
+def letter_panels(every: Sequence[Axes], letters: Sequence[str] | bool) -> None:
+    """Write letters above the left corner of each panel: the given ones, else a, b, c, ...
+
+    Raises:
+        PlotError: there are fewer letters than panels.
+    """
     skipped = ("<colorbar>", _LETTERED)  # one figure may draw another
-    panels = [axes for axes in figure.axes if axes.get_visible() and axes.get_label() not in skipped]
-    for number, axes in enumerate(panels if len(panels) > 1 else ()):
-        letter = ("a" if number >= 26 else "") + chr(ord("a") + number % 26)
+    panels = [axes for axes in every if axes.get_visible() and axes.get_label() not in skipped]
+    if not isinstance(letters, Sequence):
+        letters = [("a" if n >= 26 else "") + chr(ord("a") + n % 26) for n in range(len(panels))]
+    if len(letters) < len(panels):
+        raise PlotError(f"panel_letters has {len(letters)} letters, but the figure has {len(panels)} panels.")
+    for axes, letter in zip(panels, letters, strict=False):
         look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
         axes.annotate(letter, (0.0, 1.0), (-4, 3), ha="right", va="bottom", weight="bold", **look)
         axes.set_label(_LETTERED)

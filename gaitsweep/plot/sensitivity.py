@@ -38,12 +38,10 @@ def sensitivity_figure(indices: pd.DataFrame) -> Figure:
     bars = max(len(_DRAWN[method]) for method in set(indices["method"]))
     height = down * (_REST + parameters * _ROW * max(1.0, 0.6 * bars)) + 0.35
     with theme.canvas(wide, height) as figure:
-        panels = figure.subplots(down, across, squeeze=False)
-        for axes in panels.ravel()[len(outputs) :]:
-            axes.set_axis_off()
+        panels = theme.panels(figure, (down, across), len(outputs))
         bars_of: dict[str, Any] = {}
         quantities: Mapping[str, Mapping[str, Any]] = indices.attrs.get("quantities", {})
-        for axes, output in zip(panels.ravel(), outputs, strict=False):
+        for axes, output in zip(panels, outputs, strict=True):
             bars_of |= _panel(axes, indices.loc[indices["output"] == output], indices)
             axes.set_title(axis_label(indices, output) if output in quantities else output)
         if bars_of:

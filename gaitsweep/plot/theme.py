@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 import textwrap
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from types import MappingProxyType
 from typing import Any, TypeVar, cast
@@ -19,6 +20,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.legend import Legend
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.ticker import FixedLocator, FuncFormatter, Locator, MultipleLocator
+from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.contract import Outcome
 from gaitsweep.extension import gait_styles
@@ -71,9 +73,15 @@ _INK = (
     "axes3d.xaxis.panecolor", "axes3d.yaxis.panecolor", "axes3d.zaxis.panecolor",
 )  # fmt: skip
 _PAPER: dict[Any, Any] = {key: mpl.rcParamsDefault[key] for key in _INK}
-_STEPS = (0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0)  # of ticks, in pi
+_STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0)  # of ticks, in pi
+# The least span of values along an axis, below which rounding would look like a change.
+_LEAST_ANGLE, _LEAST_SHARE, _LEAST_VALUE = 0.01, 1e-3, 1e-9  # rad, of the largest magnitude, in any unit
+_LEAST_PANEL, _LEAST_SHARE_OF_NATURAL = 12.0, 0.6  # height in mm, or if less, share of the natural one
+_BELOW, _LINE = 0.4, 0.13  # inches: heights of a legend below panels, and of another line in it
+_HIGHEST, _HIGHER = 1000, 5  # mm, of a figure: the heights that are tried
 _SHORT = 4  # labels of three letters along an axis of a turn
 _LETTER = 0.53  # mean width of a letter, as a share of the size of its font
+_COLLAPSED = "constrained_layout not applied"  # a warning of Matplotlib
 _FORMULA = re.compile(r"\$[^$]*\$")
 Panel = TypeVar("Panel")
 
@@ -193,10 +201,43 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
             cast(ConstrainedLayoutEngine, figure.get_layout_engine()).set(rect=room)
         if lines:
             figure.suptitle(lines, fontsize=points(9.5))
-        yield figure
-        if requested.width is not None:
-            _break_lines(figure)
-            _break_lines(figure)  # broken labels may have made other panels narrower
+        with warnings.catch_warnings():
+            if requested.height is not None:  # which is refused, with the least that fits
+                warnings.filterwarnings("ignore", _COLLAPSED)
+            yield figure
+            if requested.width is not None:
+                _break_lines(figure)
+                _break_lines(figure)  # broken labels may have made other panels narrower
+            if requested.height is not None:
+                _check_height(figure, height)
+
+
+def _check_height(figure: Figure, natural: float) -> None:
+    """Refuse the height of a figure at which a panel has no room.
+
+    Args:
+        figure: that of `canvas`, with the height of its style.
+        natural: its height without a style, inches, at which all panels have room.
+    """
+    asked = least = figure.get_figheight() * _INCH
+    figure.set_figheight(natural)
+    enough = np.minimum(_LEAST_PANEL / _INCH, _LEAST_SHARE_OF_NATURAL * _panel_heights(figure))
+    figure.set_figheight(asked / _INCH)
+    while (_panel_heights(figure) < enough).any() and least < _HIGHEST:
+        least = _HIGHER * (least // _HIGHER + 1.0)
+        figure.set_figheight(least / _INCH)
+    if least > asked:
+        raise PlotError(f"height is {asked:g} mm, but this figure needs at least {least:g} mm.")
+
+
+def _panel_heights(figure: Figure) -> np.ndarray:
+    """The heights of panels in inches, (n,), of which all are 0 if the layout gives one of them no room."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        figure.draw_without_rendering()
+    panels = [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
+    heights = np.array([axes.get_position().height for axes in panels]) * figure.get_figheight()
+    return heights * (not any(re.match(_COLLAPSED, str(each.message)) for each in caught))
 
 
 def _break_lines(figure: Figure) -> None:
@@ -233,10 +274,11 @@ def shape(panels: int, natural: float, least: float, most: int | None = None) ->
     Args:
         panels: the number of panels.
         natural: natural width of the figure, inches.
-        least: least width of a panel with its labels, inches.
-        most: the most panels in a row; by default all.
+        least: least width of a panel with its labels, inches, unless the style has `panel_columns`.
+        most: the most panels in a row, likewise; by default all.
     """
-    columns = max(1, min(panels, most or panels, int(width_of(natural) / least)))
+    columns = current().panel_columns or min(most or panels, int(width_of(natural) / least))
+    columns = max(1, min(panels, columns))
     return -(-max(panels, 1) // columns), columns
 
 
@@ -250,17 +292,19 @@ def first_of(
 
 
 def panels(figure: Figure, grid: tuple[int, int], count: int, **look: Any) -> list[Axes]:
-    """The axes of `count` panels, row by row, in a grid of (rows, columns), whose other cells stay empty.
+    """A grid of panels, of which the last row may have empty cells; the lowest of each column has numbers.
 
     Args:
         figure: that of `canvas`.
-        grid: the result of `shape`.
+        grid: rows and columns, the result of `shape`.
         count: number of panels.
         look: options of `Figure.subplots`.
     """
     cells = figure.subplots(*grid, squeeze=False, **look).ravel()
     for axes in cells[count:]:
-        axes.set_visible(False)
+        axes.remove()
+    for axes in cells[max(count - grid[1], 0) : count]:
+        axes.tick_params(labelbottom=True)
     return list(cells[:count])
 
 
@@ -291,6 +335,7 @@ def legend(
     *,
     ncols: int = 2,
     title: str | None = None,
+    in_cell: bool = False,
 ) -> None:
     """The legend below a figure, in as many columns as its width allows.
 
@@ -298,8 +343,13 @@ def legend(
         figure: that of `canvas`.
         handles, labels: entries and their texts; by default those of all panels.
         ncols: the most columns.
-        title: text above the entries.
+        title: text above the entries, unless the style leaves out captions.
+        in_cell: whether it may stand in the empty cell at the end of a grid of panels; the figure is then
+            lower by its height.
     """
+    title = None if current().caption is False else title
+    if not title and handles is not None and not len(handles):
+        return
     look: dict[str, Any] = {"loc": "outside lower center", "title": title}
     look["handler_map"] = {tuple: HandlerTuple(ndivide=1, pad=0.0)}  # several handles as one, over each other
     look |= {"handles": handles} if handles is not None else {}
@@ -313,6 +363,8 @@ def legend(
     if title:
         look["title"] = wrapped(title, room, 7.5)
     renderer = cast(FigureCanvasAgg, figure.canvas).get_renderer()
+    if in_cell and _legend_in_cell(figure, {**look, "title": title}, renderer):
+        return
     drawn, columns = figure.legend(ncols=ncols, **look), ncols
     while columns > 1 and drawn.get_window_extent(renderer).width > room * figure.dpi:
         drawn.remove()
@@ -321,6 +373,39 @@ def legend(
     if drawn.get_window_extent(renderer).width > room * figure.dpi:
         for text in drawn.get_texts():
             text.set_text(wrapped(text.get_text(), room - 0.45, 7.5))
+        rows = np.array_split([text.get_text().count("\n") for text in drawn.get_texts()], columns)
+        grow(figure, _LINE * max(int(row.sum()) for row in rows))
+
+
+def grow(figure: Figure, inches: float) -> None:
+    """Make a figure higher, for what stands below its panels, unless its style has a height."""
+    if current().height is None and not isinstance(figure, _OnePanel):
+        figure.set_figheight(figure.get_figheight() + inches)
+
+
+def _legend_in_cell(figure: Figure, look: dict[str, Any], renderer: Any) -> bool:
+    """Put the legend into the empty cell beside the last panel; False if there is none, or no room."""
+    place = figure.axes[-1].get_subplotspec()
+    if place is None or place.colspan.stop == place.get_gridspec().ncols:
+        return False
+    grid = place.get_gridspec()
+    width = figure.get_figwidth() * (1.0 - place.colspan.stop / grid.ncols) - 0.35
+    if look["title"]:
+        look["title"] = wrapped(look["title"], width, 7.5)
+    at = figure.axes[-1].transAxes + ScaledTranslation(0.3, 0.0, figure.dpi_scale_trans)
+    place_of = {
+        "loc": "center left",
+        "bbox_to_anchor": (1.0, 0.5),
+        "bbox_transform": at,
+        "borderaxespad": 0.0,
+    }
+    made = figure.legend(ncols=1, **{**look, **place_of})
+    box = made.get_window_extent(renderer)
+    if box.width <= width * figure.dpi and box.height <= figure.bbox.height / grid.nrows:
+        grow(figure, -_BELOW)
+        return True
+    made.remove()
+    return False
 
 
 def named(name: str) -> str:
@@ -419,6 +504,20 @@ def angle_axis(axes: Axes, which: str, steps: int = 4) -> None:
     axis = getattr(axes, f"{which}axis")
     axis.set_major_locator(_TurnLocator(steps))
     axis.set_major_formatter(FuncFormatter(lambda value, _: in_pi(value)))
+
+
+def value_axis(axes: Axes, *, angle: bool) -> None:
+    """Axis y of values over a parameter: ticks of angles in pi, and no span so small that rounding shows."""
+    if angle:
+        angle_ticks(axes, "y")
+    spans = [each.dataLim.intervaly for each in axes.get_shared_y_axes().get_siblings(axes)]
+    values = np.array([span for span in spans if np.isfinite(span).all()])
+    if not len(values) or axes.get_yscale() != "linear":
+        return
+    low, high = float(values.min()), float(values.max())
+    least = _LEAST_ANGLE if angle else max(_LEAST_SHARE * max(-low, high), _LEAST_VALUE)
+    if high - low < least:
+        axes.set_ylim(0.5 * (low + high - least), 0.5 * (low + high + least))
 
 
 def _half_a_turn(axes: Axes, which: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 import yaml
 
 from gaitsweep import models
+from gaitsweep.contract import Status
 from gaitsweep.errors import UserError
 from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.runs.provenance import NOT_INSTALLED, paper_of
@@ -20,6 +22,7 @@ from gaitsweep.version import version
 
 _METHODS = {
     "tsit5": "a Runge-Kutta pair of orders 5 and 4 with step control",
+    "taylor": "Taylor series of the solution with step control, of an order that follows from the tolerance",
     "rk4": "the classic Runge-Kutta method of order 4",
     "propagator6": "a polynomial of order 6 for the propagator of the flow, which is linear between events",
     "propagator": "a polynomial for the propagator of the flow, which is linear between events",
@@ -51,10 +54,11 @@ def tool_entry(made_by: str | None = None, commit: str | None = None) -> str:
         raise CitationError(f"{file} is missing: install gaitsweep again.") from None
     notes = [facts["license"], *([f"commit {commit}"] if commit else [])]
     fields = {
-        "author": " and ".join(f"{{{author['name']}}}" for author in facts["authors"]),
+        "author": " and ".join(map(_author, facts["authors"])),
         "title": f"{{{facts['title']}}}",
         "version": cited,
         **({"year": str(facts["date-released"])[:4]} if cited == facts["version"] else {}),
+        **({"url": url} if (url := facts.get("url") or facts.get("repository-code")) else {}),
         "note": ", ".join(notes),
     }
     return _entry("software", "gaitsweep", fields)
@@ -78,10 +82,10 @@ def citation_of(path: Path) -> tuple[str, list[str]]:
             f"{path} has {snapshot.rows_done} of {manifest['rows']} rows: run the same command to complete "
             "it, then cite it."
         )
-    if lacking := [name for name in ("method", "versions") if not manifest.get(name)]:
-        raise CitationError(
-            f"The manifest of {path} has no {lacking[0]}: run the job again with gaitsweep run."
-        )
+    for field in ("method", "versions"):
+        if not manifest.get(field):
+            text = f"The manifest of {path} has no {field}: run the job again with gaitsweep run."
+            raise CitationError(text)
     name, missing = str(job.get("model", "")), []
     paper = manifest.get("paper") or (paper_of(models.find(name)) if name in models.names() else None)
     entries, cited = [tool_entry(manifest["versions"]["gaitsweep"], manifest.get("git_commit"))], ""
@@ -98,21 +102,54 @@ def citation_of(path: Path) -> tuple[str, list[str]]:
         else:
             entries.append(entry)
             cited = f" [{key[1]}]"
-    return "\n\n".join([*entries, _methods(name + cited, job, manifest)]), missing
+    return "\n\n".join([*entries, _methods(name + cited, job, manifest, _changed(snapshot))]), missing
+
+
+def _author(person: Mapping[str, str]) -> str:
+    """Format a person or an entity of CITATION.cff for BibTeX."""
+    if "name" in person:
+        return f"{{{person['name']}}}"
+    names = [person[part] for part in ("family-names", "given-names") if person.get(part)]
+    return ", ".join(names)
+
+
+def _changed(snapshot: Snapshot) -> str:
+    """Name the fixed parameters and structure that differ from the model's defaults, if it is found."""
+    job = snapshot.job
+    try:
+        kind = models.find_of_table({"job": job, "manifest": snapshot.manifest, "path": str(snapshot.path)})
+        model = kind(**job.get("structure", {}))
+    except (TypeError, ValueError, models.ModelError):
+        return ""
+    usual = {field.name: field.default for field in dataclasses.fields(model)}  # pyright: ignore[reportArgumentType]
+    usual |= {quantity.name: quantity.default for quantity in model.parameters}
+    given = {**job.get("structure", {}), **job.get("params", {})}
+    changed = [
+        f"{name} = {value:g}" if isinstance(value, float) else f"{name} = {value}"
+        for name, value in given.items()
+        if usual.get(name) not in (None, dataclasses.MISSING, value)
+    ]
+    return f"Parameters that differ from the model's defaults: {', '.join(changed)}." if changed else ""
 
 
 def _entry(kind: str, key: str, fields: Mapping[str, str]) -> str:
+    """Format a BibTeX entry."""
     lines = ",\n".join(f"  {name} = {{{value}}}" for name, value in fields.items())
     return f"@{kind}{{{key},\n{lines}\n}}"
 
 
-def _methods(model: str, job: Mapping[str, Any], manifest: Mapping[str, Any]) -> str:
-    """Describe how a table was made. Names in brackets are keys of BibTeX entries."""
+def _methods(model: str, job: Mapping[str, Any], manifest: Mapping[str, Any], changed: str) -> str:
+    """Describe how a table was made. Names in brackets are keys of BibTeX entries.
+
+    `changed` is the sentence of `_changed`.
+    """
     versions, numerics = manifest["versions"], job.get("numerics", {})
     run, n = job.get("run", {}), manifest["rows"]
-    noun = f"{'set' if 'search' in job or 'sensitivity' in job else 'row'}{'s' * (n != 1)}"
+    noun = f"{'set' if job.keys() & {'search', 'sensitivity'} else 'row'}{'s' * (n != 1)}"
     axes = [f"{' with '.join(part['names'])} ({part['length']})" for part in manifest.get("axes", ())]
     over = f" over {', '.join(axes)}" if axes else ""
+    inferred = manifest.get("counts", {}).get(Status.inferred.name, 0)
+    split = f", of which {n - inferred} were simulated and {inferred} inferred between equal neighbours"
     steps = lengths_of_steps(manifest.get("dt"))
     tolerances = [f"{name} {numerics[name]:g}" for name in ("rtol", "atol") if name in numerics]
     packages = {title: versions.get(key, NOT_INSTALLED) for key, title in _PACKAGES.items()}
@@ -120,8 +157,9 @@ def _methods(model: str, job: Mapping[str, Any], manifest: Mapping[str, Any]) ->
     listed = ", ".join(f"{title} {part}" for title, part in packages.items() if part != NOT_INSTALLED)
     sentences = [
         f"The model {model} was simulated with gaitsweep {versions['gaitsweep']} [gaitsweep]: "
-        f"{n} {noun}{over}.",
-        _run(run),
+        f"{n} {noun}{over}{split if inferred else ''}.",
+        changed,
+        _run(run, " simulated row" if inferred else ""),
         f"Integration: {_METHODS.get(manifest['method'], 'the method')} ({manifest['method']}), "
         + "".join(f"{part}, " for part in [*tolerances, *([f"steps of at most {steps}"] if steps else [])])
         + f"in {manifest.get('precision', 'float64')}.",
@@ -131,8 +169,8 @@ def _methods(model: str, job: Mapping[str, Any], manifest: Mapping[str, Any]) ->
     return f"Methods: {' '.join(part for part in sentences if part)}"
 
 
-def _run(run: Mapping[str, Any]) -> str:
-    """Describe the run of each row, with the numbers of its fields; empty for sets without a run."""
+def _run(run: Mapping[str, Any], row: str) -> str:
+    """Describe the run of each `row`, with the numbers of its fields; empty for sets without a run."""
     kind = RUN_KINDS.get(str(run.get("kind")))
     if kind is None:
         return ""
@@ -141,4 +179,4 @@ def _run(run: Mapping[str, Any]) -> str:
         f"{key} {value:g}" for key, value in run.items() if type(value) in (int, float) and key not in idle
     ]
     name, _, what = str(kind.model_fields["kind"].description or run["kind"]).partition(": ")
-    return f"Run of each: {what} ({', '.join([name, *limits])})."
+    return f"Run of each{row}: {what} ({', '.join([name, *limits])})."

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.design.vary import written_groups, written_length, written_names
 from gaitsweep.errors import UserError
+from gaitsweep.kinds import RUN_KINDS
 
 if TYPE_CHECKING:
     import xarray  # pyright: ignore[reportMissingImports]
@@ -48,12 +48,13 @@ def dataset_of(table: pd.DataFrame) -> xarray.Dataset:
             "to_xarray needs the package xarray: install it with pip install 'gaitsweep[xarray]'."
         ) from None
     job, manifest = table.attrs["job"], table.attrs["manifest"]
-    axes = _axes(job.get("vary", {}))
+    axes = _axes(manifest)
     lengths = {dimension: length for dimension, _, length in axes}
     row = table["row"].to_numpy(np.int64)
     record = table.groupby("row").cumcount().to_numpy()
     records = int(record.max(initial=0)) + 1
-    several = records > 1 or job["run"]["kind"] not in ("settle", "fixed_time")
+    kind = RUN_KINDS.get(job["run"]["kind"])
+    several = records > 1 or kind is None or not kind.one_a_row
     shape = (*lengths.values(), *((records,) if several else ()))
     dimensions = (*lengths, *((RECORD,) if several else ()))
     place = row * records + record if several else row
@@ -61,11 +62,11 @@ def dataset_of(table: pd.DataFrame) -> xarray.Dataset:
 
     def variable(name: str) -> tuple[tuple[str, ...], np.ndarray, dict[str, Any]]:
         values, attributes = _numbers(table[name])
-        known = quantities.get(name, {})
+        quantity = quantities.get(name, {})
         for key, field in (("units", "unit"), ("long_name", "meaning")):
-            if known.get(field):
-                attributes[key] = known[field]
-        return dimensions, _spread(values, place, shape, "flag_values" in attributes), attributes
+            if quantity.get(field):
+                attributes[key] = quantity[field]
+        return dimensions, _on_grid(values, place, shape, "flag_values" in attributes), attributes
 
     names = [str(name) for name in table.columns if name != "row"]
     variables = {name: variable(name) for name in names}
@@ -87,11 +88,10 @@ def dataset_of(table: pd.DataFrame) -> xarray.Dataset:
     return xarray.Dataset(variables, coordinates, about)
 
 
-def _axes(vary: Mapping[str, Any]) -> list[tuple[str, tuple[str, ...], int]]:
-    """Return dimension, names that vary along it, and length of each axis of a resolved job."""
-    lengths = (written_length(form, group) for form, group in written_groups(vary))
-    groups = zip(written_names(vary), lengths, strict=True)
+def _axes(manifest: Mapping[str, Any]) -> list[tuple[str, list[str], int]]:
+    """Return dimension, names that vary along it, and length of each axis of a table."""
     points = itertools.chain([POINT], (f"{POINT}_{number}" for number in itertools.count(2)))
+    groups = [(axis["names"], axis["length"]) for axis in manifest["axes"]]
     return [(names[0] if len(names) == 1 else next(points), names, length) for names, length in groups]
 
 
@@ -107,7 +107,7 @@ def _numbers(column: Any) -> tuple[np.ndarray, dict[str, Any]]:
     return codes, {"flag_values": flags, "flag_meanings": " ".join(meanings)}
 
 
-def _spread(values: np.ndarray, place: np.ndarray, shape: tuple[int, ...], flags: bool) -> np.ndarray:
+def _on_grid(values: np.ndarray, place: np.ndarray, shape: tuple[int, ...], flags: bool) -> np.ndarray:
     """Place values (n,) on the grid; NaN, or -1 for flags, elsewhere."""
     size = int(np.prod(shape))
     if not flags and values.size < size:
@@ -119,9 +119,8 @@ def _spread(values: np.ndarray, place: np.ndarray, shape: tuple[int, ...], flags
 
 def _along(values: np.ndarray, axis: int) -> np.ndarray | None:
     """Return values (n,) along one axis if they are equal along all others; NaN stands for no record."""
-    moved = np.moveaxis(values, axis, 0).reshape(values.shape[axis], -1)
-    low, high = (
-        reduce(moved, axis=1, initial=end, where=~np.isnan(moved))
-        for reduce, end in ((np.min, np.inf), (np.max, -np.inf))
-    )
+    by_point = np.moveaxis(values, axis, 0).reshape(values.shape[axis], -1)
+    known = ~np.isnan(by_point)
+    low = np.min(by_point, axis=1, initial=np.inf, where=known)
+    high = np.max(by_point, axis=1, initial=-np.inf, where=known)
     return low if np.array_equal(low, high) else None

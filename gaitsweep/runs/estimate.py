@@ -7,8 +7,6 @@ import math
 import resource
 import sys
 import time
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -17,36 +15,31 @@ from gaitsweep.design import Design
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 from gaitsweep.engine.sweep.engines import polls_per_chunk
 from gaitsweep.engine.sweep.labels import labelled
-from gaitsweep.engine.sweep.lane import ChunkOutput
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.job import Job
-from gaitsweep.kinds.fixed_points import FollowsFixedPoints
-from gaitsweep.kinds.run_kind import MakesTables, refinement, table_columns
+from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.runs.prepare import RunContext, nominal_period, prepare
 from gaitsweep.table.parts import part_bytes
 
 # Located events add some attempts to the steps of a cycle; the chain's 33 events a cycle add 2 %.
 EVENTS_SHARE = 1.05
-# Of a grid that refines, the share of rows that are simulated; the chain's slices of 99 x 99 need 0.15.
+# Share of the rows of a refined grid that are simulated; the chain's slices of 99 x 99 need 0.15.
 REFINED_SHARE = 0.2
-# The time in which all programs of a return map are compiled, as a multiple of that of its settling.
-PROGRAMS = 4.0
 BYTES_A_NUMBER = 8
-# A part of a table has this much beside its records, and this much more for each column; an entry of a column
-# that repeats itself (what varies on a grid, a status, a time that all rows share) takes this.
+# Bytes of a part without its records, of each of its columns, and of an entry of a column that repeats itself
+# (an axis of a grid, a status, a time that all rows share).
 BYTES_A_PART, BYTES_A_COLUMN, BYTES_A_REPEAT = 900, 280, 0.3
 
 
 @dataclasses.dataclass(frozen=True)
 class Estimate:
-    """Estimate of a job: `seconds` is the likely time, `seconds_most` that of rows at their limits.
+    """Estimate of a job.
 
-    `seconds_longer` and `records_longer` are those of rows whose branches fold, else the likely ones.
-
-    `simulated`: the rows that are likely run; fewer than `rows` where a run refines. `records`: those of the
-    table, several for a row where a run records its way; `disk_bytes` are the table's. `steps` are those that
-    the rows likely take in all; `compile_s`, part of the times, does not grow with the rows.
+    `simulated` is the number of rows that are likely run, fewer than `rows` if the run refines. `records` and
+    `disk_bytes` are those of the table, `steps` the attempts of all rows. `seconds` is the likely time, and
+    `seconds_most` the time if all rows run to their limits; both include `compile_s`. `records_longer` and
+    `seconds_longer` are those of rows whose branches fold; for other kinds, the likely ones.
     """
 
     rows: int
@@ -75,12 +68,13 @@ def estimate(job: Job) -> Estimate:
     context = prepare(job)
     spec = context.spec
     pace = _measured(context)
-    if isinstance(job.run, FollowsFixedPoints):  # the directions of derivatives fill its lanes
-        pace = dataclasses.replace(pace, at_a_time=1, compile_s=_compiling_of_map(job.run, context))
+    if job.run.makes_tables:  # the directions of derivatives fill its lanes
+        compile_s = job.run.compile_time(context.design, spec)
+        pace = dataclasses.replace(pace, at_a_time=1, compile_s=compile_s)
     cost = job.run.cost(context.design, pace.attempts / pace.crossings, 1.0 / pace.crossings)
     slots = pace.at_a_time
     # the last rows of a sweep leave lanes idle, so a sweep takes a whole number of its rows' rounds at least
-    share = 1.0 if refinement(job.run, context.design) is None else REFINED_SHARE
+    share = 1.0 if job.run.refined(context.design) is None else REFINED_SHARE
     simulated = math.ceil(share * spec.n_rows)
     rounds, rounds_most = (max(rows / slots, 1.0) for rows in (simulated, spec.n_rows))
     columns = table_columns(context.design, job.run)
@@ -110,14 +104,6 @@ def estimate(job: Job) -> Estimate:
     )
 
 
-def _compiling_of_map(run: FollowsFixedPoints, context: RunContext) -> float:
-    """Estimate the time (s) in which the programs of a return map are compiled, from one of them."""
-    began = time.perf_counter()
-    mapping, values, starts = run.return_map(context.design, context.spec, np.zeros(1, np.int64))
-    mapping.settled(starts, values, 1)
-    return PROGRAMS * (time.perf_counter() - began)
-
-
 def _bytes_of_record(design: Design, job: Job) -> float:
     """Return the bytes of a record in a table: eight for each number that differs between records."""
     columns = job.run.all_columns(design.model)
@@ -134,10 +120,11 @@ def _bytes_of_record(design: Design, job: Job) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class Measured:
-    """Measurements on the first rows: attempts a second of all lanes, attempts and crossings of a row.
+    """Measurements on the first rows.
 
-    `rate` is the first, `attempts` and `crossings` the others; `compile_s` was spent before. `at_a_time`:
-    rows that run at a time; `host_s`: the host's work for a row, s.
+    `at_a_time` is the number of rows that run at a time, `host_s` the host's work for a row (s), `rate` the
+    attempts of all lanes in a second, `compile_s` the time of compilation (s), `attempts` and `crossings` the
+    numbers of a row in a second of simulated time.
     """
 
     at_a_time: int
@@ -151,8 +138,8 @@ class Measured:
         """Return the time (s) that rows take, with a number of attempts each."""
         steps, host = rows * attempts / self.rate, min(rows, spec.n_rows) * self.host_s
         # on a CPU the host's work takes cores from the rows
-        cores = spec.devices[0].platform == "cpu"
-        return steps + host / len(spec.devices) if cores else max(steps, host)
+        shares_cores = spec.devices[0].platform == "cpu"
+        return steps + host / len(spec.devices) if shares_cores else max(steps, host)
 
 
 def _measured(context: RunContext) -> Measured:
@@ -163,7 +150,7 @@ def _measured(context: RunContext) -> Measured:
     pool.begin()
     compile_s = time.perf_counter() - began
     began = time.perf_counter()
-    outputs = pool.together(polls_per_chunk(spec))
+    outputs = pool.advance_all(polls_per_chunk(spec))
     spent = time.perf_counter() - began
     at_a_time = sum(group.at_a_time for group in pool.groups)
     rate = at_a_time * POLL_INTERVAL * polls_per_chunk(spec) / spent
@@ -171,22 +158,18 @@ def _measured(context: RunContext) -> Measured:
     pool.end()
     ran = sum(int(np.count_nonzero(group.block_of >= 0)) for group, _ in outputs)
 
-    def total(of: Callable[[ChunkOutput], Any]) -> float:
-        return float(sum(np.sum(of(output)[group.block_of >= 0]) for group, output in outputs))
+    def total(number: str) -> float:
+        return float(sum(np.sum(output.numbers[number][group.block_of >= 0]) for group, output in outputs))
 
-    simulated, crossings = (
-        total(lambda output: output.numbers["t_end"]),
-        total(lambda output: output.numbers["cycles"]),
-    )
+    simulated, crossings = total("t_end"), total("cycles")
     nominal = 1.0 / nominal_period(context.design)
     if crossings < 2.0 * ran:  # too few for a mean
         crossings = nominal * simulated
-    if not simulated > 0.0:
-        return Measured(
-            at_a_time, host_s, rate, compile_s, EVENTS_SHARE / float(np.min(context.steps.dt)), nominal
-        )
-    attempts = total(lambda output: output.numbers["attempts"]) / simulated
-    return Measured(at_a_time, host_s, rate, compile_s, attempts, crossings / simulated)
+    if simulated > 0.0:
+        attempts, crossings = total("attempts") / simulated, crossings / simulated
+    else:
+        attempts, crossings = EVENTS_SHARE / float(np.min(context.steps.dt)), nominal
+    return Measured(at_a_time, host_s, rate, compile_s, attempts, crossings)
 
 
 def _host_s(context: RunContext, pool: LaneScheduler) -> float:
@@ -194,7 +177,7 @@ def _host_s(context: RunContext, pool: LaneScheduler) -> float:
 
     It is 0 for a kind that makes its own table, where this work is part of the steps.
     """
-    if isinstance(context.job.run, MakesTables):
+    if context.job.run.makes_tables:
         return 0.0
     group, block = pool.groups[0], next(iter(pool.open.values()))
     block.ends.status[:] = Status.settled

@@ -7,20 +7,20 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import tempfile
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
+from gaitsweep.engine.content import held_contents
 from gaitsweep.engine.sweep.sweep import Timings
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
 from gaitsweep.job.checks import remarks_on_rows
-from gaitsweep.kinds.run_kind import refinement
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.executor import Executor, ThisProcess
 from gaitsweep.runs.prepare import RunContext, naming_the_file, prepare
@@ -28,7 +28,7 @@ from gaitsweep.runs.progress import Progress, so_far
 from gaitsweep.runs.provenance import continue_directory
 from gaitsweep.runs.refinement import Refinement
 from gaitsweep.runs.self_check import (
-    Again,
+    RerunRows,
     SelfCheck,
     SelfCheckError,
     compare_stored,
@@ -38,6 +38,7 @@ from gaitsweep.runs.self_check import (
 from gaitsweep.runs.sentences import advice, self_check_sentence
 from gaitsweep.runs.summary import describe, sum_up, summed_up, tallied_column
 from gaitsweep.table import ResultDirectory, TableError, load
+from gaitsweep.table.files import temporary_folder
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
 RESULTS = Path("results")
 
 
+@held_contents()
 def run_job(
     job: Job,
     out: str | Path | None = None,
@@ -55,7 +57,7 @@ def run_job(
     strict: bool = False,
     cluster: Cluster | None = None,
 ) -> Path:
-    """Run what a job's directory still lacks, then draw its figures.
+    """Run the rows that a job's directory lacks, then draw its figures.
 
     Args:
         job: the job.
@@ -70,9 +72,8 @@ def run_job(
         The result directory.
 
     Raises:
-        RunError, TableError: the run cannot continue; rows on disk are safe, and the next run continues.
-        KeyboardInterrupt: likewise.
-        FigureError: the table is complete, but a figure of it could not be drawn.
+        RunError, TableError, KeyboardInterrupt: the run ends; rows on disk are safe, and the next run
+        continues. FigureError: the table is complete, but a figure of it could not be drawn.
     """
     path = RESULTS / job.name if out is None else Path(out)
     on_progress = on_progress or (lambda *_, **__: None)
@@ -128,7 +129,7 @@ def table_in_memory(
     Raises:
         RunError, TableError: as `run_job`.
     """
-    with tempfile.TemporaryDirectory(prefix="gaitsweep_") as folder:
+    with temporary_folder() as folder:
         table = load(
             run_job(
                 job, folder, on_progress=on_progress, on_message=on_message, figures=False, cluster=cluster
@@ -144,7 +145,7 @@ def _rows_leave_the_host_idle(context: RunContext) -> bool:
 
 
 class _SelfCheck:
-    """The self-check of a run: after the rows, or beside them in a thread once `begin` was called.
+    """The self-check of a run: after its rows, or at the same time in a thread once `begin` was called.
 
     Its exceptions are raised by `result`. Its rows have their own lanes; the table is read at the end.
     """
@@ -153,7 +154,7 @@ class _SelfCheck:
         self._context, self._directory = context, directory
         self._asked = rows_to_repeat(context)
         self._thread = ThreadPoolExecutor(1)
-        self._begun: Future[tuple[SelfCheck | None, Again | None]] | None = None
+        self._begun: Future[tuple[SelfCheck | None, RerunRows | None]] | None = None
         self._abandoned = threading.Event()
 
     def __enter__(self) -> _SelfCheck:
@@ -166,12 +167,12 @@ class _SelfCheck:
     def begin(self) -> None:
         """Begin the self-check now, in a thread."""
 
-        def go_on(_: SweepProgress) -> None:
+        def stop_if_abandoned(_: SweepProgress) -> None:
             if self._abandoned.is_set():  # the rows have been stopped, and nobody reads its result
                 raise InterruptedError
 
         if self._known is None:
-            self._begun = self._thread.submit(self_check, self._context, self._asked, go_on)
+            self._begun = self._thread.submit(self_check, self._context, self._asked, stop_if_abandoned)
 
     def result(self, on_progress: Progress) -> dict[str, Any]:
         """Return the result for a complete table: the stored one, or that of a new self-check."""
@@ -183,18 +184,22 @@ class _SelfCheck:
             on_progress(total, total, 0.0, 1.0, f"self-check: {now.done} of {now.rows} rows")
 
         if self._begun is None:
-            check, again = self_check(self._context, self._asked, on_sweep_progress)
+            check, rerun = self_check(self._context, self._asked, on_sweep_progress)
         else:
             while not self._begun.done():
                 on_progress(total, total, 0.0, 1.0, "self-check")  # where Ctrl-C is obeyed
                 wait([self._begun], timeout=0.1)
-            check, again = self._begun.result()
-        if check is not None and again is not None:
-            path = self._directory.path
-            compare_stored(self._context, check, again, lambda rows: load(path, rows=rows), on_sweep_progress)
+            check, rerun = self._begun.result()
+        if check is not None and rerun is not None:
+            compare_stored(self._context, check, rerun, self._stored, on_sweep_progress)
         judged = {"rows": 0, "verdict": "off"} if check is None else check.judged()
         self._directory.update_manifest(self_check=judged)
         return judged
+
+    def _stored(self, rows: np.ndarray) -> pd.DataFrame:
+        table = load(self._directory.path, rows=rows)
+        table.attrs.clear()  # pandas copies them with each column
+        return table
 
     @property
     def _known(self) -> dict[str, Any] | None:
@@ -229,7 +234,7 @@ def _run_missing(
     on_wait()
     try:
         with executor.serve(context, directory, on_wait):
-            if (grid := refinement(context.job.run, context.design)) is not None:
+            if (grid := context.job.run.refined(context.design)) is not None:
                 Refinement(context, grid, directory, executor).run(on_progress, timings)
             else:
                 stored = _Open(directory, spent_so_far)

@@ -12,7 +12,6 @@ import pandas as pd
 
 from gaitsweep.engine.sweep.sweep import OpenRows, Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
-from gaitsweep.kinds.run_kind import MakesTables
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.table import ResultDirectory
 
@@ -44,7 +43,7 @@ def compute_blocks(
     """
     spec, kind = context.spec, context.job.run
     timings = Timings() if timings is None else timings
-    if not isinstance(kind, MakesTables):
+    if not kind.makes_tables:
         sweep(
             spec,
             blocks,

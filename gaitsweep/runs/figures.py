@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import json
 import math
@@ -12,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from gaitsweep import plot
 from gaitsweep.errors import EXIT_FAILURE, UserError
 from gaitsweep.job import JobError, read_figures
-from gaitsweep.plot import draw
-from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle, read_style, styled
+from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle, StyleError, read_style
 from gaitsweep.runs.progress import Progress
 from gaitsweep.schema.yaml_document import read_document
 from gaitsweep.table import (
@@ -72,8 +73,8 @@ def _draw_missing_figures(directory: ResultDirectory, job: Mapping[str, Any], on
     """Draw the figures that a complete directory lacks; existing ones were drawn from the same rows."""
     drawn = directory.manifest.get("figures_drawn", {})
     specs, style = read_figures(job, str(directory.path / JOB))
-    asked = style.model_dump(mode="json", exclude_none=True)
-    by_name = {name: asked | spec for spec in specs for name in _file_names(spec, style)}
+    style_fields = style.model_dump(mode="json", exclude_none=True)
+    by_name = {name: style_fields | spec for spec in specs for name in _file_names(spec, style)}
     wanted = {
         name
         for name, spec in by_name.items()
@@ -132,6 +133,7 @@ def draw_figures(
 
     Raises:
         TableError: there is no table yet, or `job.yaml` asks for an unknown figure.
+        StyleError: the style has colours of gaits, and no figure shows gaits by colour.
         WriteError: a figure cannot be written; the old file is kept.
         FigureError: the table lacks data for some figures; the others are drawn.
     """
@@ -139,32 +141,37 @@ def draw_figures(
     snapshot, table = load_with_snapshot(path, rows=None if shown is None else shown.rows)
     if shown is not None:
         table.attrs["thinned"] = shown.remark
-    specs, below = _figures_of(snapshot)
+    specs, job_style = _figures_of(snapshot)
     if not specs:
         return []
+    kinds = [spec["kind"] for spec in specs]
+    if style is not None and style.colours and not any(plot.FIGURES[kind].colours_gaits for kind in kinds):
+        raise StyleError(f"colours has no effect: no figure of {path} colours gaits ({', '.join(kinds)}).")
     folder = Path(path) / FIGURES
     with writing(f"{folder} cannot be made"):
         own_folder(folder)
     files, refused = [], []
     for number, spec in enumerate(specs):
-        own = read_style(**{key: spec.pop(key) for key in STYLE_FIELDS if key in spec})
-        asked = (style or FigureStyle()).over(own).over(below)
-        wanted = [folder / name for name in _file_names(spec, asked) if names is None or name in names]
+        own_style = read_style(**{key: spec.pop(key) for key in STYLE_FIELDS if key in spec})
+        whole_style = (style or FigureStyle()).over(own_style).over(job_style)
+        wanted = [folder / name for name in _file_names(spec, whole_style) if names is None or name in names]
         if not wanted:
             continue
         if on_progress is not None:
             on_progress(len(files) + 1)
         fields = {key: value for key, value in spec.items() if key not in ("kind", "name")}
+        if not plot.FIGURES[spec["kind"]].colours_gaits:  # they are for other figures of the job
+            whole_style = whole_style.model_copy(update={"colours": own_style.colours})
+        fields |= {key: value for key, value in whole_style if value is not None}
         try:
-            with styled(asked):
-                figure = draw(spec["kind"], table, **fields)
+            figure = plot.draw(spec["kind"], table, **fields)
         except UserError as error:
             refused.append(f"figures[{number}] ({spec['kind']}): {error}")
             continue
         for file in wanted:
-            look = {"format": file.suffix[1:], "dpi": asked.dpi or 150}
+            save = functools.partial(figure.savefig, format=file.suffix[1:], dpi=whole_style.dpi or 150)
             with writing(f"{file} could not be written"):
-                replace_file(file, lambda stream, look=look, figure=figure: figure.savefig(stream, **look))
+                replace_file(file, save)
             files.append(file)
     if refused:
         raise FigureError("\n".join(refused), files)
@@ -172,10 +179,11 @@ def draw_figures(
 
 
 def _figures_of(snapshot: Snapshot) -> tuple[list[dict[str, Any]], FigureStyle]:
+    """The figures of a directory and their style, from `job.yaml` if it was edited."""
     file = snapshot.path / JOB
     try:
         asked: Mapping[str, Any] = snapshot.job
-        if snapshot.job_edited or "job" not in snapshot.manifest:
+        if snapshot.written is not snapshot.job or "job" not in snapshot.manifest:
             asked = read_document(file).data if file.exists() else {}
         return read_figures(asked, str(file))
     except JobError as error:
@@ -228,5 +236,6 @@ def _shown(axis: Mapping[str, Any], step: int) -> int:
 
 
 def _ordinal(number: int) -> str:
+    """An ordinal number: 3rd, 11th, 21st."""
     ending = "th" if number % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
     return f"{number}{ending}"

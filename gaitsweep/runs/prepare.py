@@ -15,8 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from gaitsweep.contract import Model
+from gaitsweep.contract import Model, Params
 from gaitsweep.design import Design
+from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
@@ -28,9 +29,9 @@ from gaitsweep.expression import functions_of, resolve
 from gaitsweep.job import Job
 from gaitsweep.job.step_lengths import RowSteps, refuse_long_steps, row_steps
 from gaitsweep.kinds.columns import quantities_of
-from gaitsweep.kinds.run_kind import RunKind, Schedule, Scheduled
-from gaitsweep.models.own_modules import modules_beside
+from gaitsweep.kinds.run_kind import RunKind, Schedule
 from gaitsweep.models.traced_program import traced_program
+from gaitsweep.own_modules import modules_beside
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.table import WriteError, reason
 from gaitsweep.table.manifest import Layout
@@ -109,7 +110,7 @@ def prepare(job: Job) -> RunContext:
     rows = job.design
     numerics = job.integration
     recorder, moved = job.run.recorder(rows.model), job.run.moved
-    schedule = job.run.schedule() if isinstance(job.run, Scheduled) else None
+    schedule = job.run.schedule()
     drive = None if schedule is None or moved is None else Drive(rows, moved, schedule)
     try:
         engine, note = choose(job.engine.name, devices[0], rows.model, recorder, numerics, drive)
@@ -166,9 +167,15 @@ def nominal_period(design: Design) -> float:
     """Return the nominal period (s) of the first sampled row that has one; NaN if none has."""
     values, _ = design.values_in(np.unique(np.linspace(0, design.n_rows - 1, _LOOKED_AT).astype(np.int64)))
     model = design.model
-    seconds = over_rows(lambda row_values: model.period(model.params(row_values)))(model.on_host(values))
+    seconds = _period(model)(model.on_host(values))
     sound = seconds[(seconds > 0.0) & (seconds < np.inf)]
     return float(sound[0]) if sound.size else math.nan
+
+
+@cached_by_content(maxsize=16)
+def _period(model: Model) -> Callable[..., np.ndarray]:
+    """`values -> period` of rows."""
+    return over_rows(lambda values: model.period(model.params(values)), "period", model)
 
 
 class Drive:
@@ -182,7 +189,7 @@ class Drive:
         self._following = rows.following(moved)
         self.times = schedule.times
 
-    def __call__(self, values: Any, t: jax.Array) -> Any:
+    def __call__(self, values: Mapping[str, jax.Array], t: jax.Array) -> Params:
         moved = {**values, self._moved: self._schedule.at(t)}
         return self._rows.model.params(resolve(self._following, moved, functions_of(jnp)))
 

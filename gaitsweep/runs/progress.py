@@ -9,8 +9,6 @@ from typing import Protocol, TextIO
 
 INTERVAL = 30.0  # s between two lines
 _ENOUGH = 0.01  # share done before a time left is printed: from the first few steps it would be a guess
-
-
 _NAMES = 5  # of gaits in a remark
 
 
@@ -23,9 +21,14 @@ def so_far(counts: Mapping[str, int]) -> str:
 
 
 def percent(done: int, total: int, fraction: float) -> str:
-    """Format the share done: "43 %", or "50 % of the work" where it differs from that of ended rows."""
-    shown = f"{100 * fraction:.0f} %"
-    return shown if shown == f"{100 * done / max(total, 1):.0f} %" else f"{shown} of the work"
+    """Format the share done: "43 %", or "50 % of the work" where it differs from that of ended rows.
+
+    Nothing is 100 % before its end.
+    """
+    shown, rows = (
+        100 if part >= 1 else min(round(100 * part), 99) for part in (fraction, done / max(total, 1))
+    )
+    return f"{shown} %" if shown == rows else f"{shown} % of the work"
 
 
 class Progress(Protocol):

@@ -9,6 +9,7 @@ import functools
 import importlib.metadata
 import os
 import platform
+import re
 import subprocess
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -42,9 +43,12 @@ def versions() -> dict[str, str]:
 def version_of(package: str) -> str:
     """Return the version of an installed package."""
     try:
-        return importlib.metadata.version(package)
+        described = importlib.metadata.distribution(package).read_text("METADATA") or ""
     except importlib.metadata.PackageNotFoundError:
         return NOT_INSTALLED
+    # `importlib.metadata.version` reads the whole description of a package as an email
+    found = re.search(r"^Version: *(.+)$", described, re.MULTILINE)
+    return importlib.metadata.version(package) if found is None else found[1].strip()
 
 
 class Paper(TypedDict):
@@ -197,5 +201,6 @@ def _ranges(numbers: Iterable[int]) -> list[list[int]]:
 
 
 def _numbers(ranges: Iterable[Iterable[int]]) -> Iterable[int]:
+    """The numbers in pairs of the first and the last."""
     for first, last in ranges:
         yield from range(first, last + 1)

@@ -28,6 +28,7 @@ from gaitsweep.table import ResultDirectory, load
 from gaitsweep.table.manifest import Layout
 
 FOLDER = "refinement"
+_MOST_SHARE = 0.99  # of the work, shown before the end: another round may follow
 
 
 def some_rows(context: RunContext, n_rows: int, rows_in: Callable[[int, int], np.ndarray]) -> RunContext:
@@ -57,7 +58,7 @@ class Refinement:
         """Run the rounds that the directory still lacks, and write the parts of its table.
 
         Args:
-            on_progress: progress callback, in decided rows and ended ones of the current round.
+            on_progress: progress callback, in simulated rows.
             timings: added to as rounds go.
 
         Raises:
@@ -66,23 +67,29 @@ class Refinement:
         known = np.full(self.grid.lengths, UNKNOWN, np.int32)
         frames: list[pd.DataFrame] = []
         gaits: collections.Counter[str] = collections.Counter()  # of simulated rows
-        decided = 0.0  # share of all rows, before the round
+        simulated, reached = 0, 0.0  # rows of earlier rounds, and the largest share reported
+        halvings = sum(1 for _ in self.grid.levels())
 
         def on_sweep_progress(now: SweepProgress) -> None:
-            share = min(decided + now.share * now.rows / known.size, 1.0)
-            done = min(int(decided * known.size) + now.done, known.size)
-            note = f"round {len(frames) + 1}: {now.rows} rows{so_far(dict(gaits.most_common()))}"
-            on_progress(done, known.size, now.rate, share, note)
+            nonlocal reached
+            done = simulated + now.share * now.rows
+            rounds_left = max(halvings - len(frames), 0)  # each taken to be as long as this one
+            share = done / (simulated + (1 + rounds_left) * now.rows)
+            reached = max(reached, min(share, _MOST_SHARE))
+            place = "between unlike neighbours" if frames else "of a coarse grid"
+            note = f"round {len(frames) + 1} simulates {now.rows} rows {place}"
+            note += so_far(dict(gaits.most_common()))
+            on_progress(simulated + now.done, known.size, now.rate, reached, note)
 
         while (rows := np.flatnonzero(wanted(known, self.grid))).size:
             frame = self._round(len(frames), rows, on_sweep_progress, timings)
             known.reshape(-1)[rows] = _labels(frame, self.context.model.gaits)
             frames.append(frame)
             gaits.update(str(gait) for gait in frame["gait"].dropna())
-            decided = max(decided, float(np.mean(inferred(known, self.grid) != UNKNOWN)))
-            simulated = sum(len(frame) for frame in frames)
+            simulated += rows.size
             self.directory.update_manifest(refinement={"rounds": len(frames), "simulated": simulated})
         self._write_parts(pd.concat(frames).sort_values("row"), inferred(known, self.grid).reshape(-1))
+        on_progress(known.size, known.size, 0.0, 1.0, f"{known.size - simulated} rows are inferred")
 
     def _round(
         self,

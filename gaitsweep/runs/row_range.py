@@ -16,7 +16,6 @@ import pandas as pd
 
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
-from gaitsweep.kinds.run_kind import refinement
 from gaitsweep.runs.execute import RESULTS, run_job
 from gaitsweep.runs.executor import compute_blocks
 from gaitsweep.runs.prepare import RunContext, RunError, naming_the_file, prepare
@@ -60,13 +59,13 @@ def run_rows(
     """
     path = RESULTS / job.name if out is None else Path(out)
     context = prepare(job)
-    if refinement(job.run, context.design) is not None:
+    if job.run.refined(context.design) is not None:
         raise RunError(
             "run.refine is boundary, so which rows are simulated follows from others: use --cluster."
         )
     blocks = blocks_of(rows, context.layout)
     with naming_the_file():
-        _make(path, context, on_message)
+        _create(path, context, on_message)
         writer = PartWriter(path, context.layout)
         missing = writer.missing(blocks)
         if missing:
@@ -111,10 +110,10 @@ def blocks_of(rows: str, layout: Layout) -> Sequence[int]:
     return range(first // block, -(-min(stop, n_rows) // block))
 
 
-def _make(path: Path, context: RunContext, on_message: Callable[[str], None]) -> None:
+def _create(path: Path, context: RunContext, on_message: Callable[[str], None]) -> None:
     """Create the directory, unless another process has created it for the same job."""
 
-    def made() -> None:
+    def create() -> None:
         if (path / MANIFEST).exists():
             if manifest := claim(path, context.layout):
                 for warning in check_program(context, path, manifest):
@@ -130,7 +129,7 @@ def _make(path: Path, context: RunContext, on_message: Callable[[str], None]) ->
             continue_directory(context, directory, on_message)
             describe(context, directory)
 
-    _patiently(made)
+    _patiently(create)
 
 
 def _patiently(take: Callable[[], T]) -> T:
@@ -146,6 +145,7 @@ def _patiently(take: Callable[[], T]) -> T:
 
 
 def _run_missing(context: RunContext, writer: PartWriter, missing: list[int], on_progress: Progress) -> None:
+    """Compute the missing blocks, each of which this process locks."""
     total = context.spec.n_rows
     with BlockLocks(writer.path) as locks:
         for number in missing:

@@ -19,9 +19,11 @@ import pandas as pd
 
 from gaitsweep.contract import Model, Quantity, Status
 from gaitsweep.design import Design
+from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.numerics import STEP_FACTOR, tolerance_scale
 from gaitsweep.engine.poincare.maps import wrap_difference
+from gaitsweep.engine.poincare.return_map import REFINED
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder, end_values
 from gaitsweep.engine.recorders.recorder import Recorder
@@ -33,7 +35,7 @@ from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.errors import UserError
 from gaitsweep.kinds.columns import gaits
-from gaitsweep.kinds.fixed_points import FollowsFixedPoints, StartingPoints
+from gaitsweep.kinds.run_kind import RunKind, StartingPoints
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.prepare import RunContext, nominal_period
 from gaitsweep.runs.sentences import HALF_THE_STEP
@@ -47,13 +49,14 @@ MOST_WORK, LEAST_ROWS = 0.1, 4
 CROSSINGS = 10
 # A run that records its crossings is compared as it is, if it has no more than these.
 MOST_CROSSINGS = 100
-# By how much starts are moved (in their unit, or as a share where they are larger than 1).
+# The distance by which starts are moved (in their unit, or as a share where they are larger than 1).
 MOVED = 1e-9
 # The tolerance of kinds that have none, as a share of an observable's size (rad for angles).
 TOLERANCE = 1e-3
 # The least size of an observable, as a share of its magnitude.
 LEAST_SIZE = 1e-2
-# A difference that starts moved by MOVED would explain if each had been off by less than this; by rounding.
+# Errors of a start that explain a difference, of its steps and of rounding: their effect is extrapolated from
+# that of MOVED.
 LOCAL_ERROR, ROUNDING_ERROR = 1e-6, 1e-12
 # Numbers of stored rows may differ by this share of their size from those of the same rows run again.
 ROUNDING = 1e-6
@@ -67,14 +70,17 @@ class SelfCheckError(UserError):
 
 @dataclasses.dataclass
 class SelfCheck:
-    """Result of a self-check.
+    """Result of a self-check of `rows` rows, of `of` rows of the job.
 
-    `rows` repeated, of `of`; `stored_differs`: those whose stored records are not what they give again. With
-    finer steps, how many came to another status (`status_differs`), gait (`gait_differs`) or count of
-    crossings or of a whole-numbered observable (`count_differs`), and how many `moved` by more than is
-    allowed, in an observable or the time of a crossing; those aside that are `sensitive`. `largest` change
-    of each observable, of settled rows where they ended and of others over their first crossings, and the
-    `worst` of them by its size; `finer`: what was made finer. `verdict`: passed, warned, or off.
+    `stored_differs` counts rows that do not reproduce their stored records with the same steps.
+    `status_differs`, `gait_differs` and `count_differs` count rows that end with another status, gait, or
+    number of crossings or whole-numbered observable with finer steps. `moved` counts rows of which an
+    observable or the time of a crossing changes by more than is allowed. None of these count rows that are
+    `sensitive`.
+
+    `largest` is the largest change of each observable: of settled rows at their end, of others over their
+    first crossings. `worst` is the observable with the largest change relative to its size. `finer` describes
+    the finer steps. `verdict` is passed, warned or off.
     """
 
     rows: int
@@ -89,12 +95,13 @@ class SelfCheck:
     worst: dict[str, str] = dataclasses.field(default_factory=dict)
     finer: str = HALF_THE_STEP
     verdict: str = "passed"
-    _share: float = -1.0
+    _worst_share: float = -1.0
 
-    def take_largest(self, quantities: tuple[Quantity, ...], change: np.ndarray, size: np.ndarray) -> None:
+    def record_changes(self, quantities: tuple[Quantity, ...], change: np.ndarray, size: np.ndarray) -> None:
         """Update the largest changes from changes (n, quantities), where known; `size` has the same shape."""
         size = np.broadcast_to(size, change.shape)
-        # an unchanged value has the share 0 also where the size is 0, as of crossings at one instant
+        # an unchanged value has the share 0 even if its size is 0, as the interval of crossings at one
+        # instant
         share = np.divide(change, size, out=np.where(change > 0.0, np.inf, 0.0), where=size > 0.0)
         share[np.isnan(size)] = 0.0
         for i, quantity in enumerate(quantities):
@@ -103,19 +110,20 @@ class SelfCheck:
             if known.any():
                 most = float(column[known].max())
                 self.largest[quantity.name] = max(most, self.largest.get(quantity.name, 0.0))
-                if (largest := float(share[known, i].max())) > self._share:
-                    self._share = largest
+                if (largest := float(share[known, i].max())) > self._worst_share:
+                    self._worst_share = largest
                     self.worst = {"name": quantity.name, "unit": quantity.unit}
 
     def judged(self) -> dict[str, Any]:
-        """Return its fields, with its verdict."""
-        fields = {name: value for name, value in dataclasses.asdict(self).items() if name != "_share"}
+        """Return the fields for the manifest, with the verdict."""
+        fields = dataclasses.asdict(self)
+        del fields["_worst_share"]
         return fields | {"verdict": "warned" if any(map(fields.get, DIFFERENCES)) else "passed"}
 
 
 @dataclasses.dataclass(frozen=True)
-class Again:
-    """Rows (n,) rerun with the same steps: their recorder and their results."""
+class RerunRows:
+    """Rows (n,) that were rerun with the same steps, with their recorder and their results."""
 
     rows: np.ndarray
     recorder: Recorder
@@ -205,7 +213,7 @@ def sample_rows(design: Design, count: int) -> np.ndarray:
 
 def self_check(
     context: RunContext, count: int, on_progress: Callable[[SweepProgress], None] | None = None
-) -> tuple[SelfCheck | None, Again | None]:
+) -> tuple[SelfCheck | None, RerunRows | None]:
     """Rerun a sample of a job's rows, and compare its results with those of finer steps.
 
     Args:
@@ -224,22 +232,23 @@ def self_check(
     check.finer = f"{FINER:.2g} of the step"
     if context.spec.numerics.adaptive:
         check.finer = f"tolerances {1.0 / tolerance_scale(FINER):.0f} times finer"
-    rerun, again = _Rerun(context, on_progress), None
-    if isinstance(context.job.run, FollowsFixedPoints):
-        return check, rerun.compare_starting_points(context.job.run, rows, check)
+    comparison, rerun = _Comparison(context, on_progress), None
+    points = context.job.run.starting_points(context.design, context.spec, rows, 1.0, FINER)
+    if points:
+        return check, comparison.compare_starting_points(rows, points[0], points[1], check)
     if compared in ("settled", "ends"):
-        again, resting = rerun.compare_ends(rows, check)
+        rerun, resting = comparison.compare_ends(rows, check)
         rows = rows[~resting]
     if rows.size:
-        crossings = rerun.compare_crossings(rows, check)
-        again = again or crossings
-    return check, again
+        crossings = comparison.compare_crossings(rows, check)
+        rerun = rerun or crossings
+    return check, rerun
 
 
 def compare_stored(
     context: RunContext,
     check: SelfCheck,
-    again: Again,
+    rerun: RerunRows,
     stored: Callable[[np.ndarray], pd.DataFrame],
     on_progress: Callable[[SweepProgress], None] | None = None,
 ) -> None:
@@ -248,33 +257,53 @@ def compare_stored(
     Args:
         context: the job's context.
         check: the result of a self-check.
-        again: the rows that it reran with the same steps.
+        rerun: the rows that it reran with the same steps.
         stored: returns the stored records of rows (n,).
         on_progress: progress callback.
     """
-    run, rerun = context.job.run, _Rerun(context, on_progress)
-    if isinstance(again.result, StartingPoints):
-        assert isinstance(run, FollowsFixedPoints)
-        differs = _other_beginnings(context.model, run, again.result, again.rows, stored(again.rows))
+    run, comparison = context.job.run, _Comparison(context, on_progress)
+    if isinstance(rerun.result, StartingPoints):
+        records = stored(rerun.rows)
+        differs = _other_beginnings(context.model, run, rerun.result, rerun.rows, records)
+        if differs.any():
+            # a branch that was lost or has a kink was followed again from the fixed point of the refined map
+            rows = rerun.rows[differs]
+            (refined,) = run.starting_points(context.design, context.spec, rows, REFINED)
+            differs[differs] = _other_beginnings(context.model, run, refined, rows, records)
     elif run.one_a_row:
-        differs = rerun.other_ends(again, stored(again.rows))
+        differs = comparison.other_ends(rerun, stored(rerun.rows))
     else:
-        recorder, few = rerun.beginning, again.rows[:LEAST_ROWS]
-        if recorder != again.recorder:
-            again = Again(few, recorder, rerun.repeated(recorder, [(few, 1.0, 0.0)])[0])
-        differs = _other_records(context.model, again, stored(again.rows))
+        recorder, few = comparison.beginning, rerun.rows[:LEAST_ROWS]
+        if recorder != rerun.recorder:
+            rerun = RerunRows(few, recorder, comparison.repeated(recorder, [(few, 1.0, 0.0)])[0])
+        differs = _other_records(context.model, rerun, stored(rerun.rows))
     check.stored_differs = int(differs.sum())
 
 
+@cached_by_content(maxsize=16)
+def _observed(model: Model, drive: Callable[..., Any] | None) -> Callable[..., np.ndarray]:
+    """`(values, starts) -> observables (n, k)` of rows at their starts."""
+
+    def observed(values: Any, start: Any) -> jax.Array:
+        params = model.params(values) if drive is None else drive(values, 0.0)
+        seen = model.observe(params, model.init(params, start))
+        return jax.numpy.stack([seen[q.name] for q in model.observables])
+
+    return over_rows(observed, "observed", model if drive is None else None)
+
+
 @dataclasses.dataclass(frozen=True)
-class _Rerun:
-    """Reruns of some rows of a run, and their comparisons with each other and with stored records."""
+class _Comparison:
+    """Comparison of reruns of some rows of a run with each other and with stored records."""
 
     context: RunContext
     on_progress: Callable[[SweepProgress], None] | None
 
     def repeated(self, recorder: Recorder, lanes: list[tuple[np.ndarray, float, float]]) -> list[RowOutcome]:
-        """Return the results of rerun rows, for each (rows, share, move) of the list."""
+        """Return the results of rerun rows for each item of `lanes`.
+
+        An item has rows (n,), the share of their step, and by how much their starts are moved.
+        """
         spec, design = self.context.spec, self.context.design
         rows = np.concatenate([lane[0] for lane in lanes])
         shares = np.concatenate([np.full(lane[0].size, lane[1]) for lane in lanes])
@@ -291,15 +320,15 @@ class _Rerun:
 
         # programs of XLA are compiled for the width of the run that is checked
         width = spec.lanes if spec.engine == "xla" else min(spec.lanes, max(8, rows.size))
-        again = dataclasses.replace(
+        sample = dataclasses.replace(
             spec, recorder=recorder, n_rows=rows.size, block=rows.size, lanes=width, values=values
         )
         outcomes: list[RowOutcome] = []
-        sweep(again, [0], lambda _, result: outcomes.append(result), self.on_progress)
+        sweep(sample, [0], lambda _, result: outcomes.append(result), self.on_progress)
         cuts = np.cumsum([lane[0].size for lane in lanes])[:-1]
         return [outcomes[0].take(part) for part in np.split(np.arange(rows.size), cuts)]
 
-    def compare_ends(self, rows: np.ndarray, check: SelfCheck) -> tuple[Again, np.ndarray]:
+    def compare_ends(self, rows: np.ndarray, check: SelfCheck) -> tuple[RerunRows, np.ndarray]:
         """Compare the ends of rows (n,); return the rerun, and a mask of those that settled in both runs."""
         spec, model = self.context.spec, self.context.model
         once, finer = self.repeated(spec.recorder, [(rows, 1.0, 0.0), (rows, FINER, 0.0)])
@@ -314,7 +343,7 @@ class _Rerun:
         same = sound & ~other_status & ~other_gait & (once.numbers["period"] <= 1)
         change = changes(model, ends, finer_ends)
         size = sizes(model.observables, self.with_starts(rows, ends))
-        check.take_largest(model.observables, change[same], size)
+        check.record_changes(model.observables, change[same], size)
         off = np.zeros_like(change, bool)
         if not own or not at_times:
             tolerance = np.full(change.shape[1], TOLERANCE)
@@ -326,9 +355,9 @@ class _Rerun:
             other_count |= np.any(off & counts, axis=1)
         differs = np.flatnonzero(other_status | other_gait | other_count | off.any(axis=1))
         if differs.size:
-            some = rows[differs]
-            flips, spread = np.zeros(some.size, bool), np.zeros((some.size, change.shape[1]))
-            for moved in self.repeated(spec.recorder, [(some, 1.0, MOVED), (some, 1.0, -MOVED)]):
+            differing = rows[differs]
+            flips, spread = np.zeros(differs.size, bool), np.zeros((differs.size, change.shape[1]))
+            for moved in self.repeated(spec.recorder, [(differing, 1.0, MOVED), (differing, 1.0, -MOVED)]):
                 flips |= moved.status != once.status[differs]
                 flips |= moved.labels["gait"] != once.labels["gait"][differs]
                 flips |= at_times & (moved.cycles != once.cycles[differs])
@@ -342,9 +371,9 @@ class _Rerun:
             check.count_differs += int((other_count[differs] & ~sensitive).sum())
             check.moved += int((wrong & ~discrete).sum())
         resting = at_times | sound | other_status | Status.FAILED.among(once.status)
-        return Again(rows, spec.recorder, once), np.broadcast_to(resting, rows.shape)
+        return RerunRows(rows, spec.recorder, once), np.broadcast_to(resting, rows.shape)
 
-    def compare_crossings(self, rows: np.ndarray, check: SelfCheck) -> Again:
+    def compare_crossings(self, rows: np.ndarray, check: SelfCheck) -> RerunRows:
         """Compare the first crossings of rows (n,) and their times; return the rerun."""
         model, recorder = self.context.model, self.beginning
         if not isinstance(recorder, CrossingRecorder):
@@ -367,42 +396,43 @@ class _Rerun:
         change = changes(model, observed[0], observed[1])
         most = np.nanmax(change, axis=1, initial=0.0)
         size = sizes(model.observables, observed[0])
-        check.take_largest(model.observables, most, size)
+        check.record_changes(model.observables, most, size)
         if fixed_step_scheme(self.context.spec.numerics.method, model) is not None:
             # the step is part of such a model: changes with it are reported, but are no fault of the run
-            return Again(rows, recorder, once)
+            return RerunRows(rows, recorder, once)
         counts = counted(model, observed[0], observed[1])
         off = most > np.where(counts, 0.0, TOLERANCES * TOLERANCE * size)
-        # what a start moved by 1e-9 changes as much is the motion's own sensitivity
+        # a change that a start moved by 1e-9 also causes is due to the sensitivity of the motion
         spread = np.nanmax(changes(model, observed[0], observed[2]), axis=1, initial=0.0)
         wrong = off & (most > spread / MOVED * LOCAL_ERROR)
         late = np.nanmax(np.abs(times[0] - times[1]), axis=1, initial=0.0)
         own = np.nanmax(np.abs(times[0] - times[2]), axis=1, initial=0.0) / MOVED * LOCAL_ERROR
         interval = np.fmin(_mean_interval(times[0]), _mean_interval(times[1]))
         off_time = late > TOLERANCES * TOLERANCE * interval
-        check.take_largest((Quantity("t", "s", "time"),), late[:, None], interval[:, None])
+        check.record_changes((Quantity("t", "s", "time"),), late[:, None], interval[:, None])
         other_count = ~differs & np.any(wrong & counts, axis=1)
         other = ~differs & ~other_count & (wrong.any(axis=1) | (off_time & (late > own)))
         check.count_differs += int(other_count.sum())
         check.moved += int(other.sum())
         check.sensitive += int(np.sum((off.any(axis=1) | off_time) & ~differs & ~other_count & ~other))
-        return Again(rows, recorder, once)
+        return RerunRows(rows, recorder, once)
 
-    def compare_starting_points(self, run: FollowsFixedPoints, rows: np.ndarray, check: SelfCheck) -> Again:
+    def compare_starting_points(
+        self, rows: np.ndarray, once: StartingPoints, finer: StartingPoints, check: SelfCheck
+    ) -> RerunRows:
         """Compare the fixed points at which the branches of rows (n,) begin; return the rerun."""
-        model, spec = self.context.model, self.context.spec
-        once, finer = run.starting_points(self.context.design, spec, rows, FINER)
-        both = once.found & finer.found
-        check.status_differs = int(np.sum(once.found != finer.found))
+        model = self.context.model
+        both = once.exists & finer.exists
+        check.status_differs = int(np.sum(once.exists != finer.exists))
         change = changes(model, once.observed, finer.observed)
-        size = sizes(model.observables, once.observed[once.found])
-        check.take_largest(model.observables, change[both], size)
+        size = sizes(model.observables, once.observed[once.exists])
+        check.record_changes(model.observables, change[both], size)
         check.moved = int(np.sum(both & np.any(change > TOLERANCES * TOLERANCE * size, axis=1)))
-        return Again(rows, spec.recorder, once)
+        return RerunRows(rows, self.context.spec.recorder, once)
 
-    def other_ends(self, again: Again, stored: pd.DataFrame) -> np.ndarray:
+    def other_ends(self, rerun: RerunRows, stored: pd.DataFrame) -> np.ndarray:
         """Return a mask of the rows (n,) that end differently in the rerun."""
-        model, result = self.context.model, again.result
+        model, result = self.context.model, rerun.result
         assert isinstance(result, RowOutcome)
         status = stored["status"].astype(str).to_numpy()
         simulated = status != Status.inferred.name
@@ -411,27 +441,23 @@ class _Rerun:
         gait = np.asarray(gaits(model, result.labels["gait"]).astype(object))
         differs |= sound & (stored["gait"].astype(object).to_numpy() != gait)
         names = [f"{q.name}_end" for q in model.observables]
-        now, before = end_values_of(again.recorder, result), stored[names].to_numpy(float)
+        now, before = end_values_of(rerun.recorder, result), stored[names].to_numpy(float)
         off = sound[:, None] & (changes(model, now, before) > ROUNDING * sizes(model.observables, now))
         if off.any():
-            some = np.flatnonzero(off.any(axis=1))
-            lanes = [(again.rows[some], 1.0, MOVED)]
-            moved = end_values_of(again.recorder, self.repeated(again.recorder, lanes)[0])
-            own = changes(model, moved, now[some]) / MOVED * ROUNDING_ERROR
-            off[some] &= changes(model, now, before)[some] > own
+            places = np.flatnonzero(off.any(axis=1))
+            lanes = [(rerun.rows[places], 1.0, MOVED)]
+            moved = end_values_of(rerun.recorder, self.repeated(rerun.recorder, lanes)[0])
+            own = changes(model, moved, now[places]) / MOVED * ROUNDING_ERROR
+            off[places] &= changes(model, now, before)[places] > own
         return differs | off.any(axis=1)
 
     def with_starts(self, rows: np.ndarray, ends: np.ndarray) -> np.ndarray:
         """Return the observables (2 n, k) of rows at their starts and at their ends."""
-        model, drive = self.context.model, self.context.spec.drive
+        model = self.context.model
         values, starts = self.context.design.values_in(rows)
-
-        def observed(row_values: Any, start: Any) -> Any:
-            params = model.params(row_values) if drive is None else drive(row_values, 0.0)
-            seen = model.observe(params, model.init(params, start))
-            return jax.numpy.stack([seen[q.name] for q in model.observables])
-
-        return np.concatenate([over_rows(observed)(model.on_host(values), starts), ends])
+        return np.concatenate(
+            [_observed(model, self.context.spec.drive)(model.on_host(values), starts), ends]
+        )
 
     @property
     def beginning(self) -> Recorder:
@@ -462,23 +488,23 @@ class _Rerun:
 
 
 def _other_beginnings(
-    model: Model, run: FollowsFixedPoints, once: StartingPoints, rows: np.ndarray, stored: pd.DataFrame
+    model: Model, run: RunKind, once: StartingPoints, rows: np.ndarray, stored: pd.DataFrame
 ) -> np.ndarray:
     """Return a mask of the rows (n,) whose branches begin at another fixed point, or at none."""
     first = stored.drop_duplicates("row").set_index("row").reindex(rows)
     sound = (first["status"] == Status.complete.name).to_numpy(bool)
-    differs = sound != once.found
-    if run.stores_starting_points and once.found.any():
+    differs = sound != once.exists
+    if run.stores_starting_points and once.exists.any():
         before = first[[f"{q.name}_n" for q in model.observables]].to_numpy(float)
-        size = sizes(model.observables, once.observed[once.found])
+        size = sizes(model.observables, once.observed[once.exists])
         off = changes(model, once.observed, before) > ROUNDING * size
         differs |= sound & off.any(axis=1)
     return differs
 
 
-def _other_records(model: Model, again: Again, stored: pd.DataFrame) -> np.ndarray:
+def _other_records(model: Model, rerun: RerunRows, stored: pd.DataFrame) -> np.ndarray:
     """Return a mask of the rows (n,) whose first records differ in the rerun."""
-    recorder, result = again.recorder, again.result
+    recorder, result = rerun.recorder, rerun.result
     assert isinstance(result, RowOutcome)
     quantities = {f"{q.name}_n": q for q in model.observables} | {q.name: q for q in model.signals}
     names = [name for name in recorder.names if name in stored.columns and name not in ("settled", "slowest")]
@@ -488,7 +514,7 @@ def _other_records(model: Model, again: Again, stored: pd.DataFrame) -> np.ndarr
         # two stairs, of which the last one ends before the end of the path
         records = records[records["settled"] == 1.0]
     records["nth"] = records.groupby("place").cumcount()
-    number = {int(row): place for place, row in enumerate(again.rows)}
+    number = {int(row): place for place, row in enumerate(rerun.rows)}
     known = stored.dropna(subset=names)
     known = known.assign(
         place=[number[int(row)] for row in known["row"]], nth=known.groupby("row").cumcount()
@@ -501,7 +527,7 @@ def _other_records(model: Model, again: Again, stored: pd.DataFrame) -> np.ndarr
     before = both[[f"{name} stored" for name in names]].to_numpy(float)
     angles = np.array([q.circular for q in described])
     off = np.abs(wrap_difference(now - before, angles)) > ROUNDING * sizes(described, now)
-    differs = np.zeros(again.rows.size, bool)
+    differs = np.zeros(rerun.rows.size, bool)
     differs[both["place"].to_numpy(int)[off.any(axis=1)]] = True
     return differs
 

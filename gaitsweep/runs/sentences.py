@@ -26,20 +26,22 @@ def self_check_sentence(check: dict[str, Any]) -> str:
     """Format the result of a self-check, on one line."""
     if check.get("verdict") == "off":
         return "Self-check: off."
-    rows, of = check["rows"], check.get("of", check["rows"])
-    sample = f"{rows} row{'s' * (rows != 1)}" if rows == of else f"{rows} of {of} rows"
-    finer = check.get("finer") or check.get("half", HALF_THE_STEP)
-    how = f"rerun {'at' if 'step' in finer else 'with'} {finer}"
-    change = _largest(check)
+    rows, total = check["rows"], check.get("of", check["rows"])
+    sample = f"{rows} row{'s' * (rows != 1)}" if rows == total else f"{rows} of {total} rows"
+    finer, sensitive, change = _finer(check), check.get("sensitive"), _largest(check)
+    rerun = f"Self-check: {sample} rerun {'at' if 'step' in finer else 'with'} {finer}"
     if check["verdict"] == "passed":
-        sensitive = (
-            f", {check['sensitive']} of them on a boundary or sensitive" if check.get("sensitive") else ""
-        )
-        return f"Self-check: {sample} {how} kept their gait{sensitive}; {change}."
+        among = f", {sensitive} of them on a boundary or sensitive" if sensitive else ""
+        return f"{rerun} kept their gait{among}; {change}."
     wrong = [f"{check[name]} {words.sentence}" for name, words in DIFFERENCES.items() if check.get(name)]
-    if check.get("sensitive"):
-        wrong.append(f"{check['sensitive']} lie on a boundary or are sensitive")
-    return f"Self-check: {sample} {how}: {', '.join(wrong)}; {change}."
+    if sensitive:
+        wrong.append(f"{sensitive} lie on a boundary or are sensitive")
+    return f"{rerun}: {', '.join(wrong)}; {change}."
+
+
+def _finer(check: dict[str, Any]) -> str:
+    """The finer steps of a self-check, in words; manifests of older versions have another field."""
+    return check.get("finer") or check.get("half", HALF_THE_STEP)
 
 
 def _largest(check: dict[str, Any]) -> str:
@@ -60,7 +62,7 @@ def advice(check: dict[str, Any], dt: float | None) -> str:
         return f"{text}: run the job into a new directory."
     if dt is not None:
         return f"The table depends on the step: make numerics.dt shorter than {dt:g} s, or leave it out."
-    if "step" not in (check.get("finer") or check.get("half", HALF_THE_STEP)):
+    if "step" not in _finer(check):
         return (
             "The table depends on the steps: make numerics.rtol and numerics.atol finer, or numerics.dt "
             "shorter, and compare."
@@ -157,7 +159,8 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
 
 
 def _rows(about: Mapping[str, Any]) -> str:
-    of = f" of {about['of']} that were examined" if "of" in about else ""
-    more = about["rows"] > 1
-    first = f"the first is row {about['row']}" if more else f"row {about['row']}"
-    return f"{about['rows']} row{'s' * more} ({first}){of}"
+    """Format a number of rows and the first of them: "3 rows (the first is row 7)"."""
+    examined = f" of {about['of']} that were examined" if "of" in about else ""
+    several = about["rows"] > 1
+    first = f"the first is row {about['row']}" if several else f"row {about['row']}"
+    return f"{about['rows']} row{'s' * several} ({first}){examined}"

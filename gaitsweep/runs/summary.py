@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import collections
-import functools
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,16 +14,16 @@ import pandas as pd
 
 from gaitsweep import models
 from gaitsweep.contract import Model, Status
+from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.kinds.run_kind import table_columns
-from gaitsweep.models.own_modules import folder_of_class
+from gaitsweep.own_modules import folder_of_class
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.sentences import MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD
 from gaitsweep.table import ResultDirectory, load_parts
 
-# Rows whose starts are examined, at most and at a time.
-_MOST_STARTS = 100_000
-_MOST_OF_A_SIMULATOR = 64  # whose parameters the host works out row by row
+# Rows whose starts are examined, at most; of models whose parameters the host computes row by row.
+_MOST_STARTS, _MOST_STARTS_OF_HOST = 100_000, 64
 
 
 def describe(context: RunContext, directory: ResultDirectory) -> None:
@@ -74,30 +73,32 @@ def sum_up(context: RunContext, directory: ResultDirectory, timings: dict[str, f
 
 
 def _of_starts(context: RunContext) -> dict[str, Any]:
-    """Count rows that begin on or beyond the surface of an event, by the event's name.
+    """Count rows with a start beyond an event's surface, or with a nominal period that is no positive time.
 
-    Count also rows whose nominal period is not a positive time, by its value. `rows` is their number and
-    `row` the first of them; of more than `_MOST_STARTS` rows, `of` evenly spaced ones are examined.
+    Returns:
+        For each event, and for each such value of the period: the number of rows `rows`, and the first one
+        `row`; with more than `_MOST_STARTS` rows, `of` evenly spaced ones are examined.
     """
     n, model = context.spec.n_rows, context.model
-    most = _MOST_OF_A_SIMULATOR if model.host_parameters else _MOST_STARTS
+    most = _MOST_STARTS_OF_HOST if model.host_parameters else _MOST_STARTS
     rows = np.arange(n) if n <= most else np.linspace(0, n - 1, most).astype(np.int64)
     parameters, starts = context.design.values_in(rows)
-    period, beyond = _begun(model)(model.on_host(parameters), starts)
+    period, beyond = _period_and_beyond(model)(model.on_host(parameters), starts)
     times = {"NaN": np.isnan(period), "0": period == 0.0, "a number below 0": period < 0.0}
-    flags = {STARTS_BEYOND: beyond, WITHOUT_PERIOD: {**times, "infinity": period == np.inf}}
+    masks = {STARTS_BEYOND: beyond, WITHOUT_PERIOD: {**times, "infinity": period == np.inf}}
     counts: dict[str, dict[str, dict[str, int]]] = {}
-    for field, named in flags.items():
-        for name, mask in named.items():
+    examined = {"of": int(rows.size)} if rows.size < n else {}
+    for field, mask_by_name in masks.items():
+        for name, mask in mask_by_name.items():
             if (hits := rows[mask]).size:
                 count = {"rows": int(hits.size), "row": int(hits[0])}
-                counts.setdefault(field, {})[name] = count | ({"of": int(rows.size)} if rows.size < n else {})
+                counts.setdefault(field, {})[name] = count | examined
     return counts
 
 
-@functools.lru_cache(maxsize=16)
-def _begun(model: Model) -> Callable[..., tuple[jax.Array, dict[str, jax.Array]]]:
-    """Compiled function `(values, starts) -> (period, beyond)` of rows."""
+@cached_by_content(maxsize=16)
+def _period_and_beyond(model: Model) -> Callable[..., tuple[jax.Array, dict[str, jax.Array]]]:
+    """The function `(values, starts) -> (period, beyond)` of rows, by the names of events."""
     has_surfaces = type(model).beyond_at_start is not Model.beyond_at_start
 
     def one(values: Any, start: Any) -> tuple[jax.Array, dict[str, jax.Array]]:
@@ -105,7 +106,7 @@ def _begun(model: Model) -> Callable[..., tuple[jax.Array, dict[str, jax.Array]]
         beyond = model.beyond_at_start(params, model.init(params, start)) if has_surfaces else {}
         return model.period(params), beyond
 
-    return over_rows(one)
+    return over_rows(one, "begun", model)
 
 
 def summed_up(context: RunContext, directory: ResultDirectory) -> bool:
@@ -129,15 +130,15 @@ def tallied_column(context: RunContext) -> str | None:
 def _summaries(context: RunContext, directory: ResultDirectory) -> dict[str, set[str]]:
     """Return the fields of the manifest that summarise records, with the columns that each needs."""
     columns, counts = set(table_columns(context.design, context.job.run)), directory.counts()
-    of_rows = columns if context.job.run.one_a_row else set()
-    distinguishes_gaits = tuple(context.model.gaits) != ("none",)
+    columns_of_rows = columns if context.job.run.one_a_row else set()
+    names_gaits = tuple(context.model.gaits) != ("none",)
     needs = {
         MISLABELLED: ({"gait"}, "gait" in columns),
         "stalls": ({"stalled_by", "t_end", "t"} & columns, counts.get(Status.event_stall.name)),
-        "gaits": ({"gait"}, distinguishes_gaits and "gait" in of_rows),
+        "gaits": ({"gait"}, names_gaits and "gait" in columns_of_rows),
         "periods": ({"attractor_period"}, counts.get(Status.settled.name) and "attractor_period" in columns),
         "slowest": ({"slowest"}, counts.get(Status.cycle_limit.name) and "slowest" in columns),
-        "largest_distance": ({"distance", "gait"}, {"distance", "gait"} <= of_rows),
+        "largest_distance": ({"distance", "gait"}, {"distance", "gait"} <= columns_of_rows),
     }
     return {field: names for field, (names, applies) in needs.items() if applies}
 
@@ -149,38 +150,38 @@ def _of_records(context: RunContext, directory: ResultDirectory) -> dict[str, An
         return {}
     mislabelled: dict[str, dict[str, int]] = {}
     stalls: dict[str, dict[str, Any]] = {}
-    gaits: collections.Counter[str] = collections.Counter()
-    slowest: collections.Counter[str] = collections.Counter()
-    periods: collections.Counter[str] = collections.Counter()
-    farthest: tuple[float, int] | None = None
+    counts = {name: collections.Counter[str]() for name in _COUNTED if name in summaries}
+    distances: list[tuple[float, int]] = []
     for part in load_parts(directory.path, ["row", "status", *sorted(set().union(*summaries.values()))]):
         if MISLABELLED in summaries:
             _add_mislabelled(mislabelled, part, context.model.gaits)
         if "stalls" in summaries:
             _add_stalls(stalls, part)
-        if "gaits" in summaries:
-            gaits.update(_numbers_of(part["gait"]))
-        if "periods" in summaries:
-            periods.update(_numbers_of(part["attractor_period"][part["status"] == Status.settled.name]))
-        if "slowest" in summaries:
-            slowest.update(_numbers_of(part["slowest"][part["status"] == Status.cycle_limit.name]))
+        for name, counter in counts.items():
+            column, status = _COUNTED[name]
+            values: Any = part[column] if status is None else part[column][part["status"] == status.name]
+            counter.update({str(value): int(n) for value, n in values.value_counts().items() if n})
         if "largest_distance" in summaries:
-            far = context.model.analytic_distance(part)
-            farthest = far if farthest is None or (far is not None and far[0] > farthest[0]) else farthest
-    summary_columns = {
+            distances += filter(None, [context.model.analytic_distance(part)])
+    farthest = max(distances, key=lambda distance: distance[0], default=None)
+    fields: dict[str, Any] = {
+        **{name: dict(counter.most_common()) for name, counter in counts.items()},
         "stalls": dict(sorted(stalls.items())),
-        "gaits": dict(gaits.most_common()),
-        "slowest": dict(slowest.most_common()),
-        "periods": dict(sorted(periods.items())),
         "largest_distance": {"rad": farthest[0], "row": farthest[1]} if farthest else {},
     }
-    fields: dict[str, Any] = {MISLABELLED: mislabelled} if mislabelled else {}
-    return fields | {name: summary_columns[name] for name in summaries if name in summary_columns}
+    if "periods" in fields:
+        fields["periods"] = dict(sorted(fields["periods"].items()))
+    if mislabelled:
+        fields[MISLABELLED] = mislabelled
+    return {name: fields[name] for name in summaries if name in fields}
 
 
-def _numbers_of(names: Any) -> dict[str, int]:
-    """Return how often each name appears in a column."""
-    return {str(name): int(number) for name, number in names.value_counts().items() if number}
+# Fields that count the values of a column, and the status of the rows that count, if not all do.
+_COUNTED = {
+    "gaits": ("gait", None),
+    "periods": ("attractor_period", Status.settled),
+    "slowest": ("slowest", Status.cycle_limit),
+}
 
 
 def _add_mislabelled(
@@ -205,9 +206,9 @@ def _add_stalls(stalls: dict[str, dict[str, Any]], part: pd.DataFrame) -> None:
     stalled = part[part["stalled_by"].notna()]
     time, key = ("t_end", "t") if "t_end" in part.columns else ("t", "after")
     last = stalled.groupby("row").agg(by=("stalled_by", "last"), t=(time, "max"))
-    by, at = np.asarray(last["by"].astype(str)), np.asarray(last["t"], np.float64)
-    for names in np.unique(by):
-        known = stalls.setdefault(str(names), {"rows": 0, key: []})
-        when = np.array([*known[key], *at[(by == names) & np.isfinite(at)]])
-        known["rows"] += int(np.count_nonzero(by == names))
-        known[key] = [float(when.min()), float(when.max())] if when.size else []
+    guards, times = np.asarray(last["by"].astype(str)), np.asarray(last["t"], np.float64)
+    for names in np.unique(guards):
+        stall = stalls.setdefault(str(names), {"rows": 0, key: []})
+        known = np.array([*stall[key], *times[(guards == names) & np.isfinite(times)]])
+        stall["rows"] += int(np.count_nonzero(guards == names))
+        stall[key] = [float(known.min()), float(known.max())] if known.size else []

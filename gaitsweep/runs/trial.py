@@ -16,7 +16,7 @@ import pandas as pd
 
 from gaitsweep import models
 from gaitsweep.angle_difference import wrapped_difference
-from gaitsweep.contract import HybridModel, Model, Quantity, State, Status
+from gaitsweep.contract import HybridModel, Model, Params, Quantity, State, Status
 from gaitsweep.dynamics.declarations import SingleEvent, mode, observable
 from gaitsweep.dynamics.declared_model import DeclaredModel
 from gaitsweep.engine.flow_spectrum import flow_eigenvalues
@@ -24,7 +24,7 @@ from gaitsweep.errors import UserError
 from gaitsweep.job import Job
 from gaitsweep.kinds import Settle, Trace
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
-from gaitsweep.models.conformity import sample, written
+from gaitsweep.models.conformity import idle_starts, sample, sets_starts, written
 from gaitsweep.runs.execute import table_in_memory
 from gaitsweep.runs.sentences import MISLABELLED, remarks
 
@@ -71,14 +71,16 @@ def trial(kind: type[Model]) -> Trial:
     if set(manifest["counts"]) == {Status.not_a_number.name}:
         faults.append(f"of which all {manifest['rows']} rows that were tried ended as not_a_number.")
     counts = ", ".join(f"{number} {status}" for status, number in manifest["counts"].items())
-    rows = manifest["rows"]
-    tried = f"Tried {rows} rows of {CYCLES} cycles over the ranges of parameters and starts: {counts}."
+    tried = f"Tried {manifest['rows']} rows of {CYCLES} cycles over the ranges of parameters and starts:"
     begun = remarks({**manifest, MISLABELLED: {}})
     crosses = table["cycles"].to_numpy(float).any()
     warned = [*(_constant(model, table) if crosses else ()), *_unmet(model, table, values)]
     if isinstance(model, HybridModel) and model.locates_events and not model.host_parameters:
         warned += _stiff(model, values)
-    return Trial(faults, [tried, *begun, *energies, *(f"Warning: {warning}" for warning in warned)])
+    if idle := idle_starts(model):
+        begun.append(f"These starts have no effect: {', '.join(idle)}; {sets_starts(model)} sets them.")
+    sentences = [f"{tried} {counts}.", *begun, *energies]
+    return Trial(faults, [*sentences, *(f"Warning: {warning}" for warning in warned)])
 
 
 def _constant(model: Model, table: pd.DataFrame) -> list[str]:
@@ -111,7 +113,7 @@ def _counting(model: Model) -> type[Model]:
     if not (number := len(_counted(model))):
         return kind
 
-    def jump(self: DeclaredModel, params: Any, state: State, fired: jax.Array) -> State:
+    def jump(self: DeclaredModel, params: Params, state: State, fired: jax.Array) -> State:
         after = kind.jump(self, params, state, fired)
         happens = jnp.stack(list(self.happening(params, state, fired).values()))
         return after.replace(**{_TIMES: getattr(state, _TIMES) + happens.astype(int)})
@@ -164,7 +166,7 @@ def _stiff(model: HybridModel, values: Mapping[str, np.ndarray]) -> list[str]:
         )
 
     share, words = fastest({})
-    said = [f"At the defaults the flow is stiff: its {words}."] if share > STIFF else []
+    warnings_of_rates = [f"At the defaults the flow is stiff: its {words}."] if share > STIFF else []
     for quantity in model.parameters:
         name, column = quantity.name, values[quantity.name]
         for bound, tried in ((quantity.low, np.min(column)), (quantity.high, np.max(column))):
@@ -173,8 +175,9 @@ def _stiff(model: HybridModel, values: Mapping[str, np.ndarray]) -> list[str]:
                 more, words = fastest({name: end})
                 if more > max(STIFF, STIFFER * share):
                     far = f"{name} = {end:.4g}, far from its default {column[0]:.4g}, makes the flow stiff"
-                    said.append(f"{far}: its {words}. Bounds (low=, high=) keep rows from there.")
-    return said
+                    text = f"{far}: its {words}. Bounds (low=, high=) keep rows from there."
+                    warnings_of_rates.append(text)
+    return warnings_of_rates
 
 
 def _run(kind: type[Model], values: Mapping[str, np.ndarray], run: Settle | Trace) -> pd.DataFrame:
@@ -226,7 +229,7 @@ def _with_rates(kind: type[Model]) -> type[Model]:
         base: Any = super(watched, self)
         return (*base.signals, *more)
 
-    def signal(self: HybridModel, params: Any, state: State) -> dict[str, jax.Array]:
+    def signal(self: HybridModel, params: Params, state: State) -> dict[str, jax.Array]:
         with_rates = kind.signal(self, params, state)
         rates = self.flow(params, state)
         at = {name: getattr(state, name) for name in rates}
@@ -241,7 +244,7 @@ def _with_rates(kind: type[Model]) -> type[Model]:
     return watched
 
 
-def _shapes(model: Model) -> tuple[Any, Any]:
+def _shapes(model: Model) -> tuple[Params, State]:
     """The shapes of a model's parameters and of its state."""
     number = jax.ShapeDtypeStruct((), float)
     params = jax.eval_shape(model.params, {q.name: number for q in model.parameters})

@@ -19,10 +19,10 @@ from gaitsweep.schema.strict_model import ModelT, StrictModel
 
 Path = tuple[str | int, ...]  # where a field stands in a job: ("vary", "psi_1", "linspace", 0)
 
-_SHOWN = 5
-_TEXT_LIMIT = 60
-_LONGEST_WORD = 150
-_LONGEST_SENTENCE = 1500
+_SHOWN = 5  # errors in a message
+_TEXT_LIMIT = 60  # characters of a quoted value
+_LONGEST_WORD = 150  # characters
+_LONGEST_SENTENCE = 1500  # characters
 _DEEPEST = 4  # lists inside lists that are quoted
 
 
@@ -46,10 +46,10 @@ class Diagnostic:
         elif self.line is not None:
             parts.append(f"line {self.line}")
         where = ", ".join(parts)
-        field = shown(self.path)
-        joined = "" if self.text.startswith(":") else " "
-        what = printable(clipped_words(f"{field}{joined}{self.text}" if field else self.text))
-        return f"{printable(where)}: {what}" if where else what
+        field = dotted(self.path)
+        space = "" if self.text.startswith(":") else " "
+        sentence = printable(clipped_words(f"{field}{space}{self.text}" if field else self.text))
+        return f"{printable(where)}: {sentence}" if where else sentence
 
 
 class JobError(UserError):
@@ -92,7 +92,7 @@ def clipped_words(text: str) -> str:
     return re.sub(rf"\S{{{_LONGEST_WORD + 1},}}", lambda word: f"{word[0][: _LONGEST_WORD - 3]}...", text)
 
 
-def shown(path: Path) -> str:
+def dotted(path: Path) -> str:
     """A path in dotted notation: vary.psi_1.linspace[0]."""
     text = ""
     for part in path:
@@ -145,10 +145,10 @@ def unknown_field(
 ) -> Diagnostic:
     """The diagnostic of a field that its section does not have; `former` maps older names to new ones."""
     field = str(path[-1])
-    of = f" of {section}" if section else ""
+    of_section = f" of {section}" if section else ""
     if former and field in former:
-        return Diagnostic(path, f"is not a field{of} any more: it is called {former[field]} now.")
-    return Diagnostic(path, f"is not a field{of}{near_miss.suggestion(field, allowed)}")
+        return Diagnostic(path, f"is not a field{of_section} any more: it is called {former[field]} now.")
+    return Diagnostic(path, f"is not a field{of_section}{near_miss.suggestion(field, allowed)}")
 
 
 def unknown_name(path: Path, name: str, kind: str, allowed: Iterable[str]) -> Diagnostic:
@@ -204,28 +204,28 @@ def _from_details(
 ) -> Diagnostic:
     loc = tuple(details["loc"])
     path: Path = (*prefix, *_without_tags(loc, sections))
-    sort, value, context = details["type"], details["input"], details.get("ctx", {})
+    error, value, context = details["type"], details["input"], details.get("ctx", {})
     enclosing = (_key(loc, place) for place in reversed(range(len(loc) - 1)))
     key = next((key for key in enclosing if key in sections), top)
     section = sections[key]
-    if sort == "gaitsweep":
+    if error == "gaitsweep":
         return Diagnostic(path, context["text"])
-    if sort == "extra_forbidden":
+    if error == "extra_forbidden":
         return unknown_field(path, section.words, section.fields, former_names.RUN_FIELDS.get(key))
-    if sort == "missing":
+    if error == "missing":
         return Diagnostic(path, f"is missing: {section.fields[str(path[-1])].description}.")
-    if sort in ("union_tag_invalid", "union_tag_not_found"):
+    if error in ("union_tag_invalid", "union_tag_not_found"):
         return _about_kind(path, value, sections)
-    if sort in ("too_short", "too_long"):
-        end, limit = ("at least", "min_length") if sort == "too_short" else ("at most", "max_length")
+    if error in ("too_short", "too_long"):
+        end, limit = ("at least", "min_length") if error == "too_short" else ("at most", "max_length")
         return Diagnostic(
             path, f"has {context['actual_length']} items, but must have {end} {context[limit]}."
         )
-    if sort == "list_type":
+    if error == "list_type":
         return Diagnostic(path, f"is {quoted(value)}, but must be a list in brackets.")
-    if sort == "model_attributes_type" and (loc == ("run",) or loc[:1] == ("figures",)):
+    if error == "model_attributes_type" and (loc == ("run",) or loc[:1] == ("figures",)):
         return _about_kind(path, value, sections)
-    if sort in ("model_type", "dict_type", "model_attributes_type"):
+    if error in ("model_type", "dict_type", "model_attributes_type"):
         inner = sections.get(_key(loc, -1) if loc else "")
         fields = f" {near_miss.allowing(inner.fields)}" if inner else ""
         return Diagnostic(path, f"is {quoted(value)}, but must be a mapping (key: value).{fields}")
@@ -233,6 +233,7 @@ def _from_details(
 
 
 def _about_kind(path: Path, value: object, sections: dict[str, SchemaSection]) -> Diagnostic:
+    """The diagnostic of a run or a figure whose `kind` is missing or unknown."""
     kinds = [tag.rpartition(".")[2] for tag, section in sections.items() if section.union == path[0]]
     former = former_names.RUN_KINDS if path[0] == "run" else None
     noun = "a run kind" if path[0] == "run" else "a figure kind"

@@ -20,10 +20,10 @@ def renamed(job: dict[str, Any]) -> dict[str, Any]:
     changed: dict[str, Any] = {}
     if isinstance(run, dict) and isinstance(run.get("kind"), str):
         fields = RUN_FIELDS.get(run["kind"], {})
-        now = {fields.get(name, name): value for name, value in run.items()}
-        now["kind"] = RUN_KINDS.get(run["kind"], run["kind"])
-        if now != run:
-            changed["run"] = now
+        renamed_run = {fields.get(name, name): value for name, value in run.items()}
+        renamed_run["kind"] = RUN_KINDS.get(run["kind"], run["kind"])
+        if renamed_run != run:
+            changed["run"] = renamed_run
     if isinstance(numerics, dict) and isinstance(numerics.get("method"), str):
         method = METHODS.get(numerics["method"], numerics["method"])
         if method != numerics["method"]:

@@ -37,8 +37,9 @@ SCOPE: ContextVar[Scope | None] = ContextVar("SCOPE", default=None)
 
 MOST_POINTS = 10**7  # of an axis
 
-_LONGEST_TEXT = 1000
+_LONGEST_TEXT = 1000  # characters
 _STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
+# Texts that look like numbers to some readers, each with the end of the message that refuses it.
 _TRAPS: tuple[tuple[re.Pattern[str], str], ...] = (
     (re.compile(r"^\s*\d+:\d"), "which some YAML readers read in base 60; write a plain number"),
     (re.compile(r"^\s*\d{4}-\d{1,2}-\d{1,2}([Tt ].*)?\Z"), "which is a date, not a number"),
@@ -52,7 +53,7 @@ _TRAPS: tuple[tuple[re.Pattern[str], str], ...] = (
 )
 
 
-def not_text(value: str) -> str | None:
+def control_character(value: str) -> str | None:
     """The first character of a text that figures cannot show, in words, or None."""
     if value.isprintable():
         return None
@@ -73,7 +74,7 @@ def read_number(value: Any) -> float | str:
         InvalidValue: it is not a finite number or arithmetic; YAML's traps (1:30, 010, dates) are explained.
     """
     if isinstance(value, str):
-        if not effort.spend("expressions"):  # no diagnostic for each: the reading ends here
+        if not effort.spend("expressions"):  # the reading ends with one error, not one for each number
             text = f"has more than {effort.MOST['expressions']} numbers written as text or expressions."
             raise JobError([Diagnostic((), text)])
         for trap, sentence in _TRAPS:
@@ -148,7 +149,7 @@ def read_whole(value: Any, low: int, high: int) -> int:
     return int(number)
 
 
-def read_each(value: Any) -> float | dict[str, float]:
+def read_positive_or_each(value: Any) -> float | dict[str, float]:
     """A number above 0, or one for each of some names; raises InvalidValue."""
     if not isinstance(value, Mapping):
         return read_real(value, low=0.0, open_ends=True)
@@ -174,7 +175,7 @@ def read_text(value: Any) -> str:
         raise InvalidValue("is empty, but must be text.")
     if len(value) > _LONGEST_TEXT:
         raise InvalidValue(f"is {quoted(value)}, which is longer than {_LONGEST_TEXT} characters.")
-    if (wrong := not_text(value)) is not None:
+    if (wrong := control_character(value)) is not None:
         raise InvalidValue(f"contains {wrong}, which is not allowed in text.")
     return value.rstrip("\n")
 
@@ -234,7 +235,7 @@ Real = Annotated[float, PlainValidator(checked(read_real)), _NUMBER]
 Positive = Annotated[float, PlainValidator(checked(read_real, low=0.0, open_ends=True)), _NUMBER]
 PositiveOrEach = Annotated[
     float | dict[str, float],
-    PlainValidator(checked(read_each)),
+    PlainValidator(checked(read_positive_or_each)),
     WithJsonSchema({"anyOf": [_NUMBER_TYPE, _EACH_TYPE]}),
 ]
 NotNegative = Annotated[float, PlainValidator(checked(read_real, low=0.0)), _NUMBER]

@@ -19,7 +19,7 @@ import yaml
 from gaitsweep import near_miss
 from gaitsweep.schema import diagnostics
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
-from gaitsweep.schema.numbers import not_text
+from gaitsweep.schema.numbers import control_character
 from gaitsweep.shipped import job_folders, shipped_as
 
 # Size that PyYAML's reader in Python parses in a second; longer files need libyaml, if PyYAML has it.
@@ -29,7 +29,7 @@ _MOST_NODES = 100_000  # values of a file, with all that its aliases stand for
 _DEEPEST = 60  # lists and mappings inside each other
 _TOO_DEEP = f"is nested too deep: at most {_DEEPEST} levels of lists and mappings are allowed."
 _MOST_LISTED = 200  # names of a folder that are looked through for a near miss
-_CORE = "tag:yaml.org,2002:"
+_CORE = "tag:yaml.org,2002:"  # begins the tags of YAML's own types
 _TAGS = ("null", "bool", "int", "float", "str", "seq", "map")
 
 
@@ -78,16 +78,17 @@ class _FastLoader(_Counted, _ByLibyaml):
 
 _INT = re.compile(r"^[-+]?(0|[1-9][0-9]*)\Z")
 _FLOAT = re.compile(r"^[-+]?((0|[1-9][0-9]*)?\.[0-9]+|(0|[1-9][0-9]*)\.?)([eE][-+]?[0-9]+)?\Z")
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:null", re.compile(r"^(~|null|Null|NULL|)\Z"), ["~", "n", "N", ""]
-)
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:bool", re.compile(r"^([Tt]rue|TRUE|[Ff]alse|FALSE)\Z"), list("tTfF")
-)
-_Loader.add_implicit_resolver("tag:yaml.org,2002:int", _INT, list("-+0123456789"))
-_Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.0123456789"))
-_Loader.add_implicit_resolver("tag:yaml.org,2002:merge", re.compile(r"^<<\Z"), ["<"])
+# The plain words of each type, and the characters with which they begin; an earlier type takes precedence.
+for _tag, _words, _first in (
+    ("null", re.compile(r"^(~|null|Null|NULL|)\Z"), ["~", "n", "N", ""]),
+    ("bool", re.compile(r"^([Tt]rue|TRUE|[Ff]alse|FALSE)\Z"), list("tTfF")),
+    ("int", _INT, list("-+0123456789")),
+    ("float", _FLOAT, list("-+.0123456789")),
+    ("merge", re.compile(r"^<<\Z"), ["<"]),
+):
+    _Loader.add_implicit_resolver(_CORE + _tag, _words, _first)
 
+# Sentences for the problems that PyYAML or libyaml reports, by a part of their texts.
 _YAML_SENTENCES = {
     "mapping values are not allowed": "a colon is not allowed here: indent, or add quotes",
     "could not find expected ':'": "a colon is missing after a key",
@@ -109,7 +110,10 @@ _YAML_SENTENCES = {
 
 @dataclasses.dataclass
 class Document:
-    """Content of a file: `data`, and the line or the `--set` of each path."""
+    """Content of a file: `data`, and the line or the `--set` of each path.
+
+    `overridden` are the paths that `--set` changed.
+    """
 
     file: str
     data: dict[str, Any]
@@ -169,6 +173,7 @@ def read_value(text: str, origin: str) -> Any:
 
 
 def _refused(file: str, line: int | None, text: str, path: diagnostics.Path = ()) -> JobError:
+    """The error of one field of a file, or of the file itself."""
     return JobError([Diagnostic(path, text, file=file, line=line)])
 
 
@@ -182,7 +187,7 @@ def _read_text(path: Path, name: str) -> str:
             raise _refused(name, None, f"is {kind}; a job must be a regular file.")
         raw = _read_regular(path, name)
     except FileNotFoundError:
-        raise _refused(name, None, f"does not exist{_meant(path)}") from None
+        raise _refused(name, None, f"does not exist{_suggestion(path)}") from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise _refused(name, None, f"cannot be read: {reason}.") from None
@@ -192,15 +197,15 @@ def _read_text(path: Path, name: str) -> str:
         raise _refused(name, None, "is not text in UTF-8.") from None
 
 
-def _meant(path: Path) -> str:
+def _suggestion(path: Path) -> str:
     """The end of the message about a missing file."""
     # `sweeps/quick_basins.yaml` of the documentation, in a folder that is no checkout
-    if known := shipped_as(path, near_miss.nearest):
-        return f"; did you mean {known}?"
+    if job := shipped_as(path, near_miss.nearest):
+        return f"; did you mean {job}?"
     if path.parent in job_folders():
         return "; `gaitsweep examples` lists the jobs that come with gaitsweep and its extensions."
-    if listed := near_miss.nearest(path.name, _yaml_files(path.parent)):
-        return f"; did you mean {listed}?"
+    if file := near_miss.nearest(path.name, _yaml_files(path.parent)):
+        return f"; did you mean {file}?"
     return "." if path.parent.is_dir() else f", nor does its folder {path.parent}."
 
 
@@ -238,6 +243,7 @@ def _kind(mode: int) -> str:
 
 
 def _yaml_files(folder: Path) -> list[str]:
+    """The names of some YAML files of a folder; none if it cannot be read."""
     try:
         with os.scandir(folder) as entries:
             names = (entry.name for entry in entries if re.search(r"\.ya?ml\Z", entry.name))
@@ -247,6 +253,7 @@ def _yaml_files(folder: Path) -> list[str]:
 
 
 def _compose(text: str, name: str) -> yaml.Node | None:
+    """The tree of nodes of a YAML text; None if it is empty."""
     loader = _Loader if len(text) <= _SHORT else _FastLoader
     try:
         return yaml.compose(text, Loader=loader)
@@ -259,23 +266,25 @@ def _compose(text: str, name: str) -> yaml.Node | None:
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         raise _refused(name, line, "is not text: it contains a control character.") from None
-    except (RecursionError, ValueError, OverflowError) as error:  # an escape past Unicode's last character
-        reason = "is nested too deep to be read" if isinstance(error, RecursionError) else "is not YAML"
-        raise _refused(name, None, f"{reason}.") from None
+    except RecursionError:
+        raise _refused(name, None, "is nested too deep to be read.") from None
+    except (ValueError, OverflowError):  # an escape past Unicode's last character
+        raise _refused(name, None, "is not YAML.") from None
 
 
 def _sentence(text: str, problem: str, line: int | None) -> str:
+    """The sentence for a problem that the YAML parser reports in a line."""
     lines = text.split("\n", line or 0)
     if line is not None and line <= len(lines) and re.match(r"^\s*\t", lines[line - 1]):
         return "a tab is used for indentation; use spaces"
-    for start, sentence in _YAML_SENTENCES.items():
-        if start in problem:
+    for part, sentence in _YAML_SENTENCES.items():
+        if part in problem:
             return sentence
     return problem or "it cannot be read"
 
 
 class _Reading:
-    """Converts YAML nodes to plain values and records the line of each."""
+    """Converter of YAML nodes to plain values, which records the line of each."""
 
     def __init__(self, file: str) -> None:
         self.file = file
@@ -317,7 +326,7 @@ class _Reading:
         result: dict[str, Any] = {}
         for key_node, value_node in node.value:
             line = key_node.start_mark.line + 1
-            if key_node.tag == "tag:yaml.org,2002:merge":
+            if key_node.tag == f"{_CORE}merge":
                 text = "uses a merge key (<<), which is not supported: write the fields out."
                 raise self._refused(line, text, path)
             key = self._key(key_node, line, path)
@@ -329,12 +338,12 @@ class _Reading:
         return result
 
     def _key(self, node: yaml.Node, line: int, path: diagnostics.Path) -> str:
-        if not isinstance(node, yaml.ScalarNode) or node.tag != "tag:yaml.org,2002:str":
+        if not isinstance(node, yaml.ScalarNode) or node.tag != f"{_CORE}str":
             shown = (
                 diagnostics.clipped(node.value) if isinstance(node, yaml.ScalarNode) else "a list or mapping"
             )
             raise self._refused(line, f"has the key {shown or '(empty)'}, but a key must be text.", path)
-        if (wrong := not_text(node.value)) is not None:
+        if (wrong := control_character(node.value)) is not None:
             raise self._refused(line, f"has a key that contains {wrong}, which is not allowed.", path)
         return node.value
 
@@ -348,7 +357,7 @@ class _Reading:
         if tag in ("int", "float") and (_INT.match(text) or _FLOAT.match(text)):
             return float(text)
         if tag == "str":
-            if (wrong := not_text(text)) is not None:
+            if (wrong := control_character(text)) is not None:
                 raise self._refused(line, f"contains {wrong}, which is not allowed in text.", path)
             return text
         text = f"is tagged !!{tag}, but {diagnostics.quoted(text)} is not of that type."

@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from gaitsweep.table.files import TableError, read_file, reason, replace_file, sync_folder
+from gaitsweep.table.files import TableError, read_file, reason, replace_file, sync_file, sync_folder
 
 DIGESTS = "SHA256SUMS"
 _LINE = re.compile(r"([0-9a-f]{64})  (\S.*)")
@@ -40,8 +40,8 @@ def read_digests(folder: Path) -> dict[str, str]:
             continue
         except OSError as error:
             raise TableError(f"{file} cannot be read: {reason(error)}.") from error
-        found = (_LINE.fullmatch(line) for line in text.split("\n"))
-        digests.update((match[2], match[1]) for match in found if match)
+        lines = (_LINE.fullmatch(line) for line in text.split("\n"))
+        digests.update((line[2], line[1]) for line in lines if line)
     return digests
 
 
@@ -79,7 +79,7 @@ def add_digest(folder: Path, name: str, digest: str, *, writer: str = "") -> Non
         torn = size > 0 and os.pread(file.fileno(), 1, size - 1) != b"\n"
         line = f"{digest}  {name}\n".encode()
         file.write(b"\n" + line if torn else line)
-        os.fsync(file.fileno())
+        sync_file(file, path)
     if new:
         sync_folder(folder)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import collections
 import contextlib
 import errno
+import functools
 import json
 import os
 import secrets
@@ -47,6 +48,7 @@ from gaitsweep.table.files import (
 from gaitsweep.table.locks import BLOCK_LOCKS, Lock
 from gaitsweep.table.manifest import (
     FIGURES,
+    IDENTITY,
     JOB,
     MANIFEST,
     TABLE,
@@ -70,8 +72,6 @@ from gaitsweep.table.reading import add_counts
 
 # No two processes have the same, also not two of different machines.
 WRITER = f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}"
-
-_FIXED = ("format", "job_hash", "rows", "block")
 
 
 class ResultDirectory:
@@ -118,12 +118,12 @@ class ResultDirectory:
             raise kind(f"The result directory {path} cannot be created: {reason(error)}.") from error
         try:
             # Checked again, since another run may have created it between the first check and the lock.
-            damaged = _claimed(path, layout)
-            manifest = damaged if isinstance(damaged, dict) else None
+            claimed = _claimed(path, layout)
+            manifest = claimed if isinstance(claimed, dict) else None
             directory = cls(path, lock, manifest or new_manifest(layout, job))
-            if isinstance(damaged, DamagedManifest):
+            if isinstance(claimed, DamagedManifest):
                 directory.notes.append(
-                    f"{damaged.what}: it will be rewritten, since the table's parts belong to this job."
+                    f"{claimed.what}: it will be rewritten, since the table's parts belong to this job."
                 )
             if not lock.file_system_has_locks:
                 directory.notes.append(
@@ -149,12 +149,12 @@ class ResultDirectory:
         text = yaml.dump(dict(job), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100).encode()
         job_file = self.path / JOB
         try:
-            stands = read_file(job_file) == text
+            unchanged = read_file(job_file) == text
         except FileNotFoundError:
-            stands = False
+            unchanged = False
         except OSError as error:
             raise TableError(f"{job_file} cannot be read: {reason(error)}. Move it away.") from error
-        if not stands or read_digests(self.path).get(JOB) != digest_of(text):
+        if not unchanged or read_digests(self.path).get(JOB) != digest_of(text):
             write_file(self.path, JOB, text)
             self._keep_latest_digests()
 
@@ -187,14 +187,14 @@ class ResultDirectory:
         for fault in examined.open_faults:
             self._clear(fault)
         if examined.undigested:
-            self._digest(examined)
+            self._record_digests(examined)
         for number, parts in stored.items():
             newest = max((part.numbers.keys() for part in parts), key=len)  # another version may lack some
             rows = RowOutcome.concat([part for part in parts if part.numbers.keys() == newest])
             _, first = np.unique(rows.row, return_index=True)  # a row may stand in several files
             self._restored[number] = rows.take(first)
 
-    def _digest(self, examined: Examination) -> None:
+    def _record_digests(self, examined: Examination) -> None:
         """Record the digests of valid files that have none."""
         n = len(examined.undigested)
         text = f"{n} file{'s' * (n != 1)} of {self.path / TABLE} {'have' if n != 1 else 'has'} no digests"
@@ -266,7 +266,7 @@ class ResultDirectory:
                 file = self.path / TABLE / PARTS.name(number)
                 values = pq.ParquetFile(readable(read_file(file))).read([column]).column(0)
                 counts = values.value_counts().to_pylist()
-                self._tally.update({str(each["values"]): each["counts"] for each in counts})
+                self._tally.update({str(count["values"]): count["counts"] for count in counts})
         return dict(self._tally.most_common())
 
     def write_part(self, number: int, frame: pd.DataFrame) -> None:
@@ -394,8 +394,10 @@ class ResultDirectory:
             ValueError: a field identifies the directory and cannot change.
         """
         for name in fields:
-            if name in _FIXED:
+            if name in IDENTITY:
                 raise ValueError(f"The manifest's {name} cannot change.")
+        if not fields:
+            return
         manifest = {k: v for k, v in (self.manifest | fields).items() if v is not None}
         old, self.manifest = self.manifest, manifest
         try:
@@ -427,7 +429,8 @@ class ResultDirectory:
         if plain["format"] > 1:
             plain = sealed(plain)
         self.manifest = plain
-        text = json.dumps(plain, indent=2, ensure_ascii=False) + "\n"
+        fields = (f"  {json.dumps(name)}: {_indented(json.dumps(value))}" for name, value in plain.items())
+        text = "{\n" + ",\n".join(fields) + "\n}\n"
         replace_file(self.path / MANIFEST, lambda file: file.write(text.encode()))
 
     def close(self) -> None:
@@ -503,11 +506,21 @@ def _claimed(path: Path, layout: Layout) -> dict[str, Any] | DamagedManifest | N
         return error
 
 
-class _Dumper(yaml.SafeDumper):
+_SafeDumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # which C makes ten times as fast
+
+
+class _Dumper(_SafeDumper):
     """Writer of YAML that writes a repeated list twice, not as an anchor and an alias."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
+
+
+# cached, since most fields are written several times, and Python indents them slowly
+@functools.lru_cache(maxsize=64)
+def _indented(value: str) -> str:
+    """A field of the manifest, from JSON without indents."""
+    return json.dumps(json.loads(value), indent=2, ensure_ascii=False).replace("\n", "\n  ")
 
 
 def _plain(value: Any) -> Any:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import pyarrow as pa
 
@@ -16,11 +17,15 @@ from gaitsweep.table.manifest import TABLE, Layout
 from gaitsweep.table.parts import DamagedPart, Footer, read_footer, read_open, read_records
 
 FOREIGN = ".foreign"  # suffix of a part of another table that was renamed
+T = TypeVar("T")
 
 
 @dataclasses.dataclass(frozen=True)
 class Fault:
-    """An unusable file: `what` is the reason, and `foreign` is true if it belongs to another table."""
+    """An unusable file: `what` is the reason, and `foreign` is true if it belongs to another table.
+
+    `digest_known` is true if a digest of the file is recorded.
+    """
 
     file: Path
     what: str
@@ -84,45 +89,50 @@ class Examination:
             columns: the columns that are read, beside `row`; all by default.
         """
         for number in self._numbers:
-            file = self.folder / PARTS.name(number)
-            name = f"{TABLE}/{file.name}"
-            digest = self.digests.get(name)
-            try:
-                data = read_file(file)
-                footer, table = examined_part(data, digest, self.layout, number), None
-                if records:
-                    table = read_records(data, footer, *self.layout.rows_of(number), columns)
-            except FileNotFoundError:
-                continue
-            except (OSError, DamagedPart) as error:
-                what = reason(error) if isinstance(error, OSError) else error
-                foreign = isinstance(error, _ForeignPart)
-                self.faults[number] = Fault(file, f"{what}.", foreign, digest is not None)
-                continue
-            if digest is None:
-                self.undigested[name] = digest_of(data)
-            self.footers[number] = footer
-            yield number, table
+
+            def read(data: bytes, digest: str | None, number: int = number) -> tuple[Footer, pa.Table | None]:
+                footer = examined_part(data, digest, self.layout, number)
+                rows = self.layout.rows_of(number)
+                return footer, read_records(data, footer, *rows, columns) if records else None
+
+            part = self._read(self.folder / PARTS.name(number), read)
+            if isinstance(part, Fault):
+                self.faults[number] = part
+            elif part is not None:
+                self.footers[number], table = part
+                yield number, table
 
     def open_rows(self) -> Iterator[tuple[Path, RowOutcome]]:
         """Iterate over the files of ended rows of incomplete blocks."""
+
+        def read(data: bytes, digest: str | None) -> RowOutcome:
+            if digest is not None and digest_of(data) != digest:
+                raise DamagedPart(f"its bytes differ from the digest in {DIGESTS}")
+            return read_open(data, self.layout.job_hash, self.layout.rows)
+
         for number in self._open_numbers:
             file = self.folder / OPEN_ROWS.name(number)
-            name = f"{TABLE}/{file.name}"
-            digest = self.digests.get(name)
-            try:
-                data = read_file(file)
-                if digest is not None and digest_of(data) != digest:
-                    raise DamagedPart(f"its bytes differ from the digest in {DIGESTS}")
-                rows = read_open(data, self.layout.job_hash, self.layout.rows)
-                if digest is None:
-                    self.undigested[name] = digest_of(data)
+            rows = self._read(file, read)
+            if isinstance(rows, Fault):
+                self.open_faults.append(rows)
+            elif rows is not None:
                 yield file, rows
-            except FileNotFoundError:
-                continue
-            except (OSError, DamagedPart) as error:
-                what = reason(error) if isinstance(error, OSError) else error
-                self.open_faults.append(Fault(file, f"{what}."))
+
+    def _read(self, file: Path, read: Callable[[bytes, str | None], T]) -> T | Fault | None:
+        """Read a file by `read`, from its bytes and its digest; None if the file has been removed."""
+        name = f"{TABLE}/{file.name}"
+        digest = self.digests.get(name)
+        try:
+            data = read_file(file)
+            content = read(data, digest)
+        except FileNotFoundError:
+            return None
+        except (OSError, DamagedPart) as error:
+            what = reason(error) if isinstance(error, OSError) else error
+            return Fault(file, f"{what}.", isinstance(error, _ForeignPart), digest is not None)
+        if digest is None:
+            self.undigested[name] = digest_of(data)
+        return content
 
 
 class _ForeignPart(DamagedPart):
@@ -143,7 +153,7 @@ def examined_part(data: bytes, digest: str | None, layout: Layout, number: int) 
     """
     start, stop = layout.rows_of(number)
     if digest is not None and digest_of(data) != digest:
-        _say_whose(data, layout.job_hash, number)
+        _refuse_other_part(data, layout.job_hash, number)
         raise DamagedPart(f"its bytes differ from the digest in {DIGESTS}")
     footer = read_footer(data)
     _check_job(footer, layout.job_hash)
@@ -159,18 +169,18 @@ def examined_part(data: bytes, digest: str | None, layout: Layout, number: int) 
 def examined_parts(path: Path, layout: Layout, numbers: Iterable[int]) -> dict[int, Footer]:
     """Return the footers of the valid parts among some, which other processes may have written."""
     files = {number: path / TABLE / PARTS.name(number) for number in numbers}
-    there = {number: file for number, file in files.items() if file.exists()}
+    files = {number: file for number, file in files.items() if file.exists()}
     # digests are read after names, since the line of a file is written before its name
-    digests = read_digests(path) if there else {}
+    digests = read_digests(path) if files else {}
     footers: dict[int, Footer] = {}
-    for number, file in there.items():
+    for number, file in files.items():
         with contextlib.suppress(OSError, DamagedPart):
             digest = digests.get(f"{TABLE}/{file.name}")
             footers[number] = examined_part(read_file(file), digest, layout, number)
     return footers
 
 
-def _say_whose(data: bytes, job_hash: str, number: int) -> None:
+def _refuse_other_part(data: bytes, job_hash: str, number: int) -> None:
     """Raise an error if a part with a wrong digest is a valid part of another job or block."""
     try:
         footer = read_footer(data)

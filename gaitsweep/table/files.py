@@ -8,12 +8,14 @@ import os
 import re
 import secrets
 import stat
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import IO, BinaryIO, NamedTuple
 
 from gaitsweep.errors import EXIT_FAILURE, UserError
 
+_TEMPORARY: set[str] = set()  # folders of `temporary_folder`
 PARTIAL = ".partial"  # suffix of the hidden temporary name of a file
 
 # Errors that the user can correct, by another path or permissions; all others are failures of the machine.
@@ -73,10 +75,10 @@ def read_file(path: Path, most: int | None = None) -> bytes:
     # without O_NONBLOCK, opening a pipe waits for its writer
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
     with os.fdopen(descriptor, "rb") as file:
-        found = os.fstat(file.fileno())
-        if not stat.S_ISREG(found.st_mode):
+        status = os.fstat(file.fileno())
+        if not stat.S_ISREG(status.st_mode):
             raise OSError(errno.EINVAL, "it is not a regular file", str(path))
-        if most is not None and found.st_size > most:
+        if most is not None and status.st_size > most:
             raise OSError(errno.EFBIG, f"it is larger than {most} bytes", str(path))
         return file.read()
 
@@ -100,8 +102,7 @@ def replace_file(path: Path, write: Callable[[BinaryIO], object]) -> None:
         # opened by path, since other programs that write it need the path
         with open(temporary, "xb", opener=_without_links) as file:
             write(file)
-            file.flush()
-            os.fsync(file.fileno())
+            sync_file(file, path)
         os.replace(temporary, path)
     except BaseException:
         with contextlib.suppress(OSError):
@@ -114,8 +115,32 @@ def _without_links(path: str, flags: int) -> int:
     return os.open(path, flags | os.O_NOFOLLOW, 0o666)
 
 
+@contextlib.contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """A folder that is removed at the end, so that its files need not be flushed to disk."""
+    with tempfile.TemporaryDirectory(prefix="gaitsweep_") as name:
+        _TEMPORARY.add(name)
+        try:
+            yield Path(name)
+        finally:
+            _TEMPORARY.remove(name)
+
+
+def _is_temporary(path: Path) -> bool:
+    return any(f"{path}/".startswith(f"{folder}/") for folder in _TEMPORARY)
+
+
+def sync_file(file: IO[bytes], path: Path) -> None:
+    """Flush an open file to disk, which has the name `path` or will have it."""
+    file.flush()
+    if not _is_temporary(path):
+        os.fsync(file.fileno())
+
+
 def sync_folder(folder: Path) -> None:
     """Flush the entries of a folder to disk; errors of file systems without that function are ignored."""
+    if _is_temporary(folder):
+        return
     with contextlib.suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:

@@ -129,7 +129,7 @@ class BlockLocks:
         except OSError as error:
             if error.errno in (errno.EAGAIN, errno.EACCES):
                 return False
-        self._note(number, self.unfinished_starts(number).starts, process)
+        self._write_record(number, self.unfinished_starts(number).starts, process)
         return True
 
     def free(self, number: int) -> None:
@@ -152,13 +152,13 @@ class BlockLocks:
     def begin(self, number: int) -> None:
         """Record that the process with the lock of a block starts it."""
         starts, process = self.unfinished_starts(number)
-        self._note(number, starts + 1, process)
+        self._write_record(number, starts + 1, process)
 
     def end(self, number: int) -> None:
         """Record that a block has ended, with a part or an error."""
-        self._note(number, 0, "")
+        self._write_record(number, 0, "")
 
-    def _note(self, number: int, starts: int, process: str) -> None:
+    def _write_record(self, number: int, starts: int, process: str) -> None:
         record = f"{starts} {process}".encode()[: _RECORD - 1].ljust(_RECORD - 1) + b"\n"
         os.pwrite(self._descriptor, record, number * _RECORD)
 

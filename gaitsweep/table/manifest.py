@@ -23,6 +23,7 @@ FIGURES = "figures"
 FORMAT = 2  # of the directory; it is increased by a change that older versions cannot read
 FORMATS = (1, FORMAT)  # formats that can be read; format 1 has no digests
 SEAL = "sha256"  # the digest of all other fields
+IDENTITY = ("format", "job_hash", "rows", "block")  # the fields that every manifest has and that never change
 _LARGEST = 256 * 2**20  # bytes
 
 _Count = Annotated[int, Field(ge=1, lt=2**63)]
@@ -74,9 +75,10 @@ def read_manifest(path: Path) -> dict[str, Any]:
         json.dumps(manifest, ensure_ascii=False).encode()  # half a surrogate could not be printed
     except (ValueError, RecursionError) as error:
         raise DamagedManifest(f"{file} is damaged: it is not JSON ({error})", path) from error
-    needed = ("format", "job_hash", "rows", "block")
-    if not isinstance(manifest, dict) or not all(name in manifest for name in needed):
-        raise DamagedManifest(f"{file} is not a manifest of gaitsweep: it lacks one of {', '.join(needed)}.")
+    if not isinstance(manifest, dict) or not manifest.keys() >= {*IDENTITY}:
+        raise DamagedManifest(
+            f"{file} is not a manifest of gaitsweep: it lacks one of {', '.join(IDENTITY)}."
+        )
     if manifest["format"] in FORMATS:  # a later one may have other fields
         _check_fields(file, manifest)
     if manifest["format"] not in FORMATS or isinstance(manifest["format"], bool):

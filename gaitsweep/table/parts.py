@@ -56,14 +56,14 @@ class DamagedPart(Exception):
     """A part differs from what was written; the message gives the evidence."""
 
 
-def count_statuses(frame: pd.DataFrame) -> dict[str, int]:
+def _count_statuses(frame: pd.DataFrame) -> dict[str, int]:
     """Return the numbers of rows by status; the status of a row is that of its last record."""
     last = frame.drop_duplicates("row", keep="last")["status"]
     counts = {str(status): int(number) for status, number in last.value_counts().items() if number}
     return dict(sorted(counts.items()))
 
 
-def check_frame(frame: pd.DataFrame, start: int, stop: int) -> None:
+def _check_frame(frame: pd.DataFrame, start: int, stop: int) -> None:
     """Check that a frame has the records of rows `start` to `stop - 1`, in order.
 
     Raises:
@@ -101,8 +101,8 @@ def checked_part(
     if number not in layout.blocks:
         raise ValueError(f"Block {number} does not exist: the blocks are 0 to {layout.blocks[-1]}.")
     start, stop = layout.rows_of(number)
-    check_frame(frame, start, stop)
-    counts = count_statuses(frame)
+    _check_frame(frame, start, stop)
+    counts = _count_statuses(frame)
     if sum(counts.values()) != stop - start:
         raise ValueError(
             f"The statuses of part {number} count {sum(counts.values())} rows, not {stop - start}."
@@ -144,9 +144,9 @@ def part_bytes(
             arrays.append(pa.Array.from_pandas(values, type=pa.string()))
         else:
             arrays.append(pa.Array.from_pandas(values))
-        known = (quantities or {}).get(column) or ({"unit": _UNITS[column]} if column in _UNITS else {})
-        said = {name: known[name] for name in ("unit", "meaning") if name in known}
-        fields.append(pa.field(column, arrays[-1].type, metadata=said or None))
+        quantity = (quantities or {}).get(column) or ({"unit": _UNITS[column]} if column in _UNITS else {})
+        described = {name: quantity[name] for name in ("unit", "meaning") if name in quantity}
+        fields.append(pa.field(column, arrays[-1].type, metadata=described or None))
     footer = Footer(number, job_hash, dict(counts), categories)
     metadata = {_KEY: json.dumps(dataclasses.asdict(footer)).encode()}
     file = io.BytesIO()
@@ -212,8 +212,8 @@ def read_records(
         rows = table.column("row").to_numpy()
     except UNREADABLE as error:
         raise DamagedPart(f"its records cannot be read ({on_one_line(error)})") from error
-    each = rows[np.flatnonzero(np.diff(rows, prepend=start - 1))] if rows.size else rows
-    if not np.array_equal(each, np.arange(start, stop)):
+    different = rows[np.flatnonzero(np.diff(rows, prepend=start - 1))] if rows.size else rows
+    if not np.array_equal(different, np.arange(start, stop)):
         raise DamagedPart(f"its rows are not {start} to {stop - 1} in order")
     return table
 
@@ -254,32 +254,31 @@ def read_open(data: bytes, job_hash: str, n_rows: int) -> RowOutcome:
     try:
         file = pq.ParquetFile(readable(data), page_checksum_verification=True)
         table = file.read()
-        said: dict[str, Any] = json.loads((table.schema.metadata or {})[_OPEN_KEY])
-        rows: dict[str, np.ndarray] = {}
+        metadata: dict[str, Any] = json.loads((table.schema.metadata or {})[_OPEN_KEY])
+        arrays: dict[str, np.ndarray] = {}
         for name in table.column_names:
             column = table.column(name).combine_chunks()
-            if name in said["widths"]:
-                width = int(said["widths"][name])
+            if name in metadata["widths"]:
+                width = int(metadata["widths"][name])
                 flat = column.flatten().to_numpy()
-                rows[name] = flat.reshape(flat.size // width if width else 0, width)
+                arrays[name] = flat.reshape(flat.size // width if width else 0, width)
             else:
-                rows[name] = column.to_numpy(zero_copy_only=False)
-        mine = rows["row"]
+                arrays[name] = column.to_numpy(zero_copy_only=False)
+        row, kept, samples = (arrays.pop(name) for name in ("row", "kept", "samples"))
         sound = (
-            mine.dtype == np.int64
-            and bool(np.all((mine >= 0) & (mine < n_rows)))
-            and int(rows["kept"].sum()) == len(rows["samples"])
-            and all(len(values) == mine.size for name, values in rows.items() if name != "samples")
+            row.dtype == np.int64
+            and bool(np.all((row >= 0) & (row < n_rows)))
+            and int(kept.sum()) == len(samples)
+            and all(len(values) == row.size for values in (kept, *arrays.values()))
         )
-        its_hash = str(said["job_hash"])
+        hash_of_rows = str(metadata["job_hash"])
     except UNREADABLE as error:
         raise DamagedPart(f"it cannot be read ({on_one_line(error)})") from error
-    if its_hash != job_hash:
-        raise DamagedPart(f"it belongs to another job (hash {its_hash[:12]})")
+    if hash_of_rows != job_hash:
+        raise DamagedPart(f"it belongs to another job (hash {hash_of_rows[:12]})")
     if not sound:
         raise DamagedPart("its rows do not belong to this table")
-    row, kept, samples = (rows.pop(name) for name in ("row", "kept", "samples"))
-    return RowOutcome(row, rows, kept, samples)
+    return RowOutcome(row, arrays, kept, samples)
 
 
 def readable(data: bytes) -> pa.BufferReader:

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from gaitsweep import near_miss
 from gaitsweep.schema.former_names import renamed
 from gaitsweep.table.digests import digest_of
-from gaitsweep.table.examination import Examination, Fault
+from gaitsweep.table.examination import Examination
 from gaitsweep.table.files import TableError, read_file, reason
 from gaitsweep.table.manifest import FIGURES, JOB, TABLE, Layout, is_job, read_manifest
 from gaitsweep.table.parts import Footer
@@ -28,6 +28,7 @@ from gaitsweep.table.parts import Footer
 Rows = slice | range | ArrayLike
 
 _LARGEST_JOB = 64 * 2**20  # bytes
+_WITHOUT_NUMBERS = ("name", "verify", "figures", "style")  # fields of a job that decide no number
 _DEEPEST, _MOST_EVENTS = 50, 400_000  # of an edited `job.yaml`
 
 
@@ -59,12 +60,16 @@ class Snapshot:
         Raises:
             TableError: it is not a result directory, or its manifest or `job.yaml` cannot be read.
         """
-        return _look(Path(path), None)
+        return _snapshot(Path(path))
 
     @property
     def job_edited(self) -> bool:
-        """Whether `job.yaml` was changed after the run wrote it."""
-        return self.written is not self.job
+        """Whether `job.yaml` was changed after the run in a field that decides the table's numbers."""
+        own, now = (
+            {key: value for key, value in job.items() if key not in _WITHOUT_NUMBERS}
+            for job in (self.job, self.written)
+        )
+        return own != now
 
     @property
     def counts(self) -> dict[str, int]:
@@ -105,17 +110,21 @@ class Snapshot:
         Raises:
             TableError: there are such files; the message names them.
         """
-        found = [*self.files.faults.values(), *self.files.strangers]
-        if found:
-            raise TableError(_refusal(found))
+        _refuse_faults(self.files)
 
 
-def _refusal(found: list[Fault]) -> str:
-    more = ", ".join(fault.file.name for fault in found[1:6]) + (", ..." if len(found) > 6 else "")
+def _refuse_faults(files: Examination) -> None:
+    """Raise TableError if a file of a table is damaged or belongs to another table."""
+    faults = [*files.faults.values(), *files.strangers]
+    if not faults:
+        return
+    more = ", ".join(fault.file.name for fault in faults[1:6]) + (", ..." if len(faults) > 6 else "")
     others = f" Also affected: {more}." if more else ""
-    if all(fault.file.suffix == ".parquet" and fault.foreign and not fault.digest_known for fault in found):
-        return f"{found[0].sentence}{others}"
-    return f"{found[0].sentence}{others} Run its job again to replace it."
+    misplaced = all(
+        fault.file.suffix == ".parquet" and fault.foreign and not fault.digest_known for fault in faults
+    )
+    advice = "" if misplaced else " Run its job again to replace it."
+    raise TableError(f"{faults[0].sentence}{others}{advice}")
 
 
 def add_counts(footers: dict[int, Footer]) -> dict[str, int]:
@@ -131,15 +140,15 @@ _SOURCES = ("cycles", "gait", "status")
 
 
 @dataclasses.dataclass(frozen=True)
-class Wanted:
+class Selection:
     """The records to read from a table: some or all columns of some or all rows."""
 
     columns: tuple[str, ...] | None = None
     rows: range | np.ndarray | None = None  # in rising order
 
     @classmethod
-    def of(cls, columns: Sequence[str] | None, rows: Rows | None, n_rows: int) -> Wanted:
-        """The wanted records of a table of `n_rows` rows; see `load`.
+    def of(cls, columns: Sequence[str] | None, rows: Rows | None, n_rows: int) -> Selection:
+        """The selection of `columns` and `rows` from a table of `n_rows` rows; see `load`.
 
         Raises:
             TableError: the table does not have these rows, or they are not row numbers.
@@ -161,37 +170,33 @@ class Wanted:
         return cls(names, numbers)
 
     def records_of(self, table: pa.Table) -> pa.Table:
-        """The wanted records of a part."""
+        """The selected records of a part."""
         row = table.column("row").to_numpy()
+        if self.columns is not None:
+            table = table.select([name for name in table.column_names if name in self.columns])
         if self.rows is None or not row.size:
-            return self._columns_of(table)
+            return table
         if isinstance(self.rows, range):
             first, stop, step = self.rows.start, self.rows.stop, self.rows.step
-            found = (row >= first) & (row < stop) & ((row - first) % step == 0)
+            selected = (row >= first) & (row < stop) & ((row - first) % step == 0)
         else:
-            here = slice(*np.searchsorted(self.rows, [row[0], row[-1] + 1]))
-            found = np.isin(row, self.rows[here])
-        table = self._columns_of(table)
-        return table if found.all() else table.filter(pa.array(found))
-
-    def _columns_of(self, table: pa.Table) -> pa.Table:
-        if self.columns is None:
-            return table
-        return table.select([name for name in table.column_names if name in self.columns])
+            of_part = slice(*np.searchsorted(self.rows, [row[0], row[-1] + 1]))
+            selected = np.isin(row, self.rows[of_part])
+        return table if selected.all() else table.filter(pa.array(selected))
 
 
-def _look(path: Path, parts: _Parts | None, wanted: Wanted | None = None) -> Snapshot:
-    """Read a directory, and the wanted records of its valid parts into `parts` if it is given."""
-    wanted = wanted or Wanted()
+def _snapshot(path: Path, parts: _Parts | None = None, selection: Selection | None = None) -> Snapshot:
+    """Read a directory, and the selected records of its valid parts into `parts` if it is given."""
+    selection = selection or Selection()
     manifest = read_manifest(path)
     examined = Examination(path, Layout.of(manifest))
     run, on_disk = _job_of(path, manifest, examined.digests.get(JOB))
     job = renamed(run)
     written = job if on_disk is run else renamed(on_disk)
-    for number, table in examined.parts(parts is not None, wanted.columns):
+    for number, table in examined.parts(parts is not None, selection.columns):
         if parts is not None and table is not None:
             footer = examined.footers[number]
-            parts.add(wanted.records_of(table), footer, table.num_rows / footer.rows)
+            parts.add(selection.records_of(table), footer, table.num_rows / footer.rows)
     opened = np.concatenate([np.zeros(0, np.int64), *(rows.row for _, rows in examined.open_rows())])
     done = np.array(sorted(examined.footers), np.int64)
     waiting = np.unique(opened[~np.isin(opened // examined.layout.block, done)])
@@ -202,7 +207,7 @@ def _job_of(
     path: Path, manifest: dict[str, Any], digest: str | None
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """The job that was run, and the content of `job.yaml`: the same object if it was not edited."""
-    file = path / JOB
+    file, advice = path / JOB, f"Run the job of {path} again to rewrite it."
     known = manifest.get("job")
     try:
         data = read_file(file, _LARGEST_JOB)
@@ -216,9 +221,9 @@ def _job_of(
         raise TableError(f"{file} cannot be read: {reason(error)}.") from error
     except (ValueError, TypeError, OverflowError, RecursionError, yaml.YAMLError) as error:
         text = " ".join(str(error).split())[:200]
-        raise TableError(f"{file} cannot be read: {text}. {_written_anew(path)}") from error
+        raise TableError(f"{file} cannot be read: {text}. {advice}") from error
     if not is_job(written):
-        raise TableError(f"{file} was changed and is not a job. {_written_anew(path)}")
+        raise TableError(f"{file} was changed and is not a job. {advice}")
     if known is None or (digest is None and written == known):
         return written, written
     return known, written
@@ -235,10 +240,6 @@ def _parsed(text: str) -> Any:
         if number > _MOST_EVENTS:
             raise ValueError("it has too many values")
     return yaml.safe_load(text)
-
-
-def _written_anew(path: Path) -> str:
-    return f"Run the job of {path} again to rewrite it."
 
 
 def load(
@@ -289,9 +290,9 @@ def load_with_snapshot(
     """Read the table of a result directory as `load` does, with the snapshot of the directory."""
     path = Path(path)
     n_rows = read_manifest(path)["rows"]
-    wanted = Wanted.of(columns, rows, n_rows)
-    parts = _Parts(n_rows if wanted.rows is None else len(wanted.rows))
-    snapshot = _look(path, parts, wanted)
+    selection = Selection.of(columns, rows, n_rows)
+    parts = _Parts(n_rows if selection.rows is None else len(selection.rows))
+    snapshot = _snapshot(path, parts, selection)
     snapshot.require_sound()
     if not snapshot.files.footers:
         waiting = f"; {snapshot.rows_open} rows of incomplete blocks have ended" if snapshot.rows_open else ""
@@ -325,20 +326,18 @@ def load_parts(path: str | Path, columns: Sequence[str]) -> Iterator[pd.DataFram
     Raises:
         TableError: as `load`; a damaged file is found when its part is read.
     """
-    path, wanted = Path(path), Wanted(_decoded(columns))
+    path, selection = Path(path), Selection(_decoded(columns))
     examined = Examination(path, Layout.of(read_manifest(path)))
     parts = _Parts(_TOGETHER)
-    for number, table in examined.parts(True, wanted.columns):
+    for number, table in examined.parts(True, selection.columns):
         if table is not None:
-            parts.add(wanted.records_of(table), examined.footers[number])
+            parts.add(selection.records_of(table), examined.footers[number])
         if parts.length > _TOGETHER // 2:
             yield _frame(path, parts, columns)
             parts = _Parts(_TOGETHER)
     if parts.length:
         yield _frame(path, parts, columns)
-    found = [*examined.faults.values(), *examined.strangers]
-    if found:
-        raise TableError(_refusal(found))
+    _refuse_faults(examined)
 
 
 @dataclasses.dataclass
@@ -393,8 +392,8 @@ class _Parts:
     def whole(self, name: str) -> np.ndarray | None:
         """The column of all parts, if all have their values there."""
         whole = self._whole.get(name)
-        there = all(getattr(part.columns.get(name), "base", None) is whole for part in self.parts)
-        return None if whole is None or not there else whole[: self.length]
+        complete = all(getattr(part.columns.get(name), "base", None) is whole for part in self.parts)
+        return None if whole is None or not complete else whole[: self.length]
 
 
 def _decoded(columns: Sequence[str]) -> tuple[str, ...]:
@@ -404,15 +403,14 @@ def _decoded(columns: Sequence[str]) -> tuple[str, ...]:
 
 def _frame(path: Path, parts: _Parts, columns: Sequence[str] | None) -> pd.DataFrame:
     """The records of all parts."""
-    there = dict.fromkeys(name for part in parts.parts for name in part.columns)
-    older = all(name in there for name in _SOURCES) and any("outcome" not in p.columns for p in parts.parts)
+    names = list(dict.fromkeys(name for part in parts.parts for name in part.columns))
+    older = all(name in names for name in _SOURCES) and any("outcome" not in p.columns for p in parts.parts)
     if older:
-        names = [name for name in there if name != "outcome"]
+        names = [name for name in names if name != "outcome"]
         names.insert(names.index("gait") + 1, "outcome")
-        there = dict.fromkeys(names)
     values: dict[str, Any] = {}
-    for name in there if columns is None else dict.fromkeys(columns):
-        if name not in there:
+    for name in names if columns is None else dict.fromkeys(columns):
+        if name not in names:
             raise TableError(f"{name} is not a column of {path}{_near_column(path, name)}")
         try:
             if older and name == "outcome":
@@ -445,11 +443,11 @@ def _near_column(path: Path, name: str) -> str:
 
 
 def _joined(name: str, parts: _Parts) -> Any:
-    """A column of all parts."""
+    """A column of all parts: categorical, an array, or a series."""
     whole = parts.whole(name)
     if not any(name in part.categories for part in parts.parts):
         return _promoted(name, parts.parts) if whole is None else whole
-    categories = list(dict.fromkeys(each for part in parts.parts for each in part.categories.get(name, ())))
+    categories = list(dict.fromkeys(text for part in parts.parts for text in part.categories.get(name, ())))
     if whole is None or any(part.categories[name] != categories for part in parts.parts):
         whole = np.concatenate([_recoded(name, part, categories) for part in parts.parts])
     return pd.Categorical.from_codes(whole, categories=categories)
@@ -462,8 +460,8 @@ def _recoded(name: str, part: _Part, categories: list[str]) -> np.ndarray:
         return np.full(part.length, -1, _narrow(categories))
     if isinstance(column, pa.ChunkedArray):
         return _codes(column, categories)
-    of = [*map(categories.index, part.categories[name]), -1]
-    return np.array(of, _narrow(categories))[column]
+    codes = [*map(categories.index, part.categories[name]), -1]
+    return np.array(codes, _narrow(categories))[column]
 
 
 def _promoted(name: str, parts: list[_Part]) -> pd.Series:
@@ -475,7 +473,8 @@ def _promoted(name: str, parts: list[_Part]) -> pd.Series:
     return pa.chunked_array(chunks, common).to_pandas()
 
 
-def _in_arrow(piece: Any) -> pa.ChunkedArray:
+def _in_arrow(piece: np.ndarray | pa.Array | pa.ChunkedArray) -> pa.ChunkedArray:
+    """A column of a part, which may be missing or lie in NumPy's memory, as an array of Arrow."""
     return piece if isinstance(piece, pa.ChunkedArray) else pa.chunked_array([pa.array(piece)])
 
 
@@ -491,8 +490,8 @@ def _codes(column: pa.ChunkedArray, categories: list[str]) -> np.ndarray:
     for chunk in column.chunks:
         encoded = chunk if pa.types.is_dictionary(chunk.type) else chunk.dictionary_encode()
         names = encoded.dictionary.to_pylist()
-        of = np.array([*(place.get(name, -1) for name in names), -1], _narrow(categories))
-        codes.append(of[encoded.indices.fill_null(-1).to_numpy()])
+        code_of_name = np.array([*(place.get(name, -1) for name in names), -1], _narrow(categories))
+        codes.append(code_of_name[encoded.indices.fill_null(-1).to_numpy()])
     return np.concatenate(codes)
 
 

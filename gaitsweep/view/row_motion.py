@@ -86,6 +86,7 @@ def read_motion(
     trust: bool = False,
     start: float | None = None,
     seconds: float | None = None,
+    renderer: str = "auto",
 ) -> RowMotion:
     """Read a row of a trace, or simulate a row of another run again as the explorer does.
 
@@ -93,11 +94,12 @@ def read_motion(
         directory: the result directory.
         row: the number of the row.
         trust: as for `gaitsweep.models.find_of_table`.
-        start, seconds: the part of a row that is simulated again, s; by default its last cycles.
+        start, seconds: the part of a row that is simulated again, s; by default its last cycles, or seconds.
+        renderer: the one asked for.
 
     Raises:
-        PlotError: the run kind has no motion, the table lacks signals, or there is no such row, or no motion
-            of it.
+        PlotError: the run kind has no motion, the model cannot be drawn so, the table lacks signals, or there
+            is no such row, or no motion of it.
         TableError, JobError: the directory cannot be read, or its job.
     """
     directory = Path(directory)
@@ -112,6 +114,9 @@ def read_motion(
     part = _samples(table, directory, row)
     job = stored_job(table.attrs, trust)
     design = job.design
+    parameters, _ = design.values(row, row + 1)
+    parameter_values = {name: float(value[0]) for name, value in parameters.items()}
+    _check_drawable(design.model, parameter_values, renderer)
     names = [quantity.name for quantity in design.model.signals]
     if kind == "trace":
         t, signals = _recorded(part, directory, names)
@@ -123,17 +128,27 @@ def read_motion(
     if np.count_nonzero(finite) < 2:
         status = str(part["status"].iloc[-1])
         raise PlotError(f"Row {row} of {directory} has no recorded motion: it ended with status {status}.")
-    parameters, _ = design.values(row, row + 1)
     axes = [written(table, name, part[name].iloc[0]) for name in design.names if name in part.columns]
     return RowMotion(
         model=design.model,
-        values={name: float(value[0]) for name, value in parameters.items()},
+        values=parameter_values,
         t=t[finite],
         signals={name: values[finite] for name, values in signals.items()},
         period=float(design.model.period(row_params(design, row))),
         gait=gait,
         row=f"row {row}{': ' if axes else ''}{', '.join(axes[:_NAMED])}",
     )
+
+
+def _check_drawable(model: Model, values: Mapping[str, float], renderer: str) -> None:
+    """Refuse a model that cannot be drawn, before its row is simulated."""
+    if type(model).skeleton is Model.skeleton:
+        raise PlotError(
+            f"{model.name} has no `skeleton` to draw: define one, as docs/own_model.md shows under "
+            "`See it move`."
+        )
+    if renderer == "mujoco" and model.mjcf(values) is None:
+        raise PlotError(f"{model.name} has no MJCF, which MuJoCo needs: use --renderer matplotlib.")
 
 
 def _recorded(
@@ -163,7 +178,10 @@ def _simulated(
         return np.zeros(0), {}, ""
     context = prepare(job)
     replayer = replayer_of(context, np.array([row]))
-    first = max(0.0, end - _LAST_CYCLES * float(replayer.periods[0])) if start is None else start
+    first = start
+    if first is None:
+        length = _LAST_CYCLES * float(replayer.periods[0]) if seconds is None else seconds
+        first = max(0.0, end - length)
     if not 0.0 <= first < end:
         raise PlotError(f"{first:g} s is outside the row, which goes from 0 to {end:g} s.")
     last = end if seconds is None else min(end, first + seconds)

@@ -71,13 +71,15 @@ def write_movie(
         PlotError, TableError, JobError: the request cannot be fulfilled.
         WriteError: the file cannot be written.
     """
-    _check(size, renderer)
-    motion = read_motion(directory, row, trust, start, seconds)
-    start = float(motion.t[0]) if start is None else start
-    speed = usual_speed(motion.period) if speed is None else speed
+    _check(size, renderer, lift)
     for name, value in (("speed", speed), ("fps", fps), ("seconds", seconds)):
         if value is not None and not 0.0 < value < np.inf:
             raise PlotError(f"--{name} is {value:g}, but must be above 0.")
+    target = _target(directory, out, f"animation_row{row}.gif")
+    movie_file.require(target, fps)
+    motion = read_motion(directory, row, trust, start, seconds, renderer)
+    start = float(motion.t[0]) if start is None else start
+    speed = usual_speed(motion.period) if speed is None else speed
     end = _end(motion, start, seconds, on_message)
     count = int((end - start) / speed * fps * (1.0 + 1e-9)) + 1
     if not 2 <= count <= _MOST_FRAMES:
@@ -85,8 +87,6 @@ def write_movie(
             f"The movie would have {count} frame{'s' * (count != 1)}, but 2 to {_MOST_FRAMES} are allowed: "
             "change --seconds, --speed or --fps."
         )
-    target = _target(directory, out, f"animation_row{row}.gif")
-    movie_file.require(target, fps)
     times = start + np.arange(count) * (speed / fps)
 
     def counted(frames: Iterator[np.ndarray]) -> Iterator[np.ndarray]:
@@ -100,7 +100,7 @@ def write_movie(
         contextlib.closing(animation.frames(clip, size, scene)) as frames,
     ):
         colours = [*limb_colours(clip.skeleton.limbs), side_view.SWING]
-        _write(target, lambda: movie_file.save(target, counted(frames), fps, colours))
+        _write(target, lambda: movie_file.save(target, counted(frames), fps, colours), own=out is None)
     return target
 
 
@@ -130,42 +130,44 @@ def write_still(
         PlotError, TableError, JobError: the request cannot be fulfilled.
         WriteError: the file cannot be written.
     """
-    _check(size, renderer)
-    motion = read_motion(directory, row, trust, at)
-    end = _end(motion, at, motion.period, on_message)
+    _check(size, renderer, lift)
     target = _target(directory, out, f"poses_row{row}.png")
     if target.suffix.lower() != ".png":
         raise PlotError(f"{target} is not a valid name for a picture: it must end with .png.")
+    motion = read_motion(directory, row, trust, at, renderer=renderer)
+    end = _end(motion, at, motion.period, on_message)
     times = np.linspace(at, end, _POSES, endpoint=False)
     with _prepared(motion, times, "", renderer, lift, on_message) as (clip, scene):
         figure = animation.still(clip, size, scene)
     _write(
-        target, lambda: replace_file(target, lambda file: figure.savefig(file, format="png", dpi=figure.dpi))
+        target,
+        lambda: replace_file(target, lambda file: figure.savefig(file, format="png", dpi=figure.dpi)),
+        own=out is None,
     )
     return target
 
 
-def _check(size: tuple[int, int], renderer: str) -> None:
-    """Refuse a size or a renderer that is not allowed."""
+def _check(size: tuple[int, int], renderer: str, lift: float) -> None:
+    """Refuse a size, a renderer or a lift that is not allowed."""
     low, high = _SIDES
     if not all(low <= side <= high for side in size):
         raise PlotError(f"--size is {size[0]}x{size[1]}, but each side must have {low} to {high} pixels.")
     if renderer not in RENDERERS:
         raise PlotError(f"{renderer} is not a renderer{near_miss.suggestion(renderer, RENDERERS)}")
+    if not 0.0 < lift < np.inf or (lift != 1.0 and renderer == "mujoco"):
+        raise PlotError(f"--lift is {lift:g}, but must be above 0, and 1 with --renderer mujoco.")
 
 
 def _target(directory: str | Path, out: str | Path | None, name: str) -> Path:
     """The file to write: `out`, or by default `name` in the figures of the result directory."""
-    if out is not None:
-        return Path(out)
-    folder = Path(directory) / FIGURES
-    _write(folder, lambda: folder.mkdir(exist_ok=True))
-    return folder / name
+    return Path(directory) / FIGURES / name if out is None else Path(out)
 
 
-def _write(target: Path, write: Callable[[], object]) -> None:
-    """Call a function that writes a file; an OSError becomes a WriteError."""
+def _write(target: Path, write: Callable[[], object], *, own: bool) -> None:
+    """Write a file; the folder of one of the directory's `own` figures is made."""
     try:
+        if own:
+            target.parent.mkdir(exist_ok=True)
         write()
     except OSError as error:
         raise WriteError(f"{target} could not be written: {reason(error)}.") from error
@@ -178,7 +180,8 @@ def _end(motion: RowMotion, start: float, seconds: float | None, on_message: OnM
         raise PlotError(f"{start:g} s is outside the trace, which goes from {first:g} to {last:g} s.")
     if seconds is None:
         return last
-    if start + seconds > last * (1.0 + 1e-9) and on_message is not None:
+    # the last sample of a part lies up to a sample before its end
+    if start + seconds > last + 1.01 * float(motion.t[-1] - motion.t[-2]) and on_message is not None:
         on_message(f"The trace, and with it the movie, ends at {last:g} s.")
     return min(start + seconds, last)
 
@@ -202,15 +205,11 @@ def _prepared(
     motion: RowMotion, times: np.ndarray, pace: str, renderer: str, lift: float, on_message: OnMessage | None
 ) -> Iterator[tuple[Clip, Drawn]]:
     """A context with the clip at some times, and the function that draws the body."""
-    signals, name = motion.at(times), motion.model.name
+    signals = motion.at(times)
     skeleton = motion.model.skeleton(motion.values, signals)
     if skeleton is None:
-        raise PlotError(
-            f"{name} has no `skeleton` to draw: define one, as docs/own_model.md shows under `See it move`."
-        )
+        raise PlotError(f"{motion.model.name} has no skeleton of this row: its function returned None.")
     if lift != 1.0:
-        if renderer == "mujoco" or not 0.0 < lift < np.inf:
-            raise PlotError(f"--lift is {lift:g}, but must be above 0, and 1 with --renderer mujoco.")
         skeleton, renderer = side_view.lifted(skeleton, lift), "matplotlib"
     heading = side_view.heading(skeleton)
     contact = motion.contact(len(skeleton.limbs))
@@ -218,8 +217,6 @@ def _prepared(
     clip = dataclasses.replace(clip, title=motion.title(clip, lift))
     mjcf = None if renderer == "matplotlib" else motion.model.mjcf(motion.values)
     if mjcf is None:
-        if renderer == "mujoco":
-            raise PlotError(f"{name} has no MJCF, which MuJoCo needs: use --renderer matplotlib.")
         yield clip, animation.side_view
         return
     nq = sum(key.startswith("q_") for key in signals)

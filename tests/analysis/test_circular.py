@@ -31,6 +31,9 @@ def test_the_circle_is_cut_where_no_angles_are() -> None:
     assert (np.diff(line) > 0).all()
     assert np.ptp(line) == pytest.approx(0.4 + TURN - 6.0)
     assert np.abs(line).max() < 1.0  # around zero, not around 2 pi
+    for noise in (-1e-9, 0.0, 1e-9):  # of gaps alike in width, that which keeps the usual range
+        apart = np.mod(np.array([0.0, 1e-9, np.pi]) + noise, TURN)
+        assert unwrap_from(apart, branch_cut(apart)) == pytest.approx([0.0, 0.0, np.pi], abs=1e-8)
 
 
 def test_angles_are_recognised_by_the_quantities_or_by_name() -> None:

@@ -102,7 +102,7 @@ def test_an_alternating_row_at_a_fixed_point_does_not_bias_the_slope() -> None:
 
 
 def test_gaps_of_the_data_have_no_fixed_point() -> None:
-    table = map_table(starts=60, crossings=200)
+    table = map_table(starts=20, crossings=200)
     apart = table.loc[np.abs(table["delta_13_n"] - 2.6) > 0.12]  # nothing about the unstable point
     assert fixed_points(apart, "delta_13")["stable"].tolist() == [True, True]
     settled = table.loc[table["crossing"] > 190]

@@ -113,6 +113,19 @@ def test_hysteresis_has_points_and_areas(show: Show) -> None:
     printed = show(staircase_table(hold=200), "hysteresis", "--observable", "delta_13", "--parameter", "f")
     assert "rising" in printed
     assert "area" in printed
+    assert show(staircase_table(hold=200), "hysteresis") == printed  # both names from the job
+
+
+def test_names_that_the_job_does_not_give_once_are_asked_for(
+    show: Show, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = staircase_table(hold=200)
+    table["speed_n"] = 1.0
+    table.attrs["job"]["figures"] = [{"kind": "hysteresis", "y": "delta_13"}]
+    assert "rising" in show(table, "hysteresis")
+    table.attrs["job"]["figures"].append({"kind": "hysteresis", "y": "speed"})
+    assert main(["analyse", "hysteresis", "results/any"]) == 2
+    assert "delta_13 and speed" in capsys.readouterr().err
 
 
 def test_gaits_are_lost_at_transition_points(show: Show) -> None:

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from gaitsweep.dynamics.mjx.drawing import skeleton
+from gaitsweep.plot.limbs import limb_colours
 
 BODY = """
 <mujoco><worldbody>
@@ -61,3 +62,17 @@ def test_a_body_without_a_site_for_each_foot_has_no_limbs() -> None:
     signals = {f"q_{i}": np.zeros(2) for i in range(model.nq)}
     assert skeleton(model, signals, feet=2).limbs == ()
     assert len(skeleton(model, signals, feet=1).limbs) == 1
+
+
+def test_the_left_limb_of_a_pair_is_the_far_one() -> None:
+    """Limbs of a pair have two lightnesses, in the plane too; the far one is on the left (y > 0)."""
+    for aside, far in (((-0.1, 0.1), [False, True]), ((0.1, -0.1), [True, False]), ((0, 0), [False, True])):
+        legs = "".join(
+            f'<body pos="0 {y} 0"><joint type="hinge" axis="0 1 0"/><geom size=".1"/>'
+            f'<site name="foot_{i + 1}"/></body>'
+            for i, y in enumerate(aside)
+        )
+        model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{legs}</worldbody></mujoco>")
+        limbs = skeleton(model, {f"q_{i}": np.zeros(2) for i in range(model.nq)}, feet=2).limbs
+        assert [limb.far for limb in limbs] == far
+        assert len(set(limb_colours(limbs))) == 2

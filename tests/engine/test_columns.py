@@ -13,7 +13,6 @@ from gaitsweep.contract import Model
 from gaitsweep.engine.kernel import columns, opening
 from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.kernel.lanes import kernel_of
-from gaitsweep.engine.kernel.trace import UnsupportedError
 from gaitsweep.engine.numerics import STEP_FACTOR, Numerics
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.models.conformity import sample
@@ -50,17 +49,12 @@ def test_functions_of_rows_agree_with_jax(function: Any, rows: int, monkeypatch:
 
 @pytest.mark.slow("multilegged", "waist_quadruped")
 @pytest.mark.parametrize("model", [Multilegged(), WaistQuadruped(), PlanarQuadruped()], ids=lambda m: m.name)
-def test_kernels_open_rows_as_xla_does(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kernels_open_rows_as_xla_does(model: Model) -> None:
     values, starts = sample(model, 5)
     starts = {**starts, STEP_FACTOR: np.ones(5)}
     kernel = kernel_of(model, SettleRecorder(model), Numerics().resolve(model), None)
     lane, shapes = kernel.lane, kernel.shapes
-
-    def unsupported(*_: Any) -> Any:
-        raise UnsupportedError
-
-    by_kernel = opening.opening_of(lane, *shapes)(values, starts)
-    monkeypatch.setattr(opening, "_by_kernel", unsupported)
-    by_xla = opening.opening_of(lane, *shapes)(values, starts)
+    by_kernel = opening.opened_by_kernel(opening.opening_of(lane, *shapes))(values, starts)
+    by_xla = opening.opened_by_xla(lane)(values, starts)
     for mine, right in zip(by_kernel, by_xla, strict=True):
         np.testing.assert_allclose(mine, right, rtol=1e-12, atol=1e-12)

@@ -13,6 +13,7 @@ from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
+from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped
@@ -72,6 +73,20 @@ def test_settling_on_a_card() -> None:
     )
     np.testing.assert_array_equal(kernel.status, xla.status)
     assert np.mean(kernel.labels["gait"] == xla.labels["gait"]) >= 0.95
+
+
+def test_a_walker_by_taylors_method_on_a_card_as_by_tsit5() -> None:
+    """Twenty steps of each row, whose differences the walk keeps small."""
+    model, starts = CompassWalker(), {"stance_rate_0": np.linspace(1.08, 1.1, 100)}
+    recorder = CrossingRecorder(model, crossings=20)
+    taylor, tsit5 = (
+        run_rows(
+            model, recorder, starts, numerics=Numerics(method=method, rtol=1e-12, atol=1e-12), engine="kernel"
+        )
+        for method in ("taylor", "tsit5")
+    )
+    np.testing.assert_array_equal(taylor.status, tsit5.status)
+    np.testing.assert_allclose(taylor.samples, tsit5.samples, rtol=0.0, atol=1e-9)
 
 
 def test_rows_are_independent_of_which_constants_others_share() -> None:

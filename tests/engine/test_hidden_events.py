@@ -53,6 +53,7 @@ METHODS = {
     # the step's own error has to be smaller than the peaks that it should see
     "rk4": (Numerics(method="rk4", dt=0.02), [1e-5, 1e-6]),
     "tsit5": (Numerics(method="tsit5", dt=0.1, rtol=1e-12, atol=1e-13), [1e-5, 1e-8]),
+    "taylor": (Numerics(method="taylor", dt=0.3, rtol=1e-12, atol=1e-13), [1e-3, 1e-5, 1e-8]),
     "propagator6": (Numerics(method="propagator6", dt=0.1), [1e-4, 1e-6]),
     "propagator": (Numerics(method="propagator", dt=0.3), [1e-3, 1e-6, 1e-8]),
 }
@@ -64,6 +65,7 @@ METHODS = {
     "propagator6-xla",
     "rk4-kernel",
     "rk4-xla",
+    "taylor-xla",
     "tsit5-kernel",
     "tsit5-xla",
 )
@@ -179,7 +181,10 @@ def test_pulses_are_met_however_they_are_written(form: str) -> None:
     @jax.jit
     def too_long(begin: jax.Array, h: jax.Array, width: jax.Array) -> jax.Array:
         ones = {"clock": jnp.asarray(1.0)}
-        shows, hides = switches_within(flow, width, (Clock(begin), Clock(begin + h)), (ones, ones), h)
+        ends = Clock(begin), Clock(begin + h)
+        shows, hides = switches_within(
+            flow, width, ends, (ones, ones), h, lambda share: Clock(begin + share * h)
+        )
         return shows | hides
 
     smooth = form in ("bell", "smooth steps")  # which step control sees if they are wide

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaitsweep.cache_folder import cache_folder, keep, kept
+from gaitsweep.cache_folder import cache_folder, load_cached, store_cached
 from gaitsweep.engine.kernel import cpu_program, llvm_code
 from gaitsweep.engine.kernel.cache import binary_of
 from gaitsweep.engine.kernel.chunk import Chunk
@@ -173,6 +173,6 @@ def test_without_a_home_there_is_no_cache(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_cached_code_is_read_unchanged(tmp_path: Path) -> None:
-    keep(tmp_path / "file", b"content")
-    assert kept(tmp_path / "file") == b"content"
-    assert kept(tmp_path / "none") is None
+    store_cached(tmp_path / "file", b"content")
+    assert load_cached(tmp_path / "file") == b"content"
+    assert load_cached(tmp_path / "none") is None

@@ -30,7 +30,7 @@ BOUNCING = BY_NAME["bouncing"]
 )
 def test_no_model_is_wrong_in_silence(name: str) -> None:
     family = BY_NAME[name]
-    verdicts = verdicts_on(family, drawn(family, 4, seed=7), "auto")
+    verdicts = verdicts_on(family, drawn(family, 4, seed=7), {})
     assert [verdict.said for verdict in verdicts if verdict.outcome == SILENT] == []
 
 
@@ -44,7 +44,7 @@ def test_a_different_restitution_is_detected() -> None:
         )
 
     family = dataclasses.replace(BOUNCING, exact=other, jacobian=False)
-    verdicts = verdicts_on(family, drawn(family, 3, seed=7), "auto")
+    verdicts = verdicts_on(family, drawn(family, 3, seed=7), {})
     assert [verdict.outcome for verdict in verdicts] == [SILENT] * 3
 
 

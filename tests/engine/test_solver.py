@@ -54,7 +54,7 @@ def test_order_on_a_linear_flow(name: str, order: int, counts: tuple[int, ...]) 
     assert abs(slope - order) < 0.2, (slope, errors)
 
 
-@pytest.mark.slow("propagator")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kept", "order"), [(PROPAGATOR6, 6), (PROPAGATOR, 8)], ids=["propagator6", "propagator"]
 )

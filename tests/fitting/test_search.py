@@ -104,7 +104,7 @@ def by_keywords(fields: dict[str, Any], **more: Any) -> Any:
 
 
 def test_keywords_are_the_fields_of_a_job(tmp_path: Path) -> None:
-    fields = job(budget=48, start=16)
+    fields = job(budget=32, start=16)
     stored = gs.search(fields, tmp_path / "stored")
     memory = by_keywords(fields)
     assert_frame_equal(memory.table, stored.table, check_exact=True)
@@ -118,9 +118,7 @@ def test_keywords_are_the_fields_of_a_job(tmp_path: Path) -> None:
         memory.figure("mises")
     kept = by_keywords(fields, out=tmp_path / "kept")
     assert_frame_equal(kept.table, stored.table, check_exact=True)
-    assert_frame_equal(gs.search(tmp_path / "kept" / "job.yaml", tmp_path / "again").table, kept.table)
-    file = tmp_path / "job.yaml"
-    file.write_text(yaml.safe_dump(plain(fields), sort_keys=False))
+    file = tmp_path / "kept" / "job.yaml"
     short = gs.search(file, tmp_path / "short", overrides=["search.budget=16"]).table
     assert_frame_equal(short, stored.table.iloc[:16])
 

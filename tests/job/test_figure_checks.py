@@ -11,6 +11,7 @@ from gaitsweep.errors import UserError
 from gaitsweep.job import Job, JobError
 from gaitsweep.plot import draw
 from gaitsweep.plot.columns import PlotError
+from gaitsweep.schema.diagnostics import dotted
 from tests.support.job_tables import table_of
 
 GRID = {"psi_1": {"linspace": [1, 2, 4]}, "psi_2": {"linspace": [1, 1.5, 3]}}
@@ -115,3 +116,30 @@ def test_plot_refuses_what_check_refuses() -> None:
     with pytest.raises(UserError, match="A distance needs one unit"):
         draw("shock", table, x="psi_1", y="m_B")
     plt.close("all")
+
+
+def test_one_error_does_not_hide_another() -> None:
+    """Errors of style, numerics, params and figures are reported at once, each at its own place."""
+    fields: dict[str, Any] = {
+        "name": "x",
+        "model": "multilegged",
+        "start": {"psi_3": 1.0},
+        "vary": GRID,
+        "run": SETTLE,
+        "figures": [{"kind": "basin", "x": "psi_1"}, {"kind": "basin", "x": "kapa", "y": "psi_2"}],
+    }
+
+    def wrong(**more: Any) -> set[str]:
+        with pytest.raises(JobError) as error:
+            Job(**fields | more)
+        return {dotted(diagnostic.path) for diagnostic in error.value.diagnostics}
+
+    figures = {"figures[0].y", "figures[1].x"}
+    assert wrong() == figures
+    assert wrong(style={"widht": 85}) == {"style.widht", *figures}
+    assert wrong(verify=-1, params={"m_B": -1.0}) == {"verify", *figures, "params.m_B"}
+    # what follows from an error is not one of its own
+    assert wrong(params={"bta": 1.0, "m_B": -1.0}) == {"params.bta", *figures}
+    assert wrong(run={"kind": "setle"}) == {"run.kind", "figures[0].y"}
+    ramp = {"kind": "ramp", "parameter": "bta", "path": [0, 1], "rate": 1.0}
+    assert wrong(run=ramp) >= {"run.parameter", "figures[0].y"}

@@ -20,7 +20,7 @@ def test_each_row_has_its_own_longest_step() -> None:
     )  # fmt: skip
     steps = row_steps(job.design, job.run, job.integration)
     assert steps.dt.size == 2, "two sets of parameters, whatever the starts"
-    assert steps.each == 3
+    assert steps.rows_per_set == 3
     assert steps.dt[0] < 0.7 * steps.dt[1]
     resolved = job.resolved()["numerics"]
     assert (resolved["method"], resolved["dt"]) == ("propagator6", "auto")

@@ -12,7 +12,7 @@ import pytest
 
 from gaitsweep import models
 from gaitsweep.job import Job, load_job
-from gaitsweep.models.own_modules import modules_beside
+from gaitsweep.own_modules import modules_beside
 from gaitsweep.runs import provenance
 from gaitsweep.runs.prepare import prepare
 

@@ -9,6 +9,7 @@ from typing import Any
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 from matplotlib.colors import to_rgba
@@ -22,10 +23,11 @@ from gaitsweep.plot.figure_style import FORMATS, StyleError
 from gaitsweep.plot.theme import angle_ticks, in_pi
 from gaitsweep.runs.figures import draw_figures
 from gaitsweep.table import Snapshot
-from tests.support.plot_tables import rendered, settle_table
+from tests.support.hysteresis_tables import map_table, staircase_table
+from tests.support.plot_tables import legend_texts, rendered, settle_table
 
 BASIN = {"x": "psi_1", "y": "psi_2", "panels": "psi_3"}
-JOB = {
+JOB: dict[str, Any] = {
     "name": "styled",
     "model": "multilegged_reduced",
     "vary": {"psi_1": {"values": [0.5, 3.0]}, "psi_2": {"values": [0.5, 3.0]}},
@@ -57,6 +59,144 @@ def test_colours_order_and_labels_of_gaits_and_columns() -> None:
     assert names == ["retrograde", "from within", "direct"]
     assert legend.get_patches()[1].get_facecolor() == to_rgba("#112233")
     assert [axes.get_xlabel() for axes in figure.axes] == ["lag"] * 3
+
+
+def test_labels_name_an_observable_without_its_suffix_and_stand_in_legends_without_unit() -> None:
+    label = "fore-hind lag, averaged over many cycles of the gait, $d$ (rad)"
+    look: dict[str, Any] = {"labels": {"delta_13": label, "f": "stiffness of the waist (Hz)"}, "width": 85}
+    figure = plot.draw("hysteresis", staircase_table(), y="delta_13", **look)
+    rendered(figure)
+    axes = figure.axes[0]
+    assert axes.get_ylabel().replace("\n", " ") == label
+    assert axes.get_xlabel() == "stiffness of the waist (Hz)"
+    assert legend_texts(figure) == ["stiffness of the waist rises →", "stiffness of the waist falls ←"]
+    legend = axes.get_legend()
+    assert legend is not None
+    box = legend.get_window_extent()
+    assert 0.0 <= box.x0 < box.x1 <= figure.bbox.width
+    assert axes.get_position().width > 0.6
+    points = plot.draw("branches", map_table(starts=5, crossings=5), x="f", y="delta_13", **look)
+    assert points.axes[0].get_ylabel().replace("\n", " ") == label
+
+
+@pytest.mark.parametrize(
+    ("look", "sentence", "near"),
+    [
+        ({"labels": {"psi1": "lag"}}, "labels.psi1 names no column or gait", "psi_1"),
+        ({"colours": {"direkt": "red"}}, "colours.direkt names no gait", "direct"),
+        ({"order": ["source", "retrogade"]}, "order[1] is retrogade, which is no gait", "retrograde"),
+    ],
+)
+def test_names_in_a_style_that_name_nothing_are_refused(
+    look: dict[str, Any], sentence: str, near: str
+) -> None:
+    with pytest.raises(PlotError) as refused:
+        plot.draw("basin", settle_table(), **BASIN, **look)
+    assert f"{sentence} of this table or of its model; did you mean {near}?" in str(refused.value)
+    with pytest.raises(PlotError), plot.style(**look):
+        plot.draw("basin", settle_table(), **BASIN)
+    with pytest.raises(gs.JobError) as refused_in_job:
+        gs.Job(**JOB, style=look)
+    assert f"style.{sentence} of this table or of its model; did you mean {near}?" in str(
+        refused_in_job.value
+    )
+
+
+def test_a_style_of_several_tables_may_name_what_others_have() -> None:
+    with plot.style(colours={"gallop of another model": "red"}, labels={"speed": "v"}):
+        plot.draw("basin", settle_table(), **BASIN)
+
+
+def test_colours_of_gaits_are_refused_where_they_have_no_effect() -> None:
+    with pytest.raises(PlotError, match="does not colour gaits"):
+        plot.draw("hysteresis", staircase_table(), y="delta_13", colours={"trot": "red"})
+    wrong: Any = {"kind": "return_map", "y": "psi_1", "colours": {"direct": "red"}}
+    job: dict[str, Any] = JOB | {"run": {"kind": "return_map", "crossings": 4}}
+    with pytest.raises(gs.JobError, match=r"figures\[0\].colours has no effect"):
+        gs.Job(**job, figures=[wrong])
+    with pytest.raises(gs.JobError, match=r"style.colours has no effect"):
+        gs.Job(**job, figures=[wrong | {"colours": None}], style={"colours": {"direct": "red"}})
+
+
+def test_letters_of_one_panel_and_letters_that_are_chosen() -> None:
+    def letters(**look: Any) -> list[str]:
+        table = settle_table()
+        figure = plot.draw("basin", table, **BASIN, **look)
+        return [text.get_text() for axes in figure.axes for text in axes.texts]
+
+    one = plot.draw("basin", settle_table().iloc[:16], x="psi_1", y="psi_2", panel_letters=True)
+    assert [text.get_text() for text in one.axes[0].texts] == ["a"]
+    assert letters(panel_letters=["b", "c", "d"]) == ["b", "c", "d"]
+    with pytest.raises(PlotError, match="1 letters, but the figure has 3 panels"):
+        letters(panel_letters=["b"])
+    with pytest.raises(StyleError, match="must be true, false, or a list of letters"):
+        letters(panel_letters="b")
+
+
+def test_panels_in_given_columns_have_numbers_below_and_no_hidden_axes() -> None:
+    figure = plot.draw("basin", settle_table(), **BASIN, width="column")
+    rendered(figure)
+    numbers = [[tick.get_text() for tick in axes.get_xticklabels() if tick.get_visible()]
+               for axes in figure.axes]  # fmt: skip
+    assert [bool(each) for each in numbers] == [False, True, True]  # the third stands below the first
+    legend = figure.legends[0].get_window_extent()
+    _, second, third = (axes.get_window_extent() for axes in figure.axes)
+    assert legend.x0 > third.x1
+    assert legend.y1 < second.y0
+    assert figure.get_figheight() * 25.4 < 125
+    for columns in (1, 2, 3):
+        arranged = plot.draw("basin", settle_table(), **BASIN, width="column", panel_columns=columns)
+        rendered(arranged)
+        assert len({round(axes.get_position().x0, 3) for axes in arranged.axes}) == columns
+        assert len(arranged.axes) == 3
+
+
+def test_shares_and_captions_are_left_out() -> None:
+    plain = plot.draw("basin", settle_table(), **BASIN, shares=False)
+    assert [axes.get_title().strip() for axes in plain.axes] == [
+        r"$\psi_{3}$ = $0.4\,\pi$", r"$\psi_{3}$ = $\pi$", r"$\psi_{3}$ = $1.6\,\pi$"]  # fmt: skip
+    assert plain.legends[0].get_title().get_text() == ""
+    titled = plot.draw("basin", settle_table(), **BASIN)
+    assert titled.legends[0].get_title().get_text() == "share of starts above each panel"
+    bare = plot.draw("basin", settle_table(), **BASIN, caption=False)
+    assert bare.legends[0].get_title().get_text() == ""
+    assert "%" in bare.axes[0].get_title()
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_height_that_does_not_fit_is_refused_with_the_least_that_does() -> None:
+    with pytest.raises(
+        PlotError, match=r"height is 40 mm, but this figure needs at least (\d+) mm"
+    ) as refused:
+        plot.draw("basin", settle_table(), **BASIN, width="column", height=40)
+    least = float(str(refused.value).split()[-2])
+    figure = plot.draw("basin", settle_table(), **BASIN, width="column", height=least)
+    assert figure.get_figheight() * 25.4 == pytest.approx(least)
+    assert min(axes.get_window_extent().height for axes in figure.axes) > 11.0 / 25.4 * figure.dpi
+
+
+def test_a_value_that_is_constant_to_rounding_is_drawn_as_constant() -> None:
+    table = map_table(starts=5, crossings=40)
+    noise = 1e-13 * np.sin(np.arange(len(table)))
+    for value, least in ((1.0, 0.01), (0.0, 0.01)):
+        figure = plot.draw("cycles", table.assign(delta_13_n=value + noise), y=["delta_13"])
+        assert np.ptp(figure.axes[0].get_ylim()) >= 0.99 * least
+    table["speed_n"] = 2.0 + noise
+    figure = plot.draw("cycles", table, y=["speed"])
+    assert np.ptp(figure.axes[0].get_ylim()) == pytest.approx(0.002, rel=0.01)
+    branch = pd.DataFrame({"row": 0, "point": range(40), "k": np.linspace(1, 2, 40), "stable": True,
+                           "special": "", "delta_n": 1.2 + noise[:40]})  # fmt: skip
+    low, high = plot.draw("continuation", branch, x="k", y="delta").axes[0].get_ylim()
+    assert (low, high) == (pytest.approx(1.195), pytest.approx(1.205))
+
+
+def test_no_title() -> None:
+    figure = plot.draw("hysteresis", staircase_table(), y="delta_13", title="")
+    assert figure.axes[0].get_title() == figure.get_suptitle() == ""
+    job: dict[str, Any] = JOB | {"figures": [{"kind": "basin", "x": "psi_1", "y": "psi_2", "title": ""}]}
+    assert gs.Job(**job).figures[0].title == ""  # type: ignore[attr-defined]
+    job["figures"][0]["title"] = "none"
+    assert gs.Job(**job).figures[0].title == ""  # type: ignore[attr-defined]
 
 
 def test_panel_letters_and_marks_that_are_left_out() -> None:
@@ -141,6 +281,10 @@ def test_a_job_has_a_style_that_its_figures_may_replace(
     assert {file.name for file in Snapshot.of(result.path).figures} >= {"basin.pdf", "basin_measures.pdf"}
     assert main(["plot", str(result.path), "--width", "wide"]) == 2
     assert "width is" in capsys.readouterr().err
+    assert main(["plot", str(result.path), "--colour", "direkt=crimson"]) != 0
+    assert "did you mean direct?" in capsys.readouterr().err
+    assert main(["plot", str(result.path), "--height", "10"]) != 0
+    assert "needs at least" in capsys.readouterr().err
     assert {file.suffix[1:] for file in draw_figures(result.path)} == set(FORMATS)
 
 

@@ -10,11 +10,13 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.patches import FancyArrowPatch, Rectangle
 
 from gaitsweep import plot
+from gaitsweep.analysis.transitions.hysteresis import jumps
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.bifurcations.passes import DOWN, UP
 from tests.support.hysteresis_tables import (
     FOLD,
     delta,
+    half_turn_table,
     map_table,
     ramp_table,
     staircase_table,
@@ -100,6 +102,25 @@ def test_arrows_are_only_where_the_passes_differ() -> None:
     same["delta_13_n"] = delta(0.2 * same["f"].to_numpy())  # one branch, the same both ways
     axes = plot.hysteresis(same, y="delta_13").axes[0]
     assert not [patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)]
+
+
+def test_branches_half_a_turn_apart_are_drawn_whole_and_named_after_their_gaits() -> None:
+    """Values about 0 and pi, with the gaps between them equally wide, up to rounding."""
+    table = half_turn_table()
+    figure = plot.hysteresis(table, y="delta_13")
+    rendered(figure)
+    axes = figure.axes[0]
+    values = np.concatenate([np.asarray(line.get_ydata(), float) for line in axes.lines])
+    assert np.nanmin(values) == pytest.approx(0.0, abs=1e-9)
+    assert np.nanmax(values) == pytest.approx(np.pi)
+    assert jumps(table, "delta_13", "f")["size"].tolist() == pytest.approx([np.pi, -np.pi])
+    assert {text.get_text() for text in axes.texts} == {"trot", "pace"}
+    (trot,) = (text for text in axes.texts if text.get_text() == "trot")
+    assert abs(trot.xy[1] - np.pi) < 1e-6  # type: ignore[attr-defined]
+    long = "a name for which a panel of this figure has no room, since it is far longer than the panel"
+    crowded = plot.draw("hysteresis", table, y="delta_13", labels={"trot": long})
+    assert [text.get_text() for text in crowded.axes[0].texts] == ["pace"]
+    assert legend_texts(crowded)[-1].replace("\n", " ") == f"{long} about $\\Delta_{{13}}$ = $\\pi$"
 
 
 def test_the_two_passes_differ_in_grey_print() -> None:

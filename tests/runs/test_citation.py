@@ -63,18 +63,48 @@ def test_a_result_cites_its_paper_method_check_and_versions(tmp_path: Path, caps
         f"JAX {manifest['versions']['jax']}",
     ):
         assert piece in methods
+    assert "differ" not in methods
     assert "coarse" not in methods  # a field without effect, since the run does not refine
+
+
+def test_inferred_rows_and_changed_parameters_are_named(tmp_path: Path, capsys: Capture) -> None:
+    """A refined run simulates few of its rows; the paper's values are the model's defaults."""
+    gs.sweep(
+        "landscape_model:Landscape",
+        theta_1={"linspace": [0, 6, 24]}, theta_2={"linspace": [0, 6, 24]}, bend=0.25,
+        run=gs.Settle(max_cycles=60, refine="boundary"), numerics={"dt": 0.05}, out=tmp_path / "rows",
+    )  # fmt: skip
+    methods = cited(tmp_path / "rows", capsys).partition("Methods: ")[2]
+    counts = gs.load(tmp_path / "rows").attrs["manifest"]["counts"]
+    assert counts["inferred"] > 0
+    simulated = 576 - counts["inferred"]
+    assert f"of which {simulated} were simulated and {counts['inferred']} inferred between equal" in methods
+    assert "Run of each simulated row: " in methods
+    assert "differ from the model's defaults: bend = 0.25." in methods
+
+
+def test_persons_and_url_of_citation_cff(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    facts = yaml.safe_load((Path(__file__).parents[2] / "CITATION.cff").read_text())
+    authors = [{"family-names": "Curie", "given-names": "Marie"}, {"name": "The Walkers"}]
+    file = tmp_path / "CITATION.cff"
+    file.write_text(yaml.safe_dump({**facts, "authors": authors, "repository-code": "https://a.org/b"}))
+    monkeypatch.setattr("gaitsweep.runs.citation.shipped", lambda _: file)
+    entry = fields(tool_entry(), "gaitsweep")
+    assert (entry["author"], entry["url"]) == ("Curie, Marie and {The Walkers}", "https://a.org/b")
 
 
 @pytest.mark.parametrize(
     ("line", "printed", "missing"),
     [
         ("", "", "The paper of cited_hopper:Hopper is missing"),
-        ('source = "Raibert 1986, Legged Robots"', "note = {Raibert 1986, Legged Robots}", ""),
+        pytest.param(
+            'source = "Raibert 1986, Legged Robots"', "note = {Raibert 1986, Legged Robots}", "",
+            marks=pytest.mark.slow,
+        ),
         ('bibtex = "@book{raibert86,\\n  year = {1986}\\n}"', "hopper:Hopper [raibert86] was", ""),
-        ('bibtex = "Raibert 1986"', "", "no BibTeX entry"),
+        pytest.param('bibtex = "Raibert 1986"', "", "no BibTeX entry", marks=pytest.mark.slow),
     ],
-)
+)  # fmt: skip
 def test_a_users_model_gives_its_own_paper(
     line: str, printed: str, missing: str, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

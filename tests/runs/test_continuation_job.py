@@ -74,6 +74,21 @@ def test_where_branches_begin_is_compared_with_the_stored_points(
 
 
 @pytest.mark.slow
+def test_branch_followed_again_with_half_the_step_is_compared_with_that(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A branch that is lost begins at the fixed point of half the step, and at that of no other step."""
+    differ = {}
+    for dt in (0.1, 0.05, 0.07):
+        steps, out = {"method": "rk4", "dt": dt}, tmp_path / f"{dt}"
+        gs.run(job(figures=[], vary={"stiffness": [9.0]}, numerics=steps, verify=0), out=out)
+        monkeypatch.setattr(execute, "load", lambda *given, out=out, **more: gs.load(out, **more))
+        checked = job(figures=[], vary={"stiffness": [9.0]}, numerics={"method": "rk4", "dt": 0.1})
+        differ[dt] = gs.run(checked, out=tmp_path / f"{dt} checked").manifest["self_check"]["stored_differs"]
+    assert differ == {0.1: 0, 0.05: 0, 0.07: 1}
+
+
+@pytest.mark.slow
 def test_blocks_without_a_fixed_point() -> None:
     """A block in which no row has one fits to a block whose row does; Newton fails from x = 1e4."""
     run = gs.Continuation(parameter="r", path=[-0.3, -0.2], settle=5, longest=0.5, step=0.5)

@@ -76,6 +76,8 @@ def test_a_tally_reads_each_new_part_once(tmp_path: Path, monkeypatch: pytest.Mo
 def test_words() -> None:
     assert percent(128, 300, 0.43) == "43 %"
     assert percent(0, 300, 0.39) == "39 % of the work"
+    assert percent(2999, 3000, 2999 / 3000) == "99 %"
+    assert percent(3000, 3000, 1.0) == "100 %"
     assert so_far({}) == ""
     assert so_far({"trot": 1}) == "; 1 row so far: 1 trot"
     assert so_far(dict.fromkeys("abcdefg", 2)) == "; 14 rows so far: 2 a, 2 b, 2 c, 2 d, 2 e, ..."

@@ -12,7 +12,6 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.job import JobError
-from gaitsweep.kinds import run_kind
 from gaitsweep.runs import refinement
 from gaitsweep.runs.estimate import estimate
 from gaitsweep.table import EncodedPart, ResultDirectory
@@ -189,6 +188,10 @@ def test_progress_rises_to_the_end(tmp_path: Path) -> None:
         assert total == 1600
         assert 0 <= done <= total
         reports.append((done, fraction))
+        assert (fraction < 1.0) == note.startswith(("compiling", "round ")), note
+        if note.startswith("round "):
+            assert done < total / 2  # rows that were simulated; the others are inferred
+            assert ("of a coarse grid" in note) == note.startswith("round 1 ")
 
     gs.run(job(figures=[]), tmp_path / "out", on_progress=on_progress)
     shares = [fraction for _, fraction in reports]
@@ -227,6 +230,6 @@ def test_jobs_that_do_not_refine_keep_their_hash() -> None:
     assert len(hashes) == 3
     again = gs.Job(**json.loads(json.dumps(job().resolved())))
     assert again.hash() == job().hash()
-    grid = run_kind.refinement(job().run, job().design)
+    grid = job().run.refined(job().design)
     assert grid is not None
     assert grid.wraps == {0: True, 2: True}

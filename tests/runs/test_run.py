@@ -179,6 +179,7 @@ def test_a_complete_run_is_not_repeated(job_file: Path, tmp_path: Path) -> None:
     assert parts == {path: path.stat().st_mtime_ns for path in (out / "table").iterdir()}
     assert first.manifest == again.manifest
     assert again.manifest["complete"]
+    assert repr(gs.Result(str(out))) == repr(again)
     assert sum(again.manifest["counts"].values()) == 80
 
 

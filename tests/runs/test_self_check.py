@@ -345,14 +345,14 @@ def test_observables_without_a_size_do_not_hide_changes() -> None:
     """Crossings at one instant, or a single one, have no interval; the change of x is still the worst."""
     result = SelfCheck(rows=3, of=3)
     late, interval = np.array([[0.0], [0.0], [1e-9]]), np.array([[0.0], [np.nan], [np.nan]])
-    result.take_largest((gs.Quantity("x", "m", "position"),), np.full((3, 1), 1e-6), np.ones(1))
-    result.take_largest((gs.Quantity("t", "s", "time"),), late, interval)
+    result.record_changes((gs.Quantity("x", "m", "position"),), np.full((3, 1), 1e-6), np.ones(1))
+    result.record_changes((gs.Quantity("t", "s", "time"),), late, interval)
     assert (result.worst["name"], result.largest) == ("x", {"x": 1e-6, "t": 1e-9})
     hidden = SelfCheck(rows=1, of=1)
     size = np.array([1.0, np.nan])
     quantities = (gs.Quantity("x", "m", "position"), gs.Quantity("v", "m/s", "speed"))
-    hidden.take_largest(quantities[:1], np.array([[1e-6], [2e-6]]), size[:, None])
-    hidden.take_largest(quantities[1:], np.array([[1e-7]]), np.ones(1))
+    hidden.record_changes(quantities[:1], np.array([[1e-6], [2e-6]]), size[:, None])
+    hidden.record_changes(quantities[1:], np.array([[1e-7]]), np.ones(1))
     assert hidden.worst["name"] == "x", "one row of unknown size hides no other"
-    hidden.take_largest((gs.Quantity("t", "s", "time"),), np.array([[1e-3]]), np.zeros((1, 1)))
+    hidden.record_changes((gs.Quantity("t", "s", "time"),), np.array([[1e-3]]), np.zeros((1, 1)))
     assert hidden.worst["name"] == "t", "a change of what has no size is one beyond any size"

@@ -12,11 +12,12 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep import models
+from gaitsweep.cli import show
 from gaitsweep.design.design import Design
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.slip_runner import STANCE, SlipRunner
 from gaitsweep.job.checks import _some_rows, remarks_on_rows
-from gaitsweep.models.conformity import faults
+from gaitsweep.models.conformity import faults, idle_starts
 from gaitsweep.runs.trial import _with_rates, trial
 from tests.support.sweeping import scalars
 
@@ -216,10 +217,38 @@ def test_the_corners_of_a_large_job_are_examined() -> None:
     assert told.startswith("The model is swing:Timed, but its function period returns")
 
 
+class Stands(Swings):
+    """Three feet, of which `complete` sets the first two."""
+
+    down = gs.mode(0, "foot is down", count=3)
+
+    def complete(self, p, s):
+        return s.replace(down=s.down.at[:2].set(jnp.where(s.x > 0.0, 1, 0)))
+
+
+def test_starts_that_complete_overwrites_are_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert idle_starts(Stands()) == ("down_1_0", "down_2_0")
+    assert idle_starts(Swings()) == idle_starts(CompassWalker()) == ()
+    (told,) = remarks_on_rows(design_of(Stands, {"down_2_0": [0, 1], "down_3_0": [0, 1]}), "mine:Stands")
+    assert told == "down_2_0 has no effect: complete of mine:Stands sets it."
+    fixed = gs.Job(name="own", model=models.name_of(Stands), start={"down_1_0": 1}, run=gs.Settle())
+    assert ["down_1_0 has" in told for told in remarks_on_rows(fixed.design, "mine:Stands")] == [True]
+    # one on which a start with an effect depends has one
+    passed = gs.Job(name="own", model=models.name_of(Stands), vary={"down_2_0": [0, 1]},
+                    start={"x_0": "1 + down_2_0"}, run=gs.Settle())  # fmt: skip
+    assert remarks_on_rows(passed.design, "mine:Stands") == []
+    show.model("mine:Stands", Stands)
+    shown = capsys.readouterr().out
+    assert "down_3_0" in shown
+    assert "down_2_0" not in shown
+
+
 @pytest.mark.slow
 def test_check_model_tries_the_ranges_and_the_energies() -> None:
     tried = trial(Swings)
     assert [("gives gait 2" in fault or "gives gait -1" in fault) for fault in tried.faults] == [True, True]
+    stands = trial(Stands).remarks
+    assert "These starts have no effect: down_1_0, down_2_0; complete sets them." in stands
     whole = trial(Unlabelled)
     assert not whole.faults
     assert any("energy is kept between events" in remark for remark in whole.remarks)

@@ -175,3 +175,12 @@ def with_attrs(table: pd.DataFrame, kind: str, path: Sequence[float] | None = No
     run = {"kind": kind} if path is None else {"kind": kind, "parameter": "f", "path": list(path)}
     table.attrs.update(job={"name": kind, "run": run}, quantities=QUANTITIES)
     return table
+
+
+def half_turn_table() -> pd.DataFrame:
+    """Hysteresis between 0 and pi, up to rounding, with gaits: a row jumps at f = 0.4, and back at -0.4."""
+    table = staircase_table()
+    above = np.where(table["pass"] == 0, table["f"] > FOLD, table["f"] > -FOLD)
+    table["delta_13_n"] = np.mod(np.where(above, np.pi, 0.0) + 1e-12 * np.sin(np.arange(len(table))), TURN)
+    table["gait"] = pd.Categorical(np.where(above, "trot", "pace"), ["walk", "trot", "pace", "none"])
+    return table

@@ -8,6 +8,7 @@ import os
 import shutil
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -241,6 +242,11 @@ def test_attrs_come_from_the_manifest(whole: Path) -> None:
     with pytest.warns(UserWarning, match="job.yaml was changed"):
         table = load(whole)
     assert table.attrs["job"] == job
+    for drawn in ({"style": {"width": "column"}}, {"figures": [{"kind": "basin", "x": "a", "y": "b"}]}):
+        file.write_text(yaml.safe_dump({**job, **drawn, "name": "new"}))  # which decide no number
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            load(whole)
     mended(whole)
     assert yaml.safe_load(file.read_text()) == job
 

@@ -6,6 +6,7 @@ import dataclasses
 import re
 import sys
 import types
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,9 @@ from gaitsweep.cli import main
 from gaitsweep.job import Job
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.table import Snapshot
+from gaitsweep.view import row_motion
 from gaitsweep.view import row_movie as movie
+from gaitsweep.view.explorer.replays import SAMPLES_A_CYCLE, Crossings, ReplayedRow, Windows
 from gaitsweep.view.movie import mujoco_movie, mujoco_painter
 from gaitsweep.view.movie.side_view import SWING
 from gaitsweep.view.row_motion import read_motion
@@ -184,6 +187,56 @@ def test_tables_without_motion_are_refused(quadruped: Path, tmp_path: Path, caps
     assert "def skeleton(" in headed
 
 
+def settled_toy(path: Path, t_end: float = 4856.8) -> Path:
+    """A settled row, without simulating, of a model without a skeleton."""
+    return written(
+        path,
+        Job(name="hops", model="toy_model:Toy", run={"kind": "settle"}),
+        [pd.DataFrame({"row": [0], "t_end": [t_end], "status": ["settled"]})],
+    )
+
+
+def test_what_cannot_be_drawn_is_refused_before_its_row_is_simulated(
+    tmp_path: Path, quadruped: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    monkeypatch.setattr(row_motion, "prepare", lambda _: pytest.fail("simulated"))
+    monkeypatch.setattr(row_motion, "stored_job", lambda *_: pytest.fail("read"))
+    assert "gaitsweep[video]" in refused(capsys, [str(quadruped), "--out", "walk.mp4"])
+    assert "must end with .png" in refused(capsys, [str(quadruped), "--still", "0", "--out", "walk.gif"])
+    monkeypatch.undo()
+    monkeypatch.setattr(row_motion, "prepare", lambda _: pytest.fail("simulated"))
+    assert "has no `skeleton`" in refused(capsys, [str(settled_toy(tmp_path / "toy"))])
+
+
+def test_seconds_are_the_last_ones_of_a_row_that_is_simulated_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its samples end up to one sample early, and no sentence says that the row ends there."""
+    folder = settled_toy(tmp_path / "toy")
+    table = gs.load(folder)
+    job = Job(**table.attrs["job"])
+    every, told = 0.2 / SAMPLES_A_CYCLE, []
+
+    def replayed(windows: Windows) -> Iterator[ReplayedRow]:
+        t = windows.first + every * np.arange(int(windows.length / every) + 2)
+        crossings = Crossings(np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 1)))
+        yield ReplayedRow(0, 0, crossings, t, {"x": t}, -1)
+
+    monkeypatch.setattr(row_motion, "prepare", lambda job: types.SimpleNamespace(model=job.design.model))
+    replayer = types.SimpleNamespace(periods=np.array([0.2]), replayed=replayed)
+    monkeypatch.setattr(row_motion, "replayer_of", lambda *_: replayer)
+    for seconds in (0.33, 1.0, 3.0):
+        t, signals, _ = row_motion._simulated(job, table, 0, None, seconds)
+        assert t[0] == pytest.approx(4856.8 - seconds)
+        assert t[-1] == pytest.approx(4856.8, abs=every)
+        motion = row_motion.RowMotion(job.design.model, {}, t, signals, 0.2, "", "")
+        assert movie._end(motion, t[0], seconds, told.append) == pytest.approx(4856.8, abs=every)
+    assert told == []
+    movie._end(motion, t[0], 4.0, told.append)
+    assert told == ["The trace, and with it the movie, ends at 4856.8 s."]
+
+
 @pytest.mark.parametrize(
     ("run", "end"),
     [
@@ -336,11 +389,21 @@ def test_mujoco_renders_with_opengl(quadruped: Path, tmp_path: Path) -> None:
     assert len(np.unique(scene.reshape(-1, 3), axis=0)) > 30  # shaded, as lines are not
 
 
-@pytest.mark.slow
 def test_mujoco_draws_an_mjcf_without_a_sky_on_white() -> None:
-    model = mujoco_painter._on_white('<mujoco><worldbody><geom size="1"/></worldbody></mujoco>')
+    model = mujoco_painter._staged('<mujoco><worldbody><geom size="1"/></worldbody></mujoco>', 0.1)
     assert list(model.tex_type) == [mujoco.mjtTexture.mjTEXTURE_SKYBOX]  # pyright: ignore[reportAttributeAccessIssue]
     assert set(model.tex_data) == {255}
+
+
+def test_ground_of_one_colour_gets_squares() -> None:
+    """Two squares a repeat; a ground with a material of its own keeps it."""
+    floors = '<geom type="plane" size="0 0 1"/><geom type="plane" size="1 1 1" material="own"/>'
+    own = f'<asset><material name="own"/></asset><worldbody>{floors}<geom size="1"/></worldbody>'
+    model = mujoco_painter._staged(f"<mujoco>{own}</mujoco>", 0.1)
+    names = [model.mat(i).name if i >= 0 else "" for i in model.geom_matid]
+    assert names == ["squares", "own", ""]
+    assert (model.mat("squares").texrepeat == 5.0).all()
+    assert {209, 237} <= set(model.tex_data)
 
 
 def test_without_opengl_lines_are_drawn(

@@ -202,6 +202,29 @@ class ContinuationProblem:
                 points = points.merged(active, Points(moved, images.points[rest].modes))
         return points, change, count
 
+    def scale(self) -> Unknowns:
+        """The scales (n, m) of the unknowns, in which a length is the norm of a step."""
+        return np.where(self.weights > 0.0, self.weights, 1.0) ** -0.5
+
+    def scaled_equations(
+        self, like: Points, unknowns: Unknowns
+    ) -> tuple[Float[np.ndarray, "several equations"], Float[np.ndarray, "several equations unknowns"]]:
+        """Newton's equations of one branch at scaled `unknowns` (n, m), with the modes of `like` (1,).
+
+        Returns:
+            Scaled residuals (n, m - 1), NaN where the map is undefined, and their Jacobians (n, m - 1, m).
+        """
+        scale, size = self.scale()[0], like.at.shape[1]
+        row_scale = np.ones(len(scale) - 1)
+        row_scale[:size] = sizes(like.at)[0]
+        every = np.zeros(len(unknowns), int)
+        problem, unscaled = self[every], unknowns * scale
+        points = Points(unscaled[:, :size], like[every].modes)
+        images = problem.evaluated(points, unscaled[:, -1])
+        miss = residuals(self.mapping, points, unscaled[:, size:-1], images, problem.held) / row_scale
+        miss[~images.sound] = np.nan
+        return miss, problem.bordered(images, unscaled)[:, :-1] * scale / row_scale[:, None]
+
     def bordered(
         self, images: MapEvaluation, row: Unknowns
     ) -> Float[np.ndarray, "branches unknowns unknowns"]:

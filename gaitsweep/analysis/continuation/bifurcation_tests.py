@@ -1,13 +1,10 @@
 """Test functions of bifurcations along a branch, and where they are zero.
 
 Each test function is smooth along a smooth branch and changes sign at its own bifurcations, so that one step
-may hold several. At a branch point two branches cross, and Newton's equations are singular in two directions.
-It is therefore found as a regular solution of a larger system, F + beta w = 0 with a Jacobian [F_x F_p] of
-rank m - 1 and left null vector w. If beta is not zero, no branches cross there: they pass each other.
+may hold several.
 
-Sources: Govaerts 2000, Numerical Methods for Bifurcations of Dynamical Equilibria, chapters 3 and 4 (test
-functions, the algebraic branching equation of the two tangents); Kuznetsov 2004, Elements of Applied
-Bifurcation Theory, chapter 10.
+Sources: Govaerts 2000, Numerical Methods for Bifurcations of Dynamical Equilibria, chapter 3 (test
+functions); Kuznetsov 2004, Elements of Applied Bifurcation Theory, chapter 10.
 """
 
 from __future__ import annotations
@@ -17,32 +14,31 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex
 
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem, PerBranch
+from gaitsweep.analysis.continuation.branch_points import (
+    FLAT,
+    Crossing,
+    branch_point,
+    cornered,
+)
 from gaitsweep.analysis.continuation.multipliers import multipliers
-from gaitsweep.analysis.continuation.newton import residuals, sizes
+from gaitsweep.analysis.continuation.one_sided import both_sides
 from gaitsweep.engine.poincare.maps import Points
 
-Vector = Float[np.ndarray, " unknowns"]  # the unknowns of one branch
 # A zero is found when the test function is below this share of its larger value at the step's ends.
 NEAR = 1e-7
 # The search also ends with an interval this short, as a share of the step: where the map has a corner, the
 # test function jumps over zero.
 SHORTEST_INTERVAL = 1e-6
 MOST_TRIALS = 40
-# Largest rate of the parameter along a branch, as a share of its range, at which a turn is a smooth fold.
-FLAT = 1e-3
 # A multiplier is real if its imaginary part is below this share of its modulus.
 REAL = 1e-6
 # Two real multipliers cross the unit circle together if they are this close to it, and to each other.
 TOGETHER = 1e-3
-# Central differences of the Jacobian, in scaled coordinates; tolerance and most steps of the search for a
-# branch point; the largest scaled beta at which branches cross, that is a few residuals of Newton's method.
-ALONG, TOLERANCE, MOST_STEPS, IMPERFECT = 1e-4, 1e-8, 12, 1e-8
-# Length of the first step along the branch that crosses.
-ASIDE = 0.01
-
+# The largest scaled beta at which branches cross, that is a few residuals of Newton's method.
+IMPERFECT = 1e-8
 # A determinant this small, as a share of its larger value at the step's ends, has a zero and no jump.
 SMALL = 1e-3
 
@@ -158,183 +154,10 @@ def pair_kind(problem: ContinuationProblem, at_zero: BranchPoints) -> str:
 
 
 @dataclasses.dataclass(frozen=True)
-class Crossing:
-    """A branch point on one branch.
-
-    `kind` is transcritical, supercritical_pitchfork, subcritical_pitchfork, or branch_point where the
-    quadratic and cubic terms do not tell; `here` (1,) the point, with the tangent of the branch that came
-    there; `aside` (2,) points close by on the branch that crosses, each with the tangent away from there.
-    """
-
-    kind: str
-    here: BranchPoints
-    aside: BranchPoints | None
-
-
-def branch_point(problem: ContinuationProblem, near: BranchPoints) -> tuple[Crossing | None, float]:
-    """The branch point near one point (1,) of a branch, None if not found, and the scaled beta there.
-
-    The tangents t of both branches satisfy w' F_zz t t = 0 (z: coordinates, drifts, parameter), a quadratic
-    form on the two null vectors of [F_x F_p].
-    """
-    size = near.points.at.shape[1]
-    scale = np.where(problem.weights[0] > 0.0, problem.weights[0], 1.0) ** -0.5
-    z, solution = np.concatenate([near.points.at[0], near.drift[0], near.parameter]) / scale, None
-    for _ in range(MOST_STEPS):
-        branching = _Branching.at(problem, near, scale, z)
-        if branching is None:
-            break
-        step, beta = branching.step()
-        z = z + step
-        if not np.max(np.abs(step)) < 1.0:
-            break
-        if np.max(np.abs(step)) < TOLERANCE:
-            solution = branching, beta
-            break
-    if solution is None:
-        return None, np.nan
-    branching, beta = solution
-    tangents = branching.tangents()
-    if tangents is None:
-        return None, beta
-    along = near.tangent[0] / scale
-    ours = int(np.argmax(np.abs(tangents @ along)))
-    tangent = tangents[ours] * np.sign(tangents[ours] @ along)
-    unscaled = z * scale
-    points = Points(unscaled[None, :size], near.points.modes)
-    drift, parameter = unscaled[None, size:-1], unscaled[-1:]
-    at_crossing = BranchPoints(
-        points,
-        drift,
-        parameter,
-        (tangent * scale)[None],
-        problem.evaluated(points, parameter),
-        near.corrections,
-    )
-    aside = _aside(problem, at_crossing, tangents[1 - ours] * scale)
-    flat, through = sorted(tangents, key=lambda direction: abs(direction[-1]))
-    if abs(flat[-1]) > FLAT:
-        return Crossing("transcritical", at_crossing, aside), beta
-    sides = (
-        aside
-        if ours == int(np.argmax(np.abs(tangents[:, -1])))
-        else _aside(problem, at_crossing, flat * scale)
-    )
-    kind = "branch_point"
-    if sides is not None:
-        # the mean of both sides: a rest of the slope cancels
-        bend = float(np.mean(sides.parameter) - parameter[0]) / (problem.high - problem.low)
-        rate = branching.rate(through, flat, size)
-        if abs(bend) > FLAT * ASIDE**2 and rate != 0.0:
-            kind = "supercritical_pitchfork" if bend * rate > 0.0 else "subcritical_pitchfork"
-    return Crossing(kind, at_crossing, aside), beta
-
-
-@dataclasses.dataclass(frozen=True)
-class _Branching:
-    """The equations of a branch point at scaled unknowns z (m + 1,), and their second derivatives.
-
-    `miss` (m,) of F, `J` (m, m + 1); `w` (m,), `smallest`, `null` (2, m + 1): left and right singular vectors
-    of the smallest singular value, and the null vector; `bent` (2, m + 1), w' J_z `null`.
-    """
-
-    miss: Float[np.ndarray, " equations"]
-    J: Float[np.ndarray, "equations unknowns"]
-    w: Float[np.ndarray, " equations"]
-    smallest: float
-    null: Float[np.ndarray, "2 unknowns"]
-    bent: Float[np.ndarray, "2 unknowns"]
-    rows: Float[np.ndarray, " equations"]
-    scale: Vector
-
-    @classmethod
-    def at(
-        cls, problem: ContinuationProblem, like: BranchPoints, scale: Vector, z: Vector
-    ) -> _Branching | None:
-        """The equations at z; None where the map has no derivatives."""
-        size, m = like.points.at.shape[1], len(z) - 1
-        rows = np.concatenate([sizes(like.points.at)[0], np.ones(m - size)])
-
-        def equations(
-            several: Float[np.ndarray, "several unknowns"],
-        ) -> tuple[Float[np.ndarray, "several equations"], Float[np.ndarray, "several equations unknowns"]]:
-            copies = np.zeros(len(several), int)
-            unscaled, some = several * scale, problem[copies]
-            points = Points(unscaled[:, :size], like.points[copies].modes)
-            images = some.evaluated(points, unscaled[:, -1])
-            miss = residuals(problem.mapping, points, unscaled[:, size:-1], images, some.held) / rows
-            miss[~images.sound] = np.nan
-            return miss, some.bordered(images, unscaled)[:, :-1] * scale / rows[:, None]
-
-        miss, J = equations(z[None])
-        if not (np.isfinite(J).all() and np.isfinite(miss).all()):
-            return None
-        left, values, right = np.linalg.svd(J[0])
-        w, null = left[:, -1], right[-2:]
-        several = equations(z + ALONG * np.stack([null[0], -null[0], null[1], -null[1]]))[1]
-        if not np.isfinite(several).all():
-            return None
-        bent = w @ (several[::2] - several[1::2]) / (2.0 * ALONG)
-        return cls(miss[0], J[0], w, float(values[-1]), null, bent, rows, scale)
-
-    def step(self) -> tuple[Vector, float]:
-        """Newton's step (m + 1,) and beta; infinite where the system is singular."""
-        m = len(self.w)
-        matrix = np.zeros((m + 2, m + 2))
-        matrix[:m, :-1], matrix[:m, -1], matrix[m:, :-1] = self.J, self.w, self.bent
-        try:
-            solution = np.linalg.solve(matrix, -np.concatenate([self.miss, [self.smallest, 0.0]]))
-        except np.linalg.LinAlgError:
-            return np.full(m + 1, np.inf), np.nan
-        return solution[:-1], float(solution[-1])
-
-    def tangents(self) -> Float[np.ndarray, "2 unknowns"] | None:
-        """The unit tangents (2, m + 1) of the two branches; None where none or only one is real."""
-        form = self.bent @ self.null.T
-        (low, high), vectors = np.linalg.eigh(0.5 * (form + form.T))
-        if not low < 0.0 < high:
-            return None
-        pair = np.array([[np.sqrt(high), np.sqrt(-low)], [-np.sqrt(high), np.sqrt(-low)]])
-        return pair @ vectors.T @ self.null / np.sqrt(high - low)
-
-    def rate(self, through: Vector, flat: Vector, size: int) -> float:
-        """A number with the sign of d(multiplier)/d(parameter) on the branch that goes `through`.
-
-        Its eigenvector is the tangent of the branch that is `flat`.
-        """
-        change = (self.null @ through) @ (self.bent @ flat)
-        norm = (self.w / self.rows)[:size] @ (self.scale * flat)[:size]
-        return float(change * norm * np.sign(through[-1]))
-
-
-def _aside(problem: ContinuationProblem, at_crossing: BranchPoints, tangent: Vector) -> BranchPoints | None:
-    """Points (2,) on both sides of a branch point, on the branch with this tangent (m,); None if not found.
-
-    The equations are singular at the branch point itself, so they are linearised where the step leads.
-    """
-    both = np.zeros(2, int)
-    tangent = np.stack([tangent, -tangent]) / np.sqrt(np.sum(problem.weights[0] * tangent**2))
-    change, size = ASIDE * tangent, at_crossing.points.at.shape[1]
-    points = Points(at_crossing.points.at + change[:, :size], at_crossing.points[both].modes)
-    parameter = at_crossing.parameter + change[:, -1]
-    images = problem[both].evaluated(points, parameter)
-    guess = BranchPoints(
-        points,
-        at_crossing.drift + change[:, size:-1],
-        parameter,
-        tangent,
-        images,
-        at_crossing.corrections[both],
-    )
-    sides, ok = problem[both].step(guess, np.zeros(2))
-    return sides if ok.all() else None
-
-
-@dataclasses.dataclass(frozen=True)
 class Special:
     """A bifurcation on a step: its `kind`, its `arclength` from the step's start, the point `here` (1,).
 
-    `aside` (2,): points on the branch that crosses, as in `Crossing`.
+    `aside` (k,): points on the halves of branches that cross, as in `Crossing`.
     """
 
     kind: str
@@ -389,7 +212,9 @@ def _on_step(
             # a pitchfork where the branch itself turns is not a fold
             turns &= abs(crossing.here.tangent[0, -1]) > FLAT * (problem.high - problem.low)
         elif zero is not None and abs(branch_test(problem, zero[0])[0]) < SMALL * np.max(np.abs(ends)):
-            specials.append(Special("branch_point", zero[1], zero[0]))
+            crossing = cornered(problem, zero[0], both_sides(problem, zero[0]))
+            crossing = Crossing("branch_point", zero[0], None) if crossing is None else crossing
+            specials.append(Special(crossing.kind, zero[1], crossing.here, crossing.aside))
     for test, kind_of in ((fold_test, turn_kind), (flip_test, lambda *_: "flip"), (pair_test, pair_kind)):
         if test in changed and (turns or test is not fold_test):
             zero = located_on_branch(problem, before, length, test, changed[test])

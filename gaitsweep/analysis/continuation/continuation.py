@@ -16,7 +16,13 @@ import pandas as pd
 from jaxtyping import Float, Int
 
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem, Converged, PerBranch
-from gaitsweep.analysis.continuation.bifurcation_tests import Special, bifurcations, multipliers_of
+from gaitsweep.analysis.continuation.bifurcation_tests import (
+    TOGETHER,
+    Special,
+    bifurcations,
+    multipliers_of,
+)
+from gaitsweep.analysis.continuation.branch_points import CROSSINGS
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, NewtonOutcome, newton
 from gaitsweep.engine.poincare.maps import Map, Points, Values
 from gaitsweep.errors import ArgumentError
@@ -92,17 +98,20 @@ def continuation(
     Returns:
         One record a point: row (of the start), point, parameter and other values, the map's observables,
         drift_NAME of each constrained quantity, multiplier (the largest modulus; multiplier_re and
-        multiplier_im are its parts), unstable (the number of multipliers outside the unit circle), stable,
-        special, corrections, end.
+        multiplier_im are its parts), unstable (the number of multipliers outside the unit circle, without
+        those that cross it at this point), stable, special, corrections, end.
         `special` is fold, flip, neimark_sacker, transcritical, supercritical_pitchfork (the branch that turns
         exists where one more multiplier of the other is outside the unit circle), subcritical_pitchfork
         (where one fewer is), or branch_point (where two branches cross in another way, or several multipliers
-        are 1 at once); corner: a fold at a corner of the map, where no multiplier is 1; kink: a step over a
-        corner or a jump of the map; or empty.
+        are 1 at once). Where the map has a corner along the branch, its halves on both sides decide: a
+        pitchfork if they are on one side of the parameter, transcritical if on two, else branch_point.
+        corner: a fold at a corner of the map, where no multiplier is 1; kink: a step over a corner or a jump
+        of the map; or empty.
         A branch that ends as lost, or has a kink, is followed again on the refined map (half the time step),
         and the result of that is returned: so neither is an artefact of the time step alone.
         `end` is the reason why the branch ends: range, closed, most, lost (no step converges, or the map is
-        not defined beyond), or a `NewtonOutcome` where no fixed point was found at the start; or empty.
+        not defined beyond), not_found (with `crossing`: half a branch that crosses here was not found; this
+        is its only point), or a `NewtonOutcome` where no fixed point was found at the start; or empty.
 
     Raises:
         ValueError: the map does not have a name that is given, or the range has no width.
@@ -225,12 +234,15 @@ class BranchTable:
         problem: ContinuationProblem,
         branch_points: BranchPoints,
         special: Sequence[str],
+        *,
+        tolerance: float = 0.0,
     ) -> None:
+        """Add a record for each of n branches; multipliers outside by `tolerance` count as unstable."""
         if not len(rows):
             return
         factors = multipliers_of(problem, branch_points)
         for k, row in enumerate(rows):
-            unstable = int(np.sum(np.abs(factors[k]) > 1.0))
+            unstable = int(np.sum(np.abs(factors[k]) > 1.0 + tolerance))
             self._records[row].append(
                 {
                     **self._head(int(row), float(branch_points.parameter[k])),
@@ -273,7 +285,8 @@ class BranchFollower:
         table: the table that collects the points.
         steps: the step lengths.
 
-    `crossings` has, for each branch point, the place of its branch and points on the one that crosses.
+    `crossings` has, for each branch point, the place of its branch, the point (1,), and points on the halves
+    of the branch that crosses, if any.
     """
 
     def __init__(
@@ -288,7 +301,7 @@ class BranchFollower:
         self.home = self.branch_points = branch_points
         self.length = np.full(len(names), steps.first)
         self.going = np.ones(len(names), bool)
-        self.crossings: list[tuple[int, BranchPoints]] = []
+        self.crossings: list[tuple[int, BranchPoints, BranchPoints | None]] = []
         table.write(names, problem, branch_points, [""] * len(names))
 
     def follow(self) -> None:
@@ -316,13 +329,24 @@ class BranchFollower:
                 self._accept(rows[accepted], after[accepted], their_specials)
 
     def crossing(self) -> BranchFollower | None:
-        """A follower of both halves of each branch that crosses at a branch point; None if there is none."""
-        if not self.crossings:
+        """A follower of both halves of each branch that crosses at a branch point; None if there is none.
+
+        A half that was not found has the branch point as its only point.
+        """
+        of, names, asides = [], [], []
+        for row, here, aside in self.crossings:
+            halves = 0 if aside is None else len(aside.parameter)
+            of += [row] * halves
+            names += [self.table.added(int(self.names[row])) for _ in range(halves)]
+            asides += [] if aside is None else [aside]
+            for _ in range(2 - halves):
+                name = np.array([self.table.added(int(self.names[row]))])
+                self.table.write(name, self.problem[np.array([row])], here, [""], tolerance=TOGETHER)
+                self.table.end(name, "not_found")
+        if not of:
             return None
-        parents = np.repeat([row for row, _ in self.crossings], 2)
-        names = np.array([self.table.added(int(self.names[row])) for row in parents])
-        asides = jax.tree.map(lambda *leaves: np.concatenate(leaves), *(aside for _, aside in self.crossings))
-        return BranchFollower(self.problem[parents], asides, names, self.table, self.steps)
+        both = jax.tree.map(lambda *leaves: np.concatenate(leaves), *asides)
+        return BranchFollower(self.problem[np.array(of)], both, np.array(names), self.table, self.steps)
 
     def _end(self, rows: Int[np.ndarray, " rows"], why: str) -> None:
         self.table.end(self.names[rows], why)
@@ -350,9 +374,12 @@ class BranchFollower:
         for k, on_step in enumerate(specials):
             for special in on_step:
                 if problem.low <= special.here.parameter[0] <= problem.high:
-                    self.table.write(names[[k]], problem[np.array([k])], special.here, [special.kind])
-                    if special.aside is not None:
-                        self.crossings.append((int(rows[k]), special.aside))
+                    only = np.array([k])
+                    self.table.write(
+                        names[only], problem[only], special.here, [special.kind], tolerance=TOGETHER
+                    )
+                    if special.kind in CROSSINGS:
+                        self.crossings.append((int(rows[k]), special.here, special.aside))
         inside = (after.parameter >= problem.low) & (after.parameter <= problem.high)
         out = np.flatnonzero(~inside)
         if out.size:

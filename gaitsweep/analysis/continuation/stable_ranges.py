@@ -6,13 +6,11 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Shaped
 
+from gaitsweep.analysis.continuation.branch_points import CROSSINGS
 from gaitsweep.analysis.records import AnalysisError, require
 
 # Special points of a continuation at which the stability of a branch may change.
-MARKS = (
-    *("fold", "corner", "flip", "neimark_sacker"),
-    *("transcritical", "supercritical_pitchfork", "subcritical_pitchfork", "branch_point"),
-)
+MARKS = ("fold", "corner", "flip", "neimark_sacker", *CROSSINGS)
 LEAST = 0.02  # least width of a stable range, as a share of the width of all branches
 
 

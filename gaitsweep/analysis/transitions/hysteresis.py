@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Shaped
 
-from gaitsweep.analysis.circular import is_circular, mean_direction
+from gaitsweep.analysis.circular import branch_cut, is_circular, mean_direction, unwrap_from
 from gaitsweep.analysis.records import AnalysisError, axes_of, panels_of, require, section_column
 from gaitsweep.analysis.transitions.jumps import Course, courses, records_of, rising, stretches
 from gaitsweep.angle_difference import TURN, wrapped_difference
@@ -102,13 +102,15 @@ def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = L
     Returns:
         One record a jump: row, swept axes, pass, direction (rising or falling, the parameter's), `low` and
         `high` (the parameter's interval: from the last value before the jump to the first after it; for a
-        ramp, where a tenth and nine tenths of it are completed), before, after, size (after - before).
+        ramp, where a tenth and nine tenths of it are completed), before, after, size (after - before; of
+        about half a turn, with the sign that figures show).
 
     Raises:
         AnalysisError: the table does not have a column.
     """
     name = section_column(table, observable)
     circular, axes = is_circular(table, name), axes_of(table)
+    cut = branch_cut(table[name].to_numpy(float)) if circular else 0.0
     records = []
     for course in courses(table, observable, parameter):
         for start, stop in stretches(course, least):
@@ -116,11 +118,14 @@ def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = L
             passed = course.parameter[start : stop + 1]
             before, after = course.value[[start, stop]]
             direction = "rising" if rising(course, number) else "falling"
+            size = after - before
+            if circular and abs(abs(size) - TURN / 2) < LEAST:  # both ways are alike: take that of figures
+                size = float(unwrap_from(after, cut) - unwrap_from(before, cut))
             ends = {"before": before, "after": after}
             if circular:
                 ends = {side: np.mod(end, TURN) for side, end in ends.items()}
             record = {**_place(course, axes), "pass": number, "direction": direction}
-            record |= {"low": passed.min(), "high": passed.max(), **ends, "size": after - before}
+            record |= {"low": passed.min(), "high": passed.max(), **ends, "size": size}
             records.append(record)
     columns = ["row", *axes, "pass", "direction", "low", "high", "before", "after", "size"]
     return pd.DataFrame(records, columns=columns)

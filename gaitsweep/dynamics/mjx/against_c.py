@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from gaitsweep.cache_folder import cache_folder, keep, kept
+from gaitsweep.cache_folder import cache_folder, load_cached, store_cached
 from gaitsweep.contract import Quantity
 from gaitsweep.dynamics.mjx.body import BodyState
 from gaitsweep.dynamics.mjx.refusals import cautions, contact_words, named
@@ -194,11 +194,11 @@ def at_first_use(model: MjcfModel) -> list[str]:
     made_of = hashlib.sha256(repr((model.data_digest, control, leaves, versions, FIRST_USE)).encode())
     folder = cache_folder(_CACHE)
     file = None if folder is None else folder / f"{made_of.hexdigest()}.json"
-    if file is not None and (stored := kept(file)) is not None:
+    if file is not None and (stored := load_cached(file)) is not None:
         return json.loads(stored)
     sentences = _sentences(model, first)
     if file is not None:
-        keep(file, json.dumps(sentences).encode())
+        store_cached(file, json.dumps(sentences).encode())
     return sentences
 
 

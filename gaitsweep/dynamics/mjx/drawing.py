@@ -46,11 +46,22 @@ def skeleton(model: Any, signals: Mapping[str, Float[np.ndarray, " times"]], fee
             bodies[geom][k] = (facing[:, None] + places).reshape(-1, 3)
         for chain, site, limb in zip(chains, sites, limbs, strict=False):
             limb[k] = [*data.xpos[chain], data.site_xpos[site]]
+    mujoco.mj_resetData(model, data)
+    mujoco.mj_kinematics(model, data)
+    aside = [round(float(data.site_xpos[site][1]), 9) for site in sites[: len(limbs)]]
     return Skeleton(
-        limbs=tuple(Limb(f"foot {i + 1}", limb, pair=i // 2) for i, limb in enumerate(limbs)),
+        limbs=tuple(
+            Limb(f"foot {i + 1}", limb, pair=i // 2, far=_is_far(aside, i)) for i, limb in enumerate(limbs)
+        ),
         bodies=tuple(bodies.values()),
         heading=0.0,
     )
+
+
+def _is_far(aside: list[float], i: int) -> bool:
+    """Whether limb i is the left one of its pair, or the second where both are in one plane."""
+    other = min(i ^ 1, len(aside) - 1)
+    return (aside[i], i) > (aside[other], other)
 
 
 def _drawn(model: Any) -> list[int]:

@@ -58,7 +58,7 @@ def not_after(w: Writer, a: int, b: int) -> int:
     return w("not", before(w, b, a))
 
 
-def outdone(w: Writer, best: int, new: int, order: str) -> int:
+def is_improved(w: Writer, best: int, new: int, order: str) -> int:
     """Whether the best number so far is less ("lt") or greater ("gt") than a new one; NaN beats all."""
     better = w("lt", best, new) if order == "lt" else w("lt", new, best)
     unmatched = w("and", w("not", _nan(w, best)), _nan(w, new))

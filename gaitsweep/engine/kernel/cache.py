@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Sequence
 
-from gaitsweep.cache_folder import cache_folder, keep, kept
+from gaitsweep.cache_folder import cache_folder, load_cached, store_cached
 
 
 def binary_of(suffix: str, key: Sequence[str], compile_: Callable[[], bytes]) -> bytes:
@@ -26,8 +26,8 @@ def binary_of(suffix: str, key: Sequence[str], compile_: Callable[[], bytes]) ->
         return compile_()
     digest = hashlib.sha256("\n".join(key).encode()).hexdigest()
     file = folder / f"gaitsweep_kernel_{digest[:24]}.{suffix}"
-    code = kept(file)
+    code = load_cached(file)
     if code is None:
         code = compile_()
-        keep(file, code)
+        store_cached(file, code)
     return code

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from gaitsweep.engine.kernel import nvrtc
+from gaitsweep.engine.kernel.cache import binary_of
 from gaitsweep.engine.kernel.gpu_program import THREADS
 
 # A number on a card is float64.
@@ -19,13 +19,13 @@ _NUMBER = 8
 def missing() -> str | None:
     """The reason why kernels on the GPU are not available, or None."""
     for module, package in (("cuda.core", "cuda-core"), ("cuda.bindings", "cuda-bindings")):
-        if not _found(module):
+        if not _is_installed(module):
             return f"the package {package} is not installed"
     try:
-        from cuda.bindings import nvrtc as library  # pyright: ignore[reportMissingImports]
+        from cuda.bindings import nvrtc  # pyright: ignore[reportMissingImports]
         from cuda.core import Device  # pyright: ignore[reportMissingImports]
 
-        library.nvrtcVersion()
+        nvrtc.nvrtcVersion()
     except Exception as error:  # its type depends on the package and its version
         return f"NVIDIA's compiler NVRTC cannot be loaded ({_first_line(error)})"
     try:
@@ -34,7 +34,7 @@ def missing() -> str | None:
         return f"cuda-core finds no CUDA driver ({_first_line(error)})"
 
 
-def _found(module: str) -> bool:
+def _is_installed(module: str) -> bool:
     try:
         return importlib.util.find_spec(module) is not None
     except ModuleNotFoundError:  # of the package around it
@@ -109,15 +109,15 @@ class CudaDevice:
         return device
 
     def allocate(self, size: int) -> Any:
-        """Memory of the card for so many numbers."""
+        """Memory of the card for `size` numbers."""
         return self.use().allocate(max(size, 1) * _NUMBER, stream=self._stream)
 
     def allocate_pinned(self, size: int) -> Any:
-        """Memory of the host for so many numbers, which the card copies at full rate."""
+        """Pinned memory of the host for `size` numbers, which the card copies at full rate."""
         return self._pinned.allocate(size * _NUMBER)
 
     def copy(self, source: Any, target: Any, size: int) -> None:
-        """Copy the first `size` numbers of a piece of memory, after all earlier launches."""
+        """Copy the first `size` numbers of one memory to another, after all earlier launches."""
         self._copy_bytes(source, target, size * _NUMBER)
 
     def _copy_bytes(self, source: Any, target: Any, size: int) -> None:
@@ -139,9 +139,21 @@ class CudaDevice:
         self._reached.sync()
 
     def module(self, source: str, *, contraction: bool = True) -> Any:
-        """The kernels of a source, compiled now or loaded from the cache."""
-        code = nvrtc.compiled(source, self._architecture, contraction=contraction)
-        return self._core.ObjectCode.from_cubin(code)
+        """The kernels of a source, compiled by NVRTC now, or loaded from the cache.
+
+        Args:
+            source: CUDA C without headers, whose kernels are `extern "C"`.
+            contraction: whether a product and a sum may become one instruction, which rounds once.
+        """
+        from cuda.bindings import nvrtc  # pyright: ignore[reportMissingImports]
+
+        def compile_() -> bytes:
+            options = self._core.ProgramOptions(arch=self._architecture, fma=contraction, std="c++17")
+            return bytes(self._core.Program(source, "c++", options).compile("cubin").code)
+
+        _, major, minor = nvrtc.nvrtcVersion()
+        key = (source, f"NVRTC {major}.{minor}", self._architecture, f"contraction {contraction}")
+        return self._core.ObjectCode.from_cubin(binary_of("cubin", key, compile_))
 
     def set_constant(self, module: Any, name: str, value: bytes) -> None:
         """Set a variable of a module in the card's constant memory."""
@@ -165,7 +177,7 @@ class CudaDevice:
         return THREADS * blocks * self.use().properties.multiprocessor_count
 
     def launch(self, kernel: Any, threads: int, *args: DeviceArray | int) -> None:
-        """Start a kernel with at least so many threads; its arguments are `DeviceArray` and int."""
+        """Start a kernel with at least `threads` threads and these arguments."""
         config = self._core.LaunchConfig(grid=-(-threads // THREADS), block=THREADS)
         converted = [a.buffer if isinstance(a, DeviceArray) else ctypes.c_longlong(a) for a in args]
         self._core.launch(self._stream, config, kernel, *converted)

@@ -36,15 +36,19 @@ class Leaf:
 class Chunk:
     """A program and its slots.
 
-    `held`, `carry` and `record` are the engine's pytrees with a `Leaf` for each array; `attempt` and `poll`
-    the nodes that are written to slots, by slot; `plain` those of an attempt for which `unusual` is false;
-    `keep` the node that decides whether the nodes `sample` are kept; `quiet` those of `polled` in a poll
-    for which `eventful` is false; `steady` the nodes that are computed once,
-    by slot; `shared` those that change only in attempts that are not plain.
+    `constants`, `carry` and `record` are the engine's pytrees with a `Leaf` for each array.
+
+    `attempt` and `poll` are the nodes that an attempt and a poll write, by slot. `plain` are simpler nodes
+    for an attempt in which the node `unusual` is false: no condition that is seldom true comes true.
+    `quiet` are simpler nodes in place of `polled` for a poll in which the node `eventful` is false. The
+    node `keep` decides whether the nodes `sample` are kept.
+
+    `steady` are the nodes that are computed once for a trajectory, by slot. `shared` are nodes that change
+    only in attempts that are not plain.
     """
 
     program: Program
-    held: Any
+    constants: Any
     carry: Any
     record: Any
     attempt: dict[int, int]
@@ -136,12 +140,12 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
                     slots[leaf.first + i] = at
         return slots
 
-    nodes_after = tracer.read(jax.make_jaxpr(lane.attempt)(constants, carry), [*constant_nodes, *carry_nodes])
+    inputs = [*constant_nodes, *carry_nodes]
+    nodes_after = tracer.read(jax.make_jaxpr(lane.attempt)(constants, carry), inputs)
     attempt = changes(carry_leaves, nodes_after)
     plain, unusual = _plain(program, [*attempt.values()])
-    nodes_after = tracer.read(
-        jax.make_jaxpr(lane.poll)(constants, carry, record), [*constant_nodes, *carry_nodes, *record_nodes]
-    )
+    inputs += record_nodes
+    nodes_after = tracer.read(jax.make_jaxpr(lane.poll)(constants, carry, record), inputs)
     poll = changes((carry_leaves, record_leaves), nodes_after[:-2])
     sample, keep = nodes_after[-2].ravel().tolist(), int(nodes_after[-1])
     polled = [*poll.values(), *sample, keep]
@@ -150,7 +154,7 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
     steady = _steady_results(program, wanted)
     return Chunk(
         program=program,
-        held=constant_leaves,
+        constants=constant_leaves,
         carry=carry_leaves,
         record=record_leaves,
         attempt=attempt,
@@ -168,9 +172,10 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
 
 
 def _plain(program: Program, nodes: list[int]) -> tuple[list[int], int]:
-    """As `Program.likely`; all is plain if the plain form rounds numbers that the other does not compute.
+    """The simpler nodes of `Program.likely`, and the node that is true where they do not hold.
 
-    Other products and sums would be fused in that, and a row's bits would depend on its neighbours.
+    The nodes themselves, and false, if the simpler ones round numbers that the others do not compute: other
+    products and sums would be fused, and a row's bits would depend on its neighbours.
     """
     plain, unusual = program.likely(nodes)
     more = set(program.needed([*plain])) - set(program.needed([*nodes, unusual]))

@@ -8,31 +8,38 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable
+from functools import partial
 from typing import Any
 
 import jax
 import numpy as np
 
+from gaitsweep.contract import Model
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.program import Program
-from gaitsweep.engine.kernel.trace import Nodes, Tracer, UnsupportedError
+from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
+from gaitsweep.engine.stored_programs import stored
 from gaitsweep.engine.sweep.lane import host_device
 
-# Rows for which the values of all nodes are in memory.
+# Rows that are computed at a time, since the values of all nodes are in memory.
 _AT_A_TIME = 4096
-# NumPy's forms of operations whose own form takes one number at a time
+# NumPy's forms of operations whose own form takes one number at a time.
 _OF_ARRAYS: dict[str, Callable[..., Any]] = {
     "select": np.where,
     **{name: np.vectorize(OPERATIONS[name].evaluate, otypes=[float]) for name in ("erf", "erfc")},
 }
 
 
-def over_rows(function: Callable[..., Any]) -> Callable[..., Any]:
+def over_rows(
+    function: Callable[..., Any], name: str = "", model: Model | None = None, *others: Any
+) -> Callable[..., Any]:
     """The function of many rows: arguments and results have the rows as their first axis.
 
     Args:
         function: a JAX function of one row, from pytrees to a pytree of arrays; XLA computes it where it has
             operations that a scalar program lacks.
+        name, model, others: what a program is stored by (`stored_programs.stored`). Its results are then
+            mappings and lists of arrays. Without a model it is traced in each process.
     """
     programs: dict[Hashable, Callable[..., Any]] = {}
 
@@ -41,8 +48,10 @@ def over_rows(function: Callable[..., Any]) -> Callable[..., Any]:
         shapes = [jax.ShapeDtypeStruct(column.shape[1:], column.dtype) for column in columns]
         key = structure, tuple((shape.shape, shape.dtype) for shape in shapes)
         if key not in programs:
+            of_row = partial(_program, function, jax.tree.unflatten(structure, shapes))
             try:
-                programs[key] = _by_numpy(function, jax.tree.unflatten(structure, shapes))
+                program = of_row() if model is None else stored(name, model, (*others, repr(key)), of_row)
+                programs[key] = partial(_by_numpy, *program)
             except UnsupportedError:
                 programs[key] = _by_xla(function)
         outputs = []
@@ -57,7 +66,7 @@ def over_rows(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _by_xla(function: Callable[..., Any]) -> Callable[..., Any]:
-    # what the compiler's optimisation takes would be lost
+    # on few rows an optimised program saves less time than its optimisation takes
     compiled = jax.jit(jax.vmap(function), compiler_options={"xla_backend_optimization_level": 0})
 
     def of_rows(*trees: Any) -> Any:
@@ -67,39 +76,46 @@ def _by_xla(function: Callable[..., Any]) -> Callable[..., Any]:
     return of_rows
 
 
-def _by_numpy(function: Callable[..., Any], shapes: Any) -> Callable[..., Any]:
+def _program(function: Callable[..., Any], shapes: Any) -> tuple[list[Any], list[Any], Any]:
+    """The operations of a function of one row, each with its arguments or its value, and its results."""
     jaxpr, out = jax.make_jaxpr(function, return_shape=True)(*shapes)
-    program = Program(simplify=False)  # functions are checked for NaN
+    program = Program(simplify=False)  # a product with 0 is NaN where the other factor is
     tracer = Tracer(program)
     outputs = tracer.read(jaxpr, tracer.inputs(shapes, 0, steady=False))
     results, structure = jax.tree.flatten(out)
     order = program.needed([at for nodes in outputs for at in nodes.ravel().tolist()])
+    place = {at: i for i, at in enumerate(order)}
+    operations = [
+        (node.op, [place[argument] for argument in node.args] if node.args else node.value)
+        for node in (program.nodes[at] for at in order)
+    ]
+    arrays = [
+        ([place[at] for at in nodes.ravel().tolist()], like.shape, str(like.dtype))
+        for nodes, like in zip(outputs, results, strict=True)
+    ]
+    return operations, arrays, jax.tree.unflatten(structure, range(len(arrays)))
 
-    def of_rows(*trees: Any) -> Any:
-        columns = [
-            column for leaf in jax.tree.leaves(trees) for column in np.reshape(leaf, (len(leaf), -1)).T
-        ]
-        rows = len(columns[0])
-        values: dict[int, Any] = {}
-        with np.errstate(all="ignore"):
-            for at in order:
-                node = program.nodes[at]
-                if node.op == "input":
-                    assert node.value is not None
-                    values[at] = columns[int(node.value)]
-                elif node.op == "constant":
-                    values[at] = node.value
-                else:
-                    evaluate = _OF_ARRAYS.get(node.op, OPERATIONS[node.op].evaluate)
-                    values[at] = evaluate(*(values[argument] for argument in node.args))
 
-        def array(nodes: Nodes, like: Any) -> np.ndarray:
-            outputs_of_rows = np.empty((rows, math.prod(like.shape)), like.dtype)
-            for place, at in enumerate(nodes.ravel().tolist()):
-                outputs_of_rows[:, place] = values[at]
-            return outputs_of_rows.reshape(rows, *like.shape)
+def _by_numpy(operations: list[Any], arrays: list[Any], results: Any, *trees: Any) -> Any:
+    """The results of rows, by a program of `_program`."""
+    columns = [column for leaf in jax.tree.leaves(trees) for column in np.reshape(leaf, (len(leaf), -1)).T]
+    rows = len(columns[0])
+    values: list[Any] = []
+    with np.errstate(all="ignore"):
+        for op, of in operations:
+            if op == "input":
+                values.append(columns[int(of)])
+            elif op == "constant":
+                values.append(of)
+            else:
+                evaluate = _OF_ARRAYS.get(op, OPERATIONS[op].evaluate)
+                values.append(evaluate(*(values[argument] for argument in of)))
 
-        filled = [array(nodes, like) for nodes, like in zip(outputs, results, strict=True)]
-        return jax.tree.unflatten(structure, filled)
+    def array(place: int) -> np.ndarray:
+        elements, shape, dtype = arrays[place]
+        outputs_of_rows = np.empty((rows, math.prod(shape)), dtype)
+        for i, at in enumerate(elements):
+            outputs_of_rows[:, i] = values[at]
+        return outputs_of_rows.reshape(rows, *shape)
 
-    return of_rows
+    return jax.tree.map(array, results)

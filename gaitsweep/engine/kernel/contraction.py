@@ -13,7 +13,8 @@ import jax
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.program import Program
 
-# a + b * c, a - b * c, b * c - a: the operation with the arguments b, c, a
+# The fused operations of b * c + a and a + b * c, and of b * c - a and a - b * c; their arguments are b, c,
+# a.
 _FUSED = {"add": ("fma", "fma"), "sub": ("fms", "fnma")}
 
 
@@ -26,28 +27,27 @@ def contracted(chunk: Chunk) -> Chunk:
     wanted = [*chunk.attempt.values(), *chunk.plain.values(), chunk.unusual]
     wanted += [*chunk.polled, *chunk.quiet, chunk.eventful]
     needed = program.needed(wanted)
-    apart = {*chunk.shared, *wanted}
-    fusable = _only_in_sums(program, needed) - apart
-    now: dict[int, int] = {}
+    fusable = _only_in_sums(program, needed) - {*chunk.shared, *wanted}
+    rewritten: dict[int, int] = {}  # the node that replaces each node
     for at in needed:
         node = program.nodes[at]
         if program.steady[at] or not node.args:
-            now[at] = at
+            rewritten[at] = at
             continue
-        args = tuple(now[a] for a in node.args)
+        args = tuple(rewritten[a] for a in node.args)
         op = node.op
         if op in _FUSED:
             for place in (1, 0):
                 product = node.args[place]
                 if product in fusable:
                     factors = program.nodes[product].args
-                    op, args = _FUSED[op][place], (*(now[a] for a in factors), args[1 - place])
+                    op, args = _FUSED[op][place], (*(rewritten[a] for a in factors), args[1 - place])
                     break
-        now[at] = program.write(op, *args)
+        rewritten[at] = program.write(op, *args)
 
     fields = "attempt", "plain", "unusual", "poll", "keep", "sample", "quiet", "eventful", "shared"
-    moved = {field: jax.tree.map(lambda at: now[at], getattr(chunk, field)) for field in fields}
-    return dataclasses.replace(chunk, **moved)
+    replaced = {field: jax.tree.map(lambda at: rewritten[at], getattr(chunk, field)) for field in fields}
+    return dataclasses.replace(chunk, **replaced)
 
 
 def _only_in_sums(program: Program, needed: list[int]) -> set[int]:

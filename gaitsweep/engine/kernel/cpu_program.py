@@ -52,15 +52,22 @@ def compiled(chunk: Chunk, *, contraction: bool = True) -> tuple[Callable[[Any, 
     receives the rows to keep. The kernel is compiled now, or loaded from the cache.
     """
     tile = Tile(chunk, TILE, contraction)
+    return running(tile.layout, tile.source, tile.module), tile.slots
+
+
+def running(
+    layout: tuple[int, ...], source: str, module: Callable[[], ir.Module]
+) -> Callable[[Any, Any, int], None]:
+    """The function `run` of `compiled`, from the layout, the source and the module of a `Tile`."""
     kinds = ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64
-    function = loaded_once(f"{tile.layout}\n{tile.source}", tile.module, *kinds)
+    function = loaded_once(f"{layout}\n{source}", module, *kinds)
 
     def run(S: np.ndarray, samples: np.ndarray, polls: int) -> None:
         assert S.flags.c_contiguous
         assert samples.flags.c_contiguous
         function(S.ctypes.data, S.shape[0], samples.ctypes.data, polls)
 
-    return run, tile.slots
+    return run
 
 
 def loaded_once(source: str, module: Callable[[], ir.Module], *kinds: Any) -> Callable[..., None]:
@@ -86,9 +93,9 @@ class Tile:
 
     `contraction`: whether a product and a sum may become one instruction.
 
-    After the program's slots come a flag and a sample for the loop that keeps samples, what plain attempts
-    share, and room for values that a stage loads again. Slots that plain attempts change are there twice,
-    `apart` slots from each other: an attempt reads those of one side, `i`, and writes those of the other,
+    The program's slots are followed by a flag and a sample for the loop that keeps samples, by the values
+    that plain attempts share, and by room for values that a stage loads again. Slots that plain attempts
+    change exist twice, `apart` slots from each other: an attempt reads one side, `i`, and writes the other,
     `j`.
     """
 
@@ -165,7 +172,7 @@ class Tile:
         Args:
             outputs: the nodes, by slot.
             at_hand: where nodes are in memory already; inputs are in their slots.
-            old, new: the sides that are read and written, of slots that are there twice.
+            old, new: the sides that are read and written, of slots that exist twice.
             flag: a flag, which the lines name `unusual`.
             registers: values in registers at a time; None if the compiler chooses them.
         """

@@ -15,6 +15,7 @@ from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.kernel import gpu_program
 from gaitsweep.engine.kernel.card import CudaDevice, DeviceArray
 from gaitsweep.engine.kernel.lanes import Kernel, KernelLanes
+from gaitsweep.engine.kernel.opening import Opened
 from gaitsweep.engine.recorders.recorder import BUFFER
 from gaitsweep.engine.sweep.lane import ChunkOutput, Device, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
@@ -36,10 +37,9 @@ def varying_slots(kernel: Kernel, names: frozenset[str]) -> frozenset[int]:
     def constants(
         values: Mapping[str, Float[Array, " ..."]], starts: Mapping[str, Float[Array, ""]]
     ) -> Params:
-        held, *_ = kernel.lane.open(values, starts)
-        return held
+        return kernel.lane.open(values, starts)[0]
 
-    leaves = jax.tree.leaves(kernel.chunk.held)
+    leaves = jax.tree.leaves(kernel.chunk.constants)
     dependent = dependences(constants, *kernel.shapes)
     return frozenset(
         leaf.first + i
@@ -56,8 +56,9 @@ class CudaLanes(KernelLanes):
     def __init__(self, spec: SweepSpec, device: Device) -> None:
         super().__init__(spec)
         self.card = CudaDevice(getattr(device, "local_hardware_id", None) or 0)
+        self.chunk = self.kernel.chunk
         self._contraction = spec.numerics.contraction
-        self._seen = [leaf.first + i for leaf in self.read_leaves.values() for i in range(leaf.size)]
+        self._seen = [leaf.first + i for leaf in self.kernel.leaves.values() for i in range(leaf.size)]
         source = gpu_program.placing(self.chunk, self._seen, self.kernel.title)
         module = self.card.module(source, contraction=self._contraction)
         self._put, self._collect, self._trajectory = (
@@ -79,7 +80,6 @@ class CudaLanes(KernelLanes):
         self.card.use()
         count, width = int(np.count_nonzero(fresh)), self._filling.shape[1]
         self._staged = self._filling.host(count * width).reshape(count, width)
-        self._placed = 0
         self.open_rows(params, starts, fresh)
         self._filling.to_card(self._staged.size)
         self.card.launch(self._put, count, self._slots, self._kept, self.size, self._filling, count)
@@ -98,19 +98,9 @@ class CudaLanes(KernelLanes):
             self.at_a_time = min(self.size, self.card.threads(self.run))
         self.card.wait()
 
-    def put(
-        self,
-        lanes: Int[np.ndarray, " opened"],
-        opened: Float[np.ndarray, "opened slots"],
-        samples: Float[np.ndarray, "opened width"],
-        keeps: Bool[np.ndarray, " opened"],
-    ) -> None:
-        first, n_opened = gpu_program.FILLING, opened.shape[1]
-        part = self._staged[self._placed : self._placed + lanes.size]
-        part[:, 0], part[:, 1] = lanes, keeps
-        part[:, first : first + n_opened] = opened
-        part[:, first + n_opened :] = samples
-        self._placed += lanes.size
+    def put(self, lanes: Int[np.ndarray, " opened"], opened: Opened) -> None:
+        head = np.stack([lanes, opened.keeps], axis=1)
+        self._staged[:] = np.concatenate([head, opened.slots, opened.samples], axis=1)
 
     def advance(self, polls: int) -> None:
         """Start to advance running lanes; `card.wait` waits for the end.
@@ -134,7 +124,7 @@ class CudaLanes(KernelLanes):
         new = int(output.filled.max()) if width else 0
         if new:
             samples = self._kept.from_card(new * size * width).reshape(new, size, width)
-            output = output._replace(kept=samples.transpose(1, 0, 2))
+            output = output._replace(buffers=samples.transpose(1, 0, 2))
         return output
 
 

@@ -25,8 +25,8 @@ from gaitsweep.engine.kernel.source import C, c_function, c_structure, name_all,
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
 # Threads of a block, each of which may have 255 registers, the maximum. With 168 or 128 registers more
-# threads run at once, but spill more: a body of 15 joints makes 0.58 and 0.4 times the steps. Without the
-# bound of one block at a time the compiler may choose so few by itself, even 32.
+# threads run at once, but spill more: a body of 15 joints makes 0.58 and 0.4 times the steps. The bound of
+# one block at a time keeps the compiler from choosing as few as 32.
 THREADS = 128
 # The parameters of a poll, by name.
 _OF_POLL = {
@@ -43,7 +43,7 @@ READ_AGAIN = 60
 FILLING = 2
 _FORMATS: dict[Kind, Any] = {"f64": np.float64, "int": np.float64, "f32": np.float32, "bool": np.bool_}
 
-# What differs between the compilers of a card and of a host, on which tests run the rest.
+# Definitions for the compiler of a card; tests compile the same source for a host with others.
 HEAD = f"""#define INFINITE __longlong_as_double(0x7ff0000000000000LL)
 #define NOT_A_NUMBER __longlong_as_double(0x7ff8000000000000LL)
 #define CONSTANT __constant__
@@ -181,7 +181,7 @@ def running(chunk: Chunk, varying: Collection[int], title: str) -> str:
     Each of the first `threads` threads makes up to `polls` polls; the others of their block do nothing. `S`
     (slots, n) float64 has n lanes; `kept` (BUFFER, n, width) float64 has room for samples; `turn` (2,)
     float64 is the number of lanes taken and the lane taken first; the variable `same` has the values of the
-    nodes `same(chunk, varying)`, as `packed` gives them; `varying` are the slots of constants that differ
+    nodes `uniform(chunk, varying)`, as `packed` gives them; `varying` are the slots of constants that differ
     between rows.
     """
     run = _RUN.format(interval=POLL_INTERVAL, status=chunk.record.status.first, halt=chunk.carry.halt.first)
@@ -190,14 +190,16 @@ def running(chunk: Chunk, varying: Collection[int], title: str) -> str:
 
 def packed(chunk: Chunk, varying: Collection[int], slots: Float[np.ndarray, " slots"]) -> bytes:
     """The variable `same` of a kernel, from all slots (n_slots,) of a trajectory."""
-    kinds: dict[int, Kind] = {slot: chunk.program.nodes[at].kind for at, slot in same(chunk, varying).items()}
+    kinds: dict[int, Kind] = {
+        slot: chunk.program.nodes[at].kind for at, slot in uniform(chunk, varying).items()
+    }
     formats = [_FORMATS[kind] for kind in kinds.values()]
     layout = np.dtype({"names": [f"s{slot}" for slot in kinds], "formats": formats}, align=True)
     return np.array(tuple(slots[slot] for slot in kinds), layout).tobytes()
 
 
-def same(chunk: Chunk, varying: Collection[int]) -> dict[int, int]:
-    """The nodes with equal values in all rows and their slots, in the order of `same`."""
+def uniform(chunk: Chunk, varying: Collection[int]) -> dict[int, int]:
+    """The nodes with equal values in all rows and their slots, in the order of the variable `same`."""
     return {at: slot for at, slot in _steady(chunk).items() if not _varies(chunk, at, varying)}
 
 
@@ -241,12 +243,12 @@ class _Thread:
 
     def __init__(self, chunk: Chunk, varying: Collection[int]) -> None:
         self.chunk = chunk
-        self.same = same(chunk, varying)
-        self.own = {at: slot for at, slot in _steady(chunk).items() if at not in self.same}
+        self.uniform = uniform(chunk, varying)
+        self.own = {at: slot for at, slot in _steady(chunk).items() if at not in self.uniform}
         self.carried = self._carried_inputs()
         self._names = {at: f"carry.s{slot}" for at, slot in self.carried.items()}
         self._names |= {at: f"own.s{slot}" for at, slot in self.own.items()}
-        self._names |= {at: f"same.s{slot}" for at, slot in self.same.items()}
+        self._names |= {at: f"same.s{slot}" for at, slot in self.uniform.items()}
 
     def _carried_inputs(self) -> dict[int, int]:
         """The carry's inputs that some node reads or that an attempt or poll changes, with their slots."""
@@ -267,7 +269,7 @@ class _Thread:
         """The structures, and the functions that `run` calls."""
         back = [_write(self.chunk, at, slot, f"carry.s{slot}") for at, slot in self.carried.items()]
         return [
-            c_structure("Same", self._members(self.same)) + "CONSTANT struct Same same;\n",
+            c_structure("Same", self._members(self.uniform)) + "CONSTANT struct Same same;\n",
             c_structure("Own", self._members(self.own)),
             c_structure("Carry", self._members(self.carried)),
             self._reading("Own", "read_own", self.own),
@@ -330,7 +332,8 @@ class _Thread:
         read_at: dict[int, int] = {}
 
         def read(at: int, place: int) -> None:
-            # a value that is read anew needs no register in between; `volatile` keeps it from being shared
+            # a value that is read again needs no register in between; without `volatile` it would be read
+            # once
             slot, read_at[at] = chunk.slot_of(at), place
             names[at] = f"r{slot}_{place}"
             value = C.loaded(program.nodes[at].kind, f"((volatile const double*)S)[{slot} * n + i]")

@@ -104,17 +104,17 @@ def _selected(
         if axis == operand.ndim:
             return read(index)
 
-        def here(i: int) -> Nodes:
+        def beginning_at(i: int) -> Nodes:
             return along(axis + 1, (*index, slice(i, i + sizes[axis])))
 
         at = starts[axis]
         known = program.value(at)
         if known is not None:
-            return here(min(max(int(known), 0), last[axis]))
-        chosen = here(last[axis])
+            return beginning_at(min(max(int(known), 0), last[axis]))
+        chosen = beginning_at(last[axis])
         for i in range(last[axis] - 1, -1, -1):
             up_to = program.apply("le", at, program.constant(i, "int"))
-            chosen = tracer.apply("select", np.asarray(up_to), here(i), chosen)
+            chosen = tracer.apply("select", np.asarray(up_to), beginning_at(i), chosen)
         return chosen
 
     return along(0, ())

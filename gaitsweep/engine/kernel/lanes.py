@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import abc
-import dataclasses
+import functools
 import math
 from collections.abc import Callable, Mapping
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, final
 
 import jax
@@ -16,10 +16,22 @@ from jaxtyping import Bool, Float, Int, Real
 
 from gaitsweep.contract import Model, Status
 from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
-from gaitsweep.engine.kernel.opening import Columns, Opened, opening_of
+from gaitsweep.engine.kernel.cpu_program import TILE
+from gaitsweep.engine.kernel.llvm_code import processor
+from gaitsweep.engine.kernel.opening import (
+    Columns,
+    Opened,
+    Opening,
+    opened_by_kernel,
+    opened_by_xla,
+    opening_of,
+)
+from gaitsweep.engine.kernel.trace import UnsupportedError
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import BUFFER, Recorder
+from gaitsweep.engine.stored_programs import stored
 from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes, OneLane, RowDrive, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
@@ -28,19 +40,53 @@ CACHE_LINE = 64  # bytes, also the size of the widest vector
 Shapes = Mapping[str, jax.ShapeDtypeStruct]
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class Kernel:
-    """The scalar program of a chunk, and the function that opens rows; equal only to itself.
+    """The scalar program of a run, and the function that opens rows; equal only to itself.
 
-    `chunk` is the program and `open` the function, which belong to the trajectory `lane`; `title` names the
-    run in the printed source. `shapes` are those of a row's parameters and of its initial conditions.
+    `chunk` is the program of the trajectory `lane`, traced when it is first read; `title` names the run in
+    the printed source. `shapes` are those of a row's parameters and of its initial conditions. `leaves` are
+    the numbers that the host reads after each chunk, `width` is that of a sample.
     """
 
-    chunk: Chunk
-    open: Callable[[Columns, Columns], Opened]
-    title: str
-    lane: OneLane
-    shapes: tuple[Shapes, Shapes]
+    def __init__(
+        self, model: Model, recorder: Recorder, numerics: ResolvedNumerics, drive: RowDrive | None
+    ) -> None:
+        self.lane = OneLane(model, recorder, numerics, drive)
+        scalar = jax.ShapeDtypeStruct((), jnp.dtype(numerics.carried))
+        values = {q.name: scalar for q in model.parameters}
+        starts = {q.name: scalar for q in model.initial_conditions} | {STEP_FACTOR: scalar}
+        self.shapes: tuple[Shapes, Shapes] = (values, starts)
+        self.title = f"{model.name}, {type(recorder).__name__}, {numerics.method}"
+        leaves, self.width = self.stored("leaves", self._read_leaves)
+        self.leaves = {name: Leaf(first, tuple(shape)) for name, (first, shape) in leaves.items()}
+        self.open = self._opening()
+
+    @cached_property
+    def chunk(self) -> Chunk:
+        """The program.
+
+        Raises:
+            UnsupportedError: the model uses an operation that the scalar kernel does not have.
+        """
+        return chunk_of(self.lane, *self.shapes)
+
+    def stored(self, what: str, work_out: Callable[[], Any], *others: Any) -> Any:
+        """As `stored_programs.stored`, for this run; the program of a ramp or staircase is not stored."""
+        lane = self.lane
+        deciding = None if lane.driven else (lane.recorder, lane.numerics, *others)
+        return stored(what, lane.model, deciding, work_out)
+
+    def _read_leaves(self) -> tuple[dict[str, tuple[int, tuple[int, ...]]], int]:
+        record, carry = self.chunk.record, self.chunk.carry
+        leaves = {**record.results(carry), "filled": record.filled, "samples": record.samples}
+        return {name: (leaf.first, leaf.shape) for name, leaf in leaves.items()}, self.chunk.width
+
+    def _opening(self) -> Callable[[Columns, Columns], Opened]:
+        try:
+            opening = self.stored("opening", lambda: opening_of(self.lane, *self.shapes), TILE)
+        except UnsupportedError:
+            return opened_by_xla(self.lane)
+        return opened_by_kernel(Opening(*opening))
 
 
 @cached_by_content(maxsize=16)
@@ -50,13 +96,7 @@ def kernel_of(model: Model, recorder: Recorder, numerics: ResolvedNumerics, driv
     Raises:
         UnsupportedError: the model uses an operation that the scalar kernel does not have.
     """
-    lane = OneLane(model, recorder, numerics, drive)
-    scalar = jax.ShapeDtypeStruct((), jnp.dtype(numerics.carried))
-    values = {q.name: scalar for q in model.parameters}
-    starts = {q.name: scalar for q in model.initial_conditions} | {STEP_FACTOR: scalar}
-    chunk = chunk_of(lane, values, starts)
-    title = f"{model.name}, {type(recorder).__name__}, {lane.numerics.method}"
-    return Kernel(chunk, opening_of(lane, values, starts), title, lane, (values, starts))
+    return Kernel(model, recorder, numerics, drive)
 
 
 class KernelLanes(Lanes):
@@ -66,29 +106,11 @@ class KernelLanes(Lanes):
         self.size = spec.lanes
         self.at_a_time = self.size  # lanes that run at a time, the others wait
         self.kernel = kernel_of(spec.model, spec.recorder, spec.numerics, spec.drive)
-        self.chunk = self.kernel.chunk
         self._dtype = np.dtype(spec.numerics.carried)
-        record, carry = self.chunk.record, self.chunk.carry
-        counts = {"filled": record.filled, "samples": record.samples}
-        # what the host reads after each chunk
-        self.read_leaves: dict[str, Leaf] = {**record.results(carry), **counts}
 
     @abc.abstractmethod
-    def put(
-        self,
-        lanes: Int[np.ndarray, " opened"],
-        opened: Float[np.ndarray, "opened slots"],
-        samples: Float[np.ndarray, "opened width"],
-        keeps: Bool[np.ndarray, " opened"],
-    ) -> None:
-        """Write opened rows to lanes.
-
-        Args:
-            lanes: their numbers.
-            opened: the first slots of each row.
-            samples: a sample of each row, written to the buffer of its lane.
-            keeps: whether the sample of a row is written.
-        """
+    def put(self, lanes: Int[np.ndarray, " opened"], opened: Opened) -> None:
+        """Write opened rows to lanes, and the samples that are kept to their buffers."""
 
     def open_rows(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
         """Open the rows in the lanes marked `fresh`, and `put` them there; values have one number a lane."""
@@ -97,7 +119,7 @@ class KernelLanes(Lanes):
             {name: np.asarray(column[lanes], self._dtype) for name, column in columns.items()}
             for columns in (params, starts)
         )
-        self.put(lanes, *self.kernel.open(values, initial))
+        self.put(lanes, self.kernel.open(values, initial))
 
     def output(self, read_slot: Callable[[int], Real[np.ndarray, " lanes"]]) -> ChunkOutput:
         """The output of a chunk without its buffers; `read_slot` returns the values of a slot."""
@@ -106,9 +128,9 @@ class KernelLanes(Lanes):
             columns = [read_slot(leaf.first + i) for i in range(leaf.size)] or [np.zeros((self.size, 0))]
             return np.stack(columns, axis=-1).reshape(self.size, *leaf.shape)
 
-        numbers = {name: read(leaf) for name, leaf in self.read_leaves.items()}
+        numbers = {name: read(leaf) for name, leaf in self.kernel.leaves.items()}
         filled, samples = (numbers.pop(name).astype(np.int32) for name in ("filled", "samples"))
-        return ChunkOutput(numbers, filled, samples, np.zeros((self.size, 0, self.chunk.width)))
+        return ChunkOutput(numbers, filled, samples, np.zeros((self.size, 0, self.kernel.width)))
 
 
 def _aligned(shape: tuple[int, ...]) -> Float[np.ndarray, " ..."]:
@@ -123,9 +145,10 @@ def _aligned(shape: tuple[int, ...]) -> Float[np.ndarray, " ..."]:
 @lru_cache(maxsize=16)
 def _compiled(kernel: Kernel, contraction: bool) -> tuple[Callable[[Any, Any, int], None], int]:
     """The kernel on a CPU, and the slots of its lanes."""
-    from gaitsweep.engine.kernel import cpu_program
-
-    return cpu_program.compiled(kernel.chunk, contraction=contraction)
+    tile = functools.cache(lambda: cpu_program.Tile(kernel.chunk, TILE, contraction))
+    # the processor decides which instructions a tile is written for
+    layout, source = kernel.stored("tile", lambda: (tile().layout, tile().source), *processor())
+    return cpu_program.running(tuple(layout), source, lambda: tile().module()), layout[1]
 
 
 @final
@@ -134,34 +157,27 @@ class CpuLanes(KernelLanes):
 
     def __init__(self, spec: SweepSpec) -> None:
         super().__init__(spec)
-        from gaitsweep.engine.kernel import cpu_program
-
         self._run, slots = _compiled(self.kernel, spec.numerics.contraction)
-        self._tile = cpu_program.TILE
-        tiles = -(-self.size // self._tile)
-        self._slots = _aligned((tiles, slots, self._tile))
-        self._slots[:, self.chunk.record.status.first] = Status.complete
-        self._kept = np.zeros((tiles * self._tile, BUFFER if self.chunk.width else 0, self.chunk.width))
+        tiles = -(-self.size // TILE)
+        self._slots = _aligned((tiles, slots, TILE))
+        leaves, width = self.kernel.leaves, self.kernel.width
+        self._filled = leaves["filled"].first
+        self._slots[:, leaves["status"].first] = Status.complete
+        self._buffers = np.zeros((tiles * TILE, BUFFER if width else 0, width))
 
     def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
         self.open_rows(params, starts, fresh)
 
-    def put(
-        self,
-        lanes: Int[np.ndarray, " opened"],
-        opened: Float[np.ndarray, "opened slots"],
-        samples: Float[np.ndarray, "opened width"],
-        keeps: Bool[np.ndarray, " opened"],
-    ) -> None:
-        tile, lane = np.divmod(lanes, self._tile)
-        self._slots[tile, : opened.shape[1], lane] = opened
-        if self.chunk.width:
-            self._kept[lanes[keeps], 0] = samples[keeps]
+    def put(self, lanes: Int[np.ndarray, " opened"], opened: Opened) -> None:
+        tile, lane = np.divmod(lanes, TILE)
+        self._slots[tile, : opened.slots.shape[1], lane] = opened.slots
+        if self.kernel.width:
+            self._buffers[lanes[opened.keeps], 0] = opened.samples[opened.keeps]
 
     def run_chunk(self, polls: int) -> ChunkOutput:
         """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""
         tiles = self._slots.shape[0]
-        self._run(self._slots.reshape(tiles, -1), self._kept, polls)
+        self._run(self._slots.reshape(tiles, -1), self._buffers, polls)
         output = self.output(lambda slot: self._slots[:, slot].ravel()[: self.size])
-        self._slots[:, self.chunk.record.filled.first] = 0.0
-        return output._replace(kept=self._kept[: self.size])
+        self._slots[:, self._filled] = 0.0
+        return output._replace(buffers=self._buffers[: self.size])

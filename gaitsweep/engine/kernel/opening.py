@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,40 +17,60 @@ from gaitsweep.engine.kernel.cpu_program import TILE, loaded_once
 from gaitsweep.engine.kernel.llvm_code import ARRAY, INDEX, VOID, loop
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.source import PYTHON, statements
-from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
+from gaitsweep.engine.kernel.trace import Tracer
 from gaitsweep.engine.sweep.lane import OneLane, host_device
 
 # Rows that XLA opens in one call: constant, since its last bits depend on it.
 _BATCH = 64
 
-Opened = tuple[Float[np.ndarray, "rows slots"], Float[np.ndarray, "rows width"], Bool[np.ndarray, " rows"]]
 Columns = Mapping[str, Float[np.ndarray, " rows"]]
 
 
-def opening_of(lane: OneLane, values: Any, starts: Any) -> Callable[[Columns, Columns], Opened]:
-    """The function `(values, starts) -> (slots, samples, keep)` of rows.
+class Opened(NamedTuple):
+    """Opened rows (n,): their slots, the first sample of each, and whether to keep that sample."""
 
-    Args:
-        lane: the engine's functions of one trajectory.
-        values, starts: shapes and dtypes of a row's parameters and initial conditions.
-    """
+    slots: Float[np.ndarray, "rows slots"]
+    samples: Float[np.ndarray, "rows width"]
+    keeps: Bool[np.ndarray, " rows"]
 
+
+class Opening(NamedTuple):
+    """The opening of rows by a kernel: its source, its inputs and slots, and the width of a sample."""
+
+    source: str
+    inputs: int
+    slots: int
+    width: int
+
+    @property
+    def size(self) -> int:
+        """The slots of a lane of the kernel."""
+        return self.inputs + self.slots + self.width + 1
+
+
+def _of_one(lane: OneLane) -> Callable[..., tuple[Array, Array, Array]]:
     def of_one(values: Mapping[str, Array], starts: Mapping[str, Array]) -> tuple[Array, Array, Array]:
         constants, carry, record, sample, keep = lane.open(values, starts)
         flat = [jnp.ravel(leaf).astype(jnp.float64) for leaf in jax.tree.leaves((constants, carry, record))]
         return jnp.concatenate(flat), sample.astype(jnp.float64), keep
 
-    try:
-        return _by_kernel(of_one, values, starts)
-    except UnsupportedError:
-        return _by_xla(of_one)
+    return of_one
 
 
-def _by_kernel(of_one: Callable[..., Any], values: Any, starts: Any) -> Callable[[Columns, Columns], Opened]:
+def opening_of(lane: OneLane, values: Any, starts: Any) -> Opening:
+    """The opening of a trajectory.
+
+    Args:
+        lane: the engine's functions of one trajectory.
+        values, starts: shapes and dtypes of a row's parameters and initial conditions.
+
+    Raises:
+        UnsupportedError: the model uses an operation that the scalar kernel does not have.
+    """
     program = Program()
     tracer = Tracer(program)
     inputs_of_row = tracer.inputs((values, starts), 0, steady=False)
-    slots, samples, keep = tracer.read(jax.make_jaxpr(of_one)(values, starts), inputs_of_row)
+    slots, samples, keep = tracer.read(jax.make_jaxpr(_of_one(lane))(values, starts), inputs_of_row)
     inputs, outputs = [int(nodes) for nodes in inputs_of_row], [*slots.tolist(), *samples.tolist(), int(keep)]
     names = {at: f"x{i}" for i, at in enumerate(inputs)}
     lines, results = statements(PYTHON, program, outputs, names)
@@ -62,7 +82,12 @@ def _by_kernel(of_one: Callable[..., Any], values: Any, starts: Any) -> Callable
         for k, (at, result) in enumerate(zip(outputs, results, strict=True))
     ]
     body = "\n".join(f"    {line}" for line in [*loads, *lines, *stores])
-    source, size = f"def open(s):\n{body}\n", len(inputs) + len(outputs)
+    return Opening(f"def open(s):\n{body}\n", len(inputs), slots.size, samples.size)
+
+
+def opened_by_kernel(opening: Opening) -> Callable[[Columns, Columns], Opened]:
+    """The function `(values, starts) -> (slots, samples, keep)` of rows."""
+    source, size = opening.source, opening.size
     run = loaded_once(source, lambda: _module(source, size), ctypes.c_void_p, ctypes.c_int64)
 
     def open_rows(values: Columns, starts: Columns) -> Opened:
@@ -74,7 +99,7 @@ def _by_kernel(of_one: Callable[..., Any], values: Any, starts: Any) -> Callable
         tiled = np.ascontiguousarray(room.reshape(size, tiles, TILE).transpose(1, 0, 2))
         run(tiled.ctypes.data, tiles)
         opened = tiled[:, len(columns) :].transpose(0, 2, 1).reshape(tiles * TILE, -1)[:rows]
-        return opened[:, : slots.size], opened[:, slots.size : -1], opened[:, -1] != 0.0
+        return Opened(opened[:, : opening.slots], opened[:, opening.slots : -1], opened[:, -1] != 0.0)
 
     return open_rows
 
@@ -91,20 +116,18 @@ def _module(source: str, size: int) -> ir.Module:
     return module
 
 
-def _by_xla(of_one: Callable[..., Any]) -> Callable[[Columns, Columns], Opened]:
-    compiled = jax.jit(jax.vmap(of_one))
+def opened_by_xla(lane: OneLane) -> Callable[[Columns, Columns], Opened]:
+    """As `opened_by_kernel`, of a model with operations that the scalar kernel does not have."""
+    compiled = jax.jit(jax.vmap(_of_one(lane)))
 
     def open_rows(values: Columns, starts: Columns) -> Opened:
         rows, parts = len(next(iter(values.values()))), []
         for first in range(0, rows, _BATCH):
-            # the last batch is filled up with its first row
-            some = np.resize(np.arange(first, min(first + _BATCH, rows)), _BATCH)
-            block = [{k: v[some] for k, v in by_name.items()} for by_name in (values, starts)]
+            # the last batch is filled up with its own rows
+            batch = np.resize(np.arange(first, min(first + _BATCH, rows)), _BATCH)
+            columns = [{k: v[batch] for k, v in by_name.items()} for by_name in (values, starts)]
             with jax.default_device(host_device()):
-                parts.append(jax.device_get(compiled(*block)))
-        slots, samples, keep = (
-            np.concatenate(parts_of_output)[:rows] for parts_of_output in zip(*parts, strict=True)
-        )
-        return slots, samples, keep
+                parts.append(jax.device_get(compiled(*columns)))
+        return Opened(*(np.concatenate(output)[:rows] for output in zip(*parts, strict=True)))
 
     return open_rows

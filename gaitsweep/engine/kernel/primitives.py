@@ -111,7 +111,7 @@ def _arg_reduction(order: str) -> Rule:
         place = np.full(best.shape, program.constant(0, "int"), np.int64)
         for i in range(1, moved.shape[-1]):
             new = moved[..., i]
-            wins = tracer.write(lambda w, a, b: arithmetic.outdone(w, a, b, order), best, new)
+            wins = tracer.write(lambda w, a, b: arithmetic.is_improved(w, a, b, order), best, new)
             index = np.full(best.shape, program.constant(i, "int"), np.int64)
             place = tracer.apply("select", wins, index, place)
             best = tracer.apply("select", wins, new, best)

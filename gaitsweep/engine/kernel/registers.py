@@ -16,11 +16,10 @@ from typing import Literal
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.schedule import arguments
 
-# load a value; compute it; store it, to be loaded later; write it to its slots
+# An action on a node: load its value; compute it; store it, to be loaded later; write it to its slots.
 Step = tuple[Literal["load", "compute", "store", "write"], int]
 
-# A value that is in memory gives way before one that is not and whose next use is up to so many statements
-# farther away.
+# A value that is in memory, and so need not be stored, counts as needed this many statements later.
 CHEAP = 60
 
 
@@ -52,8 +51,8 @@ def steps(  # noqa: C901 - one pass over the program, whose cases share all of i
     # written at the end: nodes that are not computed here, or overwrite values that are needed later
     last = [at for at in overwrites if at not in computed]
     needed_at_end = set(last)
-    for at, taken in overwrites.items():
-        if at in computed and any(a in needed_at_end or uses.get(a, [-1])[0] > computed[at] for a in taken):
+    for at, lost in overwrites.items():
+        if at in computed and any(a in needed_at_end or uses.get(a, [-1])[0] > computed[at] for a in lost):
             last.append(at)
     for at in [*last, *([] if flag is None else [flag])]:
         uses.setdefault(at, []).insert(0, len(order))

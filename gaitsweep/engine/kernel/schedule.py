@@ -69,15 +69,15 @@ def most_alive(program: Program, order: Sequence[int], wanted: Sequence[int]) ->
 def from_the_end(program: Program, nodes: Sequence[int], wanted: Sequence[int]) -> list[int]:
     """The nodes ordered backwards: next comes the one that adds the fewest values to those needed later."""
     inside = set(nodes)
-    of = {at: arguments(program, at) for at in nodes}
+    arguments_of = {at: arguments(program, at) for at in nodes}
     readers: dict[int, list[int]] = {}
-    for at, args in of.items():
+    for at, args in arguments_of.items():
         for a in args:
             readers.setdefault(a, []).append(at)
     unplaced = {at: len(readers.get(at, [])) for at in nodes}
     alive = set(wanted)
-    added = {at: sum(a not in alive for a in args) for at, args in of.items()}
-    # an entry is out of date if its number is not the node's any more; of equals the program's last comes
+    added = {at: sum(a not in alive for a in args) for at, args in arguments_of.items()}
+    # an entry with an earlier number of its node is out of date; of equal ones the last node comes first
     heap = [(added[at], -at) for at in nodes if unplaced[at] == 0]
     heapq.heapify(heap)
     placed: list[int] = []
@@ -89,7 +89,7 @@ def from_the_end(program: Program, nodes: Sequence[int], wanted: Sequence[int]) 
             continue
         done.add(at)
         placed.append(at)
-        for a in of[at]:
+        for a in arguments_of[at]:
             if a not in alive:
                 alive.add(a)
                 for reader in readers[a]:

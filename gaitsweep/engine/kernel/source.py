@@ -35,7 +35,7 @@ class Language:
     number: str
 
     def expression(self, operation: Operation, args: Sequence[str], bits: Literal[32, 64]) -> str:
-        """An operation on arguments, the last of which has so many bits."""
+        """An operation on arguments, the last of which has `bits` bits."""
         return getattr(operation, self.field).format(*args, bits=bits, f="f" if bits == 32 else "")
 
     def definition(self, kind: Kind, name: str, expression: str) -> str:

@@ -69,6 +69,7 @@ class Tracer:
         return self.read_open(closed.jaxpr, consts, args)
 
     def read_open(self, jaxpr: Jaxpr, consts: Sequence[Nodes], args: Sequence[Nodes]) -> list[Nodes]:
+        """The output nodes of a jaxpr with these nodes for its constants and inputs."""
         from gaitsweep.engine.kernel.primitives import rule_for
 
         known: dict[Any, Nodes] = {}
@@ -116,7 +117,7 @@ class Tracer:
         return self.each(lambda *nodes: self.program.apply(op, *nodes), *arrays)
 
     def write(self, build: Build, *arrays: Nodes) -> Nodes:
-        """Several operations that `build` writes, element by element, with broadcasting."""
+        """The results of `build`, which writes several operations, element by element, with broadcasting."""
         return self.each(lambda *nodes: build(Writer(self.program, nodes[0]), *nodes), *arrays)
 
     def known(self, nodes: Nodes) -> np.ndarray | None:
@@ -138,8 +139,8 @@ def kind_of(dtype: Any) -> Kind:
     """The kind of node that represents scalars of a dtype."""
     if not jnp.issubdtype(dtype, jax.dtypes.extended):  # such as random number keys
         kinds: dict[str, Kind] = {"b": "bool", "i": "int", "u": "int", "f4": "f32", "f8": "f64"}
-        of = np.dtype(dtype)
-        if (kind := kinds.get(of.str[1:] if of.kind == "f" else of.kind)) is not None:
+        scalar = np.dtype(dtype)
+        if (kind := kinds.get(scalar.str[1:] if scalar.kind == "f" else scalar.kind)) is not None:
             return kind
     raise refuse(f"numbers of type {dtype} cannot run in the scalar kernel")
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Mapping
-from functools import partial
 from typing import Any, Self
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Real, Shaped
+from jaxtyping import Array, Bool, Float, Int, Real
 
 from gaitsweep.contract import Quantity, State
 from gaitsweep.engine.content import cached_by_content
@@ -40,7 +39,13 @@ class Batch:
 
     def merged(self, which: Int[np.ndarray, " some"], others: Self) -> Self:
         """The batch with the elements at the indices `which` replaced by `others`."""
-        return jax.tree.map(partial(_put, which), self, others)
+
+        def replaced(values: np.ndarray, new: np.ndarray) -> np.ndarray:
+            values = np.array(values)
+            values[which] = new
+            return values
+
+        return jax.tree.map(replaced, self, others)
 
 
 def listed(at: Any) -> str:
@@ -151,8 +156,9 @@ class Map(abc.ABC):
             count = min(BATCH_SIZES[-1], len(points) - first)
             room = next(size for size in BATCH_SIZES if size >= count)
             order = np.minimum(first + np.arange(room), first + count - 1)
-            some = points[order]
-            outputs = program({name: column[order] for name, column in complete.items()}, some.at, some.modes)
+            batch = points[order]
+            parameters = {name: column[order] for name, column in complete.items()}
+            outputs = program(parameters, batch.at, batch.modes)
             batches.append(jax.tree.map(lambda leaf, n=count: np.asarray(leaf)[:n], outputs))
         image, state, status, observed, conserved, slopes = jax.tree.map(
             lambda *parts: np.concatenate(parts), *batches
@@ -193,16 +199,6 @@ def _program(mapping: Map, over: str | None, derivatives: bool) -> Any:
         return (*outputs, slopes)
 
     return jax.jit(jax.vmap(one))
-
-
-def _put(
-    which: Int[np.ndarray, " some"],
-    own: Shaped[np.ndarray, "points ..."],
-    theirs: Shaped[np.ndarray, "some ..."],
-) -> Shaped[np.ndarray, "points ..."]:
-    own = np.array(own)
-    own[which] = theirs
-    return own
 
 
 def wrap_difference(

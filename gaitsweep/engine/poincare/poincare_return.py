@@ -146,7 +146,7 @@ def crossing_of(model: Model, numerics: ResolvedNumerics, engine: str = "auto") 
         return _without_derivative(by_xla, f"{which} has no derivative: {crossing.refusal}")
     if engine == "xla" or (engine == "auto" and jax.default_backend() != "cpu"):
         return by_xla
-    made: dict[Hashable, Crossing] = {}
+    by_shapes: dict[Hashable, Crossing] = {}
 
     def by_kernel(params: Params, state: State) -> Returned:
         from gaitsweep.engine.kernel.poincare_returns import KernelReturns
@@ -156,14 +156,14 @@ def crossing_of(model: Model, numerics: ResolvedNumerics, engine: str = "auto") 
             lambda x: jax.ShapeDtypeStruct(jnp.shape(x), jnp.result_type(x)), (params, state)
         )
         key = jax.tree.structure(shapes), tuple(jax.tree.leaves(shapes))
-        if key not in made:
+        if key not in by_shapes:
             try:
-                made[key] = KernelReturns(crossing, *shapes)
+                by_shapes[key] = KernelReturns(crossing, *shapes)
             except UnsupportedError:
                 if engine == "kernel":
                     raise
-                made[key] = by_xla
-        return made[key](params, state)
+                by_shapes[key] = by_xla
+        return by_shapes[key](params, state)
 
     return by_kernel
 

@@ -29,6 +29,9 @@ from gaitsweep.engine.shapes import Integer
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import functions_of, names_in, resolve
 
+# The fraction of the step of a refined map.
+REFINED = 0.5
+
 
 @dataclasses.dataclass(frozen=True)
 class AllVariables(Chart):
@@ -87,7 +90,7 @@ class BatchedReturnMap(Map):
         numerics = self.numerics
         return numerics if isinstance(numerics, ResolvedNumerics) else numerics.resolve(self.model)
 
-    def refined(self, factor: float = 0.5) -> BatchedReturnMap:
+    def refined(self, factor: float = REFINED) -> BatchedReturnMap:
         """The same map with a factor on its steps: half of them, or tolerances 32 times finer."""
         return dataclasses.replace(self, numerics=self.integration.refined(factor))
 
@@ -171,6 +174,7 @@ class BatchedReturnMap(Map):
 
     @cached_property
     def _written(self) -> dict[str, float | str]:
+        """The settings, and the defaults of the other parameters: numbers or formulas."""
         settings = dict(self.settings)
         self._refuse_unknown(settings)
         written: dict[str, Any] = {**{q.name: q.default for q in self.model.parameters}, **settings}
@@ -188,11 +192,13 @@ class BatchedReturnMap(Map):
 
     @cached_property
     def _order(self) -> tuple[str, ...]:
+        """The parameters, each after those that its formula uses."""
         uses = {name: sorted(names_in(text)) for name, text in self._written.items()}
         return tuple(graphlib.TopologicalSorter(uses).static_order())
 
     @cached_property
     def _shape(self) -> State:
+        """The shapes of a state."""
         starts = {q.name: jax.ShapeDtypeStruct((), jnp.float64) for q in self.model.initial_conditions}
         values = {name: jax.ShapeDtypeStruct((), jnp.float64) for name in self.complete({}, 1)}
         return jax.eval_shape(lambda v, s: self.model.init(self.params(v), s), values, starts)
@@ -200,6 +206,8 @@ class BatchedReturnMap(Map):
 
 @cached_by_content(maxsize=16)
 def _settler(mapping: BatchedReturnMap, cycles: int) -> Callable[..., Any]:
+    """The function `(values, starts) -> (state, status)` of many points, after `cycles` crossings."""
+
     def one(values: Any, starts: Any) -> tuple[State, Integer]:
         params = mapping.params(values)
         # a loop requires constant dtypes, so none may be weak

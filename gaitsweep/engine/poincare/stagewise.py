@@ -62,10 +62,10 @@ def stagewise(model: HybridModel, numerics: ResolvedNumerics) -> Callable[[Param
         fired = jnp.any(model.guards(params, stage_state) >= 0.0)
         after = conclude(params, carry)
         # a step may be rejected without an event: it is tried again from the same state
-        taken = tried & ~fired & ((after.t > carry.t) | (carry.h == 0.0))
+        accepted = tried & ~fired & ((after.t > carry.t) | (carry.h == 0.0))
         carry = select(tried, after, carry)
 
-        first = select(taken, rates, s.first)
+        first = select(accepted, rates, s.first)
         weight = jnp.where(s.stage == LAST, 1.0, 2.0)
         summed = {name: total + weight * rates[name] for name, total in s.total.items()}
         total = select(tried, first, summed)

@@ -33,7 +33,7 @@ BUFFER = 32
 DIVERGED = 1.0e9
 # Additional cycles in the time limit of a row.
 SPARE_CYCLES = 10
-# Attempts for each longest step in the allowed time of a row, beyond which it ends.
+# The allowed attempts of a row for each longest step in its allowed time.
 ATTEMPTS_PER_STEP = 8.0
 # Guards in one number of `LaneRecord.fired`: a slot of a kernel is a float64 with 53 bits.
 GUARDS_A_WORD = 32
@@ -44,10 +44,10 @@ GUARDS_A_WORD = 32
 class LaneRecord:
     """The progress and the results of the row in a lane.
 
-    `status` is a `Status`; `cycles` the number of crossings, without the start; `last` (n,) the observables
-    at the last crossing; `memory` what a recorder remembers of earlier crossings; `filled` the samples in the
-    buffer that wait for the host, at most `BUFFER`; `samples` the samples kept so far; `numbers` those that
-    the recorder declares, by name; `fired` the guards whose jumps stalled the row, a bit each.
+    `status` is a `Status`, `cycles` the number of crossings without the start, and `last` (n,) the
+    observables at the last crossing. `memory` is the recorder's own state. `filled` counts the samples in
+    the buffer that wait for the host, at most `BUFFER`, and `samples` all samples so far. `numbers` are
+    those that the recorder declares, by name. `fired` has a bit for each guard whose jumps stalled the row.
     """
 
     status: Integer
@@ -76,9 +76,10 @@ class PollResult(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Readings:
-    """Places at which gaits are read: `rows` (n,), times `t` (n,) s, `observed` (n, k), `readable` (n,).
+    """Points of rows at which the model labels gaits: `rows` (n,), times `t` (n,) s, `observed` (n, k).
 
-    `batch`: readings of samples in one call of the model's `label`; None for one reading of each row.
+    `readable` (n,) is false where there is no gait to read. `batch` is the number of readings in one call of
+    the model's `label`, if samples are read; None for one reading of each row.
     """
 
     rows: Int[np.ndarray, " readings"]
@@ -157,6 +158,7 @@ class Recorder(abc.ABC):
         return len(self.names)
 
     def observables(self, params: Params, state: State) -> Observed:
+        """The model's observables (n,) of a state."""
         observed = self.model.observe(params, state)
         return jnp.stack([observed[q.name] for q in self.model.observables])
 
@@ -220,7 +222,7 @@ class Recorder(abc.ABC):
 
 
 def attempts_until(time: Number, dt: Number | float) -> Number:
-    """The attempts that are allowed until a time (s), with longest steps of `dt` (s)."""
+    """The allowed attempts of a row until a time (s), with longest steps of `dt` (s)."""
     return ATTEMPTS_PER_STEP * (time / dt + 1000.0)
 
 

@@ -65,6 +65,11 @@ NEGLIGIBLE = 1.0e-4
 REST = 1.0e-6
 REST_PERIODS = 10.0
 LEAST_RATE = 1.0e-12
+# Differences of the observables between a crossing and those before it, or their values at these.
+Crossings = Float[Array, "crossings observables"]
+# The least and the largest value of each observable without a scale.
+Span = Float[Array, "2 unscaled"]
+
 # The maximal proper divisors of each period: if one of them is a period, the larger one is not.
 _WITHIN = {2: (1,), 3: (1,), 4: (2,), 5: (1,), 6: (2, 3), 7: (1,), 8: (4,)}
 
@@ -85,7 +90,7 @@ class Memory:
 
     window: Float[Array, "window numbers"]
     moves: Float[Array, "2 lags"]
-    span: Float[Array, "2 unscaled"]
+    span: Span
     calm: Integer
     orbit: Int[Array, " 2"]
     fastest: Float[Array, " rates"]
@@ -235,11 +240,15 @@ class SettleRecorder(Recorder):
 
         `newest` and `before` (p,) are the largest distances from the state p crossings earlier, in units of
         the bound of a settled state, over the last `MOST_PERIOD` crossings and as many before them. The
-        period is p under three conditions: this distance, summed over the cycles of a whole row, is below the
-        bound; it decays, and the remaining motion, extrapolated by a geometric series, is `APART` times
-        shorter than the distance between the points of the orbit; and no divisor of p satisfies these. So
-        neither a slowly converging spiral, whose remaining motion is that distance, nor a slow drift counts
-        as periodic, unless it could not be distinguished from rest in any row.
+        period is p under three conditions:
+
+        1. This distance, summed over the cycles of a whole row, is below the bound.
+        2. It decays, and the remaining motion, extrapolated by a geometric series, is `APART` times shorter
+           than the distance between the points of the orbit; or it cannot be distinguished from rest.
+        3. No divisor of p satisfies these conditions.
+
+        So neither a slowly converging spiral, whose remaining motion is that distance, nor a slow drift
+        counts as periodic.
         """
         eps = 64.0 * float(jnp.finfo(newest.dtype).eps) / min(_each(self.tolerance))
         period = jnp.zeros((), jnp.int32)
@@ -253,8 +262,8 @@ class SettleRecorder(Recorder):
             # the geometric series now * (1 + r + r^2 + ...), r = now / then, times the periods of a span
             dies_away = APART * spans * now * then < way * (then - now)
             rests = now < max(NO_MOTION / in_all, eps)
-            holds = slow & (APART * now < way) & (dies_away | rests)
-            period = jnp.where(holds, p, period)
+            repeats = slow & (APART * now < way) & (dies_away | rests)
+            period = jnp.where(repeats, p, period)
         return period
 
     def readings(self, rows: RowOutcome) -> Readings:
@@ -289,13 +298,13 @@ def _unscaled(model: Model) -> list[int]:
     return [i for i, q in enumerate(model.observables) if not q.circular and q.scale is None]
 
 
-def first_span(model: Model, like: Observed) -> Float[Array, "2 unscaled"]:
+def first_span(model: Model, like: Observed) -> Span:
     """The least and largest values (2, n) of no crossing, of the observables without a scale."""
     none = jnp.full((len(_unscaled(model)),), jnp.inf, like.dtype)
     return jnp.stack([none, -none])
 
 
-def widened(span: Float[Array, "2 unscaled"], model: Model, now: Observed) -> Float[Array, "2 unscaled"]:
+def widened(span: Span, model: Model, now: Observed) -> Span:
     """The span (2, n) with the observables of one more crossing; NaN and infinities are left out."""
     if span.size == 0:
         return span
@@ -305,12 +314,7 @@ def widened(span: Float[Array, "2 unscaled"], model: Model, now: Observed) -> Fl
     return jnp.stack([least, jnp.where(finite & (own > span[1]), own, span[1])])
 
 
-def bounds(
-    model: Model,
-    tolerance: float | tuple[float, ...],
-    latest: Float[Array, "crossings observables"],
-    span: Float[Array, "2 unscaled"],
-) -> Observed:
+def bounds(model: Model, tolerance: float | tuple[float, ...], latest: Crossings, span: Span) -> Observed:
     """The largest change of each observable (n,) of a settled state over the window, in its unit; above 0.
 
     It is `SETTLE_WINDOW` times its tolerance times its scale: 1 rad for angles, `Quantity.scale` if defined,
@@ -329,15 +333,13 @@ def bounds(
     return share * scales.at[np.asarray(unscaled)].set(own)
 
 
-def slowest(moved: Float[Array, "crossings observables"]) -> Integer:
+def slowest(moved: Crossings) -> Integer:
     """The number of the observable with the largest change (w, n), in units of its bound; -1 if unknown."""
     most = jnp.max(moved, axis=0)
     return jnp.where(jnp.any(jnp.isnan(most)), -1, jnp.argmax(most))
 
 
-def change(
-    model: Model, difference: Float[Array, "crossings observables"]
-) -> Float[Array, "crossings observables"]:
+def change(model: Model, difference: Crossings) -> Crossings:
     """Differences of observables; differences of angles are wrapped to [-pi, pi)."""
     circular = jnp.asarray([q.circular for q in model.observables])
     return jnp.where(circular[None, :], wrapped_difference(difference), difference)

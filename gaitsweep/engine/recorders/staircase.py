@@ -46,13 +46,13 @@ BATCH = 1024
 @final
 @dataclasses.dataclass(frozen=True)
 class StepRecorder(Recorder):
-    """The end of each stair: stair, crossings, t, settled, slowest, the observables at the last crossing.
+    """Records the end of each stair: its number, the crossings, t (s), settled, slowest, the observables.
 
-    Settled: no observable is farther from its value at any of the last `SETTLE_WINDOW` crossings than
-    `SETTLE_WINDOW` times its `tolerance`, in units of its scale, and as many crossings were on this stair
-    (a fixed point: orbits of several crossings do not settle here); else `slowest` is the number of the
-    observable that moved most, -1 where it is not known. The row is moved by a drive over the same `stairs`;
-    its state goes on from stair to stair.
+    The observables are those at the last crossing. A stair is settled if each observable differs from its
+    values at the last `SETTLE_WINDOW` crossings by less than `SETTLE_WINDOW` times its `tolerance`, in
+    units of its scale, and all of these crossings were on this stair; orbits of several crossings do not
+    settle. Else `slowest` is the number of the observable that moved most, -1 if it is unknown. A drive
+    over the same `stairs` moves the parameter; the state continues from stair to stair.
     """
 
     model: Model
@@ -82,24 +82,23 @@ class StepRecorder(Recorder):
         return dataclasses.replace(record, memory=memory), sample, keep
 
     def record(self, params: Params, carry: Carry, record: LaneRecord) -> PollResult:
-        crossed, (seen, span) = carry.halt == Halt.CROSSING, record.memory
+        crossed, (window, span) = carry.halt == Halt.CROSSING, record.memory
         due = (carry.halt == Halt.TIME) & (record.filled < BUFFER)
         waits = (carry.halt == Halt.TIME) & ~due
         recorded = self.crossed(params, carry, record, crossed)
         cycles, last = recorded.cycles, recorded.last
-        slot = _slot(cycles)
         widest = jnp.where(crossed, widened(span, self.model, last), span)
-        window = jnp.where(slot & crossed, last, seen)
+        next_window = jnp.where(_slot(cycles) & crossed, last, window)
         # crossings that a stair has not had yet are NaN, which is near no number
-        moved = jnp.abs(change(self.model, last[None, :] - seen))
-        bound = bounds(self.model, self.tolerance, seen, span)[None, :]
+        moved = jnp.abs(change(self.model, last[None, :] - window))
+        bound = bounds(self.model, self.tolerance, window, span)[None, :]
         settled = jnp.all(moved < bound)
         head = (record.samples, cycles, carry.t, settled, jnp.where(settled, -1, slowest(moved / bound)))
         sample = jnp.concatenate([jnp.stack([x.astype(last.dtype) for x in head]), last])
 
         recorded = counted(recorded, due)
         status = jnp.where(due & (recorded.samples >= self.stairs.count), Status.complete, Status.running)
-        memory = jnp.where(due, _emptied(recorded), window), widest
+        memory = jnp.where(due, _emptied(recorded), next_window), widest
         recorded = dataclasses.replace(recorded, status=status.astype(jnp.int32), memory=memory)
         halt = jnp.where(waits, Halt.TIME, Halt.GOING).astype(carry.halt.dtype)
         end = self.stairs.end(recorded.samples.astype(carry.t.dtype))
@@ -121,7 +120,7 @@ class StepRecorder(Recorder):
 
 
 def _slot(cycles: Integer) -> Bool[Array, "window 1"]:
-    """The place of a crossing in the window."""
+    """Mask of the place of a crossing in the window."""
     return (jnp.arange(_WINDOW) == cycles % _WINDOW)[:, None]
 
 

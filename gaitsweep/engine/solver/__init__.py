@@ -8,6 +8,7 @@ from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
 from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6, exponential
 from gaitsweep.engine.solver.method import Method, Step, euler_update
 from gaitsweep.engine.solver.runge_kutta import rk4, tsit5
+from gaitsweep.engine.solver.taylor import lacking_recurrence, taylor
 from gaitsweep.errors import ArgumentError
 
 # On the negative axis the polynomials approximate exp(z) down to -20. Away from the axis they are accurate
@@ -15,6 +16,7 @@ from gaitsweep.errors import ArgumentError
 # step is reached, so the limits are between accuracy and stability (`tests/engine/test_solver.py`).
 METHODS: dict[str, Method] = {
     "tsit5": Method(tsit5, first_step=0.25, growth=5.0, adaptive=True),
+    "taylor": Method(taylor, first_step=0.5, growth=4.0, adaptive=True, series=True),
     "rk4": Method(rk4, first_step=0.125, growth=1.25, limits=((0.0, 2.6), (1.0, 2.7))),
     "propagator6": Method(
         exponential(PROPAGATOR6),
@@ -67,6 +69,9 @@ def refusal(name: str, model: Model, precision: str) -> str | None:
         return reason
     if precision == "mixed" and fixed_step_scheme(name, model) is None:
         return f"is {name}, but precision mixed is for steps of fixed length. Allowed in mixed: {_OWN}."
+    if METHODS[name].series and isinstance(model, HybridModel):
+        lacking = lacking_recurrence(model)
+        return lacking and f"is {name}, which has no recurrence for {lacking} in {model.name}: use tsit5."
     if not METHODS[name].linear_only:
         return None
     general = ", ".join(

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
-from gaitsweep.contract import HybridModel, Params, Rates, State
+from gaitsweep.contract import Params, Rates, State
 from gaitsweep.engine.shapes import Number
 
 # The state after a time h (s), with unchanged modes.
@@ -24,15 +24,17 @@ class Method:
     factor by which each accepted step may exceed the one before, up to the longest. Short steps are needed
     since an event excites stiff modes (a foot on hard ground), which decay within a few steps, and since feet
     may lift off and touch down again within milliseconds. `linear_only`: accurate only for
-    `HybridModel.linear`; `adaptive`: an `Estimate` with step control. `limits` are pairs of a damping ratio,
-    in rising order, and the largest accurate dt times rate of a motion with that damping ratio.
+    `HybridModel.linear`; `adaptive`: an `Estimate` with step control; `series`: its steps are expansions, of
+    the order that the tolerance asks for. `limits` are pairs of a damping ratio, in rising order, and the
+    largest accurate dt times rate of a motion with that damping ratio.
     """
 
-    step: Callable[[HybridModel], Any] | None
+    step: Callable[..., Any] | None
     first_step: float
     growth: float
     linear_only: bool = False
     adaptive: bool = False
+    series: bool = False
     limits: tuple[tuple[float, float], ...] = ()
 
 

@@ -61,8 +61,8 @@ class Block:
         """Append the new samples of the lanes `lanes` (n,); `rows` are the rows of all lanes."""
         if lanes.size:
             filled = output.filled[lanes]
-            new = np.arange(output.kept.shape[1]) < filled[:, None]
-            self._samples[1].append((np.repeat(rows[lanes], filled), output.kept[lanes][new]))
+            new = np.arange(output.buffers.shape[1]) < filled[:, None]
+            self._samples[1].append((np.repeat(rows[lanes], filled), output.buffers[lanes][new]))
 
     def end(
         self, rows: Int[np.ndarray, " lanes"], output: ChunkOutput, lanes: Int[np.ndarray, " changed"]
@@ -101,9 +101,10 @@ _Samples = tuple[Int[np.ndarray, " _records"], Float[np.ndarray, "_records _widt
 
 def _in_order(parts: Sequence[_Samples], width: int) -> _Samples:
     """Samples in the order of their rows; the samples of one row keep their order."""
-    some = [part for part in parts if part[0].size]  # an empty part has no dtype
-    if not some:
+    filled = [part for part in parts if part[0].size]  # an empty part has no dtype
+    if not filled:
         return np.zeros(0, np.int64), np.zeros((0, width))
-    owner = np.concatenate([part[0] for part in some])
+    owners, samples = zip(*filled, strict=True)
+    owner = np.concatenate(owners)
     order = np.argsort(owner, kind="stable")
-    return owner[order], np.concatenate([part[1] for part in some])[order]
+    return owner[order], np.concatenate(samples)[order]

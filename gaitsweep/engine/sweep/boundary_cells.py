@@ -70,21 +70,21 @@ def wanted(known: Int[np.ndarray, " *cells"], grid: Grid) -> Bool[np.ndarray, " 
         A mask of cells of the same shape; only UNKNOWN cells are set.
     """
     first = dict.fromkeys(grid.wraps, grid.coarse)
-    need = np.zeros(grid.lengths, bool)
-    need[_points(grid, first)] = True
+    needed = np.zeros(grid.lengths, bool)
+    needed[_points(grid, first)] = True
     for sides, halved in grid.levels():
         low, high = _spans(known, grid, sides)
         mixed = low < high
         for axis, side in sides.items():
             points, count = grid.corners(axis, side)
-            at, _ = grid.corners(axis, halved[axis])
-            place = np.searchsorted(points, at, side="right") - 1
-            # a point on a corner lies on the box before it, too
-            before = place - np.isin(at, points)
+            corners, _ = grid.corners(axis, halved[axis])
+            box = np.searchsorted(points, corners, side="right") - 1
+            # a corner of a half that is also a corner of a box belongs to the box before it, too
+            before = box - np.isin(corners, points)
             before = before % count if grid.wraps[axis] else np.maximum(before, 0)
-            mixed = mixed.take(np.minimum(place, count - 1), axis) | mixed.take(before, axis)
-        need[_points(grid, halved)] |= mixed
-    return need & (known == UNKNOWN)
+            mixed = mixed.take(np.minimum(box, count - 1), axis) | mixed.take(before, axis)
+        needed[_points(grid, halved)] |= mixed
+    return needed & (known == UNKNOWN)
 
 
 def inferred(known: Int[np.ndarray, " *cells"], grid: Grid) -> Int[np.ndarray, " *cells"]:
@@ -92,12 +92,12 @@ def inferred(known: Int[np.ndarray, " *cells"], grid: Grid) -> Int[np.ndarray, "
     labels = np.array(known)
     for sides, _ in grid.levels():
         low, high = _spans(known, grid, sides)
-        lent = np.where(low == high, low, UNKNOWN)
+        label_of_box = np.where(low == high, low, UNKNOWN)
         for axis, side in sides.items():
             points, count = grid.corners(axis, side)
-            inside = np.searchsorted(points, np.arange(grid.lengths[axis]), side="right") - 1
-            lent = lent.take(np.minimum(inside, count - 1), axis)
-        labels = np.where(labels == UNKNOWN, lent, labels)
+            box = np.searchsorted(points, np.arange(grid.lengths[axis]), side="right") - 1
+            label_of_box = label_of_box.take(np.minimum(box, count - 1), axis)
+        labels = np.where(labels == UNKNOWN, label_of_box, labels)
     return labels
 
 

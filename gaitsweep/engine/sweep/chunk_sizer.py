@@ -13,7 +13,7 @@ LONGEST = 0.25
 NEWEST = 0.2
 # If a buffer has more records than this after a chunk, the next one is shorter: a full one stops its row.
 FULL = 0.75 * BUFFER
-# The share of the waiting lanes that a chunk may use up.
+# The share of the waiting lanes that may start during a chunk.
 USED = 0.75
 # Longest duration of a chunk of XLA (s), whose chunks have `shortest` polls unless they take longer.
 LONGEST_XLA = 1.0
@@ -72,6 +72,7 @@ class ChunkSizer:
 
 
 def _smoothed(old: float, new: float) -> float:
+    """The exponential average after a new value; the new value itself if the average is unknown."""
     if math.isnan(old) or math.isnan(new):
         return new
     return old + NEWEST * (new - old)

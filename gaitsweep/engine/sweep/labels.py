@@ -3,52 +3,59 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float, Int, Real
+from jaxtyping import Array, Int, Real
 
 from gaitsweep.contract import Model, names_gait
 from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.recorders.recorder import Readings
+from gaitsweep.engine.shapes import Number, Observed
+from gaitsweep.engine.stored_programs import compiled_on_host
 from gaitsweep.engine.sweep.block import Block
-from gaitsweep.engine.sweep.lane import host_device
+from gaitsweep.engine.sweep.lane import RowDrive, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.row_outcome import RowOutcome
 
 
 def labelled(spec: SweepSpec, block: Block) -> RowOutcome:
-    """The rows of a block with `gait` (a code of `gait_codes`) and label fields, of each row or sample."""
+    """The rows of a block with their labels, of each row or sample; `gait` is a code of `gait_codes`."""
     rows = block.result()
     readings = spec.recorder.readings(rows)
     if readings is None:
         return rows
-    label = _reader(spec.model, spec.drive)
     # a power of two, so that sweeps with other numbers of rows compile few sizes
     width = readings.batch or min(spec.block, 1 << (spec.n_rows - 1).bit_length())
-    good = readings.readable
-    values = {k: np.asarray(v, np.float64) for k, v in block.params.items()}
-    parts = []
+    labels = {}
+    for name, values in _read_labels(spec, block.params, readings, width).items():
+        if names_gait(name):
+            labels[name] = np.where(readings.readable, gait_codes(values), -1).astype(np.int32)
+        else:
+            labels[name] = np.where(readings.readable, values, 0 if values.dtype.kind in "iu" else np.nan)
+    return dataclasses.replace(rows, **{"labels" if readings.batch is None else "sample_labels": labels})
+
+
+def _read_labels(
+    spec: SweepSpec, params: Values, readings: Readings, width: int
+) -> dict[str, Real[np.ndarray, " readings"]]:
+    """The results of the model's `label` by name, computed for `width` readings at a time."""
+    label = _compiled_label(spec.model, spec.drive)
+    values = {name: np.asarray(column, np.float64) for name, column in params.items()}
+    batches = []
     for first in range(0, max(readings.rows.size, 1), width):
         part = slice(first, first + width)
-        n = readings.rows[part].size
+        count = readings.rows[part].size
         # batches are filled up with the first row, so that their size is constant
-        padded = np.concatenate([readings.rows[part], np.zeros(width - n, np.int64)])
-        times, seen = np.zeros(width), np.zeros((width, readings.observed.shape[1]))
-        times[:n], seen[:n] = readings.t[part], np.where(good[part, None], readings.observed[part], 0.0)
-        # a card has rows to run, which labels would wait for
-        with jax.default_device(host_device()):
-            labels_of_batch = label({k: v[padded] for k, v in values.items()}, times, seen)
-        parts.append({k: np.asarray(v)[:n] for k, v in labels_of_batch.items()})
-    labels = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
-    labels = {
-        k: np.where(good, gait_codes(v), -1).astype(np.int32)
-        if names_gait(k)
-        else np.where(good, v, 0 if v.dtype.kind in "iu" else np.nan)
-        for k, v in labels.items()
-    }
-    return dataclasses.replace(rows, **{"labels" if readings.batch is None else "sample_labels": labels})
+        rows, times = np.zeros(width, np.int64), np.zeros(width)
+        observed = np.zeros((width, readings.observed.shape[1]))
+        rows[:count], times[:count] = readings.rows[part], readings.t[part]
+        observed[:count] = np.where(readings.readable[part, None], readings.observed[part], 0.0)
+        labels = label({name: column[rows] for name, column in values.items()}, times, observed)
+        batches.append({name: np.asarray(column)[:count] for name, column in labels.items()})
+    return {name: np.concatenate([batch[name] for batch in batches]) for name in batches[0]}
 
 
 def gait_codes(labels: Real[np.ndarray, " *readings"]) -> Int[np.ndarray, " *readings"]:
@@ -62,15 +69,23 @@ def gait_codes(labels: Real[np.ndarray, " *readings"]) -> Int[np.ndarray, " *rea
 
 # cached for the process like the engine's programs, so that the rounds of a refined run compile it once
 @cached_by_content(maxsize=16)
-def _reader(model: Model, drive: Callable[..., Any] | None) -> Callable[..., Any]:
+def _compiled_label(model: Model, drive: RowDrive | None) -> Callable[..., Any]:
+    """The function `(values, t, observed) -> labels` of many readings."""
     names = [q.name for q in model.observables]
 
-    def one(
-        values: Mapping[str, Float[Array, " ..."]],
-        t: Float[Array, ""],
-        observed: Float[Array, " observables"],
-    ) -> dict[str, Real[Array, ""]]:
+    def one(values: Any, t: Number, observed: Observed) -> dict[str, Real[Array, ""]]:
         params = model.params(values) if drive is None else drive(values, t)
         return model.label(params, {name: observed[i] for i, name in enumerate(names)})
 
-    return jax.jit(jax.vmap(one))
+    of_rows, compiled = jax.vmap(one), dict[tuple[Any, ...], Callable[..., Any]]()
+    fields = dict.fromkeys(("gait", *(q.name for q in model.label_fields)), 0)
+
+    # on the host, since a card has rows to run, which labels would wait for
+    def on_host(*arguments: Any) -> dict[str, Array]:
+        shapes = tuple(array.shape for array in jax.tree.leaves(arguments))
+        if shapes not in compiled:
+            others = () if drive is None else None
+            compiled[shapes] = compiled_on_host("label", model, others, of_rows, arguments, fields)
+        return compiled[shapes](*arguments)
+
+    return on_host

@@ -36,14 +36,14 @@ def host_device() -> Device:
 class ChunkOutput(NamedTuple):
     """The output of a chunk of attempts for the host; the first axis of each array is the lane.
 
-    `numbers` are those of `RowOutcome` by name, final where a row has ended; `kept` (lanes, BUFFER, width)
-    has the buffers, whose first `filled` samples are new; `samples` counts those of the whole row.
+    `numbers` are those of `RowOutcome` by name, final where a row has ended; `buffers` (lanes, BUFFER, width)
+    have new samples, the first `filled` (lanes,) of each; `samples` (lanes,) counts those of the whole row.
     """
 
     numbers: dict[str, Real[np.ndarray, "lanes ..."]]
     filled: Int[np.ndarray, " lanes"]
     samples: Int[np.ndarray, " lanes"]
-    kept: Float[np.ndarray, "lanes buffer width"]
+    buffers: Float[np.ndarray, "lanes buffer width"]
 
 
 class Lanes(abc.ABC):

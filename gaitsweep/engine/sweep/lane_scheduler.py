@@ -122,7 +122,7 @@ class LaneScheduler:
         self.groups = [Group(lanes, spec) for device in devices for lanes in groups_on(device, spec)]
         self.open: dict[int, Block] = {}
         self.complete: list[int] = []  # open blocks whose rows have all ended
-        self.taken: set[int] = set()  # open blocks that are being written
+        self.being_written: set[int] = set()  # among the open blocks
         self.done = 0
         self.attempts = 0
         self.cycles = 0
@@ -143,19 +143,19 @@ class LaneScheduler:
         # consecutive rows go to different groups, so that a few rows use all devices
         order = np.lexsort((which, lanes))
         self._fill(which[order], lanes[order])
-        for group, output in self.together(0):
+        for group, output in self.advance_all(0):
             self._collect(group, output)
 
-    def together(self, polls: int) -> list[tuple[Group, ChunkOutput]]:
+    def advance_all(self, polls: int) -> list[tuple[Group, ChunkOutput]]:
         """Advance all groups that have rows by `polls`, and wait for them."""
         busy = [group for group in self.groups if group.busy]
         chunks = (self._threads.map if self._threads else map)(lambda group: group.chunk(polls), busy)
         return [(group, chunk.output) for group, chunk in zip(busy, chunks, strict=True)]
 
-    def go(self) -> None:
+    def start(self) -> None:
         """Start all groups; `step` collects their output."""
         for group in self.groups:
-            self._go_on(group)
+            self._continue(group)
 
     def step(self) -> float:
         """Wait for the next chunk, collect it, and continue its group; returns its start time (s)."""
@@ -168,7 +168,7 @@ class LaneScheduler:
             group = self._running.pop(future)
             chunk = future.result()
         self._collect(group, chunk.output)
-        self._go_on(group)
+        self._continue(group)
         return chunk.began
 
     def end(self) -> None:
@@ -176,7 +176,8 @@ class LaneScheduler:
         if self._threads is not None:
             self._threads.shutdown(cancel_futures=True)
 
-    def _go_on(self, group: Group) -> None:
+    def _continue(self, group: Group) -> None:
+        """Fill the free lanes of a group, and start its next chunk in a thread if there are threads."""
         free = np.flatnonzero(group.block_of < 0)
         self._fill(np.full(free.size, self.groups.index(group)), free)
         if self._threads is not None and group.busy:
@@ -184,15 +185,15 @@ class LaneScheduler:
 
     def _fill(self, which: Int[np.ndarray, " free"], lanes: Int[np.ndarray, " free"]) -> None:
         """Put waiting rows into the free lanes `lanes` (n,) of the groups `which` (n,)."""
-        taken = 0
-        while taken < lanes.size or not self.groups:
+        filled = 0
+        while filled < lanes.size or not self.groups:
             block = self._with_waiting_rows()
             if block is None:
                 break
-            rows = block.waiting[block.opened : block.opened + lanes.size - taken]
+            rows = block.waiting[block.opened : block.opened + lanes.size - filled]
             block.opened += rows.size
-            part = slice(taken, taken + rows.size)
-            taken += rows.size
+            part = slice(filled, filled + rows.size)
+            filled += rows.size
             for number in np.unique(which[part]):
                 of_block = which[part] == number
                 self.groups[number].place(block, rows[of_block], lanes[part][of_block])
@@ -249,12 +250,12 @@ class LaneScheduler:
     def take(self, number: int) -> Block:
         """A complete block that can be written; it stays open until it is closed."""
         self.complete.remove(number)
-        self.taken.add(number)
+        self.being_written.add(number)
         return self.open[number]
 
     def close(self, number: int) -> None:
         """Remove a written block."""
-        self.taken.remove(number)
+        self.being_written.remove(number)
         del self.open[number]
 
     @property

@@ -9,6 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextvars import copy_context
 from typing import Any, Protocol
 
 from gaitsweep.engine.sweep.block import Block
@@ -76,7 +77,7 @@ def sweep(
         # compiled before any row ends, since ended rows would wait for it
         labelled(spec, next(iter(scheduler.open.values())))
     timings.compile_s = time.perf_counter() - began
-    scheduler.go()
+    scheduler.start()
     disk = _Disk(scheduler.close, len(spec.devices) if spec.devices[0].platform == "gpu" else 1)
     keeper = _Keeper(scheduler, open_rows, disk)
     try:
@@ -111,6 +112,7 @@ def sweep(
 
 
 def _encoded(spec: SweepSpec, block: Block, encode: Callable[[int, RowOutcome], Any] | None) -> Any:
+    """The labelled rows of a block, converted by `encode` if it is given."""
     result = labelled(spec, block)
     return result if encode is None else encode(block.number, result)
 
@@ -133,41 +135,41 @@ class _Disk:
         self._most = self.MOST * cards
         self._encoding = ThreadPoolExecutor(self.ENCODING * cards)
         # writes in progress, each with the function to call when it is on disk
-        self._waiting: deque[tuple[Future[None], Callable[[], None]]] = deque()
+        self._pending: deque[tuple[Future[None], Callable[[], None]]] = deque()
         self._longest_s = 1.0  # s of writing a block; the first time it loads libraries
 
     def write(self, number: int, encode: Callable[[], Any], write: Callable[[Any], None]) -> None:
         """Queue a block for encoding and writing; raises errors of earlier blocks."""
         self.take_done(self._most)
-        encoded = self._encoding.submit(encode)
+        encoded = self._encoding.submit(copy_context().run, encode)
         job = self._thread.submit(self._timed, lambda: write(encoded.result()))
         # a block that could not be written stays open, so that its rows are stored
-        self._waiting.append((job, lambda: self._written(number)))
+        self._pending.append((job, lambda: self._written(number)))
 
     def store(self, keep: Callable[[], None], stored: Callable[[], None]) -> None:
         """Queue rows for `keep`, and call `stored` afterwards."""
-        self._waiting.append((self._thread.submit(keep), stored))
+        self._pending.append((self._thread.submit(keep), stored))
 
     def take_done(self, most: int) -> None:
         """Record finished writes, and wait until fewer than `most` writes are pending."""
-        while self._waiting and (len(self._waiting) >= most or self._waiting[0][0].done()):
+        while self._pending and (len(self._pending) >= most or self._pending[0][0].done()):
             self._take()
 
     def _take(self) -> None:
-        future, done = self._waiting.popleft()
+        future, done = self._pending.popleft()
         future.result()
         done()
 
     @property
     def ahead_s(self) -> float:
         """The estimated time (s) until one more block would be written."""
-        return (1 + sum(not future.done() for future, _ in self._waiting)) * self._longest_s
+        return (1 + sum(not future.done() for future, _ in self._pending)) * self._longest_s
 
     def end(self) -> None:
         """Finish all pending writes; raises the error of the first one that failed."""
         failures: list[BaseException] = []
         try:
-            while self._waiting:
+            while self._pending:
                 try:
                     self._take()
                 except BaseException as failure:
@@ -212,7 +214,7 @@ class _Keeper:
         age = time.perf_counter() - self._oldest
         if age + ahead + self._disk.ahead_s + self._store_s > SAFE_WITHIN - _SPARE:
             # the rows of blocks that are being written are safe before these
-            ended = self._scheduler.ended(but=self._scheduler.taken)
+            ended = self._scheduler.ended(but=self._scheduler.being_written)
             self._oldest = None
             if ended:
                 self._storing = True

@@ -5,10 +5,10 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 
-from gaitsweep.contract import Model, Params
+from gaitsweep.contract import Model
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import Recorder
-from gaitsweep.engine.sweep.lane import Device, Values
+from gaitsweep.engine.sweep.lane import Device, RowDrive, Values
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,7 +31,7 @@ class SweepSpec:
     lanes: int
     devices: list[Device]
     values: Callable[[int, int], tuple[Values, Values]]
-    drive: Callable[..., Params] | None = None
+    drive: RowDrive | None = None
     engine: str = "xla"
     varied: frozenset[str] = frozenset()
 

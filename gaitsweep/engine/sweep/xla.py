@@ -18,7 +18,7 @@ from typing import Any, final
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Shaped
+from jaxtyping import Array, Bool, Float, Shaped
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import Carry, select
@@ -26,6 +26,7 @@ from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.fork import refuse_fork
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL, LaneRecord, Recorder
+from gaitsweep.engine.shapes import Flag, Integer
 from gaitsweep.engine.sweep.lane import ChunkOutput, Device, Lanes, OneLane, RowDrive, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError, UnsupportedSystem
@@ -35,6 +36,9 @@ from gaitsweep.errors import ArgumentError, UnsupportedSystem
 POLLS_PER_CHUNK = 64
 # Below this limit of virtual memory LLVM ends the process (measured on two cores), bytes.
 LEAST_MEMORY = 2_300_000_000
+
+Scalars = Mapping[str, Float[Array, " ..."]]  # the values of one row by name
+Buffer = Float[Array, "buffer width"]  # the samples of one trajectory that wait for the host
 
 
 def usable_cores() -> int:
@@ -123,7 +127,8 @@ class XlaLanes(Lanes):
         self._lanes, output = self._chunk(self._put(np.int32(polls)), self._lanes)
         if not np.asarray(output.filled).any():
             # buffers are large and mostly empty: a broadcast zero has the same shape and needs no transfer
-            output = output._replace(kept=np.broadcast_to(np.zeros((), self._dtype), output.kept.shape))
+            empty = np.broadcast_to(np.zeros((), self._dtype), output.buffers.shape)
+            output = output._replace(buffers=empty)
         return jax.device_get(output)
 
     def _put(self, array: Shaped[np.ndarray, " ..."] | np.generic) -> Shaped[Array, " ..."]:
@@ -141,47 +146,44 @@ def _programs(
     return jax.jit(jax.vmap(partial(_open, one))), jax.jit(jax.vmap(select)), jax.jit(chunk)
 
 
-def _open(
-    one: OneLane, values: Mapping[str, Float[Array, " ..."]], starts: Mapping[str, Float[Array, ""]]
-) -> tuple[Params, Carry, LaneRecord, Float[Array, "buffer width"]]:
+def _open(one: OneLane, values: Scalars, starts: Scalars) -> tuple[Params, Carry, LaneRecord, Buffer]:
+    """A trajectory's constants, carry and record, and its buffer of samples."""
     constants, carry, record, sample, keep = one.open(values, starts)
     buffer = jnp.zeros((BUFFER if sample.size else 0, sample.size), sample.dtype)
     return constants, carry, record, _appended(buffer, jnp.zeros((), jnp.int32), sample, keep)
 
 
 def _poll(
-    one: OneLane, constants: Params, carry: Carry, record: LaneRecord, samples: Float[Array, "buffer width"]
-) -> tuple[Carry, LaneRecord, Float[Array, "buffer width"]]:
+    one: OneLane, constants: Params, carry: Carry, record: LaneRecord, samples: Buffer
+) -> tuple[Carry, LaneRecord, Buffer]:
+    """A trajectory's carry, record and buffer after a poll."""
     carry, after, sample, keep = one.poll(constants, carry, record)
     return carry, after, _appended(samples, record.filled, sample, keep)
 
 
-def _appended(
-    samples: Float[Array, "buffer width"],
-    place: Int[Array, ""],
-    sample: Float[Array, " width"],
-    keep: Bool[Array, ""],
-) -> Float[Array, "buffer width"]:
+def _appended(samples: Buffer, place: Integer, sample: Float[Array, " width"], keep: Flag) -> Buffer:
+    """A buffer with a sample at `place` if `keep`."""
     at_place = (jnp.arange(samples.shape[0]) == place) & keep
     return jnp.where(at_place[:, None], sample, samples)
 
 
 def _chunk(
-    attempt: Callable[..., Any], poll: Callable[..., Any], polls: Int[Array, ""], lanes: Any
+    attempt: Callable[..., Any], poll: Callable[..., Any], polls: Integer, lanes: Any
 ) -> tuple[Any, ChunkOutput]:
+    """The lanes after up to `polls` polls, with empty buffers, and the output for the host."""
     constants, carry, record, samples = lanes
 
-    def going(loop: Any) -> Bool[Array, ""]:
+    def goes_on(loop: Any) -> Flag:
         count, _, record, _ = loop
         return (count < polls) & jnp.any(record.status == Status.running)
 
-    def turn(loop: Any) -> Any:
+    def attempts_and_poll(loop: Any) -> Any:
         count, carry, record, samples = loop
         carry = jax.lax.fori_loop(0, POLL_INTERVAL, lambda _, c: attempt(constants, c), carry)
         return count + 1, *poll(constants, carry, record, samples)
 
     opening = (jnp.zeros((), jnp.int32), carry, record, samples)
-    _, carry, record, samples = jax.lax.while_loop(going, turn, opening)
+    _, carry, record, samples = jax.lax.while_loop(goes_on, attempts_and_poll, opening)
     output = ChunkOutput(record.results(carry), record.filled, record.samples, samples)  # type: ignore[arg-type]
     # the host reads the output, so the buffers are empty again
     record = dataclasses.replace(record, filled=jnp.zeros_like(record.filled))

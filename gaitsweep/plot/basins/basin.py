@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -28,7 +28,9 @@ from gaitsweep.plot.columns import (
     rows_where,
     written,
 )
+from gaitsweep.plot.figure_style import current
 from gaitsweep.plot.kind import Horizontal, Hue, Panels, Title, Vertical, figure_kind
+from gaitsweep.schema.numbers import Flag
 
 _PANELS_A_ROW = 4
 _MOST_PANELS = 40
@@ -45,6 +47,9 @@ def basin(
     y: Vertical,
     hue: Hue = "gait",
     panels: Panels = None,
+    shares: Annotated[
+        Flag, "whether to write the share of each outcome, above panels or in the legend"
+    ] = True,
     title: Title = None,
 ) -> Figure:
     """Cells coloured by the outcome of each start, with the share of each outcome in each panel.
@@ -74,8 +79,9 @@ def basin(
     if panels:
         for value, part in zip(values, parts, strict=True):
             # no break of a line between a name and its share
-            shares = ", ".join(text.replace(" ", "\u00a0") for text in _shares(shown.loc[part.index], key))
-            headings.append(f"{written(table, panels, value)}\n{theme.wrapped(shares, side, 7.5)}".strip())
+            texts = _shares(shown.loc[part.index], key) if shares else []
+            above = theme.wrapped(", ".join(text.replace(" ", "\u00a0") for text in texts), side, 7.5)
+            headings.append(f"{written(table, panels, value)}\n{above}".strip())
     lines = max((text.count("\n") for text in headings), default=0)
     height = rows * (side + 0.35 + 0.14 * lines) + (0.35 if numeric else 0.75)
     with theme.canvas(width, height, title) as figure:
@@ -99,7 +105,10 @@ def basin(
         if key:
             status = table["status"].astype(str) if "status" in table.columns else pd.Series(dtype=str)
             inferred = float(np.mean(status.to_numpy(str) == "inferred")) if len(status) else 0.0
-            _legend(figure, key, None if headings else shown, looks, inferred)
+            if current().marks is False:
+                inferred = 0.0
+            heading = ("share of starts above each panel" if headings else "share of starts") * shares
+            _legend(figure, key, shown if shares and not headings else None, looks, heading, inferred)
     return figure
 
 
@@ -119,7 +128,6 @@ def _label_axes(table: pd.DataFrame, grid: Sequence[Axes], x: str, y: str, colum
     for number, axes in enumerate(grid):
         below = number + columns >= len(grid)
         axes.set_xlabel(axis_label(table, x) if below else "")
-        axes.tick_params(labelbottom=below)
         axes.set_ylabel(axis_label(table, y) if number % columns == 0 else "")
         for which in circular:
             theme.angle_axis(axes, which)
@@ -173,16 +181,21 @@ def _cells(
 
 
 def _legend(
-    figure: Figure, names: list[str], shown: pd.Series | None, looks: _Looks, inferred: float
+    figure: Figure,
+    names: list[str],
+    shown: pd.Series | None,
+    looks: _Looks,
+    heading: str,
+    inferred: float,
 ) -> None:
-    """The legend below the panels: each outcome, with its share of `shown` if there is one panel."""
+    """The legend: each outcome, with its share of `shown` if given."""
     colour, _, hatch = looks
     texts = [theme.named(name) for name in names] if shown is None else _shares(shown, names, "  ")
     handles = [
         Patch(label=text, **theme.hatched(colour[name], hatch[name]))
         for name, text in zip(names, texts, strict=True)
     ]
-    guessed = f" ({theme.percent(inferred)} % of cells inferred from their neighbours)" if inferred else ""
+    guessed = f"({theme.percent(inferred)} % of cells inferred from their neighbours)" if inferred else ""
     columns = min(len(handles), 2 if shown is not None else 3)
-    heading = "share of starts" if shown is not None else "share of starts above each panel"
-    theme.legend(figure, handles, ncols=columns, title=f"{heading}{guessed}")
+    title = f"{heading} {guessed}".strip()
+    theme.legend(figure, handles, ncols=columns, title=title, in_cell=True)

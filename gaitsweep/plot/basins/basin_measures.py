@@ -19,7 +19,6 @@ from gaitsweep.analysis.basins.attractors import with_attractors
 from gaitsweep.analysis.basins.fractal_boundaries import BOX
 from gaitsweep.analysis.basins.measures import Basins, basins
 from gaitsweep.analysis.records import axes_of
-from gaitsweep.kinds.run_kind import refinement
 from gaitsweep.plot import theme
 from gaitsweep.plot.columns import axis_label, column, is_angle, rows_where, unit_of, written
 from gaitsweep.plot.kind import TEXT_COLUMNS, Column, PlannedTable, Refusal, Title, figure_kind
@@ -45,7 +44,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     if len(set(units.values())) > 1:
         shown = ", ".join(f"{name} in {unit or '1'}" for name, unit in units.items())
         yield ("axes",), f"needs one unit for the distance between starts, but there are {shown}."
-    if figure.hue == "attractor" and refinement(table.run, table.rows) is not None:
+    if figure.hue == "attractor" and table.run.refined(table.rows) is not None:
         text = "is attractor, but run.refine infers rows, which have no state that identifies an attractor."
         yield ("hue",), text
 
@@ -84,7 +83,7 @@ def basin_measures(
             table = _with_attractors(table, panels)
         column(table, hue)
         measured = basins(table, axes, label=hue, by=panels or ())
-        shares, entropies, uncertain = figure.subplots(down, across).ravel()
+        shares, entropies, uncertain = theme.panels(figure, (down, across), 3)
         _shares(shares, table, measured, panels)
         _entropies(entropies, table, measured, panels)
         first = axes[0] if axes else next(name for name in axes_of(table) if name != panels)

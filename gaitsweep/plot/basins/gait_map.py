@@ -16,6 +16,7 @@ from gaitsweep.contract import Outcome
 from gaitsweep.plot import theme
 from gaitsweep.plot.basins.cells import CellGrid, cell_grid, colour_cells, hatch_cells, hatch_look
 from gaitsweep.plot.columns import (
+    OTHER,
     described,
     is_angle,
     is_logarithmic,
@@ -26,7 +27,6 @@ from gaitsweep.plot.columns import (
 )
 from gaitsweep.plot.kind import GaitColumn, Horizontal, Title, Vertical, figure_kind
 
-OTHER = "another gait"  # settled, but in no gait of the model
 _HATCHED = (Outcome.NOT_SETTLED, Outcome.FAILED)
 _STRIPES = ("\\\\\\", "---", "|||")  # of the second gait of a set, the third, ...
 _DOUBTFUL = "++++"  # of a set that may have more gaits

@@ -36,7 +36,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         yield ("x",), f"is {figure.x}, which does not vary between rows. {near_miss.allowing(table.varied)}"
 
 
-@figure_kind("return_map", check=_check)
+@figure_kind("return_map", check=_check, colours_gaits=False)
 def branches(
     table: pd.DataFrame,
     *,
@@ -75,8 +75,7 @@ def branches(
         if len(without):
             look: dict[str, Any] = {"color": "#555555", "ms": 7, "clip_on": False}
             axes.plot(without, 0.0 * without, "|", transform=axes.get_xaxis_transform(), **look)
-        if is_angle(table, name):
-            theme.angle_ticks(axes, "y")
+        theme.value_axis(axes, angle=is_angle(table, name))
         theme.legend(figure, _key(points, len(without) > 0), ncols=2)
     return figure
 

@@ -28,7 +28,7 @@ from gaitsweep.schema.numbers import Real, Text
 STABLE, UNSTABLE = "#0072B2", "#D55E00"
 # fill and hatch of the ranges beside the branches, in order
 _BESIDE = (("#E2E2E2", "////"), ("#F3E3C3", "\\\\\\\\"), ("#DCEBDD", "...."), ("#E9DDEC", "----"))
-MARKERS = dict(zip(MARKS, "ovsDX><^", strict=True))
+MARKERS: dict[str, str] = dict(zip(MARKS, "ovsDX><^", strict=True))
 WORDS = {
     "corner": "fold at a bend of the map",
     "neimark_sacker": "Neimark-Sacker",
@@ -88,8 +88,7 @@ def continuation(
             axes.axvspan(low, high, zorder=0, **_beside(number))
         for _, branch in table.groupby(of_branch, sort=True):
             _draw(axes, branch, x, name, colours.get(branch["row"].iloc[0]))
-        if is_angle(table, name):
-            theme.angle_ticks(axes, "y")
+        theme.value_axis(axes, angle=is_angle(table, name))
         handles = _key(table, intervals, hue is not None)
         if hue is not None and _numbers(table, hue):
             shades = ScalarMappable(_span(table, hue), "viridis")

@@ -49,12 +49,13 @@ def cycles(
     down, across = theme.shape(len(names), theme.PAGE, 1.6)
     with theme.canvas(theme.PAGE, 2.4 * down + (0.45 if len(values) > 1 else 0.0), title) as figure:
         panels = theme.panels(figure, (down, across), len(names), sharex=True)
-        for axes, name in zip(panels, names, strict=True):
+        for number, (axes, name) in enumerate(zip(panels, names, strict=True)):
             for part in lines:
                 _line(axes, part, x, name, looks[part[hue].iloc[0]], is_angle(table, name))
-            axes.set_xlabel(described(table, x, 24))
+            axes.set_xlabel(described(table, x, 24) if number + across >= len(names) else "")
             log_axes(axes, table, x=x)
             axes.set_ylabel(described(table, name, 24))
+            theme.value_axis(axes, angle=is_angle(table, name))
             if is_angle(table, name):
                 theme.angle_axis(axes, "y")
             if not lines:
@@ -62,7 +63,7 @@ def cycles(
         if 1 < len(values) <= _NAMED_LINES:
             labels, heading = _labels(table, lines, names, hue)
             handles = [Line2D([], [], label=labels[value], **looks[value]) for value in values]
-            theme.legend(figure, handles, ncols=min(4, len(handles)), title=heading)
+            theme.legend(figure, handles, ncols=min(4, len(handles)), title=heading, in_cell=True)
     return figure
 
 

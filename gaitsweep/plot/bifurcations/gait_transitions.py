@@ -89,8 +89,7 @@ def gait_transitions(
             axes.plot([middle], [0.96], transform=axes.get_xaxis_transform(), ms=5.0, **look)
             handles.append((Patch(facecolor=tint, alpha=0.3), Line2D([], [], ms=4.0, **look)))
             labels.append(_words(table, x, edge))
-        if is_angle(table, name):
-            theme.angle_ticks(axes, "y")
+        theme.value_axis(axes, angle=is_angle(table, name))
         theme.legend(figure, handles, labels, ncols=2)
     return figure
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, cast
 
 import numpy as np
 import pandas as pd
@@ -25,6 +25,7 @@ from gaitsweep.analysis.transitions.hysteresis import (
 )
 from gaitsweep.analysis.transitions.jumps import where_it_moves
 from gaitsweep.plot import theme
+from gaitsweep.plot.bifurcations.branch_names import name_branches, named_gaits
 from gaitsweep.plot.bifurcations.passes import DOWN, LINES, MARKER, UP, draw_arrows, draw_row
 from gaitsweep.plot.columns import (
     PlotError,
@@ -38,6 +39,7 @@ from gaitsweep.plot.columns import (
     unit_of,
     written,
 )
+from gaitsweep.plot.figure_style import current
 from gaitsweep.plot.kind import Observable, Observed, Panels, PlannedTable, Refusal, Title, figure_kind
 from gaitsweep.plot.provenance_marks import remarks
 from gaitsweep.schema.numbers import Positive, Real, Text
@@ -65,7 +67,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         )
 
 
-@figure_kind("ramp", "staircase", check=_check)
+@figure_kind("ramp", "staircase", check=_check, colours_gaits=False)
 def hysteresis(
     table: pd.DataFrame,
     *,
@@ -91,7 +93,8 @@ def hysteresis(
     staircase has a marker at the end of each stair, open if the stair had not settled. A bar at the top marks
     the interval of the rising pass's jump, the median over the rows, and a bar at the bottom that of the
     falling one; the legend gives both. Arrows mark where the two passes differ most. Passes that jump to and
-    fro, as with an irregular gait, belong to no branch and have their own panel below.
+    fro, as with an irregular gait, belong to no branch and have their own panel below. Gaits of the table are
+    named beside their branches, or in the legend where there is no room.
 
     Args:
         table: a ramp or staircase table.
@@ -123,16 +126,14 @@ def hysteresis(
     width = theme.PAGE if len(shown) > 1 else theme.COLUMN + 1.2
     angles = [of_panel[name].to_numpy(float) for of_panel in tables if name in of_panel.columns]
     origin = origin_of(table, name, np.concatenate(angles))
+    if title == "" and len(shown) == 1:
+        shown = [shown[0]._replace(heading="")]
     parted = [_parted(panel.table, name, parameter, least) for panel in shown]
     strips = any(len(irregular) for _, irregular in parted)
     with theme.canvas(width, (3.5 if strips else 2.5) * down + 1.0, title) as figure:
-        shape: dict[str, Any] = {"height_ratios": [2.5, 1.0] * down if strips else [1.0] * down}
-        cells = figure.subplots((1 + strips) * down, across, sharex=True, squeeze=False, **shape)
-        grid, below = cells[:: 1 + strips].ravel(), (cells[1::2] if strips else cells).ravel()
-        for row_of_axes in (grid, below):
-            for axes in row_of_axes[1:]:
-                axes.sharey(row_of_axes[0])
-        for number, (axes, strip, panel) in enumerate(zip(grid, below, shown, strict=False)):
+        grid, below = _panels(figure, len(shown), down, across, strips)
+        broken: list[int] = []
+        for number, (axes, strip, panel) in enumerate(zip(grid, below, shown, strict=True)):
             branches, irregular = parted[number]
             handles = _draw(axes, panel, branches, name, parameter, least, origin)
             if strips:
@@ -144,18 +145,61 @@ def hysteresis(
             else:
                 axes.tick_params(labelleft=False)
                 strip.tick_params(labelleft=False)
+            room = theme.width_of(width) / across - 0.8
             if number + across >= len(shown):
-                label, room = described(table, parameter, 66 // across), theme.width_of(width) / across - 0.8
+                label = described(table, parameter, 66 // across)
                 strip.set_xlabel(theme.wrapped(label, room, 8.5))
                 strip.tick_params(labelbottom=True)
-            _below(strip, handles)
-        for axes in (*grid[len(shown) :], *below[len(shown) :]):
-            axes.set_visible(False)
-        for axes in {grid[0], below[0]} if origin is not None else ():
-            theme.angle_ticks(axes, "y")
+            broken.append(_below(strip, handles, room))
+        theme.grow(figure, 0.12 * max(broken))
+        for axes in {grid[0], below[0]}:
+            theme.value_axis(axes, angle=origin is not None)
         drawn = {str(line.get_color()) for axes in (*grid, *below) for line in axes.lines}
-        theme.legend(figure, _key(shown, table, parameter, drawn), ncols=3)
+        key = _key(shown, table, parameter, drawn)
+        of_branches = [branches for branches, _ in parted]
+        key += _name_gaits(grid, of_branches, name, parameter, origin, [*ticks])
+        theme.legend(figure, key, ncols=3)
     return figure
+
+
+def _panels(
+    figure: Figure, count: int, down: int, across: int, strips: bool
+) -> tuple[Sequence[Axes], Sequence[Axes]]:
+    """The panels, and the lowest one of each: the strip below it, or itself."""
+    shape: dict[str, Any] = {"height_ratios": [2.5, 1.0] * down if strips else [1.0] * down}
+    cells = figure.subplots((1 + strips) * down, across, sharex=True, squeeze=False, **shape)
+    grid, below = cells[:: 1 + strips].ravel(), (cells[1::2] if strips else cells).ravel()
+    for axes in {*grid[count:], *below[count:]}:
+        axes.remove()
+    for row_of_axes in (grid, below):
+        for axes in row_of_axes[1:count]:
+            axes.sharey(row_of_axes[0])
+    return list(grid[:count]), list(below[:count])
+
+
+def _name_gaits(
+    grid: Sequence[Axes],
+    tables: Sequence[pd.DataFrame | None],
+    name: str,
+    x: str,
+    origin: float | None,
+    without: Sequence[str],
+) -> list[Line2D]:
+    """Name the gaits of tables beside their branches; returns the legend of those without room."""
+    laid_out, texts = False, []
+    for axes, table in zip(grid, tables, strict=True):
+        named = [] if table is None else named_gaits(table, without)
+        if table is None or not named:
+            continue
+        if not laid_out:
+            cast(Figure, axes.get_figure(root=True)).draw_without_rendering()
+            laid_out = True
+        part = rows_where(table, sound(table, name, x) & table["gait"].isin(named))
+        gaits, value = part["gait"].to_numpy(str), unwrap_from(part[name].to_numpy(float), origin)
+        for gait in name_branches(axes, part[x].to_numpy(float), value, gaits):
+            middle = written(table, name, float(np.median(value[gaits == gait])))
+            texts.append(f"{theme.named(gait)} about {middle}")
+    return [Line2D([], [], ls="", label=text) for text in dict.fromkeys(texts)]
 
 
 def _split(table: pd.DataFrame, panels: str | None, beside: bool) -> list[_Panel]:
@@ -325,16 +369,20 @@ def _bands(axes: Axes, edges: pd.DataFrame, table: pd.DataFrame, parameter: str)
     return handles
 
 
-def _below(axes: Axes, handles: list[Patch]) -> None:
-    """Write the jumps of a panel in a legend below its axis."""
+def _below(axes: Axes, handles: list[Patch], room: float) -> int:
+    """Write the jumps of a panel below its axis, in lines of `room` inches; returns those broken."""
     if not handles:
-        return
+        return 0
+    for handle in handles:
+        handle.set_label(theme.wrapped(str(handle.get_label()), room, 7.0))
     label = axes.get_xlabel()
     depth = 18.0 + 12.0 * (label.count("\n") + 1) if label else 4.0  # points
     place = axes.transAxes + ScaledTranslation(0.0, -depth / 72, axes.figure.dpi_scale_trans)
     look: dict[str, Any] = {"title_fontsize": 7.0, "fontsize": theme.points(7), "borderaxespad": 0.0}
     look |= {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": place}
-    axes.legend(handles=handles, title="jumps at (bars at the edges)", **look)
+    look |= {"title": None if current().caption is False else "jumps at (bars at the edges)"}
+    axes.legend(handles=handles, **look)
+    return sum(str(handle.get_label()).count("\n") for handle in handles)
 
 
 def _in_words(edge: Mapping[Any, Any], table: pd.DataFrame, parameter: str) -> str:

@@ -36,7 +36,7 @@ _NEAR, _MOST = 0.1, 0.98  # changes that are small, in ranges of the values, and
 FORMS = ("change", "next")
 
 
-@figure_kind("return_map")
+@figure_kind("return_map", colours_gaits=False)
 def return_map(
     table: pd.DataFrame,
     *,
@@ -83,10 +83,9 @@ def return_map(
                 axes.set_ylabel(_label(table, name, form))
             if number + across >= len(values):
                 axes.set_xlabel(described(table, name, min(90 // across, 44)))
-                axes.tick_params(labelbottom=True)
         _scale(grid, form, origin)
         if marks:
-            theme.legend(figure, _key(marks), ncols=min(across + 1, 3))
+            theme.legend(figure, _key(marks), ncols=min(across + 1, 3), in_cell=True)
     return figure
 
 

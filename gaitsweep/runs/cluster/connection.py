@@ -33,8 +33,8 @@ _SCHEMES = ("tcp", "tls")
 _LAST_PORT = 65535
 _HOW = "write local:N, tcp://HOST:PORT (or tls://HOST:PORT), or the file of a scheduler, FILE.json"
 _LOOPBACK = "127.0.0.1"
-# A scheduler gives a task up after this many workers were lost with it, also by tasks beside it: gaitsweep
-# counts itself, for each block.
+# Lost workers after which a scheduler gives a task up: never, since it also counts workers that another task
+# ended. gaitsweep counts them for each block.
 _NEVER = 10**9
 
 # Dask's settings for workers of this command.

@@ -39,21 +39,21 @@ from gaitsweep.runs.prepare import RunContext
 from gaitsweep.table import ResultDirectory, replace_file, writing
 from gaitsweep.table.locks import BLOCK_LOCKS
 
-# Tasks in flight: two for each worker, so that none waits for the client, or as many as end in this time (s).
-_AHEAD = 1.0
-_MOST_IN_FLIGHT = 4096
+# Tasks in flight: two for each worker, so that no worker waits for the client, or as many as end in
+# `_AHEAD` s.
+_AHEAD, _MOST_IN_FLIGHT = 1.0, 4096
 _MOST_GATHERED = 16  # parts that come back through the scheduler at the same time
-# Between two polls of the tasks (s): where many end in a second, and where few do, since each poll takes time
-# of a core on which a worker may run.
+# Time between two polls of the tasks (s) if more than `_MANY` end in a second, and else: each poll takes
+# time of a core on which a worker may run.
 _POLL_OFTEN, _POLL, _MANY = 0.01, 0.05, 10.0
 _REPORT = 0.1  # s between two reports of progress
 _MOST_FAILURES = 3  # of a block by an error
-# A block may take this many times as long as the longest so far, and at least so long (s), before its worker
-# counts as hanging.
+# The time limit of a block, after which its worker counts as hanging: a multiple of the longest time of a
+# block so far, and the least limit (s).
 _TIMES_LONGEST, _LEAST_LIMIT = 10.0, 120.0
 # A worker waits so long (s) for another process that holds its block, and at most half the limit.
 _LOCK_PATIENCE = 60.0
-_LOOK_AT_HELD = 10.0  # s between two polls of the tasks that each worker holds
+_BETWEEN_LIMIT_CHECKS = 10.0  # s between two polls of the tasks that each worker holds
 _PROBE = ".probe-"  # a file of the client that workers look for
 _LAG = 60.0  # s after which a file that another machine has written is seen
 
@@ -66,14 +66,14 @@ class BlocksFailed(UserError):
 
 @dataclasses.dataclass
 class _InFlight:
-    """A submitted task, and the time (s) of its submission; `only` the workers that may run it."""
+    """A submitted task, the time (s) of its submission, and the workers that may run it; None: all may."""
 
     future: Any
     since: float
     only: list[str] | None
 
 
-class _Held(NamedTuple):
+class _TasksOfWorker(NamedTuple):
     """The keys of the tasks that a worker holds, and since when (s) none of its tasks has ended."""
 
     keys: set[Any]
@@ -216,7 +216,16 @@ class Cluster(Executor):
 
 
 class Dispatch:
-    """The blocks of one table on their way to workers and back; arguments as of `Cluster.run_blocks`."""
+    """The dispatch of the blocks of one table.
+
+    Args:
+        cluster: the cluster.
+        directory: the result directory of the table.
+        assignment: the description that all tasks share.
+        missing: the numbers of the blocks.
+        on_progress: progress callback; an exception that it raises stops the dispatch.
+        rows_in: function that chooses the rows of a refined run, or None.
+    """
 
     def __init__(
         self,
@@ -239,9 +248,10 @@ class Dispatch:
         self._on_progress, self._reported = on_progress, -_REPORT
         self._began = time.monotonic()
         self._longest: float | None = None  # s, of the tasks that have ended
-        self._rate, self._ends, self._counted = 0.0, 0, self._began  # blocks a second, of the last while
-        self._expired_at = self._began
-        self._held: dict[str, _Held] = {}  # by the worker's address
+        # blocks that ended since `_counted` (s), and their number in a second before that
+        self._ends, self._counted, self._rate = 0, self._began, 0.0
+        self._checked_at = self._began
+        self._tasks_of_workers: dict[str, _TasksOfWorker] = {}  # by the worker's address
 
     def run(self) -> None:
         try:
@@ -258,16 +268,17 @@ class Dispatch:
             raise BlocksFailed(self._sentence())
 
     def _step(self) -> None:
+        """Submit waiting blocks, process ended tasks, and report."""
         try:
             if not self.workers.connection.alive:
                 # tasks in flight are submitted again, to another scheduler
                 self._give_back(list(self.flight))
                 self.workers.connect(self._report)
-            self.workers.look()
+            self.workers.update()
             self._refill()
             ends = self._take_ended()
             self._free_stranded()
-            self._expire()
+            self._end_hanging_workers()
         except (OSError, TimeoutError):  # the scheduler is lost while it was asked
             if self.workers.connection.alive:
                 raise
@@ -277,11 +288,13 @@ class Dispatch:
             time.sleep(_POLL_OFTEN if self._rate > _MANY else _POLL)
 
     def _give_back(self, numbers: Sequence[int]) -> None:
+        """Let blocks in flight wait again."""
         for number in numbers:
             self.flight.pop(number).future.release()
             self.waiting.appendleft(number)
 
     def _refill(self) -> None:
+        """Submit as many blocks as workers can take."""
         slots = self.workers.slots
         now = time.monotonic()
         if now - self._counted >= 0.5 * _AHEAD:
@@ -348,7 +361,8 @@ class Dispatch:
             self.workers.refuse(error.address, str(error))
             self.waiting.appendleft(number)
             return
-        # the block's own record counts deaths; a scheduler also blames blocks that waited beside it
+        # the block's own record counts deaths; a scheduler also counts those of blocks that waited on a
+        # worker
         if isinstance(error, NoValidWorkerError | Unwanted) or (
             isinstance(error, KilledWorker) and not self.cluster.collect
         ):
@@ -373,20 +387,20 @@ class Dispatch:
             self.workers.client.cancel([self.flight[number].future for number in stranded], force=True)
             self._give_back(stranded)
 
-    def _expire(self) -> None:
+    def _end_hanging_workers(self) -> None:
         """End workers of which no task has ended for too long; a task may wait behind another."""
         now = time.monotonic()
         if not self.workers.slots:  # nobody runs
-            self._held = {}
+            self._tasks_of_workers = {}
             for task in self.flight.values():
                 task.since = now
             return
         limit = self.cluster.limit(self._longest)
-        if limit == float("inf") or now - self._expired_at < min(_LOOK_AT_HELD, limit / 4):
+        if limit == float("inf") or now - self._checked_at < min(_BETWEEN_LIMIT_CHECKS, limit / 4):
             return
-        self._expired_at = now
+        self._checked_at = now
         ours = {task.future.key: number for number, task in self.flight.items()}
-        before, self._held = self._held, {}
+        before, self._tasks_of_workers = self._tasks_of_workers, {}
         for address, keys in self.workers.client.processing().items():
             own_keys = {key for key in keys if key in ours}
             if not own_keys:
@@ -394,7 +408,7 @@ class Dispatch:
             known = before.get(address)
             since = now if known is None or known.keys - own_keys else known.since
             if now - since <= limit:
-                self._held[address] = _Held(own_keys, since)
+                self._tasks_of_workers[address] = _TasksOfWorker(own_keys, since)
                 continue
             block = self.directory.layout.words(min(ours[key] for key in own_keys))
             name = self.workers.names.get(address, address)

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from gaitsweep.errors import UserError
-from gaitsweep.models.own_modules import installed
+from gaitsweep.own_modules import installed
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.provenance import versions
 

@@ -86,14 +86,14 @@ class Assignment:
 def examine(ticket: JobTicket) -> str | None:
     """Prepare a job here; return the reason if this worker cannot compute its blocks, else None."""
     try:
-        _prepared(ticket)
+        _context_of(ticket)
     except WorkerUnfit as error:
         return str(error)
     return None
 
 
 def run_block(number: int, rows: np.ndarray | None, assignment: Assignment) -> int | bytes:
-    """Compute a block, unless its part is there, and write the part.
+    """Compute a block and write its part, unless the part exists.
 
     Args:
         number: the block.
@@ -124,14 +124,14 @@ def _run_block(number: int, rows: np.ndarray | None, assignment: Assignment) -> 
     began = time.perf_counter()
     _log.info("begins %s", name)
     if ticket.probe is None:
-        data = _computed(assignment, writer, number, rows)
+        data = _compute(assignment, writer, number, rows)
         _log.info("has computed %s in %.1f s", name, time.perf_counter() - began)
         return data
-    _look_for(*ticket.probe)
+    _check_probe(*ticket.probe)
     # held during the preparation too, so that a worker which dies in it counts
-    with _held(writer, number, assignment.patience) as missing:
+    with _block_lock(writer, number, assignment.patience) as missing:
         if missing:
-            data = _computed(assignment, writer, number, rows)
+            data = _compute(assignment, writer, number, rows)
             try:
                 writer.write(number, data)
             except TableError as error:
@@ -141,7 +141,7 @@ def _run_block(number: int, rows: np.ndarray | None, assignment: Assignment) -> 
 
 
 @contextlib.contextmanager
-def _held(writer: PartWriter, number: int, patience: float) -> Iterator[bool]:
+def _block_lock(writer: PartWriter, number: int, patience: float) -> Iterator[bool]:
     """A context that holds a block; its value says whether the part is missing."""
     if writer.has(number):
         yield False
@@ -166,15 +166,15 @@ def _held(writer: PartWriter, number: int, patience: float) -> Iterator[bool]:
             raise WorkerUnfit(f"{writer.path / BLOCK_LOCKS} cannot be written: {reason(error)}") from error
         try:
             yield missing
-        finally:  # by an exception too: what does not come here is a worker that died
+        finally:  # after an exception too; a worker that died leaves its start without an end
             if missing:
                 with contextlib.suppress(OSError):
                     locks.end(number)
 
 
-def _computed(assignment: Assignment, writer: PartWriter, number: int, rows: np.ndarray | None) -> bytes:
+def _compute(assignment: Assignment, writer: PartWriter, number: int, rows: np.ndarray | None) -> bytes:
     """Compute the part of a block."""
-    context = _prepared(assignment.ticket)
+    context = _context_of(assignment.ticket)
     quantities = context.quantities
     if rows is not None:  # a round of a refined run, whose columns have no units in one process either
         quantities, (before, _) = None, assignment.layout.rows_of(number)
@@ -222,10 +222,10 @@ def _name() -> str:
 
 
 @functools.lru_cache(maxsize=4)
-def _prepared(ticket: JobTicket) -> RunContext:
+def _context_of(ticket: JobTicket) -> RunContext:
     """Return the context of the job in this process, after a comparison with the client's."""
     if ticket.probe is not None:
-        _look_for(*ticket.probe)
+        _check_probe(*ticket.probe)
     for module, folder in ticket.modules:
         if module not in sys.modules and folder not in sys.path:
             sys.path.append(folder)
@@ -254,7 +254,7 @@ def _prepared(ticket: JobTicket) -> RunContext:
 
 
 @functools.lru_cache(maxsize=16)
-def _look_for(file: str, token: str) -> None:
+def _check_probe(file: str, token: str) -> None:
     """Raise WorkerUnfit if this worker does not share the client's result directory."""
     probe = Path(file)
     folder = probe.parent

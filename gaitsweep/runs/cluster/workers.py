@@ -11,9 +11,9 @@ from gaitsweep.runs.cluster.connection import Connection
 from gaitsweep.runs.cluster.task import JobTicket, examine
 from gaitsweep.runs.prepare import RunError
 
-_LOOK = 1.0  # s between two polls of the workers
+_BETWEEN_UPDATES = 1.0  # s between two polls of the workers
 _POLL = 0.01  # s between two polls of a task
-_AWAY = 0.1  # s between two tries to connect
+_BETWEEN_TRIES = 0.1  # s between two tries to connect
 _EMPTY = 5.0  # s without workers after which a message says so
 # Workers that are busy with other work are not waited for longer (s), once one has answered.
 _EXAMINATION = 30.0
@@ -35,8 +35,8 @@ class Workers:
         self.on_card = False
         self._refused: dict[str, str] = {}  # reasons by address
         self._messages: set[str] = set()
-        self._looked = -_LOOK
-        self._away = False
+        self._updated = -_BETWEEN_UPDATES
+        self._unreachable = False
         self._empty: float | None = None  # since when there are none
 
     @property
@@ -61,7 +61,7 @@ class Workers:
     @property
     def note(self) -> str:
         """The workers, for a line of progress."""
-        if self._away:
+        if self._unreachable:
             return "the scheduler is away"
         count = len(self.usable)
         return f"{count} worker{'s' * (count != 1)}"
@@ -69,24 +69,24 @@ class Workers:
     def connect(self, on_wait: Callable[[], None]) -> None:
         """Connect, or connect again, for as long as it takes; `on_wait` is called meanwhile."""
         while not self.connection.alive:
-            self._away = not self.connection.try_to_connect()
-            if self._away:
+            self._unreachable = not self.connection.try_to_connect()
+            if self._unreachable:
                 self.names, self.slots = {}, 0
                 self._message_once(
                     f"The scheduler {self.connection.where} does not answer ({self.connection.why}): waiting "
                     "for it."
                 )
                 on_wait()
-                time.sleep(_AWAY)
-        self._away = False
-        self._looked = -_LOOK
+                time.sleep(_BETWEEN_TRIES)
+        self._unreachable = False
+        self._updated = -_BETWEEN_UPDATES
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Update the list of workers, at most once a second."""
         now = time.monotonic()
-        if now - self._looked < _LOOK:
+        if now - self._updated < _BETWEEN_UPDATES:
             return
-        self._looked = now
+        self._updated = now
         workers = self.client.scheduler_info(n_workers=-1)["workers"]
         self.names = {address: str(about["name"]) for address, about in workers.items()}
         self._refused = {address: why for address, why in self._refused.items() if address in workers}
@@ -116,7 +116,7 @@ class Workers:
         if address in self._refused:
             return
         self._refused[address] = why
-        self._looked = -_LOOK
+        self._updated = -_BETWEEN_UPDATES
         self._message_once(f"The worker {self.names.get(address, address)} is refused: {why}.")
 
     def _message_once(self, sentence: str) -> None:
@@ -138,7 +138,7 @@ class Workers:
         return self.connection.alive
 
     def _examine(self, ticket: JobTicket, on_wait: Callable[[], None]) -> None:
-        self.look()
+        self.update()
         asked = {
             address: self.client.submit(
                 examine,
@@ -166,7 +166,7 @@ class Workers:
                         if reason is not None:
                             reasons[address] = str(reason)
                 on_wait()
-                self.look()  # lost workers are not asked again
+                self.update()  # lost workers are not asked again
                 asked = {address: future for address, future in asked.items() if address in self.names}
                 time.sleep(_POLL)
         finally:  # at once, not when the last exception is collected
@@ -188,4 +188,4 @@ class Workers:
             self.client.sync(
                 self.client.scheduler.unregister, address=address, stimulus_id="gaitsweep-time-limit"
             )
-        self._looked = -_LOOK
+        self._updated = -_BETWEEN_UPDATES

@@ -21,7 +21,7 @@ from matplotlib.image import AxesImage
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.skeleton import Skeleton
-from gaitsweep.view.movie.side_view import bounds
+from gaitsweep.view.movie.side_view import bounds, round_step
 
 BACKENDS = ("egl", "osmesa")  # OpenGL without a display; the first that works is used
 _PATIENCE = 90.0  # s for a frame; the first one includes the start of Python and MuJoCo
@@ -141,6 +141,7 @@ def _request(body: RenderedBody, skeleton: Skeleton, camera: np.ndarray, size: t
         heading=body.heading,
         size=np.array(size),
         extent=np.array([half, tall]),
+        square=round_step(0.2 * tall),
         colours=np.array([to_rgb(colour) for colour in limb_colours(skeleton.limbs)]),
     )
     return packed.getvalue()

@@ -28,7 +28,7 @@ def main() -> None:
     request = np.load(io.BytesIO(sys.stdin.buffer.read()))
     pictures = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # output of libraries must not mix with the frames
-    model = _on_white(str(request["mjcf"]))
+    model = _staged(str(request["mjcf"]), float(request["square"]))
     data = mujoco.MjData(model)
     width, height = (int(pixels) for pixels in request["size"])
     model.vis.global_.offwidth, model.vis.global_.offheight = width, height
@@ -51,13 +51,27 @@ def main() -> None:
     renderer.close()
 
 
-def _on_white(mjcf: str) -> mujoco.MjModel:
-    """The model, with a white sky where it has none, which would be black."""
+def _staged(mjcf: str, square: float) -> mujoco.MjModel:
+    """The model, with a white sky and a ground of squares (m) where it has none.
+
+    Without a sky it would be black; on ground of one colour a body seems to step on the spot.
+    """
     spec = mujoco.MjSpec.from_string(mjcf)
     skybox = mujoco.mjtTexture.mjTEXTURE_SKYBOX
     if not any(texture.type == skybox for texture in spec.textures):
         look = {"builtin": mujoco.mjtBuiltin.mjBUILTIN_FLAT, "width": 8, "height": 8}
         spec.add_texture(name="white_sky", type=skybox, rgb1=[1.0] * 3, rgb2=[1.0] * 3, **look)
+    flat = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
+    plain = [geom for geom in spec.worldbody.geoms if geom.type in flat and not geom.material]
+    if plain:
+        spec.add_texture(
+            name="squares", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+            width=256, height=256, rgb1=[0.93, 0.93, 0.91], rgb2=[0.82, 0.82, 0.8],
+        )  # fmt: skip
+        material = spec.add_material(name="squares", texuniform=True, texrepeat=[0.5 / square] * 2)
+        material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "squares"
+        for geom in plain:
+            geom.material = "squares"
     return spec.compile()
 
 
@@ -75,8 +89,9 @@ def _camera(request: np.lib.npyio.NpzFile, aspect: float) -> mujoco.MjvCamera:
 
 
 def _light(model: mujoco.MjModel) -> None:
-    """Light that keeps marks and shadows on pale ground visible."""
-    model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = 0.42, 0.4
+    """Light that keeps marks and shadows on pale ground visible; without lamps, more from the viewer."""
+    more = 1.0 if model.nlight else 1.4
+    model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = 0.42 * more, 0.4 * more
     model.vis.headlight.specular[:] = 0.0
     model.light_diffuse[:], model.light_specular[:] = 0.3, 0.0
 

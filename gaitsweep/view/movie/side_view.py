@@ -113,7 +113,7 @@ class Ground:
         axes.set_ylim(low - 0.5 * spare, high + 0.5 * spare)
         strip = Rectangle((-self._half, self.near), width, -2.0 * self.near, facecolor=_STRIP, zorder=0)
         axes.add_patch(strip)
-        self._step = _round_step(width / _MARKS)
+        self._step = round_step(width / _MARKS)
         self._marks = LineCollection([], colors=_MARK, linewidths=0.9, zorder=1)
         axes.add_collection(self._marks, autolim=False)
         look = {"color": _INK, "fontsize": 6.5, "ha": "left", "va": "bottom", "zorder": 1.2, "clip_on": True}
@@ -135,7 +135,7 @@ class Ground:
             label.set_text("")
 
 
-def _round_step(length: float) -> float:
+def round_step(length: float) -> float:
     """The next number from 1, 2, 5, 10, ... times a power of ten."""
     power = 10.0 ** np.floor(np.log10(length))
     heads = (head for head in (1.0, 2.0, 5.0, 10.0) if head * power >= length * (1.0 - 1e-9))

@@ -94,9 +94,9 @@ def test_parts_return_through_the_scheduler(client: Any, whole: gs.Result, tmp_p
 def test_workers_that_do_not_share_the_directory_are_named(
     client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seen = task._look_for
-    monkeypatch.setattr(task, "_look_for", lambda file, token: seen(f"{file}-gone", token))
-    task._prepared.cache_clear()
+    seen = task._check_probe
+    monkeypatch.setattr(task, "_check_probe", lambda file, token: seen(f"{file}-gone", token))
+    task._context_of.cache_clear()
     with pytest.raises(RunError) as refusal:
         gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
     message = str(refusal.value)
@@ -328,7 +328,7 @@ def test_a_worker_hangs_that_ends_no_block_and_not_one_whose_blocks_wait(
     for second in range(17):
         now = float(second)
         held["a"] = [0, 2] if second < 7 else [2, 4] if second < 14 else [4]
-        blocks._expire()
+        blocks._end_hanging_workers()
     assert [address for address, _ in ended] == ["b"]
     assert 10.0 < ended[0][1] <= 15.0
     where = "block 1 (rows 8 to 15) took longer than 10 s there"

@@ -89,7 +89,7 @@ def gait_shares(
         return _curves(table, x, title)
     down, across = theme.shape(len(_SHARES), theme.PAGE, 1.4)
     with theme.canvas(theme.PAGE, 1.9 * down + 0.8, title) as figure:
-        panels = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
+        panels = theme.panels(figure, (down, across), len(_SHARES), sharex=True, sharey=True)
         if not len(table):
             for axes in panels:
                 theme.message(axes, "no rows yet")

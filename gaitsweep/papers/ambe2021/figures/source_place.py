@@ -38,7 +38,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
             yield ("x", place), f"is {name}, which does not vary in this job. {allowed}"
 
 
-@figure_kind("settle", check=_check)
+@figure_kind("settle", check=_check, colours_gaits=False)
 def source_place(
     table: pd.DataFrame,
     *,

@@ -79,11 +79,12 @@ def speed_gaits(
     down, across = theme.shape(len(values), theme.PAGE, 1.2)
     with theme.canvas(theme.PAGE, height * down + (0.0 if y == "gait" else 0.35), title) as figure:
         grid = theme.panels(figure, (down, across), len(values), sharex=True, sharey=True)
-        for axes, value in zip(grid, values, strict=True):
+        for number, (axes, value) in enumerate(zip(grid, values, strict=True)):
             part = shown if value is None else rows_where(shown, shown[str(panels)] == value)
             axes.set_title("" if value is None else written(table, str(panels), value))
             _bands(axes, part, y, bands, speed, np.ptp(shown[speed].to_numpy(float)) if len(shown) else 1.0)
-            axes.set_xlabel(described(table, speed, 60 // len(values)))
+            if number + across >= len(values):
+                axes.set_xlabel(described(table, speed, 60 // across))
             if not len(part):
                 theme.message(axes, "no row with a gait" if len(table) else "no rows yet")
         names = [label_of(band) if y == "gait" else f"{band:.4g}".replace("-", "−") for band in bands]

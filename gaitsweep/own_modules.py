@@ -146,10 +146,15 @@ def _follow(name: str, folder: Path, top: str | None, files: dict[str, Path], vi
     files[name] = file
 
 
+@functools.lru_cache(maxsize=4096)
+def _folders_of(file: str) -> frozenset[Path]:
+    return frozenset(Path(file).resolve().parents)
+
+
 def _file_of(name: str, folder: Path) -> Path | None:
     """The source of a module in a folder, if the module is imported from there."""
     loaded = getattr(sys.modules.get(name.partition(".")[0]), "__file__", None)
-    if loaded is not None and folder not in Path(loaded).resolve().parents:
+    if loaded is not None and folder not in _folders_of(loaded):
         return None  # an installed module of that name has precedence
     place = folder.joinpath(*name.split("."))
     for file in (place / "__init__.py", place.with_name(f"{place.name}.py")):

@@ -1,0 +1,242 @@
+"""Branch points of a branch of fixed points: where two branches cross, and how.
+
+Newton's equations are singular there in two directions. A branch point is therefore found as a regular
+solution of a larger system, F + beta w = 0 with a Jacobian [F_x F_p] of rank m - 1 and left null vector w. If
+beta is not zero, no branches cross there: they pass each other.
+
+Source: Govaerts 2000, Numerical Methods for Bifurcations of Dynamical Equilibria, chapter 4 (the algebraic
+branching equation of the two tangents).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float
+
+from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
+from gaitsweep.analysis.continuation.one_sided import (
+    ALIKE,
+    ALONG,
+    Side,
+    both_sides,
+    crossing_tangents,
+    multiplier_rate,
+)
+from gaitsweep.engine.poincare.maps import Points
+
+Vector = Float[np.ndarray, " unknowns"]  # the unknowns of one branch
+# Kinds of branch points.
+CROSSINGS = ("transcritical", "supercritical_pitchfork", "subcritical_pitchfork", "branch_point")
+# Largest rate of the parameter along a branch, as a share of its range, at which a turn is smooth.
+FLAT = 1e-3
+# Tolerance and most steps of the search for a branch point.
+TOLERANCE, MOST_STEPS = 1e-8, 12
+# Length of the first step along the branch that crosses.
+ASIDE = 0.01
+
+
+@dataclasses.dataclass(frozen=True)
+class Crossing:
+    """A branch point on one branch.
+
+    `kind` is transcritical, supercritical_pitchfork, subcritical_pitchfork, or branch_point where the
+    quadratic and cubic terms do not tell; `here` (1,) the point, with the tangent of the branch that came
+    there; `aside` (k,) points close by on the halves of branches that cross, each with the tangent away from
+    there: two, or fewer where halves were not found.
+    """
+
+    kind: str
+    here: BranchPoints
+    aside: BranchPoints | None
+
+
+def branch_point(problem: ContinuationProblem, near: BranchPoints) -> tuple[Crossing | None, float]:
+    """The branch point near one point (1,) of a branch, None if not found, and the scaled beta there.
+
+    The tangents t of both branches satisfy w' F_zz t t = 0 (z: coordinates, drifts, parameter), a quadratic
+    form on the two null vectors of [F_x F_p].
+    """
+    size, scale = near.points.at.shape[1], problem.scale()[0]
+    z, solution = np.concatenate([near.points.at[0], near.drift[0], near.parameter]) / scale, None
+    for _ in range(MOST_STEPS):
+        branching = _Branching.at(problem, near, z)
+        if branching is None:
+            break
+        step, beta = branching.step()
+        z = z + step
+        if not np.max(np.abs(step)) < 1.0:
+            break
+        if np.max(np.abs(step)) < TOLERANCE:
+            solution = branching, beta
+            break
+    if solution is None:
+        return None, np.nan
+    branching, beta = solution
+    unscaled = z * scale
+    points, parameter = Points(unscaled[None, :size], near.points.modes), unscaled[-1:]
+    images = problem.evaluated(points, parameter)
+    at = dataclasses.replace(
+        near, points=points, drift=unscaled[None, size:-1], parameter=parameter, images=images
+    )
+    sides = both_sides(problem, at)
+    tangents = crossing_tangents(branching.null, branching.bent)
+    if tangents is None or not _is_smooth(sides):
+        return cornered(problem, at, sides), beta
+    along = near.tangent[0] / scale
+    ours = int(np.argmax(np.abs(tangents @ along)))
+    at = _directed(at, tangents[ours] * np.sign(tangents[ours] @ along) * scale)
+    aside = _aside(problem, at, _both_ways(points, tangents[1 - ours] * scale))
+    flat, through = sorted(tangents, key=lambda direction: abs(direction[-1]))
+    if abs(flat[-1]) > FLAT:
+        return Crossing("transcritical", at, aside), beta
+    turning = (
+        aside
+        if ours == int(np.argmax(np.abs(tangents[:, -1])))
+        else _aside(problem, at, _both_ways(points, flat * scale))
+    )
+    kind = "branch_point"
+    if turning is not None and len(turning.parameter) == 2:
+        # the mean of both sides: a rest of the slope cancels
+        bend = float(np.mean(turning.parameter) - parameter[0]) / (problem.high - problem.low)
+        rate = multiplier_rate(branching.w, branching.null, branching.bent, through, flat, points, scale)
+        if abs(bend) > FLAT * ASIDE**2 and rate != 0.0:
+            kind = "supercritical_pitchfork" if bend * rate > 0.0 else "subcritical_pitchfork"
+    return Crossing(kind, at, aside), beta
+
+
+def cornered(problem: ContinuationProblem, at: BranchPoints, sides: list[Side]) -> Crossing | None:
+    """The branch point `at` (1,) of a map that is smooth only on each side of a corner.
+
+    One branch lies in the corner and goes through; of the other one there is a half on each side. None where
+    neither side has a branch point there.
+    """
+    if not sides:
+        return None
+    scale = problem.scale()[0]
+    along = at.tangent[0] / scale
+    own = next((side for side in sides if side.near), sides[0])
+    at = dataclasses.replace(at, images=dataclasses.replace(at.images, jacobian=own.jacobian[None]))
+    throughs = [side.tangents[np.argmax(np.abs(side.tangents @ along))] for side in sides]
+    if len(sides) == 2:
+        # the branch that lies in the corner is that which both sides have
+        (i, k), alike = _common(sides)
+        throughs = [sides[0].tangents[i], sides[1].tangents[k]]
+        if not alike[i, k]:
+            return Crossing("branch_point", at, None)
+    halves = [side.half(through) for side, through in zip(sides, throughs, strict=True)]
+    ways = [(side.points, half * scale) for side, half in zip(sides, halves, strict=True)]
+    place = next(n for n, side in enumerate(sides) if side is own)
+    candidates = [throughs[place], halves[place]]
+    ours = int(np.argmax(np.abs([candidate @ along for candidate in candidates])))
+    if ours:
+        # this branch ends in the corner, where the other half and both ways of the one through it begin
+        ways = [*ways[:place], *ways[place + 1 :], *_both_ways(own.points, throughs[place] * scale)]
+    at = _directed(at, candidates[ours] * np.sign(candidates[ours] @ along) * scale)
+    aside = _aside(problem, at, ways)
+    return Crossing(_kind_of_halves(sides, halves, throughs, scale), at, aside)
+
+
+def _kind_of_halves(sides: list[Side], halves: list[Vector], throughs: list[Vector], scale: Vector) -> str:
+    """The kind of a branch point by the halves of the second branch on both sides of a corner."""
+    rates = [side.rate(through, scale) for side, through in zip(sides, throughs, strict=True)]
+    turns = [half[-1] for half in halves]
+    clear = min(np.abs([throughs[0][-1], *turns])) > FLAT and min(rates) * max(rates) > 0.0
+    if len(sides) < 2 or not clear:
+        return "branch_point"
+    if turns[0] * turns[1] < 0.0:
+        return "transcritical"
+    return "supercritical_pitchfork" if turns[0] * rates[0] > 0.0 else "subcritical_pitchfork"
+
+
+def _common(sides: list[Side]) -> tuple[tuple[int, int], Bool[np.ndarray, "2 2"]]:
+    """The pair of tangents of two sides that are most alike, and which pairs are alike."""
+    first, last = sides if sides[0].near else sides[::-1]
+    pushed = first.tangents @ last.push.T
+    pushed /= np.linalg.norm(pushed, axis=1)[:, None]
+    signs = np.sign(pushed @ last.tangents.T)
+    apart = np.linalg.norm(pushed[:, None] * signs[:, :, None] - last.tangents, axis=2)
+    apart = apart if first is sides[0] else apart.T
+    i, k = divmod(int(np.argmin(apart)), 2)
+    return (i, k), apart < ALIKE
+
+
+def _is_smooth(sides: list[Side]) -> bool:
+    """Whether both sides have the same branches, at the same place."""
+    if len(sides) < 2 or not all(side.near for side in sides):
+        return False
+    _, alike = _common(sides)
+    return bool(np.all(np.diag(alike)) or np.all(np.diag(alike[::-1])))
+
+
+def _directed(at: BranchPoints, tangent: Vector) -> BranchPoints:
+    return dataclasses.replace(at, tangent=tangent[None])
+
+
+@dataclasses.dataclass(frozen=True)
+class _Branching:
+    """The equations of a branch point at scaled unknowns z (m + 1,), and their second derivatives.
+
+    `miss` (m,) of F, `J` (m, m + 1); `w` (m,), `smallest`, `null` (2, m + 1): left and right singular vectors
+    of the smallest singular value, and the null vector; `bent` (2, m + 1), w' J_z `null`.
+    """
+
+    miss: Float[np.ndarray, " equations"]
+    J: Float[np.ndarray, "equations unknowns"]
+    w: Float[np.ndarray, " equations"]
+    smallest: float
+    null: Float[np.ndarray, "2 unknowns"]
+    bent: Float[np.ndarray, "2 unknowns"]
+
+    @classmethod
+    def at(cls, problem: ContinuationProblem, like: BranchPoints, z: Vector) -> _Branching | None:
+        """The equations at z; None where the map has no derivatives."""
+        miss, J = problem.scaled_equations(like.points, z[None])
+        if not (np.isfinite(J).all() and np.isfinite(miss).all()):
+            return None
+        left, values, right = np.linalg.svd(J[0])
+        w, null = left[:, -1], right[-2:]
+        beside = z + ALONG * np.stack([null[0], -null[0], null[1], -null[1]])
+        several = problem.scaled_equations(like.points, beside)[1]
+        if not np.isfinite(several).all():
+            return None
+        bent = w @ (several[::2] - several[1::2]) / (2.0 * ALONG)
+        return cls(miss[0], J[0], w, float(values[-1]), null, bent)
+
+    def step(self) -> tuple[Vector, float]:
+        """Newton's step (m + 1,) and beta; infinite where the system is singular."""
+        m = len(self.w)
+        matrix = np.zeros((m + 2, m + 2))
+        matrix[:m, :-1], matrix[:m, -1], matrix[m:, :-1] = self.J, self.w, self.bent
+        try:
+            solution = np.linalg.solve(matrix, -np.concatenate([self.miss, [self.smallest, 0.0]]))
+        except np.linalg.LinAlgError:
+            return np.full(m + 1, np.inf), np.nan
+        return solution[:-1], float(solution[-1])
+
+
+def _both_ways(points: Points, tangent: Vector) -> list[tuple[Points, Vector]]:
+    return [(points, tangent), (points, -tangent)]
+
+
+def _aside(
+    problem: ContinuationProblem, at: BranchPoints, ways: list[tuple[Points, Vector]]
+) -> BranchPoints | None:
+    """Points (k,) beside a branch point, on branches from points (1,) with tangents (m,); None if k = 0.
+
+    The equations are singular at the branch point itself, so they are linearised where the step leads.
+    """
+    each = np.zeros(len(ways), int)
+    tangents = np.stack([tangent for _, tangent in ways])
+    tangents /= np.sqrt(np.sum(problem.weights * tangents**2, axis=1))[:, None]
+    change, size = ASIDE * tangents, at.points.at.shape[1]
+    starts = jax.tree.map(lambda *leaves: np.concatenate(leaves), *(points for points, _ in ways))
+    points = Points(starts.at + change[:, :size], starts.modes)
+    parameter = at.parameter + change[:, -1]
+    images = problem[each].evaluated(points, parameter)
+    drift = at.drift + change[:, size:-1]
+    guess = BranchPoints(points, drift, parameter, tangents, images, at.corrections[each])
+    beside, ok = problem[each].step(guess, np.zeros(len(ways)))
+    return beside[np.flatnonzero(ok)] if ok.any() else None

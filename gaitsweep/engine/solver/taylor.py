@@ -1,0 +1,146 @@
+"""Taylor's method, of an order that follows from the tolerance.
+
+A step's solution is a polynomial of time, and so is each guard along it. In the Bernstein basis of the step,
+the number of sign changes of a polynomial's coefficients bounds the number of its zeros (Descartes), so that
+no event of a smooth guard is missed, however long the step.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.contract import HybridModel, Params, Rates, State
+from gaitsweep.engine.shapes import Flag, Guards, Number
+from gaitsweep.engine.solver.taylor_series import NoRecurrenceError, Value, along, solution
+
+# The ratio of a term to the one before at the step that meets the tolerance and costs least (Jorba, Zou).
+TERM_RATIO = math.exp(-2.0)
+LEAST_ORDER, HIGHEST_ORDER = 4, 20
+# Largest error of a guard's polynomial, as a share of its largest value in the step.
+RESOLVED = 1e-3
+# Newton steps towards the zero of a guard, whose bracket is a step: bisection where Newton leaves it.
+ITERATIONS = 8
+
+
+def order_of(rtol: float) -> int:
+    """The order with which a relative tolerance is met at least cost."""
+    return min(max(math.ceil(1.0 - 0.5 * math.log(rtol)), LEAST_ORDER), HIGHEST_ORDER)
+
+
+@dataclasses.dataclass(frozen=True)
+class Expansion:
+    """The solution about a state: `series` has its Taylor coefficients by field."""
+
+    series: dict[str, list[Value]]
+
+    @property
+    def order(self) -> int:
+        return len(next(iter(self.series.values()))) - 1
+
+    def at(self, state: State, t: Number) -> State:
+        """The state at a time t (s) after `state`, the one that was expanded."""
+        return dataclasses.replace(state, **{name: polynomial(c, t) for name, c in self.series.items()})
+
+    def error(self, h: Number) -> Rates:
+        """An estimate of the error after h seconds, by field."""
+        p, power = self.order, h ** (self.order - 1)
+        # odd or even solutions lack every other term
+        return {
+            name: jnp.maximum(jnp.abs(c[p] * (power * h)), TERM_RATIO * jnp.abs(c[p - 1] * power))
+            for name, c in self.series.items()
+        }
+
+    def along(self, function: Callable[[State], Value], state: State) -> list[Value]:
+        """The Taylor coefficients of a function of the state along the solution."""
+        return along(function, state, self.series, self.order)
+
+
+def taylor(model: HybridModel, order: int) -> Callable[[Params, State, Number], Expansion]:
+    """The step of Taylor's method."""
+    return lambda params, state, h: Expansion(solution(model.flow, params, state, order))
+
+
+def lacking_recurrence(model: HybridModel) -> str | None:
+    """JAX's operation in the flow or the guards of a model that has no recurrence; None if all have one."""
+    number = jax.ShapeDtypeStruct((), jnp.float64)
+
+    def expanded(values: dict[str, Value], starts: dict[str, Value]) -> list[Value]:
+        params = model.params(values)
+        state = model.init(params, starts)
+        expansion = taylor(model, 2)(params, state, jnp.ones(()))
+        return expansion.along(lambda s: model.guards(params, s), state)
+
+    try:
+        jax.eval_shape(
+            expanded,
+            {q.name: number for q in model.parameters},
+            {q.name: number for q in model.initial_conditions},
+        )
+    except NoRecurrenceError as error:
+        return error.operation
+    return None
+
+
+def polynomial(coefficients: list[Value], t: Number) -> Value:
+    """The value of a polynomial at t, by Horner's scheme."""
+    total = coefficients[-1]
+    for each in reversed(coefficients[:-1]):
+        total = each + t * total
+    return total
+
+
+def bends_back(coefficients: list[Guards], h: Number) -> Flag:
+    """Whether a guard that is below zero at a step's beginning may have more zeros within it than it shows.
+
+    A guard shows one zero if it is above zero at the step's end. If its series is not accurate over the step,
+    it may have more.
+
+    Args:
+        coefficients: those of the guards along the step.
+        h: its length (s).
+    """
+    order = len(coefficients) - 1
+    scaled, power = [], jnp.ones_like(h)
+    for each in coefficients:
+        scaled.append(each * power)
+        power = power * h
+    error = jnp.maximum(jnp.abs(scaled[-1]), TERM_RATIO * jnp.abs(scaled[-2]))
+    bernstein = [
+        sum((float(_WEIGHTS[order][j, i]) * scaled[i] for i in range(1, j + 1)), scaled[0])
+        for j in range(order + 1)
+    ]
+    risen, fallen, size = jnp.zeros(error.shape, bool), jnp.zeros(error.shape, bool), jnp.zeros_like(error)
+    for each in bernstein:
+        above = each >= -error
+        fallen, risen = fallen | (risen & ~above), risen | above
+        size = jnp.maximum(size, jnp.abs(each))
+    return jnp.any((fallen | (error > RESOLVED * size)) & (coefficients[0] < 0.0))
+
+
+def first_zero(coefficients: list[Guards], h: Number) -> Number:
+    """The first time (s) within a step at which a guard rises above zero; infinite if none does."""
+    near, end = coefficients[0], polynomial(coefficients, h)
+    slopes = [each * k for k, each in enumerate(coefficients)][1:]
+    rises = (near < 0.0) & (end >= 0.0)
+    low, high = jnp.zeros_like(near), jnp.full_like(near, h)
+    at = h * jnp.where(rises, near / jnp.where(rises, near - end, 1.0), 0.0)
+    for _ in range(ITERATIONS):
+        value, slope = polynomial(coefficients, at), polynomial(slopes, at)
+        low, high = jnp.where(value < 0.0, at, low), jnp.where(value < 0.0, high, at)
+        newton = at - value / jnp.where(slope == 0.0, 1.0, slope)
+        at = jnp.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
+    return jnp.min(jnp.where(rises, at, jnp.inf), initial=jnp.inf)
+
+
+_WEIGHTS = {
+    order: np.array(
+        [[math.comb(j, i) / math.comb(order, i) for i in range(order + 1)] for j in range(order + 1)]
+    )
+    for order in range(LEAST_ORDER, HIGHEST_ORDER + 1)
+}

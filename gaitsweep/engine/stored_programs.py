@@ -1,0 +1,124 @@
+"""What tracing a model gives, stored in the cache folder, so that a known model is not traced again.
+
+The name of an entry is a digest of all that decides it: the content of the model with the sources of its
+modules, gaitsweep's own sources, the versions that trace and compile, and the settings of JAX. Programs are
+JSON, of which nothing is run. What XLA has compiled is code, as kernels are, and is loaded as they are: from
+a folder that no other user can write to.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from jax.experimental.serialize_executable import deserialize_and_load, serialize
+from jaxlib.version import __version__ as jaxlib_version
+
+from gaitsweep.cache_folder import cache_folder, load_cached, store_cached
+from gaitsweep.contract import Model
+from gaitsweep.engine.content import lasting_content
+from gaitsweep.engine.sweep.lane import host_device
+
+# settings of JAX that change no trace
+_WITHOUT_EFFECT = ("cache", "devices", "platforms", "log", "traceback")
+
+
+def stored(what: str, model: Model, others: tuple[Any, ...] | None, work_out: Callable[[], Any]) -> Any:
+    """What `work_out` returns for a model, as JSON gives it back; read where a process has stored it.
+
+    Args:
+        what: the name of what is worked out.
+        model: the model, by whose content it is found again.
+        others: what else decides the result; None where it has no digest, so that nothing is stored.
+        work_out: traces the model; not called where its result is stored.
+    """
+    entry = _Entry(what, model, others)
+    if (text := entry.read()) is None:
+        text = json.dumps(work_out()).encode()
+        entry.write(text)
+    return json.loads(text)
+
+
+def compiled_on_host(
+    what: str,
+    model: Model,
+    others: tuple[Any, ...] | None,
+    function: Callable[..., Any],
+    arguments: tuple[Any, ...],
+    results: Any,
+) -> Callable[..., Any]:
+    """A function of a model, compiled by XLA for the host's device; loaded where a process has stored it.
+
+    Args:
+        what, model, others: as for `stored`.
+        function: a JAX function.
+        arguments: pytrees of arrays of the shapes and types with which it will be called.
+        results: a pytree of the structure of its results.
+    """
+    from gaitsweep.engine.kernel.llvm_code import processor  # whose imports reading a job does not need
+
+    device = host_device()
+    shapes = jax.tree.map(lambda array: (array.shape, str(array.dtype)), arguments)
+    if others is not None:
+        others = *others, repr(shapes), device.platform, device.device_kind, *processor()
+    entry = _Entry(what, model, others)
+    if (code := entry.read()) is not None:
+        trees = jax.tree.structure((arguments, {})), jax.tree.structure(results)
+        return deserialize_and_load(code, *trees, execution_devices=[device])
+    with jax.default_device(device):
+        compiled = jax.jit(function).lower(*arguments).compile()
+    try:
+        code, _, structure = serialize(compiled)
+    except (NotImplementedError, ValueError):  # constants that are no part of the program
+        return compiled
+    if structure == jax.tree.structure(results):
+        entry.write(code)
+    return compiled
+
+
+class _Entry:
+    """The file of what is worked out from a model, if it may be stored."""
+
+    def __init__(self, what: str, model: Model, others: tuple[Any, ...] | None) -> None:
+        self._of = model, what, *(others or ())
+        self._content = None if others is None else lasting_content(*self._of)
+        folder = None if self._content is None else cache_folder("programs")
+        key = repr((self._content, _SOURCES, _VERSIONS, _settings()))
+        digest = hashlib.sha256(key.encode()).hexdigest()[:32]
+        self._file = None if folder is None else folder / f"{what}_{digest}"
+
+    def read(self) -> bytes | None:
+        return None if self._file is None else load_cached(self._file)
+
+    def write(self, data: bytes) -> None:
+        """Store what was worked out, unless a file was read for it: only afterwards is that known."""
+        if self._file is not None and lasting_content(*self._of) == self._content:
+            store_cached(self._file, data)
+
+
+def _stamps(folder: str) -> Iterator[tuple[str, int, int]]:
+    """The path, modification time (ns) and size of each source in a folder and below it."""
+    for entry in os.scandir(folder):
+        if entry.is_dir() and entry.name != "__pycache__":
+            yield from _stamps(entry.path)
+        elif entry.name.endswith(".py"):
+            about = entry.stat()
+            yield entry.path, about.st_mtime_ns, about.st_size
+
+
+# gaitsweep's sources as they are imported, not as they may be edited later
+_SOURCES = hashlib.sha256(repr(sorted(_stamps(str(Path(__file__).parents[1])))).encode()).hexdigest()
+_VERSIONS = sys.version, jax.__version__, jaxlib_version, np.__version__, os.environ.get("XLA_FLAGS")
+
+
+def _settings() -> list[tuple[str, str]]:
+    """The settings of JAX that may change a trace."""
+    names = [name for name in jax.config.values if not any(word in name for word in _WITHOUT_EFFECT)]
+    return [(name, repr(getattr(jax.config, name, None))) for name in sorted(names)]

@@ -1,0 +1,78 @@
+"""Names of gaits and columns in a style, and those that name nothing in a table or in its model."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any, Self
+
+import pandas as pd
+
+from gaitsweep import near_miss
+from gaitsweep.contract import Model, Outcome, Status
+from gaitsweep.extension import gait_styles
+from gaitsweep.plot.columns import OTHER, bare
+from gaitsweep.plot.figure_style import FigureStyle
+
+Unknown = tuple[tuple[str | int, ...], str]  # where in the style, and the end of the sentence
+
+
+@dataclasses.dataclass(frozen=True)
+class StyleNames:
+    """The names that a style may use: gaits, columns, and other texts that columns hold."""
+
+    gaits: Collection[str]
+    columns: Collection[str]
+    texts: Collection[str]
+
+    @classmethod
+    def of_model(cls, model: Model | None, columns: Collection[str]) -> Self:
+        """The names of a model, and of columns; of an unknown model the gaits of all extensions."""
+        outcomes = (*map(str, Outcome), OTHER)
+        if model is None:
+            return cls((*gait_styles(), *outcomes), columns, ())
+        known = (*model.parameters, *model.initial_conditions, *model.observables, *model.signals)
+        names = (*columns, *(quantity.name for quantity in known))
+        observed = (quantity.name for quantity in model.observables)  # what settled last may colour rows
+        return cls((*model.gaits, *outcomes), names, (*observed, *(status.name for status in Status)))
+
+    @classmethod
+    def of_table(cls, table: pd.DataFrame, model: Model | None) -> Self:
+        """The names of a table and of its model."""
+        columns = [*map(str, table.columns), *table.attrs.get("quantities", {})]
+        names = cls.of_model(model, [*columns, *map(bare, columns)])
+        texts = [
+            str(value)
+            for column in table.select_dtypes(["category", "object", "string"])
+            for value in (
+                table[column].cat.categories
+                if isinstance(table[column].dtype, pd.CategoricalDtype)
+                else table[column].unique()
+            )
+        ]
+        return cls(names.gaits, names.columns, (*names.texts, *texts))
+
+    def unknown(self, style: FigureStyle, *, shared: bool = False) -> Iterator[Unknown]:
+        """The names in a style's colours, order and labels that name nothing.
+
+        Args:
+            shared: whether the style is that of several tables, in which a name is wrong only if it is nearly
+                one of this table's, and no gait of an extension.
+        """
+        gaits = [*dict.fromkeys((*self.gaits, *(text for text in self.texts if text in gait_styles())))]
+        both = [*gaits, *dict.fromkeys(self.columns)]
+        for field, allowed, what in (
+            ("colours", gaits, "gait"),
+            ("order", gaits, "gait"),
+            ("labels", both, "column or gait"),
+        ):
+            written: Any = getattr(style, field) or ()
+            places = written if isinstance(written, Mapping) else range(len(written))
+            for place, name in zip(places, written, strict=True):
+                if name in allowed or name in self.texts:
+                    continue
+                if shared and (name in gait_styles() or near_miss.nearest(name, allowed) is None):
+                    continue
+                text = f"no {what} of this table or of its model"
+                text = f"is {name}, which is {text}" if isinstance(place, int) else f"names {text}"
+                yield (field, place), f"{text}{near_miss.suggestion(name, allowed)}"

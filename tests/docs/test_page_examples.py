@@ -1,0 +1,49 @@
+"""Files and axes that the pages show are those of a job that runs."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import gaitsweep as gs
+from gaitsweep.design.axes import AXIS_KINDS
+from tests.support import ROOT
+
+FENCE = re.compile(r"^```\w*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def test_the_job_reference_shows_each_axis() -> None:
+    page = (ROOT / "docs" / "job_reference.md").read_text()
+    text = FENCE.sub("", page)
+    assert [kind for kind in AXIS_KINDS if kind != "values" and f"{{{kind}: [" not in text] == []
+    starts = dict.fromkeys(("psi_1", "psi_2", "psi_3"), 1.0)
+    kappa = np.zeros(0)
+    for block in FENCE.findall(page):
+        vary = yaml.safe_load(block)["vary"]
+        fixed = {name: value for name, value in starts.items() if name not in {**vary, **vary.get("zip", {})}}
+        job = gs.Job(name="x", model="multilegged", vary=vary, start=fixed, run=gs.Settle())
+        kappa = job.design.values(0, job.design.n_rows)[0]["kappa"]
+    np.testing.assert_allclose(np.unique(kappa), 10.0 ** np.array([1.0, 1.5, 2.0, 2.5, 3.0]))
+
+
+def test_observables_and_hysteresis_of_an_own_class(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The classes and the job of docs/own_model.md, in files with the names in their first lines."""
+    for block in FENCE.findall((ROOT / "docs" / "own_model.md").read_text()):
+        if name := re.match(r"# (counted\.py|ordered\.py|history\.yaml)\n", block):
+            (tmp_path / name[1]).write_text(block)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    history = gs.run("history.yaml", "history", overrides=["verify=0", "figures=[]", "run.dwell=40"]).table
+    points = gs.hysteresis(history, "turns").transition_points
+    assert points["direction"].tolist() == ["falling"]  # it does not come back
+    np.testing.assert_allclose(points["size"], -1.0, atol=0.01)
+    assert history.loc[history["pass"] == 1, "gait"].eq("1:1").all()
+    ordered = gs.Job(
+        name="x", model="ordered:Ordered", start=dict.fromkeys(("psi_1", "psi_2", "psi_3"), 0.0),
+        run=gs.FixedTime(duration=1e-3), verify=0,
+    )  # fmt: skip
+    assert "order_end" in gs.run(ordered, "ordered").table.columns

@@ -1,0 +1,168 @@
+"""Stored programs of a model are used as long as nothing that decides them has changed."""
+
+from __future__ import annotations
+
+import importlib
+import itertools
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gaitsweep.cache_folder import cache_folder
+from gaitsweep.engine import stored_programs
+from gaitsweep.engine.content import depends_on, lasting_content
+from gaitsweep.engine.kernel.columns import over_rows
+from gaitsweep.engine.stored_programs import compiled_on_host, stored
+
+MODEL = """
+{imports}
+import jax.numpy as jnp
+import gaitsweep as gs
+from {beside} import STIFFNESS
+
+class Spring(gs.DeclaredModel):
+    q = gs.parameter("1/s", "rate", 1.0)
+    x = gs.variable("m", "position", 1.0)
+    v = gs.variable("m/s", "speed", 0.0)
+
+    def flow(self, p, s):
+        {statement}
+        return {{"x": s.v, "v": -(p.q**2) * STIFFNESS * s.x}}
+
+    @gs.event("v rises through 0", section=True)
+    def turns(self, p, s):
+        return s.v
+
+    def period(self, p):
+        return 2.0 * jnp.pi / p.q
+"""
+_NUMBERS = itertools.count()
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder from which modules are imported, beside a cache."""
+    monkeypatch.setenv("GAITSWEEP_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(stored_programs, "cache_folder", cache_folder)
+    monkeypatch.syspath_prepend(tmp_path)
+    return tmp_path
+
+
+def spring(folder: Path, imports: str = "", statement: str = "", stiffness: float = 1.0) -> Any:
+    """A model of a module, and of another one beside it."""
+    name = f"stored_spring_{next(_NUMBERS)}"
+    (folder / f"{name}_beside.py").write_text(f"STIFFNESS = {stiffness}\n")
+    text = MODEL.format(imports=imports, statement=statement, beside=f"{name}_beside")
+    (folder / f"{name}.py").write_text(text)
+    return importlib.import_module(name).Spring()
+
+
+READS = {
+    "environment": ("import os", "float(os.environ.get('STIFFNESS', '1'))"),
+    "clock": ("from time import time", "time()"),
+    "file": ("", "open('stiffness')"),
+    "array of a file": ("import numpy", "numpy.load('stiffness')"),
+    "import": ("", "import os"),
+    "computed name": ("", "getattr(gs, 'stiffness', 1.0)"),
+    "another package": ("import yaml", "yaml.safe_load('1.0')"),
+    "draw": ("import numpy", "numpy.random.default_rng().normal()"),
+}
+
+
+@pytest.mark.parametrize("name", READS)
+def test_models_that_read_what_no_digest_holds_are_not_stored(folder: Path, name: str) -> None:
+    assert lasting_content(spring(folder)) is not None
+    assert lasting_content(spring(folder, *READS[name])) is None
+
+
+def test_models_without_a_source_or_with_a_data_file_are_not_stored(folder: Path) -> None:
+    model = spring(folder)
+    of_session: Any = type("Spring", (type(model),), {"__module__": "__main__"})
+    assert lasting_content(of_session()) is None
+    depends_on(model, [folder / "table.csv"])
+    assert lasting_content(model) is None
+
+
+def test_an_edited_module_beside_a_model_is_another_content(folder: Path) -> None:
+    model = spring(folder)
+    before = lasting_content(model)
+    (folder / f"{type(model).__module__}_beside.py").write_text("STIFFNESS = 1.0  # edited\n")
+    assert lasting_content(model) not in (before, None)
+
+
+def test_results_are_stored_by_what_decides_them(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    model, calls = spring(folder), itertools.count()
+
+    def work_out() -> list[int]:
+        return [next(calls)]
+
+    assert stored("name", model, (1.0,), work_out) == stored("name", model, (1.0,), work_out) == [0]
+    assert stored("name", model, (2.0,), work_out) == [1]
+    assert stored("other", model, (1.0,), work_out) == [2]
+    assert stored("name", model, None, work_out) == [3]
+    monkeypatch.setattr(stored_programs, "_SOURCES", "another version")
+    assert stored("name", model, (1.0,), work_out) == [4]
+
+
+def test_damaged_entries_are_worked_out_again(folder: Path) -> None:
+    model, calls = spring(folder), itertools.count()
+    assert stored("name", model, (), lambda: next(calls)) == 0
+    (file,) = (folder / "cache" / "programs").iterdir()
+    for n, damaged in enumerate((b"", b"5", file.read_bytes()[:-1], b"\0" * 33), start=1):
+        file.write_bytes(damaged)
+        assert stored("name", model, (), lambda: next(calls)) == n
+
+
+def test_a_stored_program_has_the_same_bits(folder: Path) -> None:
+    model, x = spring(folder), np.random.default_rng(0).normal(size=(2, 50))
+
+    def function(values: Any) -> Any:
+        return {"a": model.period(model.params({"q": values["q"]})), "b": [values["x"] / 3.0, None]}
+
+    def compiled(values: Any) -> Any:
+        return values["q"] * values["x"] + values["x"] / 3.0
+
+    given = {"q": x[0], "x": x[1]}
+    traced = over_rows(function)(given)
+    for _ in range(2):
+        again = over_rows(function, "function", model)(given)
+        np.testing.assert_array_equal(again["a"], traced["a"])
+        np.testing.assert_array_equal(again["b"][0], traced["b"][0])
+    once, loaded = (compiled_on_host("compiled", model, (), compiled, (given,), 0)(given) for _ in range(2))
+    np.testing.assert_array_equal(once, loaded)
+    assert len(list((folder / "cache" / "programs").iterdir())) == 2
+
+
+SCRIPT = """
+import gaitsweep as gs
+from spring import Spring
+result = gs.sweep(Spring(), q=[0.5, 1.0, 2.0], x_0=1.0, run=gs.FixedTime(duration=3.0))
+print(result.table[["x_end", "v_end"]].to_numpy().tolist())
+"""
+
+
+def test_another_process_traces_nothing_and_an_edited_model_anew(tmp_path: Path) -> None:
+    def run(stiffness: float) -> tuple[int, str]:
+        """How often the flow was traced, and the table."""
+        (tmp_path / "beside.py").write_text(f"STIFFNESS = {stiffness}\n")
+        paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+        place = {**os.environ, "GAITSWEEP_CACHE": str(tmp_path / "cache"), "PYTHONPATH": paths}
+        command = [sys.executable, "-c", SCRIPT]
+        done = subprocess.run(command, cwd=tmp_path, env=place, check=True, capture_output=True, text=True)
+        *traced, table = done.stdout.splitlines()
+        assert set(traced) <= {"traced"}
+        return len(traced), table
+
+    text = MODEL.format(imports="", statement='print("traced")', beside="beside")
+    (tmp_path / "spring.py").write_text(text)
+    first, table = run(1.0)
+    assert first > 0
+    assert run(1.0) == (0, table)
+    edited, other = run(4.0)
+    assert edited > 0
+    assert other != table

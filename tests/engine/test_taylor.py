@@ -1,0 +1,248 @@
+"""Taylor's method: its coefficients are derivatives, its steps meet the tolerance, and no event is missed."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import gaitsweep as gs
+from gaitsweep import DeclaredModel, event, observable, parameter, variable
+from gaitsweep.engine.solver.taylor import bends_back, first_zero
+from gaitsweep.engine.solver.taylor_series import along
+from gaitsweep.examples.compass_walker import CompassWalker
+
+ORDER = 6
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Point:
+    x: jax.Array
+    y: jax.Array
+
+
+FUNCTIONS = {
+    "product": lambda x, y: x * y,
+    "quotient": lambda x, y: x / (2.0 + y),
+    "square": lambda x, y: jnp.square(x) + y**3 - y**-2,
+    "roots": lambda x, y: jnp.sqrt(2.0 + x) + jax.lax.rsqrt(2.0 + y) + jnp.cbrt(3.0 + x),
+    "powers": lambda x, y: (2.0 + x) ** 1.7 + 2.0**y,
+    "exponential": lambda x, y: jnp.exp(x) + jnp.expm1(y),
+    "logarithm": lambda x, y: jnp.log(2.0 + x) + jnp.log1p(y),
+    "circular": lambda x, y: jnp.sin(x) * jnp.cos(y) + jnp.arctan(x - y),
+    "hyperbolic": lambda x, y: jnp.sinh(x) + jnp.cosh(y) + jnp.tanh(x * y),
+    "logistic": lambda x, y: jax.nn.sigmoid(3.0 * x) - jax.nn.softplus(y),
+    "chosen": lambda x, y: jnp.where(x > 0.0, x * y, y) + jnp.maximum(x + 1.0, y**2) + jnp.minimum(x, -y),
+    "size": lambda x, y: jnp.abs(-x) + jnp.clip(y, -3.0, 3.0) + jnp.sign(x) * y,
+    "moved": lambda x, y: jnp.stack([x, y, x * y])[::-1].reshape(3, 1)[1:].sum() + jnp.array([x, y])[1],
+    "matrix": lambda x, y: jnp.array([[x, y], [1.0, x]]) @ jnp.array([y, 2.0 * x]) @ jnp.array([1.0, y]),
+    "indexed": lambda x, y: jnp.zeros(3).at[1].set(x * y)[jnp.array([1, 0])].sum(),
+}
+
+
+@functools.cache
+def coefficients() -> dict[str, list[jax.Array]]:
+    """The coefficients of all functions along one path, of one program."""
+    path = {
+        "x": [jnp.asarray(c) for c in (0.4, 0.3, -1.0)],
+        "y": [jnp.asarray(c) for c in (0.5, -0.7, 0.0, 0.2)],
+    }
+    start = Point(path["x"][0], path["y"][0])
+    return jax.jit(
+        lambda: {name: along(lambda s, f=f: f(s.x, s.y), start, path, ORDER) for name, f in FUNCTIONS.items()}
+    )()
+
+
+@functools.cache
+def values(radius: float = 0.2) -> tuple[np.ndarray, dict[str, jax.Array]]:
+    """Times, and the values of all functions on the path."""
+    t = radius * np.cos(np.pi * (np.arange(30) + 0.5) / 30)
+    x, y = 0.4 + 0.3 * t - t**2, 0.5 - 0.7 * t + 0.2 * t**3
+    return t, jax.jit(lambda x, y: {name: jax.vmap(f)(x, y) for name, f in FUNCTIONS.items()})(x, y)
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_coefficients_are_those_of_a_fitted_polynomial(name: str) -> None:
+    t, measured = values()
+    fitted = np.polynomial.Polynomial.fit(t, np.asarray(measured[name]), 18).convert().coef[: ORDER + 1]
+    # a coefficient of order k is fitted with an error of rounding / radius^k
+    error = 1e-11 * np.abs(measured[name]).max() * 0.2 ** -np.arange(ORDER + 1)
+    assert np.all(np.abs(np.asarray(coefficients()[name]) - fitted) < error)
+
+
+class Orbit(DeclaredModel):
+    """A planet on an ellipse of eccentricity 0.6, from its nearest point."""
+
+    mass = parameter("1", "mass of the star", 1.0)
+    x = variable("m", "place", 0.4)
+    y = variable("m", "place across")
+    u = variable("m/s", "speed")
+    v = variable("m/s", "speed across", 2.0)
+
+    def flow(self, p, s):
+        pull = p.mass * (s.x**2 + s.y**2) ** -1.5
+        return {"x": s.u, "y": s.v, "u": -pull * s.x, "v": -pull * s.y}
+
+    @observable("m", "distance")
+    def distance(self, p, s):
+        return jnp.hypot(s.x, s.y)
+
+    @event("passes its nearest point", section=True)
+    def nearest(self, p, s):
+        return s.x * s.u + s.y * s.v
+
+    def period(self, p):
+        return 2.0 * jnp.pi * jnp.ones(())
+
+
+@pytest.mark.parametrize("rtol", [1e-6, 1e-9, 1e-12])
+def test_an_orbit_closes_to_the_tolerance(rtol: float) -> None:
+    numerics = {"method": "taylor", "rtol": rtol, "atol": rtol}
+    found = gs.sweep(Orbit(), run={"kind": "settle", "max_cycles": 3, "tolerance": 1e-30}, numerics=numerics)
+    row = found.table.iloc[0]
+    # Kepler's third law; the error of three turns, of which each takes some 30 steps
+    assert abs(row["t_end"] - 6.0 * math.pi) < 100.0 * rtol
+    assert abs(row["x_end"] - 0.4) < 1000.0 * rtol
+
+
+class Peaks(DeclaredModel):
+    """A clock with a bell that rings while a wave is above its level, which is short."""
+
+    wave = parameter("rad/s", "frequency of the wave", 60.0)
+    level = parameter("1", "level of the bell", 0.99)
+    clock = variable("s", "time")
+    rings = variable("1", "number of rings")
+
+    @observable("1", "number of rings so far")
+    def count(self, p, s):
+        return s.rings
+
+    def flow(self, p, s):
+        return {"clock": jnp.ones(()), "rings": jnp.zeros(())}
+
+    @event("rings")
+    def ring(self, p, s):
+        return jnp.cos(p.wave * s.clock - 1.0) - p.level
+
+    @ring.jump
+    def counted(self, p, s):
+        return s.replace(rings=s.rings + 1.0)
+
+    @event("ends", section=True)
+    def end(self, p, s):
+        return s.clock - 1.0
+
+    @end.jump
+    def again(self, p, s):
+        return s.replace(clock=0.0)
+
+    def period(self, p):
+        return jnp.ones(())
+
+
+class Ball(DeclaredModel):
+    """A ball that bounces from a floor far from height 0, and whose take-offs are events too."""
+
+    base = parameter("m", "height of the floor", 1.0)
+    h = variable("m", "height", 2.0)
+    v = variable("m/s", "speed upwards")
+
+    @observable("m", "height")
+    def height(self, p, s):
+        return s.h
+
+    def flow(self, p, s):
+        return {"h": s.v, "v": -9.81}
+
+    @event("lands", section=True)
+    def lands(self, p, s):
+        return p.base - s.h
+
+    @lands.jump
+    def bounce(self, p, s):
+        return s.replace(v=-0.4 * s.v)
+
+    @event("takes off")
+    def takes_off(self, p, s):
+        return s.h - p.base
+
+    def period(self, p):
+        return jnp.ones(())
+
+
+@pytest.mark.parametrize("wave", [20.0, 60.0, 200.0])
+def test_no_short_event_is_missed(wave: float) -> None:
+    found = gs.sweep(
+        Peaks(),
+        wave=wave,
+        run={"kind": "settle", "max_cycles": 1, "tolerance": 1e-30},
+        numerics={"method": "taylor"},
+    )
+    assert (
+        found.table["count_end"].iloc[0] == math.floor((wave - 1.0 - math.acos(0.99)) / (2.0 * math.pi)) + 1
+    )
+
+
+def test_impacts_that_accumulate_stall_within_few_attempts() -> None:
+    """Flights become shorter than rounding of the heights: roots of polynomials that no guard reaches."""
+    found = gs.sweep(
+        Ball(),
+        run={"kind": "settle", "max_cycles": 3000},
+        numerics={"method": "taylor"},
+        verify=0,
+    )
+    assert found.table["status"].iloc[0] == "event_stall"
+    assert found.manifest["timings"]["attempts"] < 5000
+
+
+def test_zeros_within_a_step() -> None:
+    """Two zeros that the ends do not show are suspected; one that they show is found."""
+    h = jnp.asarray(1.0)
+    hidden = [jnp.asarray([c]) for c in (-0.24, 1.0, -1.0, 0.0, 0.0, 0.0, 0.0)]  # at 0.4 and 0.6
+    below = [jnp.asarray([c]) for c in (-1.26, 1.0, -1.0, 0.0, 0.0, 0.0, 0.0)]  # none
+    shown = [jnp.asarray([c]) for c in (-0.125, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)]  # at 0.5
+    unknown = [*below[:-1], jnp.asarray([0.1])]  # the last term is not small
+    assert bends_back(hidden, h)
+    assert not bends_back(below, h)
+    assert not bends_back(shown, h)
+    assert bends_back(unknown, h)
+    assert abs(first_zero(shown, h) - 0.5) < 1e-15
+    assert first_zero(below, h) == jnp.inf
+
+
+def test_a_walkers_steps_are_those_of_a_runge_kutta_pair() -> None:
+    tables = []
+    for method in ("tsit5", "taylor"):
+        found = gs.sweep(
+            CompassWalker(),
+            stance_rate_0=np.linspace(1.08, 1.1, 8),
+            run={"kind": "settle", "max_cycles": 20, "tolerance": 1e-30},
+            numerics={"method": method, "rtol": 1e-12, "atol": 1e-12},
+        )
+        tables.append(found.table[["stance_end", "stance_rate_end", "swing_rate_end", "t_end"]])
+    np.testing.assert_allclose(tables[1], tables[0], rtol=0.0, atol=1e-9)
+
+
+def test_a_flow_without_recurrence_is_refused() -> None:
+    class Odd(DeclaredModel):
+        rate = parameter("1", "rate", 1.0)
+        x = variable("1", "place")
+
+        @observable("1", "place")
+        def place(self, p, s):
+            return s.x
+
+        def flow(self, p, s):
+            return {"x": jax.scipy.special.erfinv(0.5 * p.rate * jnp.cos(s.x))}
+
+        def period(self, p):
+            return jnp.ones(())
+
+    with pytest.raises(gs.UserError, match="taylor, which has no recurrence for JAX's operation erf_inv in"):
+        gs.sweep(Odd(), run={"kind": "trace", "duration": 1.0, "every": 0.1}, numerics={"method": "taylor"})
