@@ -674,7 +674,12 @@ class _SectionCoordinates(Chart):
         fields, first = {}, 0
         for name, variable in self._variables():
             last = first + variable.size(self.model)
-            fields[name] = at[first:last].reshape(variable.shape(self.model))
+            value = at[first:last].reshape(variable.shape(self.model))
+            if variable.quantity.circular:
+                # coordinates are angles from 0 to 2 pi, but a phase that waits for its event may be beyond
+                own = getattr(modes, name)
+                value = value + (own - variable.read(own))
+            fields[name] = value
             first = last
         state = self.model.complete(params, modes.replace(**fields))
         return self.model._begun(params, state, crossed=True)

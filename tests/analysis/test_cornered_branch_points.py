@@ -128,6 +128,21 @@ class TwoLegs(gs.DeclaredModel):
         return jnp.ones(())
 
 
+def test_a_phase_that_waits_for_its_event_keeps_its_turn() -> None:
+    """With 2 pi + 0.07 a leg has not landed; with 0.07 it has."""
+    model = TwoLegs()
+    params = model.params({"k": jnp.asarray(0.1), "c": jnp.asarray(1.0)})
+    starts = {quantity.name: jnp.asarray(quantity.default) for quantity in model.initial_conditions}
+    state = model.init(params, starts).replace(phi=jnp.array([0.0, 2.0 * jnp.pi + 0.07]))
+    chart = model.chart()
+    assert chart is not None
+    at = chart.to_coordinates(params, state)
+    np.testing.assert_allclose(at, [0.0, 0.07], atol=1e-12)
+    again = chart.from_coordinates(params, at, state)
+    np.testing.assert_allclose(again.phi, state.phi, atol=1e-12)
+    assert again.down.tolist() == [True, False]
+
+
 @pytest.mark.slow
 def test_two_feet_that_land_at_once() -> None:
     """Phase difference x -> x - 2 k x + (2 c / pi) |x| x: a pitchfork at k = 0, by the sign of c.
@@ -136,11 +151,11 @@ def test_two_feet_that_land_at_once() -> None:
     landings and between the lift-offs.
     """
     for c, kind in ((1.0, "subcritical_pitchfork"), (-1.0, "supercritical_pitchfork")):
-        chain = gs.return_map(TwoLegs(), c=c, k=0.3)
+        chain = gs.return_map(TwoLegs(), c=c, k=0.1)
         starts = chain.settled({"phi_2_0": 0.02}, cycles=60)
         table = continuation(
-            chain.mapping, starts, {"c": c}, parameter="k", within=(-0.1, 0.3), begin=0.3, towards=-1,
-            crossing=True, steps=ArclengthSteps(most=12),
+            chain.mapping, starts, {"c": c}, parameter="k", within=(-0.1, 0.1), begin=0.1, towards=-1,
+            crossing=True, steps=ArclengthSteps(most=20),
         )  # fmt: skip
         at_zero = table[table["special"] != ""]
         assert at_zero["special"].tolist() == [kind]

@@ -82,11 +82,13 @@ def test_the_figure_of_a_thinned_table_has_a_remark(tmp_path: Path, monkeypatch:
     path = gs.run(tmp_path / "hops.yaml", tmp_path / "out").path
     whole, drawn = gs.load(path), []
 
+    draw_whole = gs.plot.draw
+
     def draw(kind: str, table: pd.DataFrame, **spec: Any) -> Figure:
-        drawn.append((table, gs.plot.draw(kind, table, **spec)))
+        drawn.append((table, draw_whole(kind, table, **spec)))
         return drawn[-1][1]
 
-    monkeypatch.setattr(figures, "draw", draw)
+    monkeypatch.setattr(gs.plot, "draw", draw)
     monkeypatch.setattr(figures, "thinned", functools.partial(thinned, most=50))
     figures.draw_figures(path)
     table, figure = drawn[0]
