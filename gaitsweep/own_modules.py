@@ -127,22 +127,22 @@ def _installed(folder: Path) -> bool:
     return folder in _package_folders() or folder.name in ("site-packages", "dist-packages")
 
 
-def _follow(name: str, folder: Path, top: str | None, files: dict[str, Path], seen: set[str]) -> None:
+def _follow(name: str, folder: Path, top: str | None, files: dict[str, Path], visited: set[str]) -> None:
     """Add a module after those that it imports; circular imports are visited once."""
-    if name in seen or (file := _file_of(name, folder)) is None:
+    if name in visited or (file := _file_of(name, folder)) is None:
         return
     if name.partition(".")[0] == _OURS or (top is not None and name.partition(".")[0] != top):
         return
-    seen.add(name)
+    visited.add(name)
     if "." in name:  # importing a module runs its parent packages first
-        _follow(name.rpartition(".")[0], folder, top, files, seen)
+        _follow(name.rpartition(".")[0], folder, top, files, visited)
     package = name if file.name == "__init__.py" else name.rpartition(".")[0]
     try:
         imported = _imports(file, stamp_of(file), package)
     except OSError:
         return
     for imported_name in imported:
-        _follow(imported_name, folder, top, files, seen)
+        _follow(imported_name, folder, top, files, visited)
     files[name] = file
 
 

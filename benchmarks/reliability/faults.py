@@ -83,7 +83,7 @@ FAULTS = {
         Fault("hind limbs' motors exchanged", _WAIST + "mechanics.py",
               "(7, 9, 12, 14), (8, 10, 13, 15)", "(7, 9, 14, 12), (8, 10, 15, 13)"),
         Fault("starts with the other limb ahead", _WAIST + "model.py",
-              'wanted = params, start["delta_13"]', 'wanted = params, -start["delta_13"]'),
+              'lead = params, start["delta_13"]', 'lead = params, -start["delta_13"]'),
         Fault("stride doubled", _WAIST + "state.py", "D, h = self.D * grown", "D, h = 2.0 * self.D * grown"),
         Fault("hips half as stiff", _WAIST + "mechanics.py",
               "-self.kappa_1 * (q", "-0.5 * self.kappa_1 * (q"),

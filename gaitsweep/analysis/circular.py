@@ -16,8 +16,8 @@ def is_circular(table: pd.DataFrame, name: str) -> bool:
 
     The name is looked up as it is, then without the suffix _n or _end of section observables.
     """
-    known = table.attrs.get("quantities", {})
-    entry = known.get(name) or known.get(re.sub(r"_(n|end)\Z", "", name)) or {}
+    quantities = table.attrs.get("quantities", {})
+    entry = quantities.get(name) or quantities.get(re.sub(r"_(n|end)\Z", "", name)) or {}
     circular = entry.get("circular")
     return bool(circular) if circular is not None else re.match(r"(psi|phi|delta)(_|\Z)", name) is not None
 
@@ -54,12 +54,13 @@ def branch_cut(angles: Float[np.ndarray, " angles"]) -> float:
     return float(places[last] + 0.5 * gaps[last] - TURN)
 
 
-def unwrap_from(angles: Float[np.ndarray, " angles"], origin: float) -> Float[np.ndarray, " angles"]:
-    """Angles (rad) in the turn that begins at `origin`.
+def unwrap_from(angles: Float[np.ndarray, " angles"], origin: float | None) -> Float[np.ndarray, " angles"]:
+    """Angles (rad) in the turn that begins at `origin`; unchanged without an origin, as other values have.
 
     Example:
         >>> import numpy as np, gaitsweep as gs
         >>> np.rad2deg(gs.analyses.unwrap_from(np.deg2rad([350.0, 10.0]), -np.pi)).round(6).tolist()
         [-10.0, 10.0]
     """
-    return origin + np.mod(np.asarray(angles, float) - origin, TURN)
+    values = np.asarray(angles, float)
+    return values if origin is None else origin + np.mod(values - origin, TURN)

@@ -74,7 +74,7 @@ def with_constants(
                 formula = f'{name} is the formula "{constants[name]}" in the job of a table'
                 raise AnalysisError(f"{formula}, and no number: name one of its parameters.")
         completed.append(table.assign(**{name: constants[name] for name in missing}))
-    swept = {", ".join(name for name in axes or axes_of(each) if name not in names) for each in several}
+    swept = {", ".join(name for name in axes or axes_of(table) if name not in names) for table in several}
     if len(swept) != 1:
         both = " and ".join(sorted(swept)) or "none"
         raise AnalysisError(f"The tables have different axes, {both}: name the constants in `by`, or `axes`.")
@@ -128,14 +128,17 @@ def outcome_labels(table: pd.DataFrame, label: str) -> pd.Series:
 def in_order(table: pd.DataFrame, label: str, labels: pd.Series) -> list[str]:
     """The outcomes that occur: in the order of the label's categories, rows without a label last."""
     kind = table[label].dtype
-    known = [str(category) for category in kind.categories] if isinstance(kind, pd.CategoricalDtype) else []
+    categories = (
+        [str(category) for category in kind.categories] if isinstance(kind, pd.CategoricalDtype) else []
+    )
     present = set(labels.unique())
-    others = sorted(present - set(known) - set(Outcome))
-    order = [*(name for name in known if name != Outcome.NO_GAIT), *others, *map(str, Outcome)]
+    others = sorted(present - set(categories) - set(Outcome))
+    order = [*(name for name in categories if name != Outcome.NO_GAIT), *others, *map(str, Outcome)]
     return [name for name in order if name in present]
 
 
 def _not_there(table: pd.DataFrame, name: str, constants: Iterable[str] = ()) -> str:
-    known = [*map(str, table.columns), *constants]
+    """The sentence about a name that is no column of a table, nor a constant of its job."""
+    allowed = [*map(str, table.columns), *constants]
     what = "a column of this table or a constant of its job" if constants else "a column of this table"
-    return f"{name} is not {what}{near_miss.suggestion(name, known)}"
+    return f"{name} is not {what}{near_miss.suggestion(name, allowed)}"

@@ -133,10 +133,10 @@ class Result:
             PlotError: a column is not there.
             WriteError: the file cannot be written.
         """
-        from gaitsweep.view.explorer.explorer import EXPLORE, explorer_of
+        from gaitsweep.view.explorer.explorer import EXPLORE, write_explorer
 
         target = self.path / EXPLORE if out is None else Path(out)
-        return explorer_of(self.table, target, x=x, y=y, replays=replays, max_size=max_size, trust=trust)
+        return write_explorer(self.table, target, x=x, y=y, replays=replays, max_size=max_size, trust=trust)
 
     def __repr__(self) -> str:
         where = "in memory" if self._path is None else f"in {self._path}"

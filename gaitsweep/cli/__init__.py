@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from gaitsweep.cli.analyse import Directory, Kept, print_table
+from gaitsweep.cli.analyse import GroupColumns, print_table
 from gaitsweep.cli.main import main
+from gaitsweep.cli.options import Directory
 
-__all__ = ["Directory", "Kept", "main", "print_table"]
+__all__ = ["Directory", "GroupColumns", "main", "print_table"]

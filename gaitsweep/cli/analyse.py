@@ -7,13 +7,17 @@ from __future__ import annotations
 
 import importlib
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 from typer.main import get_group
 
+from gaitsweep.cli.options import Directory
 from gaitsweep.extension import extensions
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class _Analyses(TyperGroup):
@@ -33,13 +37,9 @@ class _Analyses(TyperGroup):
 
 
 app = typer.Typer(
-    cls=_Analyses,
-    help="Analyse a table and print the results.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
+    cls=_Analyses, help="Analyse a table and print the results.", no_args_is_help=True, rich_markup_mode=None
 )
 
-Directory = Annotated[Path, typer.Argument(metavar="DIR", help="A result directory.")]
 Observable = Annotated[
     str | None,
     typer.Option("--observable", metavar="NAME", help="Observable at the section; by default the figure's."),
@@ -49,7 +49,7 @@ Parameter = Annotated[
     typer.Option("--parameter", metavar="NAME", help="Moving parameter; by default the job's."),
 ]
 
-Kept = Annotated[
+GroupColumns = Annotated[
     list[str] | None,
     typer.Option(
         "--by", metavar="COLUMN", help="Column whose values are analysed separately; may be repeated."
@@ -57,16 +57,23 @@ Kept = Annotated[
 ]
 
 
-def result_table(directory: Path) -> Any:
+def result_table(directory: Path) -> pd.DataFrame:
     """Load the table of a result directory."""
     from gaitsweep.table import load
 
     return load(directory)
 
 
-def print_table(found: Any, digits: int = 4, index: bool = False) -> None:
+def print_table(table: pd.DataFrame, digits: int = 4, index: bool = False) -> None:
     """Print a data frame, with numbers rounded to so many decimal places."""
-    print(found.round(digits).to_string(index=index))
+    print(table.round(digits).to_string(index=index))
+
+
+def _print_tables(*tables: pd.DataFrame) -> None:
+    """Print data frames, each with an empty line after it."""
+    for table in tables:
+        print_table(table)
+        print()
 
 
 @app.command()
@@ -89,14 +96,14 @@ def targets(
     """
     from gaitsweep.fitting.conflicts import conflicts
 
-    found = conflicts([result_table(directory) for directory in directories], within, target)
-    print(f"Number of sets, of {found.sets}, that meet both the target of the row and that of the column:")
-    print_table(found.together, index=True)
+    pairs = conflicts([result_table(directory) for directory in directories], within, target)
+    print(f"Number of sets, of {pairs.sets}, that meet both the target of the row and that of the column:")
+    print_table(pairs.together, index=True)
     print("\nSmallest miss of the column's target among the sets that meet the row's, in reading errors:")
-    print_table(found.nearest, 2, index=True)
+    print_table(pairs.nearest, 2, index=True)
     print(
-        f"\nLargest number of targets that a set meets: {len(found.most)} "
-        f"({', '.join(found.most) or 'none'}; {found.most_sets} of {found.sets} sets)."
+        f"\nLargest number of targets that a set meets: {len(pairs.most)} "
+        f"({', '.join(pairs.most) or 'none'}; {pairs.most_sets} of {pairs.sets} sets)."
     )
 
 
@@ -124,10 +131,10 @@ def summary(
     table = result_table(directory)
     require(table, *by, *(of or ()))
     groups = table.groupby(by, observed=True, dropna=False)
-    found = groups.size().rename("rows").to_frame()
+    counts = groups.size().to_frame("rows")
     for name in of or ():
-        found[[name, f"{name}_least", f"{name}_largest"]] = groups[name].agg(["median", "min", "max"])
-    print_table(found.reset_index(), 6)
+        counts[[name, f"{name}_least", f"{name}_largest"]] = groups[name].agg(["median", "min", "max"])
+    print_table(counts.reset_index(), 6)
 
 
 @app.command()
@@ -139,39 +146,35 @@ def attractors(directory: Directory) -> None:
     from gaitsweep.analysis.basins import attractors as analysis
 
     table = result_table(directory)
-    found = analysis.attractors(table)
-    print_table(found.summary)
+    groups = analysis.attractors(table)
+    print_table(groups.summary)
     if "gait" in table.columns:
-        share = analysis.agreement(table, found.column)
+        share = analysis.agreement(table, groups.column)
         print(f"{100 * share:.2f} % of the rows have the most frequent gait of their attractor.")
 
 
 @app.command()
-def basins(directory: Directory, by: Kept = None) -> None:
+def basins(directory: Directory, by: GroupColumns = None) -> None:
     """Print sizes and entropies of basins on a grid.
 
     Outcome fractions with intervals, basin entropies and the uncertainty exponent.
     """
     from gaitsweep.analysis.basins import measures
 
-    found = measures.basins(result_table(directory), by=by or ())
-    for records in (found.fractions, found.panels, found.uncertainty):
-        print_table(records)
-        print()
+    measured = measures.basins(result_table(directory), by=by or ())
+    _print_tables(measured.fractions, measured.panels, measured.uncertainty)
 
 
 @app.command()
-def wada(directory: Directory, by: Kept = None) -> None:
+def wada(directory: Directory, by: GroupColumns = None) -> None:
     """Print two tests of the Wada property of basins.
 
     They compare boundaries after merging, and count the basins in boxes of a grid.
     """
     from gaitsweep.analysis.basins import wada as tests
 
-    found = tests.wada(result_table(directory), by=by or ())
-    for records in (found.merging, found.boxes):
-        print_table(records)
-        print()
+    results = tests.wada(result_table(directory), by=by or ())
+    _print_tables(results.merging, results.boxes)
 
 
 @app.command()

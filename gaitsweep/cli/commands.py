@@ -47,10 +47,13 @@ JobFile = Annotated[
         help="Job file, or builtin:NAME of a shipped job (see `gaitsweep examples`).",
     ),
 ]
+DryRun = Annotated[
+    bool, typer.Option("--dry-run", help="Print the resources that the job would need, without running it.")
+]
 
 
-def _print_version(asked: bool) -> None:
-    if asked:
+def _print_version(requested: bool) -> None:
+    if requested:
         print(f"gaitsweep {version()}")
         raise typer.Exit
 
@@ -73,10 +76,7 @@ def run(
         str | None,
         typer.Option("--engine", metavar="NAME", help="auto, xla or kernel; by default the job's."),
     ] = None,
-    dry_run: Annotated[
-        bool,
-        typer.Option("--dry-run", help="Print the resources that the job would need, without running it."),
-    ] = False,
+    dry_run: DryRun = False,
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit with code 3 if the self-check warns.")
     ] = False,
@@ -115,7 +115,7 @@ def run(
     open_it: Open = False,
 ) -> None:
     """Run a job, or continue it, and write its table and figures."""
-    command = [str(each) for each in (job_file, out, settings, engine, strict)]
+    command = [str(argument) for argument in (job_file, out, settings, engine, strict)]
     stored = None if dry_run else stored_output.load_output(command)
     if stored is not None:
         print(stored[1], end="", file=sys.stderr)
@@ -164,9 +164,10 @@ def run(
         return
     # repairs are not reported again, and other tables or the user's modules may change
     lasting = all(sentence.startswith(("Warning: ", "engine: ")) for sentence in messages)
-    if lasting and not _leans_on_others(job):
+    if lasting and not _depends_on_other_files(job):
         sources = [job_file, *([] if job.config is None else [config_file(job.config, job_file.parent)])]
-        stored_output.store_output(command, sources, path, outcome, "".join(f"{each}\n" for each in messages))
+        errors = "".join(f"{sentence}\n" for sentence in messages)
+        stored_output.store_output(command, sources, path, outcome, errors)
 
 
 def _print_outcome(outcome: str, open_them: bool) -> None:
@@ -207,13 +208,14 @@ def _running(
         raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None  # SIGTERM brings its own
 
 
-def _leans_on_others(job: Job) -> bool:
+def _depends_on_other_files(job: Job) -> bool:
     """Whether a job's model or figures depend on files besides the job, its config and its directory."""
     shipped = type(job.design.model).__module__.startswith("gaitsweep.")
     return not shipped or any(getattr(figure, "with_table", None) is not None for figure in job.figures)
 
 
 def _stopped(name: str, out: Path | None) -> str:
+    """The sentence at the end of a run that was stopped."""
     from gaitsweep.runs.execute import RESULTS
     from gaitsweep.table import Snapshot, TableError
 
@@ -238,8 +240,7 @@ def plot(
     ] = [],  # noqa: B006 - typer does not change it
     dpi: Annotated[int | None, typer.Option("--dpi", help="Pixels per inch of png files (150).")] = None,
     colours: Annotated[
-        list[str],
-        typer.Option("--colour", metavar="GAIT=COLOUR", help="Colour of a gait; may be repeated."),
+        list[str], typer.Option("--colour", metavar="GAIT=COLOUR", help="Colour of a gait; may be repeated.")
     ] = [],  # noqa: B006 - typer does not change it
     panel_letters: Annotated[
         bool, typer.Option("--panel-letters", help="Write a, b, c, ... above panels.")
@@ -254,11 +255,15 @@ def plot(
     from gaitsweep.runs.figures import FigureError, draw_figures
     from gaitsweep.table import Snapshot
 
-    given = {"width": width, "height": height, "format": formats or None, "dpi": dpi}
-    given |= {"colours": dict(map(_named_colour, colours)) or None}
-    given |= {"panel_letters": panel_letters or None, "marks": False if no_marks else None}
-    style = read_style(**given)
-
+    style = read_style(
+        width=width,
+        height=height,
+        format=formats or None,
+        dpi=dpi,
+        colours=dict(map(_named_colour, colours)) or None,
+        panel_letters=panel_letters or None,
+        marks=False if no_marks else None,
+    )
     job = Snapshot.of(directory).job
     try:
         if "search" in job:
@@ -313,24 +318,20 @@ app.command()(models.check_model)
 @app.command()
 def check(
     job_files: Annotated[
-        list[Path],
-        typer.Argument(metavar="JOB.yaml...", parser=shipped_or_own, help="One or more jobs."),
+        list[Path], typer.Argument(metavar="JOB.yaml...", parser=shipped_or_own, help="One or more jobs.")
     ],
 ) -> None:
     """Check jobs without running them, and print one line for each."""
     from gaitsweep.job import JobError
 
-    bad = 0
+    valid = True
     for job_file in job_files:
         try:
             print(f"{job_file}: valid, {_size_of(job_file)}")
-        except JobError as error:
-            bad += 1
-            print(error, file=sys.stderr)
         except UserError as error:  # such as a package that a method needs; the other jobs are still checked
-            bad += 1
-            print(f"{job_file}: {error}", file=sys.stderr)
-    if bad:
+            valid = False
+            print(error if isinstance(error, JobError) else f"{job_file}: {error}", file=sys.stderr)
+    if not valid:
         raise typer.Exit(2)
 
 
@@ -424,34 +425,32 @@ def reproduce(
 
     table_of_claims = read_paper(paper)
     if claims is not None:
-        table_of_claims = table_of_claims.only(each.strip() for each in claims.split(","))
+        table_of_claims = table_of_claims.only(claim.strip() for claim in claims.split(","))
     from gaitsweep.claims.reproduce import reproduce as run_and_judge
     from gaitsweep.cli.progress import stoppable_progress
     from gaitsweep.errors import EXIT_FAILURE
     from gaitsweep.runs.self_check import SelfCheckError
 
     with stoppable_progress() as on_progress:
-        found = run_and_judge(
+        judged = run_and_judge(
             table_of_claims, out, quick=quick, on_progress=on_progress, on_message=print_message
         )
-    counts = found.counts
-    reproduced = counts[ClaimVerdict.reproduced.value]
-    of = f"{reproduced} of {len(found.table)} claim{'s' * (len(found.table) != 1)} reproduced"
-    others = [each for each in ClaimVerdict if each is not ClaimVerdict.reproduced and counts[each.value]]
-    print(", ".join([of, *(f"{counts[each.value]} {each.words}" for each in others)]) + ".")
-    if len(found.by_constants) > 1:
-        sets = ", ".join(f"{number} with {constants}" for constants, number in found.by_constants.items())
+    counts, total = judged.counts, len(judged.table)
+    others = [v for v in ClaimVerdict if v is not ClaimVerdict.reproduced and counts[v.value]]
+    texts = [f"{counts[ClaimVerdict.reproduced.value]} of {total} claim{'s' * (total != 1)} reproduced"]
+    print(", ".join([*texts, *(f"{counts[verdict.value]} {verdict.words}" for verdict in others)]) + ".")
+    if len(judged.by_constants) > 1:
+        sets = ", ".join(f"{number} with {constants}" for constants, number in judged.by_constants.items())
         print(f"Claims reproduced by simulation: {sets}.")
-    judged_claims: list[dict[str, str]] = found.table.to_dict(orient="records")
     for missed in (ClaimVerdict.not_reproduced, ClaimVerdict.open_constants):
-        for claim in (each for each in judged_claims if each["verdict"] == missed.value):
+        for claim in judged.table.loc[judged.table["verdict"] == missed.value].to_dict(orient="records"):
             unit = "" if claim["unit"] in ("", "1") else f" {claim['unit']}"
             ours = f"{claim['ours']}{unit}; paper: {claim['paper']}" if claim["ours"] else claim["why"]
-            turned = f"; {claim['why']}" if claim["ours"] and claim["why"] else ""
-            print(f"{claim['id']} ({missed.words}): {ours}{turned}")
-    print(f"Page: {found.page}")
-    print_links([found.page], open_it)
-    if found.failed:
+            why = f"; {claim['why']}" if claim["ours"] and claim["why"] else ""
+            print(f"{claim['id']} ({missed.words}): {ours}{why}")
+    print(f"Page: {judged.page}")
+    print_links([judged.page], open_it)
+    if judged.failed:
         raise typer.Exit(EXIT_FAILURE)
     if strict and counts[ClaimVerdict.not_reproduced.value]:
         raise typer.Exit(SelfCheckError.exit_code)
@@ -468,10 +467,7 @@ def search(
     out: Out = None,
     settings: Settings = None,
     cluster: ClusterAsForRun = None,
-    dry_run: Annotated[
-        bool,
-        typer.Option("--dry-run", help="Print the resources that the search would need, without running it."),
-    ] = False,
+    dry_run: DryRun = False,
     open_it: Open = False,
 ) -> None:
     """Search constants of a model that meet targets.
@@ -490,8 +486,8 @@ def search(
     from gaitsweep.fitting.search import run_search
 
     with _running(job.name, out, "sets", cluster=cluster) as (on_progress, workers):
-        found = run_search(job, out, on_progress=on_progress, on_message=print_message, cluster=workers)
-    _print_outcome(show_fits.search_outcome(found), open_it)
+        result = run_search(job, out, on_progress=on_progress, on_message=print_message, cluster=workers)
+    _print_outcome(show_fits.search_outcome(result), open_it)
 
 
 @app.command()
@@ -520,8 +516,8 @@ def sensitivity(
     from gaitsweep.fitting.sensitivity import run_sensitivity
 
     with _running(job.name, out, "sets", cluster=cluster) as (on_progress, workers):
-        found = run_sensitivity(job, out, on_progress=on_progress, on_message=print_message, cluster=workers)
-    _print_outcome(show_fits.sensitivity_outcome(found), open_it)
+        result = run_sensitivity(job, out, on_progress=on_progress, on_message=print_message, cluster=workers)
+    _print_outcome(show_fits.sensitivity_outcome(result), open_it)
 
 
 @app.command(name="schema")
@@ -538,10 +534,10 @@ def write_schema(
     text = json.dumps(schema(), indent=2, ensure_ascii=False) + "\n"
     if out is None:
         print(text, end="")
-    else:
-        try:
-            replace_file(out, lambda file: file.write(text.encode()))
-        except (OSError, ValueError) as error:  # ValueError: a name that no file can have
-            why = reason(error) if isinstance(error, OSError) else str(error)
-            raise WriteError(f"{out} could not be written: {why}.") from error
-        print(out)
+        return
+    try:
+        replace_file(out, lambda file: file.write(text.encode()))
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        why = reason(error) if isinstance(error, OSError) else str(error)
+        raise WriteError(f"{out} could not be written: {why}.") from error
+    print(out)

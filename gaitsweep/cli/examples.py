@@ -52,15 +52,15 @@ def examples(
 
     Without NAME they are listed, with the configs; with it they are copied.
     """
-    found = known_examples()
+    known = known_examples()
     if name is None:
-        _list(found)
+        _list(known)
         return
-    chosen = [each for each in found if name in (each.name, each.kind)]
+    chosen = [example for example in known if name in (example.name, example.kind)]
     if not chosen:
-        near = near_miss.suggestion(name, [*KINDS, *(each.name for each in found)])
+        near = near_miss.suggestion(name, [*KINDS, *(example.name for example in known)])
         raise ArgumentError(f"{name} is not an example{near}")
-    files = {file.name: _portable(file) for each in chosen for file in each.files}
+    files = {file.name: _portable(file) for example in chosen for file in example.files}
     for path in add_files(to, files):
         print(path)
 
@@ -76,10 +76,10 @@ def known_examples() -> list[Example]:
     notebooks = sorted(shipped("notebooks").glob("*.ipynb"))
     own = sorted(EXAMPLES.glob("*.yaml"))
     return [
-        *(Example(each.stem, "models", _with_its_files(each), _first_line(each)) for each in own),
-        *(Example(each.stem, "notebooks", (each,), _title(each)) for each in notebooks),
-        *(Example(each.stem, "jobs", (each,), _first_line(each)) for each in jobs),
-        *(Example(each.stem, "configs", (each,), _first_line(each)) for each in configs),
+        *(Example(job.stem, "models", _with_its_files(job), _first_line(job)) for job in own),
+        *(Example(file.stem, "notebooks", (file,), _title(file)) for file in notebooks),
+        *(Example(file.stem, "jobs", (file,), _first_line(file)) for file in jobs),
+        *(Example(file.stem, "configs", (file,), _first_line(file)) for file in configs),
     ]
 
 
@@ -89,15 +89,16 @@ def _with_its_files(job: Path) -> tuple[Path, ...]:
     return tuple(file for file in files if file.is_file())
 
 
-def _list(found: list[Example]) -> None:
+def _list(known: list[Example]) -> None:
+    """Print the names of examples by kind, each with its description."""
     width = shutil.get_terminal_size((140, 0)).columns  # that many where there is no terminal
     for kind in KINDS:
-        of_kind = [each for each in found if each.kind == kind]
+        of_kind = [example for example in known if example.kind == kind]
         print(f"{kind}: {_NOTES[kind]}")
-        names = max(len(each.name) for each in of_kind)
-        for each in of_kind:
-            about = textwrap.shorten(each.about, max(width - names - 4, 20), placeholder=" ...")
-            print(f"  {each.name:<{names}}  {about}".rstrip())
+        names = max(len(example.name) for example in of_kind)
+        for example in of_kind:
+            about = textwrap.shorten(example.about, max(width - names - 4, 20), placeholder=" ...")
+            print(f"  {example.name:<{names}}  {about}".rstrip())
         print()
     print("gaitsweep examples NAME --to DIR copies an example, gaitsweep examples models all models;")
     print(f"gaitsweep run {BUILTIN}NAME runs a job without a copy.")
@@ -119,5 +120,5 @@ def _first_line(file: Path) -> str:
 
 def _title(file: Path) -> str:
     """The title of a notebook."""
-    found = re.search(r'"# (.*?)(?:\\n)?"', file.read_text(encoding="utf-8"))
-    return found.group(1) if found else ""
+    title = re.search(r'"# (.*?)(?:\\n)?"', file.read_text(encoding="utf-8"))
+    return title.group(1) if title else ""

@@ -59,17 +59,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as stop:
         return getattr(stop, "exit_code", STOPPED)
     except UserError as error:
-        return _ended(error.sentence, error.exit_code)
+        return _report_error(error.sentence, error.exit_code)
     except typer.TyperException as error:
-        return _ended(error.format_message(), error.exit_code)
+        return _report_error(error.format_message(), error.exit_code)
     except Exception as error:
         if (sentence := _of_the_machine(error)) is None:
             raise  # a fault of the program
-        return _ended(sentence, EXIT_FAILURE)
+        return _report_error(sentence, EXIT_FAILURE)
     return code if isinstance(code, int) else 0
 
 
-def _ended(sentence: str, code: int) -> int:
+def _report_error(sentence: str, code: int) -> int:
     """Print an error message, and return the exit code; a full or closed stream is not used again."""
     for stream, text in ((sys.stderr, f"{sentence}\n" if sentence else ""), (sys.stdout, "")):
         try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 import keyword
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -53,7 +53,7 @@ def models(
     from gaitsweep.cli import show
 
     if name is None:
-        show.model_list([(known, registry.find(known)) for known in registry.names()])
+        show.model_list([(model, registry.find(model)) for model in registry.names()])
     else:
         show.model(name, registry.find(name))
 
@@ -68,7 +68,7 @@ def new_model(
 
     A hopper in a folder NAME: model, job, test and README.
     """
-    _write(to / name, name, {Path(each).name: each for each in _FILES})
+    _write(to / name, name, {Path(example).name: example for example in _FILES})
     print(f"Try it: cd {to / name} && gaitsweep run {name}.yaml && pytest")
 
 
@@ -97,10 +97,8 @@ def _write(folder: Path, name: str, files: Mapping[str, str]) -> None:
     _refuse_name(name)
     texts = {}
     for file, example in files.items():
-        text = (EXAMPLES / example).read_text(encoding="utf-8")
-        texts[file.replace(_TEMPLATE, name)] = text.replace(_TEMPLATE, name).replace(
-            _class_name(_TEMPLATE), _class_name(name)
-        )
+        text = (EXAMPLES / example).read_text(encoding="utf-8").replace(_TEMPLATE, name)
+        texts[file.replace(_TEMPLATE, name)] = text.replace(_class_name(_TEMPLATE), _class_name(name))
     write_folder(folder, texts)
     for file in texts:
         print(folder / file)
@@ -146,28 +144,28 @@ def check_model(
         raise ArgumentError(
             f"{name} has no MJCF: --against-c applies only to models that derive from MjcfModel."
         )
-    found = faults(kind)
-    for words in found:
-        print_message(f"The model is {name}, {words}")
-    if found:
-        raise typer.Exit(EXIT_REFUSED)
+    _refuse_faults(name, faults(kind))
     from gaitsweep.runs.trial import trial  # of a model without faults
 
-    tried = trial(kind)
-    for words in tried.faults:
-        print_message(f"The model is {name}, {words}")
-    if tried.faults:
-        raise typer.Exit(EXIT_REFUSED)
-    print(f"{name}: valid, {show.extent_of(kind())}")
+    tried, model = trial(kind), kind()
+    _refuse_faults(name, tried.faults)
+    print(f"{name}: valid, {show.extent_of(model)}")
     for remark in tried.remarks:
         print(remark)
-    model = kind()
     if against_c:
         assert isinstance(model, MjcfModel)
         _step_against_c(name, model, steps or _STEPS)
     else:
         for caveat in model.caveats():
             print_message(f"Warning: {caveat}")
+
+
+def _refuse_faults(name: str, faults: Sequence[str]) -> None:
+    """Print a sentence for each fault of a model, and exit with EXIT_REFUSED if there are any."""
+    for fault in faults:
+        print_message(f"The model is {name}, {fault}")
+    if faults:
+        raise typer.Exit(EXIT_REFUSED)
 
 
 def _step_against_c(name: str, model: MjcfModel, steps: int) -> None:
@@ -177,19 +175,20 @@ def _step_against_c(name: str, model: MjcfModel, steps: int) -> None:
 
     for caution in cautions(model.mjx_body.mj_model):
         print_message(f"Warning: {caution}")
-    found = compare(model, steps)
-    for parting in found.partings:
+    comparison = compare(model, steps)
+    for parting in comparison.partings:
         print_message(str(parting))
-    agree = found.starts - len(found.partings)
+    agree = comparison.starts - len(comparison.partings)
     print(
-        f"{name}: {agree} of {found.starts} motions of {steps} steps agree with MuJoCo C within 1e-5; the "
-        f"largest difference before a divergence is {found.largest:.1e}"
+        f"{name}: {agree} of {comparison.starts} motions of {steps} steps agree with MuJoCo C within 1e-5; "
+        f"the largest difference before a divergence is {comparison.largest:.1e}"
     )
-    if found.wrong:
+    if comparison.wrong:
         raise typer.Exit(EXIT_REFUSED)
 
 
 def _refuse_name(name: str) -> None:
+    """Refuse the name of a new model or paper that Python cannot import, or that another one has."""
     from gaitsweep import models as registry
 
     if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name):
@@ -201,6 +200,6 @@ def _refuse_name(name: str) -> None:
         )
     if name in registry.names():
         raise NewFilesError(f"A model named {name} comes with gaitsweep: choose another name.")
-    known = importlib.util.find_spec(name)
-    if known is not None and known.origin is not None:
+    installed = importlib.util.find_spec(name)
+    if installed is not None and installed.origin is not None:
         raise NewFilesError(f"A module named {name} is installed in this Python: choose another name.")

@@ -53,8 +53,8 @@ def add_files(folder: Path, files: Mapping[str, str]) -> list[Path]:
 
     paths = {folder / name: text.encode() for name, text in files.items()}
     for path, data in paths.items():
-        alike = path.is_file() and path.read_bytes() == data
-        if not alike and (path.exists() or path.is_symlink()):
+        identical = path.is_file() and path.read_bytes() == data
+        if not identical and (path.exists() or path.is_symlink()):
             raise NewFilesError(
                 f"{path} exists already with different contents: choose another folder with --to DIR."
             )

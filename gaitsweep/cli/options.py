@@ -25,16 +25,13 @@ ClusterAsForRun = Annotated[
 NewFolder = Annotated[
     Path,
     typer.Option(
-        "--to",
-        metavar="DIR",
-        help="Folder that will contain the folder NAME; by default the current one.",
+        "--to", metavar="DIR", help="Folder that will contain the folder NAME; by default the current one."
     ),
 ]
 Trust = Annotated[
     bool,
     typer.Option(
-        "--trust",
-        help="Allow running the code of your own model from DIR, or from the folder named in DIR.",
+        "--trust", help="Allow running the code of your own model from DIR, or from the folder named in DIR."
     ),
 ]
 

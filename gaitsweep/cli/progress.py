@@ -83,36 +83,36 @@ def stop_requests() -> Iterator[Callable[[], None]]:
     Its value is a function that raises KeyboardInterrupt or Terminated if a stop was requested. An exception
     raised by the signal handler itself could hit a library's callback, which may suppress it.
     """
-    asked: type[KeyboardInterrupt] | None = None
+    request: type[KeyboardInterrupt] | None = None
 
-    def obey() -> None:
-        if asked is not None:
-            raise asked
+    def raise_request() -> None:
+        if request is not None:
+            raise request
 
-    def note(number: int, frame: FrameType | None) -> None:
-        nonlocal asked
-        again = asked is not None
-        asked = Terminated if number == signal.SIGTERM else KeyboardInterrupt
+    def record(number: int, frame: FrameType | None) -> None:
+        nonlocal request
+        again = request is not None
+        request = Terminated if number == signal.SIGTERM else KeyboardInterrupt
         if again:
-            raise asked
+            raise request
 
     # only the main thread may handle signals; other threads keep Python's handlers
     main = threading.current_thread() is threading.main_thread()
-    before = {number: signal.signal(number, note) for number in _SIGNALS} if main else {}
+    handlers = {number: signal.signal(number, record) for number in _SIGNALS} if main else {}
     try:
-        yield obey
+        yield raise_request
     finally:
-        for number, handler in before.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler)
 
 
 @contextlib.contextmanager
 def stoppable_progress(unit: str = "rows") -> Iterator[RunProgress]:
     """A context that shows the progress of a run in rows or sets, and stops the run at Ctrl-C."""
-    with stop_requests() as obey, shown_progress(unit) as shown:
+    with stop_requests() as raise_request, shown_progress(unit) as shown:
 
         def on_progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
-            obey()
+            raise_request()
             shown(done, total, rate, fraction, note)
 
         yield on_progress

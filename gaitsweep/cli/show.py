@@ -71,13 +71,13 @@ def shares(by_status: Mapping[str, int]) -> str:
 def stalled(stalls: Mapping[str, Mapping[str, Any]]) -> str:
     """Format the guards that stalled rows, and times: "3 event_stall: leg 2 touches or lifts, t = 1.25 s"."""
     texts = []
-    for names, found in stalls.items():
+    for guards, stall in stalls.items():
         when = ""
         for key, words in (("t", "t ="), ("after", "after t =")):
-            span = [f"{each:.6g}" for each in found.get(key, [])]
+            span = [f"{t:.6g}" for t in stall.get(key, [])]
             if span:
                 when = f", {words} {' to '.join(dict.fromkeys(span))} s"
-        texts.append(f"{found.get('rows', 0)} {Status.event_stall.name}: {names}{when}")
+        texts.append(f"{stall.get('rows', 0)} {Status.event_stall.name}: {guards}{when}")
     return "; ".join(texts)
 
 
@@ -86,11 +86,11 @@ def unsettled(slowest: Mapping[str, int]) -> str:
     return ", ".join(f"{name} in {rows} row{'s' * (rows != 1)}" for name, rows in slowest.items())
 
 
-def axes(known: Sequence[Mapping[str, Any]]) -> str:
+def axes(of_job: Sequence[Mapping[str, Any]]) -> str:
     """Format the axes with their numbers of points: "psi_2 (99) x psi_1 (99)"."""
     return " x ".join(
         f"{' and '.join(axis['names'])} ({axis['length']}{', drawn' if axis['drawn'] else ''})"
-        for axis in known
+        for axis in of_job
     )
 
 
@@ -119,11 +119,12 @@ def outcome(snapshot: Snapshot) -> str:
         lines.insert(1, f"Rows did not settle because of {unsettled(slowest)}.")
     if snapshot.counts and not set(snapshot.counts) & Status.SOUND:
         worst = next(iter(snapshot.counts))
-        known = worst in Status.__members__
-        meaning = status_sentence(worst, snapshot.job) if known else "This version does not know this status."
+        meaning = "This version does not know this status."
+        if worst in Status.__members__:
+            meaning = status_sentence(worst, snapshot.job)
         lines.insert(1, f"No row ended normally. {worst}: {meaning}")
-    if isinstance(found := snapshot.manifest.get("self_check"), dict):
-        lines.append(self_check_sentence(found))
+    if isinstance(check := snapshot.manifest.get("self_check"), dict):
+        lines.append(self_check_sentence(check))
     lines.extend(remarks(snapshot.manifest))
     lines.extend(f"Figure: {figure}" for figure in snapshot.figures)
     return "\n".join(lines)
@@ -181,9 +182,9 @@ def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:
     return lines
 
 
-def model_list(known: Iterable[tuple[str, type[Model]]]) -> None:
-    """Print the registered models."""
-    rows = [(name, (kind.__doc__ or "").strip().splitlines()[0], kind.source) for name, kind in known]
+def model_list(models: Iterable[tuple[str, type[Model]]]) -> None:
+    """Print the names and descriptions of models."""
+    rows = [(name, (kind.__doc__ or "").strip().splitlines()[0], kind.source) for name, kind in models]
     _print_table("", ("model", "description", "source"), rows)
 
 
@@ -196,7 +197,7 @@ def extent_of(model: Model) -> str:
         "signal": model.signals,
         "gait": model.gaits,
     }
-    return ", ".join(f"{len(each)} {name}{'s' * (len(each) != 1)}" for name, each in counts.items())
+    return ", ".join(f"{len(items)} {name}{'s' * (len(items) != 1)}" for name, items in counts.items())
 
 
 def model(name: str, kind: type[Model]) -> None:
@@ -212,9 +213,9 @@ def model(name: str, kind: type[Model]) -> None:
     if structure:
         _print_table("structure (one value per job)", ("name", "default", "allowed", "meaning"), structure)
     columns = ("name", "unit", "default", "allowed", "meaning", "source")
-    _print_table("parameters", columns, [quantity(each) for each in instance.parameters])
+    _print_table("parameters", columns, [quantity(parameter) for parameter in instance.parameters])
     idle = idle_starts(instance)
-    starts = [quantity(each)[:5] for each in instance.initial_conditions if each.name not in idle]
+    starts = [quantity(start)[:5] for start in instance.initial_conditions if start.name not in idle]
     _print_table("start", columns[:5], starts)
     for title, quantities in (
         ("observables", instance.observables),
@@ -222,9 +223,8 @@ def model(name: str, kind: type[Model]) -> None:
         ("label fields", instance.label_fields),
     ):
         if quantities:
-            _print_table(
-                title, ("name", "unit", "meaning"), [(q.name, q.unit, q.meaning) for q in quantities]
-            )
+            rows = [(q.name, q.unit, q.meaning) for q in quantities]
+            _print_table(title, ("name", "unit", "meaning"), rows)
     console.print(f"\ngaits: {', '.join(kind.gaits)}", highlight=False, markup=False)
 
 
@@ -234,22 +234,23 @@ def structure_field(field: dataclasses.Field[Any]) -> tuple[str, str, str, str]:
     return field.name, str(field.default), _bounds(field.metadata), meaning
 
 
-def quantity(of: Quantity) -> tuple[str, ...]:
+def quantity(q: Quantity) -> tuple[str, ...]:
     """Name, unit, default, allowed values, meaning and source of a quantity."""
-    if of.default is None:
+    if q.default is None:
         default = "required"
-    elif isinstance(of.default, float) and math.isnan(of.default):
+    elif isinstance(q.default, float) and math.isnan(q.default):
         default = "the model's"
     else:
-        default = plain(of.default)
-    low, high = of.low, of.high
-    left, right = "()" if of.open_ends else "[]"
-    left, right = left if math.isfinite(low) else "(", right if math.isfinite(high) else ")"
-    allowed = "" if math.isinf(low) and math.isinf(high) else f"{left}{low:g}, {high:g}{right}"
-    return of.name, of.unit, default, allowed, of.meaning, of.source
+        default = plain(q.default)
+    left = "(" if q.open_ends or math.isinf(q.low) else "["
+    right = ")" if q.open_ends or math.isinf(q.high) else "]"
+    bounded = math.isfinite(q.low) or math.isfinite(q.high)
+    allowed = f"{left}{q.low:g}, {q.high:g}{right}" if bounded else ""
+    return q.name, q.unit, default, allowed, q.meaning, q.source
 
 
 def _bounds(metadata: Mapping[str, object]) -> str:
+    """The allowed values of a structure field: a list, or an interval."""
     allowed = metadata.get("allowed")
     if isinstance(allowed, tuple):
         return ", ".join(map(str, allowed))
@@ -258,10 +259,12 @@ def _bounds(metadata: Mapping[str, object]) -> str:
 
 
 def _console() -> Console:
+    """A console of the terminal's width, or of a fixed one where the output is no terminal."""
     return Console() if sys.stdout.isatty() else Console(width=_PIPED_WIDTH)
 
 
 def _print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table below its title; long cells are folded, but for names."""
     console = _console()
     if title:
         console.print(f"\n{title}", highlight=False, style="bold")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import pandas as pd
@@ -43,15 +44,15 @@ def search_estimate(needs: SearchEstimate) -> str:
     return aligned(lines)
 
 
-def search_outcome(found: SearchResult) -> str:
+def search_outcome(result: SearchResult) -> str:
     """Format the result of a search: sets by status, the best one, its targets, and each constant's range."""
-    counts = ", ".join(f"{status.among(found.table).sum()} {status}" for status in SetStatus)
-    lines = [f"{len(found.table)} sets: {counts}."]
-    if found.path is not None:
-        lines.append(f"Table: {found.path / 'table'}")
-    near = found.identifiability
+    counts = ", ".join(f"{status.among(result.table).sum()} {status}" for status in SetStatus)
+    lines = [f"{len(result.table)} sets: {counts}."]
+    if result.path is not None:
+        lines.append(f"Table: {result.path / 'table'}")
+    near = result.identifiability
     if not len(near.best):
-        most = found.table["why"].value_counts().head(_REASONS)
+        most = result.table["why"].value_counts().head(_REASONS)
         why = [f"  {count} sets: {reason}" for reason, count in most.items()]
         return "\n".join([*lines, "No set has a value for every target. Most frequent reasons:", *why])
     best: dict[str, Any] = near.best.iloc[0].to_dict()
@@ -66,34 +67,29 @@ def search_outcome(found: SearchResult) -> str:
             f"scores up to {NEAR:g} times the lowest:"
         )
     constants = [
-        (
-            each.name,
-            *each.words,
-            f"{100 * each.spread:.0f} %",
-            each.verdict,
-        )
-        for each in near.constants
+        (constant.name, *constant.words, f"{100 * constant.spread:.0f} %", constant.verdict)
+        for constant in near.constants
     ]
     lines.append(_table(("constant", "best", "near-best", "share of range", ""), constants))
     targets = []
-    for name, target in found.job.targets.items():
+    half = result.finalists
+    for name, target in result.job.targets.items():
         low, high = target.value.wanted
         wanted = f"{low:g}" if low == high else f"{low:g} to {high:g}"
-        kept = "held back" if target.value.held_back else ""
-        half = found.finalists
+        wanted = f"{wanted} +- {target.value.error:g}"
         at_half = "" if half is None else f"{half.iloc[0][f'{name}_half']:.5g}"
-        miss = f"{best[f'{MISS}{name}']:+.2f}"
+        held_back = "held back" if target.value.held_back else ""
         targets.append(
-            (name, f"{wanted} +- {target.value.error:g}", f"{best[name]:.5g}", at_half, miss, kept)
+            (name, wanted, f"{best[name]:.5g}", at_half, f"{best[f'{MISS}{name}']:+.2f}", held_back)
         )
-    lines.append(
-        _table(("target", "wanted", "best set", "at half the step", "miss in reading errors", ""), targets)
-    )
-    lines += [f"Figure: {figure}" for figure in found.figures]
+    head = ("target", "wanted", "best set", "at half the step", "miss in reading errors", "")
+    lines.append(_table(head, targets))
+    lines += [f"Figure: {figure}" for figure in result.figures]
     return "\n".join(lines)
 
 
 def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    """Format rows in columns below their heads."""
     table = Table(box=None, pad_edge=False, show_header=True, header_style="")
     for name in head:
         table.add_column(name)
@@ -104,18 +100,18 @@ def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     return "\n".join(line.rstrip() for line in text.getvalue().rstrip().splitlines())
 
 
-def sensitivity_outcome(found: Sensitivity) -> str:
+def sensitivity_outcome(result: Sensitivity) -> str:
     """Format sets by status, and the indices of each output, the most important parameter first."""
-    status = found.table["status"].astype(str).value_counts()
+    status = result.table["status"].astype(str).value_counts()
     by_status = {str(name): int(number) for name, number in status.items() if number}
-    lines = [f"{len(found.table)} sets: {counts(by_status)}."]
-    for output, indices in found.indices.groupby("output", sort=False):
+    lines = [f"{len(result.table)} sets: {counts(by_status)}."]
+    for output, indices in result.indices.groupby("output", sort=False):
         lines += ["", *_of_output(str(output), indices)]
-    if found.half_step is not None and not found.half_step.many:  # else it was a warning
-        lines += ["", found.half_step.sentence]
-    if found.path is not None:
+    if result.half_step is not None and not result.half_step.many:  # else it was a warning
+        lines += ["", result.half_step.sentence]
+    if result.path is not None:
         files = {"Table": TABLE, "Indices": INDICES_FILE, "Figure": f"{FIGURES}/{FIGURE}"}
-        lines += ["", *(f"{name}: {found.path / file}" for name, file in files.items())]
+        lines += ["", *(f"{name}: {result.path / file}" for name, file in files.items())]
     return "\n".join(lines)
 
 
@@ -124,14 +120,12 @@ def _of_output(output: str, indices: pd.DataFrame) -> list[str]:
     first = indices.iloc[0]
     units = {str(unit) for unit in indices["unit"]} - {"1"}
     unit = f" ({units.pop()})" if len(units) == 1 else ""
-    known = set(indices["index"][indices["value"].notna()])  # why others have no value stands below
-    names = [name for name in INDICES[first["method"]] if name in known]
+    with_value = set(indices["index"][indices["value"].notna()])  # why others have no value stands below
+    names = [name for name in INDICES[first["method"]] if name in with_value]
     rows = [["", *names]]
     for parameter, own in indices.groupby("parameter", sort=False):
-        by_index = {each["index"]: each for each in own.to_dict("records")}
-        rows.append(
-            [str(parameter), *(_number(by_index[name]) if name in by_index else "" for name in names)]
-        )
+        texts = {record["index"]: _number(record) for record in own.to_dict("records")}
+        rows.append([str(parameter), *(texts.get(name, "") for name in names)])
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     rows_used = "" if first["method"] == "one_at_a_time" else f", {first['rows']} rows"
     lines = [f"{output}{unit}, {first['method']}{rows_used}"]
@@ -142,7 +136,7 @@ def _of_output(output: str, indices: pd.DataFrame) -> list[str]:
     return [*lines, *(f"  {note}." for note in dict.fromkeys(indices["note"]) if note)]
 
 
-def _number(index: dict) -> str:
+def _number(index: Mapping[Any, Any]) -> str:
     """Format the value of an index, with half its 95 % interval if known."""
     if math.isnan(index["value"]):
         return "-"

@@ -64,7 +64,7 @@ def store_output(
         files = {name: _digest(Path(name)) for name in names}
         state = {"folder": str(folder), "files": files, "program": _program()}
         store_cached(file, json.dumps({**state, "printed": printed, "errors": errors}).encode())
-        for old in sorted(file.parent.glob("*.json"), key=lambda each: each.stat().st_mtime)[:-_MOST]:
+        for old in sorted(file.parent.glob("*.json"), key=lambda output: output.stat().st_mtime)[:-_MOST]:
             old.unlink()
 
 
@@ -74,7 +74,7 @@ def _output_file(command: Sequence[str]) -> Path | None:
     if folder is None:
         return None
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    device = [socket.gethostname(), cores, *(os.environ.get(each) for each in _DEVICE_VARIABLES)]
+    device = [socket.gethostname(), cores, *map(os.environ.get, _DEVICE_VARIABLES)]
     key = json.dumps([list(command), str(Path.cwd()), device])
     return folder / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.json"
 

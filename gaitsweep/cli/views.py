@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -13,7 +13,7 @@ from gaitsweep.cli.options import Directory, Open, Trust, print_links, print_mes
 
 
 def animate(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Result directory.")],
+    directory: Directory,
     row: Annotated[int, typer.Option("--row", metavar="N", help="Number of the row.")] = 0,
     out: Annotated[
         Path | None,
@@ -72,51 +72,35 @@ def animate(
     from gaitsweep.plot import PlotError
     from gaitsweep.view import row_movie as movie
 
+    options: dict[str, Any] = {"row": row, "renderer": renderer, "lift": lift, "trust": trust}
+    options["on_message"] = print_message
+    if size is not None:
+        options["size"] = _size(size)
     if still is not None:
-        moving = {"--start": start, "--seconds": seconds, "--speed": speed, "--fps": fps}
-        given = [name for name, value in moving.items() if value is not None]
-        if given:
-            raise PlotError(
-                f"--still draws a single picture, to which {given[0]} does not apply: remove one of the two."
-            )
-        path = movie.write_still(
-            directory,
-            out,
-            row=row,
-            at=still,
-            size=movie.STILL_SIZE if size is None else _size(size),
-            renderer=renderer,
-            lift=lift,
-            trust=trust,
-            on_message=print_message,
-        )
+        of_movie = {"--start": start, "--seconds": seconds, "--speed": speed, "--fps": fps}
+        for name, value in of_movie.items():
+            if value is not None:
+                raise PlotError(
+                    f"--still draws a single picture, to which {name} does not apply: remove one of the two."
+                )
+        path = movie.write_still(directory, out, at=still, **options)
     else:
+        if fps is not None:
+            options["fps"] = fps
         began = time.monotonic()
         with shown_progress("frames") as shown:
 
             def on_progress(done: int, total: int) -> None:
                 shown(done, total, done / max(time.monotonic() - began, 1e-9), done / total, "")
 
-            path = movie.write_movie(
-                directory,
-                out,
-                row=row,
-                start=start,
-                seconds=seconds,
-                speed=speed,
-                fps=25.0 if fps is None else fps,
-                size=movie.SIZE if size is None else _size(size),
-                renderer=renderer,
-                lift=lift,
-                trust=trust,
-                on_progress=on_progress,
-                on_message=print_message,
-            )
+            options |= {"start": start, "seconds": seconds, "speed": speed, "on_progress": on_progress}
+            path = movie.write_movie(directory, out, **options)
     print(path)
     print_links([path], open_it)
 
 
 def _size(text: str) -> tuple[int, int]:
+    """The width and height of `--size WxH`."""
     from gaitsweep.plot import PlotError
 
     match = re.fullmatch(r"\s*(\d{1,6})\s*[xX×]\s*(\d{1,6})\s*", text)
@@ -156,19 +140,14 @@ def explore(
     The page is written into the result directory.
     """
     from gaitsweep.cli.progress import shown_progress
-    from gaitsweep.view.explorer.explorer import write_explorer
+    from gaitsweep.table import load
+    from gaitsweep.view.explorer.explorer import EXPLORE, write_explorer
+    from gaitsweep.view.explorer.plotly_source import require_plotly
 
+    require_plotly()  # before a large table is read
+    table, target = load(directory), out or directory / EXPLORE
+    options: dict[str, Any] = {"x": x, "y": y, "replays": replays, "max_size": max_size, "trust": trust}
     with shown_progress("starts") as on_progress:
-        path = write_explorer(
-            directory,
-            out,
-            x=x,
-            y=y,
-            replays=replays,
-            max_size=max_size,
-            trust=trust,
-            on_progress=on_progress,
-            on_message=print_message,
-        )
-    print(path)
-    print_links([path], open_it)
+        write_explorer(table, target, **options, on_progress=on_progress, on_message=print_message)
+    print(target)
+    print_links([target], open_it)

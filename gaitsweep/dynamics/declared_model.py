@@ -52,15 +52,15 @@ _RESTING = 1.0e-9
 
 def _record(model: type, name: str, fields: Any) -> type:
     """A frozen dataclass of arrays with these fields that JAX knows, as an attribute of the model's class."""
-    made = dataclasses.make_dataclass(
+    record = dataclasses.make_dataclass(
         name,
         [(field, jax.Array) for field in fields],
         frozen=True,
         namespace={"replace": _replaced, "__getattr__": _unknown},
     )
-    made.__module__, made.__qualname__ = model.__module__, f"{model.__qualname__}.{name}"
-    made.__doc__ = f"The {'parameters' if name == 'Params' else 'variables and modes'} of {model.__name__}."
-    return jax.tree_util.register_dataclass(made, data_fields=list(fields), meta_fields=[])
+    record.__module__, record.__qualname__ = model.__module__, f"{model.__qualname__}.{name}"
+    record.__doc__ = f"The {'parameters' if name == 'Params' else 'variables and modes'} of {model.__name__}."
+    return jax.tree_util.register_dataclass(record, data_fields=list(fields), meta_fields=[])
 
 
 def _replaced(self: Any, **changes: Any) -> Any:
@@ -432,11 +432,11 @@ class DeclaredModel(Declared, HybridModel):
 
         With `crossed`, a state on the surface of a section is just behind its crossing.
         """
-        seen = _Surfaces(self, params, state)
+        surfaces = _Surfaces(self, params, state)
         unit = self.period(params)
         modes = []
         for event in self._armed():
-            surface, rate = seen.of(event), seen.rate(event)
+            surface, rate = surfaces.of(event), surfaces.rate(event)
             turned = False if crossed and event.is_section else self._turned(event, params, state)
             band = surface.band(jnp.zeros(()), unit, rate) if crossed else surface.rounding
             modes.append(surface.begun(band, rate, turned))
@@ -458,13 +458,13 @@ class DeclaredModel(Declared, HybridModel):
         return state
 
     def guards(self, params: Any, state: Any, /) -> Float[Array, " guards"]:
-        seen = _Surfaces(self, params, state)
+        surfaces = _Surfaces(self, params, state)
         guards: list[jax.Array] = []
         for place, event in zip(self._places(), self.single_events(), strict=True):
             if place is None:
                 values = [event.height(self, params, state)]
             else:
-                values = [*seen.of(event).guards(_at(state.arming, place))]
+                values = [*surfaces.of(event).guards(_at(state.arming, place))]
             guards += [jnp.where(event.within(state), value, -1.0) for value in values]
         return jnp.stack(guards) if guards else jnp.zeros((0,))
 
@@ -499,9 +499,9 @@ class DeclaredModel(Declared, HybridModel):
         The jump is applied where the surface was crossed, and the time since then is made up for. Otherwise
         a jump that sets a variable would lose that time, and clocks that strike together would come apart.
         """
-        seen = _Surfaces(self, params, state)
+        surfaces = _Surfaces(self, params, state)
         unit = self.period(params)
-        late = jax.lax.stop_gradient(seen.of(event).late(seen.rate(event), unit))
+        late = jax.lax.stop_gradient(surfaces.of(event).late(surfaces.rate(event), unit))
         late = jnp.where(late <= CORRECTED * unit, late, 0.0)
         after = event.jumped(self, params, self._moved(params, state, -late))
         return self._moved(params, after, late), _Surfaces(self, params, after).rate(event)
@@ -685,6 +685,6 @@ class _SectionCoordinates(Chart):
         return self.model._begun(params, state, crossed=True)
 
     def _variables(self) -> list[tuple[str, Variable]]:
-        every, feet = self.model._named(Variable), self.model._feet()
-        moving = [name for name in every if feet is None or name != feet.clock]
-        return [(name, every[name]) for name in self.model.section_coordinates or moving]
+        variables, feet = self.model._named(Variable), self.model._feet()
+        moving = [name for name in variables if feet is None or name != feet.clock]
+        return [(name, variables[name]) for name in self.model.section_coordinates or moving]

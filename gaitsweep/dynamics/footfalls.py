@@ -21,11 +21,7 @@ from gaitsweep.contract import Model, Quantity
 from gaitsweep.skeleton import LimbLook
 
 # The legs that have names of gaits: left and right, fore and hind, or from the first pair to the last.
-LEGS = {
-    2: ("L", "R"),
-    4: ("LF", "RF", "LH", "RH"),
-    6: ("L1", "R1", "L2", "R2", "L3", "R3"),
-}
+LEGS = {2: ("L", "R"), 4: ("LF", "RF", "LH", "RH"), 6: ("L1", "R1", "L2", "R2", "L3", "R3")}
 GAITS = {
     2: ("walk", "run", "hop", "none"),
     4: (
@@ -103,8 +99,8 @@ def refuse_legs(legs: Sequence[str]) -> None:
     Raises:
         ValueError: with those that have them.
     """
-    if sorted(legs) not in [sorted(known) for known in LEGS.values()]:
-        allowed = "; ".join(", ".join(known) for known in LEGS.values())
+    if sorted(legs) not in [sorted(named) for named in LEGS.values()]:
+        allowed = "; ".join(", ".join(named) for named in LEGS.values())
         raise ValueError(f"legs is {', '.join(map(str, legs))}: allowed are, in any order, {allowed}.")
 
 
@@ -242,8 +238,8 @@ class Footfalls:
         """
         down = jnp.asarray(self.function(model, params, state))
         if down.shape != (len(self.legs),) or down.dtype != bool:
-            wanted = f"return ({len(self.legs)},) of bool, one for each of {', '.join(self.legs)}"
-            raise ValueError(f"footfalls returns {down.shape} of {down.dtype}, but must {wanted}")
+            required = f"return ({len(self.legs)},) of bool, one for each of {', '.join(self.legs)}"
+            raise ValueError(f"footfalls returns {down.shape} of {down.dtype}, but must {required}")
         return down
 
     def after(
@@ -254,17 +250,17 @@ class Footfalls:
         now = getattr(after, self.clock)
         landed, changed = steps.landed + reset, steps.changed + reset
         lands, lifts = down & ~was, was & ~down
-        known = steps.landings >= 1
+        landed_before = steps.landings >= 1
         feet = jnp.arange(len(self.legs) + 1) == jnp.sum(was)
         moved = jnp.any(lands | lifts)
         spent = steps.spent + jnp.where(feet & moved, now - changed, 0.0)
-        stride = jnp.where(known[0], now - landed[0], 0.0)
+        stride = jnp.where(landed_before[0], now - landed[0], 0.0)
         share = jnp.where(stride > 0.0, spent / jnp.where(stride > 0.0, stride, 1.0), 0.0)
         return Steps(
             steps.landings + lands.astype(jnp.int32),
             jnp.where(lands, now, landed),
-            jnp.where(lands & known, now - landed, steps.strides),
-            jnp.where(lifts & known, now - landed, steps.stances),
+            jnp.where(lands & landed_before, now - landed, steps.strides),
+            jnp.where(lifts & landed_before, now - landed, steps.stances),
             jnp.where(moved, now, changed),
             jnp.where(lands[0], 0.0, spent),
             jnp.where(lands[0], share, steps.support),
@@ -273,8 +269,8 @@ class Footfalls:
     def observed(self, model: Model, params: Any, state: Any, steps: Steps) -> dict[str, Float[Array, ""]]:
         """The observables by name; lags and strides are 0 before two touchdowns."""
         stride = steps.strides[0]
-        whole = jnp.where(stride > 0.0, stride, 1.0)
-        lag = jnp.where(stride > 0.0, (steps.landed - steps.landed[0]) / whole, 0.0)
+        divisor = jnp.where(stride > 0.0, stride, 1.0)
+        lag = jnp.where(stride > 0.0, (steps.landed - steps.landed[0]) / divisor, 0.0)
         lag = 2.0 * jnp.pi * (lag - jnp.floor(lag))
         # a foot that has not landed for longer stands still, or is held up
         steps_on = (steps.strides > 0.0) & (getattr(state, self.clock) - steps.landed <= 1.5 * stride)

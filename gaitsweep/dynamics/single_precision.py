@@ -43,18 +43,18 @@ def worked_in(dtype: Any, function: Callable[..., Any]) -> Callable[..., Any]:
 def _evaluated(closed: core.ClosedJaxpr, inputs: Sequence[Any]) -> list[Any]:
     """The outputs of a jaxpr whose float64 operations are done in float32."""
     program = closed.jaxpr
-    known: dict[Any, Any] = dict(zip(program.invars, inputs, strict=True))
-    known |= dict(zip(program.constvars, [_single(constant) for constant in closed.consts], strict=True))
+    values_of: dict[Any, Any] = dict(zip(program.invars, inputs, strict=True))
+    values_of |= dict(zip(program.constvars, [_single(constant) for constant in closed.consts], strict=True))
 
     def read(atom: Any) -> Any:
-        return _single(atom.val) if isinstance(atom, core.Literal) else known[atom]
+        return _single(atom.val) if isinstance(atom, core.Literal) else values_of[atom]
 
     for equation in program.eqns:
-        values = [read(atom) for atom in equation.invars]
+        operands = [read(atom) for atom in equation.invars]
         params = equation.params
         inner = params.get("jaxpr", params.get("call_jaxpr"))
         if equation.primitive.name in ("pjit", "jit", "closed_call", "custom_jvp_call"):
-            outputs = _evaluated(inner, values)
+            outputs = _evaluated(inner, operands)
         elif any(isinstance(p, core.Jaxpr | core.ClosedJaxpr) for p in jax.tree.leaves(params)):
             raise ValueError(
                 f"{equation.primitive.name} cannot be evaluated in float32 inside a float64 program. "
@@ -62,9 +62,9 @@ def _evaluated(closed: core.ClosedJaxpr, inputs: Sequence[Any]) -> list[Any]:
             )
         else:
             typed = {name: _single_dtype(value) for name, value in params.items()}
-            outputs = equation.primitive.bind(*values, **typed)
+            outputs = equation.primitive.bind(*operands, **typed)
             outputs = outputs if equation.primitive.multiple_results else [outputs]
-        known |= dict(zip(equation.outvars, outputs, strict=True))
+        values_of |= dict(zip(equation.outvars, outputs, strict=True))
     return [read(atom) for atom in program.outvars]
 
 
@@ -76,6 +76,7 @@ def _single(value: Any) -> Any:
 
 
 def _double(value: Any) -> Any:
+    """A float32 array or scalar as float64."""
     return jnp.asarray(value, _DOUBLE) if getattr(value, "dtype", np.dtype(bool)) == _SINGLE else value
 
 

@@ -40,12 +40,7 @@ class CompassWalker(DeclaredModel):
         stance = weight * jnp.sin(s.stance) + sine * s.swing_rate**2
         swing = -p.m * p.b * p.g * jnp.sin(s.swing) - sine * s.stance_rate**2
         stance, swing = _solved(mass, coupling, coupling, p.m * p.b**2, stance, swing)
-        return {
-            "stance": s.stance_rate,
-            "swing": s.swing_rate,
-            "stance_rate": stance,
-            "swing_rate": swing,
-        }
+        return {"stance": s.stance_rate, "swing": s.swing_rate, "stance_rate": stance, "swing_rate": swing}
 
     @event("heel strikes", section=True)
     def strike(self, p, s):

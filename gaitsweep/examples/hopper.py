@@ -42,9 +42,9 @@ class Hopper(DeclaredModel):
 
     def label(self, p, at):
         turns = at["launch"] * p.omega / (jnp.pi * p.g)  # of the oscillator during a hop
-        whole = jnp.round(turns)
-        even = (jnp.abs(turns - whole) < 1e-3) & (whole >= 1) & (whole <= 3)
-        return {"gait": jnp.where(even, whole - 1, 3).astype(int)}
+        per_hop = jnp.round(turns)
+        even = (jnp.abs(turns - per_hop) < 1e-3) & (per_hop >= 1) & (per_hop <= 3)
+        return {"gait": jnp.where(even, per_hop - 1, 3).astype(int)}
 
     def period(self, p):
         return 2.0 * p.push / (1.0 - p.restitution) / p.g  # no hop is longer

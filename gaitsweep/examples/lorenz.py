@@ -25,11 +25,7 @@ class Lorenz(DeclaredModel):
     z = variable("1", "distortion of the profile of temperature", 1.0)
 
     def flow(self, p, s):
-        return {
-            "x": p.sigma * (s.y - s.x),
-            "y": s.x * (p.rho - s.z) - s.y,
-            "z": s.x * s.y - p.b * s.z,
-        }
+        return {"x": p.sigma * (s.y - s.x), "y": s.x * (p.rho - s.z) - s.y, "z": s.x * s.y - p.b * s.z}
 
     @event("z falls through rho - 1", section=True)
     def falls(self, p, s):

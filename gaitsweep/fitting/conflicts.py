@@ -47,11 +47,11 @@ def conflicts(
     misses = np.concatenate([np.abs(table[[f"{MISS}{name}" for name in names]]) for table in tables])
     met = misses <= within
     counts = met.T.astype(np.int64) @ met
-    known = np.where(misses < FAILED_MISS, misses, np.inf)
-    nearest = np.array([known[meets].min(axis=0, initial=np.inf) for meets in met.T])
+    with_value = np.where(misses < FAILED_MISS, misses, np.inf)
+    nearest = np.array([with_value[meets].min(axis=0, initial=np.inf) for meets in met.T])
     # the largest number of targets, and of the combinations of so many the most frequent one
-    many = met.sum(axis=1)
-    best, frequent = np.unique(met[many == many.max(initial=0)], axis=0, return_counts=True)
+    targets_met = met.sum(axis=1)
+    best, frequent = np.unique(met[targets_met == targets_met.max(initial=0)], axis=0, return_counts=True)
     most = best[frequent.argmax()] if len(best) else np.zeros(len(names), bool)
     return Conflicts(
         sets=len(met),
@@ -62,7 +62,8 @@ def conflicts(
     )
 
 
-def _targets(tables: Sequence[pd.DataFrame], wanted: Sequence[str] | None) -> list[str]:
+def _targets(tables: Sequence[pd.DataFrame], chosen: Sequence[str] | None) -> list[str]:
+    """The chosen targets of searches, by default all; refuses tables with different targets."""
     target_names = [
         [str(column).removeprefix(MISS) for column in table.columns if str(column).startswith(MISS)]
         for table in tables
@@ -74,7 +75,7 @@ def _targets(tables: Sequence[pd.DataFrame], wanted: Sequence[str] | None) -> li
             raise ArgumentError(
                 f"The searches have different targets: {', '.join(target_names[0])} and {', '.join(names)}."
             )
-    for name in wanted or ():
+    for name in chosen or ():
         if name not in target_names[0]:
             raise ArgumentError(f"{name} is not a target of the search{suggestion(name, target_names[0])}")
-    return list(wanted or target_names[0])
+    return list(chosen or target_names[0])

@@ -78,12 +78,12 @@ def _saltelli(dimension: int, n: int, seed: int) -> np.ndarray:
 
 
 def _one_at_a_time(ranges: Mapping[str, FreeParameter], base: Mapping[str, float]) -> SensitivityDesign:
+    """The job itself, then the ends and the middle of each range that differ from the job's value."""
     rows = [dict(base)]
     places = {}
     for name, parameter in ranges.items():
-        low, middle, high = parameter.at(np.array([0.0, 0.5, 1.0])).tolist()
         numbers = []
-        for value in (low, middle, high):
+        for value in parameter.at(np.array([0.0, 0.5, 1.0])).tolist():
             if np.isclose(value, base[name], rtol=1e-12, atol=0.0):
                 numbers.append(0)  # the job itself
             else:

@@ -53,9 +53,12 @@ def estimate_search(job: SearchJob) -> SearchEstimate:
     middle = {
         name: free.at(np.array([0.5]))[0] for name, free in job.free.items() if name not in job.fit.structure
     }
-    batches = [_Batch.of(part, structure, middle, together) for part in population.parts]
-    known = [batch for batch in batches if batch is not None]
-    if not known:
+    batches = [
+        batch
+        for part in population.parts
+        if (batch := _Batch.of(part, structure, middle, together)) is not None
+    ]
+    if not batches:
         return SearchEstimate(job.options.budget, together, 0, 0, 0.0, 0.0, 0.0, None)
     # whole batches, each with the rows of the sample
     sets = math.ceil(job.options.budget / together) * together
@@ -65,12 +68,12 @@ def estimate_search(job: SearchJob) -> SearchEstimate:
         together=together,
         rows_of_a_set=rows,
         rows_of_neighbours=near,
-        steps=sum(batch.steps for batch in known) * job.options.budget,
-        seconds=sum(batch.estimate.compile_s + sets * batch.seconds for batch in known),
+        steps=sum(batch.steps for batch in batches) * job.options.budget,
+        seconds=sum(batch.estimate.compile_s + sets * batch.seconds for batch in batches),
         seconds_most=sum(
-            batch.estimate.compile_s + sets * batch.seconds_most * (1.0 + near / rows) for batch in known
+            batch.estimate.compile_s + sets * batch.seconds_most * (1.0 + near / rows) for batch in batches
         ),
-        batch=known[0].estimate,
+        batch=batches[0].estimate,
     )
 
 

@@ -97,19 +97,18 @@ class ClusterRows:
     def __call__(self, job: Job, on_progress: OnProgress) -> pd.DataFrame:
         began = time.perf_counter()
         block = max(_FEWEST_ROWS, job.design.n_rows // (4 * max(self._cluster.workers.most, _WORKERS)))
-        one = job.model_copy(update={"engine": job.engine.model_copy(update={"block": block})})
+        batch = job.model_copy(update={"engine": job.engine.model_copy(update={"block": block})})
 
         def on_job_progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
             if on_progress is not None:
                 on_progress(SweepProgress(done, total, fraction, 0, time.perf_counter() - began))
 
-        name = hashlib.sha256(json.dumps(one.resolved(), sort_keys=True).encode()).hexdigest()[:16]
+        name = hashlib.sha256(json.dumps(batch.resolved(), sort_keys=True).encode()).hexdigest()[:16]
         # a client that was killed may have left another batch
-        for left in self._path.iterdir() if self._path.is_dir() else ():
-            if left.name != name:
-                shutil.rmtree(left, ignore_errors=True)
-        table = load(
-            run_job(one, self._path / name, on_progress=on_job_progress, figures=False, cluster=self._cluster)
-        )
+        for folder in self._path.iterdir() if self._path.is_dir() else ():
+            if folder.name != name:
+                shutil.rmtree(folder, ignore_errors=True)
+        options: dict[str, Any] = {"on_progress": on_job_progress, "figures": False, "cluster": self._cluster}
+        table = load(run_job(batch, self._path / name, **options))
         shutil.rmtree(self._path)
         return table

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -28,6 +28,7 @@ from gaitsweep.schema.strict_model import Registry, StrictModel, kind_of
 from gaitsweep.shipped import job_file
 
 T = TypeVar("T", bound=StrictModel)
+R = TypeVar("R")
 MEASURES: Registry[Measure] = Registry(
     "measure",
     [Value, Edge, Share, Coexistence, Order, Prominence, Failures, FixedPoint, Transition, GaitSequence],
@@ -45,7 +46,7 @@ def by_name(value: Any, takes: str, path: FieldPath, wrong: list[Diagnostic]) ->
 
 def read_free(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> dict[str, FreeParameter]:
     """Read the free constants by name; errors are added to `wrong`."""
-    read = {}
+    free = {}
     for name, written in by_name(value, "constants by name, such as kappa: {low: 1, high: 2}", path, wrong):
         if isinstance(written, list) and len(written) == 2:  # [low, high] is short for it
             written = {"low": written[0], "high": written[1]}
@@ -54,9 +55,9 @@ def read_free(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> dict[str,
             text = f"is {quoted(written)}, but takes [low, high], or fields. {allowed}"
             wrong.append(Diagnostic((*path, name), text))
             continue
-        if (part := read_model(FreeParameter, written, (*path, name), wrong)) is not None:
-            read[name] = part
-    return read
+        if (parameter := read_model(FreeParameter, written, (*path, name), wrong)) is not None:
+            free[name] = parameter
+    return free
 
 
 def read_measure(
@@ -108,18 +109,17 @@ def read_settings(
     written: Mapping[str, Any],
     wrong: list[Diagnostic],
 ) -> T | None:
-    """Read the settings of a search or an analysis, which stand in `field` beside the fields `beside`.
+    """Read the settings of a search or an analysis, which stand in `field` beside `other_fields`.
 
     Errors are added to `wrong`.
     """
-    rest = {key: value for key, value in written.items() if key not in other_fields}
-    for key in [key for key in rest if key not in part.model_fields]:
-        wrong.append(unknown_field((field, str(key)), field, [*other_fields, *part.model_fields]))
-        del rest[key]
-    return read_model(part, rest, (field,), wrong)
+    allowed = [*other_fields, *part.model_fields]
+    wrong.extend(unknown_field((field, str(key)), field, allowed) for key in written if key not in allowed)
+    settings = {key: value for key, value in written.items() if key in part.model_fields}
+    return read_model(part, settings, (field,), wrong)
 
 
-def read_file(path: str | Path, overrides: Sequence[str], read: Any) -> Any:
+def read_file(path: str | Path, overrides: Sequence[str], read: Callable[[Any, Path], R]) -> R:
     """Apply `read(data, folder)` to a YAML file with overrides; errors get file and line.
 
     Raises:

@@ -21,12 +21,7 @@ from gaitsweep.job.config import Config
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec
 from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.kinds.run_kind import RunKind, table_columns
-from gaitsweep.schema.diagnostics import (
-    Diagnostic,
-    JobError,
-    quoted,
-    refuse,
-)
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, refuse
 from gaitsweep.schema.diagnostics import Path as FieldPath
 
 # Fields of a job that have no place beside sets of constants.
@@ -37,12 +32,12 @@ _WITHOUT = ("vary", "figures")
 class FitJob:
     """A job without `vary`, its free constants, and the measures of each set of them.
 
-    `given` is the job as written, without the field `field` (search or sensitivity) that holds the rest;
+    `written` is the job as written, without the field `field` (search or sensitivity) that holds the rest;
     `config` is the same with the fields of its config.
     """
 
     field: str
-    given: dict[str, Any]
+    written: dict[str, Any]
     folder: Path
     free: dict[str, FreeParameter]
     measures: dict[str, Measure]
@@ -51,7 +46,7 @@ class FitJob:
 
     @property
     def name(self) -> str:
-        return str(self.given.get("name"))
+        return str(self.written.get("name"))
 
     def path_of(self, measure: str) -> tuple[str, str, str]:
         """Return the path of a measure in the job."""
@@ -88,28 +83,24 @@ class FitJob:
         }
         return self._job_with({**middle, **structure})
 
-    def own_values(self, known: Mapping[str, Any] | str) -> dict[str, Any]:
+    def own_values(self, constants: Mapping[str, Any] | str) -> dict[str, Any]:
         """Return the value of each free constant in a set of which some are known.
 
         Args:
-            known: constants by name, or a config that has them; others have the job's own value, or the
-                model's default. What shapes the model is the job's, whatever the config says, unless it is
-                free.
+            constants: the known ones by name, or a config that has them; others have the job's own value, or
+                the model's default. What shapes the model is the job's, whatever the config says, unless it
+                is free.
 
         Raises:
             JobError: the model does not allow a name or a value, or a value without default is missing.
         """
-        if isinstance(known, str):
-            job = self._job_with({}, config=known)
+        if isinstance(constants, str):
+            job = self._job_with({}, config=constants)
         else:
-            refuse(
-                [
-                    Diagnostic((name,), f"is not free here{near_miss.suggestion(name, self.free)}")
-                    for name in known
-                    if name not in self.free
-                ]
-            )
-            job = self._job_with(known)
+            unknown = [name for name in constants if name not in self.free]
+            hints = {name: near_miss.suggestion(name, self.free) for name in unknown}
+            refuse([Diagnostic((name,), f"is not free here{hint}") for name, hint in hints.items()])
+            job = self._job_with(constants)
         values = job.design.row(0)
         return {
             name: values[name] if name in values else getattr(job.design.model, name) for name in self.free
@@ -117,7 +108,7 @@ class FitJob:
 
     def _job_with(self, values: Mapping[str, Any], config: str | None = None) -> Job:
         """Return the job with values of constants, starts and structure, and with `config` if given."""
-        data = copy.deepcopy(self.given)
+        data = copy.deepcopy(self.written)
         if config is not None:
             data["config"] = config
             # a constant of this structure may be none of the config's
@@ -191,17 +182,17 @@ def read_fit_job(
             job = fit.job_of(structure)
         except JobError as error:
             raise _at_the_choices(error, fit) from None
-        of_the_job = table_columns(job.design, job.run)
+        columns_of_job = table_columns(job.design, job.run)
         for name, measure in measures.items():
-            path, columns = fit.path_of(name), of_the_job
+            path, columns = fit.path_of(name), columns_of_job
             if (run := measure.own_run) is not None:
                 columns = _columns_of_run(fit, structure, run, (*path, "run"), wrong)
             method = job.integration.method
             if measure.on_map and (refusal := derivative_refusal(method, job.design.model)) is not None:
                 text = f"is fixed_point, but by {method} a return map has no derivative: {refusal}"
                 wrong.append(Diagnostic((*path, "kind"), text))
-            if (bad := measure.field_error(columns, job.design.model)) is not None:
-                key, text = bad
+            if (error := measure.field_error(columns, job.design.model)) is not None:
+                key, text = error
                 wrong.append(Diagnostic((*path, key), text))
         refuse(wrong)
     return fit
@@ -242,7 +233,7 @@ def check_constants(fit: FitJob) -> list[Diagnostic]:
             continue
         for field in ("params", "start"):
             # a search takes the job's value or a range of a constant; a sensitivity needs both
-            if fit.field == "search" and name in (fit.given.get(field) or {}):
+            if fit.field == "search" and name in (fit.written.get(field) or {}):
                 text = f"is free, but {field}.{name} fixes it: take one of the two out."
                 wrong.append(Diagnostic(path, text))
         quantity = fit.spec.quantities[name]
@@ -281,6 +272,7 @@ def _at_the_choices(error: JobError, fit: FitJob) -> JobError:
 
 
 def _free_field(fit: FitJob) -> str:
+    """The field of a job that contains the free constants."""
     return "free" if fit.field == "search" else "parameters"
 
 
@@ -290,9 +282,8 @@ def check_measures(fit: FitJob) -> list[Diagnostic]:
     for name, measure in fit.measures.items():
         lacking = sorted(fit.without_default - set(measure.at))
         if lacking:
-            text = (
-                f"does not set {' and '.join(lacking)}, which the job does not fix and which has no default."
-            )
+            names = " and ".join(lacking)
+            text = f"does not set {names}, which the job does not fix and which has no default."
             wrong.append(Diagnostic((*fit.path_of(name), "at"), text))
         for condition, values in measure.at.items():
             path = (*fit.path_of(name), "at", condition)
@@ -304,7 +295,7 @@ def check_measures(fit: FitJob) -> list[Diagnostic]:
                 wrong.append(Diagnostic(path, "is free, but every measure sets it: leave it to one of them."))
             else:
                 quantity = fit.spec.quantities[condition]
-                bad = [value for value in values if not inside(np.array([value]), quantity)[0]]
-                if bad:
-                    wrong.append(Diagnostic(path, f"is {bad[0]:g}, but {requirement(quantity)}."))
+                outside = np.array(values)[~inside(np.array(values), quantity)]
+                if outside.size:
+                    wrong.append(Diagnostic(path, f"is {outside[0]:g}, but {requirement(quantity)}."))
     return wrong

@@ -45,16 +45,16 @@ class FixedPoint(Measure):
         points, reached = mapping.settled(starts, values, self.settle)
         fixed = newton(mapping, points, values, fix=self.fix)
         measured = np.full(n, np.nan)
-        known = np.flatnonzero(fixed.converged & (reached == ReturnStatus.crossed))
-        if known.size:
+        converged = np.flatnonzero(fixed.converged & (reached == ReturnStatus.crossed))
+        if converged.size:
             images = fixed.images
             if self.of_ in images.observed:
-                measured[known] = np.asarray(images.observed[self.of_], float)[known]
+                measured[converged] = np.asarray(images.observed[self.of_], float)[converged]
             else:
                 names = [quantity.name for quantity in mapping.conserved]
-                conserved = images.conserved_jacobian[known][:, [names.index(name) for name in self.fix]]
-                size = np.abs(multipliers(images.jacobian[known], conserved))
-                measured[known] = size[:, 0] if self.of_ == _MULTIPLIER else (size > 1.0).sum(axis=1)
+                conserved = images.conserved_jacobian[converged][:, [names.index(name) for name in self.fix]]
+                size = np.abs(multipliers(images.jacobian[converged], conserved))
+                measured[converged] = size[:, 0] if self.of_ == _MULTIPLIER else (size > 1.0).sum(axis=1)
         why = np.where(np.isnan(measured), "no fixed point found", "")
         return Measured(measured, why)
 

@@ -108,17 +108,17 @@ def identifiability(table: pd.DataFrame, search: Search) -> Identifiability:
     misses = np.abs(sound[[f"{MISS}{name}" for name in search.counted]].to_numpy())
     fits = (misses <= 1.0).all(axis=1)
     near = fits if fits.any() else sound["score"].to_numpy() <= NEAR * sound["score"].iloc[0]
-    chosen = sound.iloc[np.flatnonzero(near)]
-    constants = tuple(_constant(name, free, sound, chosen) for name, free in search.free.items())
-    return Identifiability(chosen, int(fits.sum()), constants)
+    near_best = sound.iloc[np.flatnonzero(near)]
+    constants = tuple(_constant(name, free, sound, near_best) for name, free in search.free.items())
+    return Identifiability(near_best, int(fits.sum()), constants)
 
 
-def _constant(name: str, free: FreeParameter, sound: pd.DataFrame, chosen: pd.DataFrame) -> Constant:
-    values = chosen[name].tolist()
+def _constant(name: str, free: FreeParameter, sound: pd.DataFrame, near_best: pd.DataFrame) -> Constant:
+    """The identifiability of a constant, from the sound and the near-best sets, each sorted by score."""
+    values = near_best[name].tolist()
     shares = free.share(free.written(values))
     low, high = values[int(np.argmin(shares))], values[int(np.argmax(shares))]
     profile = np.full(PARTS, np.nan)
-    everywhere = free.share(free.written(sound[name].tolist()))
-    parts = np.minimum((everywhere * PARTS).astype(int), PARTS - 1)
-    np.fmin.at(profile, parts, sound["score"].to_numpy())
-    return Constant(name, values[0], low, high, float(np.ptp(shares)), profile, len(chosen))
+    parts = (free.share(free.written(sound[name].tolist())) * PARTS).astype(int)
+    np.fmin.at(profile, np.minimum(parts, PARTS - 1), sound["score"].to_numpy())
+    return Constant(name, values[0], low, high, float(np.ptp(shares)), profile, len(near_best))

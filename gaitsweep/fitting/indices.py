@@ -70,37 +70,36 @@ def indices(design: SensitivityDesign, outputs: Mapping[str, Output], seed: int)
         without a value in some rows, RBD-FAST: Tarantola et al. 2006, Reliab. Eng. Syst. Saf. 91:717, in the
         form for given data of Plischke 2010, 95:354, without bias by Tissot and Prieur 2012, 107:205.
     """
-    parts = []
+    records = []
     for name, output in outputs.items():
         values, note = unwrapped(output), _remark(output)
         if design.method == "one_at_a_time":
-            method, of = "one_at_a_time", _changes(design, output)
+            method, by_parameter = "one_at_a_time", _changes(design, output)
         elif design.method == "morris":
-            method, of = "morris", _elementary_effects(design, values, seed)
+            method, by_parameter = "morris", _elementary_effects(design, values, seed)
         elif np.isfinite(values).all():
-            method, of = "sobol", _variance_shares(design, values, seed)
+            method, by_parameter = "sobol", _variance_shares(design, values, seed)
         else:
-            method, of = "rbd_fast", _given_data(design, values, seed)
-        for parameter in sorted(of, key=lambda candidate, of=of: -_importance(of[candidate])):
+            method, by_parameter = "rbd_fast", _given_data(design, values, seed)
+        for parameter, by_index in sorted(by_parameter.items(), key=lambda item: -_importance(item[1])):
             for index in INDICES[method]:
-                if index not in of[parameter]:
+                if index not in by_index:
                     continue
-                index_value = of[parameter][index]
+                value, confidence, rows, remark = dataclasses.astuple(by_index[index])
                 unit = "1" if index in ("S1", "ST", "elasticity") else output.unit
-                remark = "; ".join(text for text in (index_value.note, note) if text)
-                record = (index_value.value, index_value.confidence, index_value.rows, unit, remark)
-                parts.append((method, name, parameter, index, *record))
-    return pd.DataFrame(parts, columns=list(COLUMNS))
+                remark = "; ".join(text for text in (remark, note) if text)
+                records.append((method, name, parameter, index, value, confidence, rows, unit, remark))
+    return pd.DataFrame(records, columns=list(COLUMNS))
 
 
 def _importance(by_index: Mapping[str, _Index]) -> float:
     """Return the sort key of a parameter: the largest change, mu_star, ST, or S1 without ST."""
     changes = [abs(index.value) for name, index in by_index.items() if name.startswith("change")]
     main = [by_index[name].value for name in ("mu_star", "ST", "S1") if name in by_index]
-    known = [value for value in (*changes, *main) if np.isfinite(value)]
-    if not known:
+    finite = [value for value in (*changes, *main) if np.isfinite(value)]
+    if not finite:
         return -np.inf
-    return max(known) if changes else known[0]
+    return max(finite) if changes else finite[0]
 
 
 def unwrapped(output: Output) -> np.ndarray:
@@ -123,8 +122,10 @@ def _remark(output: Output) -> str:
     return "angles all around the circle, cut opposite to their mean"
 
 
-def _missing(names: tuple[str, ...], why: str, rows: int) -> dict[str, _Index]:
-    return {name: _Index(np.nan, np.nan, rows, why) for name in names}
+def _missing(method: str, names: Sequence[str], why: str, rows: int) -> dict[str, dict[str, _Index]]:
+    """The indices of parameters by a method that gives none of them a value, and the reason."""
+    without_value = _Index(np.nan, np.nan, rows, why)
+    return {name: dict.fromkeys(INDICES[method], without_value) for name in names}
 
 
 def _changes(design: SensitivityDesign, output: Output) -> dict[str, dict[str, _Index]]:
@@ -136,7 +137,7 @@ def _changes(design: SensitivityDesign, output: Output) -> dict[str, dict[str, _
         difference = y[end] - y[begin]
         return float(wrapped_difference(difference)) if output.circular else float(difference)
 
-    of = {}
+    by_parameter = {}
     for name, (low, middle, high) in design.places.items():
         by_index = {}
         for word, place in (("low", low), ("middle", middle), ("high", high)):
@@ -148,8 +149,8 @@ def _changes(design: SensitivityDesign, output: Output) -> dict[str, dict[str, _
             by_index[f"change_{word}"] = _Index(value, np.nan, 2, why)
         x = design.sets[name]
         by_index["elasticity"] = _elasticity(x[0], y[0], x[high] - x[low], change(high, low), output.circular)
-        of[name] = by_index
-    return of
+        by_parameter[name] = by_index
+    return by_parameter
 
 
 def _elasticity(x: float, y: float, dx: float, dy: float, circular: bool) -> _Index:
@@ -169,15 +170,14 @@ def _elementary_effects(design: SensitivityDesign, y: np.ndarray, seed: int) -> 
     """Compute Morris's measures from whole trajectories; effects are changes over the whole range."""
     assert design.shares is not None
     names, k = design.names, len(design.names)
-    whole = np.isfinite(y.reshape(-1, k + 1)).all(axis=1)
-    rows = int(whole.sum()) * (k + 1)
-    note = "" if whole.all() else f"{whole.sum()} of {whole.size} trajectories are whole"
-    if whole.sum() < _FEWEST_TRAJECTORIES:
-        why = f"{note}, and {_FEWEST_TRAJECTORIES} are needed"
-        return {name: _missing(INDICES["morris"], why, rows) for name in names}
+    complete = np.isfinite(y.reshape(-1, k + 1)).all(axis=1)
+    rows = int(complete.sum()) * (k + 1)
+    note = "" if complete.all() else f"{complete.sum()} of {complete.size} trajectories are whole"
+    if complete.sum() < _FEWEST_TRAJECTORIES:
+        return _missing("morris", names, f"{note}, and {_FEWEST_TRAJECTORIES} are needed", rows)
     from SALib.analyze import morris
 
-    used = np.repeat(whole, k + 1)
+    used = np.repeat(complete, k + 1)
     arguments = (design.shares[used], y[used])
     return _by_salib(morris, "morris", names, arguments, seed, rows, note, num_levels=LEVELS)
 
@@ -186,8 +186,7 @@ def _variance_shares(design: SensitivityDesign, y: np.ndarray, seed: int) -> dic
     """Compute Sobol's first-order and total indices of a design in which all rows have a value."""
     names = design.names
     if _constant(y):
-        why = "the output is the same in all rows"
-        return {name: _missing(INDICES["sobol"], why, y.size) for name in names}
+        return _missing("sobol", names, "the output is the same in all rows", y.size)
     from SALib.analyze import sobol
 
     return _by_salib(sobol, "sobol", names, (y,), seed, y.size, "", calc_second_order=False)
@@ -208,15 +207,13 @@ def _given_data(design: SensitivityDesign, y: np.ndarray, seed: int) -> dict[str
     note = f"{rows} of {independent.sum()} independent rows have a value"
     total = _Index(np.nan, np.nan, rows, f"{note}, and ST needs all rows of the design")
     if rows < _FEWEST_GIVEN:
-        why = f"{note}, and RBD-FAST needs {_FEWEST_GIVEN}"
-        return {name: _missing(INDICES["rbd_fast"], why, rows) for name in names}
+        return _missing("rbd_fast", names, f"{note}, and RBD-FAST needs {_FEWEST_GIVEN}", rows)
     if _constant(y[used]):
-        why = f"{note}, and it is the same in all of them"
-        return {name: _missing(INDICES["rbd_fast"], why, rows) for name in names}
+        return _missing("rbd_fast", names, f"{note}, and it is the same in all of them", rows)
     from SALib.analyze import rbd_fast
 
-    of = _by_salib(rbd_fast, "rbd_fast", names, (design.shares[used], y[used]), seed, rows, note)
-    return {name: {**by_index, "ST": total} for name, by_index in of.items()}
+    first_order = _by_salib(rbd_fast, "rbd_fast", names, (design.shares[used], y[used]), seed, rows, note)
+    return {name: {**by_index, "ST": total} for name, by_index in first_order.items()}
 
 
 def _by_salib(
@@ -230,26 +227,16 @@ def _by_salib(
     **options: Any,
 ) -> dict[str, dict[str, _Index]]:
     """Compute the indices of each parameter by a package of SALib, with their intervals if it gives them."""
+    options |= {"num_resamples": _RESAMPLES, "conf_level": LEVEL, "seed": seed}
     with _seeded(seed):
-        analysis = package.analyze(
-            unit_cube(len(names)),
-            *arguments,
-            num_resamples=_RESAMPLES,
-            conf_level=LEVEL,
-            seed=seed,
-            **options,
-        )
-    nothing = np.full(len(names), np.nan)
-    return {
-        name: {
-            index: _Index(
-                float(analysis[index][i]), float(analysis.get(f"{index}_conf", nothing)[i]), rows, note
-            )
-            for index in INDICES[method]
-            if index in analysis
-        }
-        for i, name in enumerate(names)
-    }
+        analysis = package.analyze(unit_cube(len(names)), *arguments, **options)
+    by_parameter: dict[str, dict[str, _Index]] = {name: {} for name in names}
+    for index in INDICES[method]:
+        if index in analysis:
+            confidence = analysis.get(f"{index}_conf", np.full(len(names), np.nan))
+            for name, value, half in zip(names, analysis[index], confidence, strict=True):
+                by_parameter[name][index] = _Index(float(value), float(half), rows, note)
+    return by_parameter
 
 
 def _constant(y: np.ndarray) -> bool:

@@ -28,8 +28,8 @@ def within(among: Mapping[str, tuple[float, float]], rows: SetRows) -> np.ndarra
     """Return whether each row (n, conditions) is within all ranges, ends included."""
     inside = np.ones(rows["status"].shape, bool)
     for name, (low, high) in among.items():
-        seen = column(name, rows)
-        inside &= (seen >= low) & (seen <= high)
+        values = column(name, rows)
+        inside &= (values >= low) & (values <= high)
     return inside
 
 

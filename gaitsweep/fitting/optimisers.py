@@ -59,7 +59,7 @@ def optimiser(
     start: int,
     together: int,
     seed: int,
-    known: np.ndarray | None = None,
+    known_points: np.ndarray | None = None,
     width: float | None = None,
 ) -> Optimiser:
     """Create the optimiser of a search.
@@ -71,16 +71,15 @@ def optimiser(
         start: points of a Sobol sequence with which `cma` begins.
         together: usual number of points of an `ask`.
         seed: seed of all random numbers.
-        known: points (m, constants) that are returned first.
+        known_points: points (m, constants) that are returned first.
         width: standard deviation with which strategies of `cma` begin, a share of the ranges.
     """
-    sobol = Sobol(dimension, seed, known)
+    sobol = Sobol(dimension, seed, known_points)
     if method == "sobol":
         return sobol
     if method == "cma":
-        return Restarts(
-            sobol, max(start, 0 if known is None else len(known)), together, seed, width or _WIDTH
-        )
+        start = max(start, 0 if known_points is None else len(known_points))
+        return Restarts(sobol, start, together, seed, width or _WIDTH)
     return Front(sobol, targets, seed)
 
 

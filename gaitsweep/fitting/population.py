@@ -158,19 +158,19 @@ class Population:
                     at_points = self._on_map(context, constants, measure, places.size, share)
                     measured[name].values[places], measured[name].why[places] = at_points
                 elif good.size:
-                    seen = self._select(measure, self._rows_of[name], rows, context.model)
-                    measured[name].values[good], measured[name].why[good] = seen
+                    result = self._select(measure, self._rows_of[name], rows, context.model)
+                    measured[name].values[good], measured[name].why[good] = result
         return measured
 
     def of(self, names: Collection[str]) -> Population:
         """Return a population with only these measures."""
-        some = {name: measure for name, measure in self.measures.items() if name in names}
-        other = Population(self._job_of, self._structure, some)
-        other.run_elsewhere = self.run_elsewhere
-        for part in other.parts:
+        chosen = {name: measure for name, measure in self.measures.items() if name in names}
+        population = Population(self._job_of, self._structure, chosen)
+        population.run_elsewhere = self.run_elsewhere
+        for part in population.parts:
             same = next(own for own in self.parts if own._run == part._run)
             part._context, part._preparing = same._context, same._preparing
-        return other
+        return population
 
     def staged_evaluate(
         self,
@@ -187,42 +187,29 @@ class Population:
             goes_on: returns a mask (n,) of the sets of the second stage, from the results of the first.
             on_progress: progress callback of the rows.
         """
-        begun = self.of(first).measure(sets, on_progress)
-        whole = goes_on(begun)
-        others = [name for name in self.measures if name not in begun]
-        later = {
-            name: Measured(np.full(whole.size, np.nan), np.full(whole.size, "", object)) for name in others
+        measured = self.of(first).measure(sets, on_progress)
+        goes_on_to_second = goes_on(measured)
+        n, others = goes_on_to_second.size, [name for name in self.measures if name not in measured]
+        measured |= {
+            name: Measured(np.full(n, np.nan), np.full(n, "not measured", object)) for name in others
         }
-        if others and whole.any():
-            rest = self.of(others).measure(
-                {name: column[whole] for name, column in sets.items()}, on_progress
-            )
-            for name in others:
-                later[name].values[whole], later[name].why[whole] = rest[name]
-        for result in later.values():
-            result.why[~whole] = "not measured"
-        return {name: begun[name] if name in begun else later[name] for name in self.measures}
+        if others and goes_on_to_second.any():
+            remaining = {name: column[goes_on_to_second] for name, column in sets.items()}
+            for name, (values, why) in self.of(others).measure(remaining, on_progress).items():
+                measured[name].values[goes_on_to_second] = values
+                measured[name].why[goes_on_to_second] = why
+        return {name: measured[name] for name in self.measures}
 
     def _by_structure(self, sets: Sets, n: int) -> list[tuple[dict[str, Any], np.ndarray]]:
         """Return the choices of structure that occur, and the places (m,) of the sets with each."""
         if not self._structure:
             return [({}, np.arange(n))]
         keys = list(zip(*(sets[name].tolist() for name in self._structure), strict=True))
-        return [
-            (
-                dict(zip(self._structure, key, strict=True)),
-                np.flatnonzero([other == key for other in keys]),
-            )
-            for key in dict.fromkeys(keys)
-        ]
+        places = {key: np.flatnonzero([other == key for other in keys]) for key in dict.fromkeys(keys)}
+        return [(dict(zip(self._structure, key, strict=True)), place) for key, place in places.items()]
 
     def _rows(
-        self,
-        context: RunContext,
-        constants: Values,
-        n: int,
-        on_progress: OnProgress,
-        share: float,
+        self, context: RunContext, constants: Values, n: int, on_progress: OnProgress, share: float
     ) -> tuple[Values, np.ndarray]:
         """Run rows: columns (m, conditions) of the sets that are not refused, and the reasons (n,) or "".
 
@@ -312,8 +299,8 @@ class Population:
             return measure.of_sets({name: column[:, places] for name, column in rows.items()}, model)
         assert isinstance(measure, RampMeasure)
         per_set = self.own_rows_of_a_set
-        seen = crossings_of(rows, per_set * (1 + int(rows["row"][-1]) // per_set))
-        sets = [[seen[first + place] for place in places] for first in range(0, len(seen), per_set)]
+        by_row = crossings_of(rows, per_set * (1 + int(rows["row"][-1]) // per_set))
+        sets = [[by_row[first + place] for place in places] for first in range(0, len(by_row), per_set)]
         return measure.of_rows(sets, model)
 
     def middle_job(self, structure: Mapping[str, Any], constants: Mapping[str, Any], n: int) -> Job | None:
@@ -339,10 +326,10 @@ class Population:
         if good.size:
             spec = context.spec
             mapping = BatchedReturnMap(spec.model, (), spec.numerics.refined(share), spec.engine)
-            values, begun = (
+            params, starts = (
                 {k: column[good] for k, column in by_name.items()} for by_name in (params, starts)
             )
-            measured.values[good], measured.why[good] = measure.of_starts(mapping, values, begun, good.size)
+            measured.values[good], measured.why[good] = measure.of_starts(mapping, params, starts, good.size)
         return measured
 
 
@@ -402,12 +389,8 @@ def _values(
             for name, column in by_name.items():
                 column[at] = row_values[name]
         for quantity in (*model.parameters, *model.initial_conditions):
-            _note(
-                refused,
-                ~inside(row_values[quantity.name], quantity),
-                len(places),
-                f"{quantity.name} out of range",
-            )
+            outside = ~inside(row_values[quantity.name], quantity)
+            _note(refused, outside, len(places), f"{quantity.name} out of range")
         too_long = too_long_steps(design, context.job.run, context.spec.numerics)
         _note(refused, too_long, len(places), "steps too long")
     return params, starts, refused
@@ -415,10 +398,8 @@ def _values(
 
 def _lanes(context: RunContext, n_rows: int) -> int:
     """Return the number of lanes for rows, as of a separate job."""
-    asked = context.job.engine.lanes
-    return min(
-        asked or default_lanes(context.engine, n_rows, context.spec.devices[0].platform), max(8, n_rows)
-    )
+    default = default_lanes(context.engine, n_rows, context.spec.devices[0].platform)
+    return min(context.job.engine.lanes or default, max(8, n_rows))
 
 
 def _array(column: Any) -> np.ndarray:

@@ -49,14 +49,14 @@ class RampMeasure(Measure):
     def name_error(self, columns: Sequence[str], model: Model) -> FieldError:
         """Return as `field_error` does, for the names of gaits and columns."""
 
-    def _in_pass(self, row: Crossings, number: int | None) -> Mapping[str, np.ndarray]:
+    def _in_pass(self, row: Crossings, number: int | None) -> dict[str, np.ndarray]:
         """Return the crossings at which the parameter moves, of one pass or of all."""
-        seen = row.columns
+        columns = row.columns
         with np.errstate(invalid="ignore"):  # a row without crossings has a record without numbers
-            counts = (seen["t"] >= self.run.initial_dwell) & (seen["crossing"] > 0)
+            counts = (columns["t"] >= self.run.initial_dwell) & (columns["crossing"] > 0)
         if number is not None:
-            counts &= seen["pass"] == number
-        return {name: values[counts] for name, values in seen.items()}
+            counts &= columns["pass"] == number
+        return {name: values[counts] for name, values in columns.items()}
 
     def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
         if self.run.parameter in self.at:
@@ -101,14 +101,16 @@ class Transition(RampMeasure):
         """Return the value of the row's transition; NaN and the reason, in a few words, if it has none."""
         if row.status in Status.FAILED:
             return np.nan, row.status
-        seen = self._in_pass(row, self.pass_)
-        gaits = seen["gait"]
+        columns = self._in_pass(row, self.pass_)
+        gaits = columns["gait"]
         which = np.where(np.isin(gaits, self.gait), 0, np.where(np.isin(gaits, self.to), 1, 2))
         bouts = [bout for bout in _bouts(which, self.least) if bout[0] != 2]
         for (before, _, last), (after, first, _) in itertools.pairwise(bouts):
             if (before, after) == (0, 1):
-                read = column(self.of_ or self.run.parameter, _by_their_names(seen))
-                return float(0.5 * (read[last] + read[first])), ""
+                # observables are read by their own names too
+                columns |= {name.removesuffix(_SUFFIX): values for name, values in columns.items()}
+                values = column(self.of_ or self.run.parameter, columns)
+                return float(0.5 * (values[last] + values[first])), ""
         return np.nan, f"no {' or '.join(self.to)} after {' or '.join(self.gait)}"
 
     def unit(self, model: Model) -> str:
@@ -154,13 +156,14 @@ class GaitSequence(RampMeasure):
         return Measured(values, np.full(values.size, "", object))
 
     def _share(self, row: Crossings) -> float:
+        """The share of the list in a row."""
         if row.status in Status.FAILED:
             return 0.0
         gaits = self._in_pass(row, self.pass_)["gait"]
         bouts = [gait for gait, _, _ in _bouts(gaits, self.least)]
         # bouts shorter than `least` do not separate two bouts of a gait
-        seen = [gait for gait, _ in itertools.groupby(bouts)]
-        return _in_order(seen, self.gaits) / max(len(self.gaits), len(seen) if self.only else 0)
+        sequence = [gait for gait, _ in itertools.groupby(bouts)]
+        return _in_order(sequence, self.gaits) / max(len(self.gaits), len(sequence) if self.only else 0)
 
     def unit(self, model: Model) -> str:
         return "1"
@@ -178,22 +181,17 @@ def crossings_of(table: Mapping[str, np.ndarray], n_rows: int) -> list[Crossings
     ]
 
 
-def _by_their_names(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return columns, with observables also by their own names."""
-    return {**columns, **{name.removesuffix(_SUFFIX): values for name, values in columns.items()}}
-
-
 def _bouts(codes: np.ndarray, least: int) -> list[tuple[Any, int, int]]:
     """Find runs of `least` equal codes (k,) or more: each code, and the places of its first and last."""
     ends = [0, *(1 + np.flatnonzero(codes[1:] != codes[:-1])).tolist(), codes.size]
     return [(codes[a], a, b - 1) for a, b in itertools.pairwise(ends) if b - a >= least]
 
 
-def _in_order(seen: Sequence[str], wanted: Sequence[Sequence[str]]) -> int:
-    """Count how many of `wanted` occur among `seen` in their order: the longest common subsequence."""
-    longest = np.zeros((len(seen) + 1, len(wanted) + 1), int)
-    for i, gait in enumerate(seen, start=1):
-        for j, group in enumerate(wanted, start=1):
+def _in_order(sequence: Sequence[str], groups: Sequence[Sequence[str]]) -> int:
+    """Count the groups with a gait in a sequence, in their order: the longest common subsequence."""
+    longest = np.zeros((len(sequence) + 1, len(groups) + 1), int)
+    for i, gait in enumerate(sequence, start=1):
+        for j, group in enumerate(groups, start=1):
             best = max(longest[i - 1, j], longest[i, j - 1])
             longest[i, j] = max(best, longest[i - 1, j - 1] + (gait in group))
     return int(longest[-1, -1])

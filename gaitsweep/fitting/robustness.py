@@ -87,13 +87,13 @@ def own_constants(robust: Robust, fit: FitJob) -> dict[str, float]:
         JobError: the model does not have a name, or its value is a formula.
     """
     job = fit.job_of(fit.structures[0])
-    known = {q.name: q for q in job.design.model.parameters}
+    parameters = {q.name: q for q in job.design.model.parameters}
     values: dict[str, float] = {}
     wrong = []
     for place, name in enumerate(robust.constants):
-        setting = job.design.settings.get(name, known[name].default if name in known else None)
-        if name not in known:
-            text = f"is {name}, which is not a parameter{near_miss.suggestion(name, known)}"
+        setting = job.design.settings.get(name, parameters[name].default if name in parameters else None)
+        if name not in parameters:
+            text = f"is {name}, which is not a parameter{near_miss.suggestion(name, parameters)}"
         elif not isinstance(setting, int | float):
             text = f"is {name}, whose value is {setting}: only a number can change by a share of itself."
         else:

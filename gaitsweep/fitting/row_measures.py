@@ -36,17 +36,17 @@ class Value(RowMeasure):
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
         unsound = ~Status.SOUND.among(rows["status"])
-        seen = column(self.of_, rows)
+        of_rows = column(self.of_, rows)
         if self.among is None:
-            turning = self.circular(model)
-            values = np.angle(np.mean(np.exp(1j * seen), axis=1)) if turning else seen.mean(axis=1)
-            nothing = np.zeros(len(values), bool)
+            circular = self.circular(model)
+            values = np.angle(np.mean(np.exp(1j * of_rows), axis=1)) if circular else of_rows.mean(axis=1)
+            without_rows = np.zeros(len(values), bool)
         else:
             counts = within(self.among, rows)
-            unsound, nothing = unsound & counts, ~counts.any(axis=1)
-            values = _mean(seen, counts, self.circular(model))
+            unsound, without_rows = unsound & counts, ~counts.any(axis=1)
+            values = _mean(of_rows, counts, self.circular(model))
         why = _why_none(self.of_, rows["status"], unsound, np.isfinite(values))
-        why = np.where(nothing, _no_row(self.among), why)
+        why = np.where(without_rows, _no_row(self.among), why)
         return Measured(np.where(why == "", values, np.nan), why)
 
     def unit(self, model: Model) -> str:
@@ -151,13 +151,13 @@ class Order(RowMeasure):
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
         sound = Status.SOUND.among(rows["status"])
-        seen = column(self.of_, rows)
+        values = column(self.of_, rows)
         medians = np.full((len(sound), len(self.gaits)), np.nan)
         why = np.full(len(sound), "", object)
         for place, group in enumerate(self.gaits):
-            in_group = np.isin(rows["gait"], group) & sound & np.isfinite(seen)
+            in_group = np.isin(rows["gait"], group) & sound & np.isfinite(values)
             has_group = in_group.any(axis=1)
-            medians[has_group, place] = np.nanmedian(np.where(in_group, seen, np.nan)[has_group], axis=1)
+            medians[has_group, place] = np.nanmedian(np.where(in_group, values, np.nan)[has_group], axis=1)
             why = np.where((why == "") & ~has_group, f"no {' or '.join(group)}", why)
         return Measured(np.diff(medians, axis=1).min(axis=1), why)
 
@@ -165,10 +165,10 @@ class Order(RowMeasure):
         return unit_of(self.of_, model)
 
     def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
-        every = list(itertools.chain(*self.gaits))
-        if (error := error_of_gaits("gaits", every, model)) is not None:
+        gaits = list(itertools.chain(*self.gaits))
+        if (error := error_of_gaits("gaits", gaits, model)) is not None:
             return error
-        if twice := [gait for gait in every if every.count(gait) > 1]:
+        if twice := [gait for gait in gaits if gaits.count(gait) > 1]:
             return "gaits", f"has {twice[0]} twice."
         return error_of_column(self.of_, columns)
 
@@ -225,22 +225,23 @@ class Failures(RowMeasure):
         return None
 
 
-def _mean(seen: np.ndarray, counts: np.ndarray, circular: bool = False) -> np.ndarray:
+def _mean(values: np.ndarray, counts: np.ndarray, circular: bool = False) -> np.ndarray:
     """Average the values (n, conditions) that count, on the circle or not; NaN without any."""
     number = counts.sum(axis=1)
     per_row = np.where(number > 0, 1.0 / np.maximum(number, 1), np.nan)
     if circular:
-        return np.angle(per_row * np.where(counts, np.exp(1j * seen), 0.0).sum(axis=1))
-    return per_row * np.where(counts, seen, 0.0).sum(axis=1)
+        return np.angle(per_row * np.where(counts, np.exp(1j * values), 0.0).sum(axis=1))
+    return per_row * np.where(counts, values, 0.0).sum(axis=1)
 
 
-def _why_none(of: str, status: np.ndarray, unsound: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return why sets (n,) have no value of `of`: a row that is not sound, or a missing number; else ""."""
+def _why_none(name: str, status: np.ndarray, unsound: np.ndarray, finite: np.ndarray) -> np.ndarray:
+    """Return why sets (n,) have no value of a column: a row is not sound, or a number is missing; else ""."""
     first = status[np.arange(len(status)), unsound.argmax(axis=1)]
-    return np.where(unsound.any(axis=1), first, np.where(known, "", f"{of} is missing"))
+    return np.where(unsound.any(axis=1), first, np.where(finite, "", f"{name} is missing"))
 
 
 def _no_row(among: Mapping[str, tuple[float, float]] | None) -> str:
+    """The reason for a set of which no row is in the ranges."""
     ranges = (f"{name} in {low:g} to {high:g}" for name, (low, high) in (among or {}).items())
     return f"no row has {' and '.join(ranges)}"
 

@@ -10,6 +10,7 @@ from gaitsweep.fitting.search_job import SearchOptions
 from gaitsweep.fitting.sensitivity_job import Analysis
 from gaitsweep.fitting.targets import TargetValue
 from gaitsweep.job import schema as job_schema
+from gaitsweep.schema.strict_model import StrictModel
 
 
 def schema() -> dict[str, Any]:
@@ -26,40 +27,45 @@ def _ranges() -> list[dict[str, Any]]:
     return [limits, FreeParameter.model_json_schema()]
 
 
+def _by_name(entries: list[dict[str, Any]], description: str) -> dict[str, Any]:
+    """Return the schema of a field with entries by name, each of which has one of some schemas."""
+    return {"type": "object", "additionalProperties": {"anyOf": entries}, "description": description}
+
+
+def _with_fields(settings: type[StrictModel], fields: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """Return the schema of some settings with further required fields before them."""
+    described = settings.model_json_schema()
+    described["properties"] = {**fields, **described["properties"]}
+    described["required"] = [*fields, *described["required"]]
+    return described
+
+
 def _sensitivity() -> dict[str, Any]:
-    analysis = Analysis.model_json_schema()
-    share = {"type": "string", "pattern": "%"}
-    parameters = {"type": "object", "additionalProperties": {"anyOf": [*_ranges(), share]}}
+    """Return the schema of the field `sensitivity`."""
+    ranges = [*_ranges(), {"type": "string", "pattern": "%"}]
     measures = [measure.model_json_schema() for measure in MEASURES.values()]
-    outputs = {"type": "object", "additionalProperties": {"anyOf": measures}}
-    analysis["properties"] = {
-        "parameters": {**parameters, "description": "constants by name: [low, high], fields, or 10%"},
-        "outputs": {**outputs, "description": "what is measured, by a name for each"},
-        **analysis["properties"],
+    fields = {
+        "parameters": _by_name(ranges, "constants by name: [low, high], fields, or 10%"),
+        "outputs": _by_name(measures, "what is measured, by a name for each"),
     }
-    analysis["required"] = ["parameters", "outputs", *analysis["required"]]
-    return {**analysis, "title": "sensitivity", "description": "constants that vary, and what is measured"}
+    about = {"title": "sensitivity", "description": "constants that vary, and what is measured"}
+    return _with_fields(Analysis, fields) | about
 
 
 def _search() -> dict[str, Any]:
-    search = SearchOptions.model_json_schema()
-    free = {"type": "object", "additionalProperties": {"anyOf": _ranges()}}
-    targets = {"type": "object", "additionalProperties": {"anyOf": [_target(kind) for kind in MEASURES]}}
-    search["properties"] = {
-        "free": {**free, "description": "constants that are searched, by name: [low, high], or fields"},
-        "targets": {**targets, "description": "what is measured and wanted, by a name for each"},
-        **search["properties"],
+    """Return the schema of the field `search`."""
+    targets = [_target(kind) for kind in MEASURES]
+    fields = {
+        "free": _by_name(_ranges(), "constants that are searched, by name: [low, high], or fields"),
+        "targets": _by_name(targets, "what is measured and wanted, by a name for each"),
     }
-    search["required"] = ["free", "targets", *search["required"]]
-    return {**search, "title": "search", "description": "constants to be found, and what they should give"}
+    about = {"title": "search", "description": "constants to be found, and what they should give"}
+    return _with_fields(SearchOptions, fields) | about
 
 
 def _target(kind: str) -> dict[str, Any]:
     """Return the schema of a measure with the fields of its target value."""
     measure, target_value = MEASURES[kind].model_json_schema(), TargetValue.model_json_schema()
     properties = {**measure["properties"], **target_value["properties"]}
-    return {
-        **measure,
-        "properties": properties,
-        "required": [*measure["required"], *target_value["required"]],
-    }
+    required = [*measure["required"], *target_value["required"]]
+    return {**measure, "properties": properties, "required": required}

@@ -24,6 +24,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from gaitsweep import near_miss
+from gaitsweep.contract import Model
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
@@ -123,23 +124,19 @@ def run_search(
     together = job.sets_together(context, population.rows_of_a_set)
     versions = {name: provenance.version_of(name) for name in _DECIDING}
     side_by_side = job.batches_side_by_side(context)
-    job_hash = job.hash(
-        device=platform,
-        engine=context.engine,
-        population=together,
-        side_by_side=side_by_side,
-        versions=versions,
-    )
-    layout = Layout(job_hash, job.options.budget, together)
+    batches = {"population": together, "side_by_side": side_by_side}
+    job_hash = job.hash(device=platform, engine=context.engine, versions=versions, **batches)
+    model, layout = context.model, Layout(job_hash, job.options.budget, together)
     with open_directory(path, job.resolved(), layout, context, on_message) as directory:
-        describe(context, directory, _quantities(job, population), versions)
+        describe(context, directory, _quantities(job, model), versions)
         if cluster is not None:
             population.run_elsewhere = ClusterRows(path, cluster)
-        write_blocks(directory, _Search(job, population, directory, on_progress, side_by_side).blocks())
+        search = _Search(job, population, model, directory, on_progress, side_by_side)
+        write_blocks(directory, search.blocks())
         table = load(path)
         near = identifiability(table, job)
         reported = len(directory.notes)
-        finalists = _finalists(job, population, directory, near, on_progress)
+        finalists = _finalists(job, population, model, directory, near, on_progress)
         for note in directory.notes[reported:]:
             on_message(note)
         if (doubt := _depends_on_the_step(job, finalists)) is not None:
@@ -192,21 +189,21 @@ class _Batches:
 
     def begin(self, measure: Callable[[Callable[[SweepProgress], None]], _Batch]) -> None:
         """Measure a batch in a thread; `measure` receives a progress callback."""
-        done: list[SweepProgress] = []
+        latest: list[SweepProgress] = []
 
         def on_progress(now: SweepProgress) -> None:
             if self._stopped.is_set():  # nobody reads its result
                 raise InterruptedError
-            done[:] = [now]
+            latest[:] = [now]
 
-        self._under_way.append((self._threads.submit(measure, on_progress), done))
+        self._under_way.append((self._threads.submit(measure, on_progress), latest))
 
     def oldest(self) -> _Batch:
         """Wait for the batch that began first, and return its result."""
         future, _ = self._under_way[0]
         while not future.done():
             wait([future], timeout=_POLL)
-            self._on_progress([done[0] for _, done in self._under_way if done])
+            self._on_progress([latest[0] for _, latest in self._under_way if latest])
         self._under_way.popleft()
         return future.result()
 
@@ -218,23 +215,19 @@ class _Search:
         self,
         job: SearchJob,
         population: Population,
+        model: Model,
         directory: ResultDirectory,
         on_progress: Progress,
         side_by_side: int,
     ) -> None:
-        together = directory.manifest["block"]
-        self.job, self.population, self.directory, self.on_progress = job, population, directory, on_progress
+        self.job, self.population, self.model = job, population, model
+        self.directory, self.on_progress = directory, on_progress
+        together, options = directory.manifest["block"], job.options
+        sizes = len(job.free), len(job.counted), job.start, together
         self.optimiser: Optimiser = optimiser(
-            job.options.method,
-            len(job.free),
-            len(job.counted),
-            job.start,
-            together,
-            job.options.seed,
-            job.known_points(),
-            job.options.width,
+            options.method, *sizes, options.seed, job.known_points(), options.width
         )
-        self.known = pd.DataFrame()  # the sets that are on disk
+        self.stored = pd.DataFrame()  # the sets that are on disk
         self.best = np.inf
         self.side_by_side = side_by_side
 
@@ -248,7 +241,7 @@ class _Search:
         if len(missing) < len(self.directory.layout.blocks):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # that it is not complete
-                self.known = load(self.directory.path)
+                self.stored = load(self.directory.path)
         self.before = self.directory.rows_done
         self.began = time.perf_counter()
         chosen: deque[tuple[int, dict[str, np.ndarray]]] = deque()
@@ -267,21 +260,18 @@ class _Search:
 
     def _measured(self, sets: Sets, on_progress: Callable[[SweepProgress], None]) -> MeasuredByName:
         """Measure the sets of a batch."""
-        if self.job.options.first:
-            measured = self.population.staged_evaluate(
-                sets, self.job.options.first, self._goes_on, on_progress
-            )
+        if first := self.job.options.first:
+            measured = self.population.staged_evaluate(sets, first, self._goes_on, on_progress)
         else:
             measured = self.population.measure(sets, on_progress)
-        return measured | _robustness(self.job, self.population, sets, measured, on_progress)
+        return measured | _robustness(self.job, self.population, self.model, sets, measured, on_progress)
 
     def _goes_on(self, first: MeasuredByName) -> np.ndarray:
         """Return which sets (n,) are measured further: those whose first targets have near enough values."""
         within = self.job.options.first_within
         most = np.inf if within is None else within
-        model = self.population.prepared(self.job.fit.structures[0]).design.model
         near = [
-            (measured.why == "") & (np.abs(self.job.targets[name].misses(measured, model)) <= most)
+            (measured.why == "") & (np.abs(self.job.targets[name].misses(measured, self.model)) <= most)
             for name, measured in first.items()
         ]
         return np.all(near, axis=0)
@@ -291,7 +281,7 @@ class _Search:
         measured = self.batches.oldest()
         first, stop = self.directory.layout.rows_of(number)
         if measured is None:
-            frame = self._known(number, first, stop, sets)
+            frame = self._stored(first, stop, sets)
         else:
             frame = self._frame(number, first, sets, measured)
             yield number, frame
@@ -313,8 +303,7 @@ class _Search:
 
     def _frame(self, generation: int, first: int, sets: Sets, measured: MeasuredByName) -> pd.DataFrame:
         """Return the records of a batch."""
-        model = self.population.prepared(self.job.fit.structures[0]).design.model
-        targets = self.job.targets
+        model, targets = self.model, self.job.targets
         misses = {name: target.misses(measured[name], model) for name, target in targets.items()}
         n = next(iter(misses.values())).size
         failed = np.any([measured[name].why != "" for name in self.job.counted], axis=0)
@@ -334,9 +323,9 @@ class _Search:
         }
         return pd.DataFrame(frame)
 
-    def _known(self, number: int, first: int, stop: int, sets: Sets) -> pd.DataFrame:
+    def _stored(self, first: int, stop: int, sets: Sets) -> pd.DataFrame:
         """Return the records of a batch on disk, whose sets have to be those of the optimiser."""
-        frame = self.known.iloc[np.searchsorted(self.known["row"], np.arange(first, stop))]
+        frame = self.stored.iloc[np.searchsorted(self.stored["row"], np.arange(first, stop))]
         for name, column in sets.items():
             if not np.array_equal(np.asarray(frame[name]), np.asarray(_plain(column))):
                 raise TableError(
@@ -349,6 +338,7 @@ class _Search:
 def _robustness(
     job: SearchJob,
     population: Population,
+    model: Model,
     sets: Sets,
     measured: MeasuredByName,
     on_progress: Callable[[SweepProgress], None] | None = None,
@@ -358,10 +348,9 @@ def _robustness(
     robust = job.options.robust
     if robust is None:
         return {}
-    model = population.prepared(job.fit.structures[0]).design.model
 
-    def keep(of: MeasuredByName) -> np.ndarray:
-        near = [np.abs(job.targets[name].misses(of[name], model)) <= 1.0 for name in robust.targets]
+    def keep(results: MeasuredByName) -> np.ndarray:
+        near = [np.abs(job.targets[name].misses(results[name], model)) <= 1.0 for name in robust.targets]
         return np.all(near, axis=0)
 
     def rows(now: SweepProgress) -> None:
@@ -371,15 +360,11 @@ def _robustness(
     keeps = keep(measured)
     values = np.full(keeps.size, np.nan)
     if keeps.any():
-        kept_sets = {name: column[keeps] for name, column in sets.items()}
-        some = population.of(robust.targets)
+        keeping = {name: column[keeps] for name, column in sets.items()}
+        measures = population.of(robust.targets)
+        constants = job.changing, job.free, job.fit.spec.quantities
         values[keeps] = share_kept(
-            robust,
-            kept_sets,
-            job.changing,
-            job.free,
-            job.fit.spec.quantities,
-            lambda near: keep(some.measure(near, rows, share)),
+            robust, keeping, *constants, lambda near: keep(measures.measure(near, rows, share))
         )
     return {ROBUST: Measured(values, np.where(keeps, "", "the set itself does not keep the targets"))}
 
@@ -387,6 +372,7 @@ def _robustness(
 def _finalists(
     job: SearchJob,
     population: Population,
+    model: Model,
     directory: ResultDirectory,
     near: Identifiability,
     on_progress: Progress,
@@ -397,15 +383,14 @@ def _finalists(
         return None
     frame = near.best.iloc[:count][["row", *job.free, "score", *job.targets]].reset_index(drop=True)
     if (stored := directory.read_beside(FINALISTS)) is not None:
-        known = pd.read_parquet(io.BytesIO(stored))
-        if np.array_equal(known["row"], frame["row"]):
-            return known
+        finalists = pd.read_parquet(io.BytesIO(stored))
+        if np.array_equal(finalists["row"], frame["row"]):
+            return finalists
     total = job.options.budget
     on_progress(total, total, 0.0, 1.0, f"{count} finalists at half the step")
     sets = {name: free.column(frame[name].tolist()) for name, free in job.free.items()}
     measured = population.measure(sets, share=0.5)
-    measured |= _robustness(job, population, sets, measured, share=0.5)
-    model = population.prepared(job.fit.structures[0]).design.model
+    measured |= _robustness(job, population, model, sets, measured, share=0.5)
     misses = {name: target.misses(measured[name], model) for name, target in job.targets.items()}
     frame["score_half"] = scores(misses, job.targets)
     for name, target in job.targets.items():
@@ -434,14 +419,12 @@ def _depends_on_the_step(job: SearchJob, finalists: pd.DataFrame | None) -> str 
     )
 
 
-def _quantities(job: SearchJob, population: Population) -> dict[str, dict[str, Any]]:
+def _quantities(job: SearchJob, model: Model) -> dict[str, dict[str, Any]]:
     """Return unit and meaning of the columns."""
-    model = population.prepared(job.fit.structures[0]).design.model
-    known = {q.name: q for q in (*model.parameters, *model.initial_conditions)}
     quantities: dict[str, dict[str, Any]] = {
-        name: {"unit": known[name].unit, "meaning": known[name].meaning, "symbol": known[name].symbol}
-        for name in job.free
-        if name in known
+        q.name: {"unit": q.unit, "meaning": q.meaning, "symbol": q.symbol}
+        for q in (*model.parameters, *model.initial_conditions)
+        if q.name in job.free
     }
     for name, target in job.targets.items():
         measure = target.measure

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,12 +23,13 @@ from gaitsweep.table import own_folder, replace_file
 # The figures, in their order.
 FIGURES = ("convergence", "constants", "misses")
 
-_BLUE, _ORANGE, _GREY, _DARK = "#0072B2", "#E69F00", "#BBBBBB", "#555555"
+_ORANGE, _BLUE = theme.SPARE_COLOURS[:2]
+_GREY, _DARK = "#BBBBBB", "#555555"
 # Sets whose misses are drawn, at most.
 _MOST_LINES = 200
 # The score below which an axis is linear, where scores are 0.
 _LEAST_SCORE = 1e-2
-# Letters of a name, and of the targets' names together, that have no room side by side.
+# Labels along an axis are written aslant if they have more letters in all: choices, and names of targets.
 _LONG_NAME, _LONG_LABELS = 14, 60
 
 
@@ -76,20 +78,10 @@ def _convergence(table: pd.DataFrame) -> Figure:
         axes.axhline(1.0, color="black", lw=0.6, ls=":", label="reading error")
         _score_axis(axes, scores)
         if failed.any():
-            top = axes.get_xaxis_transform()  # x in sets, y as a share of the axis
-            height = np.full(int(failed.sum()), 1.02)
-            label = f"{height.size} failed sets"
-            axes.plot(
-                numbers[failed],
-                height,
-                "|",
-                color="black",
-                ms=3.0,
-                mew=0.4,
-                transform=top,
-                clip_on=False,
-                label=label,
-            )
+            height = np.full(int(failed.sum()), 1.02)  # as a share of the axis
+            look: dict[str, Any] = {"color": "black", "ms": 3.0, "mew": 0.4, "clip_on": False}
+            look |= {"transform": axes.get_xaxis_transform(), "label": f"{height.size} failed sets"}
+            axes.plot(numbers[failed], height, "|", **look)
         axes.set_xlim(0.5, numbers.max() + 0.5)
         axes.set_xlabel("sets measured")
         axes.set_ylabel("score: root mean square miss,\nin reading errors")
@@ -112,19 +104,18 @@ def _constants(free: Mapping[str, FreeParameter], table: pd.DataFrame, near: Ide
     fits = f"{near.fitting} sets fit all targets" if near.fitting else f"{len(near.best)} near-best sets"
     title = f"Blue: least score in each twentieth of a range. Orange: {fits}."
     with theme.canvas(theme.PAGE, 0.6 + 1.6 * rows, title) as figure:
-        panels = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
-        for axes, constant in zip(panels, near.constants, strict=False):
+        panels = theme.panels(figure, (rows, columns), len(free), sharey=True)
+        for axes, constant in zip(panels, near.constants, strict=True):
             _profile(axes, free[constant.name], constant, near.best)
             room = theme.width_of(theme.PAGE) / columns - 0.3
             axes.set_xlabel(theme.wrapped(described(table, constant.name), room, 8.5))
-        for axes in panels[len(free) :]:
-            axes.set_visible(False)
         for axes in panels[::columns]:
             axes.set_ylabel("least score")
     return figure
 
 
 def _profile(axes: Axes, free: FreeParameter, constant: Constant, best: pd.DataFrame) -> None:
+    """Draw the least score in each part of a constant's range, and the constant in the near-best sets."""
     edges = np.linspace(0.0, 1.0, PARTS + 1)
     axes.stairs(constant.profile, edges, color=_BLUE, lw=1.2, baseline=None)
     shares = free.share(free.written(best[constant.name].tolist())) if len(best) else np.zeros(0)
@@ -168,15 +159,8 @@ def _misses(search: Search, table: pd.DataFrame, near: Identifiability) -> Figur
                 axes.plot(place, values, label=label if not number else None, **style)
         lost = (~has_value).any(axis=0)
         if lost.any():
-            axes.plot(
-                place[lost],
-                np.full(int(lost.sum()), limit),
-                "x",
-                color="black",
-                ms=4,
-                clip_on=False,
-                label="no value",
-            )
+            look: dict[str, Any] = {"color": "black", "ms": 4, "clip_on": False, "label": "no value"}
+            axes.plot(place[lost], np.full(int(lost.sum()), limit), "x", **look)
         gap = ", " if long else "\n"
         labels = [f"{name}{gap}held back" if search.targets[name].value.held_back else name for name in names]
         axes.set_xticks(place, labels, **({"rotation": 30, "ha": "right"} if long else {}))

@@ -232,34 +232,36 @@ def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Searc
     free = read_free(search.get("free"), ("search", "free"), wrong)
     targets = _read_targets(search.get("targets"), free, wrong)
     options = read_settings(SearchOptions, "search", ("free", "targets"), search, wrong)
-    every = targets
+    all_targets = targets
     if options is not None and options.robust is not None:
         wrong.extend(check_robust(options.robust, free, targets))
-        every = {**targets, ROBUST: robust_target(options.robust)}
-    read = Search(free, every, SearchOptions(budget=1) if options is None else options)
-    if targets and not read.counted:
+        all_targets = {**targets, ROBUST: robust_target(options.robust)}
+    result = Search(free, all_targets, SearchOptions(budget=1) if options is None else options)
+    if targets and not result.counted:
         wrong.append(Diagnostic(("search", "targets"), "are all held back: one of them has to count."))
-    for place, name in enumerate(read.options.first):
+    for place, name in enumerate(result.options.first):
         if name not in targets:
             text = f"is {name}, which is not a target{near_miss.suggestion(name, targets)}"
             wrong.append(Diagnostic(("search", "first", place), text))
-    if read.options.first_within is not None and not read.options.first:
+    if result.options.first_within is not None and not result.options.first:
         text = "has no meaning without search.first, the targets that are measured first."
         wrong.append(Diagnostic(("search", "first_within"), text))
-    if read.options.width is not None and (read.options.method != "cma" or read.options.width > 1.0):
-        text = f"is {read.options.width:g}, but is a share of the ranges, at most 1."
-        if read.options.method != "cma":
-            text = f"has no meaning for the method {read.options.method}: it is cma's."
+    if result.options.width is not None and (result.options.method != "cma" or result.options.width > 1.0):
+        text = f"is {result.options.width:g}, but is a share of the ranges, at most 1."
+        if result.options.method != "cma":
+            text = f"has no meaning for the method {result.options.method}: it is cma's."
         wrong.append(Diagnostic(("search", "width"), text))
-    if read.options.method == "nsga3" and len(read.counted) == 1:
+    if result.options.method == "nsga3" and len(result.counted) == 1:
         text = "is nsga3, which needs two targets or more that count: take cma."
         wrong.append(Diagnostic(("search", "method"), text))
-    together = min(read.options.population or _SETS_TOGETHER, read.options.budget)
-    if options is not None and options.method == "nsga3" and together < len(read.counted):
+    together = min(result.options.population or _SETS_TOGETHER, result.options.budget)
+    if options is not None and options.method == "nsga3" and together < len(result.counted):
         which = "budget" if together == options.budget else "population"
-        text = f"is {together}, but nsga3 takes as many sets at a time as targets count, {len(read.counted)}."
+        text = (
+            f"is {together}, but nsga3 takes as many sets at a time as targets count, {len(result.counted)}."
+        )
         wrong.append(Diagnostic(("search", which), text))
-    return read
+    return result
 
 
 def _known(search: Search, fit: FitJob) -> tuple[dict[str, Any], ...]:
@@ -320,6 +322,7 @@ def _sets_of(
 def _read_targets(
     value: Any, free: Mapping[str, FreeParameter], wrong: list[Diagnostic]
 ) -> dict[str, Target]:
+    """Read the targets by name; errors are added to `wrong`."""
     path = ("search", "targets")
     targets = {}
     takes = "targets by name, each with kind, at, wanted and error"
@@ -333,13 +336,11 @@ def _read_targets(
         measured = {key: field for key, field in fields.items() if key not in aims}
         measure = read_measure(measured, target_path, wrong, beside=TargetValue)
         if not name.isidentifier():
-            wrong.append(
-                Diagnostic(target_path, "has a name that is not of letters, digits and _: take another.")
-            )
+            text = "has a name that is not of letters, digits and _: take another."
+            wrong.append(Diagnostic(target_path, text))
         elif name in (*_COLUMNS, *free) or name.startswith(MISS) or name.endswith("_half"):
-            wrong.append(
-                Diagnostic(target_path, "has the name of another column of the table: take another.")
-            )
+            text = "has the name of another column of the table: take another."
+            wrong.append(Diagnostic(target_path, text))
         if target_value is not None and measure is not None:
             targets[name] = Target(name, measure, target_value)
     return targets

@@ -201,28 +201,21 @@ def _records(rows: np.ndarray, sets: Sets, measured: MeasuredByName) -> pd.DataF
 
 def _quantities(job: SensitivityJob, model: Model) -> dict[str, dict[str, Any]]:
     """Return unit, meaning and symbol of the columns."""
-    known = quantities_of(model)
-    outputs = {
-        name: {
-            "unit": measure.unit(model),
-            "meaning": _meaning(measure),
-            "circular": measure.circular(model),
-        }
-        for name, measure in job.outputs.items()
-    }
-    return {**{name: known[name] for name in job.parameters}, **outputs}
+    of_model = quantities_of(model)
+    quantities = {name: of_model[name] for name in job.parameters}
+    for name, measure in job.outputs.items():
+        about = {"unit": measure.unit(model), "meaning": _meaning(measure)}
+        quantities[name] = {**about, "circular": measure.circular(model)}
+    return quantities
 
 
 def _meaning(measure: Measure) -> str:
     """Describe a measure: value of psi_1, at psi_1 1."""
-    at = ", ".join(
-        f"{name} {' '.join(f'{value:g}' for value in values)}" for name, values in measure.at.items()
-    )
-    fields = {
-        field.alias or name: getattr(measure, name) for name, field in type(measure).model_fields.items()
-    }
+    conditions = [f"{name} {' '.join(map('{:g}'.format, values))}" for name, values in measure.at.items()]
+    model_fields = type(measure).model_fields
+    fields = {field.alias or name: getattr(measure, name) for name, field in model_fields.items()}
     words = (f"{name} {value}" for name, value in fields.items() if name not in ("kind", "at"))
-    return f"{' '.join((fields['kind'], *words))}, at {at}"
+    return f"{' '.join((fields['kind'], *words))}, at {', '.join(conditions)}"
 
 
 def _at_half_the_step(
@@ -234,33 +227,33 @@ def _at_half_the_step(
 ) -> HalfStep | None:
     """Compare some sets with half the step, or return the stored comparison; None if not asked for."""
     n, context = len(table), population.prepared({})
-    model, asked = context.model, min(context.job.verify, n)
-    known = directory.manifest.get("half_step")
+    model, count = context.model, min(context.job.verify, n)
+    stored = directory.manifest.get("half_step")
     names = {field.name for field in dataclasses.fields(HalfStep)}
-    if isinstance(known, dict) and known.keys() == names and known["sets"] == asked:
-        return HalfStep(**known)
-    if asked == 0:
+    if isinstance(stored, dict) and stored.keys() == names and stored["sets"] == count:
+        return HalfStep(**stored)
+    if count == 0:
         return None
 
     def on_sweep_progress(now: SweepProgress) -> None:
         on_progress(n, n, 0.0, 1.0, f"at half the step: {now.done} of {now.rows} rows")
 
-    rows = np.unique(np.linspace(0, n - 1, asked).round().astype(int))
+    rows = np.unique(np.linspace(0, n - 1, count).round().astype(int))
     sets = {name: column[rows] for name, column in job.design.sets.items()}
     again = population.measure(sets, on_sweep_progress, 0.5)
     differ, largest = {}, {}
     for name, measure in job.outputs.items():
         before, after = table[name].to_numpy(float)[rows], again[name].values
         values = unwrapped(Output(table[name].to_numpy(float), "", measure.circular(model)))
-        apart = after - before
+        change = after - before
         if measure.circular(model):
-            apart = wrapped_difference(apart)
+            change = wrapped_difference(change)
         lost = np.isnan(before) != np.isnan(after)
-        both = np.isfinite(apart)
+        sizes = np.abs(change[np.isfinite(change)])
         limit = SMALL * np.nanstd(values) if np.isfinite(values).any() else 0.0
-        differ[name] = int(lost.sum() + (np.abs(apart[both]) > limit).sum())
-        largest[name] = float(np.abs(apart[both]).max(initial=0.0))
-    half_step = HalfStep(asked, differ, largest)
+        differ[name] = int(lost.sum() + (sizes > limit).sum())
+        largest[name] = float(sizes.max(initial=0.0))
+    half_step = HalfStep(count, differ, largest)
     directory.update_manifest(half_step=dataclasses.asdict(half_step))
     return half_step
 
@@ -280,15 +273,13 @@ def _analysed(job: SensitivityJob, table: pd.DataFrame, model: Model) -> Sensiti
 
 
 def _write(result: Sensitivity, path: Path, figures: bool) -> None:
-    with writing(f"{path / INDICES_FILE} could not be written"):
-        replace_file(
-            path / INDICES_FILE,
-            lambda file: result.indices.to_parquet(file, index=False, write_page_checksum=True),
-        )
+    """Write the indices into a result directory, and their figure if asked to."""
+    table, figure = path / INDICES_FILE, path / FIGURES / FIGURE
+    with writing(f"{table} could not be written"):
+        options: dict[str, Any] = {"index": False, "write_page_checksum": True}
+        replace_file(table, lambda file: result.indices.to_parquet(file, **options))
     if not figures:
         return
-    with writing(f"{path / FIGURES / FIGURE} could not be written"):
-        (path / FIGURES).mkdir(exist_ok=True)
-        replace_file(
-            path / FIGURES / FIGURE, lambda file: result.figure().savefig(file, format="png", dpi=150)
-        )
+    with writing(f"{figure} could not be written"):
+        figure.parent.mkdir(exist_ok=True)
+        replace_file(figure, lambda file: result.figure().savefig(file, format="png", dpi=150))

@@ -88,12 +88,9 @@ class SensitivityJob:
 
     def resolved(self, job: Job, engine: str) -> dict[str, Any]:
         """Return the job as plain values, as the result directory keeps it, and as it can be run again."""
-        job_fields = {
-            name: value
-            for name, value in job.resolved(engine=engine).items()
-            if name not in ("vary", "figures")
-        }
-        return {**job_fields, "sensitivity": self.written}
+        fields = job.resolved(engine=engine)
+        fields = {name: value for name, value in fields.items() if name not in ("vary", "figures")}
+        return {**fields, "sensitivity": self.written}
 
     def hash(self, job_hash: str, block: int) -> str:
         """Return the sha256, in hex, of all that determines the sets and their measures.
@@ -187,21 +184,21 @@ def _read_parameters(
             text = f"is {quoted(written)}, but takes [low, high], or a share of the job's value such as 10%."
             wrong.append(Diagnostic(parameter_path, text))
         elif not 0.0 < (share := float(match[1]) / 100.0) <= 1.0:
-            wrong.append(
-                Diagnostic(parameter_path, f"is {quoted(written)}, but must be above 0% and at most 100%.")
-            )
+            text = f"is {quoted(written)}, but must be above 0% and at most 100%."
+            wrong.append(Diagnostic(parameter_path, text))
         else:
             shares[name] = share
     return ranges, shares
 
 
 def _read_outputs(value: Any, parameters: Iterable[str], wrong: list[Diagnostic]) -> dict[str, Measure]:
+    """Read the outputs by name; errors are added to `wrong`."""
     path = ("sensitivity", "outputs")
-    taken = {*COLUMNS, FAILURES, *parameters}
+    columns = {*COLUMNS, FAILURES, *parameters}
     outputs = {}
     for name, fields in by_name(value, "measures by name", path, wrong):
         output_path = (*path, name)
-        if name in taken or not name.isidentifier():
+        if name in columns or not name.isidentifier():
             text = "names a column of the table: take another name of letters, digits and _."
             wrong.append(Diagnostic(output_path, text))
         if (measure := read_measure(fields, output_path, wrong)) is not None:
@@ -252,7 +249,7 @@ def _own_values(fit: FitJob) -> FitJob:
         for name, parameter in fit.free.items()
         if name in fit.spec.starts
         and fit.spec.starts[name].default is None
-        and name not in (fit.given.get("start") or {})
+        and name not in (fit.written.get("start") or {})
     }
     return dataclasses.replace(fit, free=needed)
 

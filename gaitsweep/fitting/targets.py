@@ -23,6 +23,7 @@ MISS = "miss_"
 
 
 def _read_value_or_range(value: Any) -> tuple[float, float]:
+    """Read a number, or [low, high]; a number is a range of its own."""
     if isinstance(value, list | tuple):
         if len(value) != 2:
             raise InvalidValue(f"is {quoted(value)}, but takes a number, or [low, high].")

@@ -99,13 +99,13 @@ def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
     Example:
         >>> import gaitsweep as gs
         >>> hopper = gs.models.find("gaitsweep.examples.hopper:Hopper")()
-        >>> {each.name: each.default for each in hopper.parameters}
+        >>> {quantity.name: quantity.default for quantity in hopper.parameters}
         {'push': 2.6, 'restitution': 0.7, 'omega': 12.0, 'g': 9.81}
     """
     if name in _SESSION:
         return _as_model(name, _SESSION[name])
-    known = model_paths()
-    path = known.get(name, name)
+    paths = model_paths()
+    path = paths.get(name, name)
     if ":" not in path:
         near = near_miss.suggestion(name, names())
         raise ModelError(f"is {name}, which is not a known model{near} Or {_OWN}.")
@@ -115,13 +115,13 @@ def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
         raise ModelError(f"is {name}, but a file must be named without folder and ending: write {written}.")
     if not all(part.isidentifier() for part in module_name.split(".")) or not attribute.isidentifier():
         raise ModelError(f"is {name}, which is not a valid name; {_OWN}.")
-    module = _import(name, module_name, [] if name in known else [*folders, Path.cwd()])
+    module = _import(name, module_name, [] if name in paths else [*folders, Path.cwd()])
     if not hasattr(module, attribute):
         classes = {key: member for key, member in vars(module).items() if inspect.isclass(member)}
         own = {key: member for key, member in classes.items() if issubclass(member, Model)}
         package = module_name.partition(".")[0]  # not the bases, which a user's module imports from here
-        known = [key for key, member in own.items() if member.__module__.partition(".")[0] == package]
-        near = near_miss.suggestion(attribute, known)
+        in_package = [key for key, member in own.items() if member.__module__.partition(".")[0] == package]
+        near = near_miss.suggestion(attribute, in_package)
         raise ModelError(f"is {name}, but {module_name} has no {attribute}{near}")
     return _as_model(name, getattr(module, attribute))
 

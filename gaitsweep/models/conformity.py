@@ -50,9 +50,9 @@ class _Fault(Exception):
     """A violation of the contract; the message follows `but its function`."""
 
 
-def _returns(name: str, result: object, wanted: str) -> _Fault:
+def _returns(name: str, result: object, required: str) -> _Fault:
     """The violation by a function that returns something else than it must."""
-    return _Fault(f"{name} returns {result}, but must return {wanted}.")
+    return _Fault(f"{name} returns {result}, but must return {required}.")
 
 
 def _type_of(result: object) -> str:
@@ -159,14 +159,14 @@ def _event_functions(model: Declared, params: Any, state: Any) -> None:
         result = _given(name, lambda p, s, event=event: event.function(model, p, s), params, state)
         _shaped(name, result, event.counted.shape(model))
         if (kind := _kind(result)) != "real numbers":
-            wanted = "a real number that rises through zero: s.x - 2.0, not s.x > 2.0"
-            raise _returns(name, kind, wanted)
+            required = "a real number that rises through zero: s.x - 2.0, not s.x > 2.0"
+            raise _returns(name, kind, required)
         conditions = {"during": (event.during, (state,)), "when": (event.when, (params, state))}
-        for which, (condition, seen) in conditions.items():
+        for which, (condition, arguments) in conditions.items():
             if condition is None:
                 continue
             name = f"{which}= of the event {event.name!r}"
-            result = _given(name, condition, *seen)
+            result = _given(name, condition, *arguments)
             if _kind(result) != "booleans" or jnp.shape(result) not in ((), event.counted.shape(model)):
                 raise _returns(name, f"{_kind(result)} {jnp.shape(result)}", "a condition, such as s.x > 0.0")
 
@@ -325,8 +325,8 @@ def _alike(name: str, before: Any, after: Any) -> None:
         field = jax.tree_util.keystr(path).lstrip(".")
         for what, was, now in (("shape", old.shape, new.shape), ("type", old.dtype, new.dtype)):
             if was != now:
-                it = f"{field} with {what} {now}"
-                raise _Fault(f"{name} returns {it}, but init returns it with {what} {was}.")
+                returned = f"{field} with {what} {now}"
+                raise _Fault(f"{name} returns {returned}, but init returns it with {what} {was}.")
 
 
 def _scalar(name: str, value: Any) -> None:
@@ -335,13 +335,13 @@ def _scalar(name: str, value: Any) -> None:
 
 def _shaped(name: str, value: Any, shape: tuple[int, ...]) -> None:
     if getattr(value, "shape", None) != shape:
-        wanted = f"{shape[0]} numbers, {shape}, as count= says" if shape else "one number, ()"
-        raise _returns(name, getattr(value, "shape", type(value).__name__), wanted)
+        required = f"{shape[0]} numbers, {shape}, as count= says" if shape else "one number, ()"
+        raise _returns(name, getattr(value, "shape", type(value).__name__), required)
 
 
-def _named(name: str, returned: Any, kind: str, wanted: Iterable[str]) -> None:
+def _named(name: str, returned: Any, kind: str, required: Iterable[str]) -> None:
     names = list(returned) if isinstance(returned, Mapping) else []
-    for wanted_name in wanted:
+    for wanted_name in required:
         if wanted_name not in names:
             outputs = ", ".join(map(str, names)) or "no names"
             raise _Fault(f"{name} does not return {wanted_name}, one of its {kind}; it returns {outputs}.")
@@ -549,64 +549,64 @@ def faults_of_rows(model: Model, values: Columns, starts: Columns, where: Where)
         Ends of sentences, as in `fault`.
     """
     points = dict(model.on_host(values)), dict(starts)
-    begun = _begun(model)(*points)
-    said = [*_sound(begun, where), *_in_order(model, begun, points, where)]
-    if np.all(begun.fallen):
-        said.append(f"but its function failed returns True{where(0)} and at all other starts tried.")
-    known = True if begun.guards is None else ~np.any(np.isnan(begun.guards), axis=1)
-    for name, beyond in begun.beyond.items():
-        if (row := _first_row(beyond & known)) is not None:
-            said.append(
+    at_starts = _begun(model)(*points)
+    sentences = [*_sound(at_starts, where), *_in_order(model, at_starts, points, where)]
+    if np.all(at_starts.fallen):
+        sentences.append(f"but its function failed returns True{where(0)} and at all other starts tried.")
+    has_guards = True if at_starts.guards is None else ~np.any(np.isnan(at_starts.guards), axis=1)
+    for name, beyond in at_starts.beyond.items():
+        if (row := _first_row(beyond & has_guards)) is not None:
+            sentences.append(
                 f"which begins on or beyond the surface of its event {name!r}{where(row)}: "
                 "the event occurs only after its function has been below zero."
             )
-    return said
+    return sentences
 
 
-def _sound(begun: _Begun, where: Where) -> Iterator[str]:
+def _sound(at_starts: _Begun, where: Where) -> Iterator[str]:
     """Faults of starts: numbers that are not finite, and changes although no event has fired."""
     numbers = {
-        "init": begun.own_state,
-        "observe": begun.observed,
-        "signal": begun.signals,
-        "flow": begun.rates,
-        "step": begun.stepped,
+        "init": at_starts.own_state,
+        "observe": at_starts.observed,
+        "signal": at_starts.signals,
+        "flow": at_starts.rates,
+        "step": at_starts.stepped,
     }
     for name, values in numbers.items():
         yield from _not_finite(name, values, where)
-    for field, old in begun.state.items():
-        new = begun.still[field]
+    for field, old in at_starts.state.items():
+        new = at_starts.still[field]
         row = _first_row((np.asarray(old) != new) & ~(np.isnan(old) & np.isnan(new)))
         if row is not None:
             text = f"but its function jump changes {field} although no event has fired{where(row)}"
             yield f"{text}: use jnp.where(fired[i], ...)."
-    if (row := _first_row(begun.closes)) is not None:
+    if (row := _first_row(at_starts.closes)) is not None:
         yield f"but its function section closes a cycle although no event has fired{where(row)}."
 
 
-def _in_order(model: Model, begun: _Begun, points: tuple[Any, Any], where: Where) -> Iterator[str]:
+def _in_order(model: Model, at_starts: _Begun, points: tuple[Any, Any], where: Where) -> Iterator[str]:
     """Faults of periods, labels and events at any start."""
-    period, gait = begun.period, begun.gait
+    period, gait = at_starts.period, at_starts.gait
     if (row := _first_row(~((period > 0.0) & (period < math.inf)))) is not None:
         result = f"{period[row]:g}{where(row)}"
         yield f"but its function {_returns('period', result, 'seconds above 0')}"
-    seen = np.all([np.isfinite(values) for values in begun.observed.values()], axis=0)
-    if (row := _first_row(seen & ~((gait >= 0) & (gait < len(model.gaits))))) is not None:
-        wanted = f"the index of a gait, 0 to {len(model.gaits) - 1}"
-        yield f"but its function {_returns('label', f'gait {gait[row]}{where(row)}', wanted)}"
+    finite = np.all([np.isfinite(values) for values in at_starts.observed.values()], axis=0)
+    if (row := _first_row(finite & ~((gait >= 0) & (gait < len(model.gaits))))) is not None:
+        index = f"the index of a gait, 0 to {len(model.gaits) - 1}"
+        yield f"but its function {_returns('label', f'gait {gait[row]}{where(row)}', index)}"
     if not isinstance(model, HybridModel):
         return
-    guards = begun.guards
+    guards = at_starts.guards
     assert guards is not None
-    leaves = [np.reshape(leaf, (len(guards), -1)) for leaf in jax.tree.leaves(begun.own_state)]
+    leaves = [np.reshape(leaf, (len(guards), -1)) for leaf in jax.tree.leaves(at_starts.own_state)]
     sound = np.all(np.concatenate([np.isfinite(np.asarray(leaf, float)) for leaf in leaves], axis=1), axis=1)
     if (row := _first_row(sound & np.any(np.isnan(guards), axis=1))) is not None:
         name = _guard(model, int(np.argmax(np.isnan(guards[row]))))
         yield f"but its function guards returns NaN for {name}{where(row)}, so this event never occurs."
     if model.simultaneous == "independent":
-        apart = _dependent(model, *_states(model)(*points))
-        for i, j in np.argwhere(np.any(apart, axis=0)).tolist():
-            at = where(int(np.argmax(apart[:, i, j])))
+        dependent = _dependent(model, *_states(model)(*points))
+        for i, j in np.argwhere(np.any(dependent, axis=0)).tolist():
+            at = where(int(np.argmax(dependent[:, i, j])))
             events = f"the events {_guard(model, i)} and {_guard(model, j)}"
             differ = f"{events} lead to different states in two jumps and in one{at}"
             yield f'whose simultaneous is "independent", but {differ}: remove it.'
@@ -675,10 +675,10 @@ def sample(model: Model, n: int) -> tuple[Columns, Columns]:
         if isinstance(size := getattr(model, field.name), int | float)
     }
 
-    def drawn(quantities: Sequence[Quantity], known: Mapping[str, Any], start: bool) -> Columns:
+    def drawn(quantities: Sequence[Quantity], numbers_before: Mapping[str, Any], start: bool) -> Columns:
         formulas = {q.name: q.default for q in quantities if isinstance(q.default, str)}
         numbers = {q.name: _spread(random, n, q, start) for q in quantities if q.name not in formulas}
-        resolved = resolve(formulas, {**known, **numbers})
+        resolved = resolve(formulas, {**numbers_before, **numbers})
         return {q.name: np.broadcast_to(np.asarray(resolved[q.name], float), (n,)) for q in quantities}
 
     parameters = drawn(model.parameters, sizes, False)
@@ -719,8 +719,8 @@ def _not_finite(name: str, tree: Any, where: Where) -> Iterator[str]:
         numbers = np.asarray(leaf, float)
         if (row := _first_row(~np.isfinite(numbers))) is not None:
             field = jax.tree_util.keystr(path).strip(".[]'")
-            of = f" for {field}" if field else ""
-            yield f"but its function {name} returns {numbers[row]}{of}{where(row)}."
+            for_field = f" for {field}" if field else ""
+            yield f"but its function {name} returns {numbers[row]}{for_field}{where(row)}."
 
 
 def _first_row(flags: Bool[np.ndarray, "rows ..."]) -> int | None:

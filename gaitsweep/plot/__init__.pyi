@@ -14,6 +14,7 @@ from gaitsweep.plot.columns import is_logarithmic as is_logarithmic
 from gaitsweep.plot.columns import log_axes as log_axes
 from gaitsweep.plot.columns import moved_parameter as moved_parameter
 from gaitsweep.plot.columns import outcome as outcome
+from gaitsweep.plot.columns import require_columns as require_columns
 from gaitsweep.plot.columns import row_names as row_names
 from gaitsweep.plot.columns import rows_where as rows_where
 from gaitsweep.plot.columns import written as written

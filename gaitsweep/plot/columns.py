@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep import near_miss
+from gaitsweep.analysis.circular import branch_cut
 from gaitsweep.analysis.circular import is_circular as is_angle
 from gaitsweep.analysis.records import axes_of, outcome_labels
 from gaitsweep.design.vary import written_groups
@@ -48,6 +49,22 @@ def column(table: pd.DataFrame, name: str, suffixes: Sequence[str] = ("",)) -> s
     raise PlotError(
         f"{name} is not a column of this table{near_miss.suggestion(name, map(str, table.columns))}"
     )
+
+
+def require_columns(table: pd.DataFrame, *names: str | None) -> None:
+    """Refuse a table that lacks one of some columns; names that are None are skipped.
+
+    Raises:
+        PlotError: as for `column`.
+    """
+    for name in names:
+        if name is not None:
+            column(table, name)
+
+
+def origin_of(table: pd.DataFrame, name: str, values: np.ndarray) -> float | None:
+    """The angle (rad) at which an axis cuts the circle of a column's `values`; None if they are no angles."""
+    return branch_cut(values) if is_angle(table, name) else None
 
 
 def rows_where(table: pd.DataFrame, mask: Any) -> pd.DataFrame:
@@ -99,9 +116,9 @@ def symbol(table: pd.DataFrame, name: str) -> str:
     if label := _own_label(table, name):
         formula = _ONE_FORMULA.fullmatch(label)
         return formula[1] if formula else _UNIT_AT_END.sub("", label) or label
-    known = _quantity(table, name).get("symbol")
-    if known and can_be_set(f"${known}$"):
-        return f"${known}$"
+    own = _quantity(table, name).get("symbol")
+    if own and can_be_set(f"${own}$"):
+        return f"${own}$"
     quantities = table.attrs.get("quantities", {})
     recorded = bare(name) in quantities or (name in quantities and name not in axes_of(table))
     base = bare(name) if recorded and name not in _WORDS else base_name(name)
@@ -186,8 +203,8 @@ def outcome(table: pd.DataFrame, hue: str) -> pd.Series:
 
 def _quantity(table: pd.DataFrame, name: str) -> dict:
     """The entry of a column in `table.attrs["quantities"]`: its unit, symbol and whether it is circular."""
-    known = table.attrs.get("quantities", {})
-    return dict(known.get(name) or known.get(base_name(name)) or known.get(bare(name)) or {})
+    quantities = table.attrs.get("quantities", {})
+    return dict(quantities.get(name) or quantities.get(base_name(name)) or quantities.get(bare(name)) or {})
 
 
 def bare(name: str) -> str:

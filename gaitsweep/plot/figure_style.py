@@ -112,13 +112,13 @@ class FigureStyle(StrictModel):
 
     def over(self, other: FigureStyle) -> FigureStyle:
         """This style, with the fields of another where this one has none; colours and labels are joined."""
-        mine, below = dict(self), dict(other)
+        fields, defaults = dict(self), dict(other)
         for name in FigureStyle.model_fields:
-            if isinstance(mine[name], dict) and below[name]:
-                mine[name] = {**below[name], **mine[name]}
-            elif mine[name] is None:
-                mine[name] = below[name]
-        return FigureStyle.model_construct(**{name: mine[name] for name in FigureStyle.model_fields})
+            if isinstance(fields[name], dict) and defaults[name]:
+                fields[name] = {**defaults[name], **fields[name]}
+            elif fields[name] is None:
+                fields[name] = defaults[name]
+        return FigureStyle.model_construct(**{name: fields[name] for name in FigureStyle.model_fields})
 
 
 STYLE_FIELDS = tuple(FigureStyle.model_fields)

@@ -17,15 +17,7 @@ from matplotlib.ticker import MultipleLocator
 
 from gaitsweep.plot import theme
 from gaitsweep.plot.columns import PlotError, column, row_names, rows_where, written
-from gaitsweep.plot.kind import (
-    Panels,
-    PlannedTable,
-    Refusal,
-    Title,
-    Window,
-    check_window,
-    figure_kind,
-)
+from gaitsweep.plot.kind import Panels, PlannedTable, Refusal, Title, Window, check_window, figure_kind
 from gaitsweep.plot.limbs import limb_colours, limbs_of, model_of, name_limbs
 from gaitsweep.schema.numbers import Flag, Text
 from gaitsweep.skeleton import LimbLook
@@ -71,16 +63,14 @@ def footprints(
         PlotError: the table lacks t, panels or the contacts.
     """
     column(table, "t")
-    found = (re.fullmatch(r"contact_(\d+)", str(name)) for name in table.columns)
-    legs = sorted(int(match[1]) for match in found if match)
+    matches = (re.fullmatch(r"contact_(\d+)", str(name)) for name in table.columns)
+    legs = sorted(int(match[1]) for match in matches if match)
     if not legs:
         raise PlotError("The table has no columns contact_1, contact_2, ...: footprints need a trace.")
     parts: list[tuple[Any, pd.DataFrame]] = [(None, table)]
     if panels is not None:
         parts = list(table.groupby(column(table, panels), sort=True, observed=True))
-    if len(parts) > _MOST_PANELS:
-        title = f"{title or ''} (the first {_MOST_PANELS} of {len(parts)} panels)".strip()
-    parts = parts[:_MOST_PANELS] or [(None, table)]
+    parts, title = theme.first_of(parts or [(None, table)], _MOST_PANELS, title)
     height = len(parts) * (0.85 + 0.17 * len(legs)) + 0.15 + (0.25 if title else 0.0)
     limbs = limbs_of(table, len(legs))
     with theme.canvas(theme.PAGE, height, title) as figure:
@@ -98,12 +88,10 @@ def footprints(
                 _BACKWARDS: "swings pass backwards, as in a retrograde wave",
                 _FREE: "the lag of this link is free",
             }
-            there = [gait for gait in names if gait in joined]
             handles = [
-                Line2D(
-                    [], [], color=_COLOURS[gait], lw=1.4, ls=":" if gait == _FREE else "-", label=names[gait]
-                )
-                for gait in there
+                Line2D([], [], color=_COLOURS[way], lw=1.4, ls=":" if way == _FREE else "-", label=label)
+                for way, label in names.items()
+                if way in joined
             ]
             theme.legend(figure, handles, ncols=2, title=_filled(hops))
         elif hops:
@@ -116,8 +104,8 @@ def _filled(hops: Sequence[float]) -> str | None:
     """Legend entry for losses of contact that are filled; None without any."""
     if not hops:
         return None
-    many = f"{len(hops)} loss{'es' * (len(hops) > 1)} of contact"
-    return f"{many} within a stance filled, of {max(hops):.2g} s at most"
+    losses = f"{len(hops)} loss{'es' * (len(hops) > 1)} of contact"
+    return f"{losses} within a stance filled, of {max(hops):.2g} s at most"
 
 
 def _heading(
@@ -160,8 +148,8 @@ def _panel(
         theme.message(axes, f"This row was recorded from {t[0]:.4g} to {t[-1]:.4g} s only.")
         return set()
     stances = [contact_intervals(t, part[f"contact_{leg}"].to_numpy(float)) for leg in legs]
-    hops += [gap for one in stances for gap in _hops(*one, low, high)]
-    stances = [_without_hops(*one) for one in stances]
+    hops += [gap for starts, stops in stances for gap in _hops(starts, stops, low, high)]
+    stances = [_without_hops(starts, stops) for starts, stops in stances]
     for row, (starts, stops) in enumerate(stances):
         bars = list(zip(starts, stops - starts, strict=True))
         axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=colours[row], linewidth=0)
@@ -169,26 +157,18 @@ def _panel(
     period = _period(stances, t[0])
     if period is None:
         return set()
-    there_and_back: Any = (lambda seconds: (seconds - low) / period, lambda count: low + count * period)
-    above = axes.secondary_xaxis("top", functions=there_and_back)
+    to_and_from_cycles: Any = (lambda t: (t - low) / period, lambda cycles: low + cycles * period)
+    above = axes.secondary_xaxis("top", functions=to_and_from_cycles)
     above.set_xlabel(f"cycles of {period:.2f} s", labelpad=2, loc="right")
-    above.xaxis.set_major_locator(_whole(high - low, period))
+    # ticks at whole cycles, at most ten
+    above.xaxis.set_major_locator(MultipleLocator(max(1, int(np.ceil((high - low) / period / 10)))))
     # level with the label of the upper axis, not above it
     axes.set_title(title.get_text(), loc="left", y=1.0, pad=17)
     if not guides:
         return set()
-    return _guides(axes, [_swings(*one) for one in stances], period, _free_link(part, len(legs)))
-
-
-def _free_link(part: pd.DataFrame, legs: int) -> int | None:
-    """The first of two neighbouring limbs whose phase difference the model leaves free, from 1, or None."""
+    middles = [0.5 * (stops[:-1] + starts[1:]) for starts, stops in stances]
     model = model_of(part)
-    return None if model is None else model.free_link(part, legs)
-
-
-def _whole(duration: float, period: float) -> MultipleLocator:
-    """Ticks at whole cycles, at most ten."""
-    return MultipleLocator(max(1, int(np.ceil(duration / period / 10))))
+    return _guides(axes, middles, period, None if model is None else model.free_link(part, len(legs)))
 
 
 def contact_intervals(
@@ -222,13 +202,6 @@ def _hops(
     return gaps[(gaps <= _HOP * gaps.max()) & (stops[:-1] >= low) & (starts[1:] <= high)]
 
 
-def _swings(
-    starts: Float[np.ndarray, " stances"], stops: Float[np.ndarray, " stances"]
-) -> Float[np.ndarray, " swings"]:
-    """The middles of the swings between two stances."""
-    return 0.5 * (stops[:-1] + starts[1:])
-
-
 def _period(stances: Sequence[tuple[np.ndarray, np.ndarray]], beginning: float) -> float | None:
     """The mean time between touchdowns of a leg without stumbles; None if there is no such leg."""
     of_legs = [np.diff(starts[starts > beginning]) for starts, _ in stances]
@@ -237,30 +210,31 @@ def _period(stances: Sequence[tuple[np.ndarray, np.ndarray]], beginning: float) 
         return None
     usual = np.abs(gaps / np.median(gaps) - 1.0) < 0.2
     if usual.mean() < _REGULAR:  # legs stumble: the most regular one has the period
-        several = [each for each in of_legs if len(each) > 1]
-        gaps = min(several, key=lambda each: each.std() / each.mean(), default=gaps)
+        several = [leg_gaps for leg_gaps in of_legs if len(leg_gaps) > 1]
+        gaps = min(several, key=lambda leg_gaps: leg_gaps.std() / leg_gaps.mean(), default=gaps)
         usual = np.abs(gaps / np.median(gaps) - 1.0) < 0.2
         if usual.mean() < _REGULAR:
             return None
     return float(gaps[usual].mean())
 
 
-def _guides(axes: Axes, swings: Sequence[np.ndarray], period: float, free: int | None) -> set[str]:
+def _guides(axes: Axes, middles: Sequence[np.ndarray], period: float, free: int | None) -> set[str]:
     """Join each swing to the next leg's nearest one; returns the directions of the waves that occur.
 
-    The swings of the link `free` are joined whatever their lag.
+    The swings of the link `free` (from 1; None if the model leaves no link free) are joined whatever their
+    lag; `middles` (n,) s are those of the swings of each leg.
     """
-    drawn = set()
-    for row, (here, there) in enumerate(itertools.pairwise(swings)):
-        if not len(there):
+    ways = set()
+    for row, (swings, next_swings) in enumerate(itertools.pairwise(middles)):
+        if not len(next_swings):
             continue
-        for middle in here:
-            other = there[np.abs(there - middle).argmin()]
+        for middle in swings:
+            nearest = next_swings[np.abs(next_swings - middle).argmin()]
             is_free = row + 1 == free
-            if abs(other - middle) > (0.55 if is_free else _NEAR) * period:
+            if abs(nearest - middle) > (0.55 if is_free else _NEAR) * period:
                 continue
-            gait = _FREE if is_free else _BACKWARDS if other > middle else _FORWARDS
-            line = {"color": _COLOURS[gait], "ls": ":" if is_free else "-", "lw": 1.4, "zorder": 4}
-            axes.plot([middle, other], [row, row + 1], **line)
-            drawn.add(gait)
-    return drawn
+            way = _FREE if is_free else _BACKWARDS if nearest > middle else _FORWARDS
+            line = {"color": _COLOURS[way], "ls": ":" if is_free else "-", "lw": 1.4, "zorder": 4}
+            axes.plot([middle, nearest], [row, row + 1], **line)
+            ways.add(way)
+    return ways

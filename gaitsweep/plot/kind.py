@@ -153,7 +153,7 @@ class FigureKind(FigureStyle):
         for field in fields:
             value = getattr(self, field)
             several = isinstance(value, list)
-            places |= {(field, n): each for n, each in enumerate(value)} if several else {(field,): value}
+            places |= {(field, n): name for n, name in enumerate(value)} if several else {(field,): value}
         return {place: name for place, name in places.items() if name not in (None, *self.worked_out)}
 
     def check(self, table: PlannedTable) -> Iterator[Refusal]:
@@ -195,8 +195,8 @@ class FigureKind(FigureStyle):
             if isinstance(written, str):
                 texts.append(((field,), written))
             elif written:
-                texts += [((field, at if isinstance(written, list) else str(each)), str(each))
-                          for at, each in enumerate(written)]  # fmt: skip
+                texts += [((field, at if isinstance(written, list) else str(text)), str(text))
+                          for at, text in enumerate(written)]  # fmt: skip
         for path, text in texts:
             if not can_be_set(text):
                 begin = f"is {quoted(text)}, whose formula Matplotlib cannot typeset"
@@ -238,11 +238,11 @@ def _in_style(draw: Callable[Spec, Figure], kind: type[FigureKind]) -> Callable[
 
     @functools.wraps(draw)
     def drawn(*args: Any, ax: Axes | None = None, **spec: Any) -> Figure:
-        asked = {name: spec.pop(name) for name in STYLE_FIELDS if name in spec}
+        style_fields = {name: spec.pop(name) for name in STYLE_FIELDS if name in spec}
         table = args[0] if args else spec.get("table")
         if spec.get("title") == "none":  # as in a job
             spec["title"] = ""
-        own, shared = read_style(**asked), current()
+        own, shared = read_style(**style_fields), current()
         if isinstance(table, pd.DataFrame):
             _check_names(table, own, shared)
         if own.colours and not kind.colours_gaits:
@@ -301,12 +301,12 @@ def figure_kind(
             **_fields(draw),
             "name": (Name, Field(None)),
         }
-        title, of = name.title().replace("_", ""), draw.__module__
-        kind = create_model(title, __base__=FigureKind, __doc__=about, __module__=of, **fields)
+        title = name.title().replace("_", "")
+        kind = create_model(title, __base__=FigureKind, __doc__=about, __module__=draw.__module__, **fields)
         kind.draw, kind.runs, kind.worked_out = staticmethod(draw), runs, worked_out
         kind.colours_gaits = colours_gaits
         for role in ("column_fields", "axis_fields", "observable_fields"):
-            setattr(kind, role, tuple(n for n, each in fields.items() if role in _parts(each[:1])))
+            setattr(kind, role, tuple(n for n, (type_, _) in fields.items() if role in _parts([type_])))
         if check is not None:
             kind.check = check  # pyright: ignore[reportAttributeAccessIssue]
         return register(kind).draw
@@ -343,12 +343,11 @@ def _fields(draw: Callable[..., Figure]) -> dict[str, Any]:
     for name, argument in inspect.signature(draw, eval_str=True).parameters.items():
         description = getattr(argument.annotation, "__metadata__", (None,))[-1]
         if isinstance(description, str):
-            given: dict[str, Any] = (
-                {} if argument.default is argument.empty else {"default": argument.default}
-            )
-            if isinstance(argument.default, Mapping):
-                given = {"default_factory": dict}
-            fields[name] = (_in_job(argument.annotation), Field(**given, description=description))
+            # pydantic's mark of a required field is `...`; mappings are not shared between figures
+            default: Any = ... if argument.default is argument.empty else argument.default
+            mapping = isinstance(default, Mapping)
+            value: dict[str, Any] = {"default_factory": dict} if mapping else {"default": default}
+            fields[name] = (_in_job(argument.annotation), Field(**value, description=description))
     return fields
 
 
@@ -358,15 +357,15 @@ def _in_job(annotation: Any) -> Any:
     if origin is Annotated:
         return Annotated[_in_job(first), *rest]
     if origin in (Union, UnionType):
-        return Union[tuple(_in_job(each) for each in (first, *rest) if each is not pd.DataFrame)]  # noqa: UP007 - of a tuple of types
+        return Union[tuple(_in_job(part) for part in (first, *rest) if part is not pd.DataFrame)]  # noqa: UP007 - of a tuple of types
     if origin in (Sequence, Mapping):
         plain = list if origin is Sequence else dict
-        return plain[*(_in_job(each) for each in (first, *rest))]  # pyright: ignore[reportInvalidTypeArguments]
+        return plain[*(_in_job(part) for part in (first, *rest))]  # pyright: ignore[reportInvalidTypeArguments]
     return annotation
 
 
 def _parts(annotations: Sequence[Any]) -> Iterator[Any]:
     """Annotations and all their parts."""
-    for each in annotations:
-        yield each
-        yield from _parts(get_args(each))
+    for annotation in annotations:
+        yield annotation
+        yield from _parts(get_args(annotation))

@@ -32,12 +32,12 @@ def limb_colours(limbs: Iterable[Placed]) -> list[str]:
     places = [(limb.pair, limb.far) for limb in limbs]
     if len(set(places)) == 1:
         return [_ALIKE] * len(places)
-    found: list[str] = []
+    colours: list[str] = []
     for pair, far in places:
         white = _FAR if far else 0.0
         red, green, blue = (part + white * (1.0 - part) for part in to_rgb(_PAIRS[pair % len(_PAIRS)]))
-        found.append(to_hex((red, green, blue)))
-    return found
+        colours.append(to_hex((red, green, blue)))
+    return colours
 
 
 def model_of(table: pd.DataFrame) -> Model | None:

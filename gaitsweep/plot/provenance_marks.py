@@ -27,29 +27,28 @@ def remarks(table: pd.DataFrame) -> list[str]:
     """
     manifest = table.attrs.get("manifest")
     manifest = manifest if isinstance(manifest, Mapping) else {}
-    found = []
+    notes = []
     if table.attrs.get("complete", True) is False:
-        there = _rows_there(table, manifest)
-        rows = manifest.get("rows")
-        found.append("incomplete" if there is None else f"incomplete: {there} of {rows} rows")
+        rows = _rows_so_far(table, manifest)
+        notes.append("incomplete" if rows is None else f"incomplete: {rows} of {manifest.get('rows')} rows")
     if "thinned" in table.attrs:
-        found.append(str(table.attrs["thinned"]))
+        notes.append(str(table.attrs["thinned"]))
     check = manifest.get("self_check")
     if isinstance(check, Mapping) and check.get("verdict") == "warned":
-        found.append(f"self-check: {_differences(check)}")
-    return found
+        notes.append(f"self-check: {_differences(check)}")
+    return notes
 
 
 def _differences(check: Mapping[str, Any]) -> str:
     """Differences that a self-check found, such as `2 of 32 rows change gait`."""
-    rows = check.get("rows", 0)
-    found = [
-        f"{check[name]} of {rows} rows {words.mark}" for name, words in DIFFERENCES.items() if check.get(name)
+    of_rows = f"of {check.get('rows', 0)} rows"
+    texts = [
+        f"{check[name]} {of_rows} {words.mark}" for name, words in DIFFERENCES.items() if check.get(name)
     ]
-    return ", ".join(found) or "warned"
+    return ", ".join(texts) or "warned"
 
 
-def _rows_there(table: pd.DataFrame, manifest: Mapping[str, Any]) -> int | None:
+def _rows_so_far(table: pd.DataFrame, manifest: Mapping[str, Any]) -> int | None:
     """The number of the job's rows in the table; None if the table does not give it."""
     rows, missing = manifest.get("rows"), table.attrs.get("rows_missing")
     if not isinstance(rows, int):
@@ -59,8 +58,8 @@ def _rows_there(table: pd.DataFrame, manifest: Mapping[str, Any]) -> int | None:
     if missing is not None and hasattr(missing, "__len__"):
         return rows - len(missing)
     # a selection of rows is no evidence, unless the table has all rows so far
-    there = len(table["row"].unique()) if "row" in table.columns else rows
-    return there if there < rows else None
+    present = len(table["row"].unique()) if "row" in table.columns else rows
+    return present if present < rows else None
 
 
 def letter_panels(every: Sequence[Axes], letters: Sequence[str] | bool) -> None:
@@ -69,8 +68,8 @@ def letter_panels(every: Sequence[Axes], letters: Sequence[str] | bool) -> None:
     Raises:
         PlotError: there are fewer letters than panels.
     """
-    apart = ("<colorbar>", _LETTERED)  # one figure may draw another
-    panels = [each for each in every if each.get_visible() and each.get_label() not in apart]
+    skipped = ("<colorbar>", _LETTERED)  # one figure may draw another
+    panels = [axes for axes in every if axes.get_visible() and axes.get_label() not in skipped]
     if not isinstance(letters, Sequence):
         letters = [("a" if n >= 26 else "") + chr(ord("a") + n % 26) for n in range(len(panels))]
     if len(letters) < len(panels):
@@ -84,7 +83,7 @@ def letter_panels(every: Sequence[Axes], letters: Sequence[str] | bool) -> None:
 def mark(figure: Figure | Axes, notes: list[str]) -> None:
     """Write remarks above the right corner of a panel, or of a figure, in an added band."""
     text = "; ".join(notes)
-    if not notes or text in (each.get_text() for each in figure.texts):  # one figure may draw another
+    if not notes or text in (label.get_text() for label in figure.texts):  # one figure may draw another
         return
     from matplotlib.figure import Figure  # jobs are read without Matplotlib
 
@@ -92,17 +91,17 @@ def mark(figure: Figure | Axes, notes: list[str]) -> None:
         figure.text(1.0, 1.0, text, transform=figure.transAxes, **{**_LOOK, "va": "bottom"})
         return
     width, height = figure.get_size_inches()
-    share = _BAND / (height + _BAND)
+    band = _BAND / (height + _BAND)
     figure.set_size_inches(width, height + _BAND)
-    taken = share
+    above_panels = band
     title = getattr(figure, "_suptitle", None)
     if title is not None:  # the layout would move the title into the band, so it is placed below by hand
-        title.set_y(1.0 - share)
+        title.set_y(1.0 - band)
         title.set_in_layout(False)
         title._autopos = False
-        taken += _TITLE / (height + _BAND)
+        above_panels += _TITLE / (height + _BAND)
     engine = figure.get_layout_engine()
     if engine is not None:
         left, low, share_of_width, _ = engine.get()["rect"]
-        engine.set(rect=(left, low, share_of_width, 1.0 - taken))  # pyright: ignore[reportCallIssue]
-    figure.text(1.0 - 0.05 / width, 1.0 - 0.5 * share, text, **_LOOK)
+        engine.set(rect=(left, low, share_of_width, 1.0 - above_panels))  # pyright: ignore[reportCallIssue]
+    figure.text(1.0 - 0.05 / width, 1.0 - 0.5 * band, text, **_LOOK)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -37,52 +38,42 @@ def sensitivity_figure(indices: pd.DataFrame) -> Figure:
     bars = max(len(_DRAWN[method]) for method in set(indices["method"]))
     height = down * (_REST + parameters * _ROW * max(1.0, 0.6 * bars)) + 0.35
     with theme.canvas(wide, height) as figure:
-        panels = theme.panels(figure, len(outputs), down, across)
-        shown: dict[str, Any] = {}
+        panels = theme.panels(figure, (down, across), len(outputs))
+        bars_of: dict[str, Any] = {}
+        quantities: Mapping[str, Mapping[str, Any]] = indices.attrs.get("quantities", {})
         for axes, output in zip(panels, outputs, strict=True):
-            here = indices.loc[indices["output"] == output]
-            shown |= _panel(axes, here, indices)
-            axes.set_title(axis_label(indices, output) if output in _quantities(indices) else output)
-        if shown:
-            look: dict[str, Any] = {"ncols": len(shown), "title": _meanings(indices)}
-            theme.legend(figure, list(shown.values()), list(shown), **look)
+            bars_of |= _panel(axes, indices.loc[indices["output"] == output], indices)
+            axes.set_title(axis_label(indices, output) if output in quantities else output)
+        if bars_of:
+            meanings = {name: quantities.get(name, {}).get("meaning") for name in indices["parameter"]}
+            texts = [f"{symbol(indices, name)}: {meaning}" for name, meaning in meanings.items() if meaning]
+            look: dict[str, Any] = {"ncols": len(bars_of), "title": "; ".join(texts) or None}
+            theme.legend(figure, list(bars_of.values()), list(bars_of), **look)
     return figure
 
 
-def _meanings(indices: pd.DataFrame) -> str | None:
-    """The parameters' symbols with their meanings, for the legend."""
-    known: Any = _quantities(indices)
-    names = [name for name in dict.fromkeys(indices["parameter"]) if known.get(name, {}).get("meaning")]
-    return "; ".join(f"{symbol(indices, name)}: {known[name]['meaning']}" for name in names) or None
+def _panel(axes: Axes, of_output: pd.DataFrame, indices: pd.DataFrame) -> dict[str, Any]:
+    """Draw the indices of one output; returns the bars by the words of the legend."""
+    method = of_output["method"].iloc[0]
+    words = _DRAWN[method]
+    names = list(dict.fromkeys(of_output["parameter"]))
 
-
-def _quantities(indices: pd.DataFrame) -> dict[str, object]:
-    return indices.attrs.get("quantities", {})
-
-
-def _panel(axes: Axes, here: pd.DataFrame, indices: pd.DataFrame) -> dict[str, Any]:
-    """One output; returns the bars by the words of the legend."""
-    method = here["method"].iloc[0]
-    drawn = _DRAWN[method]
-    names = list(dict.fromkeys(here["parameter"]))
-    of = {(row["parameter"], row["index"]): row for row in here.to_dict("records")}
-
-    def column(index: str, field: str) -> np.ndarray:
+    def column(field: str, index: str) -> np.ndarray:
         """A field of an index for each parameter; NaN if it is missing."""
-        return np.array([of.get((name, index), {}).get(field, np.nan) for name in names], float)
+        records = of_output.loc[of_output["index"] == index].set_index("parameter")
+        return np.asarray(records[field].reindex(names), float)
 
-    known = any(np.isfinite(column(index, "value")).any() for index in drawn)
-    if not known:
+    if not any(np.isfinite(column("value", index)).any() for index in words):
         axes.set_axis_off()
-        theme.message(axes, here["note"].iloc[0])
+        theme.message(axes, of_output["note"].iloc[0])
         return {}
-    place, thick = np.arange(len(names)), 0.8 / len(drawn)
-    shown = {}
-    for number, (index, words) in enumerate(drawn.items()):
-        values, half = column(index, "value"), column(index, "confidence")
-        shown[words] = axes.barh(
-            place + (number - 0.5 * (len(drawn) - 1)) * thick,
-            values,
+    place, thick = np.arange(len(names)), 0.8 / len(words)
+    bars = {}
+    for number, (index, text) in enumerate(words.items()):
+        half = column("confidence", index)
+        bars[text] = axes.barh(
+            place + (number - 0.5 * (len(words) - 1)) * thick,
+            column("value", index),
             thick,
             xerr=None if np.isnan(half).all() else np.nan_to_num(half),
             color=theme.SPARE_COLOURS[2 if method == "rbd_fast" else (1, 0)[number]],
@@ -91,10 +82,8 @@ def _panel(axes: Axes, here: pd.DataFrame, indices: pd.DataFrame) -> dict[str, A
     axes.axvline(0.0, color="black", linewidth=0.6)
     axes.set_yticks(place, [symbol(indices, name) for name in names])
     axes.set_ylim(len(names) - 0.45, -0.55)
-    unit = here["unit"].iloc[0]
+    unit = of_output["unit"].iloc[0]
     what = {"one_at_a_time": "change", "morris": "effect of the whole range"}.get(method)
-    if what is None:
-        axes.set_xlabel("share of the variance")
-    else:
-        axes.set_xlabel(f"{what} ({unit})" if unit != "1" else what)
-    return shown
+    with_unit = what if unit == "1" else f"{what} ({unit})"
+    axes.set_xlabel("share of the variance" if what is None else str(with_unit))
+    return bars

@@ -8,7 +8,7 @@ import textwrap
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from types import MappingProxyType
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import matplotlib as mpl
 import numpy as np
@@ -40,6 +40,7 @@ SPARE_COLOURS = ("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#D55E00", "#56B4E9
 SPARE_MARKERS = ("o", "^", "s", "D", "v", "P", "X", "*")
 _SPARE_HATCHES = ("", "....", "\\\\\\\\", "----", "++++", "oo", "||||", "xxxx", "**")
 CONTRAST = 1.8  # of luminance, least, by which grey print tells two colours apart
+_DARK = 0.28  # luminance of a colour below which white is read better on it than black
 
 _POINTS = 8.0  # of text, unless the user's rcParams differ from Matplotlib's defaults
 _SIZES = {
@@ -80,10 +81,9 @@ _BELOW, _LINE = 0.4, 0.13  # inches: heights of a legend below panels, and of an
 _HIGHEST, _HIGHER = 1000, 5  # mm, of a figure: the heights that are tried
 _SHORT = 4  # labels of three letters along an axis of a turn
 _LETTER = 0.53  # mean width of a letter, as a share of the size of its font
-
-
 _COLLAPSED = "constrained_layout not applied"  # a warning of Matplotlib
 _FORMULA = re.compile(r"\$[^$]*\$")
+Panel = TypeVar("Panel")
 
 
 class _Figure(Figure):
@@ -132,9 +132,9 @@ class _OnePanel:
         """Keep the user's height."""
 
 
-def _unchanged(wanted: dict[Any, Any]) -> dict[Any, Any]:
+def _unchanged(defaults: dict[Any, Any]) -> dict[Any, Any]:
     """Those of some rcParams that the user has not changed."""
-    return {key: value for key, value in wanted.items() if mpl.rcParams[key] == mpl.rcParamsDefault[key]}
+    return {key: value for key, value in defaults.items() if mpl.rcParams[key] == mpl.rcParamsDefault[key]}
 
 
 class _TurnLocator(FixedLocator):
@@ -177,34 +177,38 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
         width, height: size in inches, unless the figure's style has another.
         title: text above the figure.
     """
-    given, asked = given_axes(), current()
+    own_axes, requested = given_axes(), current()
     scale = _unchanged({"font.size": _POINTS}).get("font.size", mpl.rcParams["font.size"]) / _POINTS
     sizes = _unchanged({key: size * scale for key, size in _SIZES.items()})
-    paper = _PAPER if given is None else {}
+    paper = _PAPER if own_axes is None else {}
     with mpl.rc_context({**_unchanged(_RC), **sizes, **paper, "font.size": _POINTS * scale}):
-        if given is not None:
+        if own_axes is not None:
             if title:
-                given.set_title(title)
-            yield cast(Figure, _OnePanel(given))
+                own_axes.set_title(title)
+            yield cast(Figure, _OnePanel(own_axes))
             return
         wide = width_of(width)
         lines = wrapped(title, wide, 9.5) if title else ""
         height += 0.16 * lines.count("\n")
-        figure = _Figure((wide, asked.height / _INCH if asked.height else height), layout="constrained")
+        figure = _Figure(
+            (wide, requested.height / _INCH if requested.height else height), layout="constrained"
+        )
         FigureCanvasAgg(figure)
-        if asked.width is not None:  # room for half of the label of a last tick, which the layout may miss
+        if (
+            requested.width is not None
+        ):  # room for half of the label of a last tick, which the layout may miss
             room = (0.0, 0.0, 1.0 - 0.07 / wide, 1.0)
             cast(ConstrainedLayoutEngine, figure.get_layout_engine()).set(rect=room)
         if lines:
             figure.suptitle(lines, fontsize=points(9.5))
         with warnings.catch_warnings():
-            if asked.height is not None:  # which is refused, with the least that fits
+            if requested.height is not None:  # which is refused, with the least that fits
                 warnings.filterwarnings("ignore", _COLLAPSED)
             yield figure
-            if asked.width is not None:
+            if requested.width is not None:
                 _break_lines(figure)
                 _break_lines(figure)  # broken labels may have made other panels narrower
-            if asked.height is not None:
+            if requested.height is not None:
                 _check_height(figure, height)
 
 
@@ -258,10 +262,10 @@ def _break_lines(figure: Figure) -> None:
 
 def width_of(natural: float) -> float:
     """The width in inches of the figure that is being drawn: its style's, else its natural one."""
-    asked = current().width
-    if asked is None:
+    width = current().width
+    if width is None:
         return natural
-    return (MILLIMETRES[asked] if isinstance(asked, str) else asked) / _INCH
+    return (MILLIMETRES[width] if isinstance(width, str) else width) / _INCH
 
 
 def shape(panels: int, natural: float, least: float, most: int | None = None) -> tuple[int, int]:
@@ -278,21 +282,36 @@ def shape(panels: int, natural: float, least: float, most: int | None = None) ->
     return -(-max(panels, 1) // columns), columns
 
 
-def panels(figure: Figure, count: int, down: int, across: int, **options: Any) -> list[Axes]:
+def first_of(
+    panels: list[Panel], most: int, title: str | None, noun: str = "panels"
+) -> tuple[list[Panel], str | None]:
+    """The first panels of a figure, `most` at most, and its title, which says so if some are left out."""
+    if len(panels) > most:
+        title = f"{title or ''} (the first {most} of {len(panels)} {noun})".strip()
+    return panels[:most], title
+
+
+def panels(figure: Figure, grid: tuple[int, int], count: int, **look: Any) -> list[Axes]:
     """A grid of panels, of which the last row may have empty cells; the lowest of each column has numbers.
 
     Args:
         figure: that of `canvas`.
-        count: the number of panels.
-        down, across: rows and columns of the grid.
-        options: those of `Figure.subplots`.
+        grid: rows and columns, the result of `shape`.
+        count: number of panels.
+        look: options of `Figure.subplots`.
     """
-    grid = figure.subplots(down, across, squeeze=False, **options).ravel()
-    for axes in grid[count:]:
+    cells = figure.subplots(*grid, squeeze=False, **look).ravel()
+    for axes in cells[count:]:
         axes.remove()
-    for axes in grid[max(count - across, 0) : count]:
+    for axes in cells[max(count - grid[1], 0) : count]:
         axes.tick_params(labelbottom=True)
-    return list(grid[:count])
+    return list(cells[:count])
+
+
+def interrupted(parted: np.ndarray, *lines: np.ndarray) -> list[np.ndarray]:
+    """Lines (n,) with NaN between the neighbours that are `parted` (n - 1,), where nothing is to be drawn."""
+    gaps = np.flatnonzero(parted) + 1
+    return [np.insert(line, gaps, np.nan) for line in lines]
 
 
 def points(size: float) -> float:
@@ -304,8 +323,8 @@ def wrapped(text: str, inches: float, size: float) -> str:
     """A text in lines that fit a width, at a font size of the theme."""
     letters = max(int(inches * 72 / (_LETTER * points(size))), 8)
     # no break in a formula, nor beside its sign of equality
-    whole = _FORMULA.sub(lambda formula: formula[0].replace(" ", "\0"), text).replace(" = ", "\0=\0")
-    lines = (textwrap.fill(line, letters, break_long_words=False) for line in whole.split("\n"))
+    unbroken = _FORMULA.sub(lambda formula: formula[0].replace(" ", "\0"), text).replace(" = ", "\0=\0")
+    lines = (textwrap.fill(line, letters, break_long_words=False) for line in unbroken.split("\n"))
     return "\n".join(lines).replace("\0", " ")
 
 
@@ -346,15 +365,15 @@ def legend(
     renderer = cast(FigureCanvasAgg, figure.canvas).get_renderer()
     if in_cell and _legend_in_cell(figure, {**look, "title": title}, renderer):
         return
-    made, columns = figure.legend(ncols=ncols, **look), ncols
-    while columns > 1 and made.get_window_extent(renderer).width > room * figure.dpi:
-        made.remove()
+    drawn, columns = figure.legend(ncols=ncols, **look), ncols
+    while columns > 1 and drawn.get_window_extent(renderer).width > room * figure.dpi:
+        drawn.remove()
         columns -= 1
-        made = figure.legend(ncols=columns, **look)
-    if made.get_window_extent(renderer).width > room * figure.dpi:
-        for text in made.get_texts():
+        drawn = figure.legend(ncols=columns, **look)
+    if drawn.get_window_extent(renderer).width > room * figure.dpi:
+        for text in drawn.get_texts():
             text.set_text(wrapped(text.get_text(), room - 0.45, 7.5))
-        rows = np.array_split([text.get_text().count("\n") for text in made.get_texts()], columns)
+        rows = np.array_split([text.get_text().count("\n") for text in drawn.get_texts()], columns)
         grow(figure, _LINE * max(int(row.sum()) for row in rows))
 
 
@@ -428,14 +447,16 @@ def hatches(names: Iterable[str]) -> dict[str, str]:
     names = list(names)
     colour = colours(names)
     own = {name: style[2] for name, style in gait_styles().items() if len(style) > 2} | dict(HATCHES)
-    found = {name: own[name] for name in names if name in own}
+    hatch_of = {name: own[name] for name in names if name in own}
     for name in names:
-        alike = {found[other] for other in found if contrast(colour[name], colour[other]) < CONTRAST}
-        free = (hatch for hatch in _SPARE_HATCHES if hatch not in alike)
-        found.setdefault(name, next(free, _SPARE_HATCHES[-1]))
+        confusable = {
+            hatch_of[other] for other in hatch_of if contrast(colour[name], colour[other]) < CONTRAST
+        }
+        free = (hatch for hatch in _SPARE_HATCHES if hatch not in confusable)
+        hatch_of.setdefault(name, next(free, _SPARE_HATCHES[-1]))
     if current().hatches is False:
-        found |= {name: "" for name in names if name not in HATCHES}
-    return found
+        hatch_of |= {name: "" for name in names if name not in HATCHES}
+    return hatch_of
 
 
 def contrast(colour: str, other: str) -> float:
@@ -461,9 +482,14 @@ def hatched(colour: str, hatch: str) -> dict[str, Any]:
     return {"facecolor": colour, "hatch": hatch or None, "edgecolor": line_on(colour), "linewidth": 0.0}
 
 
+def ink_on(colour: str) -> str:
+    """Black or white, for a text over a colour."""
+    return "white" if _luminance(colour) < _DARK else "black"
+
+
 def line_on(colour: str) -> str:
     """The colour of a hatch: lighter on dark colours, darker on light ones."""
-    return mixed(colour, "white" if _luminance(colour) < 0.28 else "black")
+    return mixed(colour, ink_on(colour))
 
 
 def angle_axis(axes: Axes, which: str, steps: int = 4) -> None:
@@ -497,7 +523,7 @@ def value_axis(axes: Axes, *, angle: bool) -> None:
 def _half_a_turn(axes: Axes, which: str) -> bool:
     """Whether the data of an axis and those that share it extend over half a turn, or there are no data."""
     shared = getattr(axes, f"get_shared_{which}_axes")().get_siblings(axes)
-    spans = np.array([getattr(each.dataLim, f"interval{which}") for each in shared])
+    spans = np.array([getattr(other.dataLim, f"interval{which}") for other in shared])
     spans = spans[np.isfinite(spans).all(axis=1)]
     return not len(spans) or float(np.ptp(spans)) >= np.pi
 

@@ -153,7 +153,7 @@ def _warnings(snapshot: Snapshot) -> str:
     check = snapshot.manifest.get("self_check")
     if isinstance(check, dict) and check.get("verdict") == "warned":
         sentences.append("The self-check warned: see below.")
-    return "".join(f'<p class="warning">{html.escape(each)}</p>' for each in sentences)
+    return "".join(f'<p class="warning">{html.escape(sentence)}</p>' for sentence in sentences)
 
 
 def _counts(snapshot: Snapshot) -> str:
@@ -168,16 +168,16 @@ def _counts(snapshot: Snapshot) -> str:
         for status, number in snapshot.counts.items()
     ]
     lines.append(f'<tr class="sum"><td>all</td>{_number(total, total)}<td></td></tr>')
-    stalls = snapshot.manifest.get("stalls")
+    stalls: Mapping[str, Any] = snapshot.manifest.get("stalls") or {}
     notes = "".join(
-        f"<p>{int(found.get('rows', 0))} stalled: {html.escape(names)}.</p>"
-        for names, found in (stalls or {}).items()
+        f"<p>{int(stall.get('rows', 0))} stalled: {html.escape(guards)}.</p>"
+        for guards, stall in stalls.items()
     )
     if slowest := snapshot.manifest.get("slowest"):
-        each = ", ".join(
+        observables = ", ".join(
             f"{html.escape(name)} in {int(rows)} row{'s' * (rows != 1)}" for name, rows in slowest.items()
         )
-        notes += f"<p>Rows did not settle because of {each}.</p>"
+        notes += f"<p>Rows did not settle because of {observables}.</p>"
     return f'<div class="wide"><table>{"".join(lines)}</table></div>{notes}{_reasons(snapshot)}'
 
 
@@ -189,6 +189,7 @@ def _columns(snapshot: Snapshot, *names: str) -> pd.DataFrame:
 
 
 def _number(number: int, total: int) -> str:
+    """The cells of a number and of its share of a total."""
     return f'<td class="number">{number}</td><td class="number">{100 * number / total:.1f} %</td>'
 
 
@@ -196,8 +197,8 @@ def _reasons(snapshot: Snapshot) -> str:
     """Most frequent reasons for failed sets of constants."""
     if not snapshot.counts.get(SetStatus.FAILED):  # a `Status` of rows has another name
         return ""
-    why = _columns(snapshot, "why")["why"].astype(str)
-    most = collections.Counter(each for each in why if each).most_common(_REASONS)
+    reasons = _columns(snapshot, "why")["why"].astype(str)
+    most = collections.Counter(reason for reason in reasons if reason).most_common(_REASONS)
     lines = [f"<li>{html.escape(reason)} ({number} sets)</li>" for reason, number in most]
     return f"<p>Most frequent reasons for failed sets:</p><ul>{''.join(lines)}</ul>"
 
@@ -215,15 +216,18 @@ def _gaits(snapshot: Snapshot) -> str:
     names = in_order(table, "gait", pd.Series(gait, dtype=object))
     chosen = theme.colours(names)
     head = "".join(f'<th class="number">{html.escape(name)}</th>' for name in ("all", "", *statuses))
+
+    def line(look: str, name: str, rows: np.ndarray) -> str:
+        """The line of some rows (n,) of the table: their number, their share, and those of each status."""
+        counts = (np.count_nonzero(rows & (status == one)) for one in statuses)
+        by_status = "".join(f'<td class="number">{count}</td>' for count in counts)
+        return f"<tr{look}>{name}{_number(int(rows.sum()), len(table))}{by_status}</tr>"
+
     lines = []
     for name in names:
-        mine = np.asarray(gait == name)
-        each = "".join(f'<td class="number">{np.count_nonzero(mine & (status == s))}</td>' for s in statuses)
         chip = f'<span class="chip" style="background:{chosen[name]}"></span>'
-        number = _number(int(mine.sum()), len(table))
-        lines.append(f'<tr><td class="name">{chip}{html.escape(name)}</td>{number}{each}</tr>')
-    each = "".join(f'<td class="number">{np.count_nonzero(status == s)}</td>' for s in statuses)
-    lines.append(f'<tr class="sum"><td>all</td>{_number(len(table), len(table))}{each}</tr>')
+        lines.append(line("", f'<td class="name">{chip}{html.escape(name)}</td>', np.asarray(gait == name)))
+    lines.append(line(' class="sum"', "<td>all</td>", np.ones(len(table), bool)))
     what = "records" if records else "rows"
     table_of = f'<div class="wide"><table><tr><th>gait</th>{head}</tr>{"".join(lines)}</table></div>'
     return f"<h2>Gaits of the {what}</h2>{table_of}"
@@ -231,28 +235,24 @@ def _gaits(snapshot: Snapshot) -> str:
 
 def _self_check(snapshot: Snapshot) -> str:
     """Section on the self-check."""
-    found = snapshot.manifest.get("self_check")
-    if not isinstance(found, dict):
+    check = snapshot.manifest.get("self_check")
+    if not isinstance(check, dict):
         return ""
-    text = self_check_sentence(found)
+    text = self_check_sentence(check)
     look = ""
-    if found.get("verdict") == "warned":
+    if check.get("verdict") == "warned":
         dt = snapshot.job.get("numerics", {}).get("dt")
-        text, look = f"{text} {advice(found, dt if isinstance(dt, float) else None)}", ' class="warning"'
+        text, look = f"{text} {advice(check, dt if isinstance(dt, float) else None)}", ' class="warning"'
     quantities = snapshot.manifest.get("quantities", {})
     lines = []
-    for name, change in found.get("largest", {}).items():
+    for name, change in check.get("largest", {}).items():
         unit = str(quantities.get(name, {}).get("unit", "")).replace("1", "", 1).strip()
         lines.append(
             f'<tr><td>{html.escape(name)}</td><td class="number">{change:.1e}</td>'
             f"<td>{html.escape(unit)}</td></tr>"
         )
-    largest = (
-        f'<div class="wide"><table><tr><th>largest change of</th><th></th><th></th></tr>{"".join(lines)}'
-        "</table></div>"
-        if lines
-        else ""
-    )
+    head = "<tr><th>largest change of</th><th></th><th></th></tr>"
+    largest = f'<div class="wide"><table>{head}{"".join(lines)}</table></div>' if lines else ""
     return f"<h2>Self-check</h2><p{look}>{html.escape(text)}</p>{largest}"
 
 
@@ -279,7 +279,7 @@ def _written(value: Any) -> str:
     if isinstance(value, Mapping):
         if {"names", "length"} <= set(value):
             return f"{' and '.join(value['names'])} ({value['length']})"
-        return ", ".join(f"{key} {_written(each)}" for key, each in value.items())
+        return ", ".join(f"{key} {_written(inner)}" for key, inner in value.items())
     if isinstance(value, list):
         return ", ".join(map(_written, value))
     return str(value)

@@ -1,37 +1,24 @@
-"""A movie or a strip of poses of one row, drawn from its model's skeleton.
-
-A row without a trace is simulated again.
-"""
+"""A movie or a strip of poses of one row, drawn from its model's skeleton."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 
 from gaitsweep import near_miss
-from gaitsweep.contract import Model
-from gaitsweep.design.design import row_params
-from gaitsweep.job import Job
-from gaitsweep.job.load import stored_job
-from gaitsweep.kinds.columns import gaits
 from gaitsweep.plot import PlotError
-from gaitsweep.plot.columns import rows_where, written
 from gaitsweep.plot.limbs import limb_colours
-from gaitsweep.runs.prepare import prepare
-from gaitsweep.table import WriteError, load, reason, replace_file
+from gaitsweep.table import WriteError, reason, replace_file
 from gaitsweep.table.manifest import FIGURES
-from gaitsweep.view.explorer.replay_groups import replayer_of
-from gaitsweep.view.explorer.replays import Windows
 from gaitsweep.view.movie import animation, movie_file, side_view
 from gaitsweep.view.movie.animation import Clip, Drawn, Scene
 from gaitsweep.view.movie.mujoco_movie import NoOpenGL, Painter, Rendered, RenderedBody, pixels
+from gaitsweep.view.row_motion import RowMotion, read_motion
 
 RENDERERS = ("auto", "mujoco", "matplotlib")
 SIZE, STILL_SIZE = (960, 540), (1600, 560)  # pixels
@@ -39,193 +26,8 @@ _SIDES = (160, 4096)
 _POSES = 6
 _CYCLE_TIME = 1.6  # s that a cycle takes in a movie whose speed is not given
 _MOST_FRAMES = 3000
-_LEAST_DISTANCE = 1e-3  # a slower body has no speed in its title; heights of the body a cycle
-_NAMED = 4  # quantities in a title
-SIMULATED = ("settle", "fixed_time", "return_map", "ramp", "staircase")  # run kinds simulated again
-_LAST_CYCLES = 4  # cycles at the end of a row that is simulated again, if its part is not given
 
 OnMessage = Callable[[str], None]
-
-
-@dataclasses.dataclass(frozen=True)
-class Motion:
-    """Signals (n,) of a row by name, at the times `t` (n,) s.
-
-    `values` are the row's parameters by name; `period` s is its model's nominal cycle; `gait` is its gait, or
-    how it ended, and `row` names it.
-    """
-
-    model: Model
-    values: Mapping[str, float]
-    t: np.ndarray
-    signals: Mapping[str, np.ndarray]
-    period: float
-    gait: str
-    row: str
-
-    def title(self, clip: Clip, lift: float) -> str:
-        """Format the model, its gait, the mean speed of a clip, the factor on its lift, and the row."""
-        distance = float(np.hypot(*(clip.camera[-1] - clip.camera[0])))
-        speed = distance / float(clip.t[-1] - clip.t[0])
-        moves = speed * self.period > _LEAST_DISTANCE * side_view.bounds(clip.skeleton, clip.camera)[1]
-        motion = f"{self.gait}{f' at {speed:.2g} m/s' if moves else ''}".strip()
-        motion += f" (lift drawn {lift:.3g} times as high)" if lift != 1.0 else ""
-        return f"{self.model.name}{f', {motion}' if motion else ''}; {self.row}"
-
-    def at(self, times: np.ndarray) -> dict[str, np.ndarray]:
-        """The signals at times (k,) s, interpolated linearly; angles and contacts from the nearest sample."""
-        edges = 0.5 * (self.t[1:] + self.t[:-1])
-        nearest = np.searchsorted(edges, times)
-        circular = {quantity.name for quantity in self.model.signals if quantity.circular}
-        return {
-            name: signal[nearest]
-            if name in circular or name.startswith("contact_")
-            else np.interp(times, self.t, signal)
-            for name, signal in self.signals.items()
-        }
-
-    def contact(self, limbs: int) -> np.ndarray:
-        """Ground contact of each limb, (n, limbs), 1 on the ground.
-
-        Raises:
-            PlotError: the model has no such signal for a limb.
-        """
-        names = [f"contact_{i + 1}" for i in range(limbs)]
-        for name in names:
-            if name not in self.signals:
-                raise PlotError(f"{self.model.name} has no signal {name}, which would show ground contact.")
-        return np.array([self.signals[name] for name in names]).reshape(limbs, len(self.t)).T
-
-
-def read_motion(
-    directory: str | Path,
-    row: int,
-    trust: bool = False,
-    start: float | None = None,
-    seconds: float | None = None,
-    renderer: str = "auto",
-) -> Motion:
-    """Read a row of a trace, or simulate a row of another run again as the explorer does.
-
-    Args:
-        directory: the result directory.
-        row: the number of the row.
-        trust: as for `gaitsweep.models.find_of_table`.
-        start, seconds: the part of a row that is simulated again, s; by default its last cycles, or seconds.
-        renderer: the one asked for.
-
-    Raises:
-        PlotError: the run kind has no motion, the model cannot be drawn so, the table lacks signals, or there
-            is no such row, or no motion of it.
-        TableError, JobError: the directory cannot be read, or its job.
-    """
-    directory = Path(directory)
-    table = load(directory)
-    fields = table.attrs["job"]
-    kind = fields.get("run", {}).get("kind", "another kind")
-    if kind not in ("trace", *SIMULATED) or {"search", "sensitivity"} & set(fields):
-        raise PlotError(
-            f"{directory} contains {kind} rows, which have no motion: use a run of kind trace"
-            f"{', or gaitsweep explore' if kind == 'continuation' else ''}."
-        )
-    part = _samples(table, directory, row)
-    job = stored_job(table.attrs, trust)
-    rows = job.design
-    parameters, _ = rows.values(row, row + 1)
-    values = {name: float(value[0]) for name, value in parameters.items()}
-    _check_drawable(rows.model, values, renderer)
-    names = [quantity.name for quantity in rows.model.signals]
-    ended = str(part["status"].iloc[-1])
-    if kind == "trace":
-        t, signals = _recorded(part, directory, names)
-        # that of the row's end; tables of older versions have none
-        gait = _gait_of(part.iloc[-1]) if "gait" in part.columns and job.run.moved is None else ""
-    else:
-        t, signals, gait = _simulated(job, part, row, start, seconds)
-    finite = np.isfinite(np.stack([t, *signals.values()])).all(axis=0)
-    if np.count_nonzero(finite) < 2:
-        raise PlotError(f"Row {row} of {directory} has no recorded motion: it ended with status {ended}.")
-    set_to = [written(table, name, part[name].iloc[0]) for name in rows.names if name in part.columns]
-    return Motion(
-        model=rows.model,
-        values=values,
-        t=t[finite],
-        signals={name: values[finite] for name, values in signals.items()},
-        period=float(rows.model.period(row_params(rows, row))),
-        gait=gait,
-        row=f"row {row}{': ' if set_to else ''}{', '.join(set_to[:_NAMED])}",
-    )
-
-
-def _check_drawable(model: Model, values: Mapping[str, float], renderer: str) -> None:
-    """Refuse a model that cannot be drawn, before its row is simulated."""
-    if type(model).skeleton is Model.skeleton:
-        raise PlotError(
-            f"{model.name} has no `skeleton` to draw: define one, as docs/own_model.md shows under "
-            "`See it move`."
-        )
-    if renderer == "mujoco" and model.mjcf(values) is None:
-        raise PlotError(f"{model.name} has no MJCF, which MuJoCo needs: use --renderer matplotlib.")
-
-
-def _recorded(
-    part: pd.DataFrame, directory: Path, names: list[str]
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Times (n,) s and signals (n,) of a row of a trace."""
-    missing = [name for name in names if name not in part.columns]
-    if missing:
-        some = ", ".join(missing[:_NAMED]) + (", ..." if len(missing) > _NAMED else "")
-        raise PlotError(
-            f"The table of {directory} lacks the signals {some}: run its job again into another directory."
-        )
-    part = part.sort_values("t")
-    return part["t"].to_numpy(float), {name: part[name].to_numpy(float) for name in names}
-
-
-def _simulated(
-    job: Job, part: pd.DataFrame, row: int, start: float | None, seconds: float | None
-) -> tuple[np.ndarray, dict[str, np.ndarray], str]:
-    """Times (n,) s and signals (n,) of a row simulated again, and its gait, or its status if it has none.
-
-    A row that failed at its start has no times.
-    """
-    times = part["t_end" if "t_end" in part.columns else "t"].to_numpy(float)
-    end = float(times[np.isfinite(times)].max(initial=0.0))
-    if end == 0.0:
-        return np.zeros(0), {}, ""
-    context = prepare(job)
-    replayer = replayer_of(context, np.array([row]))
-    first = start
-    if first is None:
-        length = _LAST_CYCLES * float(replayer.periods[0]) if seconds is None else seconds
-        first = max(0.0, end - length)
-    if not 0.0 <= first < end:
-        raise PlotError(f"{first:g} s is outside the row, which goes from 0 to {end:g} s.")
-    last = end if seconds is None else min(end, first + seconds)
-    (replayed,) = replayer.replayed(Windows(last - first, first))
-    kept = replayed.t <= last * (1.0 + 1e-9)
-    record = part.iloc[max(int(np.count_nonzero(times <= last * (1.0 + 1e-9))) - 1, 0)]
-    if "gait" not in part.columns and replayed.gait != -1:  # crossings of a return map
-        record = {**record, "gait": gaits(context.model, np.array([replayed.gait]))[0]}
-    signals = {key: values[kept] for key, values in replayed.signals.items()}
-    return replayed.t[kept], signals, _gait_of(record) or str(record["status"]).replace("_", " ")
-
-
-def _gait_of(record: Mapping[str, Any] | pd.Series) -> str:
-    """The gait of a record; empty if it has none."""
-    gait = record.get("gait")
-    return "" if gait is None or pd.isna(gait) or gait == "none" else str(gait)
-
-
-def _samples(table: pd.DataFrame, directory: Path, row: int) -> pd.DataFrame:
-    rows = int(table.attrs["manifest"]["rows"])
-    if not 0 <= row < rows:
-        allowed = f"rows 0 to {rows - 1}" if rows > 1 else "only row 0"
-        raise PlotError(f"Row {row} does not exist: {directory} has {allowed}.")
-    part = rows_where(table, table["row"] == row)
-    if part.empty:
-        raise PlotError(f"Row {row} of {directory} has not run yet: run the job again to continue it.")
-    return part
 
 
 def write_movie(
@@ -258,6 +60,7 @@ def write_movie(
         size: width and height, pixels.
         renderer: mujoco, matplotlib, or auto: MuJoCo if the model and this machine support it.
         lift: factor on the drawn height of feet over the ground; 1 with MuJoCo.
+        trust: as for `gaitsweep.models.find_of_table`.
         on_progress: callback with the numbers of drawn frames and of all frames.
         on_message: callback with sentences about deviations from the request.
 
@@ -345,6 +148,7 @@ def write_still(
 
 
 def _check(size: tuple[int, int], renderer: str, lift: float) -> None:
+    """Refuse a size, a renderer or a lift that is not allowed."""
     low, high = _SIDES
     if not all(low <= side <= high for side in size):
         raise PlotError(f"--size is {size[0]}x{size[1]}, but each side must have {low} to {high} pixels.")
@@ -355,6 +159,7 @@ def _check(size: tuple[int, int], renderer: str, lift: float) -> None:
 
 
 def _target(directory: str | Path, out: str | Path | None, name: str) -> Path:
+    """The file to write: `out`, or by default `name` in the figures of the result directory."""
     return Path(directory) / FIGURES / name if out is None else Path(out)
 
 
@@ -368,7 +173,7 @@ def _write(target: Path, write: Callable[[], object], *, own: bool) -> None:
         raise WriteError(f"{target} could not be written: {reason(error)}.") from error
 
 
-def _end(motion: Motion, start: float, seconds: float | None, on_message: OnMessage | None) -> float:
+def _end(motion: RowMotion, start: float, seconds: float | None, on_message: OnMessage | None) -> float:
     """End of the shown part, s, at most the end of the trace."""
     first, last = float(motion.t[0]), float(motion.t[-1])
     if not first <= start < last:
@@ -383,13 +188,13 @@ def _end(motion: Motion, start: float, seconds: float | None, on_message: OnMess
 
 def usual_speed(period: float) -> float:
     """A round speed at which the eye can follow a cycle (s)."""
-    wanted = np.log(period / _CYCLE_TIME)
     heads = np.array([1.0, 2.0, 2.5, 5.0])
-    rounds = (heads * 10.0 ** np.arange(-9.0, 10.0)[:, None]).ravel()
-    return float(rounds[np.abs(np.log(rounds) - wanted).argmin()])
+    speeds = (heads * 10.0 ** np.arange(-9.0, 10.0)[:, None]).ravel()
+    return float(speeds[np.abs(np.log(speeds) - np.log(period / _CYCLE_TIME)).argmin()])
 
 
 def _pace(speed: float) -> str:
+    """Format the speed of a movie relative to real time."""
     if abs(speed - 1.0) < 1e-3:
         return "real time"
     return f"{speed:.3g} times faster" if speed > 1.0 else f"{1.0 / speed:.3g} times slower"
@@ -397,9 +202,9 @@ def _pace(speed: float) -> str:
 
 @contextlib.contextmanager
 def _prepared(
-    motion: Motion, times: np.ndarray, pace: str, renderer: str, lift: float, on_message: OnMessage | None
+    motion: RowMotion, times: np.ndarray, pace: str, renderer: str, lift: float, on_message: OnMessage | None
 ) -> Iterator[tuple[Clip, Drawn]]:
-    """Clip at some times, and the drawing function of the body."""
+    """A context with the clip at some times, and the function that draws the body."""
     signals = motion.at(times)
     skeleton = motion.model.skeleton(motion.values, signals)
     if skeleton is None:

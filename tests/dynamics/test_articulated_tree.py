@@ -280,7 +280,7 @@ def test_the_quadruped_is_a_short_scalar_program() -> None:
 
 def test_limbs_of_parallel_hinges_are_written_in_the_axes_of_what_carries_them() -> None:
     tree, _ = tree_of(waist_quadruped_xml())
-    own = {link.name for link, writing in zip(tree.links, tree.writings, strict=True) if writing.own}
+    own = {link.name for link, axes in zip(tree.links, tree.link_axes, strict=True) if axes.own}
     assert own == {"fore", "rear"}
 
 

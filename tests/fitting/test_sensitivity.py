@@ -136,9 +136,9 @@ def test_a_cluster_continues_a_stopped_batch(tmp_path: Path, monkeypatch: pytest
         if fraction > 0.1:
             raise KeyboardInterrupt
 
-    shared, computed = tmp_path / "shared", task._computed
+    shared, computed = tmp_path / "shared", task._compute
     kept: list[int] = []
-    monkeypatch.setattr(task, "_computed", lambda *given: (kept.append(given[2]), computed(*given))[1])
+    monkeypatch.setattr(task, "_compute", lambda *given: (kept.append(given[2]), computed(*given))[1])
     with (
         distributed.LocalCluster(1, threads_per_worker=1, processes=False, dashboard_address=None) as workers,
         distributed.Client(workers, set_as_default=False) as client,

@@ -11,7 +11,7 @@ from gaitsweep.errors import UserError
 from gaitsweep.job import Job, JobError
 from gaitsweep.plot import draw
 from gaitsweep.plot.columns import PlotError
-from gaitsweep.schema.diagnostics import shown
+from gaitsweep.schema.diagnostics import dotted
 from tests.support.job_tables import table_of
 
 GRID = {"psi_1": {"linspace": [1, 2, 4]}, "psi_2": {"linspace": [1, 1.5, 3]}}
@@ -132,7 +132,7 @@ def test_one_error_does_not_hide_another() -> None:
     def wrong(**more: Any) -> set[str]:
         with pytest.raises(JobError) as error:
             Job(**fields | more)
-        return {shown(diagnostic.path) for diagnostic in error.value.diagnostics}
+        return {dotted(diagnostic.path) for diagnostic in error.value.diagnostics}
 
     figures = {"figures[0].y", "figures[1].x"}
     assert wrong() == figures

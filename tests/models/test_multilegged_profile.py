@@ -21,7 +21,7 @@ from gaitsweep.job.job import Job
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, chains_of
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
-from gaitsweep.papers.ambe2021.theory.chain import Chain, lag, own_resets, reset
+from gaitsweep.papers.ambe2021.theory.chain import Chain, amplitudes, lag, masses, reset, springs
 from gaitsweep.papers.ambe2021.theory.conditions import source_conditions, wave_conditions
 from gaitsweep.papers.ambe2021.theory.gaits import classify
 from gaitsweep.papers.ambe2021.theory.order import order_sets, touchdown_residuals
@@ -156,7 +156,10 @@ def test_no_profile_of_the_inner_legs_moves_the_source() -> None:
     N = 7
     chain, values = profile(N)
     assert float(drift(chain)) == 0.0
-    own = np.asarray(own_resets(N, chain))
+    # D of each leg with all its neighbours in stance: eq. (31) for the first leg, eq. (32) for the last one
+    stiffness = np.convolve(springs(N, chain), [1.0, 1.0])  # both springs of each leg
+    weights = chain.g * np.asarray(masses(N, chain))
+    own = (1.0 - chain.beta) * np.pi * weights / (np.asarray(amplitudes(N, chain)) * stiffness)
     assert own[[0, -1]] == pytest.approx(float(reset(chain)))
     assert own[1:-1].max() < own[0]
     model = MultileggedReduced(N, profile=True)

@@ -25,7 +25,7 @@ from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.job import Job, JobError
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import gait_of, onsets_in, onsets_of_crossings
 from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped
-from gaitsweep.papers.fukuoka2015.planar_quadruped.bodies import edited, page_values
+from gaitsweep.papers.fukuoka2015.planar_quadruped.bodies import default_body, edit
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import HIP, KNEE, joint_powers, mjcf
 from gaitsweep.papers.fukuoka2015.planar_quadruped.model import perturbation
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
@@ -121,10 +121,10 @@ def test_the_tree_is_the_mjcfs_body_for_any_masses_and_lengths() -> None:
     model = PlanarQuadruped()
     random = np.random.default_rng(7)
     for scale in (0.0, 0.3):
-        values = {name: v * (1.0 + scale * random.uniform(-1, 1)) for name, v in page_values().items()}
+        values = {name: v * (1.0 + scale * random.uniform(-1, 1)) for name, v in default_body().items()}
         values["com_z"] = 0.1 * scale  # 0 on the page
         spec = mujoco.MjSpec.from_string(mjcf())
-        edited(spec, values)
+        edit(spec, values)
         compiled = spec.compile()
         if scale == 0.0:
             as_written = mujoco.MjModel.from_xml_string(mjcf())

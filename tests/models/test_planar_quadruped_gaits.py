@@ -136,9 +136,9 @@ def _followed(loads: jax.Array, onsets: jax.Array) -> cycle.Cycle:
 
     def step(read: cycle.Cycle, load: jax.Array) -> tuple[cycle.Cycle, None]:
         u = flexors(read.clock), flexors(read.clock + dt)
-        return cycle.followed(read, u, load, zero, zero, jnp.zeros(2), jnp.asarray(10.0), dt), None
+        return cycle.after_step(read, u, load, zero, zero, jnp.zeros(2), jnp.asarray(10.0), dt), None
 
-    return jax.lax.scan(step, cycle.begun(zero, zero), loads)[0]
+    return jax.lax.scan(step, cycle.initial_cycle(zero, zero), loads)[0]
 
 
 def footfalls(gait: str, leg: str = "LF", at: float = 0.06, air: float = 0.0, each: int = 1) -> np.ndarray:

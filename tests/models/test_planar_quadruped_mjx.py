@@ -17,7 +17,7 @@ from reference.planar_quadruped_mujoco import followed
 
 from gaitsweep.dynamics.mjx.body import MjxBody
 from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped
-from gaitsweep.papers.fukuoka2015.planar_quadruped.bodies import edited, page_values
+from gaitsweep.papers.fukuoka2015.planar_quadruped.bodies import default_body, edit
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import mjcf
 from tests.support.sweeping import complete
 
@@ -52,7 +52,7 @@ def test_the_first_second_is_mujoco_cs(run: Any, case: str) -> None:
     start, found = run(params, jnp.asarray(2.0))
 
     spec = mujoco.MjSpec.from_string(mjcf())
-    edited(spec, page_values() | body)
+    edit(spec, default_body() | body)
     reference = InMujoco(spec.compile(), sigma, np.array(start.u))
     reference.data.qpos[:] = np.array(start.q)
     wanted = followed(reference, DT * STEPS)

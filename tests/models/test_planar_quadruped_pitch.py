@@ -27,9 +27,9 @@ def shares_of(signal: jax.Array, memory: float = 1e6) -> jax.Array:
 
     def step(read: cycle.Cycle, pitch: jax.Array) -> tuple[cycle.Cycle, None]:
         u, load, work = (potentials(read.clock), potentials(read.clock + DT)), jnp.zeros(4), jnp.zeros(2)
-        return cycle.followed(read, u, load, zero, pitch, work, jnp.asarray(memory), jnp.asarray(DT)), None
+        return cycle.after_step(read, u, load, zero, pitch, work, jnp.asarray(memory), jnp.asarray(DT)), None
 
-    read, _ = jax.lax.scan(step, cycle.begun(zero, zero), signal)
+    read, _ = jax.lax.scan(step, cycle.initial_cycle(zero, zero), signal)
     return read.average.pitch_shares()
 
 

@@ -64,7 +64,7 @@ def test_couplings_of_all_limbs_pull_them_to_the_desired_gait() -> None:
     for i, j in PAIRS:
         lead = phi[i - 1] - phi[j - 1] - (desired[i - 1] - desired[j - 1])
         wanted[i - 1] -= gains[f"K_{i}{j}"] * math.sin(lead)
-    state: Any = SimpleNamespace(phi=jnp.asarray(phi), wanted=jnp.asarray(1.5))
+    state: Any = SimpleNamespace(phi=jnp.asarray(phi), held_lead=jnp.asarray(1.5))
     result = phase_rates(p, state, jnp.zeros(()))
     np.testing.assert_allclose(result, wanted, atol=1e-12)
 

@@ -45,11 +45,11 @@ PARAMS = scalars(MODEL, K_hold=K_HOLD, resetting=0.0)
 def begun(T_hold: jax.Array) -> tuple[Any, Any]:
     params = dataclasses.replace(PARAMS, T_hold=T_hold)
     state = MODEL.init(params, {"delta_13": jnp.asarray(2.2)})
-    return params, dataclasses.replace(state, wanted=state.wanted - AWAY)
+    return params, dataclasses.replace(state, held_lead=state.held_lead - AWAY)
 
 
 def left(state: Any) -> jax.Array:
-    return state.phi[0] - state.phi[2] - state.wanted
+    return state.phi[0] - state.phi[2] - state.held_lead
 
 
 def located(T_hold: jax.Array, dt: jax.Array) -> tuple[jax.Array, jax.Array]:

@@ -16,7 +16,7 @@ from gaitsweep.plot.limbs import limb_colours, limbs_of
 from gaitsweep.skeleton import Skeleton
 from gaitsweep.view.movie.animation import Clip, frames
 from gaitsweep.view.movie.side_view import bounds, heading, turned
-from gaitsweep.view.row_movie import read_motion
+from gaitsweep.view.row_motion import read_motion
 from tests.support.sweeping import scalars
 from tests.support.trace_directories import (
     CYCLE,

@@ -23,10 +23,12 @@ from gaitsweep.cli import main
 from gaitsweep.job import Job
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.table import Snapshot
+from gaitsweep.view import row_motion
 from gaitsweep.view import row_movie as movie
 from gaitsweep.view.explorer.replays import SAMPLES_A_CYCLE, Crossings, ReplayedRow, Windows
 from gaitsweep.view.movie import mujoco_movie, mujoco_painter
 from gaitsweep.view.movie.side_view import SWING
+from gaitsweep.view.row_motion import read_motion
 from tests.support.trace_directories import (
     CYCLE,
     SPEED,
@@ -198,12 +200,12 @@ def test_what_cannot_be_drawn_is_refused_before_its_row_is_simulated(
     tmp_path: Path, quadruped: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    monkeypatch.setattr(movie, "prepare", lambda _: pytest.fail("simulated"))
-    monkeypatch.setattr(movie, "stored_job", lambda *_: pytest.fail("read"))
+    monkeypatch.setattr(row_motion, "prepare", lambda _: pytest.fail("simulated"))
+    monkeypatch.setattr(row_motion, "stored_job", lambda *_: pytest.fail("read"))
     assert "gaitsweep[video]" in refused(capsys, [str(quadruped), "--out", "walk.mp4"])
     assert "must end with .png" in refused(capsys, [str(quadruped), "--still", "0", "--out", "walk.gif"])
     monkeypatch.undo()
-    monkeypatch.setattr(movie, "prepare", lambda _: pytest.fail("simulated"))
+    monkeypatch.setattr(row_motion, "prepare", lambda _: pytest.fail("simulated"))
     assert "has no `skeleton`" in refused(capsys, [str(settled_toy(tmp_path / "toy"))])
 
 
@@ -221,14 +223,14 @@ def test_seconds_are_the_last_ones_of_a_row_that_is_simulated_again(
         crossings = Crossings(np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 1)))
         yield ReplayedRow(0, 0, crossings, t, {"x": t}, -1)
 
-    monkeypatch.setattr(movie, "prepare", lambda job: types.SimpleNamespace(model=job.design.model))
+    monkeypatch.setattr(row_motion, "prepare", lambda job: types.SimpleNamespace(model=job.design.model))
     replayer = types.SimpleNamespace(periods=np.array([0.2]), replayed=replayed)
-    monkeypatch.setattr(movie, "replayer_of", lambda *_: replayer)
+    monkeypatch.setattr(row_motion, "replayer_of", lambda *_: replayer)
     for seconds in (0.33, 1.0, 3.0):
-        t, signals, _ = movie._simulated(job, table, 0, None, seconds)
+        t, signals, _ = row_motion._simulated(job, table, 0, None, seconds)
         assert t[0] == pytest.approx(4856.8 - seconds)
         assert t[-1] == pytest.approx(4856.8, abs=every)
-        motion = movie.Motion(job.design.model, {}, t, signals, 0.2, "", "")
+        motion = row_motion.RowMotion(job.design.model, {}, t, signals, 0.2, "", "")
         assert movie._end(motion, t[0], seconds, told.append) == pytest.approx(4856.8, abs=every)
     assert told == []
     movie._end(motion, t[0], 4.0, told.append)
@@ -254,7 +256,7 @@ def test_a_row_without_a_trace_is_simulated_again(tmp_path: Path, run: dict[str,
         run=run,
     )
     table = gs.run(job, tmp_path / "rows").table
-    motion = movie.read_motion(tmp_path / "rows", 0)
+    motion = read_motion(tmp_path / "rows", 0)
     last = float(np.max(table[end].to_numpy(float)))
     assert motion.t[-1] == pytest.approx(last, abs=motion.period / 64)
     assert motion.t[-1] - motion.t[0] == pytest.approx(4 * motion.period, rel=0.02)
@@ -264,10 +266,10 @@ def test_a_row_without_a_trace_is_simulated_again(tmp_path: Path, run: dict[str,
         for name in ("x_1", "l_3"):
             wanted = np.interp(motion.t, alone["t"], alone[name])
             np.testing.assert_allclose(motion.signals[name], wanted, atol=2e-3)  # between samples
-    early = movie.read_motion(tmp_path / "rows", 0, start=1.0, seconds=2.0)
+    early = read_motion(tmp_path / "rows", 0, start=1.0, seconds=2.0)
     assert (early.t[0], early.t[-1]) == pytest.approx((1.0, 3.0), abs=motion.period / 64)
     with pytest.raises(movie.PlotError, match="goes from 0 to"):
-        movie.read_motion(tmp_path / "rows", 0, start=last + 1.0)
+        read_motion(tmp_path / "rows", 0, start=last + 1.0)
     out = movie.write_movie(tmp_path / "rows", fps=2.0, size=(320, 180))
     assert out.name == "animation_row0.gif"
 
@@ -281,7 +283,7 @@ def test_a_trace_has_the_gait_of_its_end(tmp_path: Path, moves: bool) -> None:
     start: dict[str, Any] = {"psi_1": 1.13, "psi_2": 0.98, "psi_3": 1.5}
     result = gs.run(Job(name="trace", model="multilegged", start=start, run=run | moving), tmp_path / "trace")
     assert set(result.table["gait"]) == {"direct"}
-    assert movie.read_motion(tmp_path / "trace", 0).gait == ("" if moves else "direct")
+    assert read_motion(tmp_path / "trace", 0).gait == ("" if moves else "direct")
     table = gs.simulate("multilegged", **start, duration=20.0, every=5.0)
     assert not {"gait", "outcome", "status"} & set(table.columns)
 
@@ -292,7 +294,7 @@ def test_a_movie_is_titled_by_gait_and_speed(quadruped: Path, chain: Path) -> No
         (quadruped, "", f"waist_quadruped, at {SPEED:.2g} m/s; row 0: "),
         (chain, "direct", "multilegged, direct; row 0"),  # which has no speed
     ):
-        motion = dataclasses.replace(movie.read_motion(folder, 0), gait=gait)
+        motion = dataclasses.replace(read_motion(folder, 0), gait=gait)
         with movie._prepared(motion, motion.t, "", "matplotlib", 1.0, None) as (clip, _):
             assert clip.title.startswith(title)
 
@@ -306,7 +308,7 @@ def test_a_body_of_an_mjcf_is_drawn_from_its_geoms(tmp_path: Path) -> None:
     folder = written(
         tmp_path / "hops", job, [pd.DataFrame({"row": 0, "t": t, **signals, "status": "complete"})]
     )
-    motion = movie.read_motion(folder, 0)
+    motion = read_motion(folder, 0)
     skeleton = motion.model.skeleton(motion.values, motion.signals)
     assert skeleton is not None
     trunk, foot = skeleton.bodies
@@ -320,7 +322,7 @@ def test_a_body_of_an_mjcf_is_drawn_from_its_geoms(tmp_path: Path) -> None:
 
 def test_legs_in_swing_are_coloured_and_lifted_on_request(chain: Path) -> None:
     """The chain's legs have one colour, so another marks those in swing; only these are lifted."""
-    motion = movie.read_motion(chain, 0)
+    motion = read_motion(chain, 0)
     skeletons = []
     for lift in (1.0, 3.0):
         with movie._prepared(motion, motion.t, "", "auto", lift, None) as (clip, draw):

@@ -27,8 +27,8 @@ from gaitsweep.cli import commands
 from gaitsweep.plot import theme
 from gaitsweep.runs.dataset import MissingPackageError
 from gaitsweep.view.explorer.encoding import RESOLUTION, motion_fields, packed
-from gaitsweep.view.explorer.explorer import explorer_of
-from gaitsweep.view.explorer.plotly_source import quicker
+from gaitsweep.view.explorer.explorer import write_explorer
+from gaitsweep.view.explorer.plotly_source import fast_to_load
 from gaitsweep.view.explorer.replays import Motion, Pictures, Stretch, pictures_of
 from gaitsweep.view.explorer.start_map import CELLS, StartMap, columns_of, html_symbol, with_next
 from gaitsweep.view.explorer.traced_cells import boundary, spread, subgrid
@@ -468,7 +468,7 @@ def test_a_value_without_rows_and_keys_beside_the_map(tmp_path: Path) -> None:
     table = gs.run(job, tmp_path / "part").table
     part = table.loc[table["restitution"] < 0.8]
     part.attrs = table.attrs
-    file = explorer_of(part, tmp_path / "part.html")
+    file = write_explorer(part, tmp_path / "part.html")
     with browser() as page:
         page.size(1280, 900)
         page.open(file, "#row=0")
@@ -546,7 +546,7 @@ def test_a_click_on_a_logarithmic_map(logarithmic: Path, tmp_path: Path) -> None
         np.testing.assert_allclose(np.array(drawn) - box[0], edges, atol=3.0)  # half the line's width
         assert page.errors == []
         # of points the mark is a circle around the chosen one
-        points = explorer_of(table, tmp_path / "points.html", x="stiffness", y="launch_1_end", replays=0)
+        points = write_explorer(table, tmp_path / "points.html", x="stiffness", y="launch_1_end", replays=0)
         page.open(points, f"#row={row}")
         assert page.evaluate("[data.kind, data.x.log, data.y.log]") == ["points", True, False]
         middle = page.evaluate(
@@ -630,10 +630,10 @@ def test_what_is_not_recognised_of_plotly_stays() -> None:
         'var D=W((q,r)=>{"use strict";r.exports={name:"cone"}});'
     )
     built = f'{modules}K.register([A(),C()]);x="年"'
-    assert quicker(built) == built.replace("A(),C()", "A()").replace("年", "\\u5e74")
+    assert fast_to_load(built) == built.replace("A(),C()", "A()").replace("年", "\\u5e74")
     other = built.replace("heatmap", "cone")
-    assert quicker(other) == other.replace("年", "\\u5e74")
-    assert quicker('f("𝒙")') == 'f("\\ud835\\udc99")'
+    assert fast_to_load(other) == other.replace("年", "\\u5e74")
+    assert fast_to_load('f("𝒙")') == 'f("\\ud835\\udc99")'
 
 
 def test_what_cannot_be_explored_is_refused_in_a_sentence(wells: Path, monkeypatch: Any) -> None:

@@ -15,7 +15,7 @@ from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.errors import ArgumentError
 
 Trajectories = Int[np.ndarray, " trajectories"]  # a number for each trajectory
-# The label of a trajectory that has reached no attractor yet; -1 - w if it ended by the `Way` w.
+# The label of a trajectory that has reached no attractor yet; -1 - w if it ended by the `ReturnStatus` w.
 UNDECIDED = -1
 # Least number of lanes in a call: fewer take a kernel as long, and every size is compiled separately.
 FEWEST = 8
@@ -59,8 +59,8 @@ class ProximityMapper:
         self._scale = np.mean(sizes(self._places), axis=1, keepdims=True)
         away = mapping.difference(self._places[:, :, None], self._places[:, None]) / self._scale[:, None]
         different = self._labels[:, None] != self._labels
-        apart = np.min(np.where(different, np.max(np.abs(away), axis=3), np.inf), axis=(1, 2))
-        self._reach = reach * apart
+        smallest = np.min(np.where(different, np.max(np.abs(away), axis=3), np.inf), axis=(1, 2))
+        self._reach = reach * smallest
 
     def __call__(self, images: MapEvaluation, pair: Trajectories, cycle: int) -> Trajectories:
         which = _of_each(pair, len(self._places), "attractors")
@@ -92,22 +92,21 @@ class LabelMapper:
         model = mapping.model
         for name in only or ():
             if name not in model.gaits:
-                raise ArgumentError(f"{name} is not a gait of {model.name}"
-                                 f"{near_miss.suggestion(name, model.gaits)}")  # fmt: skip
+                near = near_miss.suggestion(name, model.gaits)
+                raise ArgumentError(f"{name} is not a gait of {model.name}{near}")
         self._after = after
         self._counts = np.array([only is None or name in only for name in model.gaits])
-        self._held = mapping.complete(values, max([np.size(v) for v in values.values()], default=1))
-        self._read = [quantity.name for quantity in model.observables]
+        self._values = mapping.complete(values, max([np.size(v) for v in values.values()], default=1))
+        self._observables = [quantity.name for quantity in model.observables]
         self._label = jax.jit(jax.vmap(lambda v, o: model.label(mapping.params(v), o)["gait"]))
 
     def __call__(self, images: MapEvaluation, pair: Trajectories, cycle: int) -> Trajectories:
         if cycle < self._after:
             return np.full(len(pair), UNDECIDED)
-        which = _of_each(pair, len(next(iter(self._held.values()))), "values")
-        observed = {name: images.observed[name] for name in self._read}
-        label = np.asarray(
-            self._label({name: column[which] for name, column in self._held.items()}, observed)
-        )
+        which = _of_each(pair, len(next(iter(self._values.values()))), "values")
+        observed = {name: images.observed[name] for name in self._observables}
+        values = {name: column[which] for name, column in self._values.items()}
+        label = np.asarray(self._label(values, observed))
         if (wrong := label[images.sound & ~((label >= 0) & (label < self._counts.size))]).size:
             raise ArgumentError(
                 f"The model's function label returns gait {wrong[0]}, but must return the index of a gait, "

@@ -38,11 +38,7 @@ class Continued:
 
 
 def follow_attractors(
-    table: pd.DataFrame,
-    parameter: str,
-    *,
-    within: float | None = None,
-    **grouping: Any,
+    table: pd.DataFrame, parameter: str, *, within: float | None = None, **grouping: Any
 ) -> Continued:
     """Group the settled rows at each value of a parameter, and match the attractors of successive values.
 
@@ -69,29 +65,26 @@ def follow_attractors(
     parts = [_at(table, parameter, value) for value in values]
     groupings = [attractors(part, **grouping) for part in parts]
     space = Space.of(table, grouping.get("columns") or state_columns(table), grouping.get("scales"))
-    within = (
-        _half_the_smallest(space, [grouped.states for grouped in groupings]) if within is None else within
-    )
-    seen: dict[str, np.ndarray] = {}  # the latest states of each attractor
+    if within is None:
+        within = _half_the_smallest(space, [grouped.states for grouped in groupings])
+    latest: dict[str, np.ndarray] = {}  # the latest states of each attractor
     present: list[str] = []
-    called: dict[str, str] = {}
+    orbits: set[str] = set()
     columns, summaries = [], []
     for value, grouped in zip(values, groupings, strict=True):
-        names, moved = _named(space, grouped.states, seen, present, within)
+        names, moved = _named(space, grouped.states, latest, present, within)
         present = list(names.values())
-        seen |= {names[own]: states for own, states in grouped.states.items()}
+        latest |= {names[own]: states for own, states in grouped.states.items()}
         own = grouped.summary["attractor"]
         # orbits of several crossings are not matched: their names are their periods
-        orbits = {name: name for name in own if name not in names}
-        called |= orbits
-        columns.append(grouped.column.astype(object).map((names | orbits).get))
-        summary = grouped.summary.assign(attractor=own.map((names | orbits).get), moved=own.map(moved.get))
+        orbits |= set(own) - set(names)
+        names = dict(zip(own, own, strict=True)) | names
+        columns.append(grouped.column.astype(object).map(names.get))
+        summary = grouped.summary.assign(attractor=own.map(names.get), moved=own.map(moved.get))
         summary.insert(0, parameter, value)
         summaries.append(summary)
-    together = pd.concat(columns).reindex(table.index)
-    column = pd.Series(
-        pd.Categorical(together, [*seen, *sorted(called)]), index=table.index, name="attractor"
-    )
+    names_of_rows = pd.Categorical(pd.concat(columns).reindex(table.index), [*latest, *sorted(orbits)])
+    column = pd.Series(names_of_rows, index=table.index, name="attractor")
     labelled = table.assign(attractor=column)
     labelled.attrs = table.attrs
     shares = fractions(labelled, label="attractor", by=parameter)
@@ -107,6 +100,7 @@ def attractor_distance(
 
 
 def _at(table: pd.DataFrame, parameter: str, value: float) -> pd.DataFrame:
+    """The rows at a value of the parameter."""
     part = table.iloc[np.flatnonzero(table[parameter] == value)]
     part.attrs = table.attrs
     return part
@@ -123,7 +117,7 @@ def _half_the_smallest(
 def _named(
     space: Space,
     states: Mapping[str, Float[np.ndarray, "_states coordinates"]],
-    seen: Mapping[str, Float[np.ndarray, "_states coordinates"]],
+    latest: Mapping[str, Float[np.ndarray, "_states coordinates"]],
     present: Sequence[str],
     within: float,
 ) -> tuple[dict[str, str], dict[str, float]]:
@@ -131,18 +125,21 @@ def _named(
     names: dict[str, str] = {}
     moved: dict[str, float] = dict.fromkeys(states, float("nan"))
     # attractors of the last value are matched first, vanished ones after them
-    for candidates in (list(present), [name for name in seen if name not in present]):
-        left = [own for own in states if own not in names]
+    for candidates in (list(present), [name for name in latest if name not in present]):
+        unmatched = [own for own in states if own not in names]
         cost = np.array(
-            [[attractor_distance(space, states[own], seen[name]) for name in candidates] for own in left]
+            [
+                [attractor_distance(space, states[own], latest[name]) for name in candidates]
+                for own in unmatched
+            ]
         )
         if not cost.size:
             continue
         rows, columns = scipy.optimize.linear_sum_assignment(np.where(cost <= within, cost, _FAR))
         for row, column in zip(rows, columns, strict=True):
             if cost[row, column] <= within:
-                names[left[row]], moved[left[row]] = candidates[column], float(cost[row, column])
-    count = len(seen)
+                names[unmatched[row]], moved[unmatched[row]] = candidates[column], float(cost[row, column])
+    count = len(latest)
     for own in states:
         if own not in names:
             count += 1

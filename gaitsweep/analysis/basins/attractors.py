@@ -105,40 +105,38 @@ def attractors(
     space = Space.of(table, columns, scales)
     settled = _settled(table, columns)
     points = space.points(table, columns)[settled]
-    gathered = cells(space, points, grain)
-    states = points[gathered.first]
+    binned = cells(space, points, grain)
+    states = points[binned.first]
     links, lengths = spanning_tree(space, states)
-    link = linking_distance(lengths, gathered.side, len(points)) if link is None else link
+    link = linking_distance(lengths, binned.side, len(points)) if link is None else link
     flat = space.unrolled(states, links)
     group = components(len(states), links[lengths <= link])
     if corners:
         gaps = np.where(lengths <= link, lengths, 0.0)
-        group = _cut_at_corners(space, states, flat, group, links, gaps, gathered.side)
-    resting = (table["status"].astype(str) == Status.at_rest.name).to_numpy()[settled][gathered.first]
+        group = _cut_at_corners(space, states, flat, group, links, gaps, binned.side)
+    resting = (table["status"].astype(str) == Status.at_rest.name).to_numpy()[settled][binned.first]
     group = np.unique(np.stack([group, resting]), axis=1, return_inverse=True)[1].reshape(-1)
     # the largest first
-    rows = np.bincount(group[gathered.of])
-    group = np.argsort(np.argsort(-rows, kind="stable"), kind="stable")[group]
-    rows = -np.sort(-rows)
-    names = [f"A{number + 1}" for number in range(rows.size)]
+    order = np.argsort(-np.bincount(group[binned.of]), kind="stable")
+    members = {f"A{number + 1}": group == own for number, own in enumerate(order)}
     codes = np.full(len(table), -1)
-    codes[settled] = group[gathered.of]
+    codes[settled] = np.argsort(order, kind="stable")[group[binned.of]]
     orbits = _orbits(table)
     periods = [int(p) for p in np.unique(orbits[orbits > 1])]
-    for number, p in enumerate(periods, start=len(names)):
+    for number, p in enumerate(periods, start=len(members)):
         codes[orbits == p] = number
-    every = [*names, *(f"period {p}" for p in periods)]
-    column = pd.Series(pd.Categorical.from_codes(codes.tolist(), every), index=table.index, name="attractor")
-    own = [group == number for number in range(rows.size)]
-    records = [_described(space, states[members], flat[members], gathered.side, columns) for members in own]
-    for record, members in zip(records, own, strict=True):
-        record["kind"] = "rest" if resting[members].any() else record["kind"]
+    names = [*members, *(f"period {p}" for p in periods)]
+    column = pd.Series(pd.Categorical.from_codes(codes.tolist(), names), index=table.index, name="attractor")
+    records = []
+    for own in members.values():
+        record = _described(space, states[own], flat[own], binned.side, columns)
+        records.append(record | ({"kind": "rest"} if resting[own].any() else {}))
     records += [{"dimension": 0, "kind": "orbit"} for _ in periods]
     summary = pd.DataFrame(records, columns=[*columns, "extent", "dimension", "kind"])
-    rows = np.concatenate([rows, [np.count_nonzero(orbits == p) for p in periods]]).astype(int)
-    counted = pd.DataFrame({"attractor": every, "rows": rows, "share": rows / max(rows.sum(), 1)})
-    of_each = {name: states[members] for name, members in zip(names, own, strict=True)}
-    return Attractors(column, pd.concat([counted, summary], axis=1), link, grain, of_each)
+    rows = np.bincount(codes[codes >= 0], minlength=len(names))
+    counted = pd.DataFrame({"attractor": names, "rows": rows, "share": rows / max(rows.sum(), 1)})
+    states_of = {name: states[own] for name, own in members.items()}
+    return Attractors(column, pd.concat([counted, summary], axis=1), link, grain, states_of)
 
 
 def with_attractors(table: pd.DataFrame, **grouping: Any) -> pd.DataFrame:
@@ -166,6 +164,7 @@ def agreement(table: pd.DataFrame, column: pd.Series, label: str = "gait") -> fl
 
 
 def _grain_of(table: pd.DataFrame) -> float:
+    """The distance below which states are equal, by the tolerance of the table's run."""
     tolerance = table.attrs.get("job", {}).get("run", {}).get("tolerance")
     if isinstance(tolerance, Mapping):  # one for each observable: the largest determines the grain
         tolerance = max(tolerance.values(), default=None)
@@ -173,9 +172,10 @@ def _grain_of(table: pd.DataFrame) -> float:
 
 
 def _settled(table: pd.DataFrame, columns: Sequence[str]) -> Bool[np.ndarray, " rows"]:
-    known = np.isfinite(table[list(columns)].to_numpy(float)).all(axis=1)
+    """Whether each row settled at a state, on its section or at rest, (n,)."""
+    finite = np.isfinite(table[list(columns)].to_numpy(float)).all(axis=1)
     status = table["status"].astype(str)
-    return known & status.isin([Status.settled.name, Status.at_rest.name]).to_numpy() & (_orbits(table) <= 1)
+    return finite & status.isin([Status.settled.name, Status.at_rest.name]).to_numpy() & (_orbits(table) <= 1)
 
 
 def _orbits(table: pd.DataFrame) -> Int[np.ndarray, " rows"]:
@@ -216,10 +216,10 @@ def _described(
 
 def _dimension(flat: StateArray, side: float) -> int:
     """The box-counting dimension of unrolled states (m, d), rounded; 0 for a point."""
-    whole = extent(flat)
-    if whole <= GRAINS_OF_A_POINT * side:
+    size = extent(flat)
+    if size <= GRAINS_OF_A_POINT * side:
         return 0
-    sides = [whole / 2.0**k for k in (2, 3, 4) if whole / 2.0**k >= 1.2 * side]
+    sides = [size / 2.0**k for k in (2, 3, 4) if size / 2.0**k >= 1.2 * side]
     boxes = [len(np.unique(np.floor((flat - flat[0]) / box + 0.5), axis=0)) for box in sides]
     slope = np.polyfit(-np.log(sides), np.log(boxes), 1)[0]
     return max(1, round(float(slope)))
@@ -228,19 +228,19 @@ def _dimension(flat: StateArray, side: float) -> int:
 def _smooth_pieces(space: Space, states: StateArray, flat: StateArray, grain: float, gap: float) -> Groups:
     """The smooth piece (m,) of each state of one line; at a corner its neighbours are bent."""
     window = WINDOW * extent(flat)
-    whole = np.zeros(len(states), np.int64)
+    one_piece = np.zeros(len(states), np.int64)
     if window < max(4.0 * grain, gap):
-        return whole
+        return one_piece
     straight = np.flatnonzero(_bend(space, states, window) <= BENT)
     if not straight.size:
-        return whole
+        return one_piece
     # slightly more than the gap, so that the two ends of the longest link stay together
     links = space.tree(states[straight]).query_pairs(max(0.5 * window, 1.01 * gap), output_type="ndarray")
     piece = components(straight.size, links)
     members = [straight[piece == number] for number in range(piece.max() + 1)]
     large = [members_of_piece for members_of_piece in members if extent(flat[members_of_piece]) >= window]
     if len(large) < 2:
-        return whole
+        return one_piece
     return np.argmin(
         [space.nearest_distance(states, states[members_of_piece]) for members_of_piece in large], axis=0
     )
@@ -295,9 +295,9 @@ def spanning_tree(space: Space, points: StateArray) -> tuple[Links, Float[np.nda
     newest = 0
     for step in range(count - 1):
         outside[newest] = False
-        apart = space.distance(points, points[newest])
-        closer = outside & (apart < near)
-        near[closer], source[closer] = apart[closer], newest
+        distance = space.distance(points, points[newest])
+        closer = outside & (distance < near)
+        near[closer], source[closer] = distance[closer], newest
         near[newest] = np.inf
         newest = int(np.argmin(np.where(outside, near, np.inf)))
         links[step], lengths[step] = (source[newest], newest), near[newest]
@@ -329,7 +329,6 @@ def linking_distance(lengths: Float[np.ndarray, " links"], grain: float, rows: i
 
 def components(count: int, links: Links) -> Int[np.ndarray, " nodes"]:
     """The component (count,) of each of `count` nodes joined by links (k, 2), numbered in their order."""
-    graph = scipy.sparse.coo_array(
-        (np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(count, count)
-    )
+    joined = np.ones(len(links), bool), (links[:, 0], links[:, 1])
+    graph = scipy.sparse.coo_array(joined, shape=(count, count))
     return scipy.sparse.csgraph.connected_components(graph, directed=False)[1].astype(np.int64)

@@ -146,24 +146,17 @@ def edge_states(
 
 
 def _table(mapping: Map, values: Values, search: Tracking) -> pd.DataFrame:
+    """The table of `EdgeStates`."""
     n = len(search.outcome)
     reached = search.rounds + search.bisections > 0
     columns: dict[str, object] = {"row": np.arange(n)}
     columns |= {name: np.broadcast_to(np.asarray(value, np.float64), (n,)) for name, value in values.items()}
     for k, quantity in enumerate(mapping.coordinates):
         columns[quantity.name] = np.where(reached, search.edge.at[:, k], np.nan)
-    columns |= {
-        "outcome": [EdgeOutcome(code).name for code in search.outcome],
-        "period": search.period,
-        "residual": search.residual,
-        "growth": search.growth,
-        "label_1": search.labels[:, 0],
-        "label_2": search.labels[:, 1],
-        "met": search.met,
-        "rounds": search.rounds,
-        "bisections": search.bisections,
-        "evaluations": search.evaluations,
-    }
+    columns["outcome"] = [EdgeOutcome(code).name for code in search.outcome]
+    columns |= {name: getattr(search, name) for name in ("period", "residual", "growth")}
+    columns |= {f"label_{k + 1}": search.labels[:, k] for k in range(2)}
+    columns |= {name: getattr(search, name) for name in ("met", "rounds", "bisections", "evaluations")}
     return pd.DataFrame(columns)
 
 
@@ -174,21 +167,18 @@ class Recurrence:
 
     Args:
         distance: function of two arrays of coordinates (n, size) that gives their distances (n,).
-        begun: the initial points.
+        starts: the initial points.
         longest: the largest number of cycles.
     """
 
     def __init__(
         self,
-        distance: Callable[
-            [Coordinates, Coordinates],
-            Float[np.ndarray, " ..."],
-        ],
-        begun: Points,
+        distance: Callable[[Coordinates, Coordinates], Float[np.ndarray, " ..."]],
+        starts: Points,
         longest: int,
     ) -> None:
-        self._distance, self._longest, self._past = distance, longest, [begun]
-        self.gaps, self.states = np.full((len(begun), longest), np.inf), [begun] * longest
+        self._distance, self._longest, self._past = distance, longest, [starts]
+        self.gaps, self.states = np.full((len(starts), longest), np.inf), [starts] * longest
 
     def add(self, on: Int[np.ndarray, " some"], now: Points) -> Int[np.ndarray, " nearer"]:
         """Add the points one cycle later, for the trajectories `on` that still run.
@@ -266,6 +256,7 @@ class Tracking:
         return mapper
 
     def _narrow(self) -> None:
+        """Bisect until the two points of each pair are close."""
         while True:
             width = self._distance(self.other.at, self.one.at)
             rows = np.flatnonzero(self.going & (width > self.limits.bisection_distance))
@@ -285,10 +276,9 @@ class Tracking:
         passes = (labels[:, :-1] == labels[:, :1]) & (labels[:, 1:] == labels[:, -1:])
         first = np.argmax(passes, axis=1)
         for place in np.flatnonzero(~np.any(passes, axis=1)):
-            strange = 1 + int(np.argmax(labels[place, 1:-1] != labels[place, 0]))
-            came = tried[[place * cuts + strange - 1]]
-            self.edge = self.edge.merged(rows[[place]], came)
-            self._end(int(rows[place]), labels[place, strange])
+            third = 1 + int(np.argmax(labels[place, 1:-1] != labels[place, 0]))
+            self.edge = self.edge.merged(rows[[place]], tried[[place * cuts + third - 1]])
+            self._end(int(rows[place]), labels[place, third])
         divides = np.any(passes, axis=1)
         lower, upper = divides & (first > 0), divides & (first < cuts)
         at = np.arange(rows.size) * cuts + first
@@ -302,8 +292,8 @@ class Tracking:
             return
         n = len(self.one)
         begun = middle = self._between(np.arange(n))
-        width, taken = self._distance(self.other.at, self.one.at), np.zeros(n, int)
-        calm_width, calm_from = width.copy(), taken.copy()
+        width, cycles = self._distance(self.other.at, self.one.at), np.zeros(n, int)
+        calm_width, calm_from = width.copy(), cycles.copy()
         course = Recurrence(self._distance, begun, limits.max_period)
         for _ in range(limits.max_cycles):
             near = self._distance(self.other.at, self.one.at) <= limits.separation_distance
@@ -314,7 +304,7 @@ class Tracking:
             points = _joined(_joined(self.one[on], self.other[on]), middle[on])
             images = advanced(self.mapping, points, self._of(lanes))
             np.add.at(self.evaluations, lanes, 1)
-            taken[on] += 1
+            cycles[on] += 1
             one, other, between = (images.points[np.arange(on.size) + k * on.size] for k in range(3))
             self.one, self.other = self.one.merged(on, one), self.other.merged(on, other)
             middle = middle.merged(on, between)
@@ -322,14 +312,14 @@ class Tracking:
                 self._end(int(lanes[place]), -1 - images.status[place])
             calmer = course.add(on, middle)
             calm_width[calmer] = self._distance(self.other.at, self.one.at)[calmer]
-            calm_from[calmer] = taken[calmer]
-        begins_calm = calm_from < taken
+            calm_from[calmer] = cycles[calmer]
+        begins_calm = calm_from < cycles
         calm_width, calm_from = np.where(begins_calm, (calm_width, calm_from), (width, np.zeros(n)))
         distance = self._distance(self.other.at, self.one.at)
         with np.errstate(divide="ignore", invalid="ignore"):
-            growth = (distance / calm_width) ** (1.0 / np.maximum(taken - calm_from, 1.0))
+            growth = (distance / calm_width) ** (1.0 / np.maximum(cycles - calm_from, 1.0))
         self.growth[rows] = growth[rows]
-        self._conclude(rows, begun, course, distance <= width, taken == 1)
+        self._conclude(rows, begun, course, distance <= width, cycles == 1)
 
     def _conclude(
         self,
@@ -355,6 +345,7 @@ class Tracking:
         self._stop(rows[jumps[rows]], EdgeOutcome.jump)
 
     def _fates(self, points: Points, rows: Rows, mapper: AttractorMapper) -> Rows:
+        """The labels (n,) of the attractors of points of the pairs `rows`."""
         labels, cycles, _ = fates(self.mapping, points, self.values, rows, mapper, self.limits.max_cycles)
         np.add.at(self.evaluations, rows, cycles)
         return labels
@@ -371,11 +362,13 @@ class Tracking:
         return Points(at, like)
 
     def _distance(self, a: Coordinates, b: Coordinates) -> Float[np.ndarray, " ..."]:
+        """The largest relative distance of any coordinate, (n,); infinite where it is NaN."""
         with np.errstate(invalid="ignore"):
             away = np.abs(self.mapping.difference(a, b)) / sizes(b)
         return np.nan_to_num(np.max(away, axis=1), nan=np.inf)
 
     def _of(self, rows: Rows) -> dict[str, Float[np.ndarray, " rows"]]:
+        """The parameters of the pairs `rows`."""
         return {name: column[rows] for name, column in self.values.items()}
 
     def _end(self, row: int, label: int) -> None:
@@ -392,6 +385,7 @@ class Tracking:
         self._stop(np.array([row]), outcome)
 
     def _stop(self, rows: Rows, outcome: EdgeOutcome) -> None:
+        """End the pairs `rows` with an outcome."""
         self.outcome[rows], self.going[rows] = outcome, False
 
 
@@ -400,5 +394,6 @@ def _undecided(images: MapEvaluation, pair: Rows, cycle: int) -> Rows:
     return np.full(pair.size, UNDECIDED)
 
 
-def _joined(some: Points, others: Points) -> Points:
-    return jax.tree.map(lambda a, b: np.concatenate([np.asarray(a), np.asarray(b)]), some, others)
+def _joined(points: Points, others: Points) -> Points:
+    """Points, then other points."""
+    return jax.tree.map(lambda a, b: np.concatenate([np.asarray(a), np.asarray(b)]), points, others)

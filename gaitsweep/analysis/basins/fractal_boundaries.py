@@ -1,4 +1,4 @@
-"""Fractality of basin boundaries: basin entropy and uncertainty exponent."""
+"""Fractal basin boundaries: basin entropy and uncertainty exponent."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from gaitsweep.analysis.records import AnalysisError
 # Cells along a side of the boxes of the basin entropy, as in Daza et al.: 25 starts in two dimensions.
 BOX = 5
 FEWEST = 3  # least number of sizes in the fit
-BLOCKS = 64  # parts of a grid of which the scatter gives the sampling error of the uncertainty fractions
+BLOCKS = 64  # of a grid, of which the scatter gives the sampling error of the uncertainty fractions
 # Standard deviations of the change of the local slope over an octave of eps that the interval averages over.
-_BENDS = np.geomspace(0.002, 0.3, 30)
+_SLOPE_STEPS = np.geomspace(0.002, 0.3, 30)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,7 +51,7 @@ def basin_entropy(grid: BasinGrid, labels: Shaped[np.ndarray, " rows"], box: int
         >>> import numpy as np, pandas as pd
         >>> from gaitsweep.analysis.basins.fractal_boundaries import basin_entropy
         >>> from gaitsweep.analysis.basins.grid import find_grid
-        >>> x, y = (each.ravel() for each in np.indices((8, 8)))
+        >>> x, y = np.indices((8, 8)).reshape(2, -1)
         >>> grid = find_grid(pd.DataFrame({"x": x, "y": y}), ["x", "y"])
         >>> entropy = basin_entropy(grid, (x + y) % 2, box=2)
         >>> round(entropy.basin, 4), round(entropy.boundary, 4), entropy.crossed
@@ -111,27 +111,26 @@ def uncertainty_fraction(
         raise AnalysisError(f"sizes has {margin} steps, but the grid is {min(shape)} starts wide: at most "
                             f"{(min(shape) - 1) // 2} steps leave a start with both neighbours.")  # fmt: skip
     outcome = grid.filled(pd.factorize(labels)[0])
-    parts = max(round(BLOCKS ** (1 / len(shape))), 2)
-    part = [place * parts // length for place, length in zip(np.indices(shape), shape, strict=True)]
-    block = np.asarray(np.ravel_multi_index(tuple(part), (parts,) * len(shape)))
-    differ = np.zeros((len(sizes), parts ** len(shape)))
-    compared = np.zeros(parts ** len(shape))
+    along = max(round(BLOCKS ** (1 / len(shape))), 2)  # blocks along an axis
+    places = [place * along // length for place, length in zip(np.indices(shape), shape, strict=True)]
+    block = np.asarray(np.ravel_multi_index(tuple(places), (along,) * len(shape)))
+    differ = np.zeros((len(sizes), along ** len(shape)))
+    compared = np.zeros(along ** len(shape))
     for axis, wraps in enumerate(grid.wraps):
         # rolling meets the other end of the axis, which is beyond the margin unless the axis wraps
         inner = slice(None) if wraps else slice(margin, shape[axis] - margin)
         inside = (slice(None),) * axis + (inner,)
-        labels_inside = block[inside].ravel()
-        compared += np.bincount(labels_inside, minlength=compared.size)
+        of_block = block[inside].ravel()
+        compared += np.bincount(of_block, minlength=compared.size)
         for number, size in enumerate(sizes):
-            moved = [np.roll(outcome, way * size, axis) != outcome for way in (1, -1)]
-            uncertain = (moved[0] | moved[1])[inside].ravel()
-            differ[number] += np.bincount(labels_inside, uncertain, compared.size)
+            before, after = (np.roll(outcome, way * size, axis) != outcome for way in (1, -1))
+            differ[number] += np.bincount(of_block, (before | after)[inside].ravel(), compared.size)
     fraction = differ.sum(axis=1) / compared.sum()
-    off = (differ - fraction[:, None] * compared) / np.maximum(differ.sum(axis=1), 1.0)[:, None]
-    used = np.count_nonzero(compared)
+    deviation = (differ - fraction[:, None] * compared) / np.maximum(differ.sum(axis=1), 1.0)[:, None]
+    blocks = np.count_nonzero(compared)
     step = float(np.exp(np.mean(np.log(grid.steps))))
     table = pd.DataFrame({"steps": sizes, "eps": step * np.array(sizes), "uncertain": fraction})
-    return Uncertainty(table, off @ off.T * used / max(used - 1, 1))
+    return Uncertainty(table, deviation @ deviation.T * blocks / max(blocks - 1, 1))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -179,19 +178,19 @@ def uncertainty_exponent(uncertainty: Uncertainty, level: float = 0.95) -> Expon
         return Exponent(float("nan"), float("nan"), float("nan"), used.size)
     f, covariance = f[used], uncertainty.covariance[np.ix_(used, used)]
     x = np.log(uncertainty.fractions["eps"].to_numpy(float)[used])
-    slopes_of = np.diff(np.eye(f.size), axis=0) / np.diff(x)[:, None]
-    slope = slopes_of @ np.log(f)
-    known = slopes_of @ covariance @ slopes_of.T + np.diag((slopes_of @ f) ** 2)
+    to_slopes = np.diff(np.eye(f.size), axis=0) / np.diff(x)[:, None]
+    slope = to_slopes @ np.log(f)
+    of_sampling_and_saturation = to_slopes @ covariance @ to_slopes.T + np.diag((to_slopes @ f) ** 2)
     octaves = (x[1:] - x[0]) / np.log(2.0)
-    likelihood, centre, spread = (np.empty(_BENDS.size) for _ in range(3))
-    for number, bend in enumerate(_BENDS):
-        bent = known + bend**2 * np.minimum.outer(octaves, octaves)
-        weight = np.linalg.solve(bent, np.ones(slope.size))
+    likelihood, centre, spread = (np.empty(_SLOPE_STEPS.size) for _ in range(3))
+    for number, step in enumerate(_SLOPE_STEPS):
+        total = of_sampling_and_saturation + step**2 * np.minimum.outer(octaves, octaves)
+        weight = np.linalg.solve(total, np.ones(slope.size))
         variance = 1.0 / weight.sum()
         centre[number], spread[number] = variance * (weight @ slope), np.sqrt(variance)
-        left = slope - centre[number]
-        misfit = left @ np.linalg.solve(bent, left)
-        likelihood[number] = 0.5 * (np.log(variance) - np.linalg.slogdet(bent)[1] - misfit)
+        residual = slope - centre[number]
+        misfit = residual @ np.linalg.solve(total, residual)
+        likelihood[number] = 0.5 * (np.log(variance) - np.linalg.slogdet(total)[1] - misfit)
     share = special.softmax(likelihood)
     value = float(share @ centre)
     reach = value + 8.0 * spread.max() * np.linspace(-1.0, 1.0, 4001)

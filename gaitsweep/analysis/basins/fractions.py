@@ -107,12 +107,12 @@ def one_a_cell(shares: Float[np.ndarray, " cells"], level: float = LEVEL) -> flo
     Source: stratified sampling, Cochran 1977, sec. 5.3.
     """
     shares = np.asarray(shares, float).ravel()
-    return float(
-        scipy.stats.norm.ppf(0.5 + 0.5 * level) * np.sqrt(np.sum(shares * (1.0 - shares))) / shares.size
-    )
+    deviation = np.sqrt(np.sum(shares * (1.0 - shares))) / shares.size
+    return float(scipy.stats.norm.ppf(0.5 + 0.5 * level) * deviation)
 
 
 def _check(level: float, interval: str | None) -> None:
+    """Refuse a confidence level or a kind of interval that does not exist."""
     if not 0.0 < level < 1.0:
         raise AnalysisError(f"level is {level:g}, but must be between 0 and 1.")
     if interval not in (None, "cells", *_METHODS):
@@ -133,15 +133,15 @@ def _shares(
         raise AnalysisError(
             "interval is cells, but the starts do not form a grid: use wilson or clopper_pearson."
         )
-    of = len(labels)
+    total = len(labels)
     for name in names:
         marked = labels == name
         hits = int(marked.sum())
-        share = hits / of
+        share = hits / total
         if grid is not None and kind == "cells":
             half = one_a_cell(grid.shares_nearby(marked), level)
             low, high = max(share - half, 0.0), min(share + half, 1.0)
         else:
-            low, high = proportion_interval(hits, of, level, kind)
-        record = {"outcome": name, "rows": hits, "of": of, "fraction": share}
+            low, high = proportion_interval(hits, total, level, kind)
+        record = {"outcome": name, "rows": hits, "of": total, "fraction": share}
         yield {**record, "low": low, "high": high, "interval": kind}

@@ -77,7 +77,7 @@ def basins(
         Two basins with a straight boundary at x = 0 have equal shares, and the boundary's dimension is 1:
 
         >>> import numpy as np, pandas as pd, gaitsweep as gs
-        >>> x, y = (each.ravel() for each in np.meshgrid(np.arange(-31.5, 32.0), np.arange(64.0)))
+        >>> x, y = np.reshape(np.meshgrid(np.arange(-31.5, 32.0), np.arange(64.0)), (2, -1))
         >>> gait = np.where(x < 0.0, "walk", "trot")
         >>> measured = gs.basins(pd.DataFrame({"x": x, "y": y, "status": "settled", "gait": gait}))
         >>> measured.fractions["fraction"].tolist()
@@ -93,21 +93,20 @@ def basins(
     counted = fractions(table, axes, label=label, by=by, level=level, interval=interval)
     labels = outcome_labels(table, label)
     names = in_order(table, label, labels)
-    apart = np.full(len(table), np.nan)
+    shock = np.full(len(table), np.nan)
     towards = np.full(len(table), None, object)
     panels, uncertainty = [], []
     for place, rows in panels_of(table, by):
         part, labels_of_panel = table.iloc[rows], labels.iloc[rows]
-        apart[rows], towards[rows] = minimal_fatal_shock(part, axes, labels_of_panel, scales)
+        shock[rows], towards[rows] = minimal_fatal_shock(part, axes, labels_of_panel, scales)
         grid = find_grid(part, axes)
         panels.append({**place, "rows": len(part), "grid": grid is not None})
         if grid is not None:
             uncertain = uncertainty_fraction(grid, labels_of_panel.to_numpy(), sizes)
             uncertainty += [{**place, **record} for record in uncertain.fractions.to_dict("records")]
             panels[-1].update(_fractality(grid, labels_of_panel.to_numpy(), uncertain, box, level))
-    measured = table.assign(
-        outcome=pd.Categorical(labels, names), shock=apart, shock_to=pd.Categorical(towards, names)
-    )
+    outcomes, shock_to = (pd.Categorical(values, names) for values in (labels, towards))
+    measured = table.assign(outcome=outcomes, shock=shock, shock_to=shock_to)
     measured.attrs = {**table.attrs, "outcome_of": label}
     return Basins(
         measured,
@@ -127,8 +126,8 @@ def _shock_of_outcomes(measured: pd.DataFrame, by: Sequence[str]) -> pd.DataFram
     """The median and the mean shock of the starts of each panel and outcome."""
     finite = measured.iloc[np.flatnonzero(np.isfinite(measured["shock"].to_numpy(float)))]
     named = finite.assign(outcome=finite["outcome"].astype(object))
-    of = named.groupby([*by, "outcome"], observed=True)["shock"]
-    return of.agg(shock_median="median", shock_mean="mean").reset_index()
+    groups = named.groupby([*by, "outcome"], observed=True)["shock"]
+    return groups.agg(shock_median="median", shock_mean="mean").reset_index()
 
 
 def _fractality(
@@ -149,10 +148,7 @@ def _fractality(
 
 
 def minimal_fatal_shock(
-    table: pd.DataFrame,
-    axes: Sequence[str],
-    labels: pd.Series,
-    scales: Mapping[str, float] | None = None,
+    table: pd.DataFrame, axes: Sequence[str], labels: pd.Series, scales: Mapping[str, float] | None = None
 ) -> tuple[Float[np.ndarray, " rows"], Shaped[np.ndarray, " rows"]]:
     """The minimal fatal shock: the distance from each start to the nearest start with another outcome.
 
@@ -174,20 +170,23 @@ def minimal_fatal_shock(
     _check_units(table, axes, scales)
     space = Space.of(table, axes, scales)
     points = space.points(table, axes)
-    apart = np.full(len(table), np.inf)
+    shock = np.full(len(table), np.inf)
     towards = np.full(len(table), None, object)
     outcome = labels.to_numpy()
     for label in pd.unique(outcome):
         own, others = np.flatnonzero(outcome == label), np.flatnonzero(outcome != label)
         if others.size:
             distance, nearest = space.tree(points[others]).query(points[own])
-            apart[own], towards[own] = distance, outcome[others[nearest]]
-    return apart, towards
+            shock[own], towards[own] = distance, outcome[others[nearest]]
+    return shock, towards
 
 
 def _check_units(table: pd.DataFrame, axes: Sequence[str], scales: Mapping[str, float] | None) -> None:
-    known = table.attrs.get("quantities", {})
-    units = {name: str(known.get(name, {}).get("unit", "")) for name in axes if name not in (scales or {})}
+    """Refuse axes without a scale that have different units."""
+    quantities = table.attrs.get("quantities", {})
+    units = {
+        name: str(quantities.get(name, {}).get("unit", "")) for name in axes if name not in (scales or {})
+    }
     if len(set(units.values())) > 1:
         shown = ", ".join(f"{name} in {unit or '1'}" for name, unit in units.items())
         raise AnalysisError(

@@ -76,8 +76,8 @@ class Space:
 
     def medoid(self, points: StateArray) -> int:
         """The index of the medoid of states (n, d), which has the smallest sum of distances to the others."""
-        every = max(1, len(points) // 500)  # 500 candidates locate the middle well enough
-        candidates = np.arange(0, len(points), every)
+        stride = max(1, len(points) // 500)  # 500 candidates locate the middle well enough
+        candidates = np.arange(0, len(points), stride)
         rows = max(1, _CHUNK // points.size)
         sums = [
             self.distance(points[candidates[first : first + rows], None], points[None]).sum(axis=1)
@@ -104,7 +104,7 @@ def extent(points: StateArray) -> float:
 
 def state_columns(table: pd.DataFrame) -> list[str]:
     """The columns of the section observables at the end of a row: psi_1_end and so on."""
-    known = table.attrs.get("quantities", {})
+    quantities = table.attrs.get("quantities", {})
     skipped = {"t_end", *axes_of(table)}
     names = [str(name) for name in table.columns if str(name).endswith("_end") and name not in skipped]
-    return [name for name in names if not known or name.removesuffix("_end") in known]
+    return [name for name in names if not quantities or name.removesuffix("_end") in quantities]

@@ -100,9 +100,9 @@ def _merged(grid: BasinGrid, labels: Shaped[np.ndarray, " rows"], radius: float)
     for name, edge in zip(names, edges, strict=True):
         for other, tree in zip(names, trees, strict=True):
             if other != name:
-                apart = tree.query(edge)[0]
+                away = tree.query(edge)[0]
                 record = {"outcome": name, "other": other, "cells": len(edge)}
-                records.append({**record, "distance": apart.max(), "within": float(np.mean(apart <= radius))})
+                records.append({**record, "distance": away.max(), "within": float(np.mean(away <= radius))})
     return records
 
 
@@ -115,7 +115,7 @@ def _refined(grid: BasinGrid, labels: Shaped[np.ndarray, " rows"], box: int) -> 
     outcome = grid.filled(pd.factorize(labels)[0])
     tiles = [(length - 1) // box for length in grid.lengths]
     outcome = outcome[tuple(slice(tile * box + 1) for tile in tiles)]
-    known = range(outcome.max() + 1)
+    basins_of_grid = range(outcome.max() + 1)
     records = []
     for starts in [2**halving + 1 for halving in range(box.bit_length())]:
         stride = box // (starts - 1)
@@ -123,9 +123,9 @@ def _refined(grid: BasinGrid, labels: Shaped[np.ndarray, " rows"], box: int) -> 
         windows = np.lib.stride_tricks.sliding_window_view(coarse, (starts,) * outcome.ndim)
         windows = windows[(slice(None, None, starts - 1),) * outcome.ndim]
         inside = tuple(range(outcome.ndim, 2 * outcome.ndim))
-        basins_in_box = sum((windows == basin).any(axis=inside).astype(int) for basin in known)
+        basins_in_box = sum((windows == basin).any(axis=inside).astype(int) for basin in basins_of_grid)
         crossed = max(int(np.sum(basins_in_box >= 2)), 1)
-        for basins in range(2, len(known) + 1):
+        for basins in range(2, len(basins_of_grid) + 1):
             boxes = int(np.sum(basins_in_box == basins))
             records.append({"starts": starts, "basins": basins, "boxes": boxes, "share": boxes / crossed})
     return records

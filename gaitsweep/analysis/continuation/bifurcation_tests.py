@@ -232,10 +232,10 @@ def _between(
     problem: ContinuationProblem, before: BranchPoints, after: BranchPoints, share: float
 ) -> BranchPoints:
     """The point at a share of the chord of a step, with the mean of the tangents at its ends."""
-    apart = problem.mapping.difference(after.points.at, before.points.at)
+    change = problem.mapping.difference(after.points.at, before.points.at)
     return dataclasses.replace(
         before,
-        points=Points(before.points.at + share * apart, before.points.modes),
+        points=Points(before.points.at + share * change, before.points.modes),
         drift=before.drift + share * (after.drift - before.drift),
         parameter=before.parameter + share * (after.parameter - before.parameter),
         tangent=0.5 * (before.tangent + after.tangent),
@@ -247,15 +247,12 @@ def _ahead(problem: ContinuationProblem, before: BranchPoints, after: BranchPoin
     """The length from `before` to `after` along the tangent at `before`."""
     size = before.points.at.shape[1]
     weighted = (problem.weights * before.tangent)[0]
-    apart = problem.mapping.difference(after.points.at, before.points.at)[0]
-    return float(weighted[:size] @ apart + weighted[-1] * (after.parameter - before.parameter)[0])
+    change = problem.mapping.difference(after.points.at, before.points.at)[0]
+    return float(weighted[:size] @ change + weighted[-1] * (after.parameter - before.parameter)[0])
 
 
 def _is_on_step(
-    problem: ContinuationProblem,
-    before: BranchPoints,
-    crossing: Crossing | None,
-    length: float,
+    problem: ContinuationProblem, before: BranchPoints, crossing: Crossing | None, length: float
 ) -> bool:
     """Whether a branch point lies on a step of this length, to a twentieth of it."""
     if crossing is None:

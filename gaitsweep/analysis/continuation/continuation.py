@@ -315,16 +315,18 @@ class BranchFollower:
             after, converged = problem.step(before, self.length[rows])
             straight = np.sum(problem.weights * before.tangent * after.tangent, axis=1) > STRAIGHT
             short = self.length[rows] <= self.steps.shortest
-            taken = converged & (straight | short)
-            on = np.flatnonzero(taken)
+            accepted = converged & (straight | short)
+            on = np.flatnonzero(accepted)
             specials = (
                 bifurcations(problem[on], before[on], after[on], self.length[rows[on]]) if on.size else []
             )
-            taken[on] &= short[on] | np.array([special is not None for special in specials], bool)
-            self._reject(rows[~taken])
-            if taken.any():
-                accepted = [special or [] for special, k in zip(specials, on, strict=True) if taken[k]]
-                self._accept(rows[taken], after[taken], accepted)
+            accepted[on] &= short[on] | np.array([special is not None for special in specials], bool)
+            self._reject(rows[~accepted])
+            if accepted.any():
+                their_specials = [
+                    special or [] for special, k in zip(specials, on, strict=True) if accepted[k]
+                ]
+                self._accept(rows[accepted], after[accepted], their_specials)
 
     def crossing(self) -> BranchFollower | None:
         """A follower of both halves of each branch that crosses at a branch point; None if there is none.
@@ -369,20 +371,22 @@ class BranchFollower:
     ) -> None:
         """Record accepted steps and their bifurcations, and end branches that are complete."""
         problem, before, names = self.problem[rows], self.branch_points[rows], self.names[rows]
-        for k, found in enumerate(specials):
-            for each in found:
-                if problem.low <= each.here.parameter[0] <= problem.high:
+        for k, on_step in enumerate(specials):
+            for special in on_step:
+                if problem.low <= special.here.parameter[0] <= problem.high:
                     only = np.array([k])
-                    self.table.write(names[only], problem[only], each.here, [each.kind], tolerance=TOGETHER)
-                    if each.kind in CROSSINGS:
-                        self.crossings.append((int(rows[k]), each.here, each.aside))
+                    self.table.write(
+                        names[only], problem[only], special.here, [special.kind], tolerance=TOGETHER
+                    )
+                    if special.kind in CROSSINGS:
+                        self.crossings.append((int(rows[k]), special.here, special.aside))
         inside = (after.parameter >= problem.low) & (after.parameter <= problem.high)
         out = np.flatnonzero(~inside)
         if out.size:
-            some, over = problem[out], after[out]
-            branch_points, found = some.at(over, np.clip(over.parameter, problem.low, problem.high))
-            good = np.flatnonzero(found)
-            self.table.write(names[out[good]], some[good], branch_points[good], [""] * good.size)
+            last, beyond = problem[out], after[out]
+            branch_points, converged = last.at(beyond, np.clip(beyond.parameter, problem.low, problem.high))
+            reached = np.flatnonzero(converged)
+            self.table.write(names[out[reached]], last[reached], branch_points[reached], [""] * reached.size)
             self._end(rows[out], "range")
         within = np.flatnonzero(inside)
         if not within.size:
@@ -457,8 +461,8 @@ def _beyond(
 
 def _distance(problem: ContinuationProblem, a: BranchPoints, b: BranchPoints) -> PerBranch:
     """The weighted distance between branch points, (n,)."""
-    apart = np.zeros_like(problem.weights)
+    change = np.zeros_like(problem.weights)
     size = a.points.at.shape[1]
-    apart[:, :size] = problem.mapping.difference(a.points.at, b.points.at)
-    apart[:, -1] = a.parameter - b.parameter
-    return np.sqrt(np.sum(problem.weights * apart**2, axis=1))
+    change[:, :size] = problem.mapping.difference(a.points.at, b.points.at)
+    change[:, -1] = a.parameter - b.parameter
+    return np.sqrt(np.sum(problem.weights * change**2, axis=1))

@@ -37,7 +37,6 @@ from gaitsweep.analysis.continuation.newton import (
     residuals,
     sizes,
 )
-from gaitsweep.contract import State
 from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values
 from gaitsweep.errors import ArgumentError
 
@@ -103,7 +102,8 @@ class _Equations:
         `like` gives the modes; where the map is not defined, F and A are NaN.
         """
         n, size = len(several), like.at.shape[1]
-        points = Points(several[:, :size] * self.scale[:size], _repeated(like.modes, n))
+        modes = jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf)[:1], n, axis=0), like.modes)
+        points = Points(several[:, :size] * self.scale[:size], modes)
         at = self.low + self.width * several[:, -2:]
         values = {**self.values, **{name: at[:, k] for k, name in enumerate(self.names)}}
         images = self.mapping.linearised(points, values)
@@ -321,7 +321,7 @@ def _stepped(equations: _Equations, before: FoldPoint, length: float) -> FoldPoi
     matrix = np.concatenate([before.matrix, before.tangent[None]])
     change, step, like = guess.copy(), np.zeros_like(guess), before.point
     norm = np.inf
-    for taken in range(1, MOST_CORRECTIONS + 1):
+    for number in range(1, MOST_CORRECTIONS + 1):
         unknowns = before.unknowns + change
         miss, A, images = equations.at(like, unknowns[None])
         if not np.isfinite(A).all():
@@ -330,13 +330,13 @@ def _stepped(equations: _Equations, before: FoldPoint, length: float) -> FoldPoi
         off = before.tangent @ change - length
         now = float(np.max(np.abs(miss[0])))
         if now <= TOLERANCE and abs(g) <= FOLD_TOLERANCE and abs(off) <= 1e-9:
-            after = _differentiated(equations, like, unknowns, before.w, before.v, before.tangent, taken)
+            after = _differentiated(equations, like, unknowns, before.w, before.v, before.tangent, number)
             return after if np.isfinite(after.tangent).all() else None
         if max(now, abs(g)) > 10.0 * norm + 1e-3:
             return None
         norm = max(now, abs(g))
         wrong = np.concatenate([miss[0], [g, off]])
-        if taken > 1:  # Broyden's update: what the last step did not foresee
+        if number > 1:  # Broyden's update: what the last step did not foresee
             matrix += np.outer(wrong, step) / (step @ step)
         try:
             step = np.linalg.solve(matrix, -wrong)
@@ -426,7 +426,3 @@ def _record(equations: _Equations, fold: FoldPoint, row: int, point: int, specia
         "corrections": fold.corrections,
         "end": "",
     }
-
-
-def _repeated(modes: State, n: int) -> State:
-    return jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf)[:1], n, axis=0), modes)

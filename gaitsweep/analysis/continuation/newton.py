@@ -193,24 +193,23 @@ class _Search:
     ) -> None:
         self.mapping, self.values, self.tolerance = mapping, values, tolerance
         self.points, self.images = starts, mapping.linearised(starts, values)
-        self.held = ConservedConstraints.of(mapping, fix, self.images.conserved_values)
+        self.constraints = ConservedConstraints.of(mapping, fix, self.images.conserved_values)
         n = len(starts)
-        self.drift, self.iterations = np.zeros((n, len(self.held.which))), np.zeros(n, int)
-        self.residual = norms(residuals(mapping, starts, self.drift, self.images, self.held), starts.at)
+        self.drift, self.iterations = np.zeros((n, len(self.constraints.which))), np.zeros(n, int)
+        miss = residuals(mapping, starts, self.drift, self.images, self.constraints)
+        self.residual = norms(miss, starts.at)
         self.outcome = np.where(self.images.sound, NewtonOutcome.not_converged, NewtonOutcome.left)
         self._mark_converged()
 
     def step(self, rows: Searches) -> None:
         """One Newton step of the searches `rows`, each shortened until the map is defined at its end."""
         self.iterations[rows] += 1
-        step, _ = _steps(
-            self.mapping, self.points[rows], self.drift[rows], self.images[rows], self.held[rows]
-        )
+        step, _ = self._next_steps(rows)
         for halvings in range(HALVINGS + 1):
             if not rows.size:
                 break
-            taken = self._accepted(rows, 0.5**halvings * step, last=halvings == HALVINGS)
-            rows, step = rows[~taken], step[~taken]
+            accepted = self._accept(rows, 0.5**halvings * step, last=halvings == HALVINGS)
+            rows, step = rows[~accepted], step[~accepted]
         self.outcome[rows] = NewtonOutcome.left
         self._mark_converged()
 
@@ -228,30 +227,34 @@ class _Search:
 
     def _regular(self, rows: Searches) -> Bool[np.ndarray, " searches"]:
         """Whether the equations of the searches `rows` are regular."""
-        if not rows.size:
-            return np.zeros(0, bool)
-        return _steps(self.mapping, self.points[rows], self.drift[rows], self.images[rows], self.held[rows])[
-            1
-        ]
+        return self._next_steps(rows)[1] if rows.size else np.zeros(0, bool)
 
-    def _accepted(
+    def _next_steps(self, rows: Searches) -> tuple[Unknowns, Bool[np.ndarray, " searches"]]:
+        """The next steps of the searches `rows`, and whether their equations are regular."""
+        state = self.points[rows], self.drift[rows], self.images[rows], self.constraints[rows]
+        return _steps(self.mapping, *state)
+
+    def _accept(
         self, rows: Searches, step: Float[np.ndarray, "searches unknowns"], last: bool
     ) -> Bool[np.ndarray, " searches"]:
-        """Mask of accepted steps, by images alone: if the residual falls; the last wherever defined."""
+        """Take the steps after which the residual is lower; the last ones wherever the map is defined.
+
+        Returns:
+            The mask of accepted steps.
+        """
         trial, drift = _moved(self.mapping, self.points[rows], self.drift[rows], self.images[rows], step)
         values = {name: column[rows] for name, column in self.values.items()}
         images = self.mapping.images(trial, values)
-        norm = norms(residuals(self.mapping, trial, drift, images, self.held[rows]), trial.at)
-        taken = images.sound & (last | (norm < PATIENCE * self.residual[rows]) | (norm <= self.tolerance))
-        accepted = np.flatnonzero(taken)
-        if accepted.size:
-            done, trial = rows[accepted], trial[accepted]
-            images = self.mapping.linearised(
-                trial, {name: column[accepted] for name, column in values.items()}
-            )
-            self.points, self.images = self.points.merged(done, trial), self.images.merged(done, images)
-            self.drift[done], self.residual[done] = drift[accepted], norm[accepted]
-        return taken
+        norm = norms(residuals(self.mapping, trial, drift, images, self.constraints[rows]), trial.at)
+        accepted = images.sound & (last | (norm < PATIENCE * self.residual[rows]) | (norm <= self.tolerance))
+        if accepted.any():
+            advanced, trial = rows[accepted], trial[accepted]
+            values = {name: column[accepted] for name, column in values.items()}
+            images = self.mapping.linearised(trial, values)
+            self.points = self.points.merged(advanced, trial)
+            self.images = self.images.merged(advanced, images)
+            self.drift[advanced], self.residual[advanced] = drift[accepted], norm[accepted]
+        return accepted
 
 
 def _steps(

@@ -55,15 +55,15 @@ def range_of_gait(table: pd.DataFrame, parameter: str, gait: str) -> pd.DataFram
     ranges = stable_ranges(table, parameter)
     ranges_of_gait = ranges.iloc[np.flatnonzero(ranges["gait"] == gait)]
     if not len(ranges_of_gait):
-        known = ", ".join(sorted(set(ranges["gait"]))) or "none"
-        raise AnalysisError(f"no branch is stable in the gait {gait}. Stable here: {known}.")
-    by_width = ranges_of_gait.assign(width=ranges_of_gait["high"] - ranges_of_gait["low"]).sort_values(
-        ["row", "width"], kind="stable"
-    )
-    return by_width.drop_duplicates("row", keep="last").drop(columns=["gait", "width"]).reset_index(drop=True)
+        stable = ", ".join(sorted(set(ranges["gait"]))) or "none"
+        raise AnalysisError(f"no branch is stable in the gait {gait}. Stable here: {stable}.")
+    widths = ranges_of_gait.assign(width=ranges_of_gait["high"] - ranges_of_gait["low"])
+    widest = widths.sort_values(["row", "width"], kind="stable").drop_duplicates("row", keep="last")
+    return widest.drop(columns=["gait", "width"]).reset_index(drop=True)
 
 
 def _pieces(branch: pd.DataFrame, parameter: str) -> list[dict[str, object]]:
+    """The stable pieces of one branch, as `stable_ranges` returns them."""
     at = branch[parameter].to_numpy(float)
     special = branch["special"].fillna("").to_numpy(str)
     end = branch["end"].fillna("").to_numpy(str)
@@ -76,8 +76,8 @@ def _pieces(branch: pd.DataFrame, parameter: str) -> list[dict[str, object]]:
         first = max(points[0] - 1, 0) if marked[max(points[0] - 1, 0)] else points[0]
         after = min(points[-1] + 1, len(at) - 1)
         last = after if marked[after] else points[-1]
-        mine = np.arange(first, last + 1)
-        low, high = mine[np.argmin(at[mine])], mine[np.argmax(at[mine])]
+        piece_points = np.arange(first, last + 1)
+        low, high = piece_points[np.argmin(at[piece_points])], piece_points[np.argmax(at[piece_points])]
         ends = {f"{name}_by": _by(special, end, k) for name, k in (("low", low), ("high", high))}
         piece: dict[str, object] = {"low": at[low], "high": at[high], **ends}
         if "gait" in branch:

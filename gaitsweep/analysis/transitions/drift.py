@@ -67,8 +67,7 @@ class Drift(NamedTuple):
 
     def at(self, place: float) -> Smooth:
         """The curve at one position: by a parabola if the points show curvature, else by a line."""
-        where = np.array([place])
-        where = where if self.begin is None else unwrap_from(where, self.begin)
+        where = unwrap_from(np.array([place]), self.begin)
         best = None
         for width in self.bandwidth * np.array(_NARROWER):
             for degree in (2, 1):
@@ -98,8 +97,8 @@ def drifts_of(value: Pairs, change: Pairs, row: RowOfPair, bandwidth: float, cir
     """
     step = bandwidth / _A_BANDWIDTH
     order = np.argsort(value, kind="stable")
-    every = (value, change, row, once_a_place(value, row, step))
-    points = Points(*(values[order] for values in every))
+    columns = (value, change, row, once_a_place(value, row, step))
+    points = Points(*(values[order] for values in columns))
     first, n = (np.diff(row, prepend=np.nan) != 0)[order], len(value)
     value, change, _, share = points
     if not circular:
@@ -152,6 +151,7 @@ def breaks(
 
 
 def _gaps(value: Pairs, first: PairFlags, bandwidth: float, step: float) -> Bool[np.ndarray, " gaps"]:
+    """Whether there is a gap after each point, as for `breaks`."""
     spacing = np.diff(value)
     suspect = np.flatnonzero(spacing > step)
     wide = np.zeros(len(spacing), bool)
@@ -161,15 +161,17 @@ def _gaps(value: Pairs, first: PairFlags, bandwidth: float, step: float) -> Bool
     places = value[np.r_[True, spacing > 0.1 * step]]
     between = np.diff(places)
     starts = np.unique(value[first])
-    apart = np.diff(starts)
+    between_starts = np.diff(starts)
     for k in suspect:
         at = int(np.searchsorted(places, value[k], "right")) - 1
         around = np.r_[between[max(at - _NEIGHBOURS, 0) : at], between[at + 1 : at + 1 + _NEIGHBOURS]]
         usual = _WIDER * float(np.quantile(around, 0.9)) if around.size else 0.0
         middle = 0.5 * (value[k] + value[k + 1])
         start = int(np.searchsorted(starts, middle)) - 1
-        if 0 <= start < len(apart):
-            neighbours = np.r_[apart[max(start - 1, 0) : start], apart[start + 1 : start + 2]]
+        if 0 <= start < len(between_starts):
+            neighbours = np.r_[
+                between_starts[max(start - 1, 0) : start], between_starts[start + 1 : start + 2]
+            ]
             usual = max(usual, _STARTS_WIDER * float(neighbours.max())) if neighbours.size else usual
         wide[k] = spacing[k] > min(max(usual, step), _WIDEST * bandwidth)
     return wide
@@ -178,14 +180,14 @@ def _gaps(value: Pairs, first: PairFlags, bandwidth: float, step: float) -> Bool
 def _jumps(
     value: Pairs, change: Pairs, share: Pairs, bandwidth: float, step: float
 ) -> Bool[np.ndarray, " gaps"]:
+    """Whether there is a jump after each point, as for `breaks`."""
     jumps = np.zeros(len(value) - 1, bool)
     difference = np.abs(np.diff(change))
     # a jump is far larger than what the points around it differ by, from one to the next
     usual = scipy.ndimage.median_filter(difference, 2 * _NEIGHBOURS + 1, mode="nearest")
     largest = scipy.ndimage.maximum_filter1d(difference, 3, mode="nearest")
-    for k in map(
-        int, np.flatnonzero((difference > 3.0 * usual) & (difference >= largest) & (difference > 0.0))
-    ):
+    suspect = (difference > 3.0 * usual) & (difference >= largest) & (difference > 0.0)
+    for k in np.flatnonzero(suspect).tolist():
         middle = 0.5 * float(value[k] + value[k + 1])
         below = _line(value, change, share, k, -1, middle, bandwidth, step)
         above = _line(value, change, share, k + 1, 1, middle, bandwidth, step)
@@ -339,10 +341,8 @@ def once_a_place(value: Pairs, row: RowOfPair, step: float) -> Pairs:
     for begin, end in itertools.pairwise(ends):
         members = order[begin:end]
         places = value[members]
-        near = np.searchsorted(places, places + step, "right") - np.searchsorted(
-            places, places - step, "left"
-        )
-        share[members] = 1.0 / near
+        last, first = np.searchsorted(places, places + step, "right"), np.searchsorted(places, places - step)
+        share[members] = 1.0 / (last - first)
     return share
 
 
@@ -397,8 +397,8 @@ def _rest_at_ends(drift: Drift, between: list[Zero]) -> list[Zero]:
             continue
         smooth = drift.at(place)
         beyond = way * -float(smooth.value[0] / smooth.slope[0])
-        apart = min((abs(place - zero.place) for zero in between), default=np.inf)
-        if abs(beyond) <= _OUTSIDE * drift.bandwidth < apart:
+        nearest = min((abs(place - zero.place) for zero in between), default=np.inf)
+        if abs(beyond) <= _OUTSIDE * drift.bandwidth < nearest:
             falls = bool(way * value[inner] > 0)
             zeros.append(Zero(place, smooth, falls, abs(float(at[inner]) - place)))
     return zeros
@@ -411,7 +411,7 @@ def _confirmed(drift: Drift, place: float, falls: bool) -> bool:
     from one that bridges a jump: there both leave the zero on the side where their points are.
     """
     value, change, _, share = drift.points
-    away = value - (place if drift.begin is None else float(unwrap_from(np.array([place]), drift.begin)[0]))
+    away = value - float(unwrap_from(np.array([place]), drift.begin)[0])
     sign = 1.0 if falls else -1.0
     reach = 2.0 * drift.bandwidth
     left, right = (away < 0.0) & (away >= -reach), (away > 0.0) & (away <= reach)
@@ -460,10 +460,9 @@ def ghosts_of(drift: Drift, near: float) -> list[tuple[float, float, float]]:
     at, value, error = drift.smooth.at, drift.smooth.value, drift.smooth.value_error
     ghosts = []
     for sign in (1.0, -1.0):
-        peaks, known = scipy.signal.find_peaks(
-            np.where(np.isfinite(value), -sign * value, -np.inf), prominence=0.0
-        )
-        for k, height in zip(peaks, known["prominences"], strict=True):
+        height_of = np.where(np.isfinite(value), -sign * value, -np.inf)
+        peaks, properties = scipy.signal.find_peaks(height_of, prominence=0.0)
+        for k, height in zip(peaks, properties["prominences"], strict=True):
             within = 0.0 < sign * value[k] <= near and height > SURE * error[k]
             if within and np.isfinite(value[[k - 1, k + 1]]).all():
                 bend = value[k + 1] - 2.0 * value[k] + value[k - 1]

@@ -66,10 +66,10 @@ def hysteresis(
         >>> import pandas as pd, gaitsweep as gs
         >>> table = pd.DataFrame({"row": 0, "pass": [0, 0, 0, 0, 1, 1, 1, 1], "stair": range(8)})
         >>> table["speed"], table["x_n"] = [1, 2, 3, 4, 4, 3, 2, 1], [0, 0, 0, 1, 1, 1, 1, 0]
-        >>> found = gs.hysteresis(table, "x", "speed")
-        >>> found.transition_points[["direction", "low", "high"]].to_numpy().tolist()
+        >>> measured = gs.hysteresis(table, "x", "speed")
+        >>> measured.transition_points[["direction", "low", "high"]].to_numpy().tolist()
         [['rising', 3.0, 4.0], ['falling', 1.0, 2.0]]
-        >>> found.loops["area"].tolist()
+        >>> measured.loops["area"].tolist()
         [2.0]
     """
     run = table.attrs.get("job", {}).get("run", {})
@@ -117,21 +117,16 @@ def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = L
             number = int(course.passes[stop if course.settled is not None else (start + stop) // 2])
             passed = course.parameter[start : stop + 1]
             before, after = course.value[[start, stop]]
+            direction = "rising" if rising(course, number) else "falling"
             size = after - before
             if circular and abs(abs(size) - TURN / 2) < LEAST:  # both ways are alike: take that of figures
                 size = float(unwrap_from(after, cut) - unwrap_from(before, cut))
-            records.append(
-                {
-                    **_place(course, axes),
-                    "pass": number,
-                    "direction": "rising" if rising(course, number) else "falling",
-                    "low": passed.min(),
-                    "high": passed.max(),
-                    "before": np.mod(before, TURN) if circular else before,
-                    "after": np.mod(after, TURN) if circular else after,
-                    "size": size,
-                }
-            )
+            ends = {"before": before, "after": after}
+            if circular:
+                ends = {side: np.mod(end, TURN) for side, end in ends.items()}
+            record = {**_place(course, axes), "pass": number, "direction": direction}
+            record |= {"low": passed.min(), "high": passed.max(), **ends, "size": size}
+            records.append(record)
     columns = ["row", *axes, "pass", "direction", "low", "high", "before", "after", "size"]
     return pd.DataFrame(records, columns=columns)
 
@@ -139,11 +134,9 @@ def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = L
 def largest_jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST) -> pd.DataFrame:
     """The largest of the `jumps` of each row and pass, in the same columns, without `irregular_passes`."""
     all_jumps = jumps(table, observable, parameter, least)
-    apart = _irregular(all_jumps, table, observable, parameter, least)
-    keys, apart = (
-        pd.MultiIndex.from_frame(table_of_jumps[["row", "pass"]]) for table_of_jumps in (all_jumps, apart)
-    )
-    steady = all_jumps.loc[~keys.isin(apart)]
+    irregular = _irregular(all_jumps, table, observable, parameter, least)
+    passes = pd.MultiIndex.from_arrays([all_jumps["row"], all_jumps["pass"]])
+    steady = all_jumps.loc[~passes.isin(pd.MultiIndex.from_frame(irregular))]
     largest = steady.assign(height=steady["size"].abs()).sort_values("height", kind="stable")
     return largest.drop_duplicates(["row", "pass"], keep="last").drop(columns="height").sort_index()
 
@@ -164,23 +157,17 @@ def _irregular(
     all_jumps: pd.DataFrame, table: pd.DataFrame, observable: str, parameter: str, least: float
 ) -> pd.DataFrame:
     """The `irregular_passes` of a table whose `jumps` are found."""
-    apart = {
-        (row, int(number))
-        for row, number in all_jumps.loc[_oscillating(all_jumps), ["row", "pass"]].to_numpy()
-    }
+    oscillating = all_jumps.loc[_oscillating(all_jumps), ["row", "pass"]].to_numpy()
+    passes = {(row, int(number)) for row, number in oscillating}
     for course in courses(table, observable, parameter):
         for number in np.unique(course.passes):
             if _reversals(course.value[records_of(course, int(number))], least) >= 2:
-                apart.add((course.first["row"], int(number)))
-    return pd.DataFrame(sorted(apart), columns=["row", "pass"]).astype(int)
+                passes.add((course.first["row"], int(number)))
+    return pd.DataFrame(sorted(passes), columns=["row", "pass"]).astype(int)
 
 
 def transition_points(
-    table: pd.DataFrame,
-    observable: str,
-    parameter: str,
-    least: float = LEAST,
-    by: Sequence[str] = (),
+    table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST, by: Sequence[str] = ()
 ) -> pd.DataFrame:
     """The transition point of each pass, over all rows on a branch: their `largest_jumps`.
 
@@ -293,10 +280,13 @@ def _joined(parts: list[pd.DataFrame]) -> pd.DataFrame:
 
 def _oscillating(all_jumps: pd.DataFrame) -> Bool[np.ndarray, " jumps"]:
     """Whether each of the `jumps` is of a pass whose jumps reverse direction at least twice, (n,)."""
-    size, one = all_jumps["size"].to_numpy(float), all_jumps.groupby(["row", "pass"]).ngroup().to_numpy(int)
-    back = (size[1:] * size[:-1] < 0.0) & (one[1:] == one[:-1])
-    turns = np.bincount(one[1:][back], minlength=int(one.max(initial=0)) + 1)
-    return turns[one] >= 2
+    size, pass_number = (
+        all_jumps["size"].to_numpy(float),
+        all_jumps.groupby(["row", "pass"]).ngroup().to_numpy(int),
+    )
+    reverses = (size[1:] * size[:-1] < 0.0) & (pass_number[1:] == pass_number[:-1])
+    turns = np.bincount(pass_number[1:][reverses], minlength=int(pass_number.max(initial=0)) + 1)
+    return turns[pass_number] >= 2
 
 
 def _reversals(value: Float[np.ndarray, " records"], least: float) -> int:
@@ -313,6 +303,7 @@ def _reversals(value: Float[np.ndarray, " records"], least: float) -> int:
 
 
 def _place(course: Course, axes: Sequence[str]) -> dict[str, object]:
+    """The row of a course, and its values of the swept axes."""
     return {name: course.first[name] for name in ("row", *axes)}
 
 
@@ -324,14 +315,14 @@ def _edges_of(
     settled = reached & ~undecided
     own = part[start].isin(part.loc[settled, start].unique()).to_numpy()
     value = part[parameter].to_numpy(float)
-    known = []
+    counts = []
     for at in np.unique(value[own & np.isfinite(value)]):
         at_value = own & (value == at)
         rows = int(settled[at_value].sum())
         if rows or not undecided[at_value].any():
-            known.append((float(at), rows))
+            counts.append((float(at), rows))
     edges = []
-    for (low, below), (high, above) in itertools.pairwise(known):
+    for (low, below), (high, above) in itertools.pairwise(counts):
         if bool(below) == bool(above):
             continue
         side_kept, lost, direction = (low, high, "rising") if below else (high, low, "falling")
@@ -342,13 +333,13 @@ def _edges_of(
 
 def _area(course: Course, first: int, circular: bool) -> dict[str, float]:
     """The area between passes `first` and `first + 1` of a course."""
-    nothing: dict[str, float] = dict.fromkeys(("area", "signed", "low", "high"), float("nan"))
+    no_area: dict[str, float] = dict.fromkeys(("area", "signed", "low", "high"), float("nan"))
     branches = [_branch(course, number, circular) for number in (first, first + 1)]
     if any(len(at) < 2 for at, _ in branches):
-        return nothing
+        return no_area
     low, high = max(at[0] for at, _ in branches), min(at[-1] for at, _ in branches)
     if high <= low:
-        return nothing
+        return no_area
     grid = np.unique(np.clip(np.concatenate([at for at, _ in branches]), low, high))
     first_branch, second_branch = (np.interp(grid, at, value) for at, value in branches)
     difference = (first_branch - second_branch) if rising(course, first) else (second_branch - first_branch)

@@ -123,6 +123,7 @@ def _without_feet(
 
 
 def _along_crossings(value: Float[np.ndarray, " records"], least: float) -> list[tuple[int, int]]:
+    """The jumps of a ramp: stretches of crossings in which the observable changes fast."""
     span = min(SPAN, len(value) - 1)
     change = value[span:] - value[:-span]
     least = max(least, STEEPER * float(np.quantile(np.abs(change), 0.25)))

@@ -55,11 +55,10 @@ def pairs(table: pd.DataFrame, observable: str, by: By = None) -> pd.DataFrame:
     first = np.flatnonzero((row[1:] == row[:-1]) & (crossing[1:] == crossing[:-1] + 1))
     records = table[["row", *columns, "crossing"]].iloc[first].reset_index(drop=True)
     before, after = value[first], value[first + 1]
+    change = after - before
     if is_circular(table, name):
-        return records.assign(
-            value=np.mod(before, TURN), next=np.mod(after, TURN), change=wrapped_difference(after - before)
-        )
-    return records.assign(value=before, next=after, change=after - before)
+        before, after, change = np.mod(before, TURN), np.mod(after, TURN), wrapped_difference(change)
+    return records.assign(value=before, next=after, change=change)
 
 
 def drift(
@@ -78,24 +77,18 @@ def drift(
         are), drift, slope (of the drift), drift_error and slope_error (standard errors from the scatter),
         count, piece (the number of the piece of the data, between gaps and jumps).
     """
+    names = ("value", "drift", "slope", "drift_error", "slope_error", "count")  # of the fields of Smooth
     parts = []
     for place, piece, curve in _drifts(table, observable, by, bandwidth):
-        smooth = curve.smooth
-        columns = {
-            "value": smooth.at,
-            "drift": smooth.value,
-            "slope": smooth.slope,
-            "drift_error": smooth.value_error,
-            "slope_error": smooth.slope_error,
-            "count": smooth.points,
-            "piece": np.full(len(smooth.at), piece),
-        }
-        part = pd.DataFrame(
-            {**{name: [value_of_panel] * len(smooth.at) for name, value_of_panel in place.items()}, **columns}
-        )
-        parts.append(part[np.isfinite(smooth.value)])
-    columns = [*_listed(by), "value", "drift", "slope", "drift_error", "slope_error", "count", "piece"]
-    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
+        part = pd.DataFrame(dict(zip(names, curve.smooth, strict=True))).assign(piece=piece)
+        for number, (name, value) in enumerate(place.items()):
+            part.insert(number, name, [value] * len(part))
+        parts.append(part[np.isfinite(curve.smooth.value)])
+    return (
+        pd.concat(parts, ignore_index=True)
+        if parts
+        else pd.DataFrame(columns=[*_listed(by), *names, "piece"])
+    )
 
 
 def fixed_points(
@@ -121,26 +114,15 @@ def fixed_points(
     for place, _, curve in _drifts(table, observable, by, bandwidth):
         for value, smooth, falls, within in zeros_of(curve):
             slope, error = float(smooth.slope[0]), float(smooth.value_error[0])
-            records.append(
-                {
-                    **place,
-                    "value": np.mod(value, TURN) if curve.circular else value,
-                    "value_error": min(error / max(abs(slope), 1e-12), within),
-                    "slope": 1.0 + slope,
-                    "slope_error": float(smooth.slope_error[0]),
-                    "stable": falls and slope > -2.0,
-                    "count": int(smooth.points[0]),
-                }
-            )
+            record = place | {"value": np.mod(value, TURN) if curve.circular else value}
+            record |= {"value_error": min(error / max(abs(slope), 1e-12), within), "slope": 1.0 + slope}
+            record |= {"slope_error": float(smooth.slope_error[0]), "stable": falls and slope > -2.0}
+            records.append(record | {"count": int(smooth.points[0])})
     return pd.DataFrame(records, columns=columns)
 
 
 def ghosts(
-    table: pd.DataFrame,
-    observable: str,
-    by: By = None,
-    bandwidth: float | None = None,
-    near: float = NEAR,
+    table: pd.DataFrame, observable: str, by: By = None, bandwidth: float | None = None, near: float = NEAR
 ) -> pd.DataFrame:
     """The ghosts: minima of the size of the drift near zero, left behind by a saddle-node bifurcation.
 
@@ -181,6 +163,7 @@ def branches(
 
 
 def _listed(by: By) -> list[str]:
+    """The names in `by` as a list."""
     return [] if by is None else [by] if isinstance(by, str) else list(by)
 
 
@@ -197,7 +180,7 @@ def _drifts(
     for place, rows in panels_of(all_pairs, names):
         part = all_pairs.iloc[rows]
         value = part["value"].to_numpy()
-        value = unwrap_from(value, branch_cut(value)) if circular else value
+        value = unwrap_from(value, branch_cut(value) if circular else None)
         change, row = part["change"].to_numpy(), part["row"].to_numpy()
         for piece, curve in enumerate(drifts_of(value, change, row, width, circular)):
             yield place, piece, curve
@@ -215,12 +198,12 @@ def _joined(
     count = 0
     before = np.zeros(0, int)
     for now in at:
-        apart = value[now][:, None] - value[before][None, :]
-        apart = np.abs(wrapped_difference(apart) if circular else apart)
-        apart = np.where(stable[now][:, None] == stable[before][None, :], apart, np.inf)
+        distance = value[now][:, None] - value[before][None, :]
+        distance = np.abs(wrapped_difference(distance) if circular else distance)
+        distance = np.where(stable[now][:, None] == stable[before][None, :], distance, np.inf)
         for i, point in enumerate(now):
-            j = int(np.argmin(apart[i])) if len(before) else -1
-            if j >= 0 and apart[i, j] <= reach and np.argmin(apart[:, j]) == i:
+            j = int(np.argmin(distance[i])) if len(before) else -1
+            if j >= 0 and distance[i, j] <= reach and np.argmin(distance[:, j]) == i:
                 branch[point] = branch[before[j]]
             else:
                 branch[point], count = count, count + 1

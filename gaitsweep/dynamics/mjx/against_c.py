@@ -194,19 +194,20 @@ def at_first_use(model: MjcfModel) -> list[str]:
     made_of = hashlib.sha256(repr((model.data_digest, control, leaves, versions, FIRST_USE)).encode())
     folder = cache_folder(_CACHE)
     file = None if folder is None else folder / f"{made_of.hexdigest()}.json"
-    if file is not None and (known := load_cached(file)) is not None:
-        return json.loads(known)
-    said = _sentences(model, first)
+    if file is not None and (stored := load_cached(file)) is not None:
+        return json.loads(stored)
+    sentences = _sentences(model, first)
     if file is not None:
-        store_cached(file, json.dumps(said).encode())
-    return said
+        store_cached(file, json.dumps(sentences).encode())
+    return sentences
 
 
 def _sentences(model: MjcfModel, control: np.ndarray) -> list[str]:
+    """A sentence for each difference, with the `control` at the default start."""
     m = model.mjx_body.mj_model
     sentences = cautions(m)
-    wanted = np.asarray(model.keyframe_ctrl)
-    if wanted.any() and not np.array_equal(wanted, control):
+    keyframe_control = np.asarray(model.keyframe_ctrl)
+    if keyframe_control.any() and not np.array_equal(keyframe_control, control):
         sentences.append(
             "The keyframe of the start has controls (ctrl), but control gives others there: "
             "keyframe_ctrl has them."
@@ -226,11 +227,11 @@ def _at_default(model: MjcfModel) -> tuple[Any, Any]:
     return params, model.init(params, {name: jnp.asarray(value) for name, value in start.items()})
 
 
-def _defaults(quantities: Iterable[Quantity], known: dict[str, float]) -> dict[str, float]:
+def _defaults(quantities: Iterable[Quantity], values_before: dict[str, float]) -> dict[str, float]:
     formulas = {
         q.name: q.default if q.default is not None else float(np.clip(1.0, q.low, q.high)) for q in quantities
     }
-    values = resolve(formulas, known)
+    values = resolve(formulas, values_before)
     return {name: float(values[name]) for name in formulas}
 
 

@@ -29,7 +29,7 @@ from gaitsweep.dynamics.mjx.runge_kutta import runge_kutta
 from gaitsweep.dynamics.tree.from_mjcf import compiled
 from gaitsweep.near_miss import suggestion
 
-contacts.use()
+contacts.register()
 
 _INTEGRATE = {
     mujoco.mjtIntegrator.mjINT_EULER: mjx.euler,

@@ -30,7 +30,7 @@ Contacts = tuple[jax.Array, jax.Array, jax.Array]  # distances (k,), positions (
 _SIGNS = np.array([[1.0 if i >> axis & 1 else -1.0 for axis in range(3)] for i in range(8)])
 
 
-def _at(points: jax.Array, plane: GeomInfo, frame: jax.Array) -> Contacts:
+def _contacts_with_plane(points: jax.Array, plane: GeomInfo, frame: jax.Array) -> Contacts:
     """Contacts of a body's points (k, 3) with a plane: midway between a point and the plane."""
     normal = plane.mat[:, 2]
     distances = (points - plane.pos) @ normal
@@ -48,7 +48,7 @@ def _plane_capsule(plane: GeomInfo, capsule: GeomInfo) -> Contacts:
     along = jnp.where(upright, jnp.array([1.0, 0.0, 0.0]), along / jnp.where(upright, 1.0, length))
     frame = jnp.stack([normal, along, jnp.cross(normal, along)])
     ends = capsule.pos + jnp.array([[1.0], [-1.0]]) * axis * capsule.size[1]
-    return _at(ends - capsule.size[0] * normal, plane, frame)
+    return _contacts_with_plane(ends - capsule.size[0] * normal, plane, frame)
 
 
 @collider(ncon=4)
@@ -57,7 +57,7 @@ def _plane_box(plane: GeomInfo, box: GeomInfo) -> Contacts:
     normal = plane.mat[:, 2]
     corners = (_SIGNS * box.size) @ box.mat.T
     _, lower = jax.lax.top_k(-(corners @ normal), 4)
-    return _at(box.pos + corners[lower], plane, math.make_frame(normal))
+    return _contacts_with_plane(box.pos + corners[lower], plane, math.make_frame(normal))
 
 
 @collider(ncon=4)
@@ -73,7 +73,7 @@ def _plane_cylinder(plane: GeomInfo, cylinder: GeomInfo) -> Contacts:
     aside = np.sqrt(0.75) * radius * math.normalize(jnp.cross(down, axis))
     end = half * axis
     points = jnp.stack([down + end, down - end, aside - 0.5 * down + end, -aside - 0.5 * down + end])
-    return _at(cylinder.pos + points, plane, math.make_frame(normal))
+    return _contacts_with_plane(cylinder.pos + points, plane, math.make_frame(normal))
 
 
 @collider(ncon=1)
@@ -86,21 +86,21 @@ def _sphere_capsule(sphere: GeomInfo, capsule: GeomInfo) -> Contacts:
 
 @collider(ncon=1)
 def _capsule_capsule(one: GeomInfo, other: GeomInfo) -> Contacts:
-    """The nearest points of two capsules; of parallel ones, a point amid, where C has two."""
+    """The nearest points of two capsules; of parallel ones, a point in the middle, where C has two."""
     a, b = one.mat[:, 2] * one.size[1], other.mat[:, 2] * other.size[1]
-    apart = one.pos - other.pos
-    aa, ab, bb = jnp.dot(a, a), jnp.dot(a, b), jnp.dot(b, b)
-    along_a, along_b = -jnp.dot(a, apart), jnp.dot(b, apart)
+    offset = one.pos - other.pos
+    aa, ab, bb = (jnp.dot(a, a), jnp.dot(a, b), jnp.dot(b, b))
+    along_a, along_b = -jnp.dot(a, offset), jnp.dot(b, offset)
     determinant = aa * bb - ab * ab
     parallel = determinant < mujoco.mjMINVAL
     free = jnp.where(parallel, 0.0, bb * along_a + ab * along_b) / jnp.where(parallel, 1.0, determinant)
-    # the point of one first, then that of the other, then the first again where the other was beyond its end
-    x = jnp.clip(free, -1.0, 1.0)
-    y = (along_b + ab * x) / bb
-    beyond = jnp.abs(y) > 1.0
-    y = jnp.clip(y, -1.0, 1.0)
-    x = jnp.where(beyond, jnp.clip((along_a + ab * y) / aa, -1.0, 1.0), x)
-    return _touching(one.pos + x * a, one.size[0], other.pos + y * b, other.size[0])
+    # shares of the half lengths: of one, then of the other, then of one again if the other was beyond its end
+    share_a = jnp.clip(free, -1.0, 1.0)
+    share_b = (along_b + ab * share_a) / bb
+    beyond = jnp.abs(share_b) > 1.0
+    share_b = jnp.clip(share_b, -1.0, 1.0)
+    share_a = jnp.where(beyond, jnp.clip((along_a + ab * share_b) / aa, -1.0, 1.0), share_a)
+    return _touching(one.pos + share_a * a, one.size[0], other.pos + share_b * b, other.size[0])
 
 
 def _touching(one: jax.Array, radius: jax.Array, other: jax.Array, radius_of_other: jax.Array) -> Contacts:
@@ -109,8 +109,8 @@ def _touching(one: jax.Array, radius: jax.Array, other: jax.Array, radius_of_oth
     return distance, place, math.make_frame(normal)
 
 
-def use() -> None:
-    """Let MJX, in this process, take these contacts."""
+def register() -> None:
+    """Put these functions into MJX's table, for the whole process."""
     for shapes, function in (
         ((GeomType.PLANE, GeomType.CAPSULE), _plane_capsule),
         ((GeomType.PLANE, GeomType.BOX), _plane_box),

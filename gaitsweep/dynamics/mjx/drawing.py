@@ -19,7 +19,7 @@ _GROUPS = 3  # geoms of groups 0 to 2 are those that MuJoCo's viewer shows; othe
 # Every second point first: an outline that faces the viewer is filled once whole and once by its first half.
 _ANGLES = 0.125 * np.pi * np.array([*range(0, 16, 2), *range(1, 16, 2)])
 _CIRCLE = np.stack([np.cos(_ANGLES), np.zeros(len(_ANGLES)), np.sin(_ANGLES)], axis=1)
-_AROUND = np.array([each for each in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(each)])
+_AROUND = np.array([at for at in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(at)])
 _CORNERS = _AROUND[np.abs(_AROUND).sum(axis=1) == 3]
 
 

@@ -128,12 +128,12 @@ def untraceable(model: mujoco.MjModel, error: Exception) -> str:
 
 
 def _of_types(m: mujoco.MjModel) -> Iterator[str]:
-    for field, kind, known, all_types, what in _TYPES:
+    for field, kind, supported, all_types, what in _TYPES:
         for i, number in enumerate(getattr(m, field)):
             ignored = all_types is _SENSOR and number == _SENSOR.mjSENS_TACTILE
             if number == mujoco.mjtTrn.mjTRN_BODY and field == "actuator_trntype":
                 yield f"{named(m, kind, i)} is an adhesion, which MJX does not have."
-            elif number not in set(known) or ignored:
+            elif number not in set(supported) or ignored:
                 has = f"has {what}" if what else "is of type "
                 yield f"{named(m, kind, i)} {has}{_words(all_types(number))}, which MJX does not have."
     for i in np.flatnonzero(m.sensor_type == _SENSOR.mjSENS_CONTACT):
@@ -144,14 +144,14 @@ def _of_types(m: mujoco.MjModel) -> Iterator[str]:
             yield f"{named(m, 'sensor', int(i))} is of contacts by {what}, but MJX has them by geom only."
         elif m.sensor_intprm[i, 1] == 3:
             yield f"{named(m, 'sensor', int(i))} reduces contacts by netforce, which MJX does not have."
-    seen = {int(t) for t in m.geom_type} & {
+    unseen_by_rangefinders = {int(t) for t in m.geom_type} & {
         _GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_HFIELD, _GEOM.mjGEOM_SDF
     }  # fmt: skip
     for i in np.flatnonzero(m.sensor_type == _SENSOR.mjSENS_RANGEFINDER):
         if m.sensor_objtype[i] != mujoco.mjtObj.mjOBJ_SITE or m.sensor_dim[i] != 1:
             yield f"{named(m, 'sensor', int(i))} gives more than the distance from a site, which MJX ignores."
-        elif seen:
-            what = " and ".join(sorted(_words(_GEOM(t)) for t in seen))
+        elif unseen_by_rangefinders:
+            what = " and ".join(sorted(_words(_GEOM(t)) for t in unseen_by_rangefinders))
             yield f"{named(m, 'sensor', int(i))} is a rangefinder, for which MJX does not see a {what}."
 
 

@@ -71,7 +71,7 @@ class Geometry:
 
 
 @dataclasses.dataclass(frozen=True)
-class Writing:
+class LinkAxes:
     """The axes in which a link's vectors are expressed, chosen so that constants keep their zeros.
 
     The links of a limb whose hinges are all parallel are expressed in the axes of its first link before that
@@ -131,23 +131,23 @@ class Tree:
         return names.index(name)
 
     @cached_property
-    def writings(self) -> tuple[Writing, ...]:
+    def link_axes(self) -> tuple[LinkAxes, ...]:
         """The axes of each link."""
         planes = self._planes()
-        written: list[Writing] = []
+        axes: list[LinkAxes] = []
         for link, plane in zip(self.links, planes, strict=True):
             across = np.array(link.orientation)
             if plane is None:
-                written.append(Writing(_unless_same(across), True, ZERO, 0.0, EYE))
+                axes.append(LinkAxes(_unless_same(across), True, ZERO, 0.0, EYE))
                 continue
             if link.parent == WORLD or planes[link.parent] is None:
                 normal, still = plane, EYE
             else:
-                carrier = written[link.parent]
+                carrier = axes[link.parent]
                 normal, still, across = carrier.normal, carrier.still @ across, EYE
             sign = float(np.round(normal @ still @ np.array(link.axis))) if link.kind == "hinge" else 0.0
-            written.append(Writing(_unless_same(across), False, normal, sign, still))
-        return tuple(written)
+            axes.append(LinkAxes(_unless_same(across), False, normal, sign, still))
+        return tuple(axes)
 
     def _planes(self) -> list[np.ndarray | None]:
         """The common axis of the hinges from each link outwards; None without one, zero without hinges."""
@@ -214,6 +214,7 @@ def rescaled(
 
 
 def _unless_same(across: np.ndarray) -> np.ndarray | None:
+    """A rotation; None if it is the identity."""
     return None if np.array_equal(across, EYE) else across
 
 
@@ -222,5 +223,6 @@ def _trace(A: Array) -> Scalar:
 
 
 def _slices(lengths: list[int]) -> tuple[slice, ...]:
+    """Slices of these lengths, one after the other."""
     ends = np.cumsum(lengths).tolist()
     return tuple(slice(end - length, end) for end, length in zip(ends, lengths, strict=True))

@@ -163,8 +163,8 @@ def _row(vector: np.ndarray) -> Row:
 
 
 def _dusted(values: np.ndarray) -> np.ndarray:
-    whole = np.round(values)
-    return np.where(np.abs(values - whole) < _DUST, whole, values)
+    rounded = np.round(values)
+    return np.where(np.abs(values - rounded) < _DUST, rounded, values)
 
 
 def _name(name: str, kind: str, number: int) -> str:

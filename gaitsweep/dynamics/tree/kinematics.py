@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from gaitsweep.dynamics.tree.articulated_tree import WORLD, Geometry, Link, Tree, Writing
+from gaitsweep.dynamics.tree.articulated_tree import WORLD, Geometry, Link, LinkAxes, Tree
 from gaitsweep.dynamics.tree.spatial import (
     EYE,
     ZERO,
@@ -26,7 +26,7 @@ from gaitsweep.dynamics.tree.spatial import (
 
 @dataclasses.dataclass(frozen=True)
 class Place:
-    """The place of a link; its point is its joint's anchor, its axes are those of `Tree.writings`.
+    """The place of a link; its point is its joint's anchor, its axes are those of `Tree.link_axes`.
 
     `across` (3, 3) rotates from the link's axes to its parent's, None where they are equal; `offset` (3,) m
     is the point relative to the parent's point, in the parent's axes; `axis` (3,) is the axis of a hinge or
@@ -64,7 +64,7 @@ def places(tree: Tree, geometry: Geometry, q: Float[Array, " nq"]) -> list[Place
     """
     placed: list[Place] = []
     angles: list[Scalar | None] = []  # sums of the hinge angles of each limb up to a link
-    for i, (link, writing) in enumerate(zip(tree.links, tree.writings, strict=True)):
+    for i, (link, axes) in enumerate(zip(tree.links, tree.link_axes, strict=True)):
         if link.kind == "free":
             angles.append(None)
             placed.append(_free(geometry.anchor[i], q[tree.q_of[i]]))
@@ -72,12 +72,12 @@ def places(tree: Tree, geometry: Geometry, q: Float[Array, " nq"]) -> list[Place
         parent = _GROUND if link.parent == WORLD else placed[link.parent]
         angle = None if link.parent == WORLD else angles[link.parent]
         moved = 0.0 if link.kind == "fixed" else q[tree.q_of[i]][0] - geometry.reference[i]
-        if link.kind == "hinge" and not writing.own:
-            turned = writing.sign * moved
+        if link.kind == "hinge" and not axes.own:
+            turned = axes.sign * moved
             angle = turned if angle is None else angle + turned
         angles.append(angle)
         hung = geometry.position[i] + np.array(link.orientation) @ geometry.anchor[i] - parent.anchor
-        placed.append(_jointed(link, writing, geometry.anchor[i], parent, parent.turn @ hung, moved, angle))
+        placed.append(_jointed(link, axes, geometry.anchor[i], parent, parent.turn @ hung, moved, angle))
     return placed
 
 
@@ -88,7 +88,7 @@ def _free(anchor: Array, q: Array) -> Place:
 
 def _jointed(
     link: Link,
-    writing: Writing,
+    axes: LinkAxes,
     anchor: Array,
     parent: Place,
     offset: Array,
@@ -96,14 +96,14 @@ def _jointed(
     angle: Scalar | None,
 ) -> Place:
     """The place of a link whose joint has `moved` (rad, m); `angle` is the sum of its limb's hinges."""
-    turn = writing.still if angle is None else rotation_about(writing.normal, angle) @ writing.still
+    turn = axes.still if angle is None else rotation_about(axes.normal, angle) @ axes.still
     # the rotation of a hinge does not change its axis
-    axis = writing.still @ np.array(link.axis) if link.kind == "hinge" else turn @ np.array(link.axis)
-    across = writing.across
+    axis = axes.still @ np.array(link.axis) if link.kind == "hinge" else turn @ np.array(link.axis)
+    across = axes.across
     axis_across = axis if across is None else across @ axis
     if link.kind == "slide":
         offset = offset + axis_across * moved
-    if writing.own and link.kind == "hinge":
+    if axes.own and link.kind == "hinge":
         spun = rotation_about(np.array(link.axis), moved)
         across = spun if across is None else across @ spun
     frame, base, reach = parent.frame, parent.base, parent.reach + offset

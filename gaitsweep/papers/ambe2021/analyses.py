@@ -44,7 +44,7 @@ def source_place(directory: Directory) -> None:
     from gaitsweep.papers.ambe2021.analysis.source_place import source_place as places
 
     shares = places(gs.load(directory))
-    print_table(shares[(shares["source"] > 0) | (shares["meeting"] > 0) | (shares["leg"] == 1)])
+    print_table(shares.loc[(shares["source"] > 0) | (shares["meeting"] > 0) | (shares["leg"] == 1)])
 
 
 @app.command()
@@ -89,8 +89,8 @@ def multilegged_theory(
     for setting in settings or ():
         name, _, value = setting.partition("=")
         if name not in Chain._fields:
-            raise ArgumentError(f"{name} is not a parameter of the chain"
-                                f"{near_miss.suggestion(name, Chain._fields)}")  # fmt: skip
+            near = near_miss.suggestion(name, Chain._fields)
+            raise ArgumentError(f"{name} is not a parameter of the chain{near}")
         values[name] = evaluate(value, {})
     jax.config.update("jax_enable_x64", True)
     print(theory_summary(springs, omega, Chain(**values)))

@@ -11,13 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from gaitsweep.claims import (
-    MeasureError,
-    defaults,
-    measure,
-    numbers,
-    one_row,
-)
+from gaitsweep.claims import MeasureError, defaults, measure, numbers, one_row
 from gaitsweep.expression import evaluate
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import springs_of
 from gaitsweep.papers.ambe2021.multilegged.mechanics import obstacle_problem
@@ -141,8 +135,7 @@ def phase_gain(table: pd.DataFrame) -> float:
     if not len(down) or t[down[0]] + 10 * values["tau"] > t[-1]:
         raise MeasureError("Leg 1 does not touch down early enough in the recorded time.")
     after = int(np.searchsorted(t, t[down[0]] + 10 * values["tau"]))
-    gained = phase[after] - phase[down[0]] - values["omega"] * (t[after] - t[down[0]])
-    return float(gained)
+    return float(phase[after] - phase[down[0]] - values["omega"] * (t[after] - t[down[0]]))
 
 
 @measure

@@ -10,13 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from gaitsweep.analyses import wrapped_difference
-from gaitsweep.claims import (
-    MeasureError,
-    masked,
-    measure,
-    numbers,
-    records,
-)
+from gaitsweep.claims import MeasureError, masked, measure, numbers, records
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import psi_columns
 from gaitsweep.papers.ambe2021.theory.gaits import WAVES
 
@@ -24,10 +18,10 @@ from gaitsweep.papers.ambe2021.theory.gaits import WAVES
 @measure
 def last_change(table: pd.DataFrame) -> float:
     """Largest change of a relative phase over the last cycle of any row (rad)."""
-    return float(np.abs(wrapped_difference(_last_steps(table, psi_columns(table, "_n")))).max())
+    return float(np.abs(wrapped_difference(last_steps(table, psi_columns(table, "_n")))).max())
 
 
-def _last_steps(table: pd.DataFrame, names: list[str]) -> np.ndarray:
+def last_steps(table: pd.DataFrame, names: list[str]) -> np.ndarray:
     """The change of columns from the last but one to the last crossing of each row."""
     rows = [part.sort_values(by="crossing")[names].to_numpy(float) for _, part in table.groupby("row")]
     if min(map(len, rows)) < 2:
@@ -114,9 +108,9 @@ def gap_between_lines(table: pd.DataFrame) -> list[float]:
     """Smallest distances of settled direct and source, and source and retrograde waves (rad)."""
     gaps = []
     for one, other in (("direct", "source"), ("source", "retrograde")):
-        a, b = (np.asarray(_settled(table, each), float) for each in (one, other))
-        nearest = [np.sqrt((np.asarray(wrapped_difference(b - each)) ** 2).sum(axis=1)).min() for each in a]
-        gaps.append(float(min(nearest)))
+        states, others = (np.asarray(_settled(table, gait), float) for gait in (one, other))
+        away = (np.asarray(wrapped_difference(others - state)) for state in states)
+        gaps.append(float(min(np.sqrt((lags**2).sum(axis=1)).min() for lags in away)))
     return gaps
 
 

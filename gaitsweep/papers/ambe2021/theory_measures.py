@@ -13,10 +13,7 @@ import pandas as pd
 
 import gaitsweep as gs
 from gaitsweep.analyses import wrapped_difference
-from gaitsweep.claims import (
-    MeasureError,
-    measure,
-)
+from gaitsweep.claims import MeasureError, measure
 from gaitsweep.papers.ambe2021.equation_measures import chain_defaults
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import springs_of
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
@@ -29,13 +26,7 @@ from gaitsweep.papers.ambe2021.theory.chain import (
     wavelength,
 )
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, gait_of
-from gaitsweep.papers.ambe2021.theory.order import (
-    TABLE_2,
-    jumps,
-    order_sets,
-    reset_sets,
-    touchdown_residuals,
-)
+from gaitsweep.papers.ambe2021.theory.order import TABLE_2, jumps, order_sets, reset_sets, touchdown_residuals
 from gaitsweep.papers.ambe2021.theory.solution_sets import (
     Branch,
     LagRule,
@@ -109,6 +100,7 @@ def reduced_map_error(*, N: int = 3, kinds: Sequence[str] = ("A", "B", "direct")
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
 def _solution(N: int, branch: Branch, s: float, circle: jax.Array) -> jax.Array:
+    """The relative phases (N,) of a set on section 1, at its free phase s; `circle` rad is a cycle."""
     return solution(rule_of(N, branch, Chain()), jnp.asarray(s), circle, 1)
 
 
@@ -157,7 +149,12 @@ def touchdown_relation_error(*, N: int = 9) -> float:
 def table_2(*, number: int) -> list[str]:
     """Whether the legs in front of and behind a leg of the set S are reset before it: no, yes or none."""
     words = {None: "none", False: "no", True: "yes"}
-    return [words[reset] for neighbours, known in TABLE_2.items() if known == number for reset in neighbours]
+    return [
+        words[reset]
+        for neighbours, reset_set in TABLE_2.items()
+        if reset_set == number
+        for reset in neighbours
+    ]
 
 
 @measure

@@ -8,30 +8,17 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analyses import wrapped_difference
-from gaitsweep.claims import (
-    Condition,
-    masked,
-    measure,
-    numbers,
-    one_row,
-    records,
-    value,
-)
+from gaitsweep.claims import Condition, masked, measure, numbers, one_row, records, value
 from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares
 from gaitsweep.papers.ambe2021.analysis.source_place import source_drift, source_place
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import passages, waves
 from gaitsweep.papers.ambe2021.equation_measures import chain_defaults
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import relative_phases, springs_of
 from gaitsweep.papers.ambe2021.multilegged.model import LANDING, STANCE, TAKEOFF
-from gaitsweep.papers.ambe2021.settled_measures import _last_steps
-from gaitsweep.papers.ambe2021.theory.chain import (
-    Chain,
-    wavelength,
-)
+from gaitsweep.papers.ambe2021.settled_measures import last_steps
+from gaitsweep.papers.ambe2021.theory.chain import Chain, wavelength
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, WAVES, free_link, nearest_set
-from gaitsweep.papers.ambe2021.theory.order import (
-    sets_of_order,
-)
+from gaitsweep.papers.ambe2021.theory.order import sets_of_order
 
 
 @measure
@@ -120,7 +107,7 @@ def neighbours_at_touchdown(table: pd.DataFrame, *, row: int, k: int) -> float:
     part, N, beta = one_row(table, row), springs_of(table), chain_defaults()["beta"]
     phase = part[[f"phase_{leg}" for leg in range(1, N + 2)]].to_numpy(float)
     segment = np.digitize(np.mod(phase, 2 * np.pi), [2 * beta * np.pi, (1 + beta) * np.pi])
-    right = []
+    agree = []
     for leg in range(1, N + 2):
         down = numbers(part, f"contact_{leg}") > 0.5
         lands = np.flatnonzero(~down[:-1] & down[1:] & (segment[:-1, leg - 1] == LANDING))
@@ -130,8 +117,8 @@ def neighbours_at_touchdown(table: pd.DataFrame, *, row: int, k: int) -> float:
         before[leg + 1] = {STANCE} if leg < k else {TAKEOFF}
         if leg in (1, N + 1):  # an end's neighbour is in stance
             before = {2 if leg == 1 else N: {STANCE}}
-        right += [all(segment[at, j - 1] in those for j, those in before.items()) for at in lands]
-    return float(np.mean(right))
+        agree += [all(segment[at, j - 1] in allowed for j, allowed in before.items()) for at in lands]
+    return float(np.mean(agree))
 
 
 @measure
@@ -153,7 +140,7 @@ def period_in_phase(table: pd.DataFrame) -> list[float]:
 
     A leg touches down at this phase, since it is reset from there to 2 pi.
     """
-    periods, omega = _last_steps(table, ["t"]), chain_defaults()["omega"]
+    periods, omega = last_steps(table, ["t"]), chain_defaults()["omega"]
     return [float(omega * periods.min()), float(omega * periods.max())]
 
 

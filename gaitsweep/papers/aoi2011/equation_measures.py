@@ -20,13 +20,8 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gaitsweep.analyses import (
-    TURN,
-)
-from gaitsweep.claims import (
-    defaults,
-    measure,
-)
+from gaitsweep.analyses import TURN
+from gaitsweep.claims import defaults, measure
 from gaitsweep.dynamics.tree import movements, places, rates, turned, velocity
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.drawing import scaled_mjcf
@@ -60,17 +55,15 @@ def phase_rate_error() -> float:
     rng, worst = np.random.default_rng(1), 0.0
     pairs = [(i, j) for i in range(4) for j in range(4) if i != j]
     for _ in range(STATES):
-        gains = {
-            f"K_{i + 1}{j + 1}": gain for (i, j), gain in zip(pairs, rng.uniform(0.0, 20.0, 12), strict=True)
-        }
+        gains = dict(zip((f"K_{i + 1}{j + 1}" for i, j in pairs), rng.uniform(0.0, 20.0, 12), strict=True))
         leads = {f"delta_star_{i + 1}{j + 1}": rng.uniform(0.0, TURN) for i, j in pairs if i < j}
         p, phi = _params(**gains, **leads), rng.uniform(0.0, TURN, 4)
-        wanted = np.full(4, float(p.omega))
+        expected = np.full(4, float(p.omega))
         for i, j in pairs:
             lead = leads[f"delta_star_{min(i, j) + 1}{max(i, j) + 1}"] * (1.0 if i < j else -1.0)
-            wanted[i] -= gains[f"K_{i + 1}{j + 1}"] * math.sin(phi[i] - phi[j] - lead)
+            expected[i] -= gains[f"K_{i + 1}{j + 1}"] * math.sin(phi[i] - phi[j] - lead)
         computed = phase_rates(p, _state(phi=jnp.asarray(phi)), jnp.zeros(()))
-        worst = max(worst, float(np.max(np.abs(np.asarray(computed) - wanted))))
+        worst = max(worst, _largest(computed, expected))
     return worst
 
 
@@ -80,11 +73,10 @@ def reset_error() -> float:
     p, worst = _params(), 0.0
     aep = float(p.phi_AEP)
     for phase in np.linspace(0.51, 0.99, STATES) * aep:
-        s = _state(phi=jnp.full(4, phase), segment=jnp.full(4, LATE), contact=jnp.zeros(4, bool),
-                   lifted=jnp.ones(4, bool))  # fmt: skip
-        now = transitions(s, jnp.zeros(4, bool), jnp.ones(4, bool))
-        after = after_events(p, s, now, (s.landing_x, s.landing_z), 0.0)
-        worst = max(worst, float(np.max(np.abs(np.asarray(after.phi) - aep))))
+        s = _state(phi=jnp.full(4, phase), segment=jnp.full(4, LATE), lifted=jnp.ones(4, bool))
+        landing = transitions(s, jnp.zeros(4, bool), jnp.ones(4, bool))
+        after = after_events(p, s, landing, (s.landing_x, s.landing_z), 0.0)
+        worst = max(worst, _largest(after.phi, aep))
     return worst
 
 
@@ -101,21 +93,19 @@ def waist_constants(*, f: float) -> list[float]:
 def torque_error(*, joints: str) -> float:
     """Largest difference (N m) of the torques of the `waist`, eq. (A6), or the `limbs`, eq. (4)."""
     m, worst = _params().mechanics, 0.0
+    # of each joint: its place in q, the desired angle, the spring and the damper
+    driven = [(WAIST, 0.0, m.kappa_w, m.sigma_w)]
+    if joints != "waist":
+        driven = []
+        for i in LIMBS:
+            hip, knee = _by_cosines(0.01, -0.12, float(m.link_length), float(m.bends[i]))
+            driven += [(HIP[i], hip, m.kappa_1, m.sigma_1), (KNEE[i], knee, m.kappa_2, m.sigma_2)]
     for q, v in _moments():
         x, z = jnp.full(4, 0.01), jnp.full(4, -0.12)
         tau = np.asarray(m.torques(jnp.asarray(q), jnp.asarray(v), x, z))
-        if joints == "waist":
-            wanted = {WAIST - 1: -float(m.kappa_w) * q[WAIST] - float(m.sigma_w) * v[WAIST - 1]}
-        else:
-            wanted = {}
-            for i in LIMBS:
-                hip, knee = _by_cosines(0.01, -0.12, float(m.link_length), float(m.bends[i]))
-                for at, angle, k, s in (
-                    (HIP[i], hip, m.kappa_1, m.sigma_1),
-                    (KNEE[i], knee, m.kappa_2, m.sigma_2),
-                ):
-                    wanted[at - 1] = -float(k) * (q[at] - angle) - float(s) * v[at - 1]
-        worst = max(worst, *(abs(tau[at] - value) for at, value in wanted.items()))
+        for at, angle, spring, damper in driven:
+            expected = -float(spring) * (q[at] - angle) - float(damper) * v[at - 1]
+            worst = max(worst, _largest(tau[at - 1], expected))
     return worst
 
 
@@ -125,18 +115,13 @@ def ground_force_error() -> float:
     p, rng, worst = _params(), np.random.default_rng(3), 0.0
     m = p.mechanics
     for _ in range(STATES):
-        at, speed, anchor = (
-            rng.normal(0.0, 1e-3, (4, 3)),
-            rng.normal(0.0, 0.1, (4, 3)),
-            rng.normal(0.0, 1e-3, (4, 2)),
-        )
+        at, speed = rng.normal(0.0, 1e-3, (4, 3)), rng.normal(0.0, 0.1, (4, 3))
+        anchor = rng.normal(0.0, 1e-3, (4, 2))
         contact = at[:, 2] <= 0.0
         sunk = at - np.concatenate([anchor, np.zeros((4, 1))], axis=1)
-        wanted = np.where(contact[:, None], -float(m.K_TL) * sunk - float(m.D_TL) * speed, 0.0)
-        computed = m.ground_forces(
-            jnp.asarray(at), jnp.asarray(speed), jnp.asarray(anchor), jnp.asarray(contact)
-        )
-        worst = max(worst, float(np.max(np.abs(np.stack([f.force for f in computed]) - wanted))))
+        expected = np.where(contact[:, None], -float(m.K_TL) * sunk - float(m.D_TL) * speed, 0.0)
+        computed = m.ground_forces(*map(jnp.asarray, (at, speed, anchor, contact)))
+        worst = max(worst, _largest(np.stack([push.force for push in computed]), expected))
     return worst
 
 
@@ -154,9 +139,8 @@ def angular_velocity_error() -> float:
         b = np.array([[c2, 0.0, -c1 * s2], [0.0, 1.0, s1], [s2, 0.0, c1 * c2]])
         q = np.concatenate([np.zeros(3), quaternion(angles), np.zeros(9)])
         v = np.concatenate([np.zeros(3), b @ turning, np.zeros(9)])
-        moved = (quaternion(angles + step * turning) - quaternion(angles - step * turning)) / (2.0 * step)
-        computed = np.asarray(rates(body()[0], jnp.asarray(q), jnp.asarray(v)))[3:7]
-        worst = max(worst, float(np.max(np.abs(computed - moved))))
+        rate = (quaternion(angles + step * turning) - quaternion(angles - step * turning)) / (2.0 * step)
+        worst = max(worst, _largest(rates(body()[0], jnp.asarray(q), jnp.asarray(v))[3:7], rate))
     return worst
 
 
@@ -168,32 +152,39 @@ def mechanics_error(*, of: str) -> float:
     """
     p = _params()
     m, rng = p.mechanics, np.random.default_rng(5)
-    by = mujoco.MjModel.from_xml_string(scaled_mjcf(_defaults()))
-    data, worst = mujoco.MjData(by), 0.0
+    model = mujoco.MjModel.from_xml_string(scaled_mjcf(_defaults()))
+    data, worst = mujoco.MjData(model), 0.0
     functions = _mechanics()
     for q, v in _moments():
         data.qpos, data.qvel = q, v
         tau, forces = rng.normal(0.0, 1.0, 15), rng.normal(0.0, 10.0, (4, 3))
-        mujoco.mj_forward(by, data)
+        mujoco.mj_forward(model, data)
         if of == "kinetic_energy":
-            mujoco.mj_energyVel(by, data)
-            computed, wanted = np.array([functions[of](m, q, v)]), np.array([data.energy[1]])
+            mujoco.mj_energyVel(model, data)
+            computed, expected = functions[of](m, q, v), data.energy[1]
         elif of == "feet":
-            computed = np.asarray(functions[of](m, q, v))
-            wanted = np.stack([data.site(f"foot_{i + 1}").xpos for i in LIMBS])
+            computed = functions[of](m, q, v)
+            expected = np.stack([data.site(f"foot_{i + 1}").xpos for i in LIMBS])
         else:
             data.qfrc_applied = tau
             for i in LIMBS:
-                site, jacobian = data.site(f"foot_{i + 1}").id, np.zeros((3, by.nv))
-                mujoco.mj_jacSite(by, data, jacobian, None, site)
+                site, jacobian = data.site(f"foot_{i + 1}").id, np.zeros((3, model.nv))
+                mujoco.mj_jacSite(model, data, jacobian, None, site)
                 data.qfrc_applied += jacobian.T @ forces[i]
-            mujoco.mj_forward(by, data)
-            computed, wanted = np.asarray(functions["accelerations"](m, q, v, tau, forces)), data.qacc
-        worst = max(worst, float(np.max(np.abs(computed - wanted)) / np.max(np.abs(wanted))))
+            mujoco.mj_forward(model, data)
+            computed, expected = functions["accelerations"](m, q, v, tau, forces), data.qacc
+        worst = max(worst, _largest(computed, expected) / _largest(expected, 0.0))
     return worst
 
 
+def _largest(computed: Any, expected: Any) -> float:
+    """The largest difference of two arrays."""
+    return float(np.max(np.abs(np.asarray(computed) - np.asarray(expected))))
+
+
 def _mechanics() -> dict[str, Any]:
+    """The model's functions for `mechanics_error`, by name, compiled."""
+
     def accelerations(m: Any, q: Any, v: Any, tau: Any, forces: Any) -> Any:
         zero = jnp.zeros((4, 3))
         placed = m.ground_forces(zero, zero, zero[:, :2], jnp.zeros(4, bool))
@@ -219,10 +210,12 @@ def _kinetic_energy(geometry: Any, q: Any, v: Any) -> Any:
 
 @cache
 def _defaults() -> dict[str, float]:
+    """The model's default parameters by name."""
     return defaults(MODEL.parameters)
 
 
 def _params(**changed: float) -> Any:
+    """The default parameters, some of them changed."""
     values = {**_defaults(), **changed}
     return MODEL.params({name: jnp.asarray(value) for name, value in values.items()})
 

@@ -11,24 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analyses import (
-    TURN,
-    AnalysisError,
-    mean_direction,
-    require,
-    unwrap_from,
-    wrapped_difference,
-)
-from gaitsweep.claims import (
-    Condition,
-    masked,
-    measure,
-    records,
-    row_params,
-    stances,
-    stored_job,
-    value,
-)
+from gaitsweep.analyses import TURN, AnalysisError, mean_direction, require, unwrap_from, wrapped_difference
+from gaitsweep.claims import Condition, masked, measure, records, row_params, stances, stored_job, value
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import LIMBS
 
 # Largest deviation of the times between touchdowns from one cycle, where a foot lands once a cycle
@@ -185,12 +169,12 @@ def order_of_footfalls(table: pd.DataFrame, *, row: int, apart: float = 0.2) -> 
     """Limbs in their order of touchdown from limb 1 on; those within `apart` (rad) joined by +."""
     lags = touchdown_lags(table, row=row, pairs=[[1, 2], [1, 3], [1, 4]], near=[math.pi - apart] * 3)
     order = sorted(zip([0.0, *lags], "1234", strict=True))
-    together = [[order[0][1]]]
+    groups = [[order[0][1]]]
     for (before, _), (after, limb) in itertools.pairwise(order):
         if after - before > apart:
-            together.append([])
-        together[-1].append(limb)
-    return "-".join("+".join(sorted(limbs)) for limbs in together)
+            groups.append([])
+        groups[-1].append(limb)
+    return "-".join("+".join(sorted(limbs)) for limbs in groups)
 
 
 def _touchdowns(table: pd.DataFrame, row: int, foot: int) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 import gaitsweep as gs
-from gaitsweep.cli import Directory, Kept, print_table
+from gaitsweep.cli import Directory, GroupColumns, print_table
 
 app = typer.Typer()
 Window = Annotated[
@@ -63,9 +63,9 @@ def gait_bouts(
     table = bouts.gait_bouts(bouts.gaits_along(gs.load(directory), cycles=cycles), by, least)
     for row, bouts_of_row in table.groupby("row"):
         texts = [
-            f"{s[by]} {s['speed_begin']:.2f} to {s['speed_end']:.2f}"
-            + f" ({s['windows']})" * (s["windows"] < 3)
-            for s in bouts_of_row.to_dict("records")
+            f"{bout[by]} {bout['speed_begin']:.2f} to {bout['speed_end']:.2f}"
+            + f" ({bout['windows']})" * (bout["windows"] < 3)
+            for bout in bouts_of_row.to_dict("records")
         ]
         print(f"row {row}, m/s: {', '.join(texts)}")
 
@@ -139,7 +139,7 @@ def gait_measures(
 
 
 @app.command()
-def speed_transitions(directory: Directory, by: Kept = None) -> None:
+def speed_transitions(directory: Directory, by: GroupColumns = None) -> None:
     """Print the speeds at which gaits change.
 
     As the speed rises and as it falls, with the hysteresis between.

@@ -272,9 +272,7 @@ def late_tilt(table: pd.DataFrame, *, gait: str) -> list[float]:
 @measure
 def pair_ratio(table: pd.DataFrame, *, gait: str, pair: int, to: int, measure: str) -> float:
     """Size of the `pair_measure` of one pair, over that of the other (1)."""
-    own, other = (
-        abs(pair_measure(table, gait=gait, pair=pair_name, measure=measure)) for pair_name in (pair, to)
-    )
+    own, other = (abs(pair_measure(table, gait=gait, pair=p, measure=measure)) for p in (pair, to))
     return own / other
 
 
@@ -301,13 +299,8 @@ def body_cycles_along(
 ) -> list[float]:
     """Pitch oscillations in a gait cycle, 1 or 2, of each family's longest bout along a ramp (1)."""
     bouts = oscillation_along(records(table, where))
-    most_often = []
-    for name in families:
-        bouts_of_family = records(bouts, f"family == '{name}'")
-        most_often.append(
-            float(bouts_of_family["body_cycles"].to_numpy()[np.argmax(bouts_of_family["windows"].to_numpy())])
-        )
-    return most_often
+    by_family = [records(bouts, f"family == '{name}'") for name in families]
+    return [float(numbers(part, "body_cycles")[numbers(part, "windows").argmax()]) for part in by_family]
 
 
 @measure
@@ -413,6 +406,7 @@ def _footfalls(part: pd.DataFrame) -> dict[str, float]:
 
 
 def _most(orders: list[str]) -> str:
+    """The most frequent order."""
     return max(orders, key=orders.count)
 
 
@@ -448,10 +442,8 @@ def _sequences(table: pd.DataFrame, falling: bool, by: str) -> dict[Any, list[st
     """
     column = "gait" if by == "right" else by
     bouts = _bouts(table, falling, column)
-    gaits_by_row = {
-        row: [str(name) for name in bouts_of_row[column]] for row, bouts_of_row in bouts.groupby("row")
-    }
-    return {row: _mirrored(names) for row, names in gaits_by_row.items()} if by == "right" else gaits_by_row
+    by_row = {row: list(map(str, bouts_of_row[column])) for row, bouts_of_row in bouts.groupby("row")}
+    return {row: _mirrored(names) for row, names in by_row.items()} if by == "right" else by_row
 
 
 def _mirrored(names: list[str]) -> list[str]:
@@ -477,8 +469,8 @@ def _order(phases: dict[str, float]) -> str:
     while legs:
         leg = legs.pop(0)
         mate = mates[leg]
-        apart = abs((phases[leg] - phases[mate] + 0.5) % 1.0 - 0.5)
-        if mate in legs and apart <= THRESHOLD:
+        lag = abs((phases[leg] - phases[mate] + 0.5) % 1.0 - 0.5)
+        if mate in legs and lag <= THRESHOLD:
             legs.remove(mate)
             leg = "+".join(sorted((leg, mate)))
         written.append(leg)

@@ -20,11 +20,11 @@ from gaitsweep.plot.basins.cells import cell_grid, check_cells, colour_cells, ha
 from gaitsweep.plot.columns import (
     PlotError,
     axis_label,
-    column,
     is_angle,
     is_logarithmic,
     log_axes,
     outcome,
+    require_columns,
     rows_where,
     written,
 )
@@ -64,12 +64,9 @@ def basin(
     Raises:
         PlotError: the table lacks a column, or a cell has several rows.
     """
-    for name in (x, y, hue, *([panels] if panels else [])):
-        column(table, name)
+    require_columns(table, x, y, hue, panels)
     values = sorted(table[panels].dropna().unique()) if panels else [None]
-    if len(values) > _MOST_PANELS:
-        title = f"{title or ''} (the first {_MOST_PANELS} of {len(values)} panels)".strip()
-        values = values[:_MOST_PANELS]
+    values, title = theme.first_of(values, _MOST_PANELS, title)
     rows, columns = theme.shape(len(values), theme.PAGE, 1.6, _PANELS_A_ROW)
     numeric = pd.api.types.is_numeric_dtype(table[hue])
     width = theme.width_of(theme.COLUMN + 0.4 if columns == 1 else min(theme.PAGE, 2.4 * columns))
@@ -91,7 +88,7 @@ def basin(
         if not len(table):
             theme.message(figure.add_subplot(), "no rows yet")
             return figure
-        grid = theme.panels(figure, len(values), rows, columns, sharex=True, sharey=True)
+        grid = theme.panels(figure, (rows, columns), len(values), sharex=True, sharey=True)
         looks = theme.colours(names), theme.markers(names), theme.hatches(names)
         # rows that are hatched do not stretch the scale
         sound = table.loc[~shown.isin(_HATCHED), hue]
@@ -102,9 +99,9 @@ def basin(
             image = drawn or image
             if headings:
                 axes.set_title(headings[number], fontsize=theme.points(7.5))
-        _axes_of(table, grid, x, y, columns)
+        _label_axes(table, grid, x, y, columns)
         if numeric and image is not None:
-            figure.colorbar(image, ax=grid, label=axis_label(table, hue), shrink=0.8)
+            figure.colorbar(image, ax=figure.axes, label=axis_label(table, hue), shrink=0.8)
         if key:
             status = table["status"].astype(str) if "status" in table.columns else pd.Series(dtype=str)
             inferred = float(np.mean(status.to_numpy(str) == "inferred")) if len(status) else 0.0
@@ -121,16 +118,20 @@ def _shares(shown: pd.Series, names: Sequence[str], between: str = " ") -> list[
     return [f"{theme.named(name)}{between}{theme.percent(share)} %" for name, share in shares.items()]
 
 
-def _axes_of(table: pd.DataFrame, grid: Sequence[Axes], x: str, y: str, columns: int) -> None:
-    """Labels along the outer edges, ticks of angles in multiples of pi."""
+def _label_axes(table: pd.DataFrame, grid: Sequence[Axes], x: str, y: str, columns: int) -> None:
+    """Write labels along the outer edges, and ticks of angles in multiples of pi."""
+    circular = [
+        which
+        for which, name in (("x", x), ("y", y))
+        if is_angle(table, name) and not is_logarithmic(table, name)
+    ]
     for number, axes in enumerate(grid):
         below = number + columns >= len(grid)
         axes.set_xlabel(axis_label(table, x) if below else "")
         axes.set_ylabel(axis_label(table, y) if number % columns == 0 else "")
-        for which, name in (("x", x), ("y", y)):
-            if is_angle(table, name) and not is_logarithmic(table, name):
-                theme.angle_axis(axes, which)
-        if all(is_angle(table, name) and not is_logarithmic(table, name) for name in (x, y)):
+        for which in circular:
+            theme.angle_axis(axes, which)
+        if len(circular) == 2:
             axes.set_aspect("equal")
 
 
@@ -159,8 +160,8 @@ def _cells(
     if grid is None:
         size = float(np.clip(4e3 / len(part), 2.0, 30.0))
         for name in names:
-            mine = rows_where(part, shown == name)
-            axes.scatter(mine[x], mine[y], c=colour[name], marker=marker[name], s=size, linewidths=0.6)
+            starts = rows_where(part, shown == name)
+            axes.scatter(starts[x], starts[y], c=colour[name], marker=marker[name], s=size, linewidths=0.6)
         return axes.scatter(part[x], part[y], c=values, s=size, **scale) if scale else None
     if part.duplicated([x, y]).any():
         raise PlotError(

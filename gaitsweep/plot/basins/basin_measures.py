@@ -45,10 +45,8 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         shown = ", ".join(f"{name} in {unit or '1'}" for name, unit in units.items())
         yield ("axes",), f"needs one unit for the distance between starts, but there are {shown}."
     if figure.hue == "attractor" and table.run.refined(table.rows) is not None:
-        yield (
-            ("hue",),
-            ("is attractor, but run.refine infers rows, which have no state that identifies an attractor."),
-        )
+        text = "is attractor, but run.refine infers rows, which have no state that identifies an attractor."
+        yield ("hue",), text
 
 
 @figure_kind("settle", "fixed_time", check=_check, worked_out=("attractor",))
@@ -85,7 +83,7 @@ def basin_measures(
             table = _with_attractors(table, panels)
         column(table, hue)
         measured = basins(table, axes, label=hue, by=panels or ())
-        shares, entropies, uncertain = theme.panels(figure, 3, down, across)
+        shares, entropies, uncertain = theme.panels(figure, (down, across), 3)
         _shares(shares, table, measured, panels)
         _entropies(entropies, table, measured, panels)
         first = axes[0] if axes else next(name for name in axes_of(table) if name != panels)
@@ -117,7 +115,8 @@ def _along(axes: Axes, table: pd.DataFrame, panels: str | None, measured: Basins
     return dict(zip(values, measured.panels[panels].to_numpy(float).tolist(), strict=True))
 
 
-def _of(records: pd.DataFrame, name: str | None, value: object) -> pd.DataFrame:
+def _with_value(records: pd.DataFrame, name: str | None, value: object) -> pd.DataFrame:
+    """The records with a value in a column; all of them if the column is None."""
     return records if name is None else rows_where(records, records[name] == value)
 
 
@@ -127,10 +126,10 @@ def _shares(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | Non
     names = theme.ordered(dict.fromkeys(records["outcome"]))
     colour, marker = theme.colours(names), theme.markers(names)
     for name in names:
-        mine = _of(records, "outcome", name)
-        at = [place[value] for value in (mine[panels] if panels else [None] * len(mine))]
-        share = mine["fraction"].to_numpy()
-        ends = np.abs(np.stack([mine["low"].to_numpy(), mine["high"].to_numpy()]) - share)
+        fractions = _with_value(records, "outcome", name)
+        at = [place[value] for value in (fractions[panels] if panels else [None] * len(fractions))]
+        share = fractions["fraction"].to_numpy()
+        ends = np.abs(fractions[["low", "high"]].to_numpy().T - share)
         look = {"color": colour[name], "marker": marker[name], "markersize": 3.5, "capsize": 2.0}
         axes.errorbar(at, share, ends, label=theme.named(name), linewidth=0.7, elinewidth=1.0, **look)
     axes.set_ylim(-0.02, max(1.02 * float(np.max(records["high"].to_numpy(float))), 0.1))
@@ -169,17 +168,16 @@ def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | 
     many = len(values) > _MOST_NAMED
     shades = _SHADES(np.linspace(0.0, 1.0, len(values)))
     for number, value in enumerate(values):
-        mine = _of(measured.uncertainty, panels, value)
-        mine = rows_where(mine, mine["uncertain"] > 0.0)
-        panel = _of(measured.panels, panels, value)
-        exponent, low, high = (
-            float(panel[f"exponent{end}"].to_numpy(float)[0]) for end in ("", "_low", "_high")
-        )
+        uncertain = _with_value(measured.uncertainty, panels, value)
+        uncertain = rows_where(uncertain, uncertain["uncertain"] > 0.0)
+        panel = _with_value(measured.panels, panels, value)
+        exponent, low, high = panel[["exponent", "exponent_low", "exponent_high"]].to_numpy(float)[0]
         slope = f"{exponent:.2f} ({low:.2f} to {high:.2f})" if np.isfinite(exponent) else "no exponent"
         label = f"{written(table, panels, value)}, {slope}" if panels else slope
         look = {"color": shades[number], "marker": theme.SPARE_MARKERS[number % len(theme.SPARE_MARKERS)]}
         named = None if many else label
-        axes.loglog(mine["eps"], mine["uncertain"], label=named, markersize=3.5, linewidth=0.7, **look)
+        line = uncertain["eps"], uncertain["uncertain"]
+        axes.loglog(*line, label=named, markersize=3.5, linewidth=0.7, **look)
     for axis in (axes.xaxis, axes.yaxis):
         low, high = axis.get_view_interval()
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)) if high > 2.0 * low else MaxNLocator(3))
@@ -193,13 +191,9 @@ def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | 
 
 def _explain(axes: Axes, measured: Basins, lack: str) -> None:
     """Write the reason into a panel without a measure."""
-    whole = measured.panels["grid"].to_numpy(bool).any()
-    reason = (
-        f"The grid of starts {lack}."
-        if whole
-        else "The starts form no complete grid, which this measure needs."
-    )
-    theme.message(axes, reason)
+    on_grid = measured.panels["grid"].to_numpy(bool).any()
+    without_grid = "The starts form no complete grid, which this measure needs."
+    theme.message(axes, f"The grid of starts {lack}." if on_grid else without_grid)
     axes.set_yticks([])
 
 

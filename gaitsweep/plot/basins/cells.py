@@ -30,11 +30,10 @@ def check_cells(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     if others and table.rows.in_cells(figure.x) and table.rows.in_cells(figure.y):
         name = others[0].names[0]
         field = "params" if name in [q.name for q in table.model.parameters] else "start"
-        near = f"name it as panels, or fix its value under {field}"
         yield (
             ("panels",),
             f"leaves out {name}, which varies too, so a cell of {figure.x} and {figure.y} would have "
-            f"several rows; {near}.",
+            f"several rows; name it as panels, or fix its value under {field}.",
         )
 
 
@@ -65,18 +64,18 @@ def cell_grid(rows: pd.DataFrame, x: str, y: str, table: pd.DataFrame) -> CellGr
     values, edges = [], []
     for name in (x, y):
         log = is_logarithmic(table, name)
-        mine, every = (np.unique(each[name].dropna().to_numpy(float)) for each in (rows, table))
-        if is_drawn(table, name) or not _on_grid(mine, log=log):
+        own, of_all = (np.unique(part[name].dropna().to_numpy(float)) for part in (rows, table))
+        if is_drawn(table, name) or not _on_grid(own, log=log):
             return None
-        values.append(_filled(every if _on_grid(every, log=log) else mine, log=log))
+        values.append(_filled(of_all if _on_grid(of_all, log=log) else own, log=log))
         edges.append(cell_edges(values[-1], log=log))
     few = len(rows) < 0.02 * len(np.unique(rows[x])) * len(np.unique(rows[y]))
     return None if few else CellGrid((x, y), (values[0], values[1]), (edges[0], edges[1]))
 
 
 def colour_cells(axes: Axes, grid: CellGrid, rows: pd.DataFrame, colours: Iterable[str]) -> None:
-    """Cells in the colours of their rows; cells without a row stay empty."""
-    cells = grid.placed(rows, [to_rgba(each) for each in colours], 0.0)
+    """Draw cells in the colours of their rows; cells without a row stay empty."""
+    cells = grid.placed(rows, [to_rgba(colour) for colour in colours], 0.0)
     axes.pcolormesh(*grid.edges, cells, rasterized=True)
 
 
@@ -130,7 +129,7 @@ def _filled(values: Real[np.ndarray, " values"], *, log: bool = False) -> Real[n
         return values
     steps = zip(places[:-1], places[1:], counts.astype(int), strict=True)
     between = [np.linspace(a, b, n, endpoint=False)[1:] for a, b, n in steps]
-    between = [np.exp(each) for each in between] if log else between
+    between = [np.exp(inner) for inner in between] if log else between
     # the values themselves exactly, by which rows find their cells
     pairs = zip(values[:-1], between, strict=True)
     return np.r_[*(part for a, inner in pairs for part in ([a], inner)), values[-1:]]

@@ -17,12 +17,12 @@ from gaitsweep.plot import theme
 from gaitsweep.plot.basins.cells import CellGrid, cell_grid, colour_cells, hatch_cells, hatch_look
 from gaitsweep.plot.columns import (
     OTHER,
-    column,
     described,
     is_angle,
     is_logarithmic,
     log_axes,
     outcome,
+    require_columns,
     rows_where,
 )
 from gaitsweep.plot.kind import GaitColumn, Horizontal, Title, Vertical, figure_kind
@@ -50,8 +50,7 @@ def gait_map(
     Raises:
         PlotError: the table lacks a column.
     """
-    for name in (x, y, hue):
-        column(table, name)
+    require_columns(table, x, y, hue)
     with theme.canvas(theme.COLUMN + 1.8, 3.9, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))
@@ -68,8 +67,8 @@ def gait_map(
         for which, name in (("x", x), ("y", y)):
             if is_angle(table, name) and not is_logarithmic(table, name):
                 theme.angle_ticks(axes, which)
-        every = sets["set"].tolist()
-        labels = [f"{_words(names)}  {theme.percent(every.count(names) / len(every))} %" for names in looks]
+        cells = sets["set"].tolist()
+        labels = [f"{_words(names)}  {theme.percent(cells.count(names) / len(cells))} %" for names in looks]
         heading = "gaits that starts settle in, share of cells"
         theme.legend(figure, handles, labels, ncols=2, title=heading)
     return figure
@@ -79,16 +78,16 @@ def _sets(table: pd.DataFrame, x: str, y: str, hue: str) -> pd.DataFrame:
     """The set of each cell, a tuple of names in the hue's own order: columns x, y, set."""
     shown = outcome(table, hue).replace({"none": OTHER})
     kind = table[hue].dtype
-    order = [str(each) for each in kind.categories] if isinstance(kind, pd.CategoricalDtype) else []
+    order = list(map(str, kind.categories)) if isinstance(kind, pd.CategoricalDtype) else []
     order = [name for name in order if name != "none"] or sorted(set(shown) - {OTHER, *_HATCHED})
     order = theme.ordered(order)
 
-    def reached(names: pd.Series) -> tuple[str, ...]:
-        here = set(names)
-        gaits = tuple(name for name in order if name in here)
+    def reached(outcomes: pd.Series) -> tuple[str, ...]:
+        present = set(outcomes)
+        gaits = tuple(name for name in order if name in present)
         if not gaits:
-            return tuple(name for name in (OTHER, *_HATCHED) if name in here)[:1]
-        return gaits + tuple(name for name in (Outcome.FAILED, Outcome.NOT_SETTLED) if name in here)[:1]
+            return tuple(name for name in (OTHER, *_HATCHED) if name in present)[:1]
+        return gaits + tuple(name for name in (Outcome.FAILED, Outcome.NOT_SETTLED) if name in present)[:1]
 
     cells = pd.DataFrame({x: table[x], y: table[y], "set": shown})
     return cells.groupby([x, y], sort=True)["set"].agg(reached).reset_index()
@@ -98,12 +97,12 @@ def _ordered(sets: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
     """The sets that occur: single gaits first, then sets of several; cells without a gait last."""
     present = list(dict.fromkeys(sets))
     without = [(OTHER,), *((name,) for name in _HATCHED)]
-    gaits = (each for each in present if each not in without)
-    ordered = sorted(gaits, key=lambda each: (each[-1] in _HATCHED, len(each), each))
-    return [*ordered, *(each for each in without if each in present)]
+    gaits = (names for names in present if names not in without)
+    ordered = sorted(gaits, key=lambda names: (names[-1] in _HATCHED, len(names), names))
+    return [*ordered, *(names for names in without if names in present)]
 
 
-def _whole(names: tuple[str, ...]) -> tuple[str, ...]:
+def _gaits_of(names: tuple[str, ...]) -> tuple[str, ...]:
     """A set of gaits without the mark of a start that failed or did not settle."""
     return names[:-1] if len(names) > 1 and names[-1] in _HATCHED else names
 
@@ -120,27 +119,27 @@ def _looks(sets: list[tuple[str, ...]]) -> dict[tuple[str, ...], _Look]:
 
     With a start that failed the colours are darker, with one that did not settle lighter, and both hatched.
     """
-    names = dict.fromkeys("none" if name == OTHER else name for each in sets for name in each)
-    colour, hatch = theme.colours(names), theme.hatches(names)
+    styled = dict.fromkeys("none" if name == OTHER else name for names in sets for name in names)
+    colour, hatch = theme.colours(styled), theme.hatches(styled)
     looks = {}
-    for each in sets:
-        whole = ["none" if name == OTHER else name for name in _whole(each)]
-        tints = [colour[name] for name in whole]
-        fine = hatch[whole[0]] if len(whole) == 1 else ""
-        if len(whole) < len(each):
-            tints = [theme.mixed(tint, "black" if each[-1] == Outcome.FAILED else "white") for tint in tints]
+    for names in sets:
+        gaits = ["none" if name == OTHER else name for name in _gaits_of(names)]
+        tints = [colour[name] for name in gaits]
+        fine = hatch[gaits[0]] if len(gaits) == 1 else ""
+        if len(gaits) < len(names):
+            tints = [theme.mixed(tint, "black" if names[-1] == Outcome.FAILED else "white") for tint in tints]
             fine = _DOUBTFUL
         stripes = [(pattern, tint, 1.3) for pattern, tint in zip(itertools.cycle(_STRIPES), tints[1:])]
-        looks[each] = _Look(tints, [*stripes, *([(fine, theme.line_on(tints[0]), 0.5)] if fine else [])])
+        looks[names] = _Look(tints, [*stripes, *([(fine, theme.line_on(tints[0]), 0.5)] if fine else [])])
     return looks
 
 
 def _cells(axes: Axes, sets: pd.DataFrame, grid: CellGrid, looks: dict[tuple[str, ...], _Look]) -> list[Any]:
     """Draw the sets as cells; returns the handle of each set."""
-    colour_cells(axes, grid, sets, [looks[each].colours[0] for each in sets["set"]])
+    colour_cells(axes, grid, sets, [looks[names].colours[0] for names in sets["set"]])
     handles = []
     for names, look in looks.items():
-        marked = np.array([each == names for each in sets["set"]])
+        marked = np.array([of_cell == names for of_cell in sets["set"]])
         handle = [Patch(facecolor=look.colours[0], linewidth=0.0)]
         for hatch in look.hatches:
             hatch_cells(axes, grid, sets, marked, *hatch)
@@ -153,17 +152,17 @@ def _cells(axes: Axes, sets: pd.DataFrame, grid: CellGrid, looks: dict[tuple[str
 def _points(axes: Axes, sets: pd.DataFrame, x: str, y: str, looks: dict[tuple[str, ...], _Look]) -> list[Any]:
     """Draw the sets as points, of two gaits half and half; returns the handle of each set."""
     size = float(np.clip(63.0 / np.sqrt(len(sets)), 2.0, 6.0))
-    markers = theme.markers(dict.fromkeys(name for each in looks for name in each))
+    markers = theme.markers(dict.fromkeys(name for names in looks for name in names))
     handles = []
     for names, look in looks.items():
-        mine = rows_where(sets, [each == names for each in sets["set"]])
+        points = rows_where(sets, [of_cell == names for of_cell in sets["set"]])
         style: dict[str, Any] = {"ls": "", "ms": size, "mfc": look.colours[0], "mew": 0.3, "mec": "#333333"}
         style["marker"] = markers[names[0]]
         if len(look.colours) > 1:
             style |= {"marker": "o", "fillstyle": "left", "mfcalt": look.colours[1]}
         if len(look.colours) > 2:
             style |= {"mew": 1.0, "mec": look.colours[2]}
-        axes.plot(mine[x], mine[y], **style)
+        axes.plot(points[x], points[y], **style)
         handles.append(Line2D([], [], **style))
     return handles
 
@@ -171,8 +170,8 @@ def _points(axes: Axes, sets: pd.DataFrame, x: str, y: str, looks: dict[tuple[st
 def _words(names: tuple[str, ...]) -> str:
     """A set in words: `trot only`, `trot and walk`, `trot; another start failed`, `failed`."""
     names = tuple(map(theme.named, names))
-    if _whole(names) != names:
-        return f"{' and '.join(_whole(names))}; another start {names[-1]}"
+    if _gaits_of(names) != names:
+        return f"{' and '.join(_gaits_of(names))}; another start {names[-1]}"
     if len(names) == 1:
         return names[0] if names[0] in (OTHER, *_HATCHED) else f"{names[0]} only"
     return f"{', '.join(names[:-1])} and {names[-1]}"

@@ -13,7 +13,7 @@ from gaitsweep.analysis.basins.measures import basins
 from gaitsweep.contract import Status
 from gaitsweep.plot.basins.basin import basin
 from gaitsweep.plot.basins.cells import check_cells
-from gaitsweep.plot.columns import column, unit_of
+from gaitsweep.plot.columns import require_columns, unit_of
 from gaitsweep.plot.kind import (
     TEXT_COLUMNS,
     AlongAxis,
@@ -55,15 +55,14 @@ def shock(
         PlotError: the table lacks a column, or a cell has several rows.
         AnalysisError: x and y have different units.
     """
-    for name in (x, y, hue, *([panels] if panels else [])):
-        column(table, name)
+    require_columns(table, x, y, hue, panels)
     if not len(table):
         return basin(table.assign(shock=np.nan), x=x, y=y, hue="shock", panels=panels, title=title)
     measured = basins(table, [x, y], label=hue, by=panels or ()).rows
     far = ~np.isfinite(measured["shock"].to_numpy(float))
     measured.loc[far, "shock"] = np.nan
-    known = {"unit": unit_of(table, x), "symbol": r"\mathrm{smallest\ shock}", "circular": False}
-    measured.attrs = {**table.attrs, "quantities": {**table.attrs.get("quantities", {}), "shock": known}}
+    quantity = {"unit": unit_of(table, x), "symbol": r"\mathrm{smallest\ shock}", "circular": False}
+    measured.attrs = {**table.attrs, "quantities": {**table.attrs.get("quantities", {}), "shock": quantity}}
     # failed starts have a shock too: the distance to one that does not fail
     measured["status"] = Status.settled.name
     return basin(measured, x=x, y=y, hue="shock", panels=panels, title=title)

@@ -12,10 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.circular import branch_cut, unwrap_from
+from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.transitions.return_map import branches as find_branches
 from gaitsweep.plot import theme
-from gaitsweep.plot.columns import column, described, is_angle, log_axes, rows_where
+from gaitsweep.plot.bifurcations.continuation import STABLE, UNSTABLE
+from gaitsweep.plot.columns import column, described, is_angle, log_axes, origin_of, require_columns
 from gaitsweep.plot.kind import (
     TEXT_COLUMNS,
     AlongAxis,
@@ -27,7 +28,7 @@ from gaitsweep.plot.kind import (
     figure_kind,
 )
 
-_COLOUR = {True: "#0072B2", False: "#D55E00"}
+_COLOUR = {True: STABLE, False: UNSTABLE}
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
@@ -56,62 +57,55 @@ def branches(
         PlotError: the table lacks a column.
     """
     name = column(table, y, ("_n", ""))
-    for each in (x, "row", "crossing"):
-        column(table, each)
-    found = find_branches(table, name, x, bandwidth)
+    require_columns(table, x, "row", "crossing")
+    points = find_branches(table, name, x, bandwidth)
     with theme.canvas(theme.COLUMN + 1.6, 3.4, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))
         log_axes(axes, table, x=x)
         axes.set_ylabel(described(table, name, 36))
-        if not len(found):
+        if not len(points):
             theme.message(axes, "No map crosses the line of no change: none has a fixed point.")
             return figure
-        value = found["value"].to_numpy(float)
-        place = unwrap_from(value, branch_cut(value)) if is_angle(table, name) else value
-        _draw(axes, found.assign(place=place), x)
+        value = points["value"].to_numpy(float)
+        place = unwrap_from(value, origin_of(table, name, value))
+        _draw(axes, points.assign(place=place), x)
         tried = np.unique(table[x].dropna().to_numpy(float))
-        without = tried[~np.isin(tried, found[x].to_numpy(float))]
+        without = tried[~np.isin(tried, points[x].to_numpy(float))]
         if len(without):
-            below = axes.get_xaxis_transform()
-            axes.plot(
-                without, np.zeros(len(without)), "|", color="#555555", ms=7, transform=below, clip_on=False
-            )
+            look: dict[str, Any] = {"color": "#555555", "ms": 7, "clip_on": False}
+            axes.plot(without, 0.0 * without, "|", transform=axes.get_xaxis_transform(), **look)
         theme.value_axis(axes, angle=is_angle(table, name))
-        theme.legend(figure, _key(found, len(without) > 0), ncols=2)
+        theme.legend(figure, _key(points, len(without) > 0), ncols=2)
     return figure
 
 
-def _draw(axes: Axes, found: pd.DataFrame, x: str) -> None:
+def _draw(axes: Axes, points: pd.DataFrame, x: str) -> None:
     """Draw the line of each branch, interrupted where an angle wraps, and its points with their errors."""
-    for _, branch in found.groupby("branch", sort=True):
+    for _, branch in points.groupby("branch", sort=True):
         stable = bool(branch["stable"].iloc[0])
         colour = _COLOUR[stable]
         branch = branch.sort_values(x, kind="stable")
         at, place = branch[x].to_numpy(float), branch["place"].to_numpy(float)
-        leaps = np.flatnonzero(np.abs(np.diff(place)) > np.pi) + 1
         line: dict[str, Any] = {"color": colour, "lw": 1.2, "ls": "-" if stable else (0, (4, 2)), "zorder": 2}
-        axes.plot(np.insert(at, leaps, np.nan), np.insert(place, leaps, np.nan), **line)
+        axes.plot(*theme.interrupted(np.abs(np.diff(place)) > np.pi, at, place), **line)
         error = 2.0 * branch["value_error"].to_numpy(float)
         face = colour if stable else "white"
-        points: dict[str, Any] = {"fmt": "o", "ms": 4.5, "mew": 1.1, "mfc": face, "zorder": 3}
-        axes.errorbar(at, place, yerr=error, color=colour, elinewidth=0.8, **points)
+        marks: dict[str, Any] = {"fmt": "o", "ms": 4.5, "mew": 1.1, "mfc": face, "zorder": 3}
+        axes.errorbar(at, place, yerr=error, color=colour, elinewidth=0.8, **marks)
 
 
-def _key(found: pd.DataFrame, without: bool) -> list[Line2D]:
+def _key(points: pd.DataFrame, without: bool) -> list[Line2D]:
+    """The legend of the points that occur, and of parameter values `without` a fixed point."""
+    words = {True: "stable: starts nearby come to it", False: "unstable: starts nearby leave it"}
     handles = []
-    for stable, words in (
-        (True, "stable: starts nearby come to it"),
-        (False, "unstable: starts nearby leave it"),
-    ):
-        if len(rows_where(found, found["stable"].astype(bool) == stable)):
-            look: dict[str, Any] = {
-                "ls": "-" if stable else "--",
-                "mfc": _COLOUR[stable] if stable else "white",
-            }
-            handles.append(
-                Line2D([], [], color=_COLOUR[stable], marker="o", ms=4.5, lw=1.2, label=words, **look)
+    for stable, label in words.items():
+        if stable in set(points["stable"].astype(bool)):
+            look: dict[str, Any] = (
+                {"ls": "-", "mfc": _COLOUR[True]} if stable else {"ls": "--", "mfc": "white"}
             )
+            look |= {"color": _COLOUR[stable], "marker": "o", "ms": 4.5, "lw": 1.2}
+            handles.append(Line2D([], [], label=label, **look))
     if without:
         handles.append(Line2D([], [], ls="", marker="|", color="#555555", ms=7, label="none found"))
     return handles

@@ -21,14 +21,14 @@ from pydantic import Field
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
 from gaitsweep.near_miss import allowing
 from gaitsweep.plot import theme
-from gaitsweep.plot.columns import PlotError, column, described, is_angle, moved_parameter
+from gaitsweep.plot.columns import PlotError, column, described, is_angle, moved_parameter, require_columns
 from gaitsweep.plot.kind import Column, Observable, Title, figure_kind
 from gaitsweep.schema.numbers import Real, Text
 
-_STABLE, _UNSTABLE = "#0072B2", "#D55E00"
+STABLE, UNSTABLE = "#0072B2", "#D55E00"
 # fill and hatch of the ranges beside the branches, in order
 _BESIDE = (("#E2E2E2", "////"), ("#F3E3C3", "\\\\\\\\"), ("#DCEBDD", "...."), ("#E9DDEC", "----"))
-MARKERS = dict(zip(MARKS, "ovsDX><^", strict=True))
+MARKERS: dict[str, str] = dict(zip(MARKS, "ovsDX><^", strict=True))
 WORDS = {
     "corner": "fold at a bend of the map",
     "neimark_sacker": "Neimark-Sacker",
@@ -67,15 +67,14 @@ def continuation(
     Raises:
         PlotError: the table lacks a column.
     """
-    first = [*table.attrs.get("recorded", ()), *(each for each in table if str(each).endswith("_n"))]
-    if y is None and not first:
+    observables = [*table.attrs.get("recorded", ()), *(name for name in table if str(name).endswith("_n"))]
+    if y is None and not observables:
         raise PlotError(f"The table names no observable: give y. {allowing(map(str, table.columns))}")
-    name = column(table, y or first[0], ("_n", ""))
+    name = column(table, y or observables[0], ("_n", ""))
     x = x or moved_parameter(table) or "parameter"
-    for each in (x, "row", "point", "stable", "special", *([hue] if hue else [])):
-        column(table, each)
+    require_columns(table, x, "row", "point", "stable", "special", hue)
     # the two directions in which a map follows a branch begin at one point
-    of_branch = [each for each in ("row", "direction") if each in table]
+    of_branch = [key for key in ("row", "direction") if key in table]
     table = table.dropna(subset=[name]).sort_values([*of_branch, "point"], kind="stable")
     with theme.canvas(theme.COLUMN + 1.6, 3.4, title) as figure:
         axes = figure.subplots()
@@ -154,27 +153,27 @@ def _draw(axes: Axes, branch: pd.DataFrame, x: str, y: str, colour: Any) -> None
         if kind == "kink":
             look |= {"color": colour or "#555555", "ls": ":", "lw": 0.8}
         else:
-            look |= {"color": colour or (_STABLE if kind else _UNSTABLE), "ls": "-" if kind else (0, (4, 2))}
+            look |= {"color": colour or (STABLE if kind else UNSTABLE), "ls": "-" if kind else (0, (4, 2))}
         axes.plot(at[start : end + 1], value[start : end + 1], **look)
         start = end
     for kind, mark in MARKERS.items():
-        here = special == kind
-        axes.plot(at[here], value[here], mark, ms=4.5, color="black", mfc="white", zorder=3)
+        marked = special == kind
+        axes.plot(at[marked], value[marked], mark, ms=4.5, color="black", mfc="white", zorder=3)
 
 
 def _key(table: pd.DataFrame, beside: Mapping[str, Sequence[float]], coloured: bool) -> list[Line2D | Patch]:
+    """The legend; lines are grey in it if branches are `coloured` by another column."""
     stable = table["stable"].to_numpy(bool)
-    shade = (lambda _: "#333333") if coloured else (lambda colour: colour)
+    of_stable, of_unstable = ("#333333", "#333333") if coloured else (STABLE, UNSTABLE)
     handles: list[Line2D | Patch] = []
     if stable.any():
-        handles.append(Line2D([], [], color=shade(_STABLE), lw=1.4, label="stable"))
+        handles.append(Line2D([], [], color=of_stable, lw=1.4, label="stable"))
     if not stable.all():
-        handles.append(Line2D([], [], color=shade(_UNSTABLE), lw=1.4, ls=(0, (4, 2)), label="unstable"))
+        handles.append(Line2D([], [], color=of_unstable, lw=1.4, ls=(0, (4, 2)), label="unstable"))
     special = set(table["special"].fillna(""))
     if "kink" in special:
-        handles.append(
-            Line2D([], [], color="#555555", lw=0.8, ls=":", label="over a bend or jump of the map")
-        )
+        label = "over a bend or jump of the map"
+        handles.append(Line2D([], [], color="#555555", lw=0.8, ls=":", label=label))
     handles += [
         Line2D([], [], ls="", marker=mark, ms=4.5, color="black", mfc="white", label=WORDS.get(kind, kind))
         for kind, mark in MARKERS.items()
@@ -183,9 +182,8 @@ def _key(table: pd.DataFrame, beside: Mapping[str, Sequence[float]], coloured: b
     handles += [Patch(label=name, **_beside(number)) for number, name in enumerate(beside)]
     pairs = itertools.combinations(beside.values(), 2)
     if any(max(low, begin) < min(high, end) for (low, high), (begin, end) in pairs):
-        handles.append(
-            Patch(facecolor="none", edgecolor="#9A9A9A", hatch="xxxx", lw=0.5, label="both of these")
-        )
+        look: dict[str, Any] = {"facecolor": "none", "edgecolor": "#9A9A9A", "hatch": "xxxx", "lw": 0.5}
+        handles.append(Patch(label="both of these", **look))
     return handles
 
 

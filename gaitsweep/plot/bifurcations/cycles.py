@@ -48,7 +48,7 @@ def cycles(
     looks = _looks(values)
     down, across = theme.shape(len(names), theme.PAGE, 1.6)
     with theme.canvas(theme.PAGE, 2.4 * down + (0.45 if len(values) > 1 else 0.0), title) as figure:
-        panels = theme.panels(figure, len(names), down, across, sharex=True)
+        panels = theme.panels(figure, (down, across), len(names), sharex=True)
         for number, (axes, name) in enumerate(zip(panels, names, strict=True)):
             for part in lines:
                 _line(axes, part, x, name, looks[part[hue].iloc[0]], is_angle(table, name))
@@ -91,16 +91,14 @@ def _line(axes: Axes, part: pd.DataFrame, x: str, name: str, look: dict[str, Any
     up = np.mod(up, 2 * np.pi) if angle else up
     if angle:
         parted |= np.abs(np.diff(up)) > np.pi
-    if parted.any():
-        wraps = np.flatnonzero(parted) + 1
-        across, up = np.insert(across, wraps, np.nan), np.insert(up, wraps, np.nan)
+    across, up = theme.interrupted(parted, across, up)
     lone = np.isfinite(up) & ~np.isfinite(np.r_[np.nan, up[:-1]]) & ~np.isfinite(np.r_[up[1:], np.nan])
     axes.plot(across, up, **look)
     axes.plot(across[lone], up[lone], ".", color=colour, ms=2.5)
-    there = np.flatnonzero(np.isfinite(up))
+    finite = np.flatnonzero(np.isfinite(up))
     status = str(part["status"].iloc[-1]) if "status" in part.columns else Status.complete.name
-    if len(there) and status not in Status.SOUND | Status.UNDECIDED:
-        axes.plot(across[there[-1]], up[there[-1]], "x", color=colour, ms=5, mew=1.2, clip_on=False)
+    if len(finite) and status not in Status.SOUND | Status.UNDECIDED:
+        axes.plot(across[finite[-1]], up[finite[-1]], "x", color=colour, ms=5, mew=1.2, clip_on=False)
 
 
 def _labels(

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from gaitsweep.plot import theme
-from gaitsweep.plot.columns import PlotError, column, described, rows_where
+from gaitsweep.plot.columns import PlotError, described, require_columns, rows_where
 from gaitsweep.plot.kind import GaitColumn, Title, figure_kind
 
 _TOGETHER = "#BFE6DA"  # a light tint of the colour of two gaits in a gait map
@@ -45,8 +45,7 @@ def folds(
     """
     names = table.attrs.get("job", {}).get("run", {}).get("parameters") or ["x", "y"]
     x, y = x or f"{names[0]}_fold", y or f"{names[1]}_fold"
-    for each in (x, y, hue, "row", "point", "side", "unstable", "special", "end"):
-        column(table, each)
+    require_columns(table, x, y, hue, "row", "point", "side", "unstable", "special", "end")
     if x == y:
         raise PlotError(f"y is {y}, like x: name another column.")
     table = rows_where(table, table[x].notna()).sort_values(["row", "point"], kind="stable")
@@ -80,6 +79,7 @@ def _segments(curve: pd.DataFrame) -> Iterator[tuple[int, str]]:
 
 
 def _draw(axes: Axes, curve: pd.DataFrame, x: str, y: str, colour: dict[str, str]) -> None:
+    """Draw a curve in the colours of the gaits that are lost, and its marks."""
     at, up = curve[x].to_numpy(float), curve[y].to_numpy(float)
     looks: dict[str, dict[str, Any]] = {
         "kink": {"ls": ":", "lw": 0.8},
@@ -92,9 +92,9 @@ def _draw(axes: Axes, curve: pd.DataFrame, x: str, y: str, colour: dict[str, str
         places = [k for k, _ in group]
         part = slice(places[0], places[-1] + 2)
         axes.plot(at[part], up[part], color=colour[name], zorder=2, **looks[look])
-    for mark, here in _marked(curve).items():
+    for mark, marked in _marked(curve).items():
         symbol, size = _MARKS[mark]
-        axes.plot(at[here], up[here], symbol, ms=size, color="black", zorder=3)
+        axes.plot(at[marked], up[marked], symbol, ms=size, color="black", zorder=3)
 
 
 def _gaits(curve: pd.DataFrame) -> list[str]:
@@ -130,7 +130,7 @@ def _pieces(row: Any, curve: pd.DataFrame, x: str, y: str) -> Iterator[dict[str,
 
 def _fill(axes: Axes, pieces: list[dict[str, Any]]) -> set[str]:
     """Fill the areas in which two gaits exist; returns the names of these pairs."""
-    found = set()
+    pairs = set()
     for above, below in itertools.product(pieces, pieces):
         other = above["gait"] != below["gait"]
         if (above["side"], below["side"]) != (1, -1) or not (other or above["row"] == below["row"]):
@@ -139,19 +139,19 @@ def _fill(axes: Axes, pieces: list[dict[str, Any]]) -> set[str]:
         high = min(above["up"][-1], below["up"][-1])
         if low >= high:
             continue
-        every = np.concatenate([above["up"], below["up"], [low, high]])
-        up = np.unique(every[(every >= low) & (every <= high)])
-        left, right = (np.interp(up, each["up"], each["at"]) for each in (above, below))
+        up = np.unique(np.clip(np.concatenate([above["up"], below["up"]]), low, high))
+        left, right = (np.interp(up, piece["up"], piece["at"]) for piece in (above, below))
         if np.any(left < right):
             axes.fill_betweenx(up, left, right, where=left < right, color=_TOGETHER, lw=0, zorder=0)
-            found.add(" and ".join(sorted({above["gait"], below["gait"]})) if other else "")
-    return found
+            pairs.add(" and ".join(sorted({above["gait"], below["gait"]})) if other else "")
+    return pairs
 
 
 def _key(table: pd.DataFrame, colour: dict[str, str], together: set[str]) -> list[Line2D | Patch]:
+    """The legend: gaits by colour, areas of two gaits `together`, and the lines and marks that occur."""
     handles: list[Line2D | Patch] = [
-        Line2D([], [], color=each, lw=1.4, label=f"{theme.named(gait)} lost by a fold")
-        for gait, each in colour.items()
+        Line2D([], [], color=tint, lw=1.4, label=f"{theme.named(gait)} lost by a fold")
+        for gait, tint in colour.items()
     ]
     if together:
         named = ", ".join(sorted(together - {""}))

@@ -11,12 +11,23 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from gaitsweep.analysis.circular import branch_cut, is_circular, unwrap_from
+from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.records import in_order
 from gaitsweep.analysis.transitions.hysteresis import transition_points_by_gait
 from gaitsweep.contract import Outcome
 from gaitsweep.plot import theme
-from gaitsweep.plot.columns import column, described, log_axes, outcome, rows_where, symbol, unit_of
+from gaitsweep.plot.columns import (
+    column,
+    described,
+    is_angle,
+    log_axes,
+    origin_of,
+    outcome,
+    require_columns,
+    rows_where,
+    symbol,
+    unit_of,
+)
 from gaitsweep.plot.kind import AlongAxis, Column, GaitColumn, Observed, Title, figure_kind
 
 _OPEN = "#777777"
@@ -45,8 +56,7 @@ def gait_transitions(
         PlotError: the table lacks a column.
     """
     name = column(table, y, ("_end", ""))
-    for each in (x, start, hue, "status"):
-        column(table, each)
+    require_columns(table, x, start, hue, "status")
     with theme.canvas(theme.COLUMN + 1.6, 3.6, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))
@@ -57,10 +67,10 @@ def gait_transitions(
             theme.message(axes, "no rows yet")
             return figure
         place = table[name].to_numpy(float)
-        place = unwrap_from(place, branch_cut(place)) if is_circular(table, name) else place
+        place = unwrap_from(place, origin_of(table, name, place))
         shown = outcome(table, hue)
         names = theme.ordered(in_order(table, hue, shown))
-        colour = theme.colours([each for each in names if each not in (Outcome.NOT_SETTLED, Outcome.FAILED)])
+        colour = theme.colours([gait for gait in names if gait not in (Outcome.NOT_SETTLED, Outcome.FAILED)])
         marker = theme.markers(colour)
         handles = _points(axes, table[x].to_numpy(float), place, shown.to_numpy(), names, (colour, marker))
         labels = [theme.named(name) for name in names]
@@ -74,12 +84,12 @@ def gait_transitions(
             middle = 0.5 * (edge["low"] + edge["high"])
             axes.axvline(middle, color=tint, lw=0.8, ls=":")
             # the marker of the gait, which is told apart in grey
-            look: dict[str, Any] = {"marker": marker[str(edge["gait"])], "mfc": tint}
-            look |= {"ls": "", "color": "#333333"}
+            look: dict[str, Any] = {"marker": marker[str(edge["gait"])], "mfc": tint, "color": "#333333"}
+            look["ls"] = ""
             axes.plot([middle], [0.96], transform=axes.get_xaxis_transform(), ms=5.0, **look)
             handles.append((Patch(facecolor=tint, alpha=0.3), Line2D([], [], ms=4.0, **look)))
             labels.append(_words(table, x, edge))
-        theme.value_axis(axes, angle=is_circular(table, name))
+        theme.value_axis(axes, angle=is_angle(table, name))
         theme.legend(figure, handles, labels, ncols=2)
     return figure
 
@@ -96,25 +106,22 @@ def _points(
     handles: list[Any] = []
     colour, markers = looks
     for name in names:
-        mine = shown == name
+        rows = shown == name
         look: dict[str, Any] = {"ls": "", "ms": 3.5}
         if name == Outcome.FAILED:
             look |= {"marker": "x", "color": "black", "clip_on": False}
-            axes.plot(at[mine], np.zeros(mine.sum()), transform=axes.get_xaxis_transform(), **look)
+            axes.plot(at[rows], np.zeros(rows.sum()), transform=axes.get_xaxis_transform(), **look)
         else:
             tint = colour.get(name, _OPEN)
             face = "white" if name == Outcome.NOT_SETTLED else tint
             look |= {"marker": markers.get(name, "o"), "color": tint, "mfc": face}
-            axes.plot(at[mine], place[mine], **look)
+            axes.plot(at[rows], place[rows], **look)
         handles.append(Line2D([], [], **look))
     return handles
 
 
 def _words(table: pd.DataFrame, x: str, edge: dict[Any, Any]) -> str:
     """Name the gait that is lost, the direction of the parameter, and the interval."""
-    ways = {"rising": "rises", "falling": "falls"}
-    unit = unit_of(table, x)
-    unit = f" {unit}" if unit and unit != "1" else ""
-    label = symbol(table, x) or x
-    way = ways[edge["direction"]]
-    return f"{theme.named(edge['gait'])} lost as {label} {way}: {edge['low']:.6g} to {edge['high']:.6g}{unit}"
+    verb = "rises" if edge["direction"] == "rising" else "falls"
+    interval = f"{edge['low']:.6g} to {edge['high']:.6g} {unit_of(table, x)}".rstrip()
+    return f"{theme.named(edge['gait'])} lost as {symbol(table, x)} {verb}: {interval}"

@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.transforms import ScaledTranslation
 
-from gaitsweep.analysis.circular import branch_cut, unwrap_from
+from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.records import sound
 from gaitsweep.analysis.transitions.hysteresis import (
     LEAST,
@@ -31,8 +31,9 @@ from gaitsweep.plot.columns import (
     PlotError,
     column,
     described,
-    is_angle,
     moved_parameter,
+    origin_of,
+    require_columns,
     rows_where,
     symbol,
     unit_of,
@@ -62,7 +63,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     if figure.parameter not in (None, table.run.moved):
         yield (
             ("parameter",),
-            (f"is {figure.parameter}, but this run moves {table.run.moved}: remove parameter."),
+            f"is {figure.parameter}, but this run moves {table.run.moved}: remove parameter.",
         )
 
 
@@ -110,20 +111,21 @@ def hysteresis(
             "for another table name the column as `parameter`."
         )
     shown = [*_split(table, panels, with_table is not None), *_second(table, with_table, panels)]
-    if len(shown) > _MOST_PANELS:
-        title = f"{title or ''} (the first {_MOST_PANELS} of {len(shown)} panels)".strip()
-        shown = shown[:_MOST_PANELS]
-    for panel in shown:
-        for name in (y, parameter, "pass", "row", *([x] if x else [])):
-            if panel.table is not None:
-                column(panel.table, name, ("_n", "") if name in (y, x) else ("",))
+    shown, title = theme.first_of(shown, _MOST_PANELS, title)
+    tables = [panel.table for panel in shown if panel.table is not None]
+    for of_panel in tables:
+        require_columns(of_panel, parameter, "pass", "row")
+        for observable in (y, *([x] if x else [])):
+            column(of_panel, observable, ("_n", ""))
     name = column(table, y, ("_n", ""))
     if x is not None:
-        shown = [each._replace(table=_moving(each.table, parameter)) for each in shown]
+        shown = [panel._replace(table=_moving(panel.table, parameter)) for panel in shown]
+        tables = [panel.table for panel in shown if panel.table is not None]
         parameter = column(table, x, ("_n", ""))
     down, across = theme.shape(len(shown), theme.PAGE, 2.0, _PANELS_A_ROW)
     width = theme.PAGE if len(shown) > 1 else theme.COLUMN + 1.2
-    origin = _origin([panel.table for panel in shown if panel.table is not None], name)
+    angles = [of_panel[name].to_numpy(float) for of_panel in tables if name in of_panel.columns]
+    origin = origin_of(table, name, np.concatenate(angles))
     if title == "" and len(shown) == 1:
         shown = [shown[0]._replace(heading="")]
     parted = [_parted(panel.table, name, parameter, least) for panel in shown]
@@ -154,8 +156,8 @@ def hysteresis(
             theme.value_axis(axes, angle=origin is not None)
         drawn = {str(line.get_color()) for axes in (*grid, *below) for line in axes.lines}
         key = _key(shown, table, parameter, drawn)
-        branches = [each for each, _ in parted]
-        key += _name_gaits(grid, branches, name, parameter, origin, [*ticks])
+        of_branches = [branches for branches, _ in parted]
+        key += _name_gaits(grid, of_branches, name, parameter, origin, [*ticks])
         theme.legend(figure, key, ncols=3)
     return figure
 
@@ -165,13 +167,13 @@ def _panels(
 ) -> tuple[Sequence[Axes], Sequence[Axes]]:
     """The panels, and the lowest one of each: the strip below it, or itself."""
     shape: dict[str, Any] = {"height_ratios": [2.5, 1.0] * down if strips else [1.0] * down}
-    every = figure.subplots((1 + strips) * down, across, sharex=True, squeeze=False, **shape)
-    grid, below = every[:: 1 + strips].ravel(), (every[1::2] if strips else every).ravel()
+    cells = figure.subplots((1 + strips) * down, across, sharex=True, squeeze=False, **shape)
+    grid, below = cells[:: 1 + strips].ravel(), (cells[1::2] if strips else cells).ravel()
     for axes in {*grid[count:], *below[count:]}:
         axes.remove()
-    for same in (grid, below):
-        for axes in same[1:count]:
-            axes.sharey(same[0])
+    for row_of_axes in (grid, below):
+        for axes in row_of_axes[1:count]:
+            axes.sharey(row_of_axes[0])
     return list(grid[:count]), list(below[:count])
 
 
@@ -193,8 +195,7 @@ def _name_gaits(
             cast(Figure, axes.get_figure(root=True)).draw_without_rendering()
             laid_out = True
         part = rows_where(table, sound(table, name, x) & table["gait"].isin(named))
-        gaits, value = part["gait"].to_numpy(str), part[name].to_numpy(float)
-        value = value if origin is None else unwrap_from(value, origin)
+        gaits, value = part["gait"].to_numpy(str), unwrap_from(part[name].to_numpy(float), origin)
         for gait in name_branches(axes, part[x].to_numpy(float), value, gaits):
             middle = written(table, name, float(np.median(value[gaits == gait])))
             texts.append(f"{theme.named(gait)} about {middle}")
@@ -215,23 +216,19 @@ def _split(table: pd.DataFrame, panels: str | None, beside: bool) -> list[_Panel
 
 
 def _second(table: pd.DataFrame, other: str | pd.DataFrame | None, panels: str | None) -> list[_Panel]:
+    """The panels of a second table, or its path relative to `table`, with remarks in their headings."""
     if other is None:
         return []
-    if isinstance(other, pd.DataFrame):
-        return _remarked(_split(other, panels, True), other)
-    beside = Path(str(table.attrs.get("path", "."))).parent / other
-    path = next((path for path in (Path(other), beside) if path.is_dir()), beside)
-    try:
-        found = load(path)
-        return _remarked(_split(found, panels, True), found)
-    except TableError:
-        return [_Panel(path.name, None, f"{path.name} has no table yet: run its job, then gaitsweep plot.")]
-
-
-def _remarked(shown: list[_Panel], table: pd.DataFrame) -> list[_Panel]:
-    """The panels of a second table, with the remarks on it in their headings."""
-    notes = "\n".join(remarks(table))
-    return [panel._replace(heading=f"{panel.heading}\n{notes}") for panel in shown] if notes else shown
+    if not isinstance(other, pd.DataFrame):
+        beside = Path(str(table.attrs.get("path", "."))).parent / other
+        path = next((path for path in (Path(other), beside) if path.is_dir()), beside)
+        try:
+            other = load(path)
+        except TableError:
+            text = f"{path.name} has no table yet: run its job, then gaitsweep plot."
+            return [_Panel(path.name, None, text)]
+    notes = "".join(f"\n{note}" for note in remarks(other))
+    return [panel._replace(heading=panel.heading + notes) for panel in _split(other, panels, True)]
 
 
 def _pace(table: pd.DataFrame) -> str:
@@ -244,20 +241,12 @@ def _pace(table: pd.DataFrame) -> str:
     return f"moved slowly{rate}"
 
 
-def _origin(tables: list[pd.DataFrame], name: str) -> float | None:
-    """The angle at which the circle is cut for the axis; None if the observable is not an angle."""
-    tables = [table for table in tables if name in table.columns]
-    if not tables or not is_angle(tables[0], name):
-        return None
-    return branch_cut(np.concatenate([table[name].to_numpy(float) for table in tables]))
-
-
 def _moving(table: pd.DataFrame | None, parameter: str) -> pd.DataFrame | None:
     """A table without the records of a ramp before its parameter moves."""
     if table is None or "stair" in table.columns:
         return table
     table = table.sort_values(["row", "crossing"], kind="stable")
-    first = table.groupby("row")[parameter].transform(lambda each: where_it_moves(each.to_numpy(float)))
+    first = table.groupby("row")[parameter].transform(lambda values: where_it_moves(values.to_numpy(float)))
     return rows_where(table, table.groupby("row").cumcount() >= first)
 
 
@@ -268,8 +257,8 @@ def _parted(
     if table is None:
         return None, pd.DataFrame()
     keys = pd.MultiIndex.from_arrays([table["row"], table["pass"]])
-    apart = keys.isin(pd.MultiIndex.from_frame(irregular_passes(table, name, parameter, least)))
-    return rows_where(table, ~apart), rows_where(table, apart)
+    irregular = keys.isin(pd.MultiIndex.from_frame(irregular_passes(table, name, parameter, least)))
+    return rows_where(table, ~irregular), rows_where(table, irregular)
 
 
 def _strip(
@@ -279,12 +268,11 @@ def _strip(
     if table is None or not len(irregular):
         theme.message(axes, "Each pass follows a branch.")
         return
-    kept = rows_where(irregular, sound(irregular, name, x))
-    for number, part in kept.groupby("pass", sort=True):
-        value = part[name].to_numpy(float)
+    points = rows_where(irregular, sound(irregular, name, x))
+    size = float(np.clip(60.0 / np.sqrt(max(len(points), 1)), 0.8, 3.0))
+    for number, part in points.groupby("pass", sort=True):
+        value = unwrap_from(part[name].to_numpy(float), origin)
         colour = _colour_of(part, x, int(str(number)))
-        value = value if origin is None else unwrap_from(value, origin)
-        size = float(np.clip(60.0 / np.sqrt(len(kept)), 0.8, 3.0))
         axes.plot(part[x].to_numpy(float), value, ".", ms=size, color=colour, rasterized=True)
     axes.margins(y=0.1)
     rows = f"{irregular['row'].nunique()} of {table['row'].nunique()} rows"
@@ -302,19 +290,19 @@ def _mark(
     axes: Axes, strip: Axes | None, ticks: Mapping[str, float], origin: float | None, *, named: bool
 ) -> None:
     """Thin lines at values of y, named at the right side; in the strip if they are nearer to its data."""
-    values = np.array(list(ticks.values()), float)
-    values = values if origin is None else unwrap_from(values, origin)
+    values = unwrap_from(np.array(list(ticks.values()), float), origin)
+    names = np.array(list(ticks), object)
     below = np.zeros(len(values), bool)
     if strip is not None:
         below = _distance(strip, values) < 0.5 * _distance(axes, values)
-    for each, mine in ((axes, ~below), (strip, below)):
-        if each is None or not mine.any():
+    for panel, marked in ((axes, ~below), (strip, below)):
+        if panel is None or not marked.any():
             continue
-        for value in values[mine]:
-            each.axhline(float(value), color="#999999", lw=0.6, ls=(0, (1, 2)), zorder=0.5)
+        for value in values[marked]:
+            panel.axhline(float(value), color="#999999", lw=0.6, ls=(0, (1, 2)), zorder=0.5)
         if named:
-            right = each.secondary_yaxis("right")
-            right.set_yticks(values[mine], [name for name, here in zip(ticks, mine, strict=True) if here])
+            right = panel.secondary_yaxis("right")
+            right.set_yticks(values[marked], names[marked].tolist())
             right.tick_params(length=0, labelsize=7.0, colors="#555555")
 
 
@@ -358,11 +346,11 @@ def _draw(
         passes = draw_row(axes, part, name, parameter, origin, alpha, least)
         if row == with_arrows:
             draw_arrows(axes, passes, least)
-    found = transition_points(panel.table, name, parameter, least)
-    return _bands(axes, found, table, parameter)
+    return _bands(axes, transition_points(panel.table, name, parameter, least), table, parameter)
 
 
 def _why_empty(table: pd.DataFrame, name: str) -> str:
+    """The reason for a panel without a pass."""
     if not len(table):
         return "The run has stored no record yet."
     if not np.isfinite(table[name].to_numpy(float)).any():
@@ -370,10 +358,10 @@ def _why_empty(table: pd.DataFrame, name: str) -> str:
     return "No pass follows a branch: all rows fell, or jump to and fro."
 
 
-def _bands(axes: Axes, found: pd.DataFrame, table: pd.DataFrame, parameter: str) -> list[Patch]:
-    """Bars at the intervals of the jumps, and a tint below the points; returns their legend."""
+def _bands(axes: Axes, edges: pd.DataFrame, table: pd.DataFrame, parameter: str) -> list[Patch]:
+    """Draw bars at the intervals of the jumps, and a tint below the points; returns their legend."""
     handles = []
-    for edge in found.to_dict("records"):
+    for edge in edges.to_dict("records"):
         colour, *ends = _JUMPS[edge["direction"]]
         axes.axvspan(edge["low"], edge["high"], zorder=0, color=colour, alpha=0.1, lw=0)
         axes.axvspan(edge["low"], edge["high"], *ends, color=colour, lw=0)
@@ -382,7 +370,7 @@ def _bands(axes: Axes, found: pd.DataFrame, table: pd.DataFrame, parameter: str)
 
 
 def _below(axes: Axes, handles: list[Patch], room: float) -> int:
-    """The jumps of a panel, in a legend below its axis, in lines of `room` inches; returns those broken."""
+    """Write the jumps of a panel below its axis, in lines of `room` inches; returns those broken."""
     if not handles:
         return 0
     for handle in handles:
@@ -391,14 +379,9 @@ def _below(axes: Axes, handles: list[Patch], room: float) -> int:
     depth = 18.0 + 12.0 * (label.count("\n") + 1) if label else 4.0  # points
     place = axes.transAxes + ScaledTranslation(0.0, -depth / 72, axes.figure.dpi_scale_trans)
     look: dict[str, Any] = {"title_fontsize": 7.0, "fontsize": theme.points(7), "borderaxespad": 0.0}
-    axes.legend(
-        handles=handles,
-        title=None if current().caption is False else "jumps at (bars at the edges)",
-        loc="upper center",
-        bbox_to_anchor=(0.5, 0.0),
-        bbox_transform=place,
-        **look,
-    )
+    look |= {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": place}
+    look |= {"title": None if current().caption is False else "jumps at (bars at the edges)"}
+    axes.legend(handles=handles, **look)
     return sum(str(handle.get_label()).count("\n") for handle in handles)
 
 
@@ -419,10 +402,7 @@ def _key(shown: list[_Panel], table: pd.DataFrame, parameter: str, drawn: set[st
             continue
         look: dict[str, Any] = {"color": colour, "ls": LINES[colour], "marker": marker if stairs else ""}
         handles.append(Line2D([], [], label=f"{symbol(table, parameter)} {words}", **MARKER, **look))
-    if any("settled" in each.columns and not each["settled"].to_numpy(bool).all() for each in stairs):
-        handles.append(
-            Line2D(
-                [], [], ls="", marker="^", mfc="white", color="#555555", label="hold not settled", **MARKER
-            )
-        )
+    if any("settled" in stair.columns and not stair["settled"].to_numpy(bool).all() for stair in stairs):
+        look = {"ls": "", "marker": "^", "mfc": "white", "color": "#555555"}
+        handles.append(Line2D([], [], label="hold not settled", **MARKER, **look))
     return handles

@@ -12,6 +12,7 @@ from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.transitions.jumps import STEEPER, where_it_moves
+from gaitsweep.plot import theme
 
 UP, DOWN = "#E69F00", "#0072B2"  # distinct for colour-blind readers, and in lightness
 LINES: dict[str, Any] = {UP: "-", DOWN: (0, (4, 2))}
@@ -46,28 +47,26 @@ def draw_row(
     at, value = part[parameter].to_numpy(float), part[name].to_numpy(float)
     numbers = part["pass"].to_numpy(int)
     count = part["stair" if stairs else "crossing"].to_numpy(int)
-    value = value if origin is None else unwrap_from(value, origin)
+    value = unwrap_from(value, origin)
     settled = part["settled"].to_numpy(bool) if "settled" in part.columns else np.ones(len(part), bool)
     passes = []
     for number in np.unique(numbers):
-        mine = np.flatnonzero(numbers == number)
-        line = np.arange(max(mine[0] - 1, 0), mine[-1] + 1)  # from the turning point on
+        records = np.flatnonzero(numbers == number)
+        line = np.arange(max(records[0] - 1, 0), records[-1] + 1)  # from the turning point on
         colour, marker = (UP, "^") if at[line[-1]] >= at[line[0]] else (DOWN, "v")
         passes.append(Pass(at[line], value[line], colour))
-        across, along = at[line], value[line]
-        change = np.abs(np.diff(along))
+        change = np.abs(np.diff(value[line]))
         parted = np.diff(count[line]) > 1
         if origin is not None:
             parted |= change > np.pi
         if stairs and len(change):
             parted |= change >= max(least, STEEPER * float(np.quantile(change, 0.25)))
-        ends = np.flatnonzero(parted) + 1
-        across, along = np.insert(across, ends, np.nan), np.insert(along, ends, np.nan)
-        axes.plot(across, along, color=colour, ls=LINES[colour], lw=0.8, alpha=alpha)
+        pieces = theme.interrupted(parted, at[line], value[line])
+        axes.plot(*pieces, color=colour, ls=LINES[colour], lw=0.8, alpha=alpha)
         if stairs:
             look: dict[str, Any] = {"ls": "", "marker": marker, "alpha": alpha, **MARKER}
-            for which, face in ((settled[mine], colour), (~settled[mine], "white")):
-                axes.plot(at[mine][which], value[mine][which], color=colour, mfc=face, **look)
+            for which, face in ((settled[records], colour), (~settled[records], "white")):
+                axes.plot(at[records][which], value[records][which], color=colour, mfc=face, **look)
     return passes
 
 
@@ -95,15 +94,9 @@ def draw_arrows(axes: Axes, passes: list[Pass], least: float) -> None:
         above = curve[at] >= curves[DOWN if colour == UP else UP][at]
         offset = ScaledTranslation(0.0, (9 if above else -9) / 72, axes.figure.dpi_scale_trans)
         way = half if colour == UP else -half
-        look: dict[str, Any] = {
-            "arrowstyle": "-|>",
-            "mutation_scale": 9,
-            "zorder": 5,
-            "shrinkA": 0,
-            "shrinkB": 0,
-        }
+        look: dict[str, Any] = {"arrowstyle": "-|>", "mutation_scale": 9, "shrinkA": 0, "shrinkB": 0}
         ends = (grid[at] - way, curve[at]), (grid[at] + way, curve[at])
-        arrow = FancyArrowPatch(*ends, color=colour, lw=1.0, **look)
+        arrow = FancyArrowPatch(*ends, color=colour, lw=1.0, zorder=5, **look)
         arrow.set_transform(axes.transData + offset)
         axes.add_patch(arrow)
 

@@ -11,14 +11,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from gaitsweep.analysis.circular import branch_cut, unwrap_from
+from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.transitions.return_map import drift, fixed_points, ghosts, pairs
 from gaitsweep.plot import theme
 from gaitsweep.plot.columns import (
     PlotError,
     column,
     described,
-    is_angle,
+    origin_of,
+    require_columns,
     rows_where,
     symbol,
     unit_of,
@@ -64,30 +65,27 @@ def return_map(
     if form not in (None, *FORMS):
         raise PlotError(f"form is {form}, but must be {' or '.join(FORMS)}.")
     name = column(table, y, ("_n", ""))
-    for each in ("row", "crossing", *([panels] if panels else [])):
-        column(table, each)
+    require_columns(table, "row", "crossing", panels)
     values = sorted(table[panels].dropna().unique()) if panels else []
-    if len(values) > _MOST_PANELS:
-        title = f"{title or ''} (the first {_MOST_PANELS} of {len(values)} panels)".strip()
-    values = values[:_MOST_PANELS] or [None]
+    values, title = theme.first_of(values or [None], _MOST_PANELS, title)
     form = form or ("change" if _near_the_diagonal(table, name) else "next")
     down, across = theme.shape(len(values), theme.PAGE, 2.0, _PANELS_A_ROW)
     width = theme.PAGE if len(values) > 1 else theme.COLUMN + 1.2
     with theme.canvas(width, (2.3 if across > 1 else 2.8) * down + 0.9, title) as figure:
-        grid = theme.panels(figure, len(values), down, across, sharex=True, sharey=True)
-        origin = branch_cut(table[name].to_numpy(float)) if is_angle(table, name) else None
-        seen: set[str] = set()
+        grid = theme.panels(figure, (down, across), len(values), sharex=True, sharey=True)
+        origin = origin_of(table, name, table[name].to_numpy(float))
+        marks: set[str] = set()
         for number, (axes, value) in enumerate(zip(grid, values, strict=True)):
             part = table if value is None else rows_where(table, table[panels] == value)
-            seen |= _panel(axes, part, name, form, bandwidth, origin)
+            marks |= _panel(axes, part, name, form, bandwidth, origin)
             axes.set_title("" if value is None else written(table, str(panels), value))
             if number % across == 0:
                 axes.set_ylabel(_label(table, name, form))
             if number + across >= len(values):
                 axes.set_xlabel(described(table, name, min(90 // across, 44)))
         _scale(grid, form, origin)
-        if seen:
-            theme.legend(figure, _key(seen), ncols=min(across + 1, 3), in_cell=True)
+        if marks:
+            theme.legend(figure, _key(marks), ncols=min(across + 1, 3), in_cell=True)
     return figure
 
 
@@ -104,7 +102,7 @@ def _near_the_diagonal(table: pd.DataFrame, name: str) -> bool:
     if not len(steps):
         return True
     values = steps["value"].to_numpy(float)
-    values = unwrap_from(values, branch_cut(values)) if is_angle(table, name) else values
+    values = unwrap_from(values, origin_of(table, name, values))
     return bool(np.quantile(np.abs(steps["change"].to_numpy(float)), _MOST) < _NEAR * np.ptp(values))
 
 
@@ -116,28 +114,27 @@ def _panel(
     if not len(steps):
         theme.message(axes, "No start has two crossings in succession with a value.")
         return set()
-    here, change = _on_axis(steps["value"], origin), steps["change"].to_numpy(float)
+    value, change = unwrap_from(steps["value"].to_numpy(), origin), steps["change"].to_numpy(float)
     curve = drift(part, name, bandwidth=bandwidth)
     fixed, ghost = fixed_points(part, name, bandwidth=bandwidth), ghosts(part, name, bandwidth=bandwidth)
-    seen = {"points"}
+    marks = {"points"}
     size = float(np.clip(2e3 / len(steps), 1.0, 6.0))
-    axes.scatter(
-        here, change + here * (form == "next"), s=size, color=_POINTS, lw=0, rasterized=True, zorder=1
-    )
+    up = change + value * (form == "next")
+    axes.scatter(value, up, s=size, color=_POINTS, lw=0, rasterized=True, zorder=1)
     if form == "change":
         axes.axhline(0.0, color="black", lw=0.6, zorder=2)
     else:
-        axes.axline((here.min(), here.min()), slope=1.0, color="black", lw=0.6, zorder=2)
-        seen.add("diagonal")
+        axes.axline((value.min(), value.min()), slope=1.0, color="black", lw=0.6, zorder=2)
+        marks.add("diagonal")
     if len(curve):
         _curve(axes, curve, form, origin)
-        seen.add("curve")
-    places = _on_axis(fixed["value"], origin)
+        marks.add("curve")
+    places = unwrap_from(fixed["value"].to_numpy(), origin)
     for place, stable in zip(places, fixed["stable"], strict=True):
         look: dict[str, Any] = {"marker": "o", "ms": 6.0, "mew": 1.3, "color": _POINT, "zorder": 6}
         axes.plot(place, place * (form == "next"), mfc=_POINT if stable else "white", **look)
-        seen.add("stable" if stable else "unstable")
-    for place, least in zip(_on_axis(ghost["value"], origin), ghost["drift"], strict=True):
+        marks.add("stable" if stable else "unstable")
+    for place, least in zip(unwrap_from(ghost["value"].to_numpy(), origin), ghost["drift"], strict=True):
         at = place, least + place * (form == "next")
         axes.plot(*at, "^" if least > 0 else "v", ms=5, color=_GHOST, zorder=6)
         offset, side = ((0, -14) if least > 0 else (0, 8)), "center"  # beyond zero, where fewer points are
@@ -145,41 +142,35 @@ def _panel(
             offset, side = ((8, -9), "left") if least > 0 else ((-8, 3), "right")
         look = {"textcoords": "offset points", "ha": side, "fontsize": theme.points(7), "color": _GHOST}
         axes.annotate(f"{least:+.2g}".replace("-", "−"), at, offset, **look)
-        seen.add("ghost")
-    return seen
+        marks.add("ghost")
+    return marks
 
 
 def _curve(axes: Axes, curve: pd.DataFrame, form: str, origin: float | None) -> None:
     """The smoothed change and two standard errors on either side, interrupted where `drift` has no value."""
-    at = _on_axis(curve["value"], origin)
+    at = unwrap_from(curve["value"].to_numpy(), origin)
     order = np.argsort(at)
     at, mean, piece = at[order], curve["drift"].to_numpy(float)[order], curve["piece"].to_numpy()[order]
     error = 2.0 * curve["drift_error"].to_numpy(float)[order]
     step = np.diff(at)
     parted = (step > 1.5 * np.median(step)) | (np.diff(piece) != 0) if len(step) else np.zeros(0, bool)
-    gaps = np.flatnonzero(parted) + 1
-    at, mean, error = (np.insert(each, gaps, np.nan) for each in (at, mean, error))
+    at, mean, error = theme.interrupted(parted, at, mean, error)
     line = mean + at * (form == "next")
     axes.fill_between(at, line - error, line + error, color=_CURVE, alpha=0.25, lw=0, zorder=3)
     axes.plot(at, line, color=_CURVE, lw=1.2, zorder=4)
 
 
-def _on_axis(values: Any, origin: float | None) -> np.ndarray:
-    numbers = np.asarray(values, float)
-    return numbers if origin is None else unwrap_from(numbers, origin)
-
-
 def _scale(grid: Sequence[Axes], form: str, origin: float | None) -> None:
     """Axis limits from the steps, without the few that are far larger than the others; ticks in pi."""
     if form == "change":
-        marked = [np.asarray(line.get_ydata(), float) for axes in grid for line in axes.lines]
-        points = [np.asarray(each.get_offsets())[:, 1] for axes in grid for each in axes.collections[:1]]
-        spread = [np.quantile(each, (0.05, 0.95)) for each in points if len(each)]
-        heights = np.concatenate([[0.0], *marked, *spread])
+        lines = [np.asarray(line.get_ydata(), float) for axes in grid for line in axes.lines]
+        steps = [np.asarray(points.get_offsets())[:, 1] for axes in grid for points in axes.collections[:1]]
+        spread = [np.quantile(changes, (0.05, 0.95)) for changes in steps if len(changes)]
+        heights = np.concatenate([[0.0], *lines, *spread])
         low, high = float(np.nanmin(heights)), float(np.nanmax(heights))
-        every = np.concatenate([[0.0], *points])
-        if np.ptp(every) <= _FAST * (high - low):
-            low, high = min(low, float(every.min())), max(high, float(every.max()))
+        all_steps = np.concatenate([[0.0], *steps])
+        if np.ptp(all_steps) <= _FAST * (high - low):
+            low, high = min(low, float(all_steps.min())), max(high, float(all_steps.max()))
         if high > low:
             grid[0].set_ylim(low - 0.1 * (high - low), high + 0.1 * (high - low))
     if origin is not None:
@@ -188,7 +179,7 @@ def _scale(grid: Sequence[Axes], form: str, origin: float | None) -> None:
             theme.angle_ticks(grid[0], "y")
 
 
-def _key(seen: set[str]) -> list[Line2D]:
+def _key(marks: set[str]) -> list[Line2D]:
     """The legend of the marks that occur."""
     point: dict[str, Any] = {"ls": "", "marker": "o", "ms": 6.0, "mew": 1.3, "color": _POINT}
     handles = {
@@ -201,4 +192,4 @@ def _key(seen: set[str]) -> list[Line2D]:
             [], [], ls="", marker="^", ms=5, color=_GHOST, label="ghost: slow passage, with its change"
         ),
     }
-    return [handle for name, handle in handles.items() if name in seen]
+    return [handle for name, handle in handles.items() if name in marks]

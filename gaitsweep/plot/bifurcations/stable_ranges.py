@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Annotated, Any
 
 import matplotlib as mpl
@@ -16,7 +17,7 @@ from gaitsweep.analysis.continuation.stable_ranges import range_of_gait
 from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as ranges_of
 from gaitsweep.plot import theme
 from gaitsweep.plot.bifurcations.continuation import MARKERS, WORDS
-from gaitsweep.plot.columns import PlotError, column, described, log_axes, moved_parameter
+from gaitsweep.plot.columns import PlotError, described, log_axes, moved_parameter, require_columns
 from gaitsweep.plot.kind import AlongAxis, GaitColumn, Title, figure_kind
 
 _STRIPES = {"hatch": "\\\\\\", "facecolor": "none", "lw": 0.0}  # of the second gait over the first
@@ -46,8 +47,7 @@ def stable_ranges(
         PlotError: a column is missing, y is not numeric, or a gait's ranges at one value of y are disjoint.
     """
     x = x or moved_parameter(table) or "parameter"
-    for name in (x, y, hue, "row", "point", "stable", "special", "end"):
-        column(table, name)
+    require_columns(table, x, y, hue, "row", "point", "stable", "special", "end")
     if not pd.api.types.is_numeric_dtype(table[y]):
         raise PlotError(f"y is {y}, which is not numeric and cannot be an axis.")
     with theme.canvas(theme.COLUMN + 1.2, 3.5, title) as figure:
@@ -67,7 +67,7 @@ def stable_ranges(
 def _areas(table: pd.DataFrame, x: str, y: str) -> dict[str, pd.DataFrame]:
     """The ranges of each named gait, with the value `up` of y, in the order of y."""
     up = dict(zip(table["row"], table[y], strict=True))
-    found = {}
+    areas = {}
     for name in dict.fromkeys(ranges_of(table, x)["gait"]):
         if name != "none":
             area = range_of_gait(table, x, name)
@@ -76,9 +76,9 @@ def _areas(table: pd.DataFrame, x: str, y: str) -> dict[str, pd.DataFrame]:
                 [_union(same, f"{name} at {y} = {at:g}", x) for at, same in area.groupby("up", sort=True)]
             )
             # no area crosses a value of y at which the gait is not stable
-            every = pd.DataFrame({"up": np.unique(table[y].dropna().to_numpy(float))})
-            found[name] = every.merge(area, on="up", how="left").fillna({"low_by": "", "high_by": ""})
-    return found
+            values = pd.DataFrame({"up": np.unique(table[y].dropna().to_numpy(float))})
+            areas[name] = values.merge(area, on="up", how="left").fillna({"low_by": "", "high_by": ""})
+    return areas
 
 
 def _union(same: pd.DataFrame, what: str, x: str) -> pd.Series:
@@ -110,24 +110,22 @@ def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
             lost = ~np.isin(by, ["start", "range"])
             axes.plot(np.where(lost, at, np.nan), up, color=mpl.rcParams["axes.edgecolor"], lw=1.0, zorder=3)
             for mark, shape in MARKERS.items():
-                here = by == mark
+                marked = by == mark
                 look: dict[str, Any] = {"ms": 4.5, "color": "black", "mfc": "white", "zorder": 4}
-                axes.plot(at[here], up[here], shape, **look)
+                axes.plot(at[marked], up[marked], shape, **look)
 
 
 def _overlaps(areas: dict[str, pd.DataFrame]) -> dict[tuple[str, str], tuple[np.ndarray, ...]]:
     """For each pair of gaits: low, high and up (n,) of the range where both are stable, NaN where not."""
-    names, found = list(areas), {}
-    for number, one in enumerate(names):
-        for other in names[number + 1 :]:
-            both = areas[one].merge(areas[other], on="up", suffixes=("", "_2"))
-            low = both[["low", "low_2"]].to_numpy(float).max(axis=1)
-            high = both[["high", "high_2"]].to_numpy(float).min(axis=1)
-            apart, up = high <= low, both["up"].to_numpy(float)
-            if not apart.all():
-                range_ = np.where(apart, np.nan, low), np.where(apart, np.nan, high), up
-                found[one, other] = range_
-    return found
+    overlaps = {}
+    for one, other in itertools.combinations(areas, 2):
+        both = areas[one].merge(areas[other], on="up", suffixes=("", "_2"))
+        low = both[["low", "low_2"]].to_numpy(float).max(axis=1)
+        high = both[["high", "high_2"]].to_numpy(float).min(axis=1)
+        disjoint, up = high <= low, both["up"].to_numpy(float)
+        if not disjoint.all():
+            overlaps[one, other] = np.where(disjoint, np.nan, low), np.where(disjoint, np.nan, high), up
+    return overlaps
 
 
 def _key(areas: dict[str, pd.DataFrame]) -> tuple[list[Any], list[str]]:
@@ -138,8 +136,8 @@ def _key(areas: dict[str, pd.DataFrame]) -> tuple[list[Any], list[str]]:
     for one, other in _overlaps(areas):
         handles.append((Patch(color=colour[one], lw=0.0), Patch(edgecolor=colour[other], **_STRIPES)))
         labels.append(f"{theme.named(one)} and {theme.named(other)} stable")
-    every = {by for area in areas.values() for by in (*area["low_by"], *area["high_by"])}
-    kinds = [kind for kind in MARKERS if kind in every]
+    occurring = {by for area in areas.values() for by in (*area["low_by"], *area["high_by"])}
+    kinds = [kind for kind in MARKERS if kind in occurring]
     look: dict[str, Any] = {"ls": "", "ms": 4.5, "color": "black", "mfc": "white"}
     handles += [Line2D([], [], marker=MARKERS[kind], **look) for kind in kinds]
     return handles, [*labels, *(WORDS.get(kind, kind) for kind in kinds)]

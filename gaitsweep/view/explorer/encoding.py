@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import gzip
+import json
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,19 @@ def compressed(text: bytes) -> str:
     return base64.b64encode(gzip.compress(text, 9, mtime=0)).decode()
 
 
+def json_bytes(fields: Any) -> bytes:
+    """Fields as JSON without spaces; NaN, which browsers do not read, raises ValueError."""
+    text = json.dumps(fields, separators=(",", ":"), ensure_ascii=False, default=_plain, allow_nan=False)
+    return text.encode()
+
+
+def _plain(value: Any) -> Any:
+    """The number of Python of a NumPy scalar, which JSON does not know."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value)} is not JSON")
+
+
 def motion_fields(motion: Motion) -> dict[str, Any]:
     """A stretch of motion in the format of the page.
 
@@ -35,7 +49,7 @@ def motion_fields(motion: Motion) -> dict[str, Any]:
     contact alternately begins and ends.
     """
     stretch, t = motion.stretch, motion.t
-    found: dict[str, Any] = {
+    fields: dict[str, Any] = {
         "name": stretch.name,
         "begin": round(float(t[0]), 6),
         "sample": _digits((t[-1] - t[0]) / (len(t) - 1)),
@@ -48,25 +62,27 @@ def motion_fields(motion: Motion) -> dict[str, Any]:
         pictures = motion.pictures
         unit = RESOLUTION * pictures.height
         columns = np.column_stack([pictures.points, pictures.camera - pictures.camera[0]])
-        whole = np.rint(columns / unit)
-        steps = np.diff(whole, axis=0, prepend=np.zeros((1, whole.shape[1])))
-        steps = np.clip(steps, -_LARGEST, _LARGEST)  # 32 heights between two pictures
-        found |= {
+        in_units = np.rint(columns / unit)
+        steps = np.diff(in_units, axis=0, prepend=np.zeros((1, in_units.shape[1])))
+        steps = np.clip(steps, -_LARGEST, _LARGEST)  # less than 32 heights from one picture to the next
+        fields |= {
             "unit": _digits(unit),
             "ground": round(float(pictures.camera[0]), 4),
-            "pictures": len(whole),
+            "pictures": len(in_units),
             "points": packed(steps.T.ravel()),
         }
-    return found
+    return fields
 
 
-def crossing_fields(crossings: Crossings, shown: np.ndarray, low: np.ndarray, high: np.ndarray) -> Any:
+def crossing_fields(
+    crossings: Crossings, shown: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> dict[str, Any]:
     """The observables `shown` (k,) over the crossings of a row, as fractions from low to high."""
     values = crossings.observed[:, shown]
     share = (values - low) / np.where(high > low, high - low, 1.0)
-    whole = np.rint(share * 2.0 * _LARGEST) - _LARGEST
-    whole = np.where(np.isfinite(whole), np.clip(whole, -_LARGEST, _LARGEST), _NO_NUMBER)
-    return {"first": int(crossings.number[0]) if len(crossings.number) else 0, "values": packed(whole.T)}
+    integers = np.rint(share * 2.0 * _LARGEST) - _LARGEST
+    integers = np.where(np.isfinite(integers), np.clip(integers, -_LARGEST, _LARGEST), _NO_NUMBER)
+    return {"first": int(crossings.number[0]) if len(crossings.number) else 0, "values": packed(integers.T)}
 
 
 def _turns(down: np.ndarray) -> list[int]:
@@ -75,4 +91,5 @@ def _turns(down: np.ndarray) -> list[int]:
 
 
 def _digits(number: float) -> float:
+    """A number to nine significant digits."""
     return float(f"{number:.9g}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 import itertools
-import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
@@ -18,7 +17,6 @@ import pandas as pd
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.sweep.labels import gait_codes
-from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
 from gaitsweep.job.load import stored_job
@@ -28,15 +26,12 @@ from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.plot.provenance_marks import remarks
 from gaitsweep.runs.prepare import RunContext, prepare
 from gaitsweep.runs.progress import Progress
-from gaitsweep.runs.self_check import changes, circular
 from gaitsweep.runs.sentences import status_sentence
-from gaitsweep.skeleton import LimbLook
-from gaitsweep.table import load, replace_file, writing
+from gaitsweep.table import replace_file, writing
 from gaitsweep.version import version
-from gaitsweep.view.explorer.encoding import compressed, crossing_fields, motion_fields
+from gaitsweep.view.explorer.animated_records import AnimatedRecords
+from gaitsweep.view.explorer.encoding import compressed, json_bytes
 from gaitsweep.view.explorer.plotly_source import plotly_source
-from gaitsweep.view.explorer.replay_groups import ReplayGroup, replay_groups
-from gaitsweep.view.explorer.replays import BodyParts, Crossings, ReplayedRow, Replayer
 from gaitsweep.view.explorer.start_map import StartMap, columns_of, html_symbol, map_of, with_next
 
 EXPLORE = "explore.html"
@@ -48,11 +43,6 @@ _MB = 1_000_000
 _TABLE_SHARE = 0.6
 # Records by which the size of a table's records is measured.
 _MEASURED = 1000
-# Lines of one figure beside the map, and symbols that name it.
-_MOST_SERIES = 6
-_NAMED = 3
-# Differences in angles up to this value between a row simulated again and the table are not reported, rad.
-_APART = 1e-2
 # The page, and the parts that its marks stand for.
 _TEMPLATE = "explorer.html"
 _PARTS = {"style": "explorer.css", "script": "explorer.js", "gif": "gif.js"}
@@ -64,8 +54,8 @@ class ExplorerSizeError(ArgumentError):
 
 
 def write_explorer(
-    directory: str | Path,
-    out: str | Path | None = None,
+    table: pd.DataFrame,
+    target: Path,
     *,
     x: str | None = None,
     y: str | None = None,
@@ -78,9 +68,8 @@ def write_explorer(
     """Write a self-contained page on which a click on a start of a table shows the walking model.
 
     Args:
-        directory: a result directory of a run of kind settle, fixed_time, return_map, ramp, staircase or
-            continuation.
-        out: the file; `explore.html` in the directory by default.
+        table: the table of a run of kind settle, fixed_time, return_map, ramp, staircase or continuation.
+        target: the file.
         x, y: columns along the axes; by default those of the job's figures, or the longest axes.
         replays: largest number of starts (records of a ramp or a staircase) simulated again; 400 by default.
         max_size: the largest size of the page, MB; 10 by default.
@@ -95,39 +84,9 @@ def write_explorer(
         ArgumentError: the run kind of the table is not supported, or the size is too small.
         MissingPackageError: plotly is not installed.
         PlotError: a column is missing.
-        TableError, JobError, RunError: the directory cannot be read, or its job cannot run here.
+        JobError, RunError: the job cannot be read, or cannot run here.
         WriteError: the file cannot be written.
     """
-    directory = Path(directory)
-    plotly_source()  # refuses before a large table is read
-    table = load(directory)
-    target = directory / EXPLORE if out is None else Path(out)
-    return explorer_of(
-        table,
-        target,
-        x=x,
-        y=y,
-        replays=replays,
-        max_size=max_size,
-        trust=trust,
-        on_progress=on_progress,
-        on_message=on_message,
-    )
-
-
-def explorer_of(
-    table: pd.DataFrame,
-    target: Path,
-    *,
-    x: str | None = None,
-    y: str | None = None,
-    replays: int | None = None,
-    max_size: float | None = None,
-    trust: bool = False,
-    on_progress: Progress | None = None,
-    on_message: Callable[[str], None] = lambda _: None,
-) -> Path:
-    """Write the page of a table, as `write_explorer` does."""
     plotly = plotly_source()
     most = MOST_REPLAYS if replays is None else replays
     megabytes = MAX_SIZE if max_size is None else max_size
@@ -183,18 +142,17 @@ def _page(
     table = _labelled(table, context)
     shown = map_of(table, job, *axes, _most_records(table, context.design.names, _TABLE_SHARE * room))
     fields = _table_fields(shown, context.design.names, table.attrs["job"])
-    room -= len(compressed(_json(fields)))
+    room -= len(compressed(json_bytes(fields)))
     if room < 0:
         raise ExplorerSizeError(f"The table alone is larger than --max-size, {max_size:g} MB.")
     spent = table.attrs.get("manifest", {}).get("timings", {}).get("run_s", 0.0)
-    chosen = _Replays(shown, context, replays, float(spent), on_progress)
-    fields |= chosen.fields(room)
-    fields |= _python(table, context) | _passes(table, context) | _about(shown, table, context, chosen)
-    data = compressed(_json(fields))
-    sentence = chosen.sentence
-    parts = {"title": fields["name"], "told": sentence}
+    animated = AnimatedRecords(shown, context, replays, float(spent), on_progress)
+    fields |= animated.fields(room)
+    fields |= _python(table, context) | _passes(table, context) | _about(shown, table, context, animated)
+    data = compressed(json_bytes(fields))
+    parts = {"title": fields["name"], "told": animated.sentence}
     size = f"{len(_filled(parts, script, data, '0.0').encode()) / _MB:.1f}"
-    on_message(f"{sentence} The page is {size} MB.")
+    on_message(f"{animated.sentence} The page is {size} MB.")
     return _filled(parts, script, data, size)
 
 
@@ -203,10 +161,10 @@ def _labelled(table: pd.DataFrame, context: RunContext) -> pd.DataFrame:
     run = context.job.run
     if "gait" not in table.columns:
         names = [q.name for q in context.model.observables]
-        seen = table[[f"{name}_n" for name in names]].to_numpy(float)
+        observed = table[[f"{name}_n" for name in names]].to_numpy(float)
         rows = table["row"].to_numpy(np.int64)
-        codes = _gaits(context, rows, table["t"].to_numpy(float), dict(zip(names, seen.T, strict=True)))
-        codes = np.where(np.isfinite(seen).all(axis=1), codes, -1)
+        codes = _gaits(context, rows, table["t"].to_numpy(float), dict(zip(names, observed.T, strict=True)))
+        codes = np.where(np.isfinite(observed).all(axis=1), codes, -1)
         if not run.moved:  # all crossings of a start lead to one gait, that of the last
             last = pd.Series(codes).groupby(rows).transform("last").to_numpy()
             codes = np.asarray(last, np.int64)
@@ -222,26 +180,26 @@ def _labelled(table: pd.DataFrame, context: RunContext) -> pd.DataFrame:
 
 
 def _gaits(
-    context: RunContext, rows: np.ndarray, t: np.ndarray, seen: Mapping[str, np.ndarray]
+    context: RunContext, rows: np.ndarray, t: np.ndarray, observed: Mapping[str, np.ndarray]
 ) -> np.ndarray:
     """The number of the gait (n,) from the observables of n records at times `t` (n,) s."""
     model, drive = context.model, context.spec.drive
-    some, place = np.unique(rows, return_inverse=True)
-    parameters, _ = context.design.values_in(some)
-    held = {name: jnp.asarray(each)[place] for name, each in model.on_host(parameters).items()}
+    distinct_rows, place = np.unique(rows, return_inverse=True)
+    parameters, _ = context.design.values_in(distinct_rows)
+    of_records = {name: jnp.asarray(v)[place] for name, v in model.on_host(parameters).items()}
 
-    def one(values: Any, time: jax.Array, observed: Any) -> jax.Array:
+    def gait_of(values: Any, time: jax.Array, observed: Any) -> jax.Array:
         params = model.params(values) if drive is None else drive(values, time)
         return model.label(params, observed)["gait"]
 
-    finite = {name: np.nan_to_num(each) for name, each in seen.items()}
-    return gait_codes(np.asarray(jax.jit(jax.vmap(one))(held, np.nan_to_num(t), finite)))
+    finite = {name: np.nan_to_num(v) for name, v in observed.items()}
+    return gait_codes(np.asarray(jax.jit(jax.vmap(gait_of))(of_records, np.nan_to_num(t), finite)))
 
 
 def _most_records(table: pd.DataFrame, exact: Sequence[str], room: float) -> int:
     """The number of a table's records that fit into a number of bytes of the page."""
-    some = table.iloc[np.linspace(0, len(table) - 1, min(_MEASURED, len(table))).astype(int)]
-    size = len(compressed(_json({"columns": columns_of(some, exact)}))) / len(some)
+    sample = table.iloc[np.linspace(0, len(table) - 1, min(_MEASURED, len(table))).astype(int)]
+    size = len(compressed(json_bytes({"columns": columns_of(sample, exact)}))) / len(sample)
     return max(int(room / size), 100)
 
 
@@ -256,8 +214,8 @@ def _table_fields(shown: StartMap, exact: Sequence[str], fields_of_job: Mapping[
         "outcome": shown.outcome.tolist(),
         "columns": columns_of(shown.table, exact),
         "slices": [
-            {"name": html_symbol(shown.table, each.name), "texts": each.texts, "of": each.of_record.tolist()}
-            for each in shown.slices
+            {"name": html_symbol(shown.table, axis.name), "texts": axis.texts, "of": axis.of_record.tolist()}
+            for axis in shown.slices
         ],
         "statuses": {status.name: status_sentence(status.name, fields_of_job) for status in Status},
     }
@@ -270,218 +228,16 @@ def _table_fields(shown: StartMap, exact: Sequence[str], fields_of_job: Mapping[
     return fields
 
 
-class _Replays:
-    """The animated records, simulated again, and their fields on the page.
-
-    Args:
-        shown: the records of the page.
-        context: their job.
-        most: largest number of animated records.
-        spent: duration of the job, s.
-        on_progress: progress callback.
-    """
-
-    def __init__(
-        self, shown: StartMap, context: RunContext, most: int, spent: float, on_progress: Progress | None
-    ) -> None:
-        self._context, self._on_progress = context, on_progress
-        self._model, self._shown = context.model, shown.table
-        self._outcomes, self._looks = shown.outcome, shown.outcomes
-        self._table = shown.table.reset_index(drop=True)
-        self._table.attrs = {}  # which pandas would copy with each record
-        self._groups, self._beside = replay_groups(
-            shown, self._table, context, most, spent, self._on_branch_progress
-        )
-        self._parts: BodyParts | None = None
-        self._sizes: list[tuple[float, float, float]] = []
-        self.series = self._drawn_over_cycles()
-        self.sentence = "The page has no animated starts."
-
-    def fields(self, room: int) -> dict[str, Any]:
-        """The replays that fit into a number of bytes; `sentence` has their number."""
-        replays: dict[int, dict[str, Any]] = {}
-        around: dict[int, Crossings] = {}
-        for group in self._groups:
-            replayer = group.replayer()
-            windows = group.windows(float(replayer.periods.max()))
-            for replayed in replayer.replayed(windows, self._on_sweep_progress(group.rows.size)):
-                for record in group.records_of(replayed.row):
-                    replays[record] = self._replay(group, replayer, replayed, record)
-                    around[record] = group.around(record, replayed)
-            self._parts = self._parts or replayer.parts
-        self._set_ranges(list(around.values()))
-        kept, size = [], 0
-        for record in (record for group in self._groups for record in group.records.tolist()):
-            replay = {**replays[record], "crossings": self._over_cycles(around[record])}
-            size += len(compressed(_json(replay)))
-            if size > room:
-                break
-            kept.append(replay)
-        self._count(kept, len(replays))
-        cycles = np.concatenate([[], *(np.diff(each.t) for each in around.values())])
-        cycle = float(np.median(cycles)) if cycles.size else 1.0
-        first = self._first([replay["record"] for replay in kept])
-        return {
-            "walks": kept,
-            "first": first,
-            "figure": self._figure(),
-            "series": self.series,
-            "cycle": cycle,
-        }
-
-    def _first(self, animated: list[int]) -> int:
-        """The record with which the page opens: one with a settled gait, animated if any is."""
-        records = animated[1:2] + animated or list(range(len(self._outcomes)))
-        hidden = [look["hollow"] or look["hatched"] or look["leads"] == "none" for look in self._looks]
-        return next((record for record in records if not hidden[self._outcomes[record]]), records[0])
-
-    def _on_branch_progress(self, note: str = "", share: float = 0.0) -> None:
-        """Report progress while branches are followed again."""
-        if self._on_progress is not None:
-            self._on_progress(0, 1, 0.0, 0.0, "following branches again")
-
-    def _on_sweep_progress(self, rows: int) -> Callable[[SweepProgress], None]:
-        def on_progress(now: SweepProgress) -> None:
-            if self._on_progress is not None:
-                done = min(round(now.share * now.rows), rows)
-                self._on_progress(done, rows, done / max(now.seconds, 1e-9), done / rows, "walking")
-
-        return on_progress
-
-    def _replay(
-        self, group: ReplayGroup, replayer: Replayer, replayed: ReplayedRow, record: int
-    ) -> dict[str, Any]:
-        """The fields of one animated record."""
-        period = float(replayer.periods[replayed.place])
-        motions = [replayer.motion(replayed, each) for each in group.stretches(record, replayed, period)]
-        motions = [each for each in motions if each is not None]
-        self._sizes += [(p.half, p.height, p.depth) for each in motions if (p := each.pictures) is not None]
-        return {
-            "record": record,
-            "motions": [motion_fields(motion) for motion in motions],
-            **self._differs(record, replayed),
-        }
-
-    def _over_cycles(self, crossings: Crossings) -> dict[str, Any]:
-        """The observables drawn over the cycles."""
-        numbers = np.array([each["number"] for each in self.series], int)
-        low, high = (np.array([each[end] for each in self.series]) for end in ("low", "high"))
-        return crossing_fields(crossings, numbers, low, high)
-
-    def _differs(self, record: int, replayed: ReplayedRow) -> dict[str, Any]:
-        """Describe differences between a row simulated again and the table."""
-        row, run = self._table.iloc[record], self._context.job.run
-        if run.kind_name == "continuation":  # a fixed point, which the next crossing has to give back
-            return self._apart(record, replayed, 1, "n")
-        if not run.one_a_row or str(row["status"]) not in Status.SOUND:
-            return {}
-        name = str(gaits(self._model, np.array([replayed.gait]))[0]) if replayed.gait != -1 else "none"
-        other = not pd.isna(row["gait"]) and name != str(row["gait"])
-        later = {"later": name} if other else {}
-        return {**later, **self._apart(record, replayed, int(row["cycles"]), "end")}
-
-    def _apart(self, record: int, replayed: ReplayedRow, crossing: int, suffix: str) -> dict[str, Any]:
-        """Differences of angles at a crossing from the table's."""
-        if crossing >= len(replayed.crossings.number):
-            return {}
-        row = self._table.iloc[record]
-        ends = np.array([float(row[f"{q.name}_{suffix}"]) for q in self._model.observables])
-        apart = changes(self._model, replayed.crossings.observed[crossing], ends)[circular(self._model)]
-        most = float(np.nanmax(apart, initial=0.0))
-        return {"apart": most} if most > _APART else {}
-
-    def _drawn_over_cycles(self) -> list[dict[str, Any]]:
-        """The observables drawn over the cycles, in groups with one unit each, angles first.
-
-        The page draws one group at a time; `group` is its name in HTML.
-        """
-        observables = self._model.observables
-        units = dict.fromkeys((not q.circular, q.unit) for q in observables)
-        found = []
-        for other, unit in sorted(units, key=lambda each: each[0]):
-            alike = [q for q in observables if (not q.circular, q.unit) == (other, unit)]
-            most = _MOST_SERIES if other else len(alike)  # angles are compared with each other
-            for some in (alike[i : i + most] for i in range(0, len(alike), most)):
-                symbols = [html_symbol(self._shown, q.name) for q in some]
-                shown_unit = "" if unit == "1" else unit
-                names = ", ".join(symbols) if len(symbols) <= _NAMED else f"{symbols[0]} ... {symbols[-1]}"
-                group = f"{names} ({html.escape(shown_unit)})" if shown_unit else names
-                found += [
-                    {
-                        "name": q.name,
-                        "symbol": symbol,
-                        "unit": shown_unit,
-                        "circular": q.circular,
-                        "number": observables.index(q),
-                        "group": group,
-                    }
-                    for q, symbol in zip(some, symbols, strict=True)
-                ]
-        return found
-
-    def _set_ranges(self, crossings: list[Crossings]) -> None:
-        """Set the ranges of the observables drawn over the cycles."""
-        for each in self.series:
-            seen = [some.observed[:, each["number"]] for some in crossings]
-            values = np.concatenate(seen) if seen else np.zeros(0)
-            values = values[np.isfinite(values)]
-            each["low"], each["high"] = (float(f(values)) if values.size else 0.0 for f in (np.min, np.max))
-
-    def _figure(self) -> dict[str, Any] | None:
-        """Parts of the body in the frames, and its size; None for a model without a skeleton."""
-        if self._parts is None or not self._sizes:
-            return None
-        half, height, depth = np.quantile(np.array(self._sizes), 0.98, axis=0)
-        return {
-            "limbs": list(self._parts.limbs),
-            "bodies": list(self._parts.bodies),
-            "springs": self._parts.springs,
-            "note": self._parts.note,
-            "half": half,
-            "height": height,
-            "depth": depth,
-        }
-
-    @property
-    def limbs(self) -> tuple[LimbLook, ...]:
-        """The names and places of limbs: those of the skeleton, those of the model, or numbers."""
-        if self._parts is not None and self._parts.names:
-            named = zip(self._parts.names, self._parts.pairs, strict=True)
-            return tuple(LimbLook(name, pair, far) for name, (pair, far) in named)
-        count = sum(q.name.startswith("contact_") for q in self._model.signals)
-        if len(self._model.limbs) == count:
-            return tuple(self._model.limbs)
-        return tuple(LimbLook(f"leg {number + 1}") for number in range(count))
-
-    def _count(self, kept: list[dict[str, Any]], made: int) -> None:
-        """State the number of animated records, and of those that differ from the table."""
-        starts = self._context.job.run.one_a_row or self._context.job.run.kind_name == "return_map"
-        total = self._table["row"].nunique() if starts else len(self._table)
-        noun = ("start" if starts else "record") + "s" * (total != 1)
-        beside = f", {self._beside} of them beside a boundary" if self._beside and len(kept) == made else ""
-        full = f"; {made - len(kept)} more did not fit" if len(kept) < made else ""
-        other = sum("later" in each or "apart" in each for each in kept)
-        differ = f"; {other} of them differ from the table, as the page shows" if other else ""
-        self.sentence = f"{len(kept)} of {total} {noun} are animated{beside}{full}{differ}."
-
-
 def _python(table: pd.DataFrame, context: RunContext) -> dict[str, Any]:
     """A job of one row in Python, with marks for the row's number and its values of the varied quantities."""
     fields = table.attrs["job"]
-    given = {name: fields[name] for name in ("model", "structure", "params", "start", "numerics")}
-    given["run"] = {k: v for k, v in fields["run"].items() if v is not None and k not in _OF_MANY_ROWS}
-    name = f"{context.job.name}_row_@row@"
-    lines = [
-        f"name={name!r}",
-        *(f"{key}={value!r}" for key, value in given.items() if value),
-        "vary={@vary@}",
-    ]
-    text = "".join(f"    {line},\n" for line in lines)
-    varied = [name for name in context.design.names if name in table.columns]
-    return {
-        "python": f"import gaitsweep as gs\n\njob = gs.Job(\n{text})\nprint(gs.run(job).table)\n",
-        "varied": varied,
-    }
+    arguments: dict[str, Any] = {"name": f"{context.job.name}_row_@row@"}
+    arguments |= {name: fields[name] for name in ("model", "structure", "params", "start", "numerics")}
+    run = {k: v for k, v in fields["run"].items() if v is not None and k not in _OF_MANY_ROWS}
+    lines = [f"{key}={value!r}" for key, value in (arguments | {"run": run}).items() if value]
+    text = "".join(f"    {line},\n" for line in [*lines, "vary={@vary@}"])
+    python = f"import gaitsweep as gs\n\njob = gs.Job(\n{text})\nprint(gs.run(job).table)\n"
+    return {"python": python, "varied": [name for name in context.design.names if name in table.columns]}
 
 
 def _passes(table: pd.DataFrame, context: RunContext) -> dict[str, Any]:
@@ -493,14 +249,13 @@ def _passes(table: pd.DataFrame, context: RunContext) -> dict[str, Any]:
     return {"moved": run.moved, "passes": looks if len(set(rises)) == 2 else []}
 
 
-def _about(shown: StartMap, table: pd.DataFrame, context: RunContext, replays: _Replays) -> dict[str, Any]:
+def _about(
+    shown: StartMap, table: pd.DataFrame, context: RunContext, animated: AnimatedRecords
+) -> dict[str, Any]:
     """Header of the page: name, model, limbs, remarks and provenance."""
     job, model = context.job, context.model
     manifest = table.attrs.get("manifest", {})
-    notes = [*remarks(table)]
-    if shown.thinned:
-        notes.append(f"shown: {shown.thinned}")
-    colours = limb_colours(replays.limbs)
+    colours = limb_colours(animated.limbs)
     return {
         "name": job.name,
         "model": model.name,
@@ -508,11 +263,10 @@ def _about(shown: StartMap, table: pd.DataFrame, context: RunContext, replays: _
         "what": (type(model).__doc__ or "").strip().split("\n")[0],
         "run": job.run.kind_name,
         "rows": int(manifest.get("rows", table["row"].nunique())),
-        "remarks": notes,
-        "told": replays.sentence,
+        "remarks": [*remarks(table), *([f"shown: {shown.thinned}"] if shown.thinned else [])],
         "limbs": [
             {"name": look.name, "colour": colour, "far": look.far}
-            for look, colour in zip(replays.limbs, colours, strict=True)
+            for look, colour in zip(animated.limbs, colours, strict=True)
         ],
         "provenance": {
             "gaitsweep": version(),
@@ -524,31 +278,15 @@ def _about(shown: StartMap, table: pd.DataFrame, context: RunContext, replays: _
     }
 
 
-def _json(fields: Any) -> bytes:
-    # a browser reads no NaN: a number that may be missing goes through `rounded`
-    return json.dumps(
-        fields, separators=(",", ":"), ensure_ascii=False, default=_plain, allow_nan=False
-    ).encode()
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"{type(value)} is not JSON")
-
-
 def _part(name: str) -> str:
+    """The text of a file of the page."""
     return resources.files("gaitsweep.view.explorer").joinpath("page", name).read_text("utf-8")
 
 
 def _filled(texts: Mapping[str, str], plotly: str, data: str, size: str) -> str:
     """The template filled with its parts; `texts` are escaped, and `size` is that of the page in MB."""
-    parts = {f"{{{{{name}}}}}": html.escape(text) for name, text in texts.items()}
-    parts |= {
-        "{{size}}": size,
-        **{f"{{{{{mark}}}}}": _part(name) for mark, name in _PARTS.items()},
-        "{{data}}": data,
-        "{{plotly}}": plotly,
-    }
+    parts = {name: html.escape(text) for name, text in texts.items()}
+    parts |= {mark: _part(name) for mark, name in _PARTS.items()}
+    parts |= {"size": size, "data": data, "plotly": plotly}
     # all at once, so that no text is searched for marks
-    return re.sub("|".join(map(re.escape, parts)), lambda mark: parts[mark[0]], _part(_TEMPLATE))
+    return re.sub(rf"\{{\{{({'|'.join(parts)})\}}\}}", lambda mark: parts[mark[1]], _part(_TEMPLATE))

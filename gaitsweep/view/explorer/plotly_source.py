@@ -10,20 +10,21 @@ from gaitsweep.runs.dataset import MissingPackageError
 
 # The only kind of trace that the page has besides scatter, which is always there.
 TRACE = "heatmap"
-# How plotly.js begins and ends: a function, handed to one that calls it at once.
+# The beginning and the end of plotly.js: a function, passed to another one that calls it at once.
 _BEGIN = '} (typeof self !== "undefined" ? self : this, () => {'
 _END = "}));"
 _NAME = r"[\w$]+"
-# Where it makes ready all kinds of traces; each is a function that returns a module.
+# The list of all kinds of traces; each is a function that returns a module.
 _ALL_TRACES = re.compile(rf"(?<=\.register\(\[)(?:{_NAME}\(\),?)+(?=\]\))")
-_HANDING_ON = re.compile(
+# A module whose only content is another module.
+_REEXPORT = re.compile(
     rf'(?P<make>{_NAME})\(\({_NAME},{_NAME}\)=>{{"use strict";{_NAME}\.exports=(?P<inner>{_NAME})\(\)}}\)'
 )
-_OPENING = 1500  # letters of a module in which it says its name
+_OPENING = 1500  # letters at the beginning of a module that contain its name
 
 
-def plotly_source() -> str:
-    """The source of plotly.js, from the Python package plotly.
+def require_plotly() -> None:
+    """Refuse to make a page without the Python package plotly.
 
     Raises:
         MissingPackageError: plotly is not installed.
@@ -32,11 +33,20 @@ def plotly_source() -> str:
         raise MissingPackageError(
             "The explorer needs the package plotly: run pip install 'gaitsweep[explore]'."
         )
+
+
+def plotly_source() -> str:
+    """The source of plotly.js, from the Python package plotly.
+
+    Raises:
+        MissingPackageError: as for `require_plotly`.
+    """
+    require_plotly()
     file = resources.files("plotly").joinpath("package_data", "plotly.min.js")
-    return quicker(file.read_text(encoding="utf-8"))
+    return fast_to_load(file.read_text(encoding="utf-8"))
 
 
-def quicker(source: str) -> str:
+def fast_to_load(source: str) -> str:
     """An equivalent program for scatter plots and heatmaps that browsers load faster.
 
     Other kinds of traces (maps of the world, surfaces, ...) are not initialised, which takes most of the
@@ -45,11 +55,11 @@ def quicker(source: str) -> str:
     is not recognised, as in other versions of plotly.js, is left unchanged.
     """
     source = re.sub(r"[^\x00-\x7f]+", _escapes, source)
-    ready = _ALL_TRACES.findall(source)
-    if len(ready) == 1:
-        wanted = [name for name in re.findall(_NAME, ready[0]) if _trace_of(source, name) == TRACE]
-        if len(wanted) == 1:
-            source = _ALL_TRACES.sub(lambda _: f"{wanted[0]}()", source)
+    lists = _ALL_TRACES.findall(source)
+    if len(lists) == 1:
+        functions = [name for name in re.findall(_NAME, lists[0]) if _trace_of(source, name) == TRACE]
+        if len(functions) == 1:
+            source = _ALL_TRACES.sub(lambda _: f"{functions[0]}()", source)
     if source.count(_BEGIN) == 1 and source.rstrip().endswith(_END):
         place = source.rindex(_END)
         source = source[:place] + "})" + source[place + 1 :]
@@ -58,12 +68,12 @@ def quicker(source: str) -> str:
 
 
 def _trace_of(source: str, function: str) -> str | None:
-    """The kind of trace whose module a function returns, from the name of the module that it passes on."""
-    handed = _HANDING_ON.match(source, source.find(f"var {function}=") + len(f"var {function}="))
-    if handed is None:
+    """The kind of trace whose module a function returns, from the name of the module that it reexports."""
+    reexport = _REEXPORT.match(source, source.find(f"var {function}=") + len(f"var {function}="))
+    if reexport is None:
         return None
-    place = source.find(f"var {handed['inner']}={handed['make']}((")
-    module = source[place : place + _OPENING].split(f"={handed['make']}((")
+    place = source.find(f"var {reexport['inner']}={reexport['make']}((")
+    module = source[place : place + _OPENING].split(f"={reexport['make']}((")
     name = re.search(r'name:"([\w-]+)"', module[1]) if place >= 0 else None
     return name[1] if name else None
 

@@ -52,13 +52,9 @@ class ReplayGroup(abc.ABC):
         self.rows = np.array(list(dict.fromkeys(self.row_of[records].tolist())), np.int64)
         # a model, its parameters and states: where the rows begin, if not as in their job
         self._start: tuple[Model, dict[str, np.ndarray], dict[str, np.ndarray]] | None = None
-        self._mine: dict[int, list[int]] = {}
+        self.records_of: dict[int, list[int]] = {}  # the animated records of each row
         for record in records.tolist():
-            self._mine.setdefault(int(self.row_of[record]), []).append(record)
-
-    def records_of(self, row: int) -> list[int]:
-        """The animated records of a row."""
-        return self._mine[row]
+            self.records_of.setdefault(int(self.row_of[record]), []).append(record)
 
     def replayer(self) -> Replayer:
         """Simulator of its rows."""
@@ -147,7 +143,7 @@ class ReplayMap(ReplayGroup):
     def windows(self, period: float) -> Windows:
         t = np.asarray(self.table["t"], float)
         times = [t[(self.row_of == row) & np.isfinite(t)] for row in self.rows]
-        begun, ended = (np.array([f(each) for each in times]) for f in (np.min, np.max))
+        begun, ended = (np.array([f(t) for t in times]) for f in (np.min, np.max))
         # rows reach the first and the last crossing at times of their own
         length = (FIRST_CYCLES + _SPARE_CYCLES) * period + max(float(np.ptp(begun)), float(np.ptp(ended)))
         first, last = float(begun.min()), float(ended.max()) + period
@@ -165,10 +161,9 @@ class ReplayMap(ReplayGroup):
         ]
 
     def around(self, record: int, replayed: ReplayedRow) -> Crossings:
-        found = replayed.crossings
-        within = np.asarray(self.table["crossing"])[self.row_of == replayed.row]
-        kept = (found.number >= within.min()) & (found.number <= within.max() + 1)
-        return found.where(kept)
+        number = replayed.crossings.number
+        of_map = np.asarray(self.table["crossing"])[self.row_of == replayed.row]
+        return replayed.crossings.where((number >= of_map.min()) & (number <= of_map.max() + 1))
 
 
 class ReplayRamp(ReplayGroup):
@@ -178,18 +173,17 @@ class ReplayRamp(ReplayGroup):
         t, of_row = table["t"].to_numpy(float), table["row"].to_numpy(np.int64)
         end = float(np.nanmax(t[np.isin(of_row, rows)]))
         self._spacing, self._count = end / count, count
-        found = []
+        records = []
         for row in rows.tolist():
-            mine = np.flatnonzero((of_row == row) & np.isfinite(t))
-            places = np.searchsorted(t[mine], self._spacing * np.arange(1, count + 1) * (1.0 + _SLACK))
-            found += [int(mine[place - 1]) for place in np.unique(places) if place]
-        super().__init__(table, np.array(found, np.int64), context)
+            crossings = np.flatnonzero((of_row == row) & np.isfinite(t))
+            places = np.searchsorted(t[crossings], self._spacing * np.arange(1, count + 1) * (1.0 + _SLACK))
+            records += [int(crossings[place - 1]) for place in np.unique(places) if place]
+        super().__init__(table, np.array(records, np.int64), context)
 
     def windows(self, period: float) -> Windows:
-        length = min((LAST_CYCLES + _SPARE_CYCLES) * period, 0.9 * self._spacing)
-        return Windows(
-            length, self._spacing - length, 2.0 * self._spacing - length, self._spacing, self._count - 1
-        )
+        spacing = self._spacing
+        length = min((LAST_CYCLES + _SPARE_CYCLES) * period, 0.9 * spacing)
+        return Windows(length, spacing - length, 2.0 * spacing - length, spacing, self._count - 1)
 
     def stretches(self, record: int, replayed: ReplayedRow, period: float) -> list[Stretch]:
         return _up_to(self.number(record, "t"), replayed, "up to this crossing", period)
@@ -249,30 +243,29 @@ class ReplayBranches(ReplayGroup):
     ) -> None:
         run = context.job.run
         assert isinstance(run, Continuation)
-        mapping, values, found = run.followed(
+        mapping, values, followed = run.followed(
             context.design, context.spec, rows, on_progress, with_points=True
         )
         of_row, point = table["row"].to_numpy(np.int64), table["point"].to_numpy(np.int64)
-        known = {(row, n): record for record, (row, n) in enumerate(zip(of_row, point, strict=True))}
-        records, points, moved, branch = [], [], [], []
-        for each in found.to_dict("records"):
-            record = known.get((int(rows[each["row"]]), each["point"]))
+        record_of = {(row, n): record for record, (row, n) in enumerate(zip(of_row, point, strict=True))}
+        records, points = [], []
+        for again in followed.to_dict("records"):
+            record = record_of.get((int(rows[again["row"]]), again["point"]))
             same = record is not None and math.isclose(
-                each[run.parameter], float(table[run.parameter].iloc[record]), rel_tol=_SAME
+                again[run.parameter], float(table[run.parameter].iloc[record]), rel_tol=_SAME
             )
-            if same and isinstance(each.get("at"), Points):
+            if same and isinstance(again.get("at"), Points):
                 records.append(record)
-                points.append(each["at"])
-                moved.append(each[run.parameter])
-                branch.append(each["row"])
-        kept = spread(len(records))[:most] if records else np.zeros(0, np.int64)
-        super().__init__(table, np.array(records, np.int64)[kept], context)
+                points.append(again)
+        chosen = spread(len(records))[:most] if records else np.zeros(0, np.int64)
+        points = [points[k] for k in chosen]
+        super().__init__(table, np.array(records, np.int64)[chosen], context)
         self.rows = self.records  # each point is a trajectory of its own
-        self._mine = {record: [record] for record in self.records.tolist()}
-        place = np.array(branch, np.int64)[kept]
-        held = {name: np.broadcast_to(each, rows.shape)[place] for name, each in values.items()}
-        held[run.parameter] = np.array(moved, float)[kept]
-        self._start = states_at(mapping, [points[k] for k in kept], held)
+        self.records_of = {record: [record] for record in self.records.tolist()}
+        branch = np.array([point["row"] for point in points], np.int64)
+        parameters = {name: np.broadcast_to(v, rows.shape)[branch] for name, v in values.items()}
+        parameters[run.parameter] = np.array([point[run.parameter] for point in points], float)
+        self._start = states_at(mapping, [point["at"] for point in points], parameters)
 
     def windows(self, period: float) -> Windows:
         longest = float(np.nanmax(np.asarray(self.table["time"], float)[self.records]))
@@ -296,9 +289,14 @@ def _up_to(end: float, replayed: ReplayedRow, name: str, period: float) -> list[
 
 
 def _branches_in_time(context: RunContext, spent: float, rows: int) -> int:
-    """Number of branches to follow again, within the time that the job took."""
-    each = spent / context.design.n_rows
-    return max(1, min(rows, int(_LONGEST / each) if each > 0.0 else rows))
+    """Number of branches to follow again within `_LONGEST`; the job took `spent` s for all of its rows."""
+    of_branch = spent / context.design.n_rows
+    return max(1, min(rows, int(_LONGEST / of_branch) if of_branch > 0.0 else rows))
+
+
+def _spread(values: np.ndarray, most: int) -> np.ndarray:
+    """At most so many of some values (n,), in an order of which each beginning is spread evenly over them."""
+    return values[spread(len(values))[:most]] if len(values) else values
 
 
 def replay_groups(
@@ -326,18 +324,17 @@ def replay_groups(
     if most <= 0:
         return [], 0
     if kind == "continuation":
-        found = np.unique(table["row"].to_numpy(np.int64)[np.isfinite(table["multiplier"].to_numpy(float))])
-        if not len(found):
+        rows = np.unique(table["row"].to_numpy(np.int64)[np.isfinite(table["multiplier"].to_numpy(float))])
+        if not len(rows):
             return [], 0
-        rows = found[np.sort(spread(len(found))[: _branches_in_time(context, spent, len(found))])]
+        rows = np.sort(_spread(rows, _branches_in_time(context, spent, len(rows))))
         return [ReplayBranches(table, context, rows, most, on_progress)], 0
     if context.job.run.one_a_row:
         simulated = np.isfinite(table["t_end"].to_numpy(float))  # and not inferred
         if shown.kind == CELLS:
             records, beside = cells_to_trace(shown, simulated, most)
         else:
-            records = np.flatnonzero(simulated)
-            records = records[spread(len(records))][:most] if len(records) else records
+            records = _spread(np.flatnonzero(simulated), most)
         failed = Status.FAILED.among(table["status"])[records]
         groups = ((ReplayStarts, records[~failed]), (ReplayFailures, records[failed]))
         return [group_class(table, some, context) for group_class, some in groups if len(some)], beside
@@ -348,11 +345,11 @@ def replay_groups(
         return [], 0
     if kind == "return_map":
         firsts = np.array([np.argmax(usable & (of_row == row)) for row in rows], np.int64)
-        return [ReplayMap(table, firsts[spread(len(firsts))][:most], context)], 0
+        return [ReplayMap(table, _spread(firsts, most), context)], 0
     if kind == "staircase":
-        each = int(np.asarray(table["stair"]).max()) + 1
-        kept = rows[np.sort(spread(len(rows))[: max(1, most // each)])]
-        return [ReplayStairs(table, np.flatnonzero(usable & np.isin(of_row, kept)), context)], 0
-    kept = rows[np.sort(spread(len(rows))[: max(1, most // 2)])]
-    count = int(min(_MOST_WINDOWS, max(2, most // len(kept))))
-    return [ReplayRamp(table, context, kept, count)], 0
+        stairs = int(np.asarray(table["stair"]).max()) + 1
+        rows = np.sort(_spread(rows, max(1, most // stairs)))
+        return [ReplayStairs(table, np.flatnonzero(usable & np.isin(of_row, rows)), context)], 0
+    rows = np.sort(_spread(rows, max(1, most // 2)))
+    count = int(min(_MOST_WINDOWS, max(2, most // len(rows))))
+    return [ReplayRamp(table, context, rows, count)], 0

@@ -16,7 +16,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.skeleton import Skeleton
 from gaitsweep.view.movie.animation import Clip
-from gaitsweep.view.movie.side_view import bounds, heading, nearest_first, projected, turned
+from gaitsweep.view.movie.side_view import bounds, heading, nearest_first, projected, turned, with_points
 
 # Contacts are sampled at this many instants a nominal cycle, and every second of them is a picture.
 SAMPLES_A_CYCLE = 64
@@ -37,9 +37,9 @@ class Crossings:
     t: np.ndarray
     observed: np.ndarray
 
-    def where(self, kept: np.ndarray) -> Crossings:
-        """The crossings for which `kept` (m,) is true."""
-        return Crossings(self.number[kept], self.t[kept], self.observed[kept])
+    def where(self, mask: np.ndarray) -> Crossings:
+        """The crossings for which a mask (m,) is true."""
+        return Crossings(self.number[mask], self.t[mask], self.observed[mask])
 
     def until(self, t: float) -> Crossings:
         """The crossings up to a time, s."""
@@ -158,11 +158,11 @@ class Replayer:
         starts: Mapping[str, np.ndarray],
         begun: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
-        self._spec, self._rows, self._given = spec, rows, (parameters, starts)
+        self._spec, self._rows, self._inputs = spec, rows, (parameters, starts)
         model = spec.model
-        there = {**parameters, **{name: np.full(rows.size, value) for name, value in begun.items()}}
-        self._parameters = [{k: float(v[i]) for k, v in there.items()} for i in range(rows.size)]
-        hosted = {name: jnp.asarray(each) for name, each in model.on_host(there).items()}
+        initial = {**parameters, **{name: np.full(rows.size, value) for name, value in begun.items()}}
+        self._parameters = [{k: float(v[i]) for k, v in initial.items()} for i in range(rows.size)]
+        hosted = {name: jnp.asarray(v) for name, v in model.on_host(initial).items()}
         self.periods = np.asarray(jax.vmap(lambda values: model.period(model.params(values)))(hosted))
         self.every = float(self.periods.min()) / SAMPLES_A_CYCLE
         self.parts: BodyParts | None = None
@@ -171,51 +171,41 @@ class Replayer:
     def replayed(self, windows: Windows, on_progress: OnProgress | None = None) -> Iterator[ReplayedRow]:
         """The rows one after the other, simulated in one batch."""
         rows, spec = self._rows, self._spec
-        recorder = WindowsRecorder(
-            spec.model,
-            self.every,
-            int(np.ceil(windows.length / self.every)) + 1,
-            windows.first,
-            windows.second,
-            windows.spacing,
-            windows.more,
-        )
+        times = windows.first, windows.second, windows.spacing, windows.more
+        samples = int(np.ceil(windows.length / self.every)) + 1
+        recorder = WindowsRecorder(spec.model, self.every, samples, *times)
         cycles = recorder.duration / float(self.periods.min())
         room = int(_BLOCK_BYTES / (8 * recorder.width * (recorder.total + cycles)))
         block = min(max(room, 1), rows.size)
         # programs of XLA are compiled for the width of the run
         lanes = spec.lanes if spec.engine == "xla" else min(spec.lanes, max(8, block))
         batch = dataclasses.replace(
-            spec,
-            recorder=recorder,
-            n_rows=rows.size,
-            block=block,
-            lanes=lanes,
-            values=self._values,
+            spec, recorder=recorder, n_rows=rows.size, block=block, lanes=lanes, values=self._values
         )
         for number in range(-(-rows.size // block)):
-            found: list[RowOutcome] = []
-            sweep(batch, [number], lambda _, result, found=found: found.append(result), on_progress)
-            yield from self._of_block(found[0], recorder)
+            results: list[RowOutcome] = []
+            sweep(batch, [number], lambda _, result, results=results: results.append(result), on_progress)
+            yield from self._of_block(results[0], recorder)
 
     def _values(self, first: int, last: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        parameters, starts = ({k: v[first:last] for k, v in some.items()} for some in self._given)
+        """The parameters and starts of rows `first` to `last` - 1, by name."""
+        parameters, starts = ({k: v[first:last] for k, v in values.items()} for values in self._inputs)
         return parameters, starts
 
     def _of_block(self, result: RowOutcome, recorder: WindowsRecorder) -> Iterator[ReplayedRow]:
+        """The rows of a simulated block."""
         observed = len(self._spec.model.observables)
         cuts = np.cumsum(result.kept)[:-1]
+        end = 2 + observed  # of the columns of a crossing: its number, its time, the observables
         for i, numbers in enumerate(np.split(result.samples, cuts)):
             crossed = numbers[:, 0] >= 0.0
             crossings, samples = numbers[crossed], numbers[~crossed]
             yield ReplayedRow(
                 row=int(self._rows[result.row[i]]),
                 place=int(result.row[i]),
-                crossings=Crossings(
-                    crossings[:, 0].astype(np.int64), crossings[:, 1], crossings[:, 2 : 2 + observed]
-                ),
+                crossings=Crossings(crossings[:, 0].astype(np.int64), crossings[:, 1], crossings[:, 2:end]),
                 t=samples[:, 1],
-                signals=dict(zip(recorder.names[2 + observed :], samples[:, 2 + observed :].T, strict=True)),
+                signals=dict(zip(recorder.names[end:], samples[:, end:].T, strict=True)),
                 gait=int(result.labels["gait"][i]),
             )
 
@@ -230,8 +220,8 @@ class Replayer:
         first, last = np.searchsorted(replayed.t, [stretch.begin - slack, stretch.end + slack])
         part = {name: values[first:last] for name, values in replayed.signals.items()}
         t = replayed.t[first:last]
-        whole = np.isfinite(np.stack(list(part.values()))).all(axis=0)
-        length = len(t) if whole.all() else int(np.argmin(whole))
+        finite = np.isfinite(np.stack(list(part.values()))).all(axis=0)
+        length = len(t) if finite.all() else int(np.argmin(finite))
         gaps = np.flatnonzero(np.diff(t[:length]) > 1.5 * self.every)
         length = int(gaps[0]) + 1 if gaps.size else length  # the next window is another stretch
         if length < 2 * stride + 1:
@@ -242,13 +232,14 @@ class Replayer:
             length = (len(pictures.points) - 1) * stride + 1
             if length < 2 * stride + 1:
                 return None
-        whole = t[0] - stretch.begin <= self.every and stretch.end - t[length - 1] <= stride * self.every
-        stretch = dataclasses.replace(stretch, loops=stretch.loops and whole)
+        complete = t[0] - stretch.begin <= self.every and stretch.end - t[length - 1] <= stride * self.every
+        stretch = dataclasses.replace(stretch, loops=stretch.loops and complete)
         contact = [part[name][:length] for name in self._contacts]
         feet = np.stack(contact, axis=1) if contact else np.zeros((length, 0))
         return Motion(stretch, t[:length], stride, feet, pictures)
 
     def _pictures(self, place: int, signals: dict[str, np.ndarray], t: np.ndarray) -> Pictures | None:
+        """The pictures of a row's signals (n,) at times `t` (n,) s; None without a skeleton."""
         skeleton = self._spec.model.skeleton(self._parameters[place], signals)
         if skeleton is None:
             return None
@@ -262,19 +253,14 @@ def pictures_of(skeleton: Skeleton, t: np.ndarray, period: float) -> Pictures:
     skeleton = turned(skeleton, heading(skeleton))
     camera = Clip(t, skeleton, t, np.zeros((len(t), 0)), period, "").camera
     middle = np.column_stack([camera, np.zeros(len(t))])[:, None, :]
-    seen = [projected(limb.points - middle) for limb in skeleton.limbs]
-    seen += [projected(nearest_first(body - middle)) for body in skeleton.bodies]
-    seen += [projected(spring - middle) for spring in skeleton.springs]
-    points = np.concatenate(seen, axis=1).reshape(len(t), -1)
+    parts = [limb.points - middle for limb in skeleton.limbs]
+    parts += [nearest_first(body - middle) for body in skeleton.bodies]
+    parts += [spring - middle for spring in skeleton.springs]
+    points = projected(np.concatenate(parts, axis=1)).reshape(len(t), -1)
     size = np.abs(points).max(axis=1)
-    wild = ~np.isfinite(size) | (size > _MOST_GROWTH * size[0])
-    if wild.any():  # a row that falls or diverges
-        cut = int(np.argmax(wild))
-        skeleton = dataclasses.replace(
-            skeleton,
-            limbs=tuple(dataclasses.replace(limb, points=limb.points[:cut]) for limb in skeleton.limbs),
-            bodies=tuple(body[:cut] for body in skeleton.bodies),
-            springs=tuple(spring[:cut] for spring in skeleton.springs),
-        )
+    diverged = ~np.isfinite(size) | (size > _MOST_GROWTH * size[0])
+    if diverged.any():  # a row that falls or diverges
+        cut = int(np.argmax(diverged))
+        skeleton = with_points(skeleton, lambda part: part[:cut])
         points, camera = points[:cut], camera[:cut]
     return Pictures(points, camera[:, 0], *bounds(skeleton, camera))

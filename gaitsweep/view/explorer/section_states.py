@@ -29,19 +29,19 @@ def states_at(
         A model that can begin in any of its states, and its parameters and starts (n,) by name.
     """
     n = len(points)
-    every = jax.tree.map(lambda *leaves: np.concatenate(leaves), *points)
-    held = mapping.complete(values, n)
+    joined = jax.tree.map(lambda *leaves: np.concatenate(leaves), *points)
+    complete = mapping.complete(values, n)
 
     def placed(own: Any, at: jax.Array, modes: Any) -> tuple[Any, Any]:
         return mapping.chart.from_coordinates(mapping.params(own), at, modes), mapping.resolved(own)
 
-    states, parameters = jax.jit(jax.vmap(placed))(held, every.at, every.modes)
+    states, parameters = jax.jit(jax.vmap(placed))(complete, joined.at, joined.modes)
     leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(states)]
     columns = np.concatenate([leaf.reshape(n, -1).astype(np.float64) for leaf in leaves], axis=1)
     model = _in_state(mapping.model, jax.tree.map(lambda leaf: leaf[0], states))
     names = [quantity.name for quantity in model.initial_conditions]
     starts = dict(zip(names, columns.T, strict=True))
-    return model, {name: np.asarray(each) for name, each in parameters.items()}, starts
+    return model, {name: np.asarray(v) for name, v in parameters.items()}, starts
 
 
 def _in_state(model: Model, like: Any) -> Model:

@@ -95,56 +95,55 @@ def map_of(table: pd.DataFrame, job: Job, x: str | None, y: str | None, most: in
     shown = StartMap(table, POINTS, x, y, [], outcomes, outcome, no_change=no_change)
     groups = [group for group in job.design.groups if group.length > 1]
     along = [next((i for i, group in enumerate(groups) if name in group.axes), None) for name in (x, y)]
-    taken = [i for i in along if i is not None]
-    if job.run.one_a_row and len(set(taken)) == 2:
+    drawn = [i for i in along if i is not None]
+    if job.run.one_a_row and len(set(drawn)) == 2:
         values = [np.unique(table[name].to_numpy(float)) for name in (x, y)]
         # an axis whose values follow another's makes no grid, nor does a sample
-        if all(
-            len(v) <= groups[i].length and not groups[i].drawn for v, i in zip(values, taken, strict=True)
-        ):
-            return _cells(shown, values, job, taken, most)
-    return _points(shown, job, taken, most)
+        axes = zip(values, (groups[i] for i in drawn), strict=True)
+        if all(len(v) <= group.length and not group.drawn for v, group in axes):
+            return _cells(shown, values, job, drawn, most)
+    return _points(shown, job, drawn, most)
 
 
-def _cells(shown: StartMap, values: list[np.ndarray], job: Job, taken: list[int], most: int) -> StartMap:
-    """A map of cells centred at `values` along x and y, thinned to `most` of them."""
+def _cells(shown: StartMap, values: list[np.ndarray], job: Job, drawn: list[int], most: int) -> StartMap:
+    """A map of cells centred at `values` along x and y, thinned to `most` of them.
+
+    `drawn` are the numbers of the groups of axes along x and y.
+    """
     table = shown.table
     places = [table[name].to_numpy(float) for name in (shown.x, shown.y)]
     at = np.column_stack([np.searchsorted(v, place) for v, place in zip(values, places, strict=True)])
     step = 1
     while np.count_nonzero((at % step == 0).all(axis=1)) > most:
         step += 1
-    kept = (at % step == 0).all(axis=1)
-    values = [each[::step] for each in values]
-    table = rows_where(table, kept)
-    row = table["row"].to_numpy(np.int64)
+    shown_cells = (at % step == 0).all(axis=1)
+    table = rows_where(table, shown_cells)
     grids = job.design.grids
     return dataclasses.replace(
         shown,
         kind=CELLS,
         table=table,
-        outcome=shown.outcome[kept],
-        slices=_slices(table, job, row, taken),
+        outcome=shown.outcome[shown_cells],
+        slices=_slices(table, job, drawn),
         edges=(
-            cell_edges(values[0], log=is_logarithmic(table, shown.x)),
-            cell_edges(values[1], log=is_logarithmic(table, shown.y)),
+            cell_edges(values[0][::step], log=is_logarithmic(table, shown.x)),
+            cell_edges(values[1][::step], log=is_logarithmic(table, shown.y)),
         ),
-        at=at[kept] // step,
+        at=at[shown_cells] // step,
         closed=tuple(name in grids and grids[name].closed for name in (shown.x, shown.y)),
         thinned=f"every {_ordinal(step)} cell along both axes" if step > 1 else "",
     )
 
 
-def _points(shown: StartMap, job: Job, taken: list[int], most: int) -> StartMap:
-    """A map of points, thinned to `most` of them."""
+def _points(shown: StartMap, job: Job, drawn: list[int], most: int) -> StartMap:
+    """A map of points, thinned to `most` of them; `drawn` as for `_cells`."""
     step = math.ceil(len(shown.table) / min(most, MOST_POINTS))
     table = rows_where(shown.table, np.arange(len(shown.table)) % step == 0)
-    row = table["row"].to_numpy(np.int64)
     return dataclasses.replace(
         shown,
         table=table,
         outcome=shown.outcome[::step],
-        slices=[] if job.run.one_a_row else _slices(table, job, row, taken, few=_MOST_SLICES),
+        slices=[] if job.run.one_a_row else _slices(table, job, drawn, few=_MOST_SLICES),
         thinned=f"every {_ordinal(step)} record" if step > 1 else "",
     )
 
@@ -158,8 +157,8 @@ def with_next(table: pd.DataFrame, y: str) -> pd.DataFrame:
     change = np.pi - np.mod(np.pi - change, 2.0 * np.pi) if circular else change  # the shorter way round
     table = table.assign(**{next_of(y): after, change_of(y): change})
     quantities = dict(attrs.get("quantities", {}))
-    known = {**(quantities.get(y) or quantities.get(y.removesuffix("_n")) or {}), "symbol": ""}
-    added = {next_of(y): known, change_of(y): {**known, "circular": False}}
+    quantity = {**(quantities.get(y) or quantities.get(y.removesuffix("_n")) or {}), "symbol": ""}
+    added = {next_of(y): quantity, change_of(y): {**quantity, "circular": False}}
     table.attrs = {**attrs, "quantities": {**quantities, **added}}
     return rows_where(table, table[next_of(y)].notna())
 
@@ -175,13 +174,14 @@ def change_of(y: str) -> str:
 
 
 def _axes(table: pd.DataFrame, job: Job, x: str | None, y: str | None) -> tuple[str, str]:
+    """The columns along x and y; by default those of the job's figures, or its longest axes."""
     run = job.run
     observables = [f"{q.name}_{'end' if run.one_a_row else 'n'}" for q in job.design.model.observables]
     drawn = [figure for figure in job.figures if getattr(figure, "y", None) is not None]
     with_both = [figure for figure in drawn if getattr(figure, "x", None) is not None]
     suffixes = ("", "_end") if run.one_a_row else ("_n", "")
     if run.one_a_row:
-        known = (with_both[0].x, with_both[0].y) if with_both else (None, None)  # pyright: ignore[reportAttributeAccessIssue]
+        of_figure = (with_both[0].x, with_both[0].y) if with_both else (None, None)  # pyright: ignore[reportAttributeAccessIssue]
         several = [axis for axis in job.design.groups if axis.length > 1]
         # what moves alone says more than a zip, whose values go by its first name
         longest = sorted(several, key=lambda axis: (len(axis.names) > 1, -axis.length))
@@ -192,19 +192,17 @@ def _axes(table: pd.DataFrame, job: Job, x: str | None, y: str | None) -> tuple[
             places = [job.design.names.index(name) for name in names]
             names = [names[i] for i in np.argsort(places)[::-1]]  # the last varies fastest
         names = [*names, *observables[:1]] if names else ["row", observables[0]]
-        default = known if None not in known and set(known) <= set(table.columns) else names[:2]
+        default = of_figure if with_both and set(of_figure) <= set(table.columns) else names[:2]
     else:
         first = drawn[0].y if drawn else None  # pyright: ignore[reportAttributeAccessIssue]
         first = column(table, first, suffixes) if isinstance(first, str) else observables[0]
         default = (run.moved or "crossing", first)
         if run.kind_name == "return_map":
-            form = next(
-                (getattr(figure, "form", None) for figure in drawn if hasattr(figure, "form")), "change"
-            )
+            form = next((vars(figure)["form"] for figure in drawn if hasattr(figure, "form")), "change")
             default = (first, next_of(first) if form == "next" else change_of(first))
     chosen = [
-        column(table, given, suffixes) if given else str(other)
-        for given, other in zip((x, y), default, strict=True)
+        column(table, name, suffixes) if name else str(other)
+        for name, other in zip((x, y), default, strict=True)
     ]
     for name in chosen:
         if name not in table.columns:
@@ -235,44 +233,39 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], np.ndarray]:
         shown = pd.Series(labels, table.index)
     names = in_order(table, "gait", shown)
     colours, markers = theme.colours(names), theme.markers(names)
-    found: list[dict[str, Any]] = []
+    outcomes: list[dict[str, Any]] = []
     numbers = np.zeros(len(table), np.int64)
     for name in names:
-        mine = np.asarray(shown == name)
-        for text, where, open_ in ((name, mine & ~hollow, False), (f"{name}, {suffix}", mine & hollow, True)):
+        records = np.asarray(shown == name)
+        filled, open_ = (name, records & ~hollow, False), (f"{name}, {suffix}", records & hollow, True)
+        for text, where, is_open in (filled, open_):
             if where.any():
-                numbers[where] = len(found)
-                look = {"colour": colours[name], "marker": markers[name], "hollow": open_}
+                numbers[where] = len(outcomes)
+                look = {"colour": colours[name], "marker": markers[name], "hollow": is_open}
                 leads = {"leads": name, "hatched": name in (Outcome.NOT_SETTLED, Outcome.FAILED)}
-                found.append({"name": text, **look, **leads})
-    return found, numbers
+                outcomes.append({"name": text, **look, **leads})
+    return outcomes, numbers
 
 
-def _slices(
-    table: pd.DataFrame, job: Job, row: np.ndarray, taken: Sequence[int], few: int | None = None
-) -> list[Slice]:
+def _slices(table: pd.DataFrame, job: Job, drawn: Sequence[int], few: int | None = None) -> list[Slice]:
     """The axes that are not drawn; with `few`, only parameters with at most that many values."""
-    groups = [(place, group) for place, group in enumerate(job.design.groups) if group.length > 1]
-    found = []
+    design, row = job.design, table["row"].to_numpy(np.int64)
+    parameters = {q.name for q in design.model.parameters}
+    groups = [(place, group) for place, group in enumerate(design.groups) if group.length > 1]
+    slices = []
     for number, (place, group) in enumerate(groups):
-        if number in taken or (few is not None and (group.length > few or not _parameters(job, group))):
+        if number in drawn or (few is not None and (group.length > few or not parameters & set(group.axes))):
             continue
-        index = job.design.index(row, place)
         texts = []
         for value in range(group.length):
-            rows = np.array([value * job.design.stride(place)])
-            there = job.design.at(rows, tuple(group.axes))
-            texts.append(", ".join(written(table, name, float(v[0])) for name, v in there.items()))
-        found.append(Slice(next(iter(group.axes)), texts, index))
-    return found
-
-
-def _parameters(job: Job, group: Any) -> bool:
-    names = {q.name for q in job.design.model.parameters}
-    return any(name in names for name in group.axes)
+            values = design.at(np.array([value * design.stride(place)]), tuple(group.axes))
+            texts.append(", ".join(written(table, name, float(v[0])) for name, v in values.items()))
+        slices.append(Slice(next(iter(group.axes)), texts, design.index(row, place)))
+    return slices
 
 
 def _ordinal(number: int) -> str:
+    """The ordinal of a number above 1: "second", "third", "4th"."""
     return {2: "second", 3: "third"}.get(number, f"{number}th")
 
 
@@ -303,7 +296,7 @@ def html_symbol(table: pd.DataFrame, name: str) -> str:
         text = re.sub(
             rf"\\{mark}(?![A-Za-z])\s*(?:\{{(\\?[A-Za-z]+)\}}|(\\?[A-Za-z]+))", rf"\1\2{above}", text
         )
-    text = re.sub(r"\\([A-Za-z]+)", lambda found: _GREEK.get(found[1], found[0]), text)
+    text = re.sub(r"\\([A-Za-z]+)", lambda command: _GREEK.get(command[1], command[0]), text)
     for mark, tag in (("_", "sub"), ("^", "sup")):
         text = re.sub(rf"\{mark}(?:\{{((?:[^{{}}]|\{{[^{{}}]*\}})*)\}}|(.))", rf"<{tag}>\1\2</{tag}>", text)
     text = text.replace("{", "").replace("}", "").replace("\\,", " ")
@@ -316,20 +309,20 @@ def columns_of(table: pd.DataFrame, exact: Collection[str] = ()) -> list[dict[st
     Those that are `exact` keep all digits.
     """
     quantities: Mapping[str, Any] = table.attrs.get("quantities", {})
-    found = []
+    columns = []
     for name in map(str, table.columns):
         values = table[name]
-        known = quantities.get(name) or quantities.get(re.sub(r"_(end|n)\Z", "", name)) or {}
+        quantity = quantities.get(name) or quantities.get(re.sub(r"_(end|n)\Z", "", name)) or {}
         entry: dict[str, Any] = {
             "name": name,
             "symbol": html_symbol(table, name),
             "unit": unit_of(table, name),
-            "meaning": str(known.get("meaning", "")),
+            "meaning": str(quantity.get("meaning", "")),
             "circular": is_angle(table, name) and pd.api.types.is_float_dtype(values),
         }
         if isinstance(values.dtype, pd.CategoricalDtype) or not pd.api.types.is_numeric_dtype(values):
             codes, categories = pd.factorize(values.astype(object), use_na_sentinel=True)
-            entry |= {"categories": [str(each) for each in categories], "values": codes.tolist()}
+            entry |= {"categories": list(map(str, categories)), "values": codes.tolist()}
         elif pd.api.types.is_float_dtype(values):
             digits = 17 if name in exact else DIGITS
             entry["values"] = [rounded(value, digits) for value in values.to_numpy(float)]
@@ -337,8 +330,8 @@ def columns_of(table: pd.DataFrame, exact: Collection[str] = ()) -> list[dict[st
             entry["values"] = [int(value) for value in values]
         if len(set(map(str, entry["values"]))) == 1 and len(table) > 1:
             entry["values"] = entry["values"][0]  # one for all
-        found.append(entry)
-    return found
+        columns.append(entry)
+    return columns
 
 
 def rounded(value: float, digits: int = DIGITS) -> float | str | None:

@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from matplotlib.text import Text
 
 from gaitsweep.mathtext import settable
 from gaitsweep.plot import theme
@@ -78,8 +77,7 @@ class Footfalls:
             starts, stops = contact_intervals(t, contact[:, row])
             bars = list(zip(starts, stops - starts, strict=True))
             axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=colour, linewidth=0)
-        every = max(1, -(-len(limbs) // _MOST_NAMES))
-        named = range(0, len(limbs), every)
+        named = range(0, len(limbs), max(1, -(-len(limbs) // _MOST_NAMES)))
         axes.set_yticks(list(named), [limbs[row].name for row in named])
         for tick, row in zip(axes.get_yticklabels(), named, strict=True):
             tick.set_color(colours[row])
@@ -135,7 +133,10 @@ def frames(clip: Clip, size: tuple[int, int], scene: Drawn = side_view) -> Gener
     with _sheet(size) as (figure, canvas):
         view, chart, bar = _places(figure, clip)
         falls = Footfalls(chart, clip.skeleton.limbs, clip.contact_t, clip.contact)
-        clock, progress = _clock(figure), _time_bar(bar, clip)
+        clock = figure.text(
+            _RIGHT, 1.0 - 0.17 / figure.get_figheight(), "", ha="right", va="center", fontsize=10
+        )
+        progress = _time_bar(bar, clip)
         drawn = scene(view, clip, True)
         shown, first = _CYCLES_SHOWN * clip.period, float(clip.t[0])
         for k, t in enumerate(clip.t):
@@ -163,10 +164,6 @@ def _places(figure: Figure, clip: Clip) -> tuple[Axes, Axes, Axes]:
         figure.text(x, foot + chart + 0.03 / tall, text, ha=side, va="bottom", fontsize=7.5, color=_INK)
     figure.text(_RIGHT, 1.0 - head - 0.02 / tall, _FORWARD, ha="right", va="top", fontsize=8, color=_INK)
     return view, falls, bar
-
-
-def _clock(figure: Figure) -> Text:
-    return figure.text(_RIGHT, 1.0 - 0.17 / figure.get_figheight(), "", ha="right", va="center", fontsize=10)
 
 
 def _time_bar(axes: Axes, clip: Clip) -> Rectangle:

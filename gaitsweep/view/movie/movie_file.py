@@ -61,38 +61,30 @@ def _gif(file: BinaryIO, frames: Iterator[np.ndarray], fps: float, colours: Sequ
     def painted(frame: np.ndarray) -> Image.Image:
         return Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
 
-    images = map(painted, frames)
-    options = {
-        "save_all": True,
-        "append_images": images,
-        "duration": 1000.0 / fps,
-        "loop": 0,
-        "optimize": False,
-    }
-    painted(first).save(file, format="GIF", **options)
+    options = {"append_images": map(painted, frames), "duration": 1000.0 / fps, "loop": 0, "optimize": False}
+    painted(first).save(file, format="GIF", save_all=True, **options)
 
 
-def _palette(picture: np.ndarray, wanted: Sequence[str]) -> Image.Image:
+def _palette(picture: np.ndarray, colours: Sequence[str]) -> Image.Image:
     """256 colours: the given ones, the most frequent ones of this frame, and means of the others."""
     packed, counts = np.unique(picture.astype(np.uint32) @ _PLACES, return_counts=True)
     frequent = packed[np.argsort(-counts, kind="stable")[: 4 * _EXACT], None] // _PLACES % 256
     means = Image.fromarray(picture).quantize(256, dither=Image.Dither.NONE).getpalette() or []
-    named = np.round(255 * np.array([to_rgb(colour) for colour in wanted])).reshape(-1, 3)
-    exact = _apart([*named, *frequent])[:_EXACT]
+    given = np.round(255 * np.array([to_rgb(colour) for colour in colours])).reshape(-1, 3)
+    exact = _distinct([*given, *frequent])[:_EXACT]
+    entries = _distinct([*exact, *np.reshape(means, (-1, 3))])[:256]
     palette = Image.new("P", (1, 1))
-    palette.putpalette(
-        np.array(_apart([*exact, *np.reshape(means, (-1, 3))])[:256], np.uint8).ravel().tolist()
-    )
+    palette.putpalette(np.array(entries, np.uint8).ravel().tolist())
     return palette
 
 
-def _apart(colours: Sequence[np.ndarray]) -> list[np.ndarray]:
+def _distinct(colours: Sequence[np.ndarray]) -> list[np.ndarray]:
     """The colours without those that are near an earlier one."""
-    kept: list[np.ndarray] = []
+    distinct: list[np.ndarray] = []
     for colour in colours:
-        if all(np.abs(colour.astype(int) - other).max() > _NEAR for other in kept):
-            kept.append(colour.astype(int))
-    return kept
+        if all(np.abs(colour.astype(int) - other).max() > _NEAR for other in distinct):
+            distinct.append(colour.astype(int))
+    return distinct
 
 
 def _ffmpeg() -> str:

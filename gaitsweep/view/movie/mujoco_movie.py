@@ -91,18 +91,18 @@ class Painter:
     def _read(self) -> np.ndarray:
         """The next frame; raises NoOpenGL with the last message of the process if there is none."""
         assert self._process.stdout is not None
-        wanted, got = int(np.prod(self._shape)), bytearray()
+        length, picture = int(np.prod(self._shape)), bytearray()
         deadline = time.monotonic() + _PATIENCE
-        while len(got) < wanted:
+        while len(picture) < length:
             ready, _, _ = select.select([self._process.stdout], [], [], max(deadline - time.monotonic(), 0.0))
-            piece = os.read(self._process.stdout.fileno(), wanted - len(got)) if ready else b""
+            piece = os.read(self._process.stdout.fileno(), length - len(picture)) if ready else b""
             if not piece:
                 silent = f"no output within {_PATIENCE:.0f} s"
-                words = _last_words(self._process, self._log) if ready else silent
+                why = _last_message(self._process, self._log) if ready else silent
                 self.close()
-                raise NoOpenGL(words)
-            got += piece
-        return np.frombuffer(bytes(got), np.uint8).reshape(self._shape)
+                raise NoOpenGL(why)
+            picture += piece
+        return np.frombuffer(bytes(picture), np.uint8).reshape(self._shape)
 
 
 class Rendered:
@@ -128,15 +128,16 @@ def pixels(axes: Axes) -> tuple[int, int]:
 
 
 def _request(body: RenderedBody, skeleton: Skeleton, camera: np.ndarray, size: tuple[int, int]) -> bytes:
+    """The .npz that the painter reads."""
     half, tall, _ = bounds(skeleton, camera)
     cosine, sine = np.cos(body.heading), np.sin(body.heading)
+    to_walking_direction = np.array([[cosine, sine], [-sine, cosine]])
     packed = io.BytesIO()
     np.savez(
         packed,
         mjcf=np.array(body.mjcf),
         qpos=body.qpos,
-        middle=camera
-        @ np.array([[cosine, sine], [-sine, cosine]]),  # rotated back to the direction of walking
+        middle=camera @ to_walking_direction,
         heading=body.heading,
         size=np.array(size),
         extent=np.array([half, tall]),
@@ -163,7 +164,8 @@ def _start(request: bytes, backend: str) -> tuple[subprocess.Popen[bytes], io.Bu
     return process, log
 
 
-def _last_words(process: subprocess.Popen[bytes], log: io.BufferedRandom) -> str:
+def _last_message(process: subprocess.Popen[bytes], log: io.BufferedRandom) -> str:
+    """The last line of a process that has ended, else its exit code."""
     code = process.wait()
     log.seek(0)
     lines = [line.strip() for line in log.read().decode(errors="replace").splitlines() if line.strip()]

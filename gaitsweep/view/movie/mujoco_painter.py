@@ -25,22 +25,22 @@ _SHADOW = 1024  # pixels; with software OpenGL, MuJoCo's 4096 take most of the t
 
 def main() -> None:
     """Render the frames described on standard input, and write their pixels to standard output."""
-    given = np.load(io.BytesIO(sys.stdin.buffer.read()))
+    request = np.load(io.BytesIO(sys.stdin.buffer.read()))
     pictures = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # output of libraries must not mix with the frames
-    model = _staged(str(given["mjcf"]), float(given["square"]))
+    model = _staged(str(request["mjcf"]), float(request["square"]))
     data = mujoco.MjData(model)
-    width, height = (int(pixels) for pixels in given["size"])
+    width, height = (int(pixels) for pixels in request["size"])
     model.vis.global_.offwidth, model.vis.global_.offheight = width, height
     model.vis.global_.fovy = _VIEW
     model.vis.quality.shadowsize = _SHADOW
     _light(model)
-    _paint_limbs(model, given["colours"])
-    camera = _camera(given, width / height)
+    _paint_limbs(model, request["colours"])
+    camera = _camera(request, width / height)
     renderer = mujoco.Renderer(model, height, width)
     hung = model.light_bodyid == 0
     lamps = model.light_pos[hung]
-    for qpos, middle in zip(given["qpos"], given["middle"], strict=True):
+    for qpos, middle in zip(request["qpos"], request["middle"], strict=True):
         data.qpos = qpos
         model.light_pos[hung] = lamps + np.append(middle, 0.0)  # a lamp casts shadows only near itself
         mujoco.mj_forward(model, data)
@@ -57,12 +57,10 @@ def _staged(mjcf: str, square: float) -> mujoco.MjModel:
     Without a sky it would be black; on ground of one colour a body seems to step on the spot.
     """
     spec = mujoco.MjSpec.from_string(mjcf)
-    if not any(texture.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX for texture in spec.textures):
+    skybox = mujoco.mjtTexture.mjTEXTURE_SKYBOX
+    if not any(texture.type == skybox for texture in spec.textures):
         look = {"builtin": mujoco.mjtBuiltin.mjBUILTIN_FLAT, "width": 8, "height": 8}
-        white = [1.0, 1.0, 1.0]
-        spec.add_texture(
-            name="white_sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, rgb1=white, rgb2=white, **look
-        )
+        spec.add_texture(name="white_sky", type=skybox, rgb1=[1.0] * 3, rgb2=[1.0] * 3, **look)
     flat = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
     plain = [geom for geom in spec.worldbody.geoms if geom.type in flat and not geom.material]
     if plain:
@@ -77,17 +75,16 @@ def _staged(mjcf: str, square: float) -> mujoco.MjModel:
     return spec.compile()
 
 
-def _camera(given: np.lib.npyio.NpzFile, aspect: float) -> mujoco.MjvCamera:
+def _camera(request: np.lib.npyio.NpzFile, aspect: float) -> mujoco.MjvCamera:
     """A free camera, far enough away that the whole body is visible."""
-    half, tall = (float(length) for length in given["extent"])
+    half, tall = (float(length) for length in request["extent"])
     camera = mujoco.MjvCamera()
-    camera.azimuth = 90.0 + _ASIDE + float(np.degrees(given["heading"]))
+    camera.azimuth = 90.0 + _ASIDE + float(np.degrees(request["heading"]))
     camera.elevation = _DOWN
     camera.lookat[2] = 0.46 * tall
-    seen = 2.0 * np.tan(np.radians(0.5 * _VIEW))  # height of the view at a metre's distance
-    camera.distance = _TIGHT * (
-        max(1.2 * tall, 2.0 * half / aspect) / seen + half * np.sin(np.radians(_ASIDE))
-    )
+    height_at_a_metre = 2.0 * np.tan(np.radians(0.5 * _VIEW))
+    to_fit = max(1.2 * tall, 2.0 * half / aspect) / height_at_a_metre
+    camera.distance = _TIGHT * (to_fit + half * np.sin(np.radians(_ASIDE)))
     return camera
 
 

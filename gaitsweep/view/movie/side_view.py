@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -37,16 +38,21 @@ def heading(skeleton: Skeleton) -> float:
     return float(np.arctan2(ahead[1], ahead[0]))
 
 
+def with_points(skeleton: Skeleton, change: Callable[[np.ndarray], np.ndarray]) -> Skeleton:
+    """A body with a function applied to the points (n, k, 3) of each limb, body and spring."""
+    return dataclasses.replace(
+        skeleton,
+        limbs=tuple(dataclasses.replace(limb, points=change(limb.points)) for limb in skeleton.limbs),
+        bodies=tuple(map(change, skeleton.bodies)),
+        springs=tuple(map(change, skeleton.springs)),
+    )
+
+
 def turned(skeleton: Skeleton, angle: float) -> Skeleton:
     """A body rotated about the z axis by minus an angle (rad); with its heading, it faces to the right."""
     cosine, sine = np.cos(angle), np.sin(angle)
     turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    return dataclasses.replace(
-        skeleton,
-        limbs=tuple(dataclasses.replace(limb, points=limb.points @ turn) for limb in skeleton.limbs),
-        bodies=tuple(body @ turn for body in skeleton.bodies),
-        springs=tuple(spring @ turn for spring in skeleton.springs),
-    )
+    return with_points(skeleton, lambda points: points @ turn)
 
 
 def lifted(skeleton: Skeleton, factor: float) -> Skeleton:
@@ -78,11 +84,10 @@ def bounds(skeleton: Skeleton, camera: np.ndarray) -> tuple[float, float, float]
     """Half the width, the height and half the ground's depth (m) that contain the body at all samples."""
     middle = np.column_stack([camera, np.zeros(len(camera))])[:, None, :]
     parts = [*(limb.points for limb in skeleton.limbs), *skeleton.bodies, *skeleton.springs]
-    every = np.concatenate([part - middle for part in parts], axis=1).reshape(-1, 3)
-    seen = projected(every)
-    height = float(seen[:, 1].max())
+    across, up = projected(np.concatenate([part - middle for part in parts], axis=1).reshape(-1, 3)).T
+    height = float(up.max())
     aside = [np.abs(limb.points[:, -1, 1] - camera[:, 1]).max() for limb in skeleton.limbs]  # of the feet
-    return float(np.abs(seen[:, 0]).max()), height, max(1.5 * float(max(aside, default=0.0)), 0.3 * height)
+    return float(np.abs(across).max()), height, max(1.5 * float(max(aside, default=0.0)), 0.3 * height)
 
 
 class Ground:
@@ -111,12 +116,9 @@ class Ground:
         self._step = round_step(width / _MARKS)
         self._marks = LineCollection([], colors=_MARK, linewidths=0.9, zorder=1)
         axes.add_collection(self._marks, autolim=False)
-        self._labels = [
-            axes.text(
-                0.0, self.near, "", color=_INK, fontsize=6.5, ha="left", va="bottom", zorder=1.2, clip_on=True
-            )
-            for _ in range(2 * _MARKS + 4 if named else 0)
-        ]
+        look = {"color": _INK, "fontsize": 6.5, "ha": "left", "va": "bottom", "zorder": 1.2, "clip_on": True}
+        count = 2 * _MARKS + 4 if named else 0
+        self._labels = [axes.text(0.0, self.near, "", **look) for _ in range(count)]
 
     def show(self, place: float) -> None:
         """Move the marks for a frame whose middle is at `place` (m) along the ground."""
@@ -136,9 +138,8 @@ class Ground:
 def round_step(length: float) -> float:
     """The next number from 1, 2, 5, 10, ... times a power of ten."""
     power = 10.0 ** np.floor(np.log10(length))
-    return float(
-        power * next(head for head in (1.0, 2.0, 5.0, 10.0) if head * power >= length * (1.0 - 1e-9))
-    )
+    heads = (head for head in (1.0, 2.0, 5.0, 10.0) if head * power >= length * (1.0 - 1e-9))
+    return float(power * next(heads))
 
 
 class SideView:
@@ -154,9 +155,8 @@ class SideView:
         skeleton = dataclasses.replace(skeleton, bodies=tuple(map(nearest_first, skeleton.bodies)))
         self._axes, self._skeleton, self._down, self._camera = axes, skeleton, down, camera
         self._colours = limb_colours(skeleton.limbs)
-        self._swing = [
-            SWING if len(set(self._colours)) == 1 < len(self._colours) else c for c in self._colours
-        ]
+        alike = len(set(self._colours)) == 1 < len(self._colours)
+        self._swing = [SWING if alike else colour for colour in self._colours]
         half, self._height, depth = bounds(skeleton, camera)
         self._moves = float(np.ptp(camera[:, 0])) > 1e-6 * half
         self._sole = 0.05 * self._height
@@ -188,10 +188,10 @@ class SideView:
             foot.set_markerfacecolor(self._colours[i] if stands else "white")
             sole.set_visible(stands)
             sole.set_data(at[-1, 0] + np.array([-self._sole, self._sole]), at[[-1, -1], 1])
-        for points, (whole, side) in zip(self._skeleton.bodies, self._bodies, strict=True):
-            now = points[k] - middle
-            whole.set_xy(_hull(projected(now)))
-            side.set_xy(_hull(projected(now[: (len(now) + 1) // 2])))
+        for points, (outline, side) in zip(self._skeleton.bodies, self._bodies, strict=True):
+            corners = projected(points[k] - middle)
+            outline.set_xy(_hull(corners))
+            side.set_xy(_hull(corners[: (len(corners) + 1) // 2]))
         for ends, line in zip(self._skeleton.springs, self._springs, strict=True):
             line.set_data(*_zigzag(projected(ends[k] - middle), self._sole))
         if self._moves:
@@ -224,19 +224,12 @@ class SideView:
             roots[:, :2] -= self._camera
             place = float(projected(roots)[:, 0].mean())
             y, alignment = (high, "bottom") if limb.far else (low, "top")
-            self._axes.text(
-                place,
-                y,
-                settable(limb.name),
-                color=colour,
-                ha="center",
-                va=alignment,
-                weight="bold",
-                fontsize=8,
-            )
+            look = {"color": colour, "ha": "center", "va": alignment, "weight": "bold", "fontsize": 8}
+            self._axes.text(place, y, settable(limb.name), **look)
 
 
 def _hull(points: np.ndarray) -> np.ndarray:
+    """The corners (m, 2) of the convex hull of points (k, 2)."""
     try:
         return points[ConvexHull(points).vertices]
     except QhullError:  # all points on one line, as on the near side of a flat body

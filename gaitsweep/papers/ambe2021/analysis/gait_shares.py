@@ -48,13 +48,13 @@ def gait_shares(
     # the high end of the interval of a gait that no start reached
     most_without = proportion_interval(0, int(counted["of"].to_numpy().min()), level)[1]
     for gait in WAVES:
-        for part, column, otherwise in (
-            ("fraction", gait, 0.0),
-            ("low", f"{gait}_low", 0.0),
-            ("high", f"{gait}_high", most_without),
+        for part, suffix, otherwise in (
+            ("fraction", "", 0.0),
+            ("low", "_low", 0.0),
+            ("high", "_high", most_without),
         ):
             occurs = (part, gait) in wide.columns
-            sets[column] = wide[part, gait].fillna(otherwise).to_numpy() if occurs else otherwise
+            sets[gait + suffix] = wide[part, gait].fillna(otherwise).to_numpy() if occurs else otherwise
     sets["elsewhere"] = (1.0 - sets[list(WAVES)].sum(axis=1)).clip(lower=0.0).round(12)
     return sets.assign(**_conditions(table, pd.DataFrame(sets[names])))
 
@@ -71,9 +71,9 @@ def sets_by_conditions(table: pd.DataFrame) -> pd.DataFrame:
         `with_all` and `with_any`; the mean share of each gait.
     """
     shares = gait_shares(table)
-    came = shares[list(WAVES)] > 0.0
+    occurs = shares[list(WAVES)] > 0.0
     kinds = ["conditions", *(f"{gait}_hold" for gait in WAVES)]
-    groups = shares.assign(with_all=came.all(axis=1), with_any=came.any(axis=1)).groupby(kinds)
+    groups = shares.assign(with_all=occurs.all(axis=1), with_any=occurs.any(axis=1)).groupby(kinds)
     counts = {"sets": groups.size(), **{name: groups[name].sum() for name in ("with_all", "with_any")}}
     means = {gait: groups[gait].mean() for gait in WAVES}
     return pd.DataFrame({**counts, **means}).iloc[::-1].reset_index()
@@ -95,15 +95,18 @@ def existence(N: int, chains: Chain, L: np.ndarray) -> dict[str, np.ndarray]:
 
 @partial(jax.jit, static_argnums=0)
 def _hold(N: int, chains: Chain, L: np.ndarray) -> tuple[jax.Array, ...]:
-    def one(chain: Chain, longest: jax.Array) -> tuple[jax.Array, ...]:
+    """Whether each of WAVES holds for each of n chains, (n,)."""
+
+    def of_chain(chain: Chain, longest: jax.Array) -> tuple[jax.Array, ...]:
         direct, retrograde = wave_conditions(N, chain, longest)
         sources = [source_conditions(N, chain, k, longest).hold for k in range(3, N + 1)]
         return direct.hold, jnp.any(jnp.stack(sources)), retrograde.hold
 
-    return jax.vmap(one)(chains, jnp.asarray(L))
+    return jax.vmap(of_chain)(chains, jnp.asarray(L))
 
 
 def _conditions(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, np.ndarray]:
+    """The columns `conditions` and NAME_hold of sets of parameters, as `gait_shares` returns them."""
     values, chains = parameters_of(table, sets), chains_of(table, sets)
     L = np.broadcast_to(values["L"], (len(sets),))
     m_B = np.maximum(chains.m_1, chains.m_end)
@@ -112,8 +115,5 @@ def _conditions(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, np.ndarray
     sag = m.max(axis=1) * chains.g / kappa.min(axis=1)
     printed = (0.5 * m.max(axis=1) < m_B) & (m_B < m.min(axis=1))
     printed &= (sag < a.min(axis=1)) & (a.max(axis=1) < L)
-    holds_by_gait = existence(springs_of(table), chains, L)
-    return {
-        "conditions": np.asarray(printed),
-        **{f"{gait}_hold": field for gait, field in holds_by_gait.items()},
-    }
+    holds = {f"{gait}_hold": exists for gait, exists in existence(springs_of(table), chains, L).items()}
+    return {"conditions": np.asarray(printed), **holds}

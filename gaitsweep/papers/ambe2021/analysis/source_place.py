@@ -42,18 +42,10 @@ def source_place(table: pd.DataFrame) -> pd.DataFrame:
     groups = table.groupby(names, sort=True).indices if names else {(): np.arange(len(table))}
     for values, at in groups.items():
         parameters = dict(zip(names, values if isinstance(values, tuple) else (values,), strict=True))
-        legs_of_set = source[at], meeting[at]
-        neither = float(np.mean((legs_of_set[0] == 0) & (legs_of_set[1] == 0)))
-        rows += [
-            parameters
-            | {
-                "leg": leg,
-                "source": np.mean(legs_of_set[0] == leg),
-                "meeting": np.mean(legs_of_set[1] == leg),
-            }
-            | {"neither": neither, "starts": len(at)}
-            for leg in range(1, phases.shape[1] + 2)
-        ]
+        neither = float(np.mean((source[at] == 0) & (meeting[at] == 0)))
+        for leg in range(1, phases.shape[1] + 2):
+            shares = {"source": np.mean(source[at] == leg), "meeting": np.mean(meeting[at] == leg)}
+            rows.append({**parameters, "leg": leg, **shares, "neither": neither, "starts": len(at)})
     return pd.DataFrame(rows)
 
 
@@ -101,9 +93,8 @@ def _phases(table: pd.DataFrame, suffix: str) -> np.ndarray:
     """The relative phases of each record, (n, N), rad."""
     names = psi_columns(table, suffix)
     if not names:
-        raise AnalysisError(
-            f"A source needs a table of the multi-legged chain with the columns psi_1{suffix}, ..."
-        )
+        needs = f"a table of the multi-legged chain with the columns psi_1{suffix}, ..."
+        raise AnalysisError(f"A source needs {needs}")
     return table[names].to_numpy(float)
 
 

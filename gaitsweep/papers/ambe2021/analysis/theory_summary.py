@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import re
 
 import numpy as np
@@ -75,15 +76,16 @@ def free_phase(N: int, branch: Branch, chain: Chain) -> str:
 
 
 def _listed(legs: frozenset[int]) -> str:
+    """A set of legs as text, in their order."""
     return "{" + ", ".join(map(str, sorted(legs))) + "}"
 
 
 def _counted(values: np.ndarray) -> str:
     """Eigenvalues in falling order, equal ones once with their number."""
-    texts = [
-        f"{value.real:.6f}" + (f"{value.imag:+.6f}i" if abs(value.imag) > 1e-9 else "") for value in values
-    ]
-    texts = [re.sub(r"\.?0+\Z", "", text) for text in texts]
-    return ", ".join(
-        f"{text} ({n})" if (n := texts.count(text)) > 1 else text for text in dict.fromkeys(texts)
+    texts = collections.Counter(
+        re.sub(
+            r"\.?0+\Z", "", f"{value.real:.6f}" + (f"{value.imag:+.6f}i" if abs(value.imag) > 1e-9 else "")
+        )
+        for value in values
     )
+    return ", ".join(f"{text} ({n})" if n > 1 else text for text, n in texts.items())

@@ -1,8 +1,8 @@
 """The waves of swing legs in traces of the multi-legged chain: lags of neighbours, wavelength and speed.
 
-The phase of a leg advances at omega except for some time constants after its touchdown. So the time at which
-it passes pi, in the middle of stance, is exact by linear interpolation between samples, and the lag of two
-legs is the difference of two such times.
+The phase of a leg advances at omega except for some time constants after its touchdown. So linear
+interpolation between samples gives the exact time at which it passes pi, in the middle of stance. The lag of
+two legs is the difference of two such times.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from gaitsweep.papers.ambe2021.theory.chain import Chain, Speeds, wave_speed, wa
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, free_link, gait_of, nearest_set
 from gaitsweep.papers.ambe2021.theory.solution_sets import Branch
 
-PASSED = np.pi  # rad, the phase whose passage is timed: in stance, and far from the phase reset
+MID_STANCE = np.pi  # rad, the phase whose passage is timed: far from the phase reset
 
 
 class Passages(NamedTuple):
@@ -59,31 +59,28 @@ def waves(table: pd.DataFrame) -> pd.DataFrame:
     N = springs_of(table)
     if not {"t", "phase_3"} <= set(table.columns):
         raise AnalysisError("Waves need a trace of the multi-legged chain with the columns t, phase_1, ...")
-    records = []
-    for row, part in table.groupby("row", sort=True):
-        part = part.sort_values("t")
-        omega = parameters_of(table, part.head(1))["omega"]
-        records.append(_wave(int(str(row)), part, N, chain_of(table, part), float(np.ravel(omega)[0])))
     varied = [
         name for name in table.columns[1 : list(table.columns).index("t")] if not name.startswith("psi_")
     ]
-    parameters = table.groupby("row", sort=True)[varied].first().reset_index(drop=True)
-    return pd.concat(
-        [pd.DataFrame(records)[["row"]], parameters, pd.DataFrame(records).drop(columns="row")], axis=1
-    )
+    records = []
+    for row, part in table.groupby("row", sort=True):
+        part = part.sort_values("t")
+        omega = float(np.ravel(parameters_of(table, part.head(1))["omega"])[0])
+        parameters = {name: part[name].iloc[0] for name in varied}
+        records.append({"row": int(str(row)), **parameters, **_wave(part, N, chain_of(table, part), omega)})
+    return pd.DataFrame(records)
 
 
-def _wave(row: int, part: pd.DataFrame, N: int, chain: Chain, omega: float) -> dict[str, object]:
+def _wave(part: pd.DataFrame, N: int, chain: Chain, omega: float) -> dict[str, object]:
+    """The measured wave of one row, and the theory's wavelength and speeds, as `waves` returns them."""
     swings, psi = passages(part, N), relative_phases(part, N)
     branch, distance = nearest_set(N, chain, psi)
-    inside = links_of_wave(N, branch)
-    lags = np.minimum(swings.leads, swings.period - swings.leads)[inside - 1]
+    lags = np.minimum(swings.leads, swings.period - swings.leads)[links_of_wave(N, branch) - 1]
     # eqs. (27), (28) are of equal inner legs; with a profile each pair has a lag of its own
-    nothing = Speeds(jnp.asarray(jnp.nan), jnp.asarray(jnp.nan))
-    speeds = nothing if chain.has_profile else wave_speed(omega, chain)
+    without = Speeds(jnp.asarray(jnp.nan), jnp.asarray(jnp.nan))
+    speeds = without if chain.has_profile else wave_speed(omega, chain)
     printed = np.nan if chain.has_profile else float(wavelength(chain))
     return {
-        "row": row,
         "gait": GAITS[gait_of(branch)],
         "k": branch.k if branch.kind != "direct" else 0,
         "distance": distance,
@@ -101,8 +98,8 @@ def _wave(row: int, part: pd.DataFrame, N: int, chain: Chain, omega: float) -> d
 
 def links_of_wave(N: int, branch: Branch) -> np.ndarray:
     """The links whose lag is that of the wave: not the free one, nor link k of set A, which moves with it."""
-    out = {free_link(N, branch)} | ({branch.k} if branch.kind == "A" else set())
-    return np.array([link for link in range(1, N + 1) if link not in out])
+    others = {free_link(N, branch)} | ({branch.k} if branch.kind == "A" else set())
+    return np.array([link for link in range(1, N + 1) if link not in others])
 
 
 def passages(part: pd.DataFrame, N: int) -> Passages:
@@ -116,17 +113,17 @@ def passages(part: pd.DataFrame, N: int) -> Passages:
         AnalysisError: a leg passes the middle of stance fewer than three times.
     """
     t = part["t"].to_numpy(float)
-    times = [_times(t, part[f"phase_{leg}"].to_numpy(float)) for leg in range(1, N + 2)]
-    if min(map(len, times)) < 3:
+    of_legs = [_times_of_mid_stance(t, part[f"phase_{leg}"].to_numpy(float)) for leg in range(1, N + 2)]
+    if min(map(len, of_legs)) < 3:
         raise AnalysisError("A wave needs at least two cycles: use a longer duration of the trace.")
-    period = float(np.mean([passed[-1] - passed[-3] for passed in times])) / 2.0
-    last = np.array([passed[-1] for passed in times])
+    period = float(np.mean([times[-1] - times[-3] for times in of_legs])) / 2.0
+    last = np.array([times[-1] for times in of_legs])
     return Passages(period, np.mod(last[:-1] - last[1:], period))
 
 
-def _times(t: np.ndarray, phase: np.ndarray) -> np.ndarray:
-    """The times at which a phase (rad, any turns) passes `PASSED`."""
-    # samples between which the phase wraps are far from PASSED
-    before = np.flatnonzero((phase[:-1] < PASSED) & (phase[1:] >= PASSED) & (np.diff(phase) < 1.0))
-    share = (PASSED - phase[before]) / (phase[before + 1] - phase[before])
+def _times_of_mid_stance(t: np.ndarray, phase: np.ndarray) -> np.ndarray:
+    """The times at which a phase (rad, any turns) passes `MID_STANCE`."""
+    # the phase wraps far from MID_STANCE
+    before = np.flatnonzero((phase[:-1] < MID_STANCE) & (phase[1:] >= MID_STANCE) & (np.diff(phase) < 1.0))
+    share = (MID_STANCE - phase[before]) / (phase[before + 1] - phase[before])
     return t[before] + share * (t[before + 1] - t[before])

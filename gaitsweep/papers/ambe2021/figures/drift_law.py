@@ -23,6 +23,7 @@ from gaitsweep.plot import (
     column,
     figure_kind,
     outcome,
+    require_columns,
     rows_where,
     theme,
     word,
@@ -73,8 +74,7 @@ def drift_law(
     """
     if of not in APART:
         raise PlotError(f"of is {of}, but must be one of {', '.join(APART)}.")
-    for name in ("cycles", hue):
-        column(table, name)
+    require_columns(table, "cycles", hue)
     ends = [column(table, name) for pair in _columns(table, of) for name in pair]
     settled = rows_where(table, ~outcome(table, hue).isin([Outcome.NOT_SETTLED, Outcome.FAILED, "none"]))
     with theme.canvas(theme.COLUMN + 0.9, 3.1, title) as figure:
@@ -89,21 +89,15 @@ def drift_law(
         colour, marker = theme.colours(names), theme.markers(names)
         for name in names:
             points = pairs[pairs[hue] == name]
-            look = {"color": colour[name], "marker": marker[name], "s": 16, "linewidths": 0.8}
-            axes.scatter(
-                points["apart"],
-                points["max"],
-                label=f"{theme.named(name)}: most cycles",
-                **look,
-            )
-            axes.scatter(
-                points["apart"], points["median"], facecolors="none", label=f"{theme.named(name)}: median",
-                **{**look, "color": None, "edgecolors": colour[name]},
-            )  # fmt: skip
+            for field, words, tint in (
+                ("max", "most cycles", {"color": colour[name]}),
+                ("median", "median", {"facecolors": "none", "edgecolors": colour[name]}),
+            ):
+                look: dict[str, Any] = {"marker": marker[name], "s": 16, "linewidths": 0.8, **tint}
+                axes.scatter(points["apart"], points[field], label=f"{theme.named(name)}: {words}", **look)
         law = pairs.groupby("apart")["law"].first().sort_index()
-        axes.plot(
-            law.index, law, color="black", lw=0.9, label="law: drift along all of the line, eqs. (30)-(32)"
-        )
+        label = "law: drift along all of the line, eqs. (30)-(32)"
+        axes.plot(law.index, law, color="black", lw=0.9, label=label)
         for axis, scale in ((axes.xaxis, axes.set_xscale), (axes.yaxis, axes.set_yscale)):
             scale("log")
             _ticks(axis)

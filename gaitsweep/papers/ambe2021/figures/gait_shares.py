@@ -31,10 +31,10 @@ from gaitsweep.plot import (
     Title,
     axis_label,
     cell_grid,
-    column,
     described,
     figure_kind,
     log_axes,
+    require_columns,
     theme,
 )
 
@@ -84,14 +84,12 @@ def gait_shares(
     Raises:
         PlotError: the table does not have a column.
     """
-    for name in (x, y):
-        if name is not None:
-            column(table, name)
+    require_columns(table, x, y)
     if y is None:
         return _curves(table, x, title)
     down, across = theme.shape(len(_SHARES), theme.PAGE, 1.4)
     with theme.canvas(theme.PAGE, 1.9 * down + 0.8, title) as figure:
-        panels = theme.panels(figure, len(_SHARES), down, across, sharex=True, sharey=True)
+        panels = theme.panels(figure, (down, across), len(_SHARES), sharex=True, sharey=True)
         if not len(table):
             for axes in panels:
                 theme.message(axes, "no rows yet")
@@ -128,6 +126,7 @@ def _map(axes: Axes, shares: pd.DataFrame, table: pd.DataFrame, x: str, y: str, 
 
 
 def _curves(table: pd.DataFrame, x: str, title: str | None) -> Figure:
+    """The curves over x, with intervals and limits."""
     with theme.canvas(theme.COLUMN + 0.9, 3.1, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))
@@ -191,7 +190,7 @@ def _exact(axes: Axes, table: pd.DataFrame, x: str, y: str | None, gait: str) ->
     above = [(max(limits[0], 1e-3 * limits[1]), limits[1]) for limits in (low, high)]
     along = _along(above[0], 241 if y is None else 161, axes.get_xscale())
     up = _along(above[1], 161, axes.get_yscale()) if y else np.zeros(1)
-    grid = np.stack([each.ravel() for each in np.meshgrid(along, up)], axis=1)
+    grid = np.stack([places.ravel() for places in np.meshgrid(along, up)], axis=1)
     sets = pd.DataFrame(grid[:, : 2 if y else 1], columns=[x, y] if y else [x])
     L = np.broadcast_to(parameters_of(table, sets)["L"], (len(sets),))
     exists = existence(springs_of(table), chains_of(table, sets), L)[gait].reshape(len(up), len(along))
@@ -203,7 +202,7 @@ def _exact(axes: Axes, table: pd.DataFrame, x: str, y: str | None, gait: str) ->
         drawn = [float(np.asarray(line.get_xdata(), float)[0]) for line in axes.get_lines()]
         for turn in np.flatnonzero(np.diff(exists[0].astype(int))):
             at, step = 0.5 * (along[turn] + along[turn + 1]), along[turn + 1] - along[turn]
-            if min(abs(at - each) for each in drawn) > step:  # not drawn twice for two gaits or conditions
+            if min(abs(at - line) for line in drawn) > step:  # not drawn twice for two gaits or conditions
                 axes.axvline(at, zorder=0, **_EXACT)
     axes.set_xlim(low)
     axes.set_ylim(high)

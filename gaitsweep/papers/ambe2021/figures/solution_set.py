@@ -73,9 +73,8 @@ def solution_set(
     column(table, hue)
     for name, place in points.items():
         if len(place) != 3:
-            raise PlotError(
-                f"Point {name} has {len(place)} numbers, but must have one for each of the three axes."
-            )
+            text = f"has {len(place)} numbers, but must have one for each of the three axes."
+            raise PlotError(f"Point {name} {text}")
     shown = outcome(table, hue)
     lines, remark = _theory(table, list(axes)) if theory else (np.zeros((0, 2, 3)), None)
     with theme.canvas(theme.PAGE, 4.3, title) as figure:
@@ -96,12 +95,10 @@ def solution_set(
 
 
 def _panels(figure: Figure) -> tuple[Any, Planes]:
-    if theme.shape(2, theme.PAGE, 2.5) == (1, 2):
-        grid = figure.add_gridspec(2, 2, width_ratios=(1.45, 1.0))
-        places = grid[:, 0], grid[0, 1], grid[1, 1]
-    else:
-        grid = figure.add_gridspec(2, 2, height_ratios=(1.45, 1.0))
-        places = grid[0, :], grid[1, 0], grid[1, 1]
+    """The axes in space beside those of the projections, or above them in a narrow figure."""
+    wide = theme.shape(2, theme.PAGE, 2.5) == (1, 2)
+    grid = figure.add_gridspec(2, 2, **{"width_ratios" if wide else "height_ratios": (1.45, 1.0)})
+    places = (grid[:, 0], grid[0, 1], grid[1, 1]) if wide else (grid[0, :], grid[1, 0], grid[1, 1])
     space: Any = figure.add_subplot(places[0], projection="3d")
     space.view_init(elev=22.0, azim=-58.0)
     space.set_box_aspect((1, 1, 0.95), zoom=0.95)  # pyright: ignore
@@ -117,14 +114,15 @@ def _scatter(
     colour, marker = theme.colours(order), theme.markers(order)
     places = [np.zeros((0, 3))]
     for name in order:
-        mine = rows_where(table, shown == name)
-        if name in (Outcome.NOT_SETTLED, Outcome.FAILED) or not len(mine):
+        rows = rows_where(table, shown == name)
+        if name in (Outcome.NOT_SETTLED, Outcome.FAILED) or not len(rows):
             continue
-        place = mine[names].to_numpy(float)
-        place = np.where([is_angle(table, each) for each in names], np.mod(place, 2 * np.pi), place)
+        place = rows[names].to_numpy(float)
+        circular = [is_angle(table, observable) for observable in names]
+        place = np.where(circular, np.mod(place, 2 * np.pi), place)
         width = 0.8 if marker[name] == "x" else 0
         look = {"color": colour[name], "marker": marker[name], "linewidths": width, "clip_on": False}
-        size = float(np.clip(3e3 / len(mine), 9.0, 16.0))  # larger than the width of the lines over them
+        size = float(np.clip(3e3 / len(rows), 9.0, 16.0))  # larger than the width of the lines over them
         space.scatter(*place.T, s=size, depthshade=False, **look)
         for plane, pair in planes:
             plane.scatter(*place[:, pair].T, s=size, rasterized=True, **look)
@@ -141,10 +139,7 @@ def _mark(points: Mapping[str, Sequence[float]], drawn: np.ndarray, space: Any, 
         plane.scatter(*places[:, pair].T, **ring)
     space.get_figure(root=True).draw_without_rendering()  # places the panels
     to_page = space.get_proj()
-    flat = [
-        np.stack(proj3d.proj_transform(each[:, 0], each[:, 1], each[:, 2], to_page)[:2], axis=1)
-        for each in (places, drawn)
-    ]
+    flat = [np.stack(proj3d.proj_transform(*s.T, M=to_page)[:2], axis=1) for s in (places, drawn)]
     _name(space, list(points), *flat)
     for plane, pair in planes:
         _name(plane, list(points), places[:, pair], drawn[:, pair])
@@ -155,15 +150,16 @@ def _name(axes: Any, names: Sequence[str], places: np.ndarray, drawn: np.ndarray
     text = {"fontsize": theme.points(9), "fontweight": "bold", "ha": "center", "va": "center", "zorder": 9}
     turns = np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
     sides = _AWAY * np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    taken = axes.transData.transform(np.concatenate([places, drawn])) * 72 / axes.figure.dpi
-    for name, place, point in zip(names, places, taken[: len(places)], strict=True):
-        room = np.linalg.norm((point + sides)[:, None] - taken, axis=2).min(axis=1)
+    occupied = axes.transData.transform(np.concatenate([places, drawn])) * 72 / axes.figure.dpi
+    for name, place, point in zip(names, places, occupied[: len(places)], strict=True):
+        room = np.linalg.norm((point + sides)[:, None] - occupied, axis=2).min(axis=1)
         side = sides[int(np.argmax(room.round()))]
         axes.annotate(name, place, side, textcoords="offset points", **text)
-        taken = np.concatenate([taken, [point + side]])
+        occupied = np.concatenate([occupied, [point + side]])
 
 
 def _label(table: pd.DataFrame, names: list[str], space: Any, planes: Planes) -> None:
+    """Label the axes of all panels, with ticks of angles in multiples of pi."""
     labels = [axis_label(table, name) for name in names]
     for which, name, label in zip("xyz", names, labels, strict=True):
         getattr(space, f"set_{which}label")(label, labelpad=-2)
@@ -182,13 +178,13 @@ def _label(table: pd.DataFrame, names: list[str], space: Any, planes: Planes) ->
 def _legend(
     figure: Figure, table: pd.DataFrame, hue: str, shown: pd.Series, theory: str | None, remark: str | None
 ) -> None:
+    """The legend: each outcome with its rows, the analytic solutions, or the `remark` why there are none."""
     order = theme.ordered(in_order(table, hue, shown))
     colour, marker = theme.colours(order), theme.markers(order)
     handles = []
     for name in order:
         face = "none" if name in (Outcome.NOT_SETTLED, Outcome.FAILED) else colour[name]
-        count = int((shown == name).sum())
-        label = theme.named(name)
+        label, count = theme.named(name), int((shown == name).sum())
         label = f"{label} ({count})" if face != "none" else f"{label}: {count}, not shown"
         handles.append(Line2D([], [], ls="", marker=marker[name], color=face, label=label, ms=5))
     if theory:

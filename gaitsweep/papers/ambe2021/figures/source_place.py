@@ -20,16 +20,13 @@ from gaitsweep.plot import (
     Title,
     axis_label,
     cell_edges,
-    column,
     figure_kind,
     hatch_cells,
+    require_columns,
     theme,
 )
 
-_SHOWN = {
-    "source": ("Blues", "source at this leg"),
-    "meeting": ("Oranges", "waves meet there (hatched)"),
-}
+_SHOWN = {"source": ("Blues", "source at this leg"), "meeting": ("Oranges", "waves meet there (hatched)")}
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
@@ -37,10 +34,8 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         yield figure.needs(table, "the multi-legged chain's psi_1")
     for place, name in enumerate(figure.x):
         if name not in table.varied:
-            yield (
-                ("x", place),
-                f"is {name}, which does not vary in this job. {near_miss.allowing(table.varied)}",
-            )
+            allowed = near_miss.allowing(table.varied)
+            yield ("x", place), f"is {name}, which does not vary in this job. {allowed}"
 
 
 @figure_kind("settle", check=_check, colours_gaits=False)
@@ -63,11 +58,10 @@ def source_place(
     """
     if not x:
         raise PlotError("x is empty: name a profile that varies, such as m_slope.")
-    for name in x:
-        column(table, name)
+    require_columns(table, *x)
     down, across = theme.shape(len(x), theme.PAGE, 1.4)
     with theme.canvas(theme.PAGE, 3.3 * down, title) as figure:
-        panels = theme.panels(figure, len(x), down, across, sharey=True)
+        panels = theme.panels(figure, (down, across), len(x), sharey=True)
         for axes in panels[::across]:
             axes.set_ylabel("leg, 1 at the head")
         if not len(table):
@@ -87,9 +81,10 @@ def source_place(
                 theme.message(axes, "No row has 0 for the other profiles.")
         panels[0].set_yticks([*range(1, legs + 1), legs + 2], [*map(str, range(1, legs + 1)), "neither"])
         panels[0].set_ylim(legs + 2.5, 0.5)
+        cells = list(figure.axes)  # before those of colour bars
         for mesh, label in drawn.values():
             side: dict[str, Any] = {"pad": 0.01} if across == len(x) else {"location": "bottom"}
-            figure.colorbar(mesh, ax=panels, label=f"share: {label}", shrink=0.9, **side)
+            figure.colorbar(mesh, ax=cells, label=f"share: {label}", shrink=0.9, **side)
     return figure
 
 

@@ -38,9 +38,7 @@ _TOUCHING, _FRONT, _REAR = "#000000", "#E69F00", "#0072B2"
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     N = getattr(table.model, "N", None)
-    if N is None or (
-        table.missing(["psi_1_end"]) and table.missing(["psi_1_n"]) and table.missing(["phase_1"])
-    ):
+    if N is None or not {"psi_1_end", "psi_1_n", "phase_1"} & set(table.columns):
         yield figure.needs(table, "the multi-legged chain's psi_1 or phase_1")
     elif figure.k is not None and not 2 <= figure.k <= N:
         yield ("k",), f"is {figure.k}, but a chain of {N + 1} legs has source waves of k = 2 to {N}."
@@ -72,10 +70,8 @@ def chain_theory(
     """
     N = springs_of(table)
     if N < 2:
-        raise PlotError(
-            "The theory needs a table of the multi-legged chain with the columns psi_1_end, ... or "
-            "phase_1, ..."
-        )
+        columns = "the columns psi_1_end, ... or phase_1, ..."
+        raise PlotError(f"The theory needs a table of the multi-legged chain with {columns}")
     return theory_figure(N, chain_of(table), show=show, k=k, at=at, title=title)
 
 
@@ -110,24 +106,23 @@ def _touchdowns(N: int, chain: Chain, k: int, at: float, title: str | None) -> F
     theta = np.asarray(jax.vmap(lambda s: places(rule, s))(jnp.asarray(free)))
     down, across = theme.shape(len(legs), theme.PAGE, 2.0)
     with theme.canvas(theme.PAGE, 1.9 * down + 0.8, title) as figure:
-        row = theme.panels(figure, len(legs), down, across, sharey=True)
-        for axes, (leg, text) in zip(row, legs, strict=True):
+        panels = theme.panels(figure, (down, across), len(legs), sharey=True)
+        for axes, (leg, text) in zip(panels, legs, strict=True):
             _segments(axes, chain)
             phi = circle - np.mod(theta[:, leg - 1 : leg] - theta + 1e-12, circle)
             for neighbour, colour, marker in ((leg - 2, _FRONT, "<"), (leg, _REAR, ">")):
                 ends = np.array([phi[:, neighbour].min(), phi[:, neighbour].max()])
                 if np.ptp(ends) > 1e-6:
                     along = np.linspace(ends[0], ends[1], 200)
-                    axes.plot(
-                        along, leg_length(along, chain), color=colour, lw=5, alpha=0.55, solid_capstyle="butt"
-                    )
+                    look: dict[str, Any] = {"lw": 5, "alpha": 0.55, "solid_capstyle": "butt"}
+                    axes.plot(along, leg_length(along, chain), color=colour, **look)
                 else:
                     axes.plot(ends[:1], leg_length(ends[:1], chain), marker, color=colour, ms=8, zorder=4)
             axes.plot([circle], leg_length(np.array([circle]), chain), "o", color=_TOUCHING, ms=7, zorder=5)
             axes.set_title(f"touchdown of leg {leg}:\n{text}", loc="left")
             axes.set_xlabel("phase (rad)")
             theme.angle_axis(axes, "x")
-        for axes in row[::across]:
+        for axes in panels[::across]:
             axes.set_ylabel("leg length less L (m)")
         handles = [
             Line2D([], [], ls="", marker="o", color=_TOUCHING, label="leg that touches down"),
@@ -245,12 +240,8 @@ def _free_phase(N: int, chain: Chain, k: int, at: float, title: str | None) -> F
 def _mark(axes: Any, value: float, text: str, height: float) -> None:
     """A vertical line with its name beside it."""
     axes.axvline(value, color="#AAAAAA", lw=0.7, ls="--", zorder=0)
-    look = {
-        "xycoords": ("data", "axes fraction"),
-        "textcoords": "offset points",
-        "fontsize": theme.points(7.5),
-    }
-    axes.annotate(text, (value, height), (5, 0), **look)
+    look = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+    axes.annotate(text, (value, height), (5, 0), fontsize=theme.points(7.5), **look)
 
 
 def _sets(N: int, chain: Chain, k: int, at: float, title: str | None) -> Figure:
@@ -295,8 +286,7 @@ def _sets(N: int, chain: Chain, k: int, at: float, title: str | None) -> Figure:
                     for gait in ("direct", "source", "retrograde")]  # fmt: skip
         handles.append(Patch(color="#777777", alpha=0.6, label="darker: sets A"))
         if jumped:
-            handles.append(
-                Line2D([], [], color="#D55E00", ls=":", label="a leg passes leg 1: jump by $m_Bb$")
-            )
+            label = "a leg passes leg 1: jump by $m_Bb$"
+            handles.append(Line2D([], [], color="#D55E00", ls=":", label=label))
         theme.legend(figure, handles, ncols=5)
     return figure

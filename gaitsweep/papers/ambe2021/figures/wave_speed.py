@@ -55,13 +55,12 @@ def wave_speed(
     """
     column(table, x)
     try:
-        found = waves(table)
+        measured = waves(table)
     except AnalysisError as error:
         raise PlotError(str(error)) from error
-    given = {row: np.asarray(part[x])[0] for row, part in table.groupby("row")}
-    found[x] = [given[row] for row in found["row"]]
-    theory = found.sort_values(by=x).drop_duplicates(x)
-    names = [gait for gait in extension.gait_styles if gait in set(found["gait"])]
+    measured[x] = table.groupby("row")[x].first().loc[measured["row"]].to_numpy()
+    theory = measured.sort_values(by=x).drop_duplicates(x)
+    names = [gait for gait in extension.gait_styles if gait in set(measured["gait"])]
     colour, marker = theme.colours(names), theme.markers(names)
     down, across = theme.shape(2, theme.PAGE, 2.5)
     with theme.canvas(theme.PAGE, 2.9 * down, title) as figure:
@@ -70,10 +69,10 @@ def wave_speed(
             for curve, (text, line) in curves.items():
                 axes.plot(theory[x], theory[curve], line, color="black", lw=0.9, label=text)
             for gait in names:
-                mine = found[np.asarray(found["gait"] == gait)]
+                rows = measured[np.asarray(measured["gait"] == gait)]
                 look = {"s": 30, "linewidths": 1.2, "zorder": 4, "label": f"simulated: {theme.named(gait)}"}
                 open_ring = {"facecolors": "none", "edgecolors": colour[gait], "marker": marker[gait]}
-                axes.scatter(mine[x], mine[name], **look, **open_ring)
+                axes.scatter(rows[x], rows[name], **look, **open_ring)
             axes.set_xlabel(described(table, x))
             axes.set_ylabel(label)
             axes.set_ylim(bottom=0)

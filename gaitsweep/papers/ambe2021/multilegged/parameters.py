@@ -46,7 +46,8 @@ PARAMETERS = (
     ),
 )
 
-_WHAT = {
+# Unit, meaning and symbol of the quantities that may differ among the inner legs.
+_PROFILED = {
     "m": ("kg", "mass of leg {i}'s segment", "m"),
     "kappa": ("N/m", "spring between legs {i} and {next}", r"\kappa"),
     "a": ("m", "amplitude of leg {i}'s shortening", "a"),
@@ -55,7 +56,7 @@ _SHAPES = {
     "slope": "gradient of the inner {things}: relative change from the chain's middle to its tail",
     "bend": "bump of the inner {things}: relative change of the middle, none at the ends",
 }
-_THINGS = {"m": "masses", "kappa": "springs", "a": "amplitudes"}
+_PLURALS = {"m": "masses", "kappa": "springs", "a": "amplitudes"}
 _SOURCE = "beyond the paper; its sec. 4.3"
 
 
@@ -68,41 +69,27 @@ def profile_parameters(N: int) -> tuple[Quantity, ...]:
         N: springs; there are N + 1 legs, of which 2 .. N are inner ones.
     """
     shapes = [
-        Quantity(
-            f"{name}_{shape}",
-            "1",
-            meaning.format(things=_THINGS[name]),
-            0.0,
-            symbol=rf"{symbol}_{{\rm {shape}}}",
-            source=_SOURCE,
-        )
-        for name, (_, _, symbol) in _WHAT.items()
+        Quantity(f"{name}_{shape}", "1", meaning.format(things=_PLURALS[name]), 0.0,
+                 symbol=rf"{symbol}_{{\rm {shape}}}", source=_SOURCE)
+        for name, (_, _, symbol) in _PROFILED.items()
         for shape, meaning in _SHAPES.items()
-    ]
+    ]  # fmt: skip
     values = [
-        Quantity(
-            f"{name}_{i}",
-            unit,
-            meaning.format(i=i, next=i + 1),
-            _shaped(name, place),
-            low=0.0,
-            open_ends=True,
-            symbol=rf"{symbol}_{{{i}}}",
-            source=_SOURCE,
-        )
-        for name, (unit, meaning, symbol) in _WHAT.items()
-        for i, place in _places(name, N).items()
-    ]
+        _positive(f"{name}_{i}", unit, meaning.format(i=i, next=i + 1), _profile_formula(name, place),
+                  rf"{symbol}_{{{i}}}", _SOURCE)
+        for name, (unit, meaning, symbol) in _PROFILED.items()
+        for i, place in _places_along_chain(name, N).items()
+    ]  # fmt: skip
     return (*shapes, *values)
 
 
-def _places(name: str, N: int) -> dict[int, Fraction]:
-    """X of each inner leg, 2 .. N, or of the middle of each inner spring, 2 .. N - 1."""
+def _places_along_chain(name: str, N: int) -> dict[int, Fraction]:
+    """The place x, -1 to 1, of each inner leg, 2 .. N, or of the middle of each inner spring, 2 .. N - 1."""
     if name == "kappa":
         return {i: Fraction(2 * i - 1, N) - 1 for i in range(2, N)}
     return {i: Fraction(2 * (i - 1), N) - 1 for i in range(2, N + 1)}
 
 
-def _shaped(name: str, place: Fraction) -> str:
+def _profile_formula(name: str, place: Fraction) -> str:
     """The default as a formula; with slope and bend 0 it is the very number of `name`."""
     return f"{name}*(1 + ({place})*{name}_slope + ({1 - place**2})*{name}_bend)"

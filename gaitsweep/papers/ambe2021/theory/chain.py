@@ -120,19 +120,6 @@ def _or(value: Scalar | None, otherwise: Scalar) -> Scalar:
     return otherwise if value is None else value
 
 
-def own_resets(N: int, chain: Chain) -> jax.Array:
-    """D of each leg with all its neighbours in stance, rad, shape (N+1,).
-
-    It is (1 - beta) pi m_i g / (a_i sum of kappa_j), which is eq. (31) for the first leg and eq. (32) for the
-    last one. The leg with the largest one sets the pace of the chain, as the heavier end does. The gaits of
-    the theory are those in which an end does.
-    """
-    k, nothing = springs(N, chain), jnp.zeros(1)
-    both = jnp.concatenate([nothing, k]) + jnp.concatenate([k, nothing])
-    own = (1.0 - chain.beta) * jnp.pi * chain.g * masses(N, chain) / (amplitudes(N, chain) * both)
-    return jnp.asarray(own)
-
-
 def reset(chain: Chain) -> jax.Array:
     """D of every leg along a solution, rad, the paper's m_B b: the larger D of the two ends.
 

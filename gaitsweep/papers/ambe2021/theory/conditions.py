@@ -53,10 +53,10 @@ def wave_conditions(N: int, chain: Chain, L: Scalar = 1.0) -> tuple[Conditions, 
     Source: sec. 2.1 of the paper for uniform chains; eq. (12) with the load of a leg in takeoff for others.
     """
     front, rear = _touchdowns(N, chain)
-    common = _common(chain, jnp.max(amplitudes(N, chain)) / L)
-    ends = _ends(N, chain)
-    direct = Conditions(jnp.minimum(jnp.min(front.takeoff), ends[1]), jnp.min(front.load), *common)
-    retrograde = Conditions(jnp.minimum(jnp.min(rear.takeoff), ends[0]), jnp.min(rear.load), *common)
+    shared = _landing_and_length(chain, jnp.max(amplitudes(N, chain)) / L)
+    ends = _takeoff_beside_ends(N, chain)
+    direct = Conditions(jnp.minimum(jnp.min(front.takeoff), ends[1]), jnp.min(front.load), *shared)
+    retrograde = Conditions(jnp.minimum(jnp.min(rear.takeoff), ends[0]), jnp.min(rear.load), *shared)
     return direct, retrograde
 
 
@@ -73,7 +73,9 @@ def source_conditions(N: int, chain: Chain, k: int, L: Scalar = 1.0) -> Conditio
     front, rear = _touchdowns(N, chain)
     takeoff = jnp.concatenate([front.takeoff[: k - 2], rear.takeoff[k - 2 :]])
     load = jnp.concatenate([front.load[: k - 2], rear.load[k - 2 :]])
-    return Conditions(jnp.min(takeoff), jnp.min(load), *_common(chain, jnp.max(amplitudes(N, chain)) / L))
+    return Conditions(
+        jnp.min(takeoff), jnp.min(load), *_landing_and_length(chain, jnp.max(amplitudes(N, chain)) / L)
+    )
 
 
 class _Touchdowns(NamedTuple):
@@ -84,31 +86,33 @@ class _Touchdowns(NamedTuple):
 
 
 def _segment(chain: Chain) -> jax.Array:
+    """The phase, rad, that takeoff and landing take each."""
     return jnp.asarray((1.0 - chain.beta) * jnp.pi)
 
 
-def _common(chain: Chain, shortening: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _landing_and_length(chain: Chain, shortening: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """The margins `landing` and `length`, the same for all waves; `shortening` is the largest a / L."""
     return 1.0 - reset(chain) / _segment(chain), 1.0 - shortening
 
 
-def _ends(N: int, chain: Chain) -> tuple[jax.Array, jax.Array]:
+def _takeoff_beside_ends(N: int, chain: Chain) -> tuple[jax.Array, jax.Array]:
     """The remaining share of takeoff of the neighbours of both ends, at the touchdowns of these."""
-    into = takeoffs(N, chain)
-    return 1.0 - into.first / _segment(chain), 1.0 - into.last / _segment(chain)
+    since_takeoff = takeoffs(N, chain)
+    return 1.0 - since_takeoff.first / _segment(chain), 1.0 - since_takeoff.last / _segment(chain)
 
 
 def _touchdowns(N: int, chain: Chain) -> tuple[_Touchdowns, _Touchdowns]:
     """The margins with the neighbour towards the head in takeoff, and with that towards the tail."""
     k, a, D, segment = springs(N, chain), amplitudes(N, chain), reset(chain), _segment(chain)
-    into = takeoffs(N, chain)
+    since_takeoff = takeoffs(N, chain)
     weights = segment * masses(N, chain) * chain.g
-    inner = jnp.mean(jnp.asarray(chain.m))
-    ways = []
-    for t, way in ((into.front, 1), (into.rear, -1)):
+    inner_mass = jnp.mean(jnp.asarray(chain.m))
+    margins = []
+    for t, order in ((since_takeoff.front, 1), (since_takeoff.rear, -1)):
         takeoff = jnp.minimum(t, segment - t) / segment
-        load = _loads(t[::way], k[::way], a[::way], weights[::way], D, 2.0 * segment - D)
-        ways.append(_Touchdowns(takeoff, load[::way] / (segment * inner * chain.g)))
-    return ways[0], ways[1]
+        load = _loads(t[::order], k[::order], a[::order], weights[::order], D, 2.0 * segment - D)
+        margins.append(_Touchdowns(takeoff, load[::order] / (segment * inner_mass * chain.g)))
+    return margins[0], margins[1]
 
 
 def _loads(
@@ -119,8 +123,8 @@ def _loads(
     Lengths are in units of the derivative of leg length by phase: leg i is shorter by a_i D, its neighbour by
     a_j t. Leg 1 has no further neighbour; any other further neighbour lags by psi_B less its own t.
     """
-    nothing = jnp.zeros_like(k[:1])
-    short, touching = a[:-2] * t, a[1:-1] * D
-    beyond = jnp.concatenate([nothing, a[:-3] * jnp.maximum(t[1:] + t[:-1] - psi_B, 0.0)])
-    spring = jnp.concatenate([nothing, k[:-2]])
-    return weights[:-2] - spring * (short - beyond) - k[:-1] * (short - touching)
+    zero = jnp.zeros_like(k[:1])
+    shortened, landed = a[:-2] * t, a[1:-1] * D
+    beyond = jnp.concatenate([zero, a[:-3] * jnp.maximum(t[1:] + t[:-1] - psi_B, 0.0)])
+    spring = jnp.concatenate([zero, k[:-2]])
+    return weights[:-2] - spring * (shortened - beyond) - k[:-1] * (shortened - landed)

@@ -29,21 +29,21 @@ def scaled_mjcf(values: Mapping[str, float]) -> str:
     Args:
         values: `front_length`, `rear_width`, `link_length`, `front_hip_x` and so on, m, among others.
     """
-    of = sizes_of(values)
-    moved, centre = displacements(of, np.array)
-    _, sizes = factors(of, np.array)
+    sizes = sizes_of(values)
+    moved_by_body, centre = displacements(sizes, np.array)
+    _, factor_by_body = factors(sizes, np.array)
     root = ElementTree.fromstring(mjcf())
-    link = np.full(3, sizes["upper_1"])
+    link_factor = np.full(3, factor_by_body["upper_1"])
     for geom in root.findall("default//geom[@fromto]"):
-        _edit(geom, "fromto", lambda at: at * np.tile(link, 2))
+        _edit(geom, "fromto", lambda at: at * np.tile(link_factor, 2))
     for body in root.iter("body"):
-        factor = sizes.get(str(body.get("name")), link) * np.ones(3)
+        body_factor = factor_by_body.get(str(body.get("name")), link_factor) * np.ones(3)
         for part in body:
             if part.get("pos"):
-                _edit(part, "pos", lambda at, by=factor: at * by)
+                _edit(part, "pos", lambda at, by=body_factor: at * by)
             if part.get("type") == "box":
-                _edit(part, "size", lambda at, by=factor: at * by)
-        if (by := moved.get(str(body.get("name")))) is not None:
+                _edit(part, "size", lambda at, by=body_factor: at * by)
+        if (by := moved_by_body.get(str(body.get("name")))) is not None:
             _edit(body, "pos", lambda at, by=by: at + by)
         if body.get("name") == "rear":
             for part in (*body.findall("inertial"), *body.findall("geom")):
@@ -52,6 +52,7 @@ def scaled_mjcf(values: Mapping[str, float]) -> str:
 
 
 def _edit(element: ElementTree.Element, key: str, change: Callable[[np.ndarray], np.ndarray]) -> None:
+    """Replace the numbers of an attribute, without rounding."""
     numbers = change(np.array(element.attrib[key].split(), float))
     element.set(key, " ".join(repr(float(number)) for number in numbers))
 

@@ -56,24 +56,24 @@ class FootPath:
             landing: desired x and z at the last landing (LP), m.
         """
         standing, swinging = segment == STANCE, (segment == EARLY) | (segment == LATE)
-        turn, done = TWO_PI * (phi / self.phi_AEP), self.done(phi)
+        turn, progress = TWO_PI * (phi / self.phi_AEP), self.progress(phi)
         # one angle serves both curves, since a limb follows one of them
-        whole = self.swing in ("cycloid", "two_cycloids")
-        swung = turn if whole else 0.5 * turn
+        cycloids = self.swing in ("cycloid", "two_cycloids")
+        swung = turn if cycloids else 0.5 * turn
         if self.swing == "ellipse":
             swung = swung - 0.5 * (self.swing_ease - 1.0) * jnp.sin(turn)
-        angle = jnp.where(swinging, swung, jnp.pi * done)
+        angle = jnp.where(swinging, swung, jnp.pi * progress)
         sine, cosine = jnp.sin(angle), jnp.cos(angle)
         # both lines end at the PEP: one begins at the landing point, the other at the AEP and dips
-        from_x = jnp.where(standing, landing[0], self.PEP + self.D)
-        from_z = jnp.where(standing, landing[1], -self.H)
-        x, z = self.line(from_x, from_z, done)
+        line_x = jnp.where(standing, landing[0], self.PEP + self.D)
+        line_z = jnp.where(standing, landing[1], -self.H)
+        x, z = self.line(line_x, line_z, progress)
         z = z - jnp.where(standing, 0.0, self.dip * sine)
         if self.swing == "ellipse":
             around = jnp.where(swinging, -cosine, cosine)
             x = jnp.where(standing, x, self.x_c + 0.5 * self.D * around)
             return x, jnp.where(swinging, self.h * sine - self.H, z)
-        ease = self.swing_ease * (sine if whole else 2.0 * sine * cosine)
+        ease = self.swing_ease * (sine if cycloids else 2.0 * sine * cosine)
         x = jnp.where(swinging, self.PEP + self.D * (turn - ease) / TWO_PI, x)
         return x, jnp.where(swinging, self._rise(turn, sine, cosine) - self.H, z)
 
@@ -86,10 +86,10 @@ class FootPath:
         climbed = self.h * (turn - sine * cosine) / jnp.pi  # as if the first cycloid went on
         return self.h - jnp.abs(climbed - self.h)
 
-    def done(self, phi: jax.Array) -> jax.Array:
+    def progress(self, phi: jax.Array) -> jax.Array:
         """Progress from the phase of the AEP to the end of the cycle, 0 to 1."""
         return (phi - self.phi_AEP) / (TWO_PI - self.phi_AEP)
 
-    def line(self, x: jax.Array, z: jax.Array, done: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def line(self, x: jax.Array, z: jax.Array, progress: jax.Array) -> tuple[jax.Array, jax.Array]:
         """The point on the line from (x, z) to the PEP at the progress `done`, 0 to 1."""
-        return x + (self.PEP - x) * done, z + (-self.H - z) * done
+        return x + (self.PEP - x) * progress, z + (-self.H - z) * progress

@@ -13,8 +13,14 @@ from jaxtyping import Float
 
 from gaitsweep.dynamics.tree import PointForce
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import (
+    BODY_HEIGHT,
+    BODY_SIZE,
     HEIGHT_NAMES,
+    HIP_X,
+    HIP_Y,
     LIMBS,
+    LINK_LENGTH,
+    LINK_MASS,
     WaistMechanics,
     displacements,
     factors,
@@ -30,14 +36,13 @@ if TYPE_CHECKING:
 # Table I's masses (kg) and lengths (m), and places of hips and bodies (m), those of the MJCF.
 _TABLE_1 = {
     **{f"{body}_mass": 1.0 for body in ("front", "rear")},
-    **{f"{body}_{size}": 0.1 for body in ("front", "rear") for size in ("length", "width")},
-    "link_mass": 0.1,
-    "link_length": 0.08,
-    **{f"{body}_hip_x": 0.048 for body in ("front", "rear")},
-    **{f"{body}_hip_y": 0.05 for body in ("front", "rear")},
-    "body_distance": 0.1,
+    **{f"{body}_{size}": BODY_SIZE for body in ("front", "rear") for size in ("length", "width")},
+    "link_mass": LINK_MASS,
+    "link_length": LINK_LENGTH,
+    **{f"{body}_hip_{axis}": at for axis, at in (("x", HIP_X), ("y", HIP_Y)) for body in ("front", "rear")},
+    "body_distance": BODY_SIZE,
 }
-_LEVEL = dict(zip(HEIGHT_NAMES, (0.05, 0.05, 0.0, 0.0, 0.0), strict=True))
+_LEVEL = dict(zip(HEIGHT_NAMES, (BODY_HEIGHT, BODY_HEIGHT, 0.0, 0.0, 0.0), strict=True))
 
 
 class WaistMjxBody(WaistBody):
@@ -75,6 +80,7 @@ class WaistMjxBody(WaistBody):
 
 
 def _numbers(m: WaistMechanics) -> dict[str, jax.Array]:
+    """The fields of an mjx.Model that belong to these masses and lengths."""
     if not m.numbers:
         raise ValueError("With body mjx, call the model's on_host before its params.")
     return m.numbers
@@ -95,9 +101,9 @@ def variants(level: bool) -> Variants:
     from gaitsweep.dynamics.mjx import Variants, rescale
 
     def edit(spec: Any, values: Mapping[str, float]) -> None:
-        of = sizes_of(values)
-        rescale(spec, *factors(of, np.stack))
-        hips, centre = displacements(of, np.stack)
+        sizes = sizes_of(values)
+        rescale(spec, *factors(sizes, np.stack))
+        hips, centre = displacements(sizes, np.stack)
         for name, by in hips.items():
             spec.body(name).pos = spec.body(name).pos + by
         spec.body("rear").ipos = spec.body("rear").ipos + centre

@@ -32,6 +32,9 @@ RELEASE = 1e-7
 LOW, TILTED, TWISTED = 0.4, 1.2, 1.5
 # Indices in q; those in v, which has no quaternion, are one less.
 WAIST, HIP, KNEE = 11, (7, 9, 12, 14), (8, 10, 13, 15)
+# The body of Table I, as in the MJCF: each body's length, width and distance, height, and hips (m); links.
+BODY_SIZE, BODY_HEIGHT, HIP_X, HIP_Y = 0.1, 0.05, 0.048, 0.05
+LINK_MASS, LINK_LENGTH = 0.1, 0.08  # kg, m
 # What a body has of its own where its hips and its waist's axis are not level with the centres of mass.
 HEIGHT_NAMES = ("front_height", "rear_height", "front_hip_z", "rear_hip_z", "waist_z")
 
@@ -107,8 +110,8 @@ class WaistMechanics:
         placed = places(tree, self.geometry(), q)
         moving = movements(tree, placed, v)
         lower = [tree.index(f"lower_{i + 1}") for i in LIMBS]
-        at = [placed[i].position(self._foot()) for i in lower]
-        return jnp.stack(at), jnp.stack([velocity(placed[i], moving[i], self._foot()) for i in lower])
+        feet = [placed[i].position(self._foot()) for i in lower]
+        return jnp.stack(feet), jnp.stack([velocity(placed[i], moving[i], self._foot()) for i in lower])
 
     def _foot(self) -> jax.Array:
         """The position of a foot in its lower link's frame (3,), m."""
@@ -143,9 +146,9 @@ class WaistMechanics:
             hip, knee = joint_angles(x[i], z[i], self.link_length, self.bends[i])
             hip_rate, knee_rate = v[HIP[i] - 1], v[KNEE[i] - 1]
             if desired is not None:
-                at = x[i], z[i], desired[0][i], desired[1][i]
-                wanted = joint_rates(*at, self.link_length, self.bends[i])
-                hip_rate, knee_rate = hip_rate - wanted[0], knee_rate - wanted[1]
+                foot = x[i], z[i], desired[0][i], desired[1][i]
+                desired_rates = joint_rates(*foot, self.link_length, self.bends[i])
+                hip_rate, knee_rate = hip_rate - desired_rates[0], knee_rate - desired_rates[1]
             tau[HIP[i] - 1] = -self.kappa_1 * (q[HIP[i]] - hip) - self.sigma_1 * hip_rate
             tau[KNEE[i] - 1] = -self.kappa_2 * (q[KNEE[i]] - knee) - self.sigma_2 * knee_rate
         return jnp.stack(tau)
@@ -305,50 +308,50 @@ def sizes_of(values: Mapping[str, Any]) -> SimpleNamespace:
     return SimpleNamespace(**{**dict.fromkeys(HEIGHT_NAMES), **values})
 
 
-def factors(of: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+def factors(sizes: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """The factors of mass and of size of each body relative to Table I, by name.
 
     Args:
-        of: an object with `front_mass` (kg), `rear_length` (m) and so on, numbers or arrays; HEIGHT_NAMES are
-            None in a level body.
+        sizes: an object with `front_mass` (kg), `rear_length` (m) and so on, numbers or arrays; HEIGHT_NAMES
+            are None in a level body.
         stack: the function that stacks them to an array.
     """
     front, rear = (
-        stack([length / 0.1, width / 0.1, 1.0 if height is None else height / 0.05])
+        stack([length / BODY_SIZE, width / BODY_SIZE, 1.0 if height is None else height / BODY_HEIGHT])
         for length, width, height in (
-            (of.front_length, of.front_width, of.front_height),
-            (of.rear_length, of.rear_width, of.rear_height),
+            (sizes.front_length, sizes.front_width, sizes.front_height),
+            (sizes.rear_length, sizes.rear_width, sizes.rear_height),
         )
     )
     links = [f"{part}_{i + 1}" for part in ("upper", "lower") for i in LIMBS]
-    mass = {"front": of.front_mass, "rear": of.rear_mass} | dict.fromkeys(links, of.link_mass / 0.1)
-    size = {"front": front, "rear": rear} | dict.fromkeys(links, of.link_length / 0.08)
-    return mass, size
+    mass = {"front": sizes.front_mass, "rear": sizes.rear_mass}  # 1 kg each in Table I
+    mass |= dict.fromkeys(links, sizes.link_mass / LINK_MASS)
+    return mass, {"front": front, "rear": rear} | dict.fromkeys(links, sizes.link_length / LINK_LENGTH)
 
 
-def displacements(of: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any], Any]:
+def displacements(sizes: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any], Any]:
     """Displacements (3,), m, of hips and waist, by link, and of the rear body's centre of mass.
 
     They are relative to the places that `factors` scales with the bodies, at which all are zero. The rear
     body's frame is at the waist, which is at the end of the front body.
 
     Args:
-        of: an object with `front_hip_x`, `body_distance` and so on, numbers or arrays; HEIGHT_NAMES are None
-            in a level body.
+        sizes: as for `factors`, with `front_hip_x`, `body_distance` and so on.
         stack: the function that stacks them to an array (3,).
     """
-    front_size, rear_size = of.front_length / 0.1, of.rear_length / 0.1
-    front_width, rear_width = of.front_width / 0.1, of.rear_width / 0.1
-    apart = 0.05 * front_size + 0.05 * rear_size - of.body_distance
-    front = of.front_hip_x - 0.048 * front_size, of.front_hip_y - 0.05 * front_width
-    rear = apart + (0.048 * rear_size - of.rear_hip_x), of.rear_hip_y - 0.05 * rear_width
-    level = of.waist_z is None
-    front_z, rear_z, axis = (0.0, 0.0, 0.0) if level else (of.front_hip_z, of.rear_hip_z, of.waist_z)
+    front_size, rear_size = sizes.front_length / BODY_SIZE, sizes.rear_length / BODY_SIZE
+    front_width, rear_width = sizes.front_width / BODY_SIZE, sizes.rear_width / BODY_SIZE
+    half = 0.5 * BODY_SIZE
+    gap = half * front_size + half * rear_size - sizes.body_distance
+    front = sizes.front_hip_x - HIP_X * front_size, sizes.front_hip_y - HIP_Y * front_width
+    rear = gap + (HIP_X * rear_size - sizes.rear_hip_x), sizes.rear_hip_y - HIP_Y * rear_width
+    level, heights = sizes.waist_z is None, (sizes.front_hip_z, sizes.rear_hip_z, sizes.waist_z)
+    front_z, rear_z, axis = (0.0, 0.0, 0.0) if level else heights
     moved = {} if level else {"rear": stack([0.0, 0.0, axis])}
     for i in LIMBS:
         x, y, z = (*front, front_z) if i < 2 else (*rear, rear_z - axis)
         moved[f"upper_{i + 1}"] = stack([x, y if i % 2 else -y, z])
-    return moved, stack([apart, 0.0, -axis])
+    return moved, stack([gap, 0.0, -axis])
 
 
 def mjcf() -> str:

@@ -190,10 +190,10 @@ class WaistQuadruped(WaistDrawing, HybridModel):
 
     def init(self, params: Params, start: Mapping[str, Float[Array, ""]]) -> State:
         """Standing, all feet on the ground below their hips, limb 3 at its AEP."""
-        p, wanted = params, start["delta_13"]
+        p, lead = params, start["delta_13"]
         zero = jnp.zeros_like(p.omega)
         phi_3 = p.phi_AEP
-        phi_1 = phi_3 + wanted
+        phi_1 = phi_3 + lead
         phi = wrapped(jnp.stack([phi_1, phi_1 - jnp.pi, phi_3, phi_3 - jnp.pi]))
         early = phi < p.gate * p.phi_AEP
         segment = jnp.where(phi >= p.phi_AEP, STANCE, jnp.where(early, EARLY, LATE))
@@ -229,7 +229,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
             height=at[:, 2],
             gain=jnp.zeros(4, q.dtype),
             closed=jnp.zeros((), bool),
-            wanted=wanted,
+            held_lead=lead,
             stride_x=zero,
             stride_t=zero,
             speed=zero,
@@ -295,8 +295,8 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         at, _ = p.mechanics.feet(s.q, s.v)
         touches = now.contact & ~s.contact
         anchor = anchors(p, s, touches, at[:, :2])
-        wanted = p.path(s.clock, s.growing).target(s.phi, s.segment, (s.landing_x, s.landing_z))
-        landing = landing_points(p, s, now.late, wanted, p.mechanics.from_hips(s.q, p.landing_actual))
+        desired = p.path(s.clock, s.growing).target(s.phi, s.segment, (s.landing_x, s.landing_z))
+        landing = landing_points(p, s, now.late, desired, p.mechanics.from_hips(s.q, p.landing_actual))
         s = dataclasses.replace(s, anchor=anchor, growing=s.growing & ~fired[8], held=s.held & ~fired[9])
         return after_events(p, s, now, landing, 0.0)
 

@@ -17,20 +17,23 @@ def _positive(name: str, unit: str, meaning: str, default: float | str, symbol: 
 
 
 def _gain(i: int, j: int, default: float = 0.0) -> Quantity:
+    """The gain with which limb j pulls limb i."""
     return Quantity(
         f"K_{i}{j}", "rad/s", f"pull of limb {i} by limb {j} towards their desired phase difference", default,
         low=0.0, symbol=f"K_{{{i}{j}}}", source="Aoi 2011, eq. (6)",
     )  # fmt: skip
 
 
-def _desired(i: int, j: int, default: float | str) -> Quantity:
+def _desired_lead(i: int, j: int, default: float | str) -> Quantity:
+    """The lead of limb i to which limb j pulls it."""
     return Quantity(
         f"delta_star_{i}{j}", "rad", f"desired lead of limb {i} over limb {j}", default,
         circular=True, symbol=rf"\Delta^*_{{{i}{j}}}", source="Aoi 2011, eq. (6), (9)",
     )  # fmt: skip
 
 
-def _of_body(name: str, unit: str, meaning: str, both: str, symbol: str) -> tuple[Quantity, ...]:
+def _of_bodies(name: str, unit: str, meaning: str, both: str, symbol: str) -> tuple[Quantity, ...]:
+    """A quantity of the front and of the rear body, by default the parameter `both`."""
     return tuple(
         _positive(f"{body}_{name}", unit, f"{meaning} of the {body} body", both,
                   f"{symbol}_\\mathrm{{{body[0].upper()}B}}", _TABLE_1)
@@ -43,6 +46,7 @@ def _flag(name: str, meaning: str, default: float, symbol: str) -> Quantity:
 
 
 def _hips(axis: str, of_front: str, front: str, of_rear: str, rear: str) -> tuple[Quantity, Quantity]:
+    """The places of the fore and of the hind hips along an axis."""
     symbol = f"{axis}_\\mathrm{{hip,"
     return (
         _positive(f"front_hip_{axis}", "m", f"hips {of_front}", front, f"{symbol}FB}}", _SEARCH),
@@ -51,6 +55,7 @@ def _hips(axis: str, of_front: str, front: str, of_rear: str, rear: str) -> tupl
 
 
 def _gait(name: str, centre: float, width: float) -> tuple[Quantity, Quantity]:
+    """The leads delta_13 at which a gait has this name."""
     symbol = rf"\Delta_{{13}}^\mathrm{{{name}}}"
     return (
         Quantity(
@@ -65,22 +70,15 @@ def _gait(name: str, centre: float, width: float) -> tuple[Quantity, Quantity]:
 # Where hips and the waist's axis are not level with the centres of mass.
 HEIGHTS = (
     _positive("body_height", "m", "height of each body", 0.05, "h_B", _SEARCH),
-    *_of_body("height", "m", "height", "body_height", "h"),
+    *_of_bodies("height", "m", "height", "body_height", "h"),
     *(
-        Quantity(
-            f"{body}_hip_z",
-            "m",
-            f"hips above the centre of mass of the {body} body",
-            default,
-            symbol=rf"z_\mathrm{{hip,{body[0].upper()}B}}",
-            source=_SEARCH,
-        )
+        Quantity(f"{body}_hip_z", "m", f"hips above the centre of mass of the {body} body", default,
+                 symbol=rf"z_\mathrm{{hip,{body[0].upper()}B}}", source=_SEARCH)
         for body, default in (("front", 0.0), ("rear", "front_hip_z"))
     ),
-    Quantity(
-        "waist_z", "m", "axis of the waist above the centres of mass", 0.0, symbol="z_w", source=_SEARCH
-    ),
-)
+    Quantity("waist_z", "m", "axis of the waist above the centres of mass", 0.0, symbol="z_w",
+             source=_SEARCH),
+)  # fmt: skip
 # Where feet slip.
 FRICTION = (
     _positive("mu", "1", "coefficient of friction between feet and ground", 1.0, r"\mu", ""),
@@ -97,11 +95,11 @@ PARAMETERS = (
     _positive("T_sw", "s", "duration of the swing", 0.1, r"T_\mathrm{sw}", _PAPER),
     _gain(1, 2, 10.0), _gain(2, 1, 10.0), _gain(3, 4, 10.0), _gain(4, 3, 10.0),
     _gain(1, 3), _gain(3, 1), _gain(2, 4), _gain(4, 2), _gain(1, 4), _gain(4, 1), _gain(2, 3), _gain(3, 2),
-    _desired(1, 2, math.pi), _desired(3, 4, math.pi), _desired(1, 3, math.pi),
+    _desired_lead(1, 2, math.pi), _desired_lead(3, 4, math.pi), _desired_lead(1, 3, math.pi),
     # a phase difference is the sum of those between
-    _desired(1, 4, "delta_star_13 + delta_star_34"),
-    _desired(2, 3, "delta_star_13 - delta_star_12"),
-    _desired(2, 4, "delta_star_13 - delta_star_12 + delta_star_34"),
+    _desired_lead(1, 4, "delta_star_13 + delta_star_34"),
+    _desired_lead(2, 3, "delta_star_13 - delta_star_12"),
+    _desired_lead(2, 4, "delta_star_13 - delta_star_12 + delta_star_34"),
     Quantity("resetting", "1", "1: phases are reset at landing; 0: they are not", 1.0, low=0.0, high=1.0,
              symbol="r", source="Aoi 2011, eq. (7)"),
     Quantity("gate", "1", "share of the swing's phase after which a touchdown is a landing", 0.5, low=0.0,
@@ -141,9 +139,9 @@ PARAMETERS = (
     _positive("body_mass", "kg", "mass of the front body and of the rear one", 1.0, "m_B", _TABLE_1),
     _positive("body_length", "m", "length of each body, hips in place", 0.1, "l_B", _TABLE_1),
     _positive("body_width", "m", "width of each body, hips at its sides", 0.1, "w_B", _TABLE_1),
-    *_of_body("mass", "kg", "mass", "body_mass", "m"),
-    *_of_body("length", "m", "length", "body_length", "l"),
-    *_of_body("width", "m", "width", "body_width", "w"),
+    *_of_bodies("mass", "kg", "mass", "body_mass", "m"),
+    *_of_bodies("length", "m", "length", "body_length", "l"),
+    *_of_bodies("width", "m", "width", "body_width", "w"),
     *_hips("x", "ahead of the centre of mass of the front body", "0.048*(front_length/0.1)",
            "behind the centre of mass of the rear body", "0.048*(rear_length/0.1)"),
     *_hips("y", "beside the middle of the front body", "0.05*(front_width/0.1)",

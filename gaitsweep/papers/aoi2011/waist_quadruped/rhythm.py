@@ -28,25 +28,21 @@ class Transitions(NamedTuple):
 
 
 def phase_rates(p: Params, s: State, coupling: jax.Array) -> jax.Array:
-    """Rates (4,) of the phases, rad/s, eq. (2), (6); `coupling` (rad/s) pulls delta_13 to `s.wanted`."""
-    left = jnp.sin(s.phi[0] - s.phi[1] - p.delta_star_12)
-    right = jnp.sin(s.phi[2] - s.phi[3] - p.delta_star_34)
+    """Rates (4,) of the phases, rad/s, eq. (2), (6); `coupling` (rad/s) pulls delta_13 to `s.held_lead`."""
+    fore = jnp.sin(s.phi[0] - s.phi[1] - p.delta_star_12)
+    hind = jnp.sin(s.phi[2] - s.phi[3] - p.delta_star_34)
     # Delta*_ji = -Delta*_ij, so one sine serves both limbs of a pair
-    d_13, d_24 = (
-        jnp.sin(s.phi[0] - s.phi[2] - p.delta_star_13),
-        jnp.sin(s.phi[1] - s.phi[3] - p.delta_star_24),
-    )
-    d_14, d_23 = (
-        jnp.sin(s.phi[0] - s.phi[3] - p.delta_star_14),
-        jnp.sin(s.phi[1] - s.phi[2] - p.delta_star_23),
-    )
-    pair_13 = coupling * jnp.sin(s.phi[0] - s.phi[2] - s.wanted)
-    pair_24 = coupling * jnp.sin(s.phi[1] - s.phi[3] - s.wanted)
+    sine_13 = jnp.sin(s.phi[0] - s.phi[2] - p.delta_star_13)
+    sine_24 = jnp.sin(s.phi[1] - s.phi[3] - p.delta_star_24)
+    sine_14 = jnp.sin(s.phi[0] - s.phi[3] - p.delta_star_14)
+    sine_23 = jnp.sin(s.phi[1] - s.phi[2] - p.delta_star_23)
+    hold_13 = coupling * jnp.sin(s.phi[0] - s.phi[2] - s.held_lead)
+    hold_24 = coupling * jnp.sin(s.phi[1] - s.phi[3] - s.held_lead)
     pull = [
-        -p.K_12 * left - pair_13 - (p.K_13 * d_13 + p.K_14 * d_14),
-        p.K_21 * left - pair_24 - (p.K_24 * d_24 + p.K_23 * d_23),
-        -p.K_34 * right + pair_13 + (p.K_31 * d_13 + p.K_32 * d_23),
-        p.K_43 * right + pair_24 + (p.K_42 * d_24 + p.K_41 * d_14),
+        -p.K_12 * fore - hold_13 - (p.K_13 * sine_13 + p.K_14 * sine_14),
+        p.K_21 * fore - hold_24 - (p.K_24 * sine_24 + p.K_23 * sine_23),
+        -p.K_34 * hind + hold_13 + (p.K_31 * sine_13 + p.K_32 * sine_23),
+        p.K_43 * hind + hold_24 + (p.K_42 * sine_24 + p.K_41 * sine_14),
     ]
     return p.omega + jnp.stack(pull)
 
@@ -83,7 +79,7 @@ def landing_points(
     p: Params,
     s: State,
     late: jax.Array,
-    wanted: tuple[jax.Array, jax.Array],
+    desired: tuple[jax.Array, jax.Array],
     actual: tuple[jax.Array, jax.Array],
 ) -> tuple[jax.Array, jax.Array]:
     """X and z (4,), m, of the points (LP) at which the stance lines of landing limbs begin.
@@ -96,7 +92,7 @@ def landing_points(
         actual: their actual x and z (4,), times `landing_actual`.
     """
     path, onwards = p.path(s.clock, s.growing), late & (p.late_reset <= 0.0)
-    x, z = ((1.0 - p.landing_actual) * one + other for one, other in zip(wanted, actual, strict=True))
+    x, z = ((1.0 - p.landing_actual) * one + other for one, other in zip(desired, actual, strict=True))
     return jnp.where(onwards, path.PEP + path.D, x), jnp.where(onwards, -path.H, z)
 
 

@@ -46,7 +46,7 @@ class WaistBody(abc.ABC):
     def on_host(
         self, values: Mapping[str, Float[np.ndarray, " rows"]]
     ) -> dict[str, Float[np.ndarray, "rows ..."]]:
-        """As `Model.on_host`."""
+        """`Model.on_host` of the quadruped with this body."""
         return dict(values)
 
     def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
@@ -112,7 +112,7 @@ class SemiImplicit(FixedStepDynamics):
         actual = worked_in(dt.dtype, WaistMechanics.from_hips)(m, s.q, p.landing_actual)
         landing = landing_points(p, s, now.late, (x, z), actual)
         s = after_events(p, dataclasses.replace(s, anchor=anchor), now, landing, over, since)
-        on_line = path.line(*landing, path.done(s.phi))
+        on_line = path.line(*landing, path.progress(s.phi))
         x, z = jnp.where(now.lands, on_line[0], x), jnp.where(now.lands, on_line[1], z)
         if m.T_slip is not None:
             # exact for a force that stays: no step is too long for it

@@ -90,7 +90,7 @@ class State:
     the stride is still growing; `held`, whether delta_13 is held, as at the start; `contact` (4,) bool;
     `anchor` (4, 2) m, the touchdown points; `segment` (4,) of the foot path;
     `lifted` (4,): the foot has been off the ground since the beginning of its swing; `landing_x`, `landing_z`
-    (4,) m, the point at which the stance line begins (LP); `wanted` rad, the delta_13 that is held;
+    (4,) m, the point at which the stance line begins (LP); `held_lead` rad, the delta_13 that is held;
     `stride_x` (m) and `stride_t` (s), position and time at limb 3's last landing; of the cycle before it
     `speed` (m/s), `period` (s) and of each foot the `duty` factor and the number of `touchdowns`, (4,). Since
     that landing, (4,): `stood` (s), the times of lift-off less those of touchdown, and `landed`, the number
@@ -113,7 +113,7 @@ class State:
     height: jax.Array
     gain: jax.Array
     closed: jax.Array
-    wanted: jax.Array
+    held_lead: jax.Array
     stride_x: jax.Array
     stride_t: jax.Array
     speed: jax.Array

@@ -28,17 +28,17 @@ def body_oscillation(trace: pd.DataFrame) -> pd.DataFrame:
         AnalysisError: the table does not have a column.
     """
     require(trace, "row", "t", "pitch")
-    every = gaits_in(trace)
-    named = every["gait"].isin(CHART).to_numpy()
-    gaits = every[["row", *axes_of(trace), "gait", "period"]].loc[named].reset_index(drop=True)
-    of_row = {row: samples.sort_values("t") for row, samples in trace.groupby("row")}
-    parts = np.zeros((len(gaits), 2))
+    of_rows = gaits_in(trace)
+    named = of_rows["gait"].isin(CHART).to_numpy()
+    gaits = of_rows[["row", *axes_of(trace), "gait", "period"]].loc[named].reset_index(drop=True)
+    samples_of = {row: samples.sort_values("t") for row, samples in trace.groupby("row")}
+    amplitudes = np.zeros((len(gaits), 2))
     for number, (row, period) in enumerate(zip(gaits["row"], gaits["period"], strict=True)):
-        t, pitch = (of_row[row][name].to_numpy(float) for name in ("t", "pitch"))
+        t, pitch = (samples_of[row][name].to_numpy(float) for name in ("t", "pitch"))
         cycles = (t - t[0]) / period
-        whole = cycles < np.floor(cycles[-1])
-        parts[number] = harmonics(cycles[whole], pitch[whole] - pitch[whole].mean())
-    return gaits.assign(once=parts[:, 0], twice=parts[:, 1])
+        complete = cycles < np.floor(cycles[-1])
+        amplitudes[number] = harmonics(cycles[complete], pitch[complete] - pitch[complete].mean())
+    return gaits.assign(once=amplitudes[:, 0], twice=amplitudes[:, 1])
 
 
 def harmonics(phase: np.ndarray, signal: np.ndarray) -> tuple[float, float]:
@@ -73,7 +73,7 @@ def oscillation_along(trace: pd.DataFrame, cycles: int = 4) -> pd.DataFrame:
     """
     require(trace, "row", "t", "pitch", "x")
     along = gaits_along(trace, cycles=cycles)
-    parts = np.full((len(along), 2), np.nan)
+    amplitudes = np.full((len(along), 2), np.nan)
     for row, samples in trace.groupby("row"):
         samples = samples.sort_values("t")
         t, pitch = (samples[name].to_numpy(float) for name in ("t", "pitch"))
@@ -81,29 +81,20 @@ def oscillation_along(trace: pd.DataFrame, cycles: int = 4) -> pd.DataFrame:
             begin, end = along["begin"].iloc[number], along["end"].iloc[number]
             inside = (t >= begin) & (t < end)
             phase = cycles * (t[inside] - begin) / (end - begin)
-            level = pitch[inside] - np.polyval(np.polyfit(phase, pitch[inside], 1), phase)
-            parts[number] = harmonics(phase, level)
-    along = along.assign(once=parts[:, 0], twice=parts[:, 1])
+            trend = np.polyval(np.polyfit(phase, pitch[inside], 1), phase)
+            amplitudes[number] = harmonics(phase, pitch[inside] - trend)
+    along = along.assign(once=amplitudes[:, 0], twice=amplitudes[:, 1])
     if "pass" not in along.columns:
         along["pass"] = 0
     records = []
-    for _, cycles_of_pass in along.groupby(["row", "pass"], sort=True):
-        for bout in gait_bouts(cycles_of_pass).to_dict("records"):
-            own = cycles_of_pass.loc[
-                cycles_of_pass["t"].between(bout["begin"], bout["end"])
-                & (cycles_of_pass["family"] == bout["family"])
-            ]
-            two = own["twice"] > own["once"]
-            count = 2 if own["twice"].median() > own["once"].median() else 1
-            records.append(
-                {
-                    "row": cycles_of_pass["row"].iloc[0],
-                    "pass": int(cycles_of_pass["pass"].iloc[0]),
-                    **{name: bout[name] for name in ("family", "speed_begin", "speed_end", "windows")},
-                    "once": own["once"].median(),
-                    "twice": own["twice"].median(),
-                    "body_cycles": count,
-                    "agree": float((two == (count == 2)).mean()),
-                }
-            )
+    for _, windows in along.groupby(["row", "pass"], sort=True):
+        for bout in gait_bouts(windows).to_dict("records"):
+            during = windows["t"].between(bout["begin"], bout["end"])
+            of_bout = windows.loc[during & (windows["family"] == bout["family"])]
+            medians = {name: of_bout[name].median() for name in ("once", "twice")}
+            count = 2 if medians["twice"] > medians["once"] else 1
+            agree = (of_bout["twice"] > of_bout["once"]) == (count == 2)
+            record = {"row": windows["row"].iloc[0], "pass": int(windows["pass"].iloc[0])}
+            record |= {name: bout[name] for name in ("family", "speed_begin", "speed_end", "windows")}
+            records.append(record | medians | {"body_cycles": count, "agree": float(agree.mean())})
     return pd.DataFrame(records)

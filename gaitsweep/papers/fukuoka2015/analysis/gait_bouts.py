@@ -207,6 +207,7 @@ def _up_and_down(bouts: pd.DataFrame, rank: int, turn: float) -> tuple[float, fl
 
 
 def _pooled(speeds: pd.DataFrame, keys: list[str]) -> pd.DataFrame:
+    """The speeds of transitions of all rows with the same keys."""
     groups = speeds.groupby(keys, sort=False)
     pooled = groups.agg(
         up=("up", "median"), up_low=("up", "min"), up_high=("up", "max"),

@@ -54,8 +54,8 @@ def gait_measures(table: pd.DataFrame, by: Sequence[str] | None = None) -> pd.Da
     axes = [name for name in axes if name != "gait"]
     require(table, *axes)
     # a label's field has no suffix
-    read = {name: name if name in table.columns else f"{name}_end" for name in MEASURES}
-    names = {column: name for name, column in read.items() if column in table.columns}
+    columns = {name: name if name in table.columns else f"{name}_end" for name in MEASURES}
+    names = {column: name for name, column in columns.items() if column in table.columns}
     if not names:
         raise AnalysisError(f"The table has none of {', '.join(MEASURES)} where its rows end.")
     stood = table.loc[table["status"].astype(str) != "fell"]
@@ -89,20 +89,18 @@ def repertoire(
     name = np.where(fell, "", table[gait].astype(str))
     number = table.groupby(keys, sort=False, observed=True).ngroup().to_numpy()
     count = int(number.max(initial=-1)) + 1
-    gaits_of_sets = pd.DataFrame(table.drop_duplicates(keys)[keys]).reset_index(drop=True)
-    gaits_of_sets["rows"] = np.bincount(number, minlength=count)
-    gaits_of_sets["fell"] = np.bincount(number[fell], minlength=count)
+    counts = pd.DataFrame(table.drop_duplicates(keys)[keys]).reset_index(drop=True)
+    counts["rows"] = np.bincount(number, minlength=count)
+    counts["fell"] = np.bincount(number[fell], minlength=count)
     for gait_name in ("unsteady", *CHART):
-        gaits_of_sets[gait_name] = np.bincount(number[name == gait_name], minlength=count)
-    gaits_of_sets["gaits"] = (gaits_of_sets[list(CHART)] > 0).sum(axis=1)
+        counts[gait_name] = np.bincount(number[name == gait_name], minlength=count)
+    counts["gaits"] = (counts[list(CHART)] > 0).sum(axis=1)
     for kind, members in KINDS.items():
         shown = np.isin(name, members)
         medians = table.loc[shown, speed].groupby(number[shown]).median()
-        gaits_of_sets[f"speed_{kind}"] = medians.reindex(range(count)).to_numpy()
-    speeds = np.stack(
-        [gaits_of_sets[f"speed_{kind}"] for kind in ("walk", "trot", "canter", "gallop")], axis=1
-    )
-    return gaits_of_sets.assign(in_order=np.all(np.diff(speeds, axis=1) > 0.0, axis=1))
+        counts[f"speed_{kind}"] = medians.reindex(range(count)).to_numpy()
+    speeds = counts[[f"speed_{kind}" for kind in ("walk", "trot", "canter", "gallop")]].to_numpy()
+    return counts.assign(in_order=np.all(np.diff(speeds, axis=1) > 0.0, axis=1))
 
 
 def gaits_by_threshold(
@@ -178,8 +176,5 @@ def _speeds(table: pd.DataFrame, window: tuple[float, float]) -> dict[object, fl
     for name in ("speed_end", "speed_n", "speed"):
         if name in table.columns:
             inside = table if name == "speed_end" else table.loc[table["t"].between(*window)]
-            return {
-                row: float(np.nanmedian(cycles_of_row[name].to_numpy(float)))
-                for row, cycles_of_row in inside.groupby("row")
-            }
+            return inside.groupby("row")[name].median().to_dict()
     return {}

@@ -72,8 +72,8 @@ def gaits_in(
         rows = np.unique(table["row"])
         gaits = gait_of(onsets, rows=rows, window=window, thresholds=thresholds, steadiness=steadiness)
     axes = table.groupby("row", sort=True)[axes_of(table)].first()
-    for place_, name in enumerate(axes.columns):
-        gaits.insert(1 + place_, name, axes.loc[gaits["row"], name].to_numpy())
+    for number, name in enumerate(axes.columns):
+        gaits.insert(1 + number, name, axes.loc[gaits["row"], name].to_numpy())
     gaits.attrs["quantities"] = table.attrs.get("quantities", {}) | gaits.attrs.get("quantities", {})
     return gaits
 
@@ -132,23 +132,23 @@ def _of_averages(table: pd.DataFrame, thresholds: Sequence[float]) -> pd.DataFra
     names |= {name: f"{name}_end" for name in ("period", "variation", "antiphase", "length")}
     require(table, "row", "cycles", "gait", *names.values())
     table = table.sort_values("row", kind="stable", ignore_index=True)
-    named_rows = pd.DataFrame({"row": table["row"], "cycles": table["cycles"]})
+    gaits = pd.DataFrame({"row": table["row"], "cycles": table["cycles"]})
     for name in ("period", "variation", "delta_1", "delta_2", "antiphase", "length"):
-        named_rows[name] = table[names[name]].to_numpy(float)
+        gaits[name] = table[names[name]].to_numpy(float)
     fell = Status.FAILED.among(table["status"]) if "status" in table.columns else np.zeros(len(table), bool)
     labels = np.where(fell | table["gait"].isna(), "none", table["gait"].astype(str))
-    named_rows["steady"] = np.isin(labels, CHART)
-    named_rows["gait"] = pd.Categorical(labels, list(GAITS))
-    shifts = named_rows["delta_1"].to_numpy(), named_rows["delta_2"].to_numpy()
+    steady = np.isin(labels, CHART)
+    gaits["steady"] = steady
+    gaits["gait"] = pd.Categorical(labels, list(GAITS))
+    shifts = gaits["delta_1"].to_numpy(), gaits["delta_2"].to_numpy()
     for threshold in thresholds[1:]:
-        named = np.array(CHART, object)[np.where(named_rows["steady"], place(*shifts, threshold), 4)]
-        gaits = np.where(named_rows["steady"], named, labels)
-        named_rows[f"gait_at_{threshold:g}"] = pd.Categorical(gaits, list(GAITS))
-    named_rows["margin"] = margin(*shifts, thresholds[0])
+        named = np.array(CHART, object)[np.where(steady, place(*shifts, threshold), 4)]
+        gaits[f"gait_at_{threshold:g}"] = pd.Categorical(np.where(steady, named, labels), list(GAITS))
+    gaits["margin"] = margin(*shifts, thresholds[0])
     if "gait_by_touchdowns" in table.columns:
         landed = table["gait_by_touchdowns"].astype(object).fillna("none")
-        named_rows["gait_by_touchdowns"] = pd.Categorical(np.where(fell, "none", landed), list(GAITS))
+        gaits["gait_by_touchdowns"] = pd.Categorical(np.where(fell, "none", landed), list(GAITS))
         for name in ("delta_1_touchdown", "delta_2_touchdown"):
-            named_rows[name] = table[f"{name}_end"].to_numpy(float)
-    named_rows.attrs["quantities"] = dict(IN_CYCLES)
-    return named_rows
+            gaits[name] = table[f"{name}_end"].to_numpy(float)
+    gaits.attrs["quantities"] = dict(IN_CYCLES)
+    return gaits

@@ -65,8 +65,8 @@ def pairs_in(table: pd.DataFrame) -> pd.DataFrame:
     gaits = gaits_in(table)
     gaits = gaits.loc[gaits["gait"].isin(CHART)]
     axes = [name for name in axes_of(table) if name in gaits.columns]
-    known = gaits[["row", *axes, "gait"]]
-    parts = [known.assign(pair_number=pair, delta=gaits[f"delta_{pair}"]) for pair in (1, 2)]
+    rows = gaits[["row", *axes, "gait"]]
+    parts = [rows.assign(pair_number=pair, delta=gaits[f"delta_{pair}"]) for pair in (1, 2)]
     pairs = pd.concat(parts, ignore_index=True)
     settled = "late_load_LF_end" in table.columns
     measured = _loads_of_settled(table) if settled else _loads_of_trace(table, pairs)
@@ -127,8 +127,10 @@ def axes_of_pairs(pairs: pd.DataFrame) -> list[str]:
 
 
 def _judged(pairs: pd.DataFrame, name: str, case: np.ndarray, least: float) -> dict[str, Any]:
-    known = np.isfinite(pairs[name].to_numpy(float))
-    x, delta, case = pairs[name].to_numpy(float)[known], pairs["delta"].to_numpy(float)[known], case[known]
+    """The agreement of one measure with the rule, as `loading_rule` returns it; `case` (n,) of each pair."""
+    x, delta = pairs[name].to_numpy(float), pairs["delta"].to_numpy(float)
+    finite = np.isfinite(x)
+    x, delta, case = x[finite], delta[finite], case[finite]
     r, r_low, r_high = _correlation(x, delta, case)
     shifted = np.abs(delta) > least
     right = x[shifted] * delta[shifted] < 0.0
@@ -162,12 +164,10 @@ def _correlation(x: np.ndarray, y: np.ndarray, case: np.ndarray) -> tuple[float,
     if count < 3:
         return np.nan, np.nan, np.nan
     x, y = x - x.mean(), y - y.mean()  # avoids cancellation
-    sums = np.stack(
-        [np.bincount(case, w, count) for w in (np.ones_like(x), x, y, x * x, y * y, x * y)], axis=1
-    )
-    drawn = np.concatenate(
-        [_counts(count, draws, number) @ sums for number, draws in enumerate(_parts(count))]
-    )
+    terms = (np.ones_like(x), x, y, x * x, y * y, x * y)
+    sums = np.stack([np.bincount(case, term, count) for term in terms], axis=1)
+    parts = enumerate(_parts(count))
+    drawn = np.concatenate([_counts(count, draws, number) @ sums for number, draws in parts])
     r = _pearson(sums.sum(axis=0)[None])[0]
     tails = 50.0 * (1.0 - LEVEL)
     low, high = np.nanpercentile(_pearson(drawn), [tails, 100.0 - tails])
@@ -177,7 +177,7 @@ def _correlation(x: np.ndarray, y: np.ndarray, case: np.ndarray) -> tuple[float,
 def _parts(count: int) -> list[int]:
     """The numbers of bootstrap draws in each part, so that a part takes little memory."""
     most = max(_AT_ONCE // count, 1)
-    return [min(most, _DRAWS - done) for done in range(0, _DRAWS, most)]
+    return [min(most, _DRAWS - first) for first in range(0, _DRAWS, most)]
 
 
 def _counts(count: int, draws: int, seed: int) -> np.ndarray:
@@ -188,7 +188,7 @@ def _counts(count: int, draws: int, seed: int) -> np.ndarray:
 
 
 def _pearson(sums: np.ndarray) -> np.ndarray:
-    """R (k,) from sums (k, 6) of 1, x, y, x2, y2 and xy."""
+    """Pearson's r (k,) from sums (k, 6) of 1, x, y, x2, y2 and xy."""
     n, x, y, xx, yy, xy = sums.T
     with np.errstate(invalid="ignore", divide="ignore"):
         return (n * xy - x * y) / np.sqrt((n * xx - x * x) * (n * yy - y * y))
@@ -218,17 +218,15 @@ def load_prediction(table: pd.DataFrame, feedback: str = "k2") -> pd.DataFrame:
     names = [name for name in MEASURES if name in pairs.columns]
     axes = [name for name in axes_of_pairs(pairs) if name not in REPEATS]
     if feedback not in axes or 0.0 not in set(pairs[feedback]):
-        raise AnalysisError(
-            f"No row has {feedback} = 0, but the table must contain trots without feedback too."
-        )
+        text = "but the table must contain trots without feedback too."
+        raise AnalysisError(f"No row has {feedback} = 0, {text}")
     places = [name for name in axes if name != feedback]
     without = pairs.loc[pairs[feedback] == 0.0]
     trots = without.groupby(places)["gait"].agg(lambda gaits: (gaits.astype(str) == "trot").all())
     loads = without.groupby(places)[names].mean().loc[trots]
     walking = pairs.loc[pairs[feedback] != 0.0].groupby(axes)
-    walks = walking.agg(
-        gait=("gait", "first"), gaits=("gait", "nunique"), delta=("delta", "mean")
-    ).reset_index()
+    walks = walking.agg(gait=("gait", "first"), gaits=("gait", "nunique"), delta=("delta", "mean"))
+    walks = walks.reset_index()
     walks = walks.loc[walks["gait"].isin(WALKS) & (walks["gaits"] == 1)]
     rows = walks.merge(loads, left_on=places, right_index=True).reset_index(drop=True)
     rows.insert(0, "row", np.arange(len(rows)))
@@ -281,10 +279,8 @@ class _Stances:
             stands = (samples[FLEXORS[leg]].to_numpy(float) <= 0.0).astype(float)
             sums |= {f"F_{leg}": load, f"time_{leg}": stands}
             sums |= {f"F_{leg}_standing": load * stands, f"pitch_{leg}": pitch * stands}
-        self._sums = {
-            name: scipy.integrate.cumulative_trapezoid(value, self._t, initial=0)
-            for name, value in sums.items()
-        }
+        integral = scipy.integrate.cumulative_trapezoid
+        self._sums = {name: integral(value, self._t, initial=0) for name, value in sums.items()}
 
     def over(self, name: str, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
         """The integral of a signal from `begin` to `end` (n,) s."""
@@ -296,8 +292,8 @@ class _Stances:
     ) -> dict[str, float]:
         """The measures of a pair with the shift delta, from the swing onsets of its fore and hind leg."""
         fore, hind, period = _paired(*begins, delta)
-        whole = np.minimum(fore, hind) - period >= self._t[0]
-        fore, hind, period = fore[whole], hind[whole], period[whole]
+        recorded = np.minimum(fore, hind) - period >= self._t[0]
+        fore, hind, period = fore[recorded], hind[recorded], period[recorded]
         if not len(fore):
             return {}
         first, late = np.minimum(fore, hind), LATE * period
@@ -318,9 +314,8 @@ class _Stances:
         self, legs: tuple[str, str], at: tuple[np.ndarray, np.ndarray], late: np.ndarray
     ) -> np.ndarray:
         """The load on the fore leg less that on the hind leg, before each begins to swing, (n,) N."""
-        fore, hind = (
-            self.over(f"F_{leg}", end - late, end) / late for leg, end in zip(legs, at, strict=True)
-        )
+        ends = zip(legs, at, strict=True)
+        fore, hind = (self.over(f"F_{leg}", end - late, end) / late for leg, end in ends)
         return fore - hind
 
 

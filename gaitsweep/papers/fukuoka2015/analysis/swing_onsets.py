@@ -162,6 +162,7 @@ def gait_of(
 
 
 def _refuse_others(legs: Iterable[Any]) -> None:
+    """Refuse names that are no legs."""
     for leg in legs:
         if leg not in LEGS:
             raise AnalysisError(f"{leg} is not a leg{near_miss.suggestion(str(leg), LEGS)}")
@@ -186,9 +187,9 @@ def _cycles(records: pd.DataFrame, count: int) -> tuple[pd.DataFrame, pd.DataFra
     odd += np.bincount(records["row"].to_numpy()[missed], minlength=count)
     records = records.assign(lasts=np.where(missed, np.nan, lasts))
 
-    whole = records.dropna()
-    row, lasts = whole["row"].to_numpy(), whole["lasts"].to_numpy()
-    of_leg = [np.bincount(row[(whole["leg"] == leg).to_numpy()], minlength=count) for leg in LEGS]
+    complete = records.dropna()
+    row, lasts = complete["row"].to_numpy(), complete["lasts"].to_numpy()
+    of_leg = [np.bincount(row[(complete["leg"] == leg).to_numpy()], minlength=count) for leg in LEGS]
     n = np.bincount(row, minlength=count)
     with np.errstate(invalid="ignore"):
         period = np.bincount(row, lasts, count) / n
@@ -200,16 +201,16 @@ def _cycles(records: pd.DataFrame, count: int) -> tuple[pd.DataFrame, pd.DataFra
 
 def _shifts(cycles: pd.DataFrame, count: int) -> dict[str, np.ndarray]:
     """Shifts and phases with their resultant lengths and spreads, (count,) each."""
-    of = {leg: cycles.loc[cycles["leg"] == leg, ["row", "t", "lasts"]].sort_values("t") for leg in LEGS}
+    by_leg = {leg: cycles.loc[cycles["leg"] == leg, ["row", "t", "lasts"]].sort_values("t") for leg in LEGS}
     columns: dict[str, np.ndarray] = {}
 
     def add(name: str, leg: str, other: str, lowest: float) -> np.ndarray:
-        mean, length = _mean(*_phases(of[leg], of[other]), count)
+        """Add the mean phase of a leg in the cycles of another, from `lowest`, its length and spread."""
+        mean, length = _mean(*_phases(by_leg[leg], by_leg[other]), count)
         columns[name] = (mean - lowest) % 1.0 + lowest
         columns[f"length_{name}"] = length
-        columns[f"spread_{name}"] = np.sqrt(2.0 * np.abs(np.log(np.maximum(length, 1e-300)))) / (
-            2.0 * math.pi
-        )
+        deviation = np.sqrt(2.0 * np.abs(np.log(np.maximum(length, 1e-300))))  # rad
+        columns[f"spread_{name}"] = deviation / (2.0 * math.pi)
         return columns[name]
 
     (fore_1, hind_1), (fore_2, hind_2) = PAIRS
@@ -242,18 +243,18 @@ def _mean(row: np.ndarray, phase: np.ndarray, count: int) -> tuple[np.ndarray, n
 
 
 def _named(
-    table: pd.DataFrame, lost: np.ndarray, thresholds: Sequence[float], like: Steadiness
+    table: pd.DataFrame, fell: np.ndarray, thresholds: Sequence[float], limits: Steadiness
 ) -> dict[str, Any]:
     """Columns steady, gait at each threshold, and margin."""
     lengths = table[["length_delta_1", "length_delta_2", "length_antiphase"]].min(axis=1, skipna=False)
-    known = (table["cycles"] >= like.cycles) & ~lost
-    steady = known & (lengths >= like.length) & (table["variation"] <= like.variation)
-    steady &= table["skipped"] <= like.skipped
-    opposed = (table["antiphase"] - 0.5).abs() <= like.apart
+    readable = (table["cycles"] >= limits.cycles) & ~fell
+    steady = readable & (lengths >= limits.length) & (table["variation"] <= limits.variation)
+    steady &= table["skipped"] <= limits.skipped
+    opposed = (table["antiphase"] - 0.5).abs() <= limits.apart
     delta_1, delta_2 = table["delta_1"].to_numpy(), table["delta_2"].to_numpy()
     named: dict[str, Any] = {"steady": steady}
     for number, threshold in enumerate(thresholds):
         which = np.where(steady & opposed, place(delta_1, delta_2, threshold), _NONE)
-        which = np.where(known & ~steady, _UNSTEADY, which)
+        which = np.where(readable & ~steady, _UNSTEADY, which)
         named[f"gait_at_{threshold:g}" if number else "gait"] = pd.Categorical.from_codes(which, list(GAITS))
     return named | {"margin": margin(delta_1, delta_2, thresholds[0])}

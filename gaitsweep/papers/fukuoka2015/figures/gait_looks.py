@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 
 from gaitsweep import LimbLook
@@ -40,11 +39,6 @@ _BAR = 0.62
 def colour_of(gait: str) -> str:
     """The colour of a gait, or of no gait."""
     return theme.colours([gait])[gait]
-
-
-def ink_on(gait: str) -> str:
-    """Black or white, for a text over the colour of a gait."""
-    return "black" if np.dot(to_rgb(colour_of(gait)), (0.3, 0.59, 0.11)) > 0.5 else "white"
 
 
 def marker_of(gait: str) -> str:

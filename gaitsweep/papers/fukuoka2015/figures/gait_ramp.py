@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gaits_along
-from gaitsweep.papers.fukuoka2015.figures.gait_looks import ORDER, check_gaits, colour_of, ink_on, label_of
+from gaitsweep.papers.fukuoka2015.figures.gait_looks import ORDER, check_gaits, colour_of, label_of
 from gaitsweep.plot import (
     Count,
     Panels,
@@ -84,16 +84,16 @@ def gait_ramp(
     along = along.loc[np.isfinite(along[parameter if x == "parameter" else x])]
     parts = [table if value is None else rows_where(table, table[str(panels)] == value) for value in values]
     rows = [np.unique(part["row"].to_numpy(int)) for part in parts]
-    heights = [max(len(each), 1) for each in rows]
+    heights = [max(len(rows_of_panel), 1) for rows_of_panel in rows]
     span = along[parameter if x == "parameter" else x]
     present = set(along["gait"].astype(str))
     with theme.canvas(theme.PAGE, 0.42 * sum(heights) + 0.35 * len(parts) + 0.9, title) as figure:
         grid = figure.subplots(len(parts), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
         grid[0].set_xlim(span.min(), span.max())
-        for axes, value, each in zip(grid, values, rows, strict=True):
+        for axes, value, part in zip(grid, values, parts, strict=True):
             axes.set_title("" if value is None else written(table, str(panels), value), loc="left")
-            names = row_names(rows_where(table, table["row"].isin(each.tolist())), [panels] if panels else [])
-            _panel(axes, along, [(row, names[row]) for row in each], parameter, x == "speed")
+            names = row_names(part.sort_values("row", kind="stable"), [panels] if panels else [])
+            _panel(axes, along, list(names.items()), parameter, x == "speed")
         grid[-1].set_xlabel(described(table, parameter) if x == "parameter" else "measured speed (m/s)")
         shown = [gait for gait in theme.ordered(ORDER) if gait in present]
         handles = [Patch(color=colour_of(gait), label=_kind(gait)) for gait in shown]
@@ -115,11 +115,11 @@ def _kind(gait: str) -> str:
 def _panel(
     axes: Axes, along: pd.DataFrame, rows: Sequence[tuple[Any, str]], parameter: str, measured: bool
 ) -> None:
+    """The bars of named rows, over the parameter or the measured speed, and the direction of each pass."""
     look: dict[str, Any] = {"fontsize": theme.points(11), "va": "center", "ha": "right", "weight": "bold"}
     for place, (row, _) in enumerate(rows):
-        mine = along.loc[along["row"] == row]
         for down in (0, 1):
-            part = mine.loc[mine["pass"] == down]
+            part = along.loc[(along["row"] == row) & (along["pass"] == down)]
             height = place + (0.22 if down else -0.22)
             falls = len(part) > 1 and part[parameter].iloc[-1] < part[parameter].iloc[0]
             at = part["speed" if measured else parameter].to_numpy(float)
@@ -127,10 +127,8 @@ def _panel(
                 at = scipy.optimize.isotonic_regression(at, increasing=not falls).x
             _bar(axes, at, part["t"].to_numpy(float), part["gait"].astype(str).tolist(), height)
             if len(part):
-                arrow = "\u2190" if falls else "\u2192"
-                axes.annotate(
-                    arrow, (0.0, height), (-3, 0), axes.get_yaxis_transform(), "offset points", **look
-                )
+                arrow, side = "\u2190" if falls else "\u2192", axes.get_yaxis_transform()
+                axes.annotate(arrow, (0.0, height), (-3, 0), side, "offset points", **look)
     axes.set_yticks(range(len(rows)), [name for _, name in rows])
     axes.tick_params(axis="y", length=0, pad=16)
     axes.set_ylim(len(rows) - 0.45, -0.55)
@@ -156,5 +154,5 @@ def _bar(axes: Axes, at: np.ndarray, t: np.ndarray, gaits: Sequence[str], height
         low, colour = begins[first], colour_of(gaits[first])
         bar = axes.barh(height, ends[last - 1] - low, _BAR, left=low, color=colour, linewidth=0)
         if abs(ends[last - 1] - low) * letters > len(kinds[first]):
-            look: dict[str, Any] = {"fontsize": theme.points(7), "color": ink_on(gaits[first])}
+            look: dict[str, Any] = {"fontsize": theme.points(7), "color": theme.ink_on(colour)}
             axes.bar_label(bar, [kinds[first]], label_type="center", **look)

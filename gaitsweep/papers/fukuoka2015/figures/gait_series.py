@@ -41,8 +41,8 @@ from gaitsweep.plot import (
     Title,
     Window,
     check_window,
-    column,
     figure_kind,
+    require_columns,
     rows_where,
     theme,
 )
@@ -67,11 +67,8 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     if figure.strip is not None and isinstance(table.run, Trace):
         strips = table.run.duration / figure.strip
         if strips > 10_000 or math.isinf(strips):
-            text = (
-                f"is {figure.strip:g} s, which gives {strips:.3g} strips in {table.run.duration:g} "
-                "s, too many to draw."
-            )
-            yield ("strip",), text
+            count = f"{strips:.3g} strips in {table.run.duration:g} s"
+            yield ("strip",), f"is {figure.strip:g} s, which gives {count}, too many to draw."
 
 
 @figure_kind("trace", check=_check)
@@ -100,13 +97,9 @@ def gait_series(
     Raises:
         PlotError: the table does not have a column.
     """
-    for name in ("row", "t", "pitch", *FLEXORS.values(), *(f"F_{leg}" for leg in LEGS if loads)):
-        column(table, name)
+    require_columns(table, "row", "t", "pitch", *FLEXORS.values(), *(f"F_{leg}" for leg in LEGS if loads))
     table = table if row is None else rows_where(table, table["row"] == row)
-    every = _strips(table, window, strip)
-    parts = every[:_MOST_STRIPS]
-    if len(every) > len(parts):
-        title = f"{title or ''} (the first {len(parts)} of {len(every)} strips)".strip()
+    parts, title = theme.first_of(_strips(table, window, strip), _MOST_STRIPS, title, "strips")
     most = strip_columns or (_MOST_COLUMNS if len(parts) > _LONG else 1)
     down, columns = theme.shape(len(parts), theme.PAGE, 3.0, most)
     kinds = [kind for kind in _HEIGHTS if (kind != "gait" or strip) and (kind != "load" or loads)]
@@ -116,25 +109,19 @@ def gait_series(
     with theme.canvas(theme.PAGE, height, title) as figure:
         outer = figure.subfigures(down, columns, squeeze=False).ravel(order="F")
         gaits: set[str] = set()
-        for number, (sub, part) in enumerate(zip(outer, parts, strict=False)):
-            grid = sub.subplots(len(kinds), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+        for number, (place, part) in enumerate(zip(outer, parts, strict=False)):
+            grid = place.subplots(len(kinds), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
             heading = _heading(table, part, number, titles) if strip is None or titles else ""
-            gaits |= _draw(
-                dict(zip(kinds, grid, strict=True)),
-                part,
-                along,
-                heading,
-                theme.width_of(theme.PAGE) / columns,
-            )
+            wide = theme.width_of(theme.PAGE) / columns
+            gaits |= _draw(dict(zip(kinds, grid, strict=True)), part, along, heading, wide)
         if not parts:
             theme.message(outer[0].subplots(), "No sample of these rows was recorded in this time.")
         handles = [
             Line2D([], [], color=LEG_COLOURS[leg], ls=_line(leg), lw=1.6, label=LIMBS[leg].name)
             for leg in LEGS
         ]
-        flight = (
-            [Patch(color=FLIGHT, label="flight: no foot on the ground")] if any(map(_flies, parts)) else []
-        )
+        flight = [Patch(color=FLIGHT, label="flight: no foot on the ground")]
+        flight = flight if any(map(_flies, parts)) else []
         bouts = [Patch(color=colour_of(gait), label=label_of(gait)) for gait in ORDER if gait in gaits]
         theme.legend(figure, [*handles, *flight, *bouts], ncols=5)
     return figure
@@ -172,8 +159,8 @@ def _heading(table: pd.DataFrame, part: pd.DataFrame, number: int, titles: Seque
     if titles is not None:
         return titles[number] if number < len(titles) else ""
     row = part["row"].iloc[0]
-    found = gaits_in(rows_where(table, table["row"] == row)).iloc[0]
-    return ", ".join([str(found["gait"]), *in_words(table, found, part)])
+    record = gaits_in(rows_where(table, table["row"] == row)).iloc[0]
+    return ", ".join([str(record["gait"]), *in_words(table, record, part)])
 
 
 def _draw(
@@ -212,24 +199,24 @@ def _bouts(axes: Axes, part: pd.DataFrame, along: pd.DataFrame, wide: float) -> 
     """The gait bouts as bars with their names, and the speed at both ends; returns the gaits."""
     axes.set_axis_off()
     axes.set_ylim(0.0, 1.0)
-    mine = rows_where(along, along["row"] == part["row"].iloc[0])
+    of_row = rows_where(along, along["row"] == part["row"].iloc[0])
     low, high = float(part["t"].iloc[0]), float(part["t"].iloc[-1])
     axes.set_xlim(low, high)
     width = (wide - _BESIDE) / (high - low)  # inches a second
     drawn = set()
-    for spell in gait_bouts(mine, "gait", _LEAST).to_dict("records"):
-        begin, end = max(float(spell["begin"]), low), min(float(spell["end"]), high)
+    for bout in gait_bouts(of_row, "gait", _LEAST).to_dict("records"):
+        begin, end = max(float(bout["begin"]), low), min(float(bout["end"]), high)
         if end <= begin:
             continue
-        name = str(spell["gait"])
+        name = str(bout["gait"])
         drawn.add(name)
         axes.barh(0.15, end - begin, 0.26, left=begin, color=colour_of(name), linewidth=0)
         if (end - begin) * width > _LETTER * len(name):
             look: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": theme.points(7)}
             axes.text(0.5 * (begin + end), 0.3, name, **look)
-    if "speed" in mine.columns and len(mine):
-        for at in (low, high):
-            v = np.interp(at, mine["t"].to_numpy(float), mine["speed"].to_numpy(float))
-            side: Any = "left" if at == low else "right"
-            axes.text(at, 1.0, f"{v:.2f} m/s", va="top", fontsize=theme.points(7), color="#444444", ha=side)
+    if "speed" in of_row.columns and len(of_row):
+        look = {"va": "top", "fontsize": theme.points(7), "color": "#444444"}
+        for at, side in ((low, "left"), (high, "right")):
+            speed = np.interp(at, of_row["t"].to_numpy(float), of_row["speed"].to_numpy(float))
+            axes.text(at, 1.0, f"{speed:.2f} m/s", ha=side, **look)
     return drawn

@@ -52,11 +52,11 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     traced = ["pitch", *FLEXORS.values(), *(f"F_{leg}" for leg in LEGS)]
     if not settled and (name := table.missing(traced)) is not None:
         yield figure.needs(table, f"the signal {name}, or loads where rows end")
-    known = [name for name in rule.MEASURES if not settled or not name.endswith("together")]
+    allowed = [name for name in rule.MEASURES if not settled or not name.endswith("together")]
     for at, name in enumerate(figure.measures or []):
-        if name not in known:
-            text = f"is {name}, which is not a measure of this job's table{near_miss.suggestion(name, known)}"
-            yield ("measures", at), text
+        if name not in allowed:
+            near = near_miss.suggestion(name, allowed)
+            yield ("measures", at), f"is {name}, which is not a measure of this job's table{near}"
     if (figure.only is None) != (figure.value is None):
         field, other = ("only", "value") if figure.only is None else ("value", "only")
         yield (field,), f"is missing, but {other} is set: set both or none."
@@ -97,17 +97,18 @@ def loading_rule(
     present = set(pairs["gait"].astype(str))
     heading = title if only is None else f"{title or ''} {written(table, only, value)}".strip()
     with theme.canvas(theme.PAGE, (2.25 if across > 1 else 1.75) * down + 0.6, heading) as figure:
-        grid = theme.panels(figure, len(names), down, across, sharey=True)
+        grid = theme.panels(figure, (down, across), len(names), sharey=True)
         for number, (axes, name) in enumerate(zip(grid, names, strict=True)):
             _panel(axes, pairs, name, agreement[name])
             if number % across == 0:
                 axes.set_ylabel("shift of the pair, $\\delta$ (cycles)\nhind leg late: positive")
-        rule_ = Patch(color=_OF_THE_RULE, label="sign as the rule says")
-        theme.legend(figure, [*gait_key(present), rule_], ncols=6)
+        quadrants = Patch(color=_OF_THE_RULE, label="sign as the rule says")
+        theme.legend(figure, [*gait_key(present), quadrants], ncols=6)
     return figure
 
 
 def _panel(axes: Axes, pairs: pd.DataFrame, name: str, agreement: Mapping[Any, Any]) -> None:
+    """The shifts of pairs over one measure, the quadrants of the rule, and the agreement above."""
     for gait in theme.ordered(ORDER):
         part = rows_where(pairs, pairs["gait"].astype(str) == gait)
         if len(part):
@@ -120,8 +121,8 @@ def _panel(axes: Axes, pairs: pd.DataFrame, name: str, agreement: Mapping[Any, A
     for x, low in ((-reach, THRESHOLD), (0.0, -height)):
         look = {"facecolor": _OF_THE_RULE, "linewidth": 0, "zorder": 0}
         axes.fill_between([x, x + reach], low, low + height - THRESHOLD, **look)
-    axes.axhline(0.0, color="#AAAAAA", lw=0.5, zorder=1)
-    axes.axvline(0.0, color="#AAAAAA", lw=0.5, zorder=1)
+    for line in (axes.axhline, axes.axvline):
+        line(0.0, color="#AAAAAA", lw=0.5, zorder=1)
     measure = rule.MEASURES[name]
     axes.set_xlabel("\n".join(textwrap.wrap(f"{measure.meaning} ({measure.unit})", 30)))
     share = f"sign right {theme.percent(agreement['right'])} %" if agreement["shifted"] else "no pair shifted"

@@ -12,7 +12,16 @@ from matplotlib.figure import Figure
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS, gaits_in
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import CONTACTS, colour_of, footfalls, in_words, label_of
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART
-from gaitsweep.plot import PlannedTable, Positive, Refusal, Title, column, figure_kind, rows_where, theme
+from gaitsweep.plot import (
+    PlannedTable,
+    Positive,
+    Refusal,
+    Title,
+    figure_kind,
+    require_columns,
+    rows_where,
+    theme,
+)
 
 _NOTE = 1.5  # inches; width of the description of a cell
 _NARROW = 5.0  # inches; below, cells have their speed alone, and the first column names the legs
@@ -42,8 +51,7 @@ def nine_gaits(
     Raises:
         PlotError: the table does not have a column.
     """
-    for name in ("row", "t", *FLEXORS.values()):
-        column(table, name)
+    require_columns(table, "row", "t", *FLEXORS.values())
     gaits = gaits_in(table)
     wide = theme.width_of(theme.PAGE)
     cell = wide / 3.0 - 0.4  # inches; of a cell's texts
@@ -74,20 +82,24 @@ def nine_gaits(
     return figure
 
 
-def _example(axes: Axes, table: pd.DataFrame, gait: str, of: pd.Series, cycles: float, narrow: bool) -> None:
-    samples = rows_where(table, table["row"] == of["row"]).sort_values("t", kind="stable")
+def _example(
+    axes: Axes, table: pd.DataFrame, gait: str, record: pd.Series, cycles: float, narrow: bool
+) -> None:
+    """The footfalls of a row, whose entry of `gaits_in` is `record`, with its description."""
+    samples = rows_where(table, table["row"] == record["row"]).sort_values("t", kind="stable")
     samples = samples.assign(t=samples["t"] - samples["t"].min())
-    end = cycles * float(of["period"])  # pyright: ignore[reportArgumentType]
+    end = cycles * float(record["period"])  # pyright: ignore[reportArgumentType]
     samples = rows_where(samples, samples["t"] <= end)
     footfalls(axes, samples)
     axes.set_xlim(0.0, end)
-    words = in_words(table, of, samples)
+    words = in_words(table, record, samples)
     _name(axes, gait, theme.wrapped(", ".join(words), _NOTE, 7.0) if not narrow else words[0])
     last = float(f"{0.8 * end:.1g}")
     axes.set_xticks([0.0, last], ["0", f"{last:g}"])
 
 
 def _empty(axes: Axes, text: str) -> None:
+    """The cell of a gait without rows."""
     axes.set_xticks([])
     axes.set_yticks([])
     for spine in axes.spines.values():

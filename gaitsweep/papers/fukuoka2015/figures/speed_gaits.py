@@ -31,6 +31,7 @@ from gaitsweep.plot import (
     column,
     described,
     figure_kind,
+    require_columns,
     rows_where,
     theme,
     written,
@@ -67,8 +68,7 @@ def speed_gaits(
         PlotError: the table does not have a column.
     """
     speed = column(table, speed, ("_end", ""))
-    for name in (y, "status", *([panels] if panels else [])):
-        column(table, name)
+    require_columns(table, y, "status", panels)
     gaits = gaits_in(table).set_index("row")["gait"].astype(str)
     shown = table.assign(gait=gaits.loc[table["row"]].to_numpy())
     shown = rows_where(shown, np.isfinite(shown[speed].to_numpy(float)) & (shown["gait"] != "none"))
@@ -78,7 +78,7 @@ def speed_gaits(
     height = max(0.23, 0.16 if len(bands) > 12 else 0.26) * max(len(bands), 3) + 0.9
     down, across = theme.shape(len(values), theme.PAGE, 1.2)
     with theme.canvas(theme.PAGE, height * down + (0.0 if y == "gait" else 0.35), title) as figure:
-        grid = theme.panels(figure, len(values), down, across, sharex=True, sharey=True)
+        grid = theme.panels(figure, (down, across), len(values), sharex=True, sharey=True)
         for number, (axes, value) in enumerate(zip(grid, values, strict=True)):
             part = shown if value is None else rows_where(shown, shown[str(panels)] == value)
             axes.set_title("" if value is None else written(table, str(panels), value))
@@ -87,10 +87,8 @@ def speed_gaits(
                 axes.set_xlabel(described(table, speed, 60 // across))
             if not len(part):
                 theme.message(axes, "no row with a gait" if len(table) else "no rows yet")
-        names = [label_of(band) if y == "gait" else f"{band:.4g}" for band in bands]
-        grid[0].set_yticks(
-            range(len(bands)), [name.replace("-", "−") if y != "gait" else name for name in names]
-        )
+        names = [label_of(band) if y == "gait" else f"{band:.4g}".replace("-", "−") for band in bands]
+        grid[0].set_yticks(range(len(bands)), names)
         grid[0].set_ylim(-0.6, len(bands) - 0.4)
         if y != "gait":
             for axes in grid[::across]:

@@ -22,6 +22,7 @@ from gaitsweep.dynamics.tree import (
     places,
     velocity_at,
 )
+from gaitsweep.expression import evaluate
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import NQ, SIDE, PlanarMechanics, body, mjcf
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.papers.fukuoka2015.planar_quadruped.parameters import BODY
@@ -31,8 +32,7 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.state import State
 if TYPE_CHECKING:
     from gaitsweep.dynamics.mjx import MjxBody, Variants
 
-Moved = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
-
+AfterStep = tuple[jax.Array, jax.Array, jax.Array, jax.Array]  # q, v, warm and loads
 
 # Largest value of the stability number of `PlanarTreeBody.longest_step`, whose limit is 2.
 STABLE = 1.5
@@ -47,7 +47,7 @@ class PlanarBody(abc.ABC):
     def on_host(
         self, values: Mapping[str, Float[np.ndarray, " rows"]]
     ) -> dict[str, Float[np.ndarray, "rows ..."]]:
-        """As `Model.on_host`."""
+        """`Model.on_host` of the quadruped with this body."""
         return dict(values)
 
     def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
@@ -59,7 +59,7 @@ class PlanarBody(abc.ABC):
         return jnp.full_like(m.g, jnp.inf)
 
     @abc.abstractmethod
-    def moved(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
+    def moved(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> AfterStep:
         """q, v, warm and the loads (4,) N after a step of `dt` (s) with the motors' forces `tau` (11,)."""
 
 
@@ -75,7 +75,7 @@ class PlanarTreeBody(PlanarBody):
         root = jnp.sqrt(m.D_foot * m.D_foot + 2.0 * STABLE * m.K_foot / w)
         return (root - m.D_foot) / m.K_foot
 
-    def moved(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
+    def moved(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> AfterStep:
         tree, _ = body()
         geometry = m.geometry(swinging(s.u), dt)
         feet = _ground_forces(m, geometry, s, dt)
@@ -116,7 +116,7 @@ class PlanarMjxBody(PlanarBody):
     def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
         return variants().of_row(values)
 
-    def moved(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
+    def moved(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> AfterStep:
         from gaitsweep.dynamics.mjx import BodyState
 
         in_mjx = mjx_body()
@@ -128,8 +128,8 @@ class PlanarMjxBody(PlanarBody):
             "dof_damping": m.damping(swinging(s.u)),
             "geom_friction": jnp.concatenate([sliding, friction[:, 1:]], axis=1),
         }
-        none = jnp.zeros((0,), s.q.dtype)
-        before = BodyState(s.q, s.v, none, s.warm, none)
+        empty = jnp.zeros((0,), s.q.dtype)
+        before = BodyState(s.q, s.v, empty, s.warm, empty)
         after, data = in_mjx.step(numbers, before, dt, tau=tau)
         return after.q, after.v, after.warm, in_mjx.pressures(data).astype(s.q.dtype)
 
@@ -148,20 +148,18 @@ def variants() -> Variants:
     """The bodies with other masses and lengths."""
     from gaitsweep.dynamics.mjx import Variants
 
-    return Variants(mjcf(), edited, page_values())
+    return Variants(mjcf(), edit, default_body())
 
 
-def page_values() -> dict[str, float]:
+def default_body() -> dict[str, float]:
     """The default body parameters, those of the MJCF, by name."""
-    from gaitsweep.expression import evaluate
-
     defaults: dict[str, float] = {}
     for quantity in BODY:
         defaults[quantity.name] = evaluate(quantity.default or 0.0, defaults)
     return defaults
 
 
-def edited(spec: Any, values: Mapping[str, float]) -> None:
+def edit(spec: Any, values: Mapping[str, float]) -> None:
     """Set a mujoco.MjSpec of the body to these masses and lengths."""
     torso = spec.body("torso")
     torso.ipos = [values["com_x"], 0.0, values["com_z"]]

@@ -34,12 +34,12 @@ class Sums:
     load: jax.Array
     pitch: jax.Array
 
-    def grown(self, part: jax.Array, load: jax.Array, pitch: jax.Array, dt: jax.Array) -> Sums:
+    def with_step(self, part: jax.Array, load: jax.Array, pitch: jax.Array, dt: jax.Array) -> Sums:
         """The integrals after a step of `dt` (s), for the legs in this part (4,)."""
         h = jnp.where(part, dt, 0.0)
         return Sums(self.time + h, self.load + h * load, self.pitch + h * pitch)
 
-    def cleared(self, legs: jax.Array) -> Sums:
+    def without(self, legs: jax.Array) -> Sums:
         """The integrals with zeros for these legs (4,)."""
         return jax.tree.map(lambda sum_: jnp.where(legs, 0.0, sum_), self)
 
@@ -68,15 +68,15 @@ class Average:
     pitch: jax.Array
 
     def with_cycle(
-        self, shifts: jax.Array, known: jax.Array, period: jax.Array, pitch: jax.Array, share: jax.Array
+        self, shifts: jax.Array, counts: jax.Array, period: jax.Array, pitch: jax.Array, share: jax.Array
     ) -> Average:
         """Add a cycle of weight `share` to the averages.
 
-        Its `shifts` (2, 3) are in cycles, of which those `known` (2, 1) count 1 and others 0; `period` in s;
+        Its `shifts` (2, 3), in cycles, count 1 or 0 times, by `counts` (2, 1); `period` in s;
         `pitch` (6,) are its means.
         """
-        new = Average(jnp.ones_like(period), known * jnp.cos(TWO_PI * shifts),
-                      known * jnp.sin(TWO_PI * shifts), period, period * period, pitch)  # fmt: skip
+        new = Average(jnp.ones_like(period), counts * jnp.cos(TWO_PI * shifts),
+                      counts * jnp.sin(TWO_PI * shifts), period, period * period, pitch)  # fmt: skip
         return jax.tree.map(lambda old, now: old + share * (now - old), self, new)
 
     def _per_weight(self) -> jax.Array:
@@ -94,9 +94,9 @@ class Average:
     def variation(self) -> jax.Array:
         """Coefficient of variation of the period."""
         mean, square = self._per_weight() * self.period, self._per_weight() * self.square
-        known = mean > 0.0
+        begun = mean > 0.0
         spread = jnp.sqrt(jnp.maximum(square - mean * mean, 0.0))
-        return jnp.where(known, spread / jnp.where(known, mean, 1.0), 0.0)
+        return jnp.where(begun, spread / jnp.where(begun, mean, 1.0), 0.0)
 
     def pitch_shares(self) -> jax.Array:
         """Shares (2,) of the pitch's variance that go once and twice a cycle, at the same phase in each.
@@ -163,12 +163,12 @@ class Cycle:
         """
         pairs = ((HIND_1, FORE_1), (HIND_2, FORE_2), (FORE_2, FORE_1))
         late = jnp.stack([jnp.stack([at[i] - at[j] for i, j in pairs]) for at in (self.onset, self.landed)])
-        lasted = self.period[LF]
-        shift = late / jnp.where(lasted > 0.0, lasted, 1.0)
+        period = self.period[LF]
+        shift = late / jnp.where(period > 0.0, period, 1.0)
         return shift - jnp.floor(shift + 0.5)
 
 
-def begun(x: jax.Array, pitch: jax.Array) -> Cycle:
+def initial_cycle(x: jax.Array, pitch: jax.Array) -> Cycle:
     """The initial measurements, with the torso at `x` (m) and its `pitch` (rad)."""
     zero, four = jnp.zeros_like(x), jnp.zeros((4,), x.dtype)
     two, six = jnp.zeros((2,), x.dtype), jnp.zeros((6,), x.dtype)
@@ -184,7 +184,7 @@ def begun(x: jax.Array, pitch: jax.Array) -> Cycle:
     )  # fmt: skip
 
 
-def followed(
+def after_step(
     cycle: Cycle,
     u: tuple[jax.Array, jax.Array],
     load: jax.Array,
@@ -214,8 +214,8 @@ def followed(
         loaded=jnp.where(down, now, c.loaded),
         landed=jnp.where(lands & first, now, c.landed),
         irregular=jnp.where(lands & ~first, now, c.irregular),
-        stance=c.stance.grown(stands, load, pitch, dt),
-        late=c.late.grown(stands & (c.clock >= c.onset + (1.0 - LATE) * c.period), load, pitch, dt),
+        stance=c.stance.with_step(stands, load, pitch, dt),
+        late=c.late.with_step(stands & (c.clock >= c.onset + (1.0 - LATE) * c.period), load, pitch, dt),
         pitch_sum=c.pitch_sum + dt * pitch,
         pitch_low=jnp.minimum(c.pitch_low, pitch),
         pitch_high=jnp.maximum(c.pitch_high, pitch),
@@ -225,26 +225,26 @@ def followed(
     )
     begins = stands & (after > 0.0)
     rise = after - before
-    whole = c.onset[LF] > 0.0  # the first cycle is incomplete
+    complete = c.onset[LF] > 0.0  # the first cycle is incomplete
     onset = c.clock - dt * jnp.where(begins, after / jnp.where(begins, rise, 1.0), 0.0)
     # the touch of a foot may make a flexor silent again for some steps, which does not end a cycle
-    whole_cycle = begins & (c.clock - c.onset > SHORT * c.period[LF])
+    new_cycle = begins & (c.clock - c.onset > SHORT * c.period[LF])
     stance_load, stance_pitch = c.stance.means()
     late_load, late_pitch = c.late.means()
     c = dataclasses.replace(
         c,
-        irregular=jnp.where(whole_cycle & (c.landed < c.onset), c.clock, c.irregular),
+        irregular=jnp.where(new_cycle & (c.landed < c.onset), c.clock, c.irregular),
         onset=jnp.where(begins, onset, c.onset),
         period=jnp.where(begins, onset - c.onset, c.period),
-        stance=c.stance.cleared(begins),
-        late=c.late.cleared(begins),
+        stance=c.stance.without(begins),
+        late=c.late.without(begins),
         stance_load=jnp.where(begins, stance_load, c.stance_load),
         stance_pitch=jnp.where(begins, stance_pitch, c.stance_pitch),
         late_load=jnp.where(begins, late_load, c.late_load),
         late_pitch=jnp.where(begins, late_pitch, c.late_pitch),
         closed=begins[LF],
     )
-    return _closed(c, x, pitch, jnp.where(whole, 1.0 / memory, 0.0))
+    return _closed(c, x, pitch, jnp.where(complete, 1.0 / memory, 0.0))
 
 
 def _pitch_products(c: Cycle, pitch: jax.Array) -> jax.Array:
@@ -254,22 +254,22 @@ def _pitch_products(c: Cycle, pitch: jax.Array) -> jax.Array:
     twice that phase, for a cycle as long as the last one. A cycle is not a whole number of steps, so sums of
     a large mean would not cancel.
     """
-    lasted = jnp.where(c.period[LF] > 0.0, c.period[LF], 1.0)
-    angle = TWO_PI * (c.clock - c.onset[LF]) / lasted
+    period = jnp.where(c.period[LF] > 0.0, c.period[LF], 1.0)
+    angle = TWO_PI * (c.clock - c.onset[LF]) / period
     cosine, sine = jnp.cos(angle), jnp.sin(angle)
     twice = (cosine * cosine - sine * sine, 2.0 * cosine * sine)
-    apart = pitch - c.pitch_mean
-    return apart * jnp.stack([jnp.ones_like(apart), apart, cosine, sine, *twice])
+    deviation = pitch - c.pitch_mean
+    return deviation * jnp.stack([jnp.ones_like(deviation), deviation, cosine, sine, *twice])
 
 
 def _closed(c: Cycle, x: jax.Array, pitch: jax.Array, share: jax.Array) -> Cycle:
     """The measurements of LF's cycle at its end; `share` is its weight in the averages."""
-    lasted = jnp.where(c.closed & (c.period[LF] > 0.0), c.period[LF], 1.0)
-    apart, square, *waves = c.pitch_sums / lasted
-    before = c.pitch_mean  # the reference of `pitch_sums`
-    once = jnp.all(c.irregular < c.clock - RECENT * lasted)
-    known = jnp.stack([jnp.ones_like(lasted), jnp.where(once, 1.0, 0.0)])[:, None]
-    of_pitch = jnp.stack([before + apart, before * before + 2.0 * before * apart + square, *waves])
+    period = jnp.where(c.closed & (c.period[LF] > 0.0), c.period[LF], 1.0)
+    deviation, square, *waves = c.pitch_sums / period
+    mean = c.pitch_mean  # the mean of `pitch_sums`
+    regular = jnp.all(c.irregular < c.clock - RECENT * period)
+    counts = jnp.stack([jnp.ones_like(period), jnp.where(regular, 1.0, 0.0)])[:, None]
+    pitch_means = jnp.stack([mean + deviation, mean * mean + 2.0 * mean * deviation + square, *waves])
     ended = dataclasses.replace(
         c,
         begin_x=x,
@@ -278,12 +278,12 @@ def _closed(c: Cycle, x: jax.Array, pitch: jax.Array, share: jax.Array) -> Cycle
         pitch_high=pitch,
         pitch_sums=jnp.zeros_like(c.pitch_sums),
         aloft=jnp.zeros_like(x),
-        speed=(x - c.begin_x) / lasted,
-        flight=c.aloft / lasted,
-        pitch_mean=c.pitch_sum / lasted,
+        speed=(x - c.begin_x) / period,
+        flight=c.aloft / period,
+        pitch_mean=c.pitch_sum / period,
         pitch_range=c.pitch_high - c.pitch_low,
-        average=c.average.with_cycle(c.shifts(), known, lasted, of_pitch, share),
+        average=c.average.with_cycle(c.shifts(), counts, period, pitch_means, share),
         work=jnp.zeros_like(c.work),
-        power=c.work / lasted,
+        power=c.work / period,
     )
     return jax.tree.map(lambda new, old: jnp.where(c.closed, new, old), ended, c)

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep import Limb, LimbLook, Skeleton
-from gaitsweep.papers.fukuoka2015.planar_quadruped.bodies import edited
+from gaitsweep.papers.fukuoka2015.planar_quadruped.bodies import edit
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import mjcf
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
 
@@ -29,7 +29,7 @@ def of_values(values: Mapping[str, float]) -> mujoco.MjSpec:
     import mujoco  # only where a body is drawn
 
     spec = mujoco.MjSpec.from_string(mjcf())
-    edited(spec, values)
+    edit(spec, values)
     spec.compile()
     return spec
 

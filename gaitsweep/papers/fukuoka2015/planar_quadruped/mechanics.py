@@ -64,9 +64,9 @@ class PlanarMechanics:
         With the damping force at the end of the step, the accelerations follow from (M + dt D) a = forces at
         its beginning, as in MuJoCo's Euler integrator: an armature of dt D.
         """
-        tree, of_page = body()
+        tree, of_mjcf = body()
         fields = ("mass", "com", "inertia", "position")
-        rows: dict[str, list[Array]] = {name: list(getattr(of_page, name)) for name in fields}
+        rows: dict[str, list[Array]] = {name: list(getattr(of_mjcf, name)) for name in fields}
         rows["mass"][tree.index("torso")] = self.torso_mass
         rows["com"][tree.index("torso")] = jnp.stack([self.com_x, 0.0 * self.com_x, self.com_z])
         rows["inertia"][tree.index("torso")] = _about_y(self.torso_inertia)
@@ -85,16 +85,16 @@ class PlanarMechanics:
             rows["position"][i] = _along(2, -self.l_0)
         damping = self.damping(swings)
         stacked = {name: jnp.stack([jnp.asarray(row) for row in rows[name]]) for name in rows}
-        return dataclasses.replace(of_page, **stacked, damping=damping, armature=dt * damping)
+        return dataclasses.replace(of_mjcf, **stacked, damping=damping, armature=dt * damping)
 
     def _lower(self) -> tuple[Scalar, Scalar, Scalar]:
         """A lower leg with its foot: mass (kg), centre of mass above the sole (m), inertia there (kg m2)."""
         shin, foot = self.lower_mass, self.foot_mass
         mass = shin + foot
-        apart = 0.5 * self.lower_length
+        d = 0.5 * self.lower_length  # between the centres of the shin and of the foot
         inertia = capsule_inertia(shin, self.lower_length, LOWER_RADIUS)
         inertia = inertia + 0.4 * foot * self.foot_radius * self.foot_radius
-        return mass, self.foot_radius + shin / mass * apart, inertia + shin * foot / mass * apart * apart
+        return mass, self.foot_radius + shin / mass * d, inertia + shin * foot / mass * d * d
 
     def total_mass(self) -> jax.Array:
         """The mass of the torso and four legs, kg."""

@@ -117,17 +117,17 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         return LABEL_FIELDS
 
     @property
-    def _moved_by(self) -> PlanarBody:
+    def _mover(self) -> PlanarBody:
         return PlanarTreeBody() if self.body == "tree" else PlanarMjxBody()
 
     @property
     def host_parameters(self) -> tuple[str, ...]:
-        return self._moved_by.compiled_of
+        return self._mover.compiled_of
 
     def on_host(
         self, values: Mapping[str, Float[np.ndarray, " rows"]]
     ) -> dict[str, Float[np.ndarray, "rows ..."]]:
-        return self._moved_by.on_host(values)
+        return self._mover.on_host(values)
 
     def params(self, values: Mapping[str, Float[Array, " ..."]]) -> Params:
         v = {name: jnp.asarray(value) for name, value in values.items()}
@@ -138,7 +138,7 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         return Params(
             network=Network(**of(Network)),
             motors=Motors(**of(Motors)),
-            mechanics=PlanarMechanics(**of(PlanarMechanics), numbers=self._moved_by.numbers(v)),
+            mechanics=PlanarMechanics(**of(PlanarMechanics), numbers=self._mover.numbers(v)),
             threshold=v["threshold"],
             memory=v["memory"],
         )
@@ -156,7 +156,7 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         q = jnp.zeros((NQ,), hip.dtype).at[Z].set(height).at[HIP].set(hip)
         q = q.at[KNEE].set(params.motors.l_st)
         u, zero = u + start["scatter"] * perturbation(start["seed"]), jnp.zeros_like(q)
-        warm, load, read = zero[: self._moved_by.warm], zero[:4], cycle.begun(q[X], q[PITCH])
+        warm, load, read = zero[: self._mover.warm], zero[:4], cycle.initial_cycle(q[X], q[PITCH])
         return State(q=q, v=zero, warm=warm, u=u, f=f, load=load, cycle=read)
 
     def step(self, params: Params, state: State, dt: Float[Array, ""]) -> State:
@@ -165,17 +165,17 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         theta, length = s.q[HIP], s.q[KNEE]
         swings = swinging(s.u)
         tau = forces_on_joints(*p.motors.forces(swings, theta, length))
-        q, v, warm, load = self._moved_by.moved(p.mechanics, s, tau, dt)
+        q, v, warm, load = self._mover.moved(p.mechanics, s, tau, dt)
         u, f = p.network.stepped(s.u, s.f, theta, s.load, dt)
         # semi-implicit steps: q moves by dt v, with the damping at the end of the step
         powers = joint_powers(tau, p.mechanics.damping(swings), v)
         work = dt * jnp.stack([jnp.sum(jnp.maximum(power, 0.0)) for power in powers])
-        read = cycle.followed(s.cycle, (s.u, u), load, q[X], s.q[PITCH], work, p.memory, dt)
+        read = cycle.after_step(s.cycle, (s.u, u), load, q[X], s.q[PITCH], work, p.memory, dt)
         return State(q=q, v=v, warm=warm, u=u, f=f, load=load, cycle=read)
 
     def longest_step(self, params: Params) -> Float[Array, ""]:
         """1 ms, the step that is part of the model's definition, or less for stiffer contacts."""
-        return jnp.minimum(DEFINED_STEP, self._moved_by.longest_step(params.mechanics))
+        return jnp.minimum(DEFINED_STEP, self._mover.longest_step(params.mechanics))
 
     def events(self, params: Params, before: State, after: State) -> Bool[Array, " events"]:
         """Whether LF has begun to swing; the step itself has applied the jump."""

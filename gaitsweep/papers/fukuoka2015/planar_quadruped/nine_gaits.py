@@ -62,7 +62,7 @@ def signs(gait: str) -> tuple[int, int]:
 
 
 def family(gait: str) -> str:
-    """walk, trot, canter or gallop for one of the nine gaits; another name is returned unchanged."""
+    """The family of one of the nine gaits: walk, trot, canter or gallop; another name unchanged."""
     if gait not in CHART:
         return gait
     first, second = signs(gait)
@@ -72,4 +72,5 @@ def family(gait: str) -> str:
 
 
 def _sign(delta: Any, threshold: Any) -> Any:
+    """1 above the threshold, -1 below its negative, else 0."""
     return 1 * (delta > threshold) - 1 * (delta < -threshold)

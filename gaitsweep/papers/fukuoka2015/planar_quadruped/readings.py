@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from gaitsweep.contract import Quantity
 from gaitsweep.dynamics.matsuoka import FLEXOR
-from gaitsweep.papers.fukuoka2015.planar_quadruped.cycle import BREAK, FORE_1, FORE_2, HIND_1, HIND_2, LF
+from gaitsweep.papers.fukuoka2015.planar_quadruped.cycle import BREAK, LF
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import (
     HIP,
     KNEE,
@@ -18,22 +18,20 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import (
     forces_on_joints,
     joint_powers,
 )
-from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS, PAIRS
 from gaitsweep.papers.fukuoka2015.planar_quadruped.rhythm import swinging
 from gaitsweep.papers.fukuoka2015.planar_quadruped.state import Params, State
 
 # A scale so large that no run waits for a quantity to settle: what it follows from has its own.
 _FOLLOWS = 1.0e9
 
-_PAIRS = {
-    1: f"{LEGS[HIND_1]} less that of {LEGS[FORE_1]}",
-    2: f"{LEGS[HIND_2]} less that of {LEGS[FORE_2]}",
-}
+_PAIRS = {i: f"{hind} less that of {fore}" for i, (fore, hind) in enumerate(PAIRS, 1)}
 
 
 def _of_legs(
     name: str, unit: str, meaning: str, symbol: str, scale: float | None = None
 ) -> tuple[Quantity, ...]:
+    """A quantity of each leg, whose name goes into the `{}` of the meaning."""
     return tuple(
         Quantity(
             f"{name}_{leg}", unit, meaning.format(leg), symbol=f"{symbol}^\\mathrm{{{leg}}}", scale=scale

@@ -41,16 +41,10 @@ class Network:
             load: loads on the feet, (4,) N.
         """
         du, df = rates(
-            u,
-            f,
-            s=self.s,
-            Tr=self.Tr,
-            Ta=self.Ta,
-            b=self.b,
-            gamma=self.gamma,
+            u, f, s=self.s, Tr=self.Tr, Ta=self.Ta, b=self.b, gamma=self.gamma,
             couplings=[Coupling(self.alpha, ACROSS), Coupling(self.beta_w, BESIDE)],
             feedback=leg_feedback(theta, load, theta0=self.theta0, k1=self.k1, k2=self.k2),
-        )
+        )  # fmt: skip
         return u + dt * du, f + dt * df
 
 
@@ -78,13 +72,9 @@ class Motors:
             swings: whether each leg swings, (4,).
             theta, length: angles of the hips, (4,) rad, and lengths of the knees, (4,) m.
         """
-        hip = jnp.where(
-            swings, self.Kp_hip_sw * (self.theta_sw - theta), self.Kp_hip_st * (self.theta_st - theta)
-        )
-        knee = jnp.where(
-            swings, self.Kp_knee_sw * (self.l_sw - length), self.Kp_knee_st * (self.l_st - length)
-        )
-        return hip, knee
+        hip_sw, hip_st = self.Kp_hip_sw * (self.theta_sw - theta), self.Kp_hip_st * (self.theta_st - theta)
+        knee_sw, knee_st = self.Kp_knee_sw * (self.l_sw - length), self.Kp_knee_st * (self.l_st - length)
+        return jnp.where(swings, hip_sw, hip_st), jnp.where(swings, knee_sw, knee_st)
 
 
 def swinging(u: jax.Array) -> jax.Array:

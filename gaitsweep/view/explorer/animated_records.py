@@ -1,0 +1,217 @@
+"""The animated records of the explorer: simulated again, compared with the table, encoded for the page."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.contract import Status
+from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.kinds.columns import gaits
+from gaitsweep.runs.prepare import RunContext
+from gaitsweep.runs.progress import Progress
+from gaitsweep.runs.self_check import changes, circular
+from gaitsweep.skeleton import LimbLook
+from gaitsweep.view.explorer.encoding import compressed, crossing_fields, json_bytes, motion_fields
+from gaitsweep.view.explorer.replay_groups import ReplayGroup, replay_groups
+from gaitsweep.view.explorer.replays import BodyParts, Crossings, ReplayedRow, Replayer
+from gaitsweep.view.explorer.start_map import StartMap, html_symbol
+
+# Lines of one figure beside the map, and symbols that name it.
+_MOST_SERIES = 6
+_NAMED = 3
+# Differences in angles up to this value between a row simulated again and the table are not reported, rad.
+_REPORTED = 1e-2
+
+
+class AnimatedRecords:
+    """The animated records, simulated again, and their fields on the page.
+
+    Args:
+        shown: the records of the page.
+        context: their job.
+        most: largest number of animated records.
+        spent: duration of the job, s.
+        on_progress: progress callback.
+    """
+
+    def __init__(
+        self, shown: StartMap, context: RunContext, most: int, spent: float, on_progress: Progress | None
+    ) -> None:
+        self._context, self._on_progress = context, on_progress
+        self._model, self._shown = context.model, shown.table
+        self._outcomes, self._looks = shown.outcome, shown.outcomes
+        self._table = shown.table.reset_index(drop=True)
+        self._table.attrs = {}  # which pandas would copy with each record
+        self._groups, self._beside = replay_groups(
+            shown, self._table, context, most, spent, self._on_branch_progress
+        )
+        self._parts: BodyParts | None = None
+        self._sizes: list[tuple[float, float, float]] = []
+        self.series = self._drawn_over_cycles()
+        self.sentence = "The page has no animated starts."
+
+    def fields(self, room: int) -> dict[str, Any]:
+        """The replays that fit into a number of bytes; `sentence` has their number."""
+        replays: dict[int, dict[str, Any]] = {}
+        around: dict[int, Crossings] = {}
+        for group in self._groups:
+            replayer = group.replayer()
+            windows = group.windows(float(replayer.periods.max()))
+            for replayed in replayer.replayed(windows, self._on_sweep_progress(group.rows.size)):
+                for record in group.records_of[replayed.row]:
+                    replays[record] = self._replay(group, replayer, replayed, record)
+                    around[record] = group.around(record, replayed)
+            self._parts = self._parts or replayer.parts
+        self._set_ranges(list(around.values()))
+        walks, size = [], 0
+        for record in (record for group in self._groups for record in group.records.tolist()):
+            replay = {**replays[record], "crossings": self._over_cycles(around[record])}
+            size += len(compressed(json_bytes(replay)))
+            if size > room:
+                break
+            walks.append(replay)
+        self._count(walks, len(replays))
+        cycles = np.concatenate([[], *(np.diff(crossings.t) for crossings in around.values())])
+        return {
+            "walks": walks,
+            "first": self._first([replay["record"] for replay in walks]),
+            "figure": self._figure(),
+            "series": self.series,
+            "cycle": float(np.median(cycles)) if cycles.size else 1.0,
+        }
+
+    def _first(self, animated: list[int]) -> int:
+        """The record with which the page opens: one with a settled gait, animated if any is."""
+        records = animated[1:2] + animated or list(range(len(self._outcomes)))
+        hidden = [look["hollow"] or look["hatched"] or look["leads"] == "none" for look in self._looks]
+        return next((record for record in records if not hidden[self._outcomes[record]]), records[0])
+
+    def _on_branch_progress(self, note: str = "", share: float = 0.0) -> None:
+        """Report progress while branches are followed again."""
+        if self._on_progress is not None:
+            self._on_progress(0, 1, 0.0, 0.0, "following branches again")
+
+    def _on_sweep_progress(self, rows: int) -> Callable[[SweepProgress], None]:
+        """The progress callback of a sweep over `rows` rows."""
+
+        def on_progress(now: SweepProgress) -> None:
+            if self._on_progress is not None:
+                done = min(round(now.share * now.rows), rows)
+                self._on_progress(done, rows, done / max(now.seconds, 1e-9), done / rows, "walking")
+
+        return on_progress
+
+    def _replay(
+        self, group: ReplayGroup, replayer: Replayer, replayed: ReplayedRow, record: int
+    ) -> dict[str, Any]:
+        """The fields of one animated record."""
+        period = float(replayer.periods[replayed.place])
+        stretches = group.stretches(record, replayed, period)
+        motions = [motion for part in stretches if (motion := replayer.motion(replayed, part)) is not None]
+        pictures = [motion.pictures for motion in motions if motion.pictures is not None]
+        self._sizes += [(body.half, body.height, body.depth) for body in pictures]
+        return {
+            "record": record,
+            "motions": [motion_fields(motion) for motion in motions],
+            **self._differs(record, replayed),
+        }
+
+    def _over_cycles(self, crossings: Crossings) -> dict[str, Any]:
+        """The observables drawn over the cycles."""
+        numbers = np.array([line["number"] for line in self.series], int)
+        low, high = (np.array([line[end] for line in self.series]) for end in ("low", "high"))
+        return crossing_fields(crossings, numbers, low, high)
+
+    def _differs(self, record: int, replayed: ReplayedRow) -> dict[str, Any]:
+        """Describe differences between a row simulated again and the table."""
+        row, run = self._table.iloc[record], self._context.job.run
+        if run.kind_name == "continuation":  # a fixed point, which the next crossing has to give back
+            return self._largest_change(record, replayed, 1, "n")
+        if not run.one_a_row or str(row["status"]) not in Status.SOUND:
+            return {}
+        name = str(gaits(self._model, np.array([replayed.gait]))[0]) if replayed.gait != -1 else "none"
+        other = not pd.isna(row["gait"]) and name != str(row["gait"])
+        later = {"later": name} if other else {}
+        return {**later, **self._largest_change(record, replayed, int(row["cycles"]), "end")}
+
+    def _largest_change(
+        self, record: int, replayed: ReplayedRow, crossing: int, suffix: str
+    ) -> dict[str, Any]:
+        """The largest difference of an angle at a crossing from the table's, rad, if it is to be reported."""
+        if crossing >= len(replayed.crossings.number):
+            return {}
+        row = self._table.iloc[record]
+        ends = np.array([float(row[f"{q.name}_{suffix}"]) for q in self._model.observables])
+        differences = changes(self._model, replayed.crossings.observed[crossing], ends)
+        most = float(np.nanmax(differences[circular(self._model)], initial=0.0))
+        return {"apart": most} if most > _REPORTED else {}
+
+    def _drawn_over_cycles(self) -> list[dict[str, Any]]:
+        """The observables drawn over the cycles, in groups with one unit each, angles first.
+
+        The page draws one group at a time; `group` is its name in HTML.
+        """
+        observables = self._model.observables
+        kinds = dict.fromkeys((not q.circular, q.unit) for q in observables)
+        series = []
+        for linear, unit in sorted(kinds, key=lambda kind: kind[0]):
+            of_kind = [q for q in observables if (not q.circular, q.unit) == (linear, unit)]
+            most = _MOST_SERIES if linear else len(of_kind)  # angles are compared with each other
+            for together in (of_kind[i : i + most] for i in range(0, len(of_kind), most)):
+                symbols = [html_symbol(self._shown, q.name) for q in together]
+                shown_unit = "" if unit == "1" else unit
+                names = ", ".join(symbols) if len(symbols) <= _NAMED else f"{symbols[0]} ... {symbols[-1]}"
+                group = {"group": f"{names} ({html.escape(shown_unit)})" if shown_unit else names}
+                for q, symbol in zip(together, symbols, strict=True):
+                    about = {"name": q.name, "symbol": symbol, "unit": shown_unit, "circular": q.circular}
+                    series.append({**about, "number": observables.index(q), **group})
+        return series
+
+    def _set_ranges(self, crossings: list[Crossings]) -> None:
+        """Set the ranges of the observables drawn over the cycles."""
+        for line in self.series:
+            values = np.concatenate([[], *(of_record.observed[:, line["number"]] for of_record in crossings)])
+            values = values[np.isfinite(values)]
+            line["low"], line["high"] = (values.min(), values.max()) if values.size else (0.0, 0.0)
+
+    def _figure(self) -> dict[str, Any] | None:
+        """Parts of the body in the frames, and its size; None for a model without a skeleton."""
+        if self._parts is None or not self._sizes:
+            return None
+        half, height, depth = np.quantile(np.array(self._sizes), 0.98, axis=0)
+        return {
+            "limbs": list(self._parts.limbs),
+            "bodies": list(self._parts.bodies),
+            "springs": self._parts.springs,
+            "note": self._parts.note,
+            "half": half,
+            "height": height,
+            "depth": depth,
+        }
+
+    @property
+    def limbs(self) -> tuple[LimbLook, ...]:
+        """The names and places of limbs: those of the skeleton, those of the model, or numbers."""
+        if self._parts is not None and self._parts.names:
+            named = zip(self._parts.names, self._parts.pairs, strict=True)
+            return tuple(LimbLook(name, pair, far) for name, (pair, far) in named)
+        count = sum(q.name.startswith("contact_") for q in self._model.signals)
+        if len(self._model.limbs) == count:
+            return tuple(self._model.limbs)
+        return tuple(LimbLook(f"leg {number + 1}") for number in range(count))
+
+    def _count(self, walks: list[dict[str, Any]], simulated: int) -> None:
+        """State the number of animated records, and of those that differ from the table."""
+        starts = self._context.job.run.one_a_row or self._context.job.run.kind_name == "return_map"
+        total = self._table["row"].nunique() if starts else len(self._table)
+        noun = ("start" if starts else "record") + "s" * (total != 1)
+        full = f"; {simulated - len(walks)} more did not fit" if len(walks) < simulated else ""
+        beside = f", {self._beside} of them beside a boundary" if self._beside and not full else ""
+        other = sum("later" in walk or "apart" in walk for walk in walks)
+        differ = f"; {other} of them differ from the table, as the page shows" if other else ""
+        self.sentence = f"{len(walks)} of {total} {noun} are animated{beside}{full}{differ}."

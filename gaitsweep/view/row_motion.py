@@ -1,0 +1,212 @@
+"""The motion of one row: recorded in a trace, or simulated again for other run kinds."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.contract import Model
+from gaitsweep.design.design import row_params
+from gaitsweep.job import Job
+from gaitsweep.job.load import stored_job
+from gaitsweep.kinds.columns import gaits
+from gaitsweep.plot import PlotError
+from gaitsweep.plot.columns import rows_where, written
+from gaitsweep.runs.prepare import prepare
+from gaitsweep.table import load
+from gaitsweep.view.explorer.replay_groups import replayer_of
+from gaitsweep.view.explorer.replays import Windows
+from gaitsweep.view.movie import side_view
+from gaitsweep.view.movie.animation import Clip
+
+_LEAST_DISTANCE = 1e-3  # a slower body has no speed in its title; heights of the body a cycle
+_NAMED = 4  # quantities in a title
+SIMULATED = ("settle", "fixed_time", "return_map", "ramp", "staircase")  # run kinds simulated again
+_LAST_CYCLES = 4  # cycles at the end of a row that is simulated again, if its part is not given
+
+
+@dataclasses.dataclass(frozen=True)
+class RowMotion:
+    """Signals (n,) of a row by name, at the times `t` (n,) s.
+
+    `values` are the row's parameters by name; `period` s is its model's nominal cycle; `gait` is its gait, or
+    how it ended, and `row` names it.
+    """
+
+    model: Model
+    values: Mapping[str, float]
+    t: np.ndarray
+    signals: Mapping[str, np.ndarray]
+    period: float
+    gait: str
+    row: str
+
+    def title(self, clip: Clip, lift: float) -> str:
+        """Format the model, its gait, the mean speed of a clip, the factor on its lift, and the row."""
+        distance = float(np.hypot(*(clip.camera[-1] - clip.camera[0])))
+        speed = distance / float(clip.t[-1] - clip.t[0])
+        moves = speed * self.period > _LEAST_DISTANCE * side_view.bounds(clip.skeleton, clip.camera)[1]
+        motion = f"{self.gait}{f' at {speed:.2g} m/s' if moves else ''}".strip()
+        motion += f" (lift drawn {lift:.3g} times as high)" if lift != 1.0 else ""
+        return f"{self.model.name}{f', {motion}' if motion else ''}; {self.row}"
+
+    def at(self, times: np.ndarray) -> dict[str, np.ndarray]:
+        """The signals at times (k,) s, interpolated linearly; angles and contacts from the nearest sample."""
+        edges = 0.5 * (self.t[1:] + self.t[:-1])
+        nearest = np.searchsorted(edges, times)
+        circular = {quantity.name for quantity in self.model.signals if quantity.circular}
+        return {
+            name: signal[nearest]
+            if name in circular or name.startswith("contact_")
+            else np.interp(times, self.t, signal)
+            for name, signal in self.signals.items()
+        }
+
+    def contact(self, limbs: int) -> np.ndarray:
+        """Ground contact of each limb, (n, limbs), 1 on the ground.
+
+        Raises:
+            PlotError: the model has no such signal for a limb.
+        """
+        names = [f"contact_{i + 1}" for i in range(limbs)]
+        for name in names:
+            if name not in self.signals:
+                raise PlotError(f"{self.model.name} has no signal {name}, which would show ground contact.")
+        return np.array([self.signals[name] for name in names]).reshape(limbs, len(self.t)).T
+
+
+def read_motion(
+    directory: str | Path,
+    row: int,
+    trust: bool = False,
+    start: float | None = None,
+    seconds: float | None = None,
+    renderer: str = "auto",
+) -> RowMotion:
+    """Read a row of a trace, or simulate a row of another run again as the explorer does.
+
+    Args:
+        directory: the result directory.
+        row: the number of the row.
+        trust: as for `gaitsweep.models.find_of_table`.
+        start, seconds: the part of a row that is simulated again, s; by default its last cycles, or seconds.
+        renderer: the one asked for.
+
+    Raises:
+        PlotError: the run kind has no motion, the model cannot be drawn so, the table lacks signals, or there
+            is no such row, or no motion of it.
+        TableError, JobError: the directory cannot be read, or its job.
+    """
+    directory = Path(directory)
+    table = load(directory)
+    fields = table.attrs["job"]
+    kind = fields.get("run", {}).get("kind", "another kind")
+    if kind not in ("trace", *SIMULATED) or {"search", "sensitivity"} & set(fields):
+        raise PlotError(
+            f"{directory} contains {kind} rows, which have no motion: use a run of kind trace"
+            f"{', or gaitsweep explore' if kind == 'continuation' else ''}."
+        )
+    part = _samples(table, directory, row)
+    job = stored_job(table.attrs, trust)
+    design = job.design
+    parameters, _ = design.values(row, row + 1)
+    parameter_values = {name: float(value[0]) for name, value in parameters.items()}
+    _check_drawable(design.model, parameter_values, renderer)
+    names = [quantity.name for quantity in design.model.signals]
+    if kind == "trace":
+        t, signals = _recorded(part, directory, names)
+        # that of the row's end; tables of older versions have none
+        gait = _gait_of(part.iloc[-1]) if "gait" in part.columns and job.run.moved is None else ""
+    else:
+        t, signals, gait = _simulated(job, part, row, start, seconds)
+    finite = np.isfinite(np.stack([t, *signals.values()])).all(axis=0)
+    if np.count_nonzero(finite) < 2:
+        status = str(part["status"].iloc[-1])
+        raise PlotError(f"Row {row} of {directory} has no recorded motion: it ended with status {status}.")
+    axes = [written(table, name, part[name].iloc[0]) for name in design.names if name in part.columns]
+    return RowMotion(
+        model=design.model,
+        values=parameter_values,
+        t=t[finite],
+        signals={name: values[finite] for name, values in signals.items()},
+        period=float(design.model.period(row_params(design, row))),
+        gait=gait,
+        row=f"row {row}{': ' if axes else ''}{', '.join(axes[:_NAMED])}",
+    )
+
+
+def _check_drawable(model: Model, values: Mapping[str, float], renderer: str) -> None:
+    """Refuse a model that cannot be drawn, before its row is simulated."""
+    if type(model).skeleton is Model.skeleton:
+        raise PlotError(
+            f"{model.name} has no `skeleton` to draw: define one, as docs/own_model.md shows under "
+            "`See it move`."
+        )
+    if renderer == "mujoco" and model.mjcf(values) is None:
+        raise PlotError(f"{model.name} has no MJCF, which MuJoCo needs: use --renderer matplotlib.")
+
+
+def _recorded(
+    part: pd.DataFrame, directory: Path, names: list[str]
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Times (n,) s and signals (n,) of a row of a trace."""
+    missing = [name for name in names if name not in part.columns]
+    if missing:
+        text = ", ".join(missing[:_NAMED]) + (", ..." if len(missing) > _NAMED else "")
+        raise PlotError(
+            f"The table of {directory} lacks the signals {text}: run its job again into another directory."
+        )
+    part = part.sort_values("t")
+    return part["t"].to_numpy(float), {name: part[name].to_numpy(float) for name in names}
+
+
+def _simulated(
+    job: Job, part: pd.DataFrame, row: int, start: float | None, seconds: float | None
+) -> tuple[np.ndarray, dict[str, np.ndarray], str]:
+    """Times (n,) s and signals (n,) of a row simulated again, and its gait, or its status if it has none.
+
+    A row that failed at its start has no times.
+    """
+    times = part["t_end" if "t_end" in part.columns else "t"].to_numpy(float)
+    end = float(times[np.isfinite(times)].max(initial=0.0))
+    if end == 0.0:
+        return np.zeros(0), {}, ""
+    context = prepare(job)
+    replayer = replayer_of(context, np.array([row]))
+    first = start
+    if first is None:
+        length = _LAST_CYCLES * float(replayer.periods[0]) if seconds is None else seconds
+        first = max(0.0, end - length)
+    if not 0.0 <= first < end:
+        raise PlotError(f"{first:g} s is outside the row, which goes from 0 to {end:g} s.")
+    last = end if seconds is None else min(end, first + seconds)
+    (replayed,) = replayer.replayed(Windows(last - first, first))
+    shown = replayed.t <= last * (1.0 + 1e-9)
+    record = part.iloc[max(int(np.count_nonzero(times <= last * (1.0 + 1e-9))) - 1, 0)]
+    if "gait" not in part.columns and replayed.gait != -1:  # crossings of a return map
+        record = {**record, "gait": gaits(context.model, np.array([replayed.gait]))[0]}
+    signals = {key: values[shown] for key, values in replayed.signals.items()}
+    return replayed.t[shown], signals, _gait_of(record) or str(record["status"]).replace("_", " ")
+
+
+def _gait_of(record: Mapping[str, Any] | pd.Series) -> str:
+    """The gait of a record; empty if it has none."""
+    gait = record.get("gait")
+    return "" if gait is None or pd.isna(gait) or gait == "none" else str(gait)
+
+
+def _samples(table: pd.DataFrame, directory: Path, row: int) -> pd.DataFrame:
+    """The records of a row, which must have run."""
+    rows = int(table.attrs["manifest"]["rows"])
+    if not 0 <= row < rows:
+        allowed = f"rows 0 to {rows - 1}" if rows > 1 else "only row 0"
+        raise PlotError(f"Row {row} does not exist: {directory} has {allowed}.")
+    part = rows_where(table, table["row"] == row)
+    if part.empty:
+        raise PlotError(f"Row {row} of {directory} has not run yet: run the job again to continue it.")
+    return part
