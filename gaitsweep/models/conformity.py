@@ -278,6 +278,10 @@ def idle_starts(model: Model) -> tuple[str, ...]:
     """The names of starts on which the state at t = 0 does not depend; of a model with a body, none."""
     if model.host_parameters:
         return ()
+    return tuple(stored("idle_starts", model, (), lambda: _idle_starts(model)))
+
+
+def _idle_starts(model: Model) -> list[str]:
     quantities = (model.parameters, model.initial_conditions)
     given = tuple({quantity.name: _NUMBER for quantity in some} for some in quantities)
 
@@ -291,9 +295,9 @@ def idle_starts(model: Model) -> tuple[str, ...]:
         state = tracer.read(jax.make_jaxpr(begun)(*given), inputs)
     except UnsupportedError:
         read = frozenset[str]().union(*dependences(begun, *given))
-        return tuple(name for name in starts if name not in read)
+        return [name for name in starts if name not in read]
     needed = set(tracer.program.needed(node for leaf in state for node in leaf.ravel().tolist()))
-    return tuple(name for name, node in starts.items() if int(node) not in needed)
+    return [name for name, node in starts.items() if int(node) not in needed]
 
 
 def sets_starts(model: Model) -> str:
