@@ -2,8 +2,7 @@
 
 The name of an entry is a digest of all that decides it: the content of the model with the sources of its
 modules, gaitsweep's own sources, the versions that trace and compile, and the settings of JAX. Programs are
-JSON, of which nothing is run. What XLA has compiled is code, as kernels are, and is loaded as they are: from
-a folder that no other user can write to.
+JSON, of which nothing is run.
 """
 
 from __future__ import annotations
@@ -18,13 +17,11 @@ from typing import Any
 
 import jax
 import numpy as np
-from jax.experimental.serialize_executable import deserialize_and_load, serialize
 from jaxlib.version import __version__ as jaxlib_version
 
 from gaitsweep.cache_folder import cache_folder, load_cached, store_cached
 from gaitsweep.contract import Model
 from gaitsweep.engine.content import lasting_content
-from gaitsweep.engine.sweep.lane import host_device
 
 # settings of JAX that change no trace
 _WITHOUT_EFFECT = ("cache", "devices", "platforms", "log", "traceback")
@@ -44,43 +41,6 @@ def stored(what: str, model: Model, others: tuple[Any, ...] | None, work_out: Ca
         text = json.dumps(work_out()).encode()
         entry.write(text)
     return json.loads(text)
-
-
-def compiled_on_host(
-    what: str,
-    model: Model,
-    others: tuple[Any, ...] | None,
-    function: Callable[..., Any],
-    arguments: tuple[Any, ...],
-    results: Any,
-) -> Callable[..., Any]:
-    """A function of a model, compiled by XLA for the host's device; loaded where a process has stored it.
-
-    Args:
-        what, model, others: as for `stored`.
-        function: a JAX function.
-        arguments: pytrees of arrays of the shapes and types with which it will be called.
-        results: a pytree of the structure of its results.
-    """
-    from gaitsweep.engine.kernel.llvm_code import processor  # whose imports reading a job does not need
-
-    device = host_device()
-    shapes = jax.tree.map(lambda array: (array.shape, str(array.dtype)), arguments)
-    if others is not None:
-        others = *others, repr(shapes), device.platform, device.device_kind, *processor()
-    entry = _Entry(what, model, others)
-    if (code := entry.read()) is not None:
-        trees = jax.tree.structure((arguments, {})), jax.tree.structure(results)
-        return deserialize_and_load(code, *trees, execution_devices=[device])
-    with jax.default_device(device):
-        compiled = jax.jit(function).lower(*arguments).compile()
-    try:
-        code, _, structure = serialize(compiled)
-    except (NotImplementedError, ValueError):  # constants that are no part of the program
-        return compiled
-    if structure == jax.tree.structure(results):
-        entry.write(code)
-    return compiled
 
 
 class _Entry:

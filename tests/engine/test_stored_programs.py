@@ -17,7 +17,7 @@ from gaitsweep.cache_folder import cache_folder
 from gaitsweep.engine import stored_programs
 from gaitsweep.engine.content import depends_on, lasting_content
 from gaitsweep.engine.kernel.columns import over_rows
-from gaitsweep.engine.stored_programs import compiled_on_host, stored
+from gaitsweep.engine.stored_programs import stored
 
 MODEL = """
 {imports}
@@ -124,18 +124,13 @@ def test_a_stored_program_has_the_same_bits(folder: Path) -> None:
     def function(values: Any) -> Any:
         return {"a": model.period(model.params({"q": values["q"]})), "b": [values["x"] / 3.0, None]}
 
-    def compiled(values: Any) -> Any:
-        return values["q"] * values["x"] + values["x"] / 3.0
-
     given = {"q": x[0], "x": x[1]}
     traced = over_rows(function)(given)
     for _ in range(2):
         again = over_rows(function, "function", model)(given)
         np.testing.assert_array_equal(again["a"], traced["a"])
         np.testing.assert_array_equal(again["b"][0], traced["b"][0])
-    once, loaded = (compiled_on_host("compiled", model, (), compiled, (given,), 0)(given) for _ in range(2))
-    np.testing.assert_array_equal(once, loaded)
-    assert len(list((folder / "cache" / "programs").iterdir())) == 2
+    assert len(list((folder / "cache" / "programs").iterdir())) == 1
 
 
 SCRIPT = """

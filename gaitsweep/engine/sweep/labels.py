@@ -14,9 +14,8 @@ from gaitsweep.contract import Model, names_gait
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.recorders.recorder import Readings
 from gaitsweep.engine.shapes import Number, Observed
-from gaitsweep.engine.stored_programs import compiled_on_host
 from gaitsweep.engine.sweep.block import Block
-from gaitsweep.engine.sweep.lane import RowDrive, Values
+from gaitsweep.engine.sweep.lane import RowDrive, Values, host_device
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.row_outcome import RowOutcome
 
@@ -77,15 +76,11 @@ def _compiled_label(model: Model, drive: RowDrive | None) -> Callable[..., Any]:
         params = model.params(values) if drive is None else drive(values, t)
         return model.label(params, {name: observed[i] for i, name in enumerate(names)})
 
-    of_rows, compiled = jax.vmap(one), dict[tuple[Any, ...], Callable[..., Any]]()
-    fields = dict.fromkeys(("gait", *(q.name for q in model.label_fields)), 0)
+    of_rows = jax.jit(jax.vmap(one))
 
-    # on the host, since a card has rows to run, which labels would wait for
     def on_host(*arguments: Any) -> dict[str, Array]:
-        shapes = tuple(array.shape for array in jax.tree.leaves(arguments))
-        if shapes not in compiled:
-            others = () if drive is None else None
-            compiled[shapes] = compiled_on_host("label", model, others, of_rows, arguments, fields)
-        return compiled[shapes](*arguments)
+        # a card has rows to run, which labels would wait for
+        with jax.default_device(host_device()):
+            return of_rows(*arguments)
 
     return on_host
