@@ -253,16 +253,14 @@ def _advance_hybrid(
             bends = bends_back(polynomials, h)
             trial = expansion.at(carry.state, h)
             rates = None if smooth else flow_after(params_at_end, trial)
-            change = _fitting_change(expansion.error(h, rates), carry, trial, numerics, order)
-            # a rejected step is shortened and tried again
-            taken = (change >= CAUTION) | (h <= LEAST_SHARE * dt)
+            error = expansion.error(h, rates)
         elif method.adaptive:
             trial, error = step(params_within, carry.state, h)
-            change = _fitting_change(error, carry, trial, numerics, order)
-            # a rejected step is shortened and tried again
-            taken = (change >= CAUTION) | (h <= LEAST_SHARE * dt)
         else:
-            trial, change, taken = step(params_within, carry.state, h), None, jnp.asarray(True)
+            trial, error = step(params_within, carry.state, h), None
+        change = None if error is None else _fitting_change(error, carry, trial, numerics, order)
+        # a rejected step is shortened and tried again
+        taken = jnp.asarray(True) if change is None else (change >= CAUTION) | (h <= LEAST_SHARE * dt)
         guards = model.guards(params_at_end, trial)
         fired = guards >= 0.0
         failed = unlikely(going & ~taken)

@@ -47,19 +47,8 @@ _KNOWN = {
 # names in code that may read what no digest holds
 _UNKNOWN = {
     *("__dict__", "__import__", "compile", "eval", "exec", "fromfile", "fromregex", "genfromtxt", "getattr"),
-    *(
-        "globals",
-        "hash",
-        "id",
-        "import_module",
-        "input",
-        "load",
-        "loadtxt",
-        "locals",
-        "memmap",
-        "open",
-        "vars",
-    ),
+    *("globals", "hash", "id", "import_module", "input", "load", "loadtxt", "locals", "memmap"),
+    *("open", "vars"),
     *("random", "devices", "default_backend", "device_count", "local_devices", "callback", "pure_callback"),
 }
 _IMPORTS = opcode.opmap["IMPORT_NAME"]

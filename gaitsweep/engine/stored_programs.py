@@ -28,7 +28,7 @@ _WITHOUT_EFFECT = ("cache", "devices", "platforms", "log", "traceback")
 
 
 def stored(what: str, model: Model, others: tuple[Any, ...] | None, work_out: Callable[[], Any]) -> Any:
-    """What `work_out` returns for a model, as JSON gives it back; read where a process has stored it.
+    """Return what `work_out` returns for a model, as JSON gives it back; read where a process has stored it.
 
     Args:
         what: the name of what is worked out.
@@ -36,31 +36,19 @@ def stored(what: str, model: Model, others: tuple[Any, ...] | None, work_out: Ca
         others: what else decides the result; None where it has no digest, so that nothing is stored.
         work_out: traces the model; not called where its result is stored.
     """
-    entry = _Entry(what, model, others)
-    if (text := entry.read()) is None:
+    deciding = model, what, *(others or ())
+    content = None if others is None else lasting_content(*deciding)
+    folder = None if content is None else cache_folder("programs")
+    key = repr((content, _SOURCES, _VERSIONS, _settings()))
+    digest = hashlib.sha256(key.encode()).hexdigest()[:32]
+    file = None if folder is None else folder / f"{what}_{digest}"
+    text = None if file is None else load_cached(file)
+    if text is None:
         text = json.dumps(work_out()).encode()
-        entry.write(text)
+        # a file that was read for it is known only afterwards
+        if file is not None and lasting_content(*deciding) == content:
+            store_cached(file, text)
     return json.loads(text)
-
-
-class _Entry:
-    """The file of what is worked out from a model, if it may be stored."""
-
-    def __init__(self, what: str, model: Model, others: tuple[Any, ...] | None) -> None:
-        self._of = model, what, *(others or ())
-        self._content = None if others is None else lasting_content(*self._of)
-        folder = None if self._content is None else cache_folder("programs")
-        key = repr((self._content, _SOURCES, _VERSIONS, _settings()))
-        digest = hashlib.sha256(key.encode()).hexdigest()[:32]
-        self._file = None if folder is None else folder / f"{what}_{digest}"
-
-    def read(self) -> bytes | None:
-        return None if self._file is None else load_cached(self._file)
-
-    def write(self, data: bytes) -> None:
-        """Store what was worked out, unless a file was read for it: only afterwards is that known."""
-        if self._file is not None and lasting_content(*self._of) == self._content:
-            store_cached(self._file, data)
 
 
 def _stamps(folder: str) -> Iterator[tuple[str, int, int]]:

@@ -194,9 +194,8 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
             (wide, requested.height / _INCH if requested.height else height), layout="constrained"
         )
         FigureCanvasAgg(figure)
-        if (
-            requested.width is not None
-        ):  # room for half of the label of a last tick, which the layout may miss
+        # room for half of the label of a last tick, which the layout may miss
+        if requested.width is not None:
             room = (0.0, 0.0, 1.0 - 0.07 / wide, 1.0)
             cast(ConstrainedLayoutEngine, figure.get_layout_engine()).set(rect=room)
         if lines:
