@@ -35,11 +35,14 @@ def _by_cholesky(values: dict[str, Any], matrix: Any) -> Any:
 
 @pytest.mark.parametrize("function", [_of_one, _by_cholesky])
 @pytest.mark.parametrize("rows", [1, 7, 23])
-def test_functions_of_rows_agree_with_jax(function: Any, rows: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("all_rows", [False, True])
+def test_functions_of_rows_agree_with_jax(
+    function: Any, rows: int, all_rows: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Products with zero may be NaN, and XLA computes operations that scalar programs lack."""
     monkeypatch.setattr(columns, "_AT_A_TIME", 10)
     given = {"x": RANDOM.uniform(0.0, 1.0, rows)}, RANDOM.normal(size=(rows, 2, 2))
-    mine, right = over_rows(function)(*given), jax.vmap(function)(*given)
+    mine, right = over_rows(function, all_rows=all_rows)(*given), jax.vmap(function)(*given)
     assert mine.keys() == right.keys()
     for name, column in mine.items():
         assert column.dtype == right[name].dtype

@@ -1,18 +1,19 @@
-"""A function of one row for many rows at once, by NumPy.
+"""A function of one row for many rows at once, by NumPy or by a kernel.
 
 A run calls several functions only once or twice, on few rows: XLA takes much longer to compile such a
-function than NumPy takes to compute it. Results may differ from those of XLA in the last place.
+function than NumPy takes to compute it. A function of all rows is a kernel, which is compiled once for a
+machine. Results may differ from those of XLA in the last place.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Hashable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
 from gaitsweep.contract import Model
 from gaitsweep.engine.kernel.operations import OPERATIONS
@@ -31,7 +32,11 @@ _OF_ARRAYS: dict[str, Callable[..., Any]] = {
 
 
 def over_rows(
-    function: Callable[..., Any], name: str = "", model: Model | None = None, *others: Any
+    function: Callable[..., Any],
+    name: str = "",
+    model: Model | None = None,
+    *others: Any,
+    all_rows: bool = False,
 ) -> Callable[..., Any]:
     """The function of many rows: arguments and results have the rows as their first axis.
 
@@ -40,7 +45,13 @@ def over_rows(
             operations that a scalar program lacks.
         name, model, others: what a program is stored by (`stored_programs.stored`). Its results are then
             mappings and lists of arrays. Without a model it is traced in each process.
+        all_rows: compute by a kernel, for a function that a run calls with all its rows.
     """
+    trace, computed = (_traced_kernel, _by_kernel) if all_rows else (_traced_operations, _by_numpy)
+    if all_rows:
+        from gaitsweep.engine.kernel.cpu_program import TILE  # which imports LLVM
+
+        others = *others, TILE  # part of a kernel's source
     programs: dict[Hashable, Callable[..., Any]] = {}
 
     def of_rows(*trees: Any) -> Any:
@@ -48,12 +59,12 @@ def over_rows(
         shapes = [jax.ShapeDtypeStruct(column.shape[1:], column.dtype) for column in columns]
         key = structure, tuple((shape.shape, shape.dtype) for shape in shapes)
         if key not in programs:
-            of_row = partial(_program, function, jax.tree.unflatten(structure, shapes))
+            of_row = partial(trace, function, jax.tree.unflatten(structure, shapes))
             try:
                 program = of_row() if model is None else stored(name, model, (*others, repr(key)), of_row)
-                programs[key] = partial(_by_numpy, *program)
+                programs[key] = computed(*program)
             except UnsupportedError:
-                programs[key] = _by_xla(function)
+                programs[key] = _by_xla(function, all_rows)
         outputs = []
         for first in range(0, max(len(columns[0]), 1), _AT_A_TIME):
             part = [column[first : first + _AT_A_TIME] for column in columns]
@@ -65,9 +76,10 @@ def over_rows(
     return of_rows
 
 
-def _by_xla(function: Callable[..., Any]) -> Callable[..., Any]:
+def _by_xla(function: Callable[..., Any], all_rows: bool) -> Callable[..., Any]:
     # on few rows an optimised program saves less time than its optimisation takes
-    compiled = jax.jit(jax.vmap(function), compiler_options={"xla_backend_optimization_level": 0})
+    options = {} if all_rows else {"xla_backend_optimization_level": 0}
+    compiled = jax.jit(jax.vmap(function), compiler_options=options)
 
     def of_rows(*trees: Any) -> Any:
         with jax.default_device(host_device()):
@@ -76,46 +88,101 @@ def _by_xla(function: Callable[..., Any]) -> Callable[..., Any]:
     return of_rows
 
 
-def _program(function: Callable[..., Any], shapes: Any) -> tuple[list[Any], list[Any], Any]:
-    """The operations of a function of one row, each with its arguments or its value, and its results."""
+class _Traced(NamedTuple):
+    """A function of one row as a scalar program.
+
+    `inputs` and `outputs` are its nodes, `arrays` has the size, shape and dtype of each result, whose place
+    is in the tree `results`.
+    """
+
+    program: Program
+    inputs: list[int]
+    outputs: list[int]
+    arrays: list[tuple[int, tuple[int, ...], str]]
+    results: Any
+
+
+def _traced(function: Callable[..., Any], shapes: Any) -> _Traced:
+    """Trace a function of one row."""
     jaxpr, out = jax.make_jaxpr(function, return_shape=True)(*shapes)
     program = Program(simplify=False)  # a product with 0 is NaN where the other factor is
     tracer = Tracer(program)
-    outputs = tracer.read(jaxpr, tracer.inputs(shapes, 0, steady=False))
-    results, structure = jax.tree.flatten(out)
-    order = program.needed([at for nodes in outputs for at in nodes.ravel().tolist()])
+    inputs = tracer.inputs(shapes, 0, steady=False)
+    outputs = tracer.read(jaxpr, inputs)
+    likes, structure = jax.tree.flatten(out)
+    flat_inputs, flat_outputs = (
+        [at for nodes in all_ for at in nodes.ravel().tolist()] for all_ in (inputs, outputs)
+    )
+    arrays = [(nodes.size, like.shape, str(like.dtype)) for nodes, like in zip(outputs, likes, strict=True)]
+    return _Traced(
+        program, flat_inputs, flat_outputs, arrays, jax.tree.unflatten(structure, range(len(arrays)))
+    )
+
+
+def _traced_operations(function: Callable[..., Any], shapes: Any) -> tuple[list[Any], list[int], Any, Any]:
+    """The operations of a function of one row, each with its arguments or its value, and its results."""
+    traced = _traced(function, shapes)
+    order = traced.program.needed(traced.outputs)
     place = {at: i for i, at in enumerate(order)}
     operations = [
         (node.op, [place[argument] for argument in node.args] if node.args else node.value)
-        for node in (program.nodes[at] for at in order)
+        for node in (traced.program.nodes[at] for at in order)
     ]
-    arrays = [
-        ([place[at] for at in nodes.ravel().tolist()], like.shape, str(like.dtype))
-        for nodes, like in zip(outputs, results, strict=True)
-    ]
-    return operations, arrays, jax.tree.unflatten(structure, range(len(arrays)))
+    return operations, [place[at] for at in traced.outputs], traced.arrays, traced.results
 
 
-def _by_numpy(operations: list[Any], arrays: list[Any], results: Any, *trees: Any) -> Any:
-    """The results of rows, by a program of `_program`."""
-    columns = [column for leaf in jax.tree.leaves(trees) for column in np.reshape(leaf, (len(leaf), -1)).T]
-    rows = len(columns[0])
-    values: list[Any] = []
-    with np.errstate(all="ignore"):
-        for op, of in operations:
-            if op == "input":
-                values.append(columns[int(of)])
-            elif op == "constant":
-                values.append(of)
-            else:
-                evaluate = _OF_ARRAYS.get(op, OPERATIONS[op].evaluate)
-                values.append(evaluate(*(values[argument] for argument in of)))
+def _traced_kernel(function: Callable[..., Any], shapes: Any) -> tuple[Any, Any, Any]:
+    """The kernel of a function of one row, and its results."""
+    from gaitsweep.engine.kernel.row_kernel import row_kernel
+
+    traced = _traced(function, shapes)
+    return row_kernel(traced.program, traced.inputs, traced.outputs), traced.arrays, traced.results
+
+
+def _by_numpy(operations: list[Any], outputs: list[int], arrays: Any, results: Any) -> Callable[..., Any]:
+    """The function of rows that a program of `_traced_operations` computes."""
+
+    def of_rows(*trees: Any) -> Any:
+        columns = _columns(trees)
+        values: list[Any] = []
+        with np.errstate(all="ignore"):
+            for op, of in operations:
+                if op == "input":
+                    values.append(columns[int(of)])
+                elif op == "constant":
+                    values.append(of)
+                else:
+                    evaluate = _OF_ARRAYS.get(op, OPERATIONS[op].evaluate)
+                    values.append(evaluate(*(values[argument] for argument in of)))
+        numbers = np.empty((len(columns[0]), len(outputs)))
+        for i, at in enumerate(outputs):
+            numbers[:, i] = values[at]
+        return _arrays(numbers, arrays, results)
+
+    return of_rows
+
+
+def _by_kernel(kernel: Any, arrays: Any, results: Any) -> Callable[..., Any]:
+    """The function of rows that a kernel of `_traced_kernel` computes."""
+    from gaitsweep.engine.kernel.row_kernel import RowKernel, running
+
+    run = running(RowKernel(*kernel))
+    return lambda *trees: _arrays(run(_columns(trees)), arrays, results)
+
+
+def _columns(trees: Any) -> list[np.ndarray]:
+    """A column (rows,) for each number of a row."""
+    return [column for leaf in jax.tree.leaves(trees) for column in np.reshape(leaf, (len(leaf), -1)).T]
+
+
+def _arrays(numbers: Float[np.ndarray, "rows numbers"], arrays: Any, results: Any) -> Any:
+    """The results of rows from the numbers of their arrays."""
+    firsts = np.cumsum([0, *(size for size, _, _ in arrays)])
 
     def array(place: int) -> np.ndarray:
-        elements, shape, dtype = arrays[place]
-        outputs_of_rows = np.empty((rows, math.prod(shape)), dtype)
-        for i, at in enumerate(elements):
-            outputs_of_rows[:, i] = values[at]
-        return outputs_of_rows.reshape(rows, *shape)
+        size, shape, dtype = arrays[place]
+        of_array = numbers[:, firsts[place] : firsts[place] + size]
+        with np.errstate(invalid="ignore"):  # a whole number of a row that failed
+            return of_array.astype(dtype).reshape(len(numbers), *shape)
 
     return jax.tree.map(array, results)

@@ -40,6 +40,9 @@ FUSES = _ARM or bool(_HAS.get("fma"))  # whether a product and a sum can be one 
 # compiler chooses: it does better there for long steps (the chain's propagator6).
 REGISTERS = 28 if TILE == 8 or _ARM else None
 
+# modules that determine the instructions as well as a source does
+_DETERMINING = ("cpu_program", "llvm_code", "row_kernel")
+
 # of kernels that were compiled or loaded, by source: batches of a search are measured by threads
 _LOCK = threading.Lock()
 _LOADED: dict[str, Callable[..., None]] = {}
@@ -80,8 +83,7 @@ def loaded_once(source: str, module: Callable[[], ir.Module], *kinds: Any) -> Ca
     """
     with _LOCK:
         if source not in _LOADED:
-            # these files determine the instructions as well as the source does
-            own = [Path(file).read_text() for file in (__file__, llvm_code.__file__)]
+            own = [Path(__file__).with_name(f"{name}.py").read_text() for name in _DETERMINING]
             key = [source, *own, *llvm_code.processor(), version("llvmlite")]
             code = binary_of("o", key, lambda: llvm_code.machine_code(module()))
             _LOADED[source] = llvm_code.loaded(code, "run", *kinds)

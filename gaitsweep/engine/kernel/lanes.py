@@ -28,6 +28,7 @@ from gaitsweep.engine.kernel.opening import (
     opened_by_xla,
     opening_of,
 )
+from gaitsweep.engine.kernel.row_kernel import RowKernel
 from gaitsweep.engine.kernel.trace import UnsupportedError
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import BUFFER, Recorder
@@ -86,7 +87,8 @@ class Kernel:
             opening = self.stored("opening", lambda: opening_of(self.lane, *self.shapes), TILE)
         except UnsupportedError:
             return opened_by_xla(self.lane)
-        return opened_by_kernel(Opening(*opening))
+        kernel, slots = opening
+        return opened_by_kernel(Opening(RowKernel(*kernel), slots))
 
 
 @cached_by_content(maxsize=16)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -10,13 +9,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
-from llvmlite import ir
 
-from gaitsweep.engine.kernel import llvm_code
-from gaitsweep.engine.kernel.cpu_program import TILE, loaded_once
-from gaitsweep.engine.kernel.llvm_code import ARRAY, INDEX, VOID, loop
 from gaitsweep.engine.kernel.program import Program
-from gaitsweep.engine.kernel.source import PYTHON, statements
+from gaitsweep.engine.kernel.row_kernel import RowKernel, row_kernel, running
 from gaitsweep.engine.kernel.trace import Tracer
 from gaitsweep.engine.sweep.lane import OneLane, host_device
 
@@ -35,17 +30,10 @@ class Opened(NamedTuple):
 
 
 class Opening(NamedTuple):
-    """The opening of rows by a kernel: its source, its inputs and slots, and the width of a sample."""
+    """The opening of rows by a kernel, and the number of a row's slots."""
 
-    source: str
-    inputs: int
+    kernel: RowKernel
     slots: int
-    width: int
-
-    @property
-    def size(self) -> int:
-        """The slots of a lane of the kernel."""
-        return self.inputs + self.slots + self.width + 1
 
 
 def _of_one(lane: OneLane) -> Callable[..., tuple[Array, Array, Array]]:
@@ -69,51 +57,23 @@ def opening_of(lane: OneLane, values: Any, starts: Any) -> Opening:
     """
     program = Program()
     tracer = Tracer(program)
-    inputs_of_row = tracer.inputs((values, starts), 0, steady=False)
-    slots, samples, keep = tracer.read(jax.make_jaxpr(_of_one(lane))(values, starts), inputs_of_row)
-    inputs, outputs = [int(nodes) for nodes in inputs_of_row], [*slots.tolist(), *samples.tolist(), int(keep)]
-    names = {at: f"x{i}" for i, at in enumerate(inputs)}
-    lines, results = statements(PYTHON, program, outputs, names)
-    loads = [
-        f"x{i} = {PYTHON.loaded(program.nodes[at].kind, f's[{i * TILE}]')}" for i, at in enumerate(inputs)
-    ]
-    stores = [
-        f"s[{(len(inputs) + k) * TILE}] = {PYTHON.stored(program.nodes[at].kind, result)}"
-        for k, (at, result) in enumerate(zip(outputs, results, strict=True))
-    ]
-    body = "\n".join(f"    {line}" for line in [*loads, *lines, *stores])
-    return Opening(f"def open(s):\n{body}\n", len(inputs), slots.size, samples.size)
+    inputs = [int(nodes) for nodes in tracer.inputs((values, starts), 0, steady=False)]
+    slots, samples, keep = tracer.read(
+        jax.make_jaxpr(_of_one(lane))(values, starts), [np.array(at, np.int64) for at in inputs]
+    )
+    outputs = [*slots.tolist(), *samples.tolist(), int(keep)]
+    return Opening(row_kernel(program, inputs, outputs), slots.size)
 
 
 def opened_by_kernel(opening: Opening) -> Callable[[Columns, Columns], Opened]:
     """The function `(values, starts) -> (slots, samples, keep)` of rows."""
-    source, size = opening.source, opening.size
-    run = loaded_once(source, lambda: _module(source, size), ctypes.c_void_p, ctypes.c_int64)
+    of_rows, slots = running(opening.kernel), opening.slots
 
     def open_rows(values: Columns, starts: Columns) -> Opened:
-        columns = jax.tree.leaves((dict(values), dict(starts)))
-        rows = len(columns[0])
-        tiles = -(-rows // TILE)
-        room = np.zeros((size, tiles * TILE))
-        room[: len(columns), :rows] = columns
-        tiled = np.ascontiguousarray(room.reshape(size, tiles, TILE).transpose(1, 0, 2))
-        run(tiled.ctypes.data, tiles)
-        opened = tiled[:, len(columns) :].transpose(0, 2, 1).reshape(tiles * TILE, -1)[:rows]
-        return Opened(opened[:, : opening.slots], opened[:, opening.slots : -1], opened[:, -1] != 0.0)
+        opened = of_rows(jax.tree.leaves((dict(values), dict(starts))))
+        return Opened(opened[:, :slots], opened[:, slots:-1], opened[:, -1] != 0.0)
 
     return open_rows
-
-
-def _module(source: str, size: int) -> ir.Module:
-    """The opening of tiles in LLVM's language; a lane has `size` slots."""
-    module = ir.Module()
-    open_tile = llvm_code.add_function(module, source, TILE)
-    run = ir.Function(module, ir.FunctionType(VOID, [ARRAY, INDEX]), "run")
-    builder = ir.IRBuilder(run.append_basic_block("entry"))
-    with loop(builder, run.args[1]) as (tile, _):
-        builder.call(open_tile, [builder.gep(run.args[0], [builder.mul(tile, INDEX(size * TILE))])])
-    builder.ret_void()
-    return module
 
 
 def opened_by_xla(lane: OneLane) -> Callable[[Columns, Columns], Opened]:

@@ -6,16 +6,16 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
-import jax
 import numpy as np
 from jaxtyping import Array, Int, Real
 
 from gaitsweep.contract import Model, names_gait
 from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.recorders.recorder import Readings
 from gaitsweep.engine.shapes import Number, Observed
 from gaitsweep.engine.sweep.block import Block
-from gaitsweep.engine.sweep.lane import RowDrive, Values, host_device
+from gaitsweep.engine.sweep.lane import RowDrive, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.row_outcome import RowOutcome
 
@@ -41,7 +41,7 @@ def _read_labels(
     spec: SweepSpec, params: Values, readings: Readings, width: int
 ) -> dict[str, Real[np.ndarray, " readings"]]:
     """The results of the model's `label` by name, computed for `width` readings at a time."""
-    label = _compiled_label(spec.model, spec.drive)
+    label = _label(spec.model, spec.drive)
     values = {name: np.asarray(column, np.float64) for name, column in params.items()}
     batches = []
     for first in range(0, max(readings.rows.size, 1), width):
@@ -66,9 +66,8 @@ def gait_codes(labels: Real[np.ndarray, " *readings"]) -> Int[np.ndarray, " *rea
     return np.where(labels < 0, labels - 1, labels)
 
 
-# cached for the process like the engine's programs, so that the rounds of a refined run compile it once
 @cached_by_content(maxsize=16)
-def _compiled_label(model: Model, drive: RowDrive | None) -> Callable[..., Any]:
+def _label(model: Model, drive: RowDrive | None) -> Callable[..., dict[str, np.ndarray]]:
     """The function `(values, t, observed) -> labels` of many readings."""
     names = [q.name for q in model.observables]
 
@@ -76,11 +75,4 @@ def _compiled_label(model: Model, drive: RowDrive | None) -> Callable[..., Any]:
         params = model.params(values) if drive is None else drive(values, t)
         return model.label(params, {name: observed[i] for i, name in enumerate(names)})
 
-    of_rows = jax.jit(jax.vmap(one))
-
-    def on_host(*arguments: Any) -> dict[str, Array]:
-        # a card has rows to run, which labels would wait for
-        with jax.default_device(host_device()):
-            return of_rows(*arguments)
-
-    return on_host
+    return over_rows(one, "label", model if drive is None else None, all_rows=True)

@@ -1,0 +1,71 @@
+"""A function of one row as a kernel for a CPU, which computes a vector of rows at a time."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from llvmlite import ir
+
+from gaitsweep.engine.kernel import llvm_code
+from gaitsweep.engine.kernel.cpu_program import TILE, loaded_once
+from gaitsweep.engine.kernel.llvm_code import ARRAY, INDEX, VOID, loop
+from gaitsweep.engine.kernel.program import Program
+from gaitsweep.engine.kernel.source import PYTHON, statements
+
+Columns = Sequence[Float[np.ndarray, " rows"]]
+
+
+class RowKernel(NamedTuple):
+    """A function of one row: the source for a tile of rows, and its numbers of inputs and of outputs."""
+
+    source: str
+    inputs: int
+    outputs: int
+
+
+def row_kernel(program: Program, inputs: Sequence[int], outputs: Sequence[int]) -> RowKernel:
+    """The kernel that computes the nodes `outputs` of a program from its nodes `inputs`."""
+    names = {at: f"x{i}" for i, at in enumerate(inputs)}
+    lines, results = statements(PYTHON, program, outputs, names)
+    loads = [
+        f"x{i} = {PYTHON.loaded(program.nodes[at].kind, f's[{i * TILE}]')}" for i, at in enumerate(inputs)
+    ]
+    stores = [
+        f"s[{(len(inputs) + k) * TILE}] = {PYTHON.stored(program.nodes[at].kind, result)}"
+        for k, (at, result) in enumerate(zip(outputs, results, strict=True))
+    ]
+    body = "\n".join(f"    {line}" for line in [*loads, *lines, *stores])
+    return RowKernel(f"def of_tile(s):\n{body}\n", len(inputs), len(outputs))
+
+
+def running(kernel: RowKernel) -> Callable[[Columns], Float[np.ndarray, "rows outputs"]]:
+    """The function of many rows: from a column for each input to the outputs of each row."""
+    source, size = kernel.source, kernel.inputs + kernel.outputs
+    run = loaded_once(source, lambda: _module(source, size), ctypes.c_void_p, ctypes.c_int64)
+
+    def of_rows(columns: Columns) -> Float[np.ndarray, "rows outputs"]:
+        rows = len(columns[0])
+        tiles = -(-rows // TILE)
+        room = np.zeros((size, tiles * TILE))
+        room[: kernel.inputs, :rows] = columns
+        tiled = np.ascontiguousarray(room.reshape(size, tiles, TILE).transpose(1, 0, 2))
+        run(tiled.ctypes.data, tiles)
+        return tiled[:, kernel.inputs :].transpose(0, 2, 1).reshape(tiles * TILE, -1)[:rows]
+
+    return of_rows
+
+
+def _module(source: str, size: int) -> ir.Module:
+    """The function of tiles in LLVM's language; a row has `size` inputs and outputs."""
+    module = ir.Module()
+    of_tile = llvm_code.add_function(module, source, TILE)
+    run = ir.Function(module, ir.FunctionType(VOID, [ARRAY, INDEX]), "run")
+    builder = ir.IRBuilder(run.append_basic_block("entry"))
+    with loop(builder, run.args[1]) as (tile, _):
+        builder.call(of_tile, [builder.gep(run.args[0], [builder.mul(tile, INDEX(size * TILE))])])
+    builder.ret_void()
+    return module
