@@ -21,6 +21,7 @@ import typer
 from gaitsweep.cache_folder import cache_folder
 from gaitsweep.cli.commands import STOPPED, app
 from gaitsweep.errors import EXIT_FAILURE, UserError, refuse_windows
+from gaitsweep.lazy_packages import lazy_packages
 
 # Messages of JAX, Python and the loader of shared libraries when memory is exhausted.
 _NO_MEMORY = (
@@ -51,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")
     try:
         refuse_windows()
-        with warnings.catch_warnings():
+        with lazy_packages(), warnings.catch_warnings():
             warnings.showwarning = _shown_as_sentence(warnings.showwarning)
             keep_compiled_programs()
             code = app(args=arguments, prog_name="gaitsweep", standalone_mode=False)

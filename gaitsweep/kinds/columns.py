@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -18,7 +18,7 @@ from gaitsweep.table.reading import outcomes
 UNKNOWN_GAIT = "unknown"  # gait of a row whose label is not the index of a gait; the label follows
 STATUSES = [status.name for status in Status if status is not Status.running]
 
-ColumnValues = np.ndarray | pd.Categorical
+ColumnValues: TypeAlias = "np.ndarray | pd.Categorical"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from gaitsweep.lazy_names import attach_stub
+from gaitsweep.lazy_packages import Lazy
 from gaitsweep.plot.kind import FIGURES
 
 _public, _, __all__ = attach_stub(__name__, __file__)
@@ -15,6 +16,8 @@ _public, _, __all__ = attach_stub(__name__, __file__)
 
 def __getattr__(name: str) -> Any:
     """The function of a kind of figure, extensions' too, or what such functions are written with."""
+    if name == "theme":  # jobs are read without Matplotlib
+        return Lazy({}, f"{__name__}.{name}")
     return FIGURES[name].draw if name not in __all__ and name in FIGURES else _public(name)
 
 

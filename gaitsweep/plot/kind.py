@@ -69,6 +69,12 @@ Bandwidth = Annotated[
     "of the range of other values",
 ]
 
+# A table, or its name, which is all that a job can write.
+if TYPE_CHECKING:
+    TableOrName = Text | pd.DataFrame
+else:
+    TableOrName = Text
+
 Window = Annotated[
     Sequence[Real] | None,
     Field(min_length=2, max_length=2),
@@ -340,14 +346,18 @@ def _unpickled(kind: str, fields: dict[str, Any]) -> FigureKind:
 def _fields(draw: Callable[..., Figure]) -> dict[str, Any]:
     """The described arguments of a function as fields of a job."""
     fields = {}
-    for name, argument in inspect.signature(draw, eval_str=True).parameters.items():
-        description = getattr(argument.annotation, "__metadata__", (None,))[-1]
+    _, *arguments = inspect.signature(draw).parameters.items()  # without the table, whose type is pandas'
+    for name, argument in arguments:
+        annotation = argument.annotation
+        if isinstance(annotation, str):
+            annotation = eval(annotation, draw.__globals__)
+        description = getattr(annotation, "__metadata__", (None,))[-1]
         if isinstance(description, str):
             # pydantic's mark of a required field is `...`; mappings are not shared between figures
             default: Any = ... if argument.default is argument.empty else argument.default
             mapping = isinstance(default, Mapping)
             value: dict[str, Any] = {"default_factory": dict} if mapping else {"default": default}
-            fields[name] = (_in_job(argument.annotation), Field(**value, description=description))
+            fields[name] = (_in_job(annotation), Field(**value, description=description))
     return fields
 
 
@@ -357,7 +367,8 @@ def _in_job(annotation: Any) -> Any:
     if origin is Annotated:
         return Annotated[_in_job(first), *rest]
     if origin in (Union, UnionType):
-        return Union[tuple(_in_job(part) for part in (first, *rest) if part is not pd.DataFrame)]  # noqa: UP007 - of a tuple of types
+        parts = (part for part in (first, *rest) if getattr(part, "__name__", "") != "DataFrame")
+        return Union[tuple(_in_job(part) for part in parts)]  # noqa: UP007 - of a tuple of types
     if origin in (Sequence, Mapping):
         plain = list if origin is Sequence else dict
         return plain[*(_in_job(part) for part in (first, *rest))]  # pyright: ignore[reportInvalidTypeArguments]

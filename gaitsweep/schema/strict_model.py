@@ -11,13 +11,14 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, core_schema
+from pydantic_core import CoreSchema, SchemaValidator, core_schema
 
 
 class StrictModel(BaseModel):
     """A frozen model that refuses unknown fields; its numbers may be expressions."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    # validators are built for the first value: a job has one run kind and few kinds of figures
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
 def kind_of(model: type[StrictModel]) -> str:
@@ -104,11 +105,21 @@ class OneOf:
         return handler(self._adapter.core_schema)
 
     def _read(self, value: Any) -> Any:
-        return self._adapter.validate_python(value)
+        kind = value.get("kind") if isinstance(value, Mapping) else getattr(value, "kind", None)
+        model = self.registry.get(kind) if isinstance(kind, str) else None
+        validator = self._adapter.validator if model is None else _member(kind, model)
+        return validator.validate_python(value)
 
     @property
     def _adapter(self) -> TypeAdapter[Any]:
         return _union(tuple(self.registry.values()))
+
+
+@functools.lru_cache(maxsize=64)
+def _member(kind: str, model: type[StrictModel]) -> SchemaValidator:
+    """The validator of a union's member, whose errors have the same places as those of the union."""
+    member = core_schema.no_info_plain_validator_function(model.model_validate)
+    return SchemaValidator(core_schema.tagged_union_schema({kind: member}, "kind", from_attributes=True))
 
 
 @functools.lru_cache(maxsize=8)

@@ -59,7 +59,6 @@ from gaitsweep.table.manifest import (
     sealed,
 )
 from gaitsweep.table.parts import (
-    UNREADABLE,
     DamagedPart,
     EncodedPart,
     Footer,
@@ -67,6 +66,7 @@ from gaitsweep.table.parts import (
     open_bytes,
     read_footer,
     readable,
+    unreadable,
 )
 from gaitsweep.table.reading import add_counts
 
@@ -262,7 +262,9 @@ class ResultDirectory:
             return self.counts()
         for number in set(self._footers) - self._tallied:
             self._tallied.add(number)
-            with contextlib.suppress(*UNREADABLE):  # the table's readers report a file that is damaged since
+            with contextlib.suppress(
+                *unreadable()
+            ):  # the table's readers report a file that is damaged since
                 file = self.path / TABLE / PARTS.name(number)
                 values = pq.ParquetFile(readable(read_file(file))).read([column]).column(0)
                 counts = values.value_counts().to_pylist()

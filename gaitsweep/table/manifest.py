@@ -111,7 +111,7 @@ def _check_fields(file: Path, manifest: Mapping[str, Any]) -> None:
 class _Plain(BaseModel):
     """Values of JSON without conversion, in the fields on which readers of tables depend."""
 
-    model_config = ConfigDict(strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(strict=True, allow_inf_nan=False, defer_build=True)
 
 
 class _Quantity(_Plain):

@@ -181,7 +181,7 @@ def read_footer(data: bytes) -> Footer:
             and all(type(n) is int and n > 0 for n in footer.counts.values())
             and all(isinstance(name, str) for names in footer.categories.values() for name in names)
         )
-    except UNREADABLE as error:
+    except unreadable() as error:
         raise DamagedPart(f"it cannot be read as parquet ({on_one_line(error)})") from error
     if not sound:
         raise DamagedPart("its footer is not one of gaitsweep")
@@ -210,7 +210,7 @@ def read_records(
         # parts of older versions have no units: without metadata all parts have one schema
         table = table.cast(pa.schema([field.remove_metadata() for field in table.schema]))
         rows = table.column("row").to_numpy()
-    except UNREADABLE as error:
+    except unreadable() as error:
         raise DamagedPart(f"its records cannot be read ({on_one_line(error)})") from error
     different = rows[np.flatnonzero(np.diff(rows, prepend=start - 1))] if rows.size else rows
     if not np.array_equal(different, np.arange(start, stop)):
@@ -272,7 +272,7 @@ def read_open(data: bytes, job_hash: str, n_rows: int) -> RowOutcome:
             and all(len(values) == row.size for values in (kept, *arrays.values()))
         )
         hash_of_rows = str(metadata["job_hash"])
-    except UNREADABLE as error:
+    except unreadable() as error:
         raise DamagedPart(f"it cannot be read ({on_one_line(error)})") from error
     if hash_of_rows != job_hash:
         raise DamagedPart(f"it belongs to another job (hash {hash_of_rows[:12]})")
@@ -292,19 +292,10 @@ def readable(data: bytes) -> pa.BufferReader:
     return pa.BufferReader(own)
 
 
-# errors of the parquet reader and the JSON reader for damaged bytes
-UNREADABLE = (
-    pa.ArrowException,
-    OSError,
-    KeyError,
-    ValueError,
-    TypeError,
-    AttributeError,
-    EOFError,
-    OverflowError,
-    RecursionError,
-    MemoryError,
-)
+def unreadable() -> tuple[type[Exception], ...]:
+    """Errors of the parquet reader and the JSON reader for damaged bytes."""
+    values = KeyError, ValueError, TypeError, AttributeError, EOFError, OverflowError, RecursionError
+    return pa.ArrowException, OSError, *values, MemoryError
 
 
 def on_one_line(error: BaseException) -> str:

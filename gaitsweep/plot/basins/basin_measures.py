@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any
 
@@ -24,7 +25,11 @@ from gaitsweep.plot.columns import axis_label, column, is_angle, rows_where, uni
 from gaitsweep.plot.kind import TEXT_COLUMNS, Column, PlannedTable, Refusal, Title, figure_kind
 
 _MOST_NAMED = 6  # most lines in a legend; more lines have a colour bar
-_SHADES = ListedColormap(mpl.colormaps["viridis"](np.linspace(0.0, 0.85, 256)))
+
+
+@functools.cache
+def _shades() -> ListedColormap:
+    return ListedColormap(mpl.colormaps["viridis"](np.linspace(0.0, 0.85, 256)))
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
@@ -166,7 +171,7 @@ def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | 
         return
     values = list(measured.panels[panels]) if panels else [None]
     many = len(values) > _MOST_NAMED
-    shades = _SHADES(np.linspace(0.0, 1.0, len(values)))
+    shades = _shades()(np.linspace(0.0, 1.0, len(values)))
     for number, value in enumerate(values):
         uncertain = _with_value(measured.uncertainty, panels, value)
         uncertain = rows_where(uncertain, uncertain["uncertain"] > 0.0)
@@ -201,7 +206,7 @@ def _shades_of(axes: Axes, table: pd.DataFrame, measured: pd.DataFrame, panels: 
     """A colour bar of the lines, from the panels' first value to the last, and the range of the exponents."""
     values = list(measured[panels])
     bar = axes.inset_axes((0.1, -0.36, 0.8, 0.05))
-    bar.imshow(np.linspace(0.0, 1.0, len(values))[None, :], cmap=_SHADES, aspect="auto", vmin=0.0, vmax=1.0)
+    bar.imshow(np.linspace(0.0, 1.0, len(values))[None, :], cmap=_shades(), aspect="auto", vmin=0.0, vmax=1.0)
     bar.set_yticks([])
     ends = (0, len(values) - 1)
     bar.set_xticks(ends, [written(table, panels, values[end]) for end in ends])

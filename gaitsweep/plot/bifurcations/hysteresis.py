@@ -40,7 +40,16 @@ from gaitsweep.plot.columns import (
     written,
 )
 from gaitsweep.plot.figure_style import current
-from gaitsweep.plot.kind import Observable, Observed, Panels, PlannedTable, Refusal, Title, figure_kind
+from gaitsweep.plot.kind import (
+    Observable,
+    Observed,
+    Panels,
+    PlannedTable,
+    Refusal,
+    TableOrName,
+    Title,
+    figure_kind,
+)
 from gaitsweep.plot.provenance_marks import remarks
 from gaitsweep.schema.numbers import Positive, Real, Text
 from gaitsweep.table import TableError, load
@@ -75,7 +84,7 @@ def hysteresis(
     parameter: Annotated[Text | None, "the parameter that the run moves; it can be left out"] = None,
     panels: Panels = None,
     with_table: Annotated[
-        Text | pd.DataFrame | None,
+        TableOrName | None,
         "a second result directory to show beside the first, by its path or its job's name",
     ] = None,
     x: Annotated[

@@ -39,13 +39,11 @@ from gaitsweep.plot import (
 )
 
 _SHARES = (*WAVES, "elsewhere")
-# white around black shows on dark cells and on light ones
-_CASED = [withStroke(linewidth=2.0, foreground="white")]
-_EDGE: dict[str, Any] = {"color": "black", "lw": 0.9, "ls": "--", "path_effects": _CASED}
+_EDGE: dict[str, Any] = {"color": "black", "lw": 0.9, "ls": "--"}
 _EXACT: dict[str, Any] = {"color": "#D55E00", "lw": 1.1}
 _LINES = {
-    "m/2 < m$_B$ < m, m g/κ < a < L": Line2D([], [], color="black", lw=0.9, ls="--"),
-    "edge of where the wave is a motion of the chain": Line2D([], [], **_EXACT),
+    "m/2 < m$_B$ < m, m g/κ < a < L": _EDGE,
+    "edge of where the wave is a motion of the chain": _EXACT,
 }
 
 
@@ -110,7 +108,8 @@ def gait_shares(
             axes.set_xlabel("")
         assert drawn is not None
         figure.colorbar(drawn, ax=panels, label="share of starts", shrink=0.9)
-        theme.legend(figure, list(_LINES.values()), list(_LINES), ncols=2)
+        handles = [Line2D([], [], **line) for line in _LINES.values()]
+        theme.legend(figure, handles, list(_LINES), ncols=2)
     return figure
 
 
@@ -167,13 +166,15 @@ def _edges(axes: Axes, table: pd.DataFrame, x: str, y: str | None) -> None:
     m, g = values["m"], values["g"]
     limits = [("m_B", 0.5 * m), ("m_B", m), ("kappa", m * g / values["a"])]
     limits += [("a", m * g / values["kappa"]), ("a", values["L"])]
+    # white around black shows on dark cells and on light ones
+    cased = {**_EDGE, "path_effects": [withStroke(linewidth=2.0, foreground="white")]}
     # kappa and a limit each other, so that one of them along y is enough
     upright = x if x == "m_B" or y not in ("kappa", "a") else ""
     for name, limit in limits:
         if name == y:
-            axes.plot(along, np.broadcast_to(limit, along.shape), **_EDGE)
+            axes.plot(along, np.broadcast_to(limit, along.shape), **cased)
         elif name == upright:
-            axes.axvline(float(np.ravel(limit)[0]), **_EDGE)
+            axes.axvline(float(np.ravel(limit)[0]), **cased)
     axes.set_xlim(low)
     axes.set_ylim(high)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Iterator, Mapping
 from types import MappingProxyType
 from typing import Any
@@ -30,10 +31,15 @@ from gaitsweep.plot import (
 ORDER = (*extension.gait_styles, "none")
 NAMES = MappingProxyType({"none": "none of them, or fallen"})
 LIMBS: Mapping[str, LimbLook] = MappingProxyType(dict(zip(LEGS, drawing.LIMBS, strict=True)))
-LEG_COLOURS: Mapping[str, str] = MappingProxyType(dict(zip(LEGS, limb_colours(drawing.LIMBS), strict=True)))
 CONTACTS = MappingProxyType({leg: f"contact_{i + 1}" for i, leg in enumerate(LEGS)})
 FLIGHT = "#E6E6E6"
 _BAR = 0.62
+
+
+@functools.cache
+def leg_colours() -> Mapping[str, str]:
+    """The colour of each leg, as in all figures of its limbs."""
+    return MappingProxyType(dict(zip(LEGS, limb_colours(drawing.LIMBS), strict=True)))
 
 
 def colour_of(gait: str) -> str:
@@ -107,7 +113,7 @@ def footfalls(axes: Axes, samples: pd.DataFrame) -> None:
     for row, leg in enumerate(LEGS):
         starts, stops = contact_intervals(t, down[:, row])
         bars = list(zip(starts, stops - starts, strict=True))
-        axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=LEG_COLOURS[leg], linewidth=0)
+        axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=leg_colours()[leg], linewidth=0)
     shade_flights(axes, t, down)
     name_limbs(axes, list(LIMBS.values()))
 

@@ -20,13 +20,13 @@ from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS, gaits_in
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
     CONTACTS,
     FLIGHT,
-    LEG_COLOURS,
     LIMBS,
     ORDER,
     colour_of,
     footfalls,
     in_words,
     label_of,
+    leg_colours,
     shade_flights,
 )
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
@@ -117,7 +117,7 @@ def gait_series(
         if not parts:
             theme.message(outer[0].subplots(), "No sample of these rows was recorded in this time.")
         handles = [
-            Line2D([], [], color=LEG_COLOURS[leg], ls=_line(leg), lw=1.6, label=LIMBS[leg].name)
+            Line2D([], [], color=leg_colours()[leg], ls=_line(leg), lw=1.6, label=LIMBS[leg].name)
             for leg in LEGS
         ]
         flight = [Patch(color=FLIGHT, label="flight: no foot on the ground")]
@@ -172,10 +172,10 @@ def _draw(
     footfalls(grid["feet"], part)
     for leg in LEGS:
         out = np.maximum(part[FLEXORS[leg]].to_numpy(float), 0.0)
-        grid["flexor"].plot(t, out, color=LEG_COLOURS[leg], ls=_line(leg), lw=0.9)
+        grid["flexor"].plot(t, out, color=leg_colours()[leg], ls=_line(leg), lw=0.9)
         if "load" in grid:
             load = part[f"F_{leg}"].to_numpy(float)
-            grid["load"].plot(t, load, color=LEG_COLOURS[leg], ls=_line(leg), lw=0.8)
+            grid["load"].plot(t, load, color=leg_colours()[leg], ls=_line(leg), lw=0.8)
     grid["flexor"].set_ylabel("flexor\noutput")
     grid["pitch"].plot(t, part["pitch"].to_numpy(float), color="black", lw=0.9)
     grid["pitch"].axhline(0.0, color="#AAAAAA", lw=0.5, zorder=0)

@@ -1,0 +1,132 @@
+"""Large packages that gaitsweep's modules import when they first use a name of them, not at their heads.
+
+A job is read without drawing its figures, and most commands need one or two of these packages. Python 3.15
+has `lazy import` for this (PEP 810). JAX, which every model needs, is imported without its search for ROCm.
+"""
+
+from __future__ import annotations
+
+import builtins
+import contextlib
+import importlib
+import sys
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+LAZY = frozenset({"matplotlib", "mpl_toolkits", "pandas", "pyarrow", "scipy"})
+
+_import = builtins.__import__
+_LOCK = threading.Lock()
+_contexts = 0  # in all threads
+
+
+class Lazy:
+    """A module, or one of its members, which is imported when it is first used.
+
+    Args:
+        names: the globals of a module; those that refer to this object then refer to the imported one.
+        module: the name of the module.
+        member: the name of its member.
+    """
+
+    def __init__(self, names: dict[str, Any], module: str, member: str | None = None) -> None:
+        self._names, self._module, self._member, self._object = names, module, member, None
+
+    def _loaded(self) -> Any:
+        if self._object is None:
+            loaded = importlib.import_module(self._module)
+            if self._member is not None:
+                if not hasattr(loaded, self._member):  # a module of its package
+                    importlib.import_module(f"{self._module}.{self._member}")
+                loaded = getattr(loaded, self._member)
+            self._object = loaded
+            for name, value in list(self._names.items()):
+                if value is self:
+                    self._names[name] = loaded
+        return self._object
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._loaded(), name)
+
+    def __call__(self, *args: Any, **options: Any) -> Any:
+        return self._loaded()(*args, **options)
+
+    def __getitem__(self, key: Any) -> Any:
+        return self._loaded()[key]
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self._loaded())
+
+    def __or__(self, other: Any) -> Any:
+        return self._loaded() | other
+
+    def __mro_entries__(self, bases: Sequence[Any]) -> tuple[Any]:
+        return (self._loaded(),)
+
+    def __instancecheck__(self, instance: Any) -> bool:
+        return isinstance(instance, self._loaded())
+
+    def __subclasscheck__(self, kind: type) -> bool:
+        return issubclass(kind, self._loaded())
+
+
+def _import_lazily(
+    name: str,
+    globals: Mapping[str, Any] | None = None,
+    locals: Mapping[str, Any] | None = None,
+    fromlist: Sequence[str] | None = (),
+    level: int = 0,
+) -> Any:
+    """`__import__`, which defers packages of `LAZY` where a module of gaitsweep imports them at its head."""
+    package, _, rest = name.partition(".")
+    if package == "jax" and package not in sys.modules:
+        with _without_rocm():
+            return _import(name, globals, locals, fromlist or (), level)
+    names: Any = globals
+    at_head = package in LAZY and globals is not None and globals is locals
+    if not (at_head and str(names.get("__name__")).startswith("gaitsweep.")):
+        return _import(name, globals, locals, fromlist or (), level)
+    if fromlist:
+        lazy = Lazy(names, name)
+        vars(lazy).update({member: Lazy(names, name, member) for member in fromlist})
+        return lazy
+    lazy = Lazy(names, package)
+    if rest:  # import a.b as c
+        vars(lazy)[rest] = Lazy(names, name)
+    return lazy
+
+
+@contextlib.contextmanager
+def _without_rocm() -> Iterator[None]:
+    """A context in which JAX, as it is imported, does not read the metadata of all installed packages.
+
+    It looks for a plugin of ROCm, an eighth of its import's time.
+    """
+    from importlib import metadata  # which `--help` does not need
+    from pathlib import Path
+
+    every = metadata.distributions
+    plugins = (Path(folder).glob("jax_rocm*-plugin*") for folder in sys.path)
+    if not any(True for files in plugins for _ in files):
+        metadata.distributions = lambda **_: iter(())
+    try:
+        yield
+    finally:
+        metadata.distributions = every
+
+
+@contextlib.contextmanager
+def lazy_packages() -> Iterator[None]:
+    """A context in which modules of gaitsweep that are imported do not load the packages of `LAZY`."""
+    global _contexts
+    with _LOCK:
+        _contexts += 1
+        builtins.__import__ = _import_lazily
+    try:
+        yield
+    finally:
+        with _LOCK:
+            _contexts -= 1
+            if not _contexts:
+                builtins.__import__ = _import

@@ -1,0 +1,44 @@
+"""Packages that a command does not need, and does not import."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gaitsweep.lazy_packages import LAZY, Lazy
+
+ROOT = Path(__file__).parents[2]
+COMMAND = """
+import json, sys
+from gaitsweep.cli.main import main
+assert main(sys.argv[1:]) == 0
+print(json.dumps(sorted({name.partition(".")[0] for name in sys.modules})))
+"""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "absent"),
+    [
+        (["--help"], {*LAZY, "jax", "numpy", "pydantic", "llvmlite"}),
+        (["check", "sweeps/quick_basins.yaml"], {*LAZY, "llvmlite"}),
+    ],
+    ids=["help", "check"],
+)
+def test_commands_do_not_import_what_they_do_not_need(arguments: list[str], absent: set[str]) -> None:
+    command = [sys.executable, "-c", COMMAND, *arguments]
+    printed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    imported = set(json.loads(printed.splitlines()[-1]))
+    assert not absent & imported
+
+
+def test_a_lazy_name_stands_for_the_object() -> None:
+    names = {"Name": Lazy({}, "json", "JSONDecoder")}
+    lazy = names["Name"] = Lazy(names, "json", "JSONDecoder")
+    assert lazy().decode("[1]") == [1]
+    assert names["Name"] is json.JSONDecoder
+    assert isinstance(json.JSONDecoder(), lazy)  # pyright: ignore[reportArgumentType]
+    assert Lazy({}, "xml", "etree").__name__ == "xml.etree"
