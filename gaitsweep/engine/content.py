@@ -54,7 +54,7 @@ _UNKNOWN = {
 _IMPORTS = opcode.opmap["IMPORT_NAME"]
 _CODES: WeakKeyDictionary[types.CodeType, tuple[bytes, tuple[str, ...], bool]] = WeakKeyDictionary()
 _FILES: dict[tuple[str, str, int], set[Path]] = {}
-_HELD: ContextVar[dict[tuple[Any, ...], str] | None] = ContextVar("held", default=None)
+_HELD: ContextVar[dict[tuple[Any, ...], Any] | None] = ContextVar("held", default=None)
 _LATEST: dict[tuple[str, str, int], str] = {}  # by module, name and structure
 
 
@@ -110,6 +110,16 @@ def held_contents() -> Iterator[None]:
         yield
     finally:
         _HELD.reset(token)
+
+
+def held_result(key: tuple[Any, ...], work_out: Callable[[], T]) -> T:
+    """What `work_out` returns, worked out once for each key while models do not change."""
+    held = _HELD.get()
+    if held is None:
+        return work_out()
+    if key not in held:
+        held[key] = work_out()
+    return held[key]
 
 
 def lasting_content(model: Model, *others: Any) -> str | None:

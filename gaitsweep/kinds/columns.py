@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int, Real, Shaped
 from gaitsweep.contract import HybridModel, Model, Quantity, Status, names_gait
 from gaitsweep.engine.recorders.recorder import unpacked
 from gaitsweep.row_outcome import RowOutcome
-from gaitsweep.table.reading import outcomes
+from gaitsweep.table.reading import categorical, outcomes
 
 UNKNOWN_GAIT = "unknown"  # gait of a row whose label is not the index of a gait; the label follows
 STATUSES = [status.name for status in Status if status is not Status.running]
@@ -150,7 +150,7 @@ def row_number(quantity: Quantity) -> Column:
 
 def _status(records: Records) -> pd.Categorical:
     # statuses are numbered from 0, running
-    return pd.Categorical.from_codes(records.of_row(records.block.status) - 1, categories=STATUSES)
+    return categorical(records.of_row(records.block.status) - 1, STATUSES)
 
 
 def _crossing(records: Records) -> Real[np.ndarray, " records"]:
@@ -179,14 +179,14 @@ def _stalled_by(records: Records) -> pd.Categorical:
     categories = sorted(set(guards))
     codes = np.full(len(words), -1)
     codes[stalled] = [categories.index(guard) for guard in guards]
-    return pd.Categorical.from_codes(codes, categories=categories)
+    return categorical(codes, categories)
 
 
 def _slowest(records: Records) -> pd.Categorical:
     """The observable that prevented a row or a stair from settling; missing if its number is negative."""
     names = [q.name for q in records.model.observables]
     codes = np.nan_to_num(records["slowest"], nan=-1.0).astype(int)
-    return pd.Categorical.from_codes(codes.tolist(), categories=names)
+    return categorical(codes, names)
 
 
 STATUS = Column("status", _status)
@@ -209,7 +209,7 @@ def gaits(model: Model, codes: Int[np.ndarray, " rows"]) -> pd.Categorical:
     for place, code in enumerate(outside.tolist(), start=len(names)):
         places[codes == code] = place
     names += [f"{UNKNOWN_GAIT} ({code + (code < 0)})" for code in outside.tolist()]
-    return pd.Categorical.from_codes(places.tolist(), categories=names)
+    return categorical(places, names)
 
 
 def quantities_of(model: Model, columns: Sequence[Column] = ()) -> dict[str, dict[str, Any]]:

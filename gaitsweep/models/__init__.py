@@ -15,6 +15,7 @@ from typing import Any
 
 from gaitsweep import near_miss
 from gaitsweep.contract import HybridModel, Model, SteppedModel
+from gaitsweep.engine.content import held_result
 from gaitsweep.errors import UserError
 from gaitsweep.extension import model_paths
 from gaitsweep.own_modules import Stamp, data_files, installed, modules_beside, modules_in, stamp_of
@@ -102,6 +103,10 @@ def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
         >>> {quantity.name: quantity.default for quantity in hopper.parameters}
         {'push': 2.6, 'restitution': 0.7, 'omega': 12.0, 'g': 9.81}
     """
+    return held_result(("model", name, Path.cwd(), *folders), lambda: _find(name, folders))
+
+
+def _find(name: str, folders: Sequence[Path]) -> type[Model]:
     if name in _SESSION:
         return _as_model(name, _SESSION[name])
     paths = model_paths()

@@ -23,7 +23,7 @@ from gaitsweep import near_miss
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declarations import Mode, Variable, faults_of_quantity
 from gaitsweep.dynamics.declared_model import ARMING, STEPS, Declared, DeclaredModel
-from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.content import cached_by_content, held_result
 from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.kernel.program import Program
@@ -76,7 +76,7 @@ def fault(model: Model) -> str | None:
         hash(model)
     except TypeError as error:
         return f"which cannot be hashed ({error}): make it a frozen dataclass, with tuples in place of lists."
-    return _fault(model) or unrepeatable(model)
+    return held_result(("fault", type(model), model), lambda: _fault(model) or unrepeatable(model))
 
 
 @cached_by_content(maxsize=64)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import collections
 import dataclasses
+import functools
 import math
 import warnings
 from collections.abc import Iterator, Sequence
@@ -433,7 +434,18 @@ def outcomes(gait: pd.Categorical, status: ArrayLike) -> pd.Categorical:
     codes = np.where(gait.codes < 0, names.index(Outcome.NO_GAIT), gait.codes.astype(np.int32))
     codes[~Status.SOUND.among(status)] = names.index(Outcome.FAILED)
     codes[Status.UNDECIDED.among(status)] = names.index(Outcome.NOT_SETTLED)
-    return pd.Categorical.from_codes(codes, categories=names)
+    return categorical(codes, names)
+
+
+def categorical(codes: ArrayLike, names: Sequence[str]) -> pd.Categorical:
+    """The names of codes (n,); -1 has no name."""
+    return pd.Categorical.from_codes(codes, dtype=_categories(tuple(names)))
+
+
+# cached, since pandas takes longer to look for repeated names than a small column takes
+@functools.lru_cache(maxsize=256)
+def _categories(names: tuple[str, ...]) -> pd.CategoricalDtype:
+    return pd.CategoricalDtype(list(names))
 
 
 def _near_column(path: Path, name: str) -> str:
@@ -450,7 +462,7 @@ def _joined(name: str, parts: _Parts) -> Any:
     categories = list(dict.fromkeys(text for part in parts.parts for text in part.categories.get(name, ())))
     if whole is None or any(part.categories[name] != categories for part in parts.parts):
         whole = np.concatenate([_recoded(name, part, categories) for part in parts.parts])
-    return pd.Categorical.from_codes(whole, categories=categories)
+    return categorical(whole, categories)
 
 
 def _recoded(name: str, part: _Part, categories: list[str]) -> np.ndarray:
