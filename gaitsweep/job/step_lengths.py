@@ -87,7 +87,11 @@ class RowSteps:
     @property
     def digest(self) -> str:
         """The recommended step to six digits, which reveals a changed recommendation later."""
-        text = ",".join(f"{dt:.5e}" for dt in self.dt[np.linspace(0, self.dt.size - 1, 1024).astype(int)])
+        steps, place = np.unique(
+            self.dt[np.linspace(0, self.dt.size - 1, 1024).astype(int)], return_inverse=True
+        )
+        written = [f"{dt:.5e}" for dt in steps]
+        text = ",".join(written[at] for at in place)
         return hashlib.sha256(text.encode()).hexdigest()
 
 

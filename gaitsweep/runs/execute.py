@@ -22,7 +22,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
 from gaitsweep.job.checks import remarks_on_rows
 from gaitsweep.row_outcome import RowOutcome
-from gaitsweep.runs.executor import Executor, ThisProcess
+from gaitsweep.runs.executor import Executor, ThisProcess, compute_blocks
 from gaitsweep.runs.prepare import RunContext, naming_the_file, prepare
 from gaitsweep.runs.progress import Progress, so_far
 from gaitsweep.runs.provenance import continue_directory
@@ -37,13 +37,15 @@ from gaitsweep.runs.self_check import (
 )
 from gaitsweep.runs.sentences import advice, self_check_sentence
 from gaitsweep.runs.summary import describe, sum_up, summed_up, tallied_column
-from gaitsweep.table import ResultDirectory, TableError, load
+from gaitsweep.table import MemoryTable, ResultDirectory, Table, TableError, load
 from gaitsweep.table.files import temporary_folder
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
 
 RESULTS = Path("results")
+# Rows of a table that stays in memory as it is made; the parts of a larger one wait on disk, compressed.
+_MOST_IN_MEMORY = 65_536
 
 
 @held_contents()
@@ -78,41 +80,57 @@ def run_job(
     path = RESULTS / job.name if out is None else Path(out)
     on_progress = on_progress or (lambda *_, **__: None)
     context = prepare(job)
-    spec = context.spec
-    if context.note is not None:
-        on_message(context.note)
     resolved = job.resolved(engine=context.engine)
-    with (
-        naming_the_file(),
-        ResultDirectory.open(path, resolved, context.layout) as directory,
-        _SelfCheck(context, directory) as check,
-    ):
-        for note in directory.notes:
-            on_message(note)
-        continue_directory(context, directory, on_message)
-        missing = directory.missing_blocks()
-        if missing:
-            for caveat in spec.model.caveats():
-                on_message(f"Warning: {caveat}")
-            for remark in remarks_on_rows(context.design, job.model):
-                on_message(f"Warning: {remark}")
-            if _rows_leave_the_host_idle(context):
-                check.begin()
-            _run_missing(context, directory, missing, on_progress, cluster or ThisProcess())
-        elif not summed_up(context, directory):  # killed after its last part
-            describe(context, directory)
-            sum_up(context, directory, directory.manifest.get("timings", {}))
-        checked = check.result(on_progress)
+    with naming_the_file(), ResultDirectory.open(path, resolved, context.layout) as directory:
+        checked = _run(context, directory, on_progress, on_message, cluster)
         if figures and resolved["figures"]:
             from gaitsweep.runs.figures import draw_of_complete  # which imports Matplotlib
 
             draw_of_complete(directory, resolved, on_progress, on_message)
-    if checked.get("verdict") == "warned":
-        text = f"{self_check_sentence(checked)} {advice(checked, spec.numerics.dt)}"
-        if strict:
-            raise SelfCheckError(text)
-        on_message(f"Warning: {text}")
+    _judge(context, checked, on_message, strict)
     return path
+
+
+def _run(
+    context: RunContext,
+    table: Table,
+    on_progress: Progress,
+    on_message: Callable[[str], None],
+    cluster: Cluster | None = None,
+) -> dict[str, Any]:
+    """Run the rows that a table lacks, and return the result of the self-check."""
+    spec = context.spec
+    if context.note is not None:
+        on_message(context.note)
+    with _SelfCheck(context, table) as check:
+        for note in table.notes:
+            on_message(note)
+        continue_directory(context, table, on_message)
+        missing = table.missing_blocks()
+        if missing:
+            for caveat in spec.model.caveats():
+                on_message(f"Warning: {caveat}")
+            for remark in remarks_on_rows(context.design, context.job.model):
+                on_message(f"Warning: {remark}")
+            if _rows_leave_the_host_idle(context):
+                check.begin()
+            _run_missing(context, table, missing, on_progress, cluster or ThisProcess())
+        elif not summed_up(context, table):  # killed after its last part
+            describe(context, table)
+            sum_up(context, table, table.manifest.get("timings", {}))
+        return check.result(on_progress)
+
+
+def _judge(
+    context: RunContext, checked: dict[str, Any], on_message: Callable[[str], None], strict: bool
+) -> None:
+    """Report a self-check that warned; raises SelfCheckError with `strict`."""
+    if checked.get("verdict") != "warned":
+        return
+    text = f"{self_check_sentence(checked)} {advice(checked, context.spec.numerics.dt)}"
+    if strict:
+        raise SelfCheckError(text)
+    on_message(f"Warning: {text}")
 
 
 def table_in_memory(
@@ -122,19 +140,26 @@ def table_in_memory(
     on_message: Callable[[str], None] = lambda _: None,
     cluster: Cluster | None = None,
 ) -> pd.DataFrame:
-    """Run a job in a temporary directory and return its table, with units and manifest in `.attrs`.
+    """Run a job and return its table, with units and manifest in `.attrs`; an interrupt loses all rows.
 
-    The code of `run_job` writes the table, so values and types are the same. An interrupt loses all rows.
+    Large tables, rounds of a refined run and workers of a cluster need a directory, which is temporary.
 
     Raises:
         RunError, TableError: as `run_job`.
     """
+    small = job.design.n_rows <= _MOST_IN_MEMORY
+    if small and cluster is None and job.run.refined(job.design) is None:
+        with held_contents():
+            context = prepare(job)
+            memory = MemoryTable(job.resolved(engine=context.engine), context.layout)
+            checked = _run(context, memory, on_progress or (lambda *_, **__: None), on_message)
+            _judge(context, checked, on_message, strict=False)
+            return memory.load()
     with temporary_folder() as folder:
-        table = load(
-            run_job(
-                job, folder, on_progress=on_progress, on_message=on_message, figures=False, cluster=cluster
-            )
+        path = run_job(
+            job, folder, on_progress=on_progress, on_message=on_message, figures=False, cluster=cluster
         )
+        table = load(path)
     del table.attrs["path"]
     return table
 
@@ -150,8 +175,8 @@ class _SelfCheck:
     Its exceptions are raised by `result`. Its rows have their own lanes; the table is read at the end.
     """
 
-    def __init__(self, context: RunContext, directory: ResultDirectory) -> None:
-        self._context, self._directory = context, directory
+    def __init__(self, context: RunContext, table: Table) -> None:
+        self._context, self._table = context, table
         self._asked = rows_to_repeat(context)
         self._thread = ThreadPoolExecutor(1)
         self._begun: Future[tuple[SelfCheck | None, RerunRows | None]] | None = None
@@ -193,31 +218,31 @@ class _SelfCheck:
         if check is not None and rerun is not None:
             compare_stored(self._context, check, rerun, self._stored, on_sweep_progress)
         judged = {"rows": 0, "verdict": "off"} if check is None else check.judged()
-        self._directory.update_manifest(self_check=judged)
+        self._table.update_manifest(self_check=judged)
         return judged
 
     def _stored(self, rows: np.ndarray) -> pd.DataFrame:
-        table = load(self._directory.path, rows=rows)
+        table = self._table.load(rows)
         table.attrs.clear()  # pandas copies them with each column
         return table
 
     @property
     def _known(self) -> dict[str, Any] | None:
         """Result of an earlier self-check with the same number of rows, or None."""
-        before = self._directory.manifest.get("self_check")
+        before = self._table.manifest.get("self_check")
         return before if isinstance(before, dict) and before.get("rows") == self._asked else None
 
 
 def _run_missing(
     context: RunContext,
-    directory: ResultDirectory,
+    table: Table,
     missing: list[int],
     on_progress: Progress,
     executor: Executor,
 ) -> None:
-    before, total = directory.rows_done + directory.rows_open, context.spec.n_rows
-    describe(context, directory)
-    spent = directory.manifest.get("timings", {})
+    before, total = table.rows_done + table.rows_open, context.spec.n_rows
+    describe(context, table)
+    spent = table.manifest.get("timings", {})
     timings, tallied = Timings(), tallied_column(context)
 
     def spent_so_far() -> dict[str, float]:
@@ -225,27 +250,33 @@ def _run_missing(
 
     def on_sweep_progress(now: SweepProgress) -> None:
         note = now.note or f"{now.attempts / max(now.seconds, 1e-9) / 1e6:.1f} million steps/s"
-        note += so_far(directory.tally(tallied))
+        note += so_far(table.tally(tallied))
         on_progress(before + now.done, total, now.rate, (before + now.share * now.rows) / total, note)
 
     def on_wait() -> None:
         on_progress(before, total, 0.0, before / total, executor.note)
 
     on_wait()
+    if isinstance(table, MemoryTable):
+        compute_blocks(
+            context, missing, table.encoded, table.write_encoded, on_sweep_progress, timings=timings
+        )
+        sum_up(context, table, spent_so_far())
+        return
     try:
-        with executor.serve(context, directory, on_wait):
+        with executor.serve(context, table, on_wait):
             if (grid := context.job.run.refined(context.design)) is not None:
-                Refinement(context, grid, directory, executor).run(on_progress, timings)
+                Refinement(context, grid, table, executor).run(on_progress, timings)
             else:
-                stored = _Open(directory, spent_so_far)
-                executor.run_blocks(context, directory, missing, on_sweep_progress, timings, stored)
-        directory.update_manifest(**executor.manifest)
+                stored = _Open(table, spent_so_far)
+                executor.run_blocks(context, table, missing, on_sweep_progress, timings, stored)
+        table.update_manifest(**executor.manifest)
     except BaseException:
         # the exception that stopped the run is raised, not a failure to write the manifest
         with contextlib.suppress(TableError):
-            sum_up(context, directory, spent_so_far())
+            sum_up(context, table, spent_so_far())
         raise
-    sum_up(context, directory, spent_so_far())
+    sum_up(context, table, spent_so_far())
 
 
 @dataclasses.dataclass

@@ -18,7 +18,7 @@ from typing import Any, TypedDict
 from gaitsweep.contract import Model
 from gaitsweep.models.traced_program import first_difference
 from gaitsweep.runs.prepare import RunContext, RunError
-from gaitsweep.table import ResultDirectory
+from gaitsweep.table import Table
 
 PACKAGES = (
     *("gaitsweep", "jax", "jaxlib", "numpy", "scipy", "pandas", "pyarrow"),
@@ -97,9 +97,7 @@ def _git(folder: Path, *arguments: str) -> str:
     return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
 
 
-def continue_directory(
-    context: RunContext, directory: ResultDirectory, on_message: Callable[[str], None]
-) -> None:
+def continue_directory(context: RunContext, directory: Table, on_message: Callable[[str], None]) -> None:
     """Record in the manifest which program makes the next parts, and warn if another made the present ones.
 
     Raises:
@@ -136,7 +134,7 @@ def continue_directory(
         directory.update_manifest(**fields)
 
 
-def check_program(context: RunContext, path: Path, manifest: Mapping[str, Any]) -> list[str]:
+def check_program(context: RunContext, path: Path | None, manifest: Mapping[str, Any]) -> list[str]:
     """Return warnings if a model's functions are traced differently by other versions.
 
     Raises:

@@ -20,20 +20,20 @@ from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.own_modules import folder_of_class
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.sentences import MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD
-from gaitsweep.table import ResultDirectory, load_parts
+from gaitsweep.table import Table
 
 # Rows whose starts are examined, at most; of models whose parameters the host computes row by row.
 _MOST_STARTS, _MOST_STARTS_OF_HOST = 100_000, 64
 
 
-def describe(context: RunContext, directory: ResultDirectory) -> None:
+def describe(context: RunContext, table: Table) -> None:
     """Write the axes of the rows and the settings of the run into the manifest.
 
     `axes` are in the order of the rows, the last varying fastest: the names that vary together, the number
     of points, and whether these are drawn as a sample.
     """
     steps = context.steps.dt[(context.steps.dt > 0.0) & (context.steps.dt < np.inf)]
-    directory.update_manifest(
+    table.update_manifest(
         engine=context.engine,
         device=context.device,
         lanes=context.spec.lanes,
@@ -45,31 +45,32 @@ def describe(context: RunContext, directory: ResultDirectory) -> None:
             for group in context.design.groups
         ],
         quantities=context.quantities,
-        **_model_folder(context, directory.path),
+        **_model_folder(context, table.path),
     )
 
 
-def _model_folder(context: RunContext, path: Path) -> dict[str, str]:
+def _model_folder(context: RunContext, path: Path | None) -> dict[str, str]:
     """The folder of a user's model, for `--trust` from elsewhere; none for the papers' models.
 
     It is relative to the result directory, and omitted if the two share no project folder, so that a
     directory which is passed on does not reveal where its owner's files are.
     """
-    folder = None if context.job.model in models.names() else folder_of_class(type(context.model))
-    if folder is None or len(Path(os.path.commonpath([folder, path.resolve()])).parts) < 3:
+    own = path is not None and context.job.model not in models.names()
+    folder = folder_of_class(type(context.model)) if own else None
+    if path is None or folder is None or len(Path(os.path.commonpath([folder, path.resolve()])).parts) < 3:
         return {}
     return {models.MODEL_FOLDER: os.path.relpath(folder, path.resolve())}
 
 
-def sum_up(context: RunContext, directory: ResultDirectory, timings: dict[str, float]) -> None:
+def sum_up(context: RunContext, table: Table, timings: dict[str, float]) -> None:
     """Write timings, counts and, once complete, the summary of the records into the manifest, at once."""
-    complete, counts = not directory.missing_blocks(), directory.counts()
+    complete, counts = not table.missing_blocks(), table.counts()
     fields: dict[str, Any] = {"timings": timings, "counts": counts, "complete": complete}
     if complete:
-        directory.tidy_digests()
-        fields |= _of_records(context, directory)
+        table.tidy_digests()
+        fields |= _of_records(context, table)
         fields |= _of_starts(context)
-    directory.update_manifest(**fields)
+    table.update_manifest(**fields)
 
 
 def _of_starts(context: RunContext) -> dict[str, Any]:
@@ -109,14 +110,12 @@ def _period_and_beyond(model: Model) -> Callable[..., tuple[jax.Array, dict[str,
     return over_rows(one, "begun", model)
 
 
-def summed_up(context: RunContext, directory: ResultDirectory) -> bool:
+def summed_up(context: RunContext, table: Table) -> bool:
     """Return whether the manifest of a table with all its parts is complete."""
-    known = directory.manifest
+    known = table.manifest
     # without mislabelled rows there is no field for them
-    needed = {*_summaries(context, directory), "quantities"} - {MISLABELLED}
-    return (
-        known.get("complete") is True and known.get("counts") == directory.counts() and needed <= known.keys()
-    )
+    needed = {*_summaries(context, table), "quantities"} - {MISLABELLED}
+    return known.get("complete") is True and known.get("counts") == table.counts() and needed <= known.keys()
 
 
 def tallied_column(context: RunContext) -> str | None:
@@ -127,9 +126,9 @@ def tallied_column(context: RunContext) -> str | None:
     return next((name for name in ("outcome", "gait") if name in columns), None)
 
 
-def _summaries(context: RunContext, directory: ResultDirectory) -> dict[str, set[str]]:
+def _summaries(context: RunContext, table: Table) -> dict[str, set[str]]:
     """Return the fields of the manifest that summarise records, with the columns that each needs."""
-    columns, counts = set(table_columns(context.design, context.job.run)), directory.counts()
+    columns, counts = set(table_columns(context.design, context.job.run)), table.counts()
     columns_of_rows = columns if context.job.run.one_a_row else set()
     names_gaits = tuple(context.model.gaits) != ("none",)
     needs = {
@@ -143,16 +142,16 @@ def _summaries(context: RunContext, directory: ResultDirectory) -> dict[str, set
     return {field: names for field, (names, applies) in needs.items() if applies}
 
 
-def _of_records(context: RunContext, directory: ResultDirectory) -> dict[str, Any]:
+def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
     """Summarise the records of a complete table, which are read part by part."""
-    summaries = _summaries(context, directory)
+    summaries = _summaries(context, table)
     if not summaries:
         return {}
     mislabelled: dict[str, dict[str, int]] = {}
     stalls: dict[str, dict[str, Any]] = {}
     counts = {name: collections.Counter[str]() for name in _COUNTED if name in summaries}
     distances: list[tuple[float, int]] = []
-    for part in load_parts(directory.path, ["row", "status", *sorted(set().union(*summaries.values()))]):
+    for part in table.load_parts(["row", "status", *sorted(set().union(*summaries.values()))]):
         if MISLABELLED in summaries:
             _add_mislabelled(mislabelled, part, context.model.gaits)
         if "stalls" in summaries:

@@ -18,13 +18,18 @@ from gaitsweep.table.files import (
     replace_file,
     writing,
 )
+from gaitsweep.table.memory import MemoryTable
 from gaitsweep.table.parts import EncodedPart
 from gaitsweep.table.reading import Snapshot, load, load_parts, load_with_snapshot
 
+Table = ResultDirectory | MemoryTable  # of a run that writes it
+
 __all__ = [
     "EncodedPart",
+    "MemoryTable",
     "ResultDirectory",
     "Snapshot",
+    "Table",
     "TableError",
     "WriteError",
     "load",

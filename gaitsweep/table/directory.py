@@ -14,7 +14,7 @@ import json
 import os
 import secrets
 import socket
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +55,7 @@ from gaitsweep.table.manifest import (
     DamagedManifest,
     Layout,
     claim,
+    json_value,
     new_manifest,
     sealed,
 )
@@ -68,7 +69,7 @@ from gaitsweep.table.parts import (
     readable,
     unreadable,
 )
-from gaitsweep.table.reading import add_counts
+from gaitsweep.table.reading import Rows, add_counts, load, load_parts
 
 # No two processes have the same, also not two of different machines.
 WRITER = f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}"
@@ -140,7 +141,7 @@ class ResultDirectory:
     def _prepare(self, job: Mapping[str, Any], new: bool) -> None:
         for folder in (self.path, self.path / TABLE, self.path / FIGURES):
             remove_partials(folder)
-        plain = json.loads(json.dumps(dict(job), default=_plain))
+        plain = json_value(dict(job))
         # first, since a directory without a manifest is not recognised
         if new or self.manifest.get("job") != plain:
             self.manifest["job"] = plain
@@ -270,6 +271,14 @@ class ResultDirectory:
                 counts = values.value_counts().to_pylist()
                 self._tally.update({str(count["values"]): count["counts"] for count in counts})
         return dict(self._tally.most_common())
+
+    def load(self, rows: Rows | None = None) -> pd.DataFrame:
+        """Read the table, or the records of some rows; see `table.load`."""
+        return load(self.path, rows=rows)
+
+    def load_parts(self, columns: Sequence[str]) -> Iterator[pd.DataFrame]:
+        """Read the records of a complete table, some parts at a time; see `table.load_parts`."""
+        return load_parts(self.path, columns)
 
     def write_part(self, number: int, frame: pd.DataFrame) -> None:
         """Write the records of a block; they are on disk when this returns.
@@ -427,7 +436,7 @@ class ResultDirectory:
             remove_partials(self.path / TABLE)
 
     def _write_manifest(self) -> None:
-        plain = json.loads(json.dumps(self.manifest, default=_plain))
+        plain = json_value(self.manifest)
         if plain["format"] > 1:
             plain = sealed(plain)
         self.manifest = plain
@@ -523,9 +532,3 @@ class _Dumper(_SafeDumper):
 def _indented(value: str) -> str:
     """A field of the manifest, from JSON without indents."""
     return json.dumps(json.loads(value), indent=2, ensure_ascii=False).replace("\n", "\n  ")
-
-
-def _plain(value: Any) -> Any:
-    if hasattr(value, "tolist"):  # NumPy's and JAX's scalars and arrays
-        return value.tolist()
-    return str(value)

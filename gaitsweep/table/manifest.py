@@ -49,6 +49,17 @@ def sealed(manifest: Mapping[str, Any]) -> dict[str, Any]:
     return {**fields, SEAL: hashlib.sha256(text.encode()).hexdigest()}
 
 
+def json_value(value: Any) -> Any:
+    """Values as JSON gives them back: lists for tuples and arrays, numbers of Python for those of NumPy."""
+    return json.loads(json.dumps(value, default=_plain))
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "tolist"):  # NumPy's and JAX's scalars and arrays
+        return value.tolist()
+    return str(value)
+
+
 def read_manifest(path: Path) -> dict[str, Any]:
     """Read the manifest of a directory.
 

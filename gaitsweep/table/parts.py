@@ -98,6 +98,16 @@ def checked_part(
     Raises:
         ValueError: the frame does not belong to the block.
     """
+    return _encoded(*checked_records(frame, number, layout, quantities))
+
+
+def checked_records(
+    frame: pd.DataFrame,
+    number: int,
+    layout: Layout,
+    quantities: Mapping[str, Mapping[str, Any]] | None = None,
+) -> tuple[pa.Table, Footer]:
+    """Convert a block's records to Arrow, with the footer of their part; otherwise as `checked_part`."""
     if number not in layout.blocks:
         raise ValueError(f"Block {number} does not exist: the blocks are 0 to {layout.blocks[-1]}.")
     start, stop = layout.rows_of(number)
@@ -107,7 +117,7 @@ def checked_part(
         raise ValueError(
             f"The statuses of part {number} count {sum(counts.values())} rows, not {stop - start}."
         )
-    return part_bytes(frame, number, layout.job_hash, counts, quantities)
+    return _records(frame, number, layout.job_hash, counts, quantities)
 
 
 def part_bytes(
@@ -131,6 +141,17 @@ def part_bytes(
         quantities: `unit` and `meaning` by the name of the column, as in the manifest; of the columns that
             are not there, those that run kinds add have a unit.
     """
+    return _encoded(*_records(frame, number, job_hash, counts, quantities))
+
+
+def _records(
+    frame: pd.DataFrame,
+    number: int,
+    job_hash: str,
+    counts: Mapping[str, int],
+    quantities: Mapping[str, Mapping[str, Any]] | None = None,
+) -> tuple[pa.Table, Footer]:
+    """The records of a part in Arrow's memory, and its footer; arguments as for `part_bytes`."""
     categories: dict[str, list[str]] = {}
     fields = []
     arrays = []
@@ -148,13 +169,18 @@ def part_bytes(
         described = {name: quantity[name] for name in ("unit", "meaning") if name in quantity}
         fields.append(pa.field(column, arrays[-1].type, metadata=described or None))
     footer = Footer(number, job_hash, dict(counts), categories)
+    return pa.Table.from_arrays(arrays, schema=pa.schema(fields)), footer
+
+
+def _encoded(records: pa.Table, footer: Footer) -> EncodedPart:
+    """The bytes of a part."""
     metadata = {_KEY: json.dumps(dataclasses.asdict(footer)).encode()}
     file = io.BytesIO()
     pq.write_table(
-        pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=metadata)),
+        records.replace_schema_metadata(metadata),
         file,
         compression="zstd",
-        use_dictionary=list(categories),  # pyright: ignore[reportArgumentType] (its stub says bool only)
+        use_dictionary=list(footer.categories),  # pyright: ignore[reportArgumentType] (its stub says bool only)
         write_page_checksum=True,
     )
     return file.getvalue(), footer

@@ -7,7 +7,7 @@ import dataclasses
 import functools
 import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -400,6 +400,16 @@ class _Parts:
 def _decoded(columns: Sequence[str]) -> tuple[str, ...]:
     """The columns of the parts that are needed for these columns of the table."""
     return (*columns, *_SOURCES) if "outcome" in columns else tuple(columns)
+
+
+def frame_of(
+    parts: Iterable[tuple[pa.Table, Footer, float]], n_rows: int, columns: Sequence[str] | None
+) -> pd.DataFrame:
+    """The records of parts in memory, of `n_rows` rows; each has its footer and its records per row."""
+    together = _Parts(n_rows)
+    for records, footer, a_row in parts:
+        together.add(records, footer, a_row)
+    return _frame(Path(), together, columns)
 
 
 def _frame(path: Path, parts: _Parts, columns: Sequence[str] | None) -> pd.DataFrame:

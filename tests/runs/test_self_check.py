@@ -22,6 +22,7 @@ from gaitsweep.runs import execute
 from gaitsweep.runs.execute import run_job
 from gaitsweep.runs.self_check import SelfCheck, counted, sample_rows
 from gaitsweep.runs.sentences import advice, self_check_sentence
+from gaitsweep.table import directory
 
 HOLD = {"kind": "fixed_time", "duration": 40.0}
 SETTLE = {"kind": "settle", "max_cycles": 2000, "tolerance": 1e-4}
@@ -334,7 +335,7 @@ def test_stored_rows_that_are_not_reproduced_are_detected(
         table[names[0]] = table[names[0]] + np.where(table["row"] == 1, 1e-4, 0.0)
         return table
 
-    monkeypatch.setattr(execute, "load", altered)
+    monkeypatch.setattr(directory, "load", altered)
     result = checked(tmp_path / "other", warns=True, **fields)
     assert (result["verdict"], result["stored_differs"]) == ("warned", 1)
     assert "run the job into a new directory" in advice({"stored_differs": 1}, None)

@@ -7,11 +7,11 @@ Later slots belong to the kernel: values that are computed once, and a sample th
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import jax
-import numpy as np
 
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.trace import Nodes, Tracer
@@ -29,7 +29,7 @@ class Leaf:
 
     @property
     def size(self) -> int:
-        return int(np.prod(self.shape))
+        return math.prod(self.shape)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -91,6 +91,7 @@ def sweep(
                     number,
                     lambda block=block: _encoded(spec, block, encode),
                     lambda encoded, block=block: write(block.number, encoded),
+                    last=not scheduler.busy,
                 )
             keeper.store_if_due(keeper.chunk_s)
             timings.attempts = scheduler.attempts
@@ -138,9 +139,18 @@ class _Disk:
         self._pending: deque[tuple[Future[None], Callable[[], None]]] = deque()
         self._longest_s = 1.0  # s of writing a block; the first time it loads libraries
 
-    def write(self, number: int, encode: Callable[[], Any], write: Callable[[Any], None]) -> None:
-        """Queue a block for encoding and writing; raises errors of earlier blocks."""
+    def write(
+        self, number: int, encode: Callable[[], Any], write: Callable[[Any], None], last: bool = False
+    ) -> None:
+        """Queue a block for encoding and writing; raises errors of earlier blocks.
+
+        With `last`, no row is left that could run meanwhile, and the block is written at once.
+        """
         self.take_done(self._most)
+        if last and not self._pending:
+            write(encode())
+            self._written(number)
+            return
         encoded = self._encoding.submit(copy_context().run, encode)
         job = self._thread.submit(self._timed, lambda: write(encoded.result()))
         # a block that could not be written stays open, so that its rows are stored

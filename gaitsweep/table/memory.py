@@ -1,0 +1,97 @@
+"""A table in memory, which a run writes as it writes a result directory."""
+
+from __future__ import annotations
+
+import collections
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+
+from gaitsweep.schema.former_names import renamed
+from gaitsweep.table.manifest import Layout, json_value, new_manifest, sealed
+from gaitsweep.table.parts import Footer, checked_records
+from gaitsweep.table.reading import Rows, Selection, add_counts, frame_of
+
+
+class MemoryTable:
+    """A table in memory, with the methods of `ResultDirectory` that a run uses.
+
+    Columns have the values and types that a result directory gives, since the same functions convert them.
+    """
+
+    path = None
+    notes: tuple[str, ...] = ()
+    rows_open = 0
+
+    def __init__(self, job: Mapping[str, Any], layout: Layout) -> None:
+        """Create an empty table for a resolved job."""
+        self.layout = layout
+        self.manifest: dict[str, Any] = new_manifest(layout, job)
+        self._parts: dict[int, tuple[pa.Table, Footer]] = {}
+
+    @property
+    def rows_done(self) -> int:
+        """The number of rows in complete blocks."""
+        return sum(self.counts().values())
+
+    def missing_blocks(self) -> list[int]:
+        """Return the blocks that are not complete, in order."""
+        return [number for number in self.layout.blocks if number not in self._parts]
+
+    def counts(self) -> dict[str, int]:
+        """Return the numbers of rows in complete blocks by status."""
+        return add_counts({number: footer for number, (_, footer) in list(self._parts.items())})
+
+    def tally(self, column: str | None) -> dict[str, int]:
+        """Count the values of a column of text in complete blocks; None: the statuses of the rows."""
+        if column is None:
+            return self.counts()
+        tally: collections.Counter[str] = collections.Counter()
+        for records, _ in list(self._parts.values()):
+            for count in records.column(column).value_counts().to_pylist():
+                tally[str(count["values"])] += count["counts"]
+        return dict(tally.most_common())
+
+    def encoded(self, number: int, frame: pd.DataFrame) -> tuple[pa.Table, Footer]:
+        """Convert the records of a block, for `write_encoded`; threads may do so at the same time."""
+        return checked_records(frame, number, self.layout)
+
+    def write_encoded(self, number: int, part: tuple[pa.Table, Footer]) -> None:
+        """Add a block that `encoded` has converted."""
+        self._parts[number] = part
+
+    def tidy_digests(self) -> None:
+        """Do nothing: there are no files."""
+
+    def update_manifest(self, **fields: Any) -> None:
+        """Set fields of the manifest (JSON values; None removes a field)."""
+        self.manifest = {k: v for k, v in (self.manifest | fields).items() if v is not None}
+
+    def load(self, rows: Rows | None = None) -> pd.DataFrame:
+        """Return the complete table, or the records of some rows, with the `.attrs` of `table.load`."""
+        frame = self._frame(None, rows)
+        manifest = sealed(json_value(self.manifest))
+        frame.attrs.update(
+            job=renamed(manifest["job"]),
+            manifest=manifest,
+            quantities=manifest.get("quantities", {}),
+            complete=True,
+            rows_missing=0,
+            rows_open=0,
+        )
+        return frame
+
+    def load_parts(self, columns: Sequence[str]) -> Iterator[pd.DataFrame]:
+        """The records of the complete table."""
+        yield self._frame(columns, None)
+
+    def _frame(self, columns: Sequence[str] | None, rows: Rows | None) -> pd.DataFrame:
+        selection = Selection.of(columns, rows, self.layout.rows)
+        parts = (
+            (selection.records_of(records), footer, records.num_rows / footer.rows)
+            for _, (records, footer) in sorted(self._parts.items())
+        )
+        n_rows = self.layout.rows if selection.rows is None else len(selection.rows)
+        return frame_of(parts, n_rows, columns)
