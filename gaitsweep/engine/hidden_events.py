@@ -18,7 +18,7 @@ are, so that a pulse that begins and ends there is met.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import jax
@@ -50,7 +50,8 @@ _CAST = "convert_element_type"
 _LEVELS = {"lt", "le", "gt", "ge", "sign", "floor", "ceil", "round", _CAST}
 _SURFACES = {**dict.fromkeys(("lt", "le", "gt", "ge", "max", "min", "abs"), 0.0), "exp": NEGLIGIBLE}
 _SATURATED = {"tanh", "logistic", "erf"}
-_SWITCHES = {*_LEVELS, *_SURFACES, *_SATURATED, "rem"}
+_EXTREMES = {"reduce_max", "reduce_min"}
+_SWITCHES = {*_LEVELS, *_SURFACES, *_SATURATED, *_EXTREMES, "rem"}
 # Operations that are smooth in all their arguments, or in the arguments with these numbers.
 _SHAPES = (
     "broadcast_in_dim",
@@ -167,9 +168,21 @@ def switching(flow: Callable[[Params, State], Rates], params: Params, state: Sta
             levels.append(jnp.ravel(jnp.where(jnp.abs(args[0]) > SATURATION, 0.5 * jnp.sign(args[0]), 0.0)))
         elif operation in _LEVELS and (operation != _CAST or not jnp.issubdtype(result.dtype, jnp.inexact)):
             levels.append(jnp.ravel(result).astype(float))
+        if operation in _EXTREMES:
+            surfaces.append(jnp.ravel(_ahead(operation, args[0], equation.params["axes"])))
         if operation in _SURFACES:
             surfaces.append(jnp.ravel(args[0] - (args[1] if len(args) > 1 else _SURFACES[operation])))
     return Switching(jnp.concatenate(levels), jnp.concatenate(surfaces))
+
+
+def _ahead(operation: str, values: Float[Array, " ..."], axes: Sequence[int]) -> Float[Array, " ..."]:
+    """By how much each element is beyond all others over some axes; above zero for the extreme one."""
+    flat = jnp.moveaxis(values if operation == "reduce_max" else -values, axes, range(len(axes)))
+    flat = flat.reshape(-1, *flat.shape[len(axes) :])
+    others = [jnp.concatenate([flat[:i], flat[i + 1 :]]) for i in range(len(flat))]
+    if len(flat) < 2:
+        return jnp.zeros((0,))
+    return jnp.stack([one - jnp.max(rest, axis=0) for one, rest in zip(flat, others, strict=True)])
 
 
 def may_bend(

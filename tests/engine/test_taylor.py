@@ -39,6 +39,10 @@ FUNCTIONS = {
     "hyperbolic": lambda x, y: jnp.sinh(x) + jnp.cosh(y) + jnp.tanh(x * y),
     "logistic": lambda x, y: jax.nn.sigmoid(3.0 * x) - jax.nn.softplus(y),
     "chosen": lambda x, y: jnp.where(x > 0.0, x * y, y) + jnp.maximum(x + 1.0, y**2) + jnp.minimum(x, -y),
+    "extremes": lambda x, y: (
+        jnp.max(jnp.stack([x, y + 1.0, x * y]))
+        + jnp.min(jnp.array([[x, -1.0], [y + 1.0, x - 2.0]]), axis=0) @ jnp.ones(2)
+    ),
     "size": lambda x, y: jnp.abs(-x) + jnp.clip(y, -3.0, 3.0) + jnp.sign(x) * y,
     "moved": lambda x, y: jnp.stack([x, y, x * y])[::-1].reshape(3, 1)[1:].sum() + jnp.array([x, y])[1],
     "matrix": lambda x, y: jnp.array([[x, y], [1.0, x]]) @ jnp.array([y, 2.0 * x]) @ jnp.array([1.0, y]),
@@ -252,6 +256,36 @@ def test_a_walkers_steps_are_those_of_a_runge_kutta_pair() -> None:
         )
         tables.append(found.table[["stance_end", "stance_rate_end", "swing_rate_end", "t_end"]])
     np.testing.assert_allclose(tables[1], tables[0], rtol=0.0, atol=1e-9)
+
+
+class Fastest(DeclaredModel):
+    """A place that moves as fast as the fastest of three waves."""
+
+    lag = parameter("rad", "lag of each wave", 2.0)
+    clock = variable("s", "time")
+    x = variable("m", "place")
+
+    def flow(self, p, s):
+        waves = jnp.sin(s.clock + p.lag * jnp.arange(3.0))
+        return {"clock": jnp.ones(()), "x": jnp.max(waves)}
+
+    @observable("m", "place")
+    def place(self, p, s):
+        return s.x
+
+    def period(self, p):
+        return 2.0 * jnp.pi * jnp.ones(())
+
+
+@pytest.mark.parametrize(("method", "error"), [("tsit5", 1e-7), ("taylor", 1e-9)])
+def test_switches_of_an_extreme_are_located(method: str, error: float) -> None:
+    """Each of three switches adds an error of some of the tolerances, which are 1e-10."""
+    numerics = {"method": method, "rtol": 1e-10, "atol": 1e-10}
+    table = gs.simulate(Fastest(), duration=6.0, every=0.1, numerics=numerics)
+    t = np.linspace(0.0, 6.0, 600_001)
+    speed = np.max(np.sin(t + 2.0 * np.arange(3.0)[:, None]), axis=0)
+    place = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]))]) * (t[1] - t[0])
+    np.testing.assert_allclose(table["x"], np.interp(table["t"], t, place), rtol=0.0, atol=error)
 
 
 def test_a_flow_without_recurrence_is_refused() -> None:

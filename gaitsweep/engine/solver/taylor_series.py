@@ -386,6 +386,23 @@ def _extreme(operation: _Operation, k: int, args: list[Series]) -> Series:
     return [jnp.where(first, *(jnp.broadcast_to(_filled(each[k], each[0]), shape) for each in (a, b)))]
 
 
+def _extreme_of(operation: _Operation, k: int, args: list[Series]) -> Series:
+    """The coefficient of the element that is largest or smallest over some axes."""
+    a = args[0]
+    if a[k] is None:
+        return [None]
+    axes = operation.equation.params["axes"]
+    values, coefficients = (
+        jnp.reshape(jnp.moveaxis(each, axes, range(len(axes))), (-1, *operation.results[0][0].shape))
+        for each in (a[0], a[k])
+    )
+    best, found = values[0], coefficients[0]
+    for value, coefficient in zip(values[1:], coefficients[1:], strict=True):
+        better = value > best if operation.name == "reduce_max" else value < best
+        best, found = jnp.where(better, value, best), jnp.where(better, coefficient, found)
+    return [found]
+
+
 def _abs(operation: _Operation, k: int, args: list[Series]) -> Series:
     a = args[0]
     return [None if a[k] is None else jnp.where(a[0] < 0.0, -a[k], a[k])]
@@ -442,6 +459,8 @@ _RULES: dict[str, Rule] = {
     "select_n": _chosen,
     "max": _extreme,
     "min": _extreme,
+    "reduce_max": _extreme_of,
+    "reduce_min": _extreme_of,
     "abs": _abs,
     "convert_element_type": _converted,
     "rem": _first_moves,
