@@ -494,8 +494,11 @@ class HybridModel(Model):
 
     @property
     def recommended(self) -> Recommended:
-        """The adaptive method tsit5, whose steps follow from its tolerances, so it suits every flow."""
-        return Recommended("tsit5")
+        """A method whose steps follow from its tolerances, so it suits every flow: tsit5, or taylor.
+
+        `auto` is taylor where that is the faster one (`engine.numerics.taylor_is_faster`).
+        """
+        return Recommended("auto")
 
     def fast_modes(
         self, params: Params, /

@@ -50,6 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # characters outside the terminal's encoding are written as escapes
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+    # pydantic would look through all installed packages
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     try:
         refuse_windows()
         with lazy_packages(), warnings.catch_warnings():

@@ -219,6 +219,13 @@ def may_switch(model: HybridModel, params: Params, state: State) -> bool:
     )
 
 
+def moving_operations(model: HybridModel, params: Params, state: State) -> set[str]:
+    """JAX's names of the operations in the flow that move as it moves the state."""
+    with jax.disable_jit():
+        closed, rates = jax.make_jaxpr(model.flow, return_shape=True)(params, state)
+    return {equation.primitive.name for equation, _ in _moving(closed.jaxpr, state, rates)}
+
+
 def _is_smooth(equation: JaxprEqn, places: set[int]) -> bool:
     """Whether an operation is smooth in its arguments at these places."""
     name = equation.primitive.name

@@ -7,14 +7,17 @@ These are the defaults of a job.
 from __future__ import annotations
 
 import dataclasses
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Model, Params
+from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.hidden_events import may_switch, moving_operations
 from gaitsweep.engine.shapes import Number
 from gaitsweep.engine.solver import METHODS, fixed_step_scheme
+from gaitsweep.engine.solver.taylor import lacking_recurrence
 
 _Share = TypeVar("_Share", float, jax.Array)
 
@@ -32,6 +35,9 @@ ADAPTIVE_STEPS = 64.0
 # a step (`hidden_events`), and the limit for a step that a job sets.
 SHORTEST_CYCLE = 32.0
 FEWEST_STEPS = 8.0
+# Relative tolerance, and functions in the flow, with which taylor is faster than tsit5 (docs/performance.md).
+FINE_TOLERANCE = 1e-10
+_CIRCULAR = {"sin", "cos"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,12 +62,39 @@ class Numerics:
     def resolve(self, model: Model) -> ResolvedNumerics:
         """The numerics of runs of a model, completed by its recommendations."""
         recommended = model.recommended
-        chosen = {
-            "method": recommended.method if self.method == "auto" else self.method,
-            "rtol": recommended.rtol if self.rtol is None else self.rtol,
-            "atol": recommended.atol if self.atol is None else self.atol,
-        }
-        return ResolvedNumerics(**{**vars(self), **chosen})
+        rtol = recommended.rtol if self.rtol is None else self.rtol
+        method = recommended.method if self.method == "auto" else self.method
+        if method == "auto":
+            fine = rtol <= FINE_TOLERANCE and self.precision == "float64"
+            method = "taylor" if fine and taylor_is_faster(model) else "tsit5"
+        atol = recommended.atol if self.atol is None else self.atol
+        return ResolvedNumerics(**{**vars(self), "method": method, "rtol": rtol, "atol": atol})
+
+
+@cached_by_content(maxsize=64)
+def taylor_is_faster(model: Model) -> bool:
+    """Whether taylor is faster than tsit5 to fine tolerances.
+
+    It is for flows that do not switch and have sines or cosines, which its recurrences compute once a step;
+    all operations need a recurrence.
+    """
+    if not isinstance(model, HybridModel) or model.host_parameters or lacking_recurrence(model):
+        return False
+    number = jax.ShapeDtypeStruct((), jnp.float64)
+    faster: list[bool] = []
+
+    def examine(values: Any, starts: Any) -> None:
+        params = model.params(values)
+        state = model.init(params, starts)
+        circular = not _CIRCULAR.isdisjoint(moving_operations(model, params, state))
+        faster.append(circular and not may_switch(model, params, state))
+
+    jax.eval_shape(
+        examine,
+        {q.name: number for q in model.parameters},
+        {q.name: number for q in model.initial_conditions},
+    )
+    return all(faster)
 
 
 @dataclasses.dataclass(frozen=True)

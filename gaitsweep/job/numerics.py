@@ -46,8 +46,8 @@ class NumericsSpec(StrictModel):
         word(*METHOD_NAMES, former=former_names.METHODS),
     ] = Field(
         default="auto",
-        description="auto: the method that the model recommends; tsit5: Runge-Kutta pair of orders 5 and 4 "
-        "with step control by rtol and atol; taylor: Taylor series of an order that follows from rtol, "
+        description="auto: the method that the model recommends, or else tsit5 (taylor where it is faster); "
+        "tsit5: Runge-Kutta pair of orders 5 and 4 with step control by rtol and atol; taylor: Taylor series of an order that follows from rtol, "
         "for smooth flows to fine tolerances; rk4: classic Runge-Kutta of order 4; propagator6: order 6 with "
         "long steps over stiff contacts, for flows that are linear between events; propagator: the "
         "same, with "
