@@ -47,12 +47,11 @@ class NumericsSpec(StrictModel):
     ] = Field(
         default="auto",
         description="auto: the method that the model recommends, or else tsit5 (taylor where it is faster); "
-        "tsit5: Runge-Kutta pair of orders 5 and 4 with step control by rtol and atol; taylor: Taylor series of an order that follows from rtol, "
-        "for smooth flows to fine tolerances; rk4: classic Runge-Kutta of order 4; propagator6: order 6 with "
-        "long steps over stiff contacts, for flows that are linear between events; propagator: the "
-        "same, with "
-        "each transient resolved to 1e-6; semi_implicit: steps of fixed length with events inside them, for "
-        "models that define such steps",
+        "tsit5: Runge-Kutta pair of orders 5 and 4 with step control by rtol and atol; taylor: Taylor series "
+        "of an order that follows from rtol, for smooth flows to fine tolerances; rk4: classic Runge-Kutta "
+        "of order 4; propagator6: order 6 with long steps over stiff contacts, for flows that are linear "
+        "between events; propagator: the same, with each transient resolved to 1e-6; semi_implicit: steps "
+        "of fixed length with events inside them, for models that define such steps",
     )
     dt: Annotated[
         float | Literal["auto"],
