@@ -106,10 +106,14 @@ def _without_rocm() -> Iterator[None]:
     from importlib import metadata  # which `--help` does not need
     from pathlib import Path
 
-    every = metadata.distributions
+    every, thread = metadata.distributions, threading.get_ident()
+
+    def none_here(**context: Any) -> Any:
+        return iter(()) if threading.get_ident() == thread else every(**context)
+
     plugins = (Path(folder).glob("jax_rocm*-plugin*") for folder in sys.path)
     if not any(True for files in plugins for _ in files):
-        metadata.distributions = lambda **_: iter(())
+        metadata.distributions = none_here
     try:
         yield
     finally:

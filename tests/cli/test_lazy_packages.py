@@ -35,6 +35,20 @@ def test_commands_do_not_import_what_they_do_not_need(arguments: list[str], abse
     assert not absent & imported
 
 
+def test_jax_is_imported_without_reading_the_metadata_of_all_packages() -> None:
+    program = """
+import importlib.metadata, sys
+every = importlib.metadata.distributions
+from gaitsweep import lazy_packages
+with lazy_packages.lazy_packages():
+    from gaitsweep import contract
+assert "jax" in sys.modules
+assert importlib.metadata.distributions is every
+assert any(True for _ in every())
+"""
+    subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=True)
+
+
 def test_a_lazy_name_stands_for_the_object() -> None:
     names = {"Name": Lazy({}, "json", "JSONDecoder")}
     lazy = names["Name"] = Lazy(names, "json", "JSONDecoder")
