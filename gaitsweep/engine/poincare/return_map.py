@@ -94,6 +94,10 @@ class BatchedReturnMap(Map):
         """The same map with a factor on its steps: half of them, or tolerances 32 times finer."""
         return dataclasses.replace(self, numerics=self.integration.refined(factor))
 
+    @property
+    def durations(self) -> tuple[str, ...]:
+        return ("time",)
+
     @cached_property
     def chart(self) -> Chart:
         """The model's chart, or all float variables of a state."""
