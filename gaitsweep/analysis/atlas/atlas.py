@@ -13,11 +13,10 @@ import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-import jax
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.atlas.periodic_orbits import Orbit, OrbitSearch, orbit_of, rows_of
+from gaitsweep.analysis.atlas.periodic_orbits import Orbit, OrbitSearch, orbit_of, polished, rows_of
 from gaitsweep.analysis.atlas.curves import BifurcationCurve, curve_through
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS, beside
@@ -262,7 +261,7 @@ class Atlas:
             )
             for k, sign in of
         ]
-        first = _joined_points(firsts)
+        first = BranchPoints.joined(firsts)
         names = np.arange(len(of))
         table = BranchTable(
             problem.mapping,
@@ -360,30 +359,48 @@ class Atlas:
         values = {**branch.problem.values, self.parameter: at.parameter}
         return orbit_of(self.mapping, at.points, values, branch.period)
 
-    def table(self) -> pd.DataFrame:
+    def table(self, search: OrbitSearch, at: float) -> pd.DataFrame:
         """One record a point of a branch.
 
-        row, branch, period, depth, begins (the branch at whose bifurcation it begins, -1: it leads through an
-        orbit of the search), and the columns of `continuation` with `coefficient`, the normal form's.
+        Args:
+            search: the search whose orbits were followed.
+            at: the value of the parameter there.
+
+        Returns:
+            row, branch, period, depth, begins (the branch at whose bifurcation it begins; -1: it leads through
+            an orbit of the search), and the columns of `continuation`, with `coefficient`, the normal form's;
+            missing (`OrbitSearch.missing`), and where the parameter is `at`: found (how many searches found the
+            orbit; 0: its branch alone leads there; -1 at other points), reached and error of an `Orbit`.
         """
         records = []
         for number, branch in enumerate(self.branches):
+            missing = search.missing(branch.row)
             for place, record in enumerate(branch.records):
                 begins = -1 if branch.begins is None else branch.begins[0]
                 head = {"row": branch.row, "branch": number, "point": place, "period": branch.period}
-                head |= {"depth": branch.depth, "begins": begins}
+                head |= {"depth": branch.depth, "begins": begins, "coefficient": float("nan"), "found": -1}
+                head |= {"reached": float("nan"), "error": float("nan"), "missing": missing}
                 rest = {k: v for k, v in record.items() if k not in ("row", "point", "at")}
-                records.append({**head, **rest, "coefficient": record.get("coefficient", float("nan"))})
+                if record[self.parameter] == at and not record["special"]:
+                    rest |= self._of_search(search, branch, record["at"])
+                records.append({**head, **rest})
         return pd.DataFrame(records)
+
+    def _of_search(self, search: OrbitSearch, branch: Branch, at: BranchPoints) -> dict[str, Any]:
+        """What a search knows of the orbit at a point of a branch."""
+        for orbit in search.of_row(branch.row):
+            if orbit.period == branch.period:
+                away = self.mapping.distance(orbit.points.at, at.points.at)
+                if np.min(away) < ON_BRANCH:
+                    return {"found": orbit.hits, "reached": orbit.reached, "error": orbit.error}
+        values = {**branch.problem.values, self.parameter: at.parameter}
+        orbit = polished(self.mapping, at.points, branch.row, values, branch.period, self.fix)
+        return {"found": 0, "error": float("nan") if orbit is None else orbit.error}
 
 
 def _sense(beginning: Beginning, sign: int) -> float:
     """The sign that turns the first tangent towards growing values of the parameter, for halves of both."""
     return 1.0 if sign == 0 or beginning.first.tangent[0, -1] >= 0.0 else -1.0
-
-
-def _joined_points(several: Sequence[BranchPoints]) -> BranchPoints:
-    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *several)
 
 
 def _doubled(problem: ContinuationProblem, flip: BranchPoints) -> BranchPoints | None:

@@ -14,7 +14,6 @@ import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -27,6 +26,8 @@ Draw = Callable[[Rows, int], Points]  # starts for the rows (n,) of a round; eac
 SAME = 1e-6
 # Most Newton steps of a search, and most halvings of each.
 STEPS, HALVINGS = 15, 2
+# A simulated start has settled on an orbit if it is this close to a point of it, relative to its size.
+REACHED = 1e-3
 # Newton steps with which an orbit is polished.
 POLISHING = 3
 
@@ -72,11 +73,6 @@ class Orbit:
     def period(self) -> int:
         """The number of its points."""
         return len(self.points)
-
-
-def joined(several: Sequence[Points]) -> Points:
-    """Points of one batch after the other."""
-    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *several)
 
 
 def rows_of(values: Values, rows: Rows) -> dict[str, Any]:
@@ -152,6 +148,20 @@ class OrbitSearch:
                 if self._insert(found.points[chosen[:1]], int(rows[chosen[0]]), period, len(chosen)):
                     new.add(int(rows[chosen[0]]))
         return new
+
+    def mark_reached(self, ends: Points, rows: Rows, sound: Bool[np.ndarray, " points"]) -> None:
+        """Note for each orbit the share of its row's simulated starts that ended on it.
+
+        Args:
+            ends: the last points of the starts.
+            rows: the row of each.
+            sound: whether each start came so far.
+        """
+        for place, orbit in enumerate(self.orbits):
+            of = np.flatnonzero(rows == orbit.row)
+            away = self.mapping.distance(orbit.points.at[None], ends.at[of][:, None])
+            share = float(np.mean((np.min(away, axis=1) < REACHED) & sound[of])) if of.size else np.nan
+            self.orbits[place] = dataclasses.replace(orbit, reached=share)
 
     def _grouped(self, points: Points, rows: Rows, period: int) -> list[Rows]:
         """Groups of points of one row that are equal to a tenth of the distance of different orbits' points."""
@@ -233,7 +243,7 @@ def orbit_of(mapping: Map, point: Points, values: Values, period: int) -> Points
         if period % count == 0 and mapping.distance(point.at, images.points.at)[0] < SAME:
             break
         points.append(images.points)
-    return joined(points)
+    return Points.joined(points)
 
 
 def _error(
@@ -255,30 +265,7 @@ def _error(
     refined = mapping.refined()
     if refined is None:
         return step
-    finer = newton(refined, points, values, fix=fix)
+    # the point is nearly fixed by the refined map, too: a tolerance would end the search before its first step
+    finer = newton(refined, points, values, fix=fix, tolerance=0.0, most=POLISHING)
     apart = float(mapping.distance(points.at, finer.points.at)[0])
-    return max(step, apart) if finer.converged[0] else float("nan")
-
-
-def reached_shares(
-    search: OrbitSearch, ends: Points, rows: Rows, sound: Bool[np.ndarray, " points"]
-) -> Float[np.ndarray, " orbits"]:
-    """The share of simulated starts of each orbit's row that ended on it, (n,).
-
-    Args:
-        search: the search with its orbits.
-        ends: the last points of the simulated starts.
-        rows: the row of each.
-        sound: whether each start came so far.
-    """
-    shares = np.full(len(search.orbits), np.nan)
-    for place, orbit in enumerate(search.orbits):
-        of = np.flatnonzero(rows == orbit.row)
-        if of.size:
-            away = search.mapping.distance(orbit.points.at[None], ends.at[of][:, None])
-            shares[place] = float(np.mean((np.min(away, axis=1) < REACHED) & sound[of]))
-    return shares
-
-
-# A simulated start has settled on an orbit if it is this close to a point of it, relative to its size.
-REACHED = 1e-3
+    return max(step, apart) if finer.residual[0] < SAME else float("nan")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import jax
@@ -37,6 +37,11 @@ class Batch:
 
     def __getitem__(self, which: Any) -> Self:
         return jax.tree.map(lambda leaf: leaf[which], self)
+
+    @classmethod
+    def joined(cls, several: Sequence[Self]) -> Self:
+        """The elements of several batches, one after the other."""
+        return jax.tree.map(lambda *leaves: np.concatenate(leaves), *several)
 
     def merged(self, which: Int[np.ndarray, " some"], others: Self) -> Self:
         """The batch with the elements at the indices `which` replaced by `others`."""
