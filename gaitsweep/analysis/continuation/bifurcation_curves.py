@@ -18,8 +18,10 @@ from gaitsweep.analysis.continuation.continuation import JUMPS, ArclengthSteps
 from gaitsweep.analysis.continuation.critical_points import CriticalEquations, CriticalPoint, Vector
 from gaitsweep.engine.poincare.maps import Points
 
-# Tolerances on the scaled residuals of F and of g, and most corrections of a step.
+# Largest scaled residuals of F and of g at a point, and most corrections of a step. Corrections go on while
+# they halve the residual of g.
 TOLERANCE, CRITICAL_TOLERANCE, MOST_CORRECTIONS = 1e-9, 1e-7, 12
+EXACT = 1e-11
 # Least cosine of the angle by which a curve turns in a step.
 STRAIGHT = 0.9
 # Corrections after which the next step is longer.
@@ -108,7 +110,8 @@ def step(
         residual, _, _ = equations.residual(unknowns, miss[0], full[0], border)
         off = normal @ change - length
         of_map, of_g = float(np.max(np.abs(residual[:m]))), float(np.max(np.abs(residual[m:])))
-        if of_map <= TOLERANCE and of_g <= CRITICAL_TOLERANCE and abs(off) <= 1e-9:
+        close = of_map <= TOLERANCE and of_g <= CRITICAL_TOLERANCE and abs(off) <= 1e-9
+        if close and (of_g <= EXACT or of_g > 0.5 * norm or number == MOST_CORRECTIONS):
             after = equations.at(like, unknowns, border, before.tangent, number)
             return after if after is not None and np.isfinite(after.tangent).all() else None
         if max(of_map, of_g) > 10.0 * norm + 1e-3:
