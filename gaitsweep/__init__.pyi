@@ -29,6 +29,7 @@ from gaitsweep.dynamics.declarations import mode as mode
 from gaitsweep.dynamics.declarations import observable as observable
 from gaitsweep.dynamics.declarations import parameter as parameter
 from gaitsweep.dynamics.declarations import signal as signal
+from gaitsweep.dynamics.declarations import symmetry as symmetry
 from gaitsweep.dynamics.declarations import variable as variable
 from gaitsweep.dynamics.declared_model import DeclaredModel as DeclaredModel
 from gaitsweep.dynamics.footfalls import footfalls as footfalls

@@ -84,7 +84,7 @@ class Atlas(FollowsFixedPoints):
             *(Column(name, repeats=False) for name in ("multiplier", "multiplier_re", "multiplier_im")),
             *map(Column, ("unstable", "stable", "special")),
             Column("coefficient", repeats=False),
-            *map(Column, ("found", "reached", "error", "missing", "corrections", "end", "status")),
+            *map(Column, ("found", "symmetry", "reached", "error", "missing", "corrections", "end", "status")),
         ]
 
     @property
@@ -227,7 +227,8 @@ class Atlas(FollowsFixedPoints):
         whole = ("number", "period", "depth", "begins", "point", "unstable", "found", "corrections")
         numbers_of = {name: table[name].astype(float).fillna(-1).astype(np.int64) for name in whole}
         stable = table["stable"].astype("boolean").fillna(False).astype(bool)
-        return table.assign(part=pd.Categorical(table["part"].fillna("")), stable=stable, **numbers_of)
+        texts = {name: pd.Categorical(table[name].fillna("")) for name in ("part", "symmetry")}
+        return table.assign(stable=stable, **texts, **numbers_of)
 
     def _searched(
         self,

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.atlas.periodic_orbits import Orbit, OrbitSearch, orbit_of, polished, rows_of
+from gaitsweep.analysis.atlas.periodic_orbits import SAME, Orbit, OrbitSearch, orbit_of, polished, rows_of
 from gaitsweep.analysis.atlas.curves import BifurcationCurve, curve_through
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS, beside
@@ -242,10 +242,12 @@ class Atlas:
     def _known(self, beginning: Beginning, branches: Iterable[Branch]) -> bool:
         """Whether a branch passes the first point of another one."""
         at = float(beginning.first.parameter[0])
+        values = {**beginning.problem.values, self.parameter: beginning.first.parameter}
+        images = self.mapping.mirrored(beginning.orbit, values).values()
         return any(
             branch.row == beginning.row
             and branch.period == beginning.period
-            and branch.passes(beginning.orbit, at)
+            and (branch.passes(beginning.orbit, at) or any(branch.passes(image, at) for image in images))
             for branch in branches
         )
 
@@ -370,7 +372,7 @@ class Atlas:
             row, branch, period, depth, begins (the branch at whose bifurcation it begins; -1: it leads through
             an orbit of the search), and the columns of `continuation`, with `coefficient`, the normal form's;
             missing (`OrbitSearch.missing`), and where the parameter is `at`: found (how many searches found the
-            orbit; 0: its branch alone leads there; -1 at other points), reached and error of an `Orbit`.
+            orbit; 0: its branch alone leads there; -1 at other points), reached, error and symmetry of an `Orbit`.
         """
         records = []
         for number, branch in enumerate(self.branches):
@@ -379,7 +381,7 @@ class Atlas:
                 begins = -1 if branch.begins is None else branch.begins[0]
                 head = {"row": branch.row, "branch": number, "point": place, "period": branch.period}
                 head |= {"depth": branch.depth, "begins": begins, "coefficient": float("nan"), "found": -1}
-                head |= {"reached": float("nan"), "error": float("nan"), "missing": missing}
+                head |= {"reached": float("nan"), "error": float("nan"), "missing": missing, "symmetry": ""}
                 rest = {k: v for k, v in record.items() if k not in ("row", "point", "at")}
                 if record[self.parameter] == at and not record["special"]:
                     rest |= self._of_search(search, branch, record["at"])
@@ -392,10 +394,20 @@ class Atlas:
             if orbit.period == branch.period:
                 away = self.mapping.distance(orbit.points.at, at.points.at)
                 if np.min(away) < ON_BRANCH:
-                    return {"found": orbit.hits, "reached": orbit.reached, "error": orbit.error}
+                    symmetry = ", ".join(orbit.symmetry)
+                    return {
+                        "found": orbit.hits,
+                        "reached": orbit.reached,
+                        "error": orbit.error,
+                        "symmetry": symmetry,
+                    }
         values = {**branch.problem.values, self.parameter: at.parameter}
         orbit = polished(self.mapping, at.points, branch.row, values, branch.period, self.fix)
-        return {"found": 0, "error": float("nan") if orbit is None else orbit.error}
+        if orbit is None:
+            return {"found": 0}
+        own = self.mapping.mirrored(orbit.points[[0]], values)
+        names = [n for n, image in own.items() if np.min(self.mapping.distance(orbit.points.at, image.at)) < SAME]
+        return {"found": 0, "error": orbit.error, "symmetry": ", ".join(names)}
 
 
 def _sense(beginning: Beginning, sign: int) -> float:

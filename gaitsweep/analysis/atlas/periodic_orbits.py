@@ -59,7 +59,8 @@ class Orbit:
         row: the row.
         points: its points (period,), in their order.
         error: estimated error of a coordinate, relative to its scale.
-        hits: the number of searches that found it.
+        hits: the number of searches that found it, or an orbit that a symmetry turns into it.
+        symmetry: names of the symmetries that turn it into itself.
         reached: the share of the simulated starts that settled on it; NaN if none was simulated.
     """
 
@@ -67,6 +68,7 @@ class Orbit:
     points: Points
     error: float
     hits: int = 0
+    symmetry: tuple[str, ...] = ()
     reached: float = float("nan")
 
     @property
@@ -78,13 +80,6 @@ class Orbit:
 def rows_of(values: Values, rows: Rows) -> dict[str, Any]:
     """The values (n,) of points from those of their rows; numbers stay."""
     return {name: np.asarray(v)[rows] if np.ndim(v) else v for name, v in values.items()}
-
-
-def same_orbit(mapping: Map, points: Points, others: Points) -> bool:
-    """Whether two orbits, given by all their points, are one."""
-    if len(points) != len(others):
-        return False
-    return bool(np.min(mapping.distance(others.at, points.at[:1])) < SAME)
 
 
 class OrbitSearch:
@@ -188,11 +183,20 @@ class OrbitSearch:
         orbit = polished(self.mapping, point, row, rows_of(self.values, np.array([row])), period, self.fix)
         if orbit is None:
             return False
-        known = self._known(orbit.points[[0]], row)
-        if known is not None:
-            hits += self.orbits[known].hits
-            self.orbits[known] = dataclasses.replace(self.orbits[known], hits=hits)
-            return False
+        values = rows_of(self.values, np.array([row]))
+        mirrored = self.mapping.mirrored(orbit.points[[0]], values)
+        for point_of_image in (orbit.points[[0]], *mirrored.values()):
+            known = self._known(point_of_image, row)
+            if known is not None:
+                hits += self.orbits[known].hits
+                self.orbits[known] = dataclasses.replace(self.orbits[known], hits=hits)
+                return False
+        own = [
+            name
+            for name, image in mirrored.items()
+            if np.min(self.mapping.distance(orbit.points.at, image.at)) < SAME
+        ]
+        orbit = dataclasses.replace(orbit, symmetry=tuple(own))
         self.orbits.append(dataclasses.replace(orbit, hits=hits))
         return True
 

@@ -139,6 +139,10 @@ class Map(abc.ABC):
         """The observables that are durations of an iteration: they add up over several."""
         return ()
 
+    def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
+        """Points of the orbits that symmetries turn the orbits of these points into, by the symmetry's name."""
+        return {}
+
     def iterated(self, count: int) -> Map:
         """The map that applies this one `count` times."""
         return self if count == 1 else IteratedMap(self, count)
@@ -239,6 +243,9 @@ class IteratedMap(Map):
         refined = self.base.refined()
         return None if refined is None else refined.iterated(self.count)
 
+    def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
+        return self.base.mirrored(points, values)
+
     def iterated(self, count: int) -> Map:
         return self.base.iterated(count * self.count)
 
@@ -301,5 +308,6 @@ def wrap_difference(
     difference: ManyCoordinates, circular: Bool[np.ndarray, " coordinates"]
 ) -> ManyCoordinates:
     """Differences; differences of angles (rad) are wrapped to [-pi, pi]."""
-    turns = np.round(difference / (2.0 * np.pi))
-    return np.where(circular, difference - 2.0 * np.pi * turns, difference)
+    with np.errstate(invalid="ignore"):  # an infinite difference stays one
+        turns = np.round(difference / (2.0 * np.pi))
+        return np.where(circular, difference - 2.0 * np.pi * turns, difference)
