@@ -21,6 +21,7 @@ from gaitsweep.analysis.atlas.periodic_orbits import SAME, Orbit, OrbitSearch, o
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS, beside
 from gaitsweep.analysis.continuation.continuation import ArclengthSteps, BranchFollower, BranchTable
+from gaitsweep.analysis.continuation.lockstep import in_lockstep
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, newton
 from gaitsweep.analysis.continuation.normal_forms import coefficient, doubled_direction
 from gaitsweep.engine.poincare.maps import Map, Points, Values
@@ -329,23 +330,32 @@ class Atlas:
             end. Point 0 is on a branch, and points below 0 are behind it.
         """
         low, high = float(min(within)), float(max(within))
-        curves: list[BifurcationCurve] = []
-        for branch in self.branches:
-            for record in branch.records:
-                kind = record["special"]
-                if kind not in BIFURCATIONS or kind == "corner" or record["end"]:
-                    continue
-                here = float(np.ravel(branch.problem.values[second])[0])
-                at: BranchPoints = record["at"]
-                orbit = self._orbit(branch, at)
-                place = float(at.parameter[0])
-                if orbit is None or any(c.passes(branch.row, kind, orbit, place) for c in curves):
-                    continue
-                curve = curve_through(
-                    branch.problem, at, kind, (second, low, high, here), steps or ArclengthSteps()
+        candidates = [
+            (branch, record)
+            for branch in self.branches
+            for record in branch.records
+            if record["special"] in BIFURCATIONS and record["special"] != "corner" and not record["end"]
+        ]
+        followed = in_lockstep(
+            [
+                curve_through(
+                    branch.problem,
+                    record["at"],
+                    record["special"],
+                    (second, low, high, float(np.ravel(branch.problem.values[second])[0])),
+                    steps or ArclengthSteps(),
                 )
-                if curve is not None:
-                    curves.append(dataclasses.replace(curve, row=branch.row, period=branch.period))
+                for branch, record in candidates
+            ]
+        )
+        curves: list[BifurcationCurve] = []
+        for (branch, record), curve in zip(candidates, followed, strict=True):
+            orbit = None if curve is None else self._orbit(branch, record["at"])
+            if curve is None or orbit is None:
+                continue
+            place, kind = float(record["at"].parameter[0]), record["special"]
+            if not any(known.passes(branch.row, kind, orbit, place) for known in curves):
+                curves.append(dataclasses.replace(curve, row=branch.row, period=branch.period))
         records = []
         for number, curve in enumerate(curves):
             head = {"row": curve.row, "curve": number, "kind": curve.equations.kind, "period": curve.period}

@@ -12,7 +12,8 @@ from gaitsweep.analysis.continuation.arclength import BranchPoints, Continuation
 from gaitsweep.analysis.continuation.bifurcation_curves import CurvePoint, followed, step
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS
 from gaitsweep.analysis.continuation.continuation import ArclengthSteps
-from gaitsweep.analysis.continuation.critical_points import CriticalEquations, equations_at
+from gaitsweep.analysis.continuation.critical_points import CriticalEquations, CriticalPoint, equations_at
+from gaitsweep.analysis.continuation.lockstep import Computation, alone
 from gaitsweep.engine.poincare.maps import Points
 
 # The largest scaled imperfection at which branches still cross along a curve of branch points.
@@ -55,7 +56,9 @@ class BifurcationCurve:
         level = np.array([at.point.unknowns[m + 1] for at in self.points]) - home
         for k in np.flatnonzero(level[:-1] * level[1:] <= 0.0):
             before = self.points[int(k)].point
-            there = before if level[k] == 0.0 else step(equations, before, -float(level[k]), pinned=m + 1)
+            there: CriticalPoint | None = before
+            if level[k] != 0.0:
+                there = alone(step(equations, before, -float(level[k]), pinned=m + 1))
             if there is None:
                 continue
             off = abs(equations.parameters(there.unknowns)[0] - parameter) / equations.width[0]
@@ -96,7 +99,7 @@ def curve_through(
     special: str,
     second: tuple[str, float, float, float],
     steps: ArclengthSteps,
-) -> BifurcationCurve | None:
+) -> Computation[BifurcationCurve | None]:
     """The curve through a bifurcation of one branch (1,), in both directions; None where it has none.
 
     Args:
@@ -107,11 +110,14 @@ def curve_through(
         steps: lengths and number of the steps.
     """
     equations, unknowns = equations_at(problem, at, special, second)
-    border = equations.first_border(at.points, unknowns)
-    first = None if border is None else equations.at(at.points, unknowns, border)
+    border = yield from equations.first_border(at.points, unknowns)
+    first = None
+    if border is not None:
+        first = yield from equations.at(at.points, unknowns, border)
     if first is None or not np.isfinite(first.tangent).all():
         return None
-    (behind, begin), (ahead, end) = (followed(equations, first, sign, steps) for sign in (-1.0, 1.0))
+    behind, begin = yield from followed(equations, first, -1.0, steps)
+    ahead, end = yield from followed(equations, first, 1.0, steps)
     if begin == "closed":
         behind, begin = behind[:1], "closed"
     pieces = [_unbroken(equations, piece) for piece in (behind, ahead)]

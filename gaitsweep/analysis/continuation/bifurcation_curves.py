@@ -16,6 +16,7 @@ import numpy as np
 from gaitsweep.analysis.continuation.bifurcation_tests import located
 from gaitsweep.analysis.continuation.continuation import JUMPS, ArclengthSteps
 from gaitsweep.analysis.continuation.critical_points import CriticalEquations, CriticalPoint, Vector
+from gaitsweep.analysis.continuation.lockstep import Computation
 from gaitsweep.engine.poincare.maps import Points
 
 # Largest scaled residuals of F and of g at a point, and most corrections of a step. Corrections go on while
@@ -42,7 +43,7 @@ class CurvePoint:
 
 def followed(
     equations: CriticalEquations, first: CriticalPoint, sign: float, steps: ArclengthSteps
-) -> tuple[list[CurvePoint], str]:
+) -> Computation[tuple[list[CurvePoint], str]]:
     """A curve from its first point, and why it ends: range, closed, most, lost, or resonance_1_1 or 1_2.
 
     Args:
@@ -59,23 +60,23 @@ def followed(
     curve, before, length = [CurvePoint(first)], first, steps.first
     while len(curve) < steps.most:
         steps.on_progress([len(curve)], [len(curve) / steps.most])
-        after = step(equations, before, length)
+        after = yield from step(equations, before, length)
         if after is None or after.tangent @ before.tangent < STRAIGHT:
             length *= 0.5
             if length >= steps.shortest:
                 continue
             if equations.kind == "neimark_sacker" and _meeting(before):
                 return curve, _meeting(before)
-            leap = _leap(equations, before, steps.longest)
+            leap = yield from _leap(equations, before, steps.longest)
             if leap is None:
                 return curve, "lost"
             curve.append(CurvePoint(leap, "kink"))
             before, length = leap, steps.first
             continue
-        curve += _degenerate(equations, before, after, length)
+        curve += yield from _degenerate(equations, before, after, length)
         outside = [k for k in (m, m + 1) if not 0.0 <= after.unknowns[k] <= 1.0]
         if outside:
-            edge = _at_edge(equations, before, after, outside)
+            edge = yield from _at_edge(equations, before, after, outside)
             return curve + ([] if edge is None else [CurvePoint(edge)]), "range"
         curve.append(CurvePoint(after))
         if equations.kind == "neimark_sacker" and _meeting(after):
@@ -90,7 +91,7 @@ def followed(
 
 def step(
     equations: CriticalEquations, before: CriticalPoint, length: float, pinned: int | None = None
-) -> CriticalPoint | None:
+) -> Computation[CriticalPoint | None]:
     """The point of a curve one arclength step ahead; None where the corrections do not converge.
 
     With `pinned` the unknown of this number is moved by `length`, and not the arclength.
@@ -104,7 +105,7 @@ def step(
     border, norm, m = (before.v, before.w), np.inf, equations.m
     for number in range(1, MOST_CORRECTIONS + 1):
         unknowns = before.unknowns + change
-        miss, full, images = equations.evaluated(like, unknowns[None])
+        miss, full, images = yield from equations.evaluated(like, unknowns[None])
         if not np.isfinite(full).all():
             return None
         residual, _, _ = equations.residual(unknowns, miss[0], full[0], border)
@@ -112,7 +113,7 @@ def step(
         of_map, of_g = float(np.max(np.abs(residual[:m]))), float(np.max(np.abs(residual[m:])))
         close = of_map <= TOLERANCE and of_g <= CRITICAL_TOLERANCE and abs(off) <= 1e-9
         if close and (of_g <= EXACT or of_g > 0.5 * norm or number == MOST_CORRECTIONS):
-            after = equations.at(like, unknowns, border, before.tangent, number)
+            after = yield from equations.at(like, unknowns, border, before.tangent, number)
             return after if after is not None and np.isfinite(after.tangent).all() else None
         if max(of_map, of_g) > 10.0 * norm + 1e-3:
             return None
@@ -131,14 +132,14 @@ def step(
 
 def _degenerate(
     equations: CriticalEquations, before: CriticalPoint, after: CriticalPoint, length: float
-) -> list[CurvePoint]:
+) -> Computation[list[CurvePoint]]:
     """The bifurcations of codimension 2 on a step, in order."""
     points: list[tuple[float, CurvePoint]] = []
     for name, value in before.tests.items():
         later = after.tests.get(name, np.nan)
         if not value * later < 0.0:
             continue
-        zero = located(
+        zero = yield from located(
             (value, later),
             length,
             lambda arclength: step(equations, before, arclength),
@@ -154,19 +155,23 @@ def _degenerate(
 
 def _at_edge(
     equations: CriticalEquations, before: CriticalPoint, after: CriticalPoint, outside: list[int]
-) -> CriticalPoint | None:
+) -> Computation[CriticalPoint | None]:
     """The point at which a curve leaves the ranges of the parameters."""
     way = after.unknowns - before.unknowns
     edges = {k: float(np.clip(after.unknowns[k], 0.0, 1.0)) for k in outside}
     first = min(outside, key=lambda k: (edges[k] - before.unknowns[k]) / way[k] if way[k] else np.inf)
     ahead = edges[first] - before.unknowns[first]
-    return step(equations, before, ahead, pinned=first) if before.tangent[first] else None
+    if not before.tangent[first]:
+        return None
+    return (yield from step(equations, before, ahead, pinned=first))
 
 
-def _leap(equations: CriticalEquations, before: CriticalPoint, longest: float) -> CriticalPoint | None:
+def _leap(
+    equations: CriticalEquations, before: CriticalPoint, longest: float
+) -> Computation[CriticalPoint | None]:
     """The point behind a corner or a jump of the map, where no short step leads over it; else None."""
     for share in JUMPS:
-        after = step(equations, before, share * longest)
+        after = yield from step(equations, before, share * longest)
         if after is not None and after.tangent @ before.tangent > 0.0:
             return after
     return None

@@ -21,6 +21,7 @@ from jaxtyping import Complex, Float, Inexact
 
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS
+from gaitsweep.analysis.continuation.lockstep import Computation, Request
 from gaitsweep.analysis.continuation.multipliers import multipliers
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, residuals
 from gaitsweep.analysis.continuation.normal_forms import (
@@ -107,10 +108,12 @@ class CriticalEquations:
 
     def evaluated(
         self, like: Points, several: Float[np.ndarray, "several unknowns"]
-    ) -> tuple[
-        Float[np.ndarray, "several fold_unknowns"],
-        Float[np.ndarray, "several fold_unknowns columns"],
-        MapEvaluation,
+    ) -> Computation[
+        tuple[
+            Float[np.ndarray, "several fold_unknowns"],
+            Float[np.ndarray, "several fold_unknowns columns"],
+            MapEvaluation,
+        ]
     ]:
         """F (n, m), its scaled derivatives (n, m, m + 1) with the first parameter last, and the images.
 
@@ -121,7 +124,7 @@ class CriticalEquations:
         points = Points(several[:, :size] * self.scale[:size], modes)
         at = self.low + self.width * several[:, self.m : self.m + len(self.names)]
         values = {**self.values, **{name: at[:, k] for k, name in enumerate(self.names)}}
-        images = self.mapping.linearised(points, values, self.names[0])
+        images = yield Request(self.mapping, self.names[0], points, values)
         held = self.held[np.zeros(n, int)]
         miss = residuals(self.mapping, points, several[:, size : self.m], images, held) / self.scale
         slopes = np.concatenate([images.d_parameter, images.conserved_d_parameter[:, held.which]], axis=1)
@@ -171,12 +174,12 @@ class CriticalEquations:
         border: Any,
         before: Vector | None = None,
         corrections: int = 0,
-    ) -> CriticalPoint | None:
+    ) -> Computation[CriticalPoint | None]:
         """The point at some unknowns with its derivatives; None where the map is not differentiable.
 
         `border` are v and w of a point close by; the tangent has a positive product with `before`.
         """
-        miss, full, _ = self.evaluated(like, unknowns[None])
+        miss, full, _ = yield from self.evaluated(like, unknowns[None])
         if not np.isfinite(full).all():
             return None
         residual, v, w = self.residual(unknowns, miss[0], full[0], border)
@@ -191,7 +194,8 @@ class CriticalEquations:
             shift = np.zeros(len(unknowns))
             shift[m + k] = SHARE
             shifts += [shift, -shift]
-        around, several, images = self.evaluated(like, np.concatenate([unknowns[None], unknowns + shifts]))
+        beside = np.concatenate([unknowns[None], unknowns + shifts])
+        around, several, images = yield from self.evaluated(like, beside)
         if not np.isfinite(several).all():
             return None
         bends = [(several[1 + 2 * k] - several[2 + 2 * k]) / (2.0 * ALONG) for k in range(len(directions))]
@@ -303,9 +307,9 @@ class CriticalEquations:
             rest = np.delete(rest, int(np.argmin(np.abs(rest - np.conj(critical)))))
         return rest
 
-    def first_border(self, like: Points, unknowns: Vector) -> Any:
+    def first_border(self, like: Points, unknowns: Vector) -> Computation[Any]:
         """The border of the first point, from the singular vectors; None where the map is not defined."""
-        _, full, _ = self.evaluated(like, unknowns[None])
+        _, full, _ = yield from self.evaluated(like, unknowns[None])
         if not np.isfinite(full).all():
             return None
         left, _, right = np.linalg.svd(self.critical_matrix(full[0], unknowns))
@@ -373,15 +377,18 @@ def equations_at(
     return equations, np.concatenate([z, (np.array(here) - low) / width, extra])
 
 
-def located_exactly(problem: ContinuationProblem, at: BranchPoints, special: str) -> CriticalPoint | None:
+def located_exactly(
+    problem: ContinuationProblem, at: BranchPoints, special: str
+) -> Computation[CriticalPoint | None]:
     """The bifurcation next to a bracketed one (1,), to the precision of the map; None if not found."""
     equations, unknowns = equations_at(problem, at, special)
-    border, first = equations.first_border(at.points, unknowns), unknowns
+    first = unknowns
+    border = yield from equations.first_border(at.points, unknowns)
     if border is None:
         return None
     last = np.inf
     for _ in range(MOST_STEPS):
-        here = equations.at(at.points, unknowns, border)
+        here = yield from equations.at(at.points, unknowns, border)
         if here is None:
             return None
         try:

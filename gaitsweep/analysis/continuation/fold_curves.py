@@ -15,6 +15,7 @@ from gaitsweep.analysis.continuation.bifurcation_curves import CurvePoint, follo
 from gaitsweep.analysis.continuation.bifurcation_tests import branch_test, fold_test, located_on_branch
 from gaitsweep.analysis.continuation.continuation import ArclengthSteps
 from gaitsweep.analysis.continuation.critical_points import CriticalEquations, CriticalPoint, equations_at
+from gaitsweep.analysis.continuation.lockstep import alone
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, NewtonOutcome, newton
 from gaitsweep.engine.poincare.maps import Map, Points, Values
 from gaitsweep.errors import ArgumentError
@@ -147,8 +148,8 @@ def _on_curve(
     name = parameters[1]
     second = name, float(min(within[name])), float(max(within[name])), float(values[name][0])
     equations, unknowns = equations_at(problem, fold, "fold", second)
-    border = equations.first_border(fold.points, unknowns)
-    first = None if border is None else equations.at(fold.points, unknowns, border)
+    border = alone(equations.first_border(fold.points, unknowns))
+    first = None if border is None else alone(equations.at(fold.points, unknowns, border))
     return (None, "lost") if first is None else ((equations, first), "")
 
 
@@ -156,7 +157,7 @@ def _records(
     equations: CriticalEquations, first: CriticalPoint, sign: float, row: int, steps: ArclengthSteps
 ) -> list[dict[str, Any]]:
     """The records of one curve, from its first fold in the direction `sign` of the second parameter."""
-    curve, end = followed(equations, first, sign, steps)
+    curve, end = alone(followed(equations, first, sign, steps))
     records = [_record(equations, at, row, point) for point, at in enumerate(curve)]
     records[-1]["end"] = end
     return records
