@@ -16,10 +16,11 @@ from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.continuation.continuation import continuation
+from gaitsweep.analysis.continuation.level_map import LevelMap
 from gaitsweep.analysis.continuation.multipliers import multipliers
 from gaitsweep.analysis.continuation.newton import FixedPoints, newton
 from gaitsweep.api.keywords import AnyModel, job_of
-from gaitsweep.engine.poincare.maps import Points
+from gaitsweep.engine.poincare.maps import Map, Points
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.errors import ArgumentError
@@ -232,7 +233,8 @@ class PoincareMap:
 
         Args:
             x: points near fixed points at the map's own value of the parameter.
-            parameter: name of the parameter.
+            parameter: name of a parameter, or of a quantity in `conserved`: then the family of gaits is
+                followed along it.
             within: its range, two numbers.
             towards: 1 or -1, the direction in which a branch begins; both by default.
             fix: conserved quantities that are held; all of `conserved` by default.
@@ -258,31 +260,37 @@ class PoincareMap:
             3.556
         """
         self._require_derivative()
-        if parameter not in self._parameters:
-            self.mapping.complete({parameter: 0.0}, 1)  # refuses names that the model does not have
-        begin = self._parameters[parameter]
-        begin = begin if parameter in self._values else begin[:1]
+        points, conserved = self._points(x)[0], self.conserved if fix is None else fix
+        mapping: Map = self.mapping
+        held: Sequence[str] | dict[str, float | None] = conserved
+        if parameter in self.conserved:
+            mapping, held = LevelMap(mapping, parameter), {**dict.fromkeys(conserved), parameter: 0.0}
+            images = self.mapping.linearised(points, self._values)
+            begin = images.conserved_values[:, self.conserved.index(parameter)]
+        else:
+            if parameter not in self._parameters:
+                self.mapping.complete({parameter: 0.0}, 1)  # refuses names that the model does not have
+            begin = self._parameters[parameter]
+            begin = begin if parameter in self._values else begin[:1]
         low, high = min(within), max(within)
         if not (low <= begin.min() and begin.max() <= high):
             raise ArgumentError(
                 f"{parameter} is {begin[0]:g} at the map's points, but the range is from {low:g} to {high:g}."
             )
-        points = self._points(x)[0]
         values = {name: value for name, value in self._values.items() if name != parameter}
-        conserved = self.conserved if fix is None else fix
         tables = []
         for direction in (1, -1) if towards is None else (towards,):
             if np.all(begin == (high if direction > 0 else low)) and towards is None:
                 continue
             branches = continuation(
-                self.mapping,
+                mapping,
                 points,
                 values,
                 parameter=parameter,
                 within=within,
                 begin=np.broadcast_to(begin, (len(points),)),
                 towards=direction,
-                fix=conserved,
+                fix=held,
             )
             tables.append(branches.assign(direction=direction))
         table = pd.concat(tables, ignore_index=True)

@@ -159,6 +159,7 @@ class Reading(CountedQuantity):
     observed: bool
     signal: bool
     is_energy: bool = False
+    is_conserved: bool = False
 
     def recorded(self, model: Model, name: str) -> tuple[Quantity, ...]:
         """The observables or signals."""
@@ -502,7 +503,13 @@ def signal(
 
 
 def energy(
-    unit: str, meaning: str, *, symbol: str = "", scale: float | None = None, observed: bool = False
+    unit: str,
+    meaning: str,
+    *,
+    symbol: str = "",
+    scale: float | None = None,
+    observed: bool = False,
+    conserved: bool = False,
 ) -> Callable[[Callable[..., Real[Array, ""]]], Any]:
     """Declare a function (params, state) -> number as an energy that the flow keeps between events.
 
@@ -512,9 +519,11 @@ def energy(
         unit, meaning: as tables and figures show them.
         symbol, scale: as of `Quantity`.
         observed: whether it is an observable too, read at crossings of the section.
+        conserved: whether jumps keep it, too. The gaits of such a model form families: a return map holds it
+            (`fix`), and follows them along it (`continue_`).
     """
     quantity = _quantity(unit, meaning, symbol=symbol, scale=scale)
-    return lambda function: Reading(None, quantity, function, observed, True, True)
+    return lambda function: Reading(None, quantity, function, observed, True, True, conserved)
 
 
 def event(

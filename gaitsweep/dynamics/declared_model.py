@@ -692,6 +692,24 @@ class _SectionCoordinates(Chart):
         state = self.model.complete(params, modes.replace(**fields))
         return self.model._begun(params, state, crossed=True)
 
+    @property
+    def conserved(self) -> tuple[Quantity, ...]:
+        return tuple(q for name, energy in self._energies() for q in energy.quantities(self.model, name))
+
+    def conserved_values(
+        self, params: Any, at: Float[Array, " coordinates"], /
+    ) -> Float[Array, " conserved"]:
+        if not (energies := self._energies()):
+            return jnp.zeros((0,))
+        # the modes of a state on the section are those of a start
+        starts = {q.name: jnp.asarray(q.default, jnp.float64) for q in self.model.initial_conditions}
+        state = self.from_coordinates(params, at, self.model.init(params, starts))
+        return jnp.stack([energy.function(self.model, params, state) for _, energy in energies])
+
+    def _energies(self) -> list[tuple[str, Reading]]:
+        readings = self.model._named(Reading)
+        return [(name, reading) for name, reading in readings.items() if reading.is_conserved]
+
     def _variables(self) -> list[tuple[str, Variable]]:
         variables, feet = self.model._named(Variable), self.model._feet()
         moving = [name for name in variables if feet is None or name != feet.clock]
