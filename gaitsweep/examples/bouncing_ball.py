@@ -43,4 +43,4 @@ class BouncingBall(DeclaredModel):
         return s.replace(height=p.G * jnp.sin(s.phase))  # on the table
 
     def period(self, p):
-        return 2.0 * jnp.pi
+        return jnp.asarray(2.0 * jnp.pi)

@@ -14,12 +14,12 @@ from gaitsweep.job import JobError
 RANGES = {"phase_0": (0.0, 2.0 * np.pi), "speed_0": (0.0, 6.0)}
 
 
-def fold(n: int, restitution: Any) -> Any:
+def fold(n: Any, restitution: Any) -> Any:
     """The table's acceleration from which on the ball stays in flight for n periods of the table."""
     return n * np.pi * (1.0 - restitution) / (1.0 + restitution)
 
 
-def flip(n: int, restitution: Any) -> Any:
+def flip(n: Any, restitution: Any) -> Any:
     """The acceleration from which on two bounces differ."""
     doubled = 2.0 * (1.0 + restitution**2) / (1.0 + restitution) ** 2
     return np.sqrt(fold(n, restitution) ** 2 + doubled**2)
@@ -40,12 +40,12 @@ def test_an_atlas_has_the_folds_and_flips_of_both_gaits_to_1e_9() -> None:
     np.testing.assert_allclose(table["G"], exact, atol=1e-9)
     np.testing.assert_allclose(exact, [1.0471975512, 1.5268237005, 2.0943951024, 2.3708772103], atol=1e-10)
     gaits = ball.gaits
-    assert gaits["stable"].sum() == 1  # of two periods; that of one has flipped
+    assert np.sum(gaits["stable"].to_numpy(bool)) == 1  # of two periods; that of one has flipped
     assert len(gaits) == 4
     n = np.round(gaits["time"] / (2.0 * np.pi))
     cosines = fold(n, 0.5) / 2.2
     np.testing.assert_allclose(np.cos(gaits["phase_n"]), cosines, atol=1e-10)
-    assert gaits["error"].max() < 1e-9
+    assert np.max(gaits["error"].to_numpy(float)) < 1e-9
     curves = ball.curves
     n = np.round(curves["time"].to_numpy(float) / (2.0 * np.pi))
     restitution = curves["restitution"].to_numpy(float)
