@@ -33,16 +33,15 @@ from gaitsweep.fitting.identifiability import Identifiability, identifiability
 from gaitsweep.fitting.measure import Measured, MeasuredByName
 from gaitsweep.fitting.optimisers import Optimiser, optimiser
 from gaitsweep.fitting.population import Population
-from gaitsweep.fitting.robustness import ROBUST, share_kept
 from gaitsweep.fitting.search_figures import FIGURES, draw_search, search_figure
 from gaitsweep.fitting.search_job import SearchJob, read_search_field
-from gaitsweep.fitting.targets import MISS, scores
+from gaitsweep.fitting.targets import MISS, ROBUST, scores, share_kept
 from gaitsweep.job import JobError
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.executor import write_blocks
 from gaitsweep.runs.progress import Progress
-from gaitsweep.runs.set_status import SetStatus
+from gaitsweep.runs.sentences import SetStatus
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.table import ResultDirectory, Snapshot, TableError, load
 from gaitsweep.table.manifest import Layout

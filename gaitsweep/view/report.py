@@ -16,8 +16,14 @@ import yaml
 
 from gaitsweep.analysis.records import in_order
 from gaitsweep.plot import theme
-from gaitsweep.runs.sentences import DESCRIBED, advice, self_check_sentence, settings_of, status_sentence
-from gaitsweep.runs.set_status import SetStatus
+from gaitsweep.runs.sentences import (
+    DESCRIBED,
+    SetStatus,
+    advice,
+    self_check_sentence,
+    settings_of,
+    status_sentence,
+)
 from gaitsweep.table import Snapshot, load, replace_file, writing
 
 # Colours of a page by name, light and dark.
