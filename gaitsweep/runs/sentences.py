@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -180,6 +180,30 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
             f"of its gaits; their gait is {name!r} in the table."
         )
     return sentences
+
+
+def plain(value: object) -> str:
+    """Format a value of a manifest on one line."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {plain(inner)}" for key, inner in value.items())
+    if isinstance(value, list):
+        return ", ".join(map(plain, value))
+    return str(value)
+
+
+def unsettled(slowest: Mapping[str, int]) -> str:
+    """Format the observables that prevented settling: "psi_1 in 12 rows, psi_2 in 1 row"."""
+    return ", ".join(f"{name} in {rows} row{'s' * (rows != 1)}" for name, rows in slowest.items())
+
+
+def axes(of_job: Sequence[Mapping[str, Any]]) -> str:
+    """Format the axes with their numbers of points: "psi_2 (99) x psi_1 (99)"."""
+    return " x ".join(
+        f"{' and '.join(axis['names'])} ({axis['length']}{', drawn' if axis['drawn'] else ''})"
+        for axis in of_job
+    )
 
 
 def _rows(about: Mapping[str, Any]) -> str:
