@@ -226,6 +226,7 @@ def test_a_late_landing_without_a_reset_continues_along_the_line() -> None:
     assert float(early.phi[2]) == float(p.phi_AEP)
 
 
+@pytest.mark.slow
 def test_the_stance_line_begins_where_the_foot_is() -> None:
     """The actual foot by MuJoCo's kinematics, in the axes of its body; half way for a share of one half."""
     points = []

@@ -43,6 +43,7 @@ def test_the_entry_of_the_program_is_that_of_citation_cff(capsys: Capture) -> No
     assert "year" not in fields(tool_entry("0.0.1"), "gaitsweep")  # which CITATION.cff does not date
 
 
+@pytest.mark.slow
 def test_a_result_cites_its_paper_method_check_and_versions(tmp_path: Path, capsys: Capture) -> None:
     gs.sweep(
         "multilegged_reduced", psi_1=[1.0, 2.0], psi_2=2.0, psi_3=3.0,
