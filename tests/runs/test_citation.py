@@ -68,6 +68,7 @@ def test_a_result_cites_its_paper_method_check_and_versions(tmp_path: Path, caps
     assert "coarse" not in methods  # a field without effect, since the run does not refine
 
 
+@pytest.mark.slow
 def test_inferred_rows_and_changed_parameters_are_named(tmp_path: Path, capsys: Capture) -> None:
     """A refined run simulates few of its rows; the paper's values are the model's defaults."""
     gs.sweep(
