@@ -505,6 +505,7 @@ def test_a_search_whose_sets_all_fail_completes(method: str, tmp_path: Path) -> 
     assert len(found.figures) == (3 if method == "sobol" else 0)
 
 
+@pytest.mark.slow
 def test_a_front_of_twelve_targets(tmp_path: Path) -> None:
     apex = {"kind": "value", "of": "apex", "wanted": APEX, "error": 0.01}
     targets = {f"mass_{i}": {**apex, "at": {"mass": 1.0 + 0.2 * i}} for i in range(12)}
@@ -768,6 +769,7 @@ def test_a_known_config_does_not_change_the_structure() -> None:
     assert (known["front_hip_z"], known["rear_height"]) == (0.0, 0.05)
 
 
+@pytest.mark.slow
 def test_known_sets_may_be_the_best_of_an_earlier_search(tmp_path: Path) -> None:
     earlier = searched(job(method="sobol", budget=32), tmp_path / "earlier").table
     search = read_search(job(known=["earlier"], known_best=3, width=0.02), tmp_path)

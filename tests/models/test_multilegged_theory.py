@@ -64,7 +64,7 @@ def own_legs(N: int) -> np.ndarray:
     return np.array([branch.k for branch in branches(N)])
 
 
-@pytest.mark.slow("4-table 1", "6-table 1", "9-other", "9-table 1", "6-other")
+@pytest.mark.slow("4-table 1", "6-table 1", "9-other", "9-table 1", "6-other", "4-other")
 @pytest.mark.parametrize("chain", [TABLE_1, OTHER], ids=["table 1", "other"])
 @pytest.mark.parametrize("N", LEGS)
 def test_solutions_on_section_1_are_fixed_points_of_the_reduced_map(N: int, chain: Chain) -> None:

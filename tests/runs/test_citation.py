@@ -103,7 +103,10 @@ def test_persons_and_url_of_citation_cff(tmp_path: Path, monkeypatch: pytest.Mon
             'source = "Raibert 1986, Legged Robots"', "note = {Raibert 1986, Legged Robots}", "",
             marks=pytest.mark.slow,
         ),
-        ('bibtex = "@book{raibert86,\\n  year = {1986}\\n}"', "hopper:Hopper [raibert86] was", ""),
+        pytest.param(
+            'bibtex = "@book{raibert86,\\n  year = {1986}\\n}"', "hopper:Hopper [raibert86] was", "",
+            marks=pytest.mark.slow,
+        ),
         pytest.param('bibtex = "Raibert 1986"', "", "no BibTeX entry", marks=pytest.mark.slow),
     ],
 )  # fmt: skip

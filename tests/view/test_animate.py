@@ -361,6 +361,7 @@ def test_a_movie_that_is_stopped_leaves_the_old_one(chain: Path, tmp_path: Path)
     assert [path.name for path in tmp_path.iterdir()] == ["wave.gif"]
 
 
+@pytest.mark.slow
 def test_an_mp4_is_written_by_ffmpeg(chain: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A program that writes the number of its input bytes to its last argument replaces it."""
     program = tmp_path / "ffmpeg"

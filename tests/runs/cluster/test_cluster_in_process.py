@@ -336,6 +336,7 @@ def test_a_worker_hangs_that_ends_no_block_and_not_one_whose_blocks_wait(
     assert messages == [f"The worker right is ended, and its blocks go elsewhere: {where}."]
 
 
+@pytest.mark.slow
 def test_names_of_tasks_are_used_again(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """So that a scheduler does not remember more of them with each block."""
     monkeypatch.setattr(dispatch, "_MOST_IN_FLIGHT", 4)
