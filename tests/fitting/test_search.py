@@ -695,9 +695,9 @@ def test_workers_of_a_cluster_measure_the_same(tmp_path: Path) -> None:
     from gaitsweep.runs.cluster.dispatch import Cluster
 
     asked = read_search(job(budget=48, population=16), Path.cwd())
-    alone = run_search(asked, tmp_path / "alone")
+    alone = run_search(asked, tmp_path / "alone", figures=False)
     with Cluster(connection_to("local:2")) as workers:
-        shared = run_search(asked, tmp_path / "shared", cluster=workers)
+        shared = run_search(asked, tmp_path / "shared", cluster=workers, figures=False)
     assert_frame_equal(shared.table, alone.table, check_exact=True)
     parts = sorted((tmp_path / "alone" / "table").glob("*.parquet"))
     assert [part.read_bytes() for part in parts] == [

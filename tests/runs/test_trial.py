@@ -358,7 +358,7 @@ class WrongSign(CompassWalker):
         return {**rates, "swing_rate": rates["swing_rate"] + 2.0 * s.stance_rate**2}
 
 
-@pytest.mark.slow
+@pytest.mark.slow("CompassWalker")
 @pytest.mark.parametrize("kind", [CompassWalker, WrongSign])
 def test_the_energy_of_a_walker_shows_a_wrong_sign(kind: type[gs.HybridModel]) -> None:
     start = {"stance_0": -0.3, "stance_rate_0": 1.1, "swing_rate_0": 0.4}
