@@ -181,6 +181,25 @@ class Reading(CountedQuantity):
         return {name: value} if self.count is None else dict(zip(names, value, strict=True))
 
 
+@dataclasses.dataclass(frozen=True)
+class Symmetry:
+    """A declared symmetry; see `symmetry`."""
+
+    function: Callable[..., Any]
+    meaning: str
+
+
+def symmetry(meaning: str) -> Callable[[Callable[..., Any]], Any]:
+    """Declare a function (params, state) -> state that turns every motion into a motion.
+
+    Gaits that are images of each other count as one in an atlas, and those that are their own images are named.
+
+    Args:
+        meaning: a few words, such as "left and right legs exchanged".
+    """
+    return lambda function: Symmetry(function, meaning)
+
+
 def faults_of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
     """Faults of a quantity's unit, meaning, bounds, default and scale, as ends of sentences.
 

@@ -12,7 +12,7 @@ import dataclasses
 import functools
 import inspect
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
@@ -27,6 +27,7 @@ from gaitsweep.dynamics.declarations import (
     Parameter,
     Reading,
     SingleEvent,
+    Symmetry,
     Variable,
     faults_of_quantity,
 )
@@ -86,7 +87,7 @@ def _like(old: jax.Array, value: Any) -> jax.Array:
     return jnp.broadcast_to(jnp.asarray(value, old.dtype), old.shape)
 
 
-_DECLARED = (Parameter, Variable, Mode, Reading, Event, Footfalls)
+_DECLARED = (Parameter, Variable, Mode, Reading, Event, Symmetry, Footfalls)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -589,6 +590,13 @@ class DeclaredModel(Declared, HybridModel):
             for name, reading in readings.items()
             if reading.is_energy
         }
+
+    def symmetries(self) -> Mapping[str, Callable[[Any, Any], Any]]:
+        def image(declared: Symmetry) -> Callable[[Any, Any], Any]:
+            # events are armed by where the image lies and moves
+            return lambda params, state: self._begun(params, declared.function(self, params, state))
+
+        return {name: image(declared) for name, declared in self._named(Symmetry).items()}
 
     def chart(self) -> Chart | None:
         return _SectionCoordinates(self)

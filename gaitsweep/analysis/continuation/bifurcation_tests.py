@@ -24,6 +24,7 @@ from gaitsweep.analysis.continuation.branch_points import (
     branch_point,
     cornered,
 )
+from gaitsweep.analysis.continuation.critical_points import located_exactly
 from gaitsweep.analysis.continuation.multipliers import multipliers
 from gaitsweep.analysis.continuation.one_sided import both_sides
 from gaitsweep.engine.poincare.maps import Points
@@ -206,7 +207,7 @@ def _on_step(
             if abs(beta) > IMPERFECT:
                 return None
             specials.append(
-                Special(crossing.kind, _ahead(problem, before, crossing.here), crossing.here, crossing.aside)
+                Special(crossing.kind, ahead(problem, before, crossing.here), crossing.here, crossing.aside)
             )
             # a pitchfork where the branch itself turns is not a fold
             turns &= abs(crossing.here.tangent[0, -1]) > FLAT * (problem.high - problem.low)
@@ -219,13 +220,30 @@ def _on_step(
             zero = located_on_branch(problem, before, length, test, changed[test])
             kind = kind_of(problem, zero[0]) if zero is not None else ""
             if zero is not None and kind:
-                specials.append(Special(kind, zero[1], zero[0]))
+                specials.append(Special(kind, zero[1], _exact(problem, zero[0], kind)))
             if kind == "corner":  # multipliers jump there
                 return specials
     counts = [np.sum(np.abs(multipliers_of(problem, point)) > 1.0) for point in (before, after)]
     if not specials and abs(int(counts[1]) - int(counts[0])) > 1:
         return None
     return sorted(specials, key=lambda special: special.arclength)
+
+
+def _exact(problem: ContinuationProblem, near: BranchPoints, kind: str) -> BranchPoints:
+    """The bifurcation next to a located one (1,), by its own equations; the located one if they fail."""
+    exact = located_exactly(problem, near, kind) if kind in ("fold", "flip", "neimark_sacker") else None
+    if exact is None:
+        return near
+    k, size = len(problem.held.which), near.points.at.shape[1]
+    parameter = problem.low + (problem.high - problem.low) * exact.unknowns[[size + k]]
+    images = problem.evaluated(exact.point, parameter)
+    tangent = problem.tangents(images, near.tangent)
+    if not (images.sound[0] and np.isfinite(tangent).all()):
+        return near
+    drift = exact.unknowns[None, size : size + k]
+    return dataclasses.replace(
+        near, points=exact.point, drift=drift, parameter=parameter, images=images, tangent=tangent
+    )
 
 
 def _between(
@@ -243,7 +261,7 @@ def _between(
     )
 
 
-def _ahead(problem: ContinuationProblem, before: BranchPoints, after: BranchPoints) -> float:
+def ahead(problem: ContinuationProblem, before: BranchPoints, after: BranchPoints) -> float:
     """The length from `before` to `after` along the tangent at `before`."""
     size = before.points.at.shape[1]
     weighted = (problem.weights * before.tangent)[0]
@@ -257,4 +275,4 @@ def _is_on_step(
     """Whether a branch point lies on a step of this length, to a twentieth of it."""
     if crossing is None:
         return False
-    return abs(_ahead(problem, before, crossing.here) / length - 0.5) < 0.55
+    return abs(ahead(problem, before, crossing.here) / length - 0.5) < 0.55

@@ -94,6 +94,10 @@ class BatchedReturnMap(Map):
         """The same map with a factor on its steps: half of them, or tolerances 32 times finer."""
         return dataclasses.replace(self, numerics=self.integration.refined(factor))
 
+    @property
+    def durations(self) -> tuple[str, ...]:
+        return ("time",)
+
     @cached_property
     def chart(self) -> Chart:
         """The model's chart, or all float variables of a state."""
@@ -147,6 +151,11 @@ class BatchedReturnMap(Map):
 
     def conserved_values(self, values: Values, at: Coordinates) -> Float[Array, " conserved"]:
         return self.chart.conserved_values(self.params(values), at)
+
+    def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
+        complete = self.complete(values, len(points))
+        images = _mirrors(self)(complete, points.at, points.modes) if self.model.symmetries() else {}
+        return {name: Points(np.asarray(at), jax.tree.map(np.asarray, modes)) for name, (at, modes) in images.items()}
 
     def settled(
         self, starts: Mapping[str, Any], values: Values, cycles: int
@@ -202,6 +211,24 @@ class BatchedReturnMap(Map):
         starts = {q.name: jax.ShapeDtypeStruct((), jnp.float64) for q in self.model.initial_conditions}
         values = {name: jax.ShapeDtypeStruct((), jnp.float64) for name in self.complete({}, 1)}
         return jax.eval_shape(lambda v, s: self.model.init(self.params(v), s), values, starts)
+
+
+@cached_by_content(maxsize=16)
+def _mirrors(mapping: BatchedReturnMap) -> Callable[..., Any]:
+    """The function `(values, at, modes) -> {symmetry: (at, state)}` of many points."""
+
+    def one(values: Any, at: Coordinates, modes: State) -> dict[str, Any]:
+        params = mapping.params(values)
+        state = mapping.chart.from_coordinates(params, at, modes)
+        images = {}
+        for name, image in mapping.model.symmetries().items():
+            # the image need not be on the section
+            _, crossed, status = mapping.state(params, image(params, state))
+            coordinates = mapping.chart.to_coordinates(params, crossed)
+            images[name] = jnp.where(status == ReturnStatus.crossed, coordinates, jnp.nan), crossed
+        return images
+
+    return jax.jit(jax.vmap(one))
 
 
 @cached_by_content(maxsize=16)

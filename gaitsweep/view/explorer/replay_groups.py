@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
+from gaitsweep.analysis.continuation.arclength import BranchPoints
 from gaitsweep.contract import Model, Quantity, Status
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
@@ -258,7 +259,7 @@ class ReplayBranches(ReplayGroup):
             same = record is not None and math.isclose(
                 again[run.parameter], float(table[run.parameter].iloc[record]), rel_tol=_SAME
             )
-            if same and isinstance(again.get("at"), Points):
+            if same and isinstance(again.get("at"), BranchPoints):
                 records.append(record)
                 points.append(again)
         chosen = spread(len(records))[:most] if records else np.zeros(0, np.int64)
@@ -269,7 +270,7 @@ class ReplayBranches(ReplayGroup):
         branch = np.array([point["row"] for point in points], np.int64)
         parameters = {name: np.broadcast_to(v, rows.shape)[branch] for name, v in values.items()}
         parameters[run.parameter] = np.array([point[run.parameter] for point in points], float)
-        self._start = states_at(mapping, [point["at"] for point in points], parameters)
+        self._start = states_at(mapping, [point["at"].points for point in points], parameters)
 
     def windows(self, period: float) -> Windows:
         longest = float(np.nanmax(np.asarray(self.table["time"], float)[self.records]))
