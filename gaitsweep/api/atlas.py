@@ -80,7 +80,7 @@ class Atlas:
     @property
     def missing(self) -> float:
         """An estimate of the number of gaits that were not found, of the row where it is largest."""
-        return float(self._table["missing"].max())
+        return float(np.max(self._table["missing"].to_numpy(float), initial=0.0))
 
     @property
     def plot(self) -> FiguresOfTable:
@@ -137,7 +137,14 @@ def atlas(
     run = AtlasRun(**fields, **options)
     return Atlas(
         sweep(
-            model, run=run, out=out, params=params, start=start, numerics=numerics, engine=engine,
-            verify=verify, **values,
-        )  # fmt: skip
+            model,
+            run=run,
+            out=out,
+            params=params,
+            start=start,
+            numerics=numerics,
+            engine=engine,
+            verify=verify,
+            **values,
+        )
     )

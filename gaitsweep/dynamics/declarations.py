@@ -192,7 +192,7 @@ class Symmetry:
 def symmetry(meaning: str) -> Callable[[Callable[..., Any]], Any]:
     """Declare a function (params, state) -> state that turns every motion into a motion.
 
-    Gaits that are images of each other count as one in an atlas, and those that are their own images are named.
+    Gaits that are images of each other count as one in an atlas, which says which are their own images.
 
     Args:
         meaning: a few words, such as "left and right legs exchanged".

@@ -20,7 +20,7 @@ class BouncingBall(DeclaredModel):
     section_coordinates = ("phase", "speed")
 
     G = parameter("1", "acceleration of the table, in units of gravity", 1.2, low=0.0)
-    restitution = parameter("1", "share of the relative speed that an impact keeps", 0.5, low=0.0, high=1.0, symbol="e")
+    restitution = parameter("1", "coefficient of restitution", 0.5, low=0.0, high=1.0, symbol="e")
 
     phase = variable("rad", "phase of the table", 0.5, circular=True)
     speed = variable("1", "speed upwards; at an impact that after it", 3.0)
@@ -37,9 +37,7 @@ class BouncingBall(DeclaredModel):
     def bounce(self, p, s):
         table = p.G * jnp.cos(s.phase)
         speed = table - p.restitution * (s.speed - table)
-        return s.replace(
-            height=p.G * jnp.sin(s.phase), speed=speed, phase=jnp.mod(s.phase, 2.0 * jnp.pi)
-        )
+        return s.replace(height=p.G * jnp.sin(s.phase), speed=speed, phase=jnp.mod(s.phase, 2.0 * jnp.pi))
 
     def complete(self, p, s):
         return s.replace(height=p.G * jnp.sin(s.phase))  # on the table

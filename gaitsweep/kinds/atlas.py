@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
@@ -13,7 +14,6 @@ from pydantic import Field
 from gaitsweep import near_miss
 from gaitsweep.analysis.atlas.atlas import Atlas as BranchAtlas
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, SearchOptions, rows_of
-from gaitsweep.analysis.continuation.continuation import ArclengthSteps
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
@@ -51,14 +51,14 @@ class Atlas(FollowsFixedPoints):
     )
     ranges: dict[Text, Range] = Field(
         min_length=1,
-        description="ranges from which the starts of the search are drawn: [lowest, highest] of start values, "
-        "or of coordinates of the section",
+        description="ranges from which the starts of the search are drawn: [lowest, highest] of start "
+        "values, or of coordinates of the section",
     )
     second: dict[Text, Range] = Field(
         default={},
         max_length=1,
-        description="a second parameter and its range, {name: [lowest, highest]}: bifurcations are followed in "
-        "the plane of both",
+        description="a second parameter and its range, {name: [lowest, highest]}: bifurcations are followed "
+        "in the plane of both",
     )
     periods: Count = Field(default=2, description="largest number of section crossings of a gait")
     depth: CountOrZero = Field(
@@ -66,9 +66,7 @@ class Atlas(FollowsFixedPoints):
     )
     budget: Count = Field(default=1024, description="largest number of starts of the search")
     batch: Count = Field(default=64, description="starts in a round; the first round is also simulated")
-    patience: Count = Field(
-        default=3, description="rounds without a new gait after which the search ends"
-    )
+    patience: Count = Field(default=3, description="rounds without a new gait after which the search ends")
     seed: CountOrZero = Field(default=0, description="seed of the starts")
     branches: Count = Field(default=200, description="largest number of branches")
 
@@ -84,7 +82,9 @@ class Atlas(FollowsFixedPoints):
             *(Column(name, repeats=False) for name in ("multiplier", "multiplier_re", "multiplier_im")),
             *map(Column, ("unstable", "stable", "special")),
             Column("coefficient", repeats=False),
-            *map(Column, ("found", "symmetry", "reached", "error", "missing", "corrections", "end", "status")),
+            *map(
+                Column, ("found", "symmetry", "reached", "error", "missing", "corrections", "end", "status")
+            ),
         ]
 
     @property
@@ -166,7 +166,7 @@ class Atlas(FollowsFixedPoints):
         begun: int,
         count: int,
     ) -> Points:
-        """Random starts of the rows `of` (n,), `count` of each; those of a row depend on it and `begun` alone."""
+        """Random starts of the rows `of` (n,), `count` of each, which depend on the row and `begun` alone."""
         low, high = np.array(list(self.ranges.values())).T
         drawn = {
             row: np.random.default_rng([self.seed, int(numbers[row]), begun]).uniform(
@@ -198,7 +198,7 @@ class Atlas(FollowsFixedPoints):
         def on_step(points: Any, shares: Any) -> None:
             on_progress(f"{np.sum(points)} points of {len(points)} branches", float(np.mean(shares)))
 
-        steps = ArclengthSteps(self.step, self.longest, self.shortest, self.most, (self.place,), on_step)
+        steps = dataclasses.replace(self.steps(on_step), through=(self.place,))
         atlas = BranchAtlas(
             mapping,
             values,
@@ -209,18 +209,22 @@ class Atlas(FollowsFixedPoints):
             most_branches=self.branches,
         )
         atlas.follow(search, self.place, self.depth)
-        parts = [atlas.table(search, self.place).assign(part="branch").rename(columns={"branch": "number"})]
+        branches = atlas.table(search, self.place)
+        parts = [branches.assign(part="branch").rename(columns={"branch": "number"})]
         for second, within in self.second.items():
             curves = atlas.follow_curves(second, within, steps)
             if len(curves):
                 parts.append(curves.rename(columns={"curve": "number", "kind": "part"}))
-        without = sorted(set(range(len(numbers))) - set(parts[0].get("row", pd.Series(dtype=int))))
+        without = sorted(set(range(len(numbers))) - {branch.row for branch in atlas.branches})
         parts.append(pd.DataFrame([self._without_gait(row, search) for row in without]))
         table = pd.concat([part for part in parts if len(part)], ignore_index=True)
         table = table.sort_values("row", kind="stable", ignore_index=True)
         for name in self.second:
             own = values[name][table["row"].to_numpy(int)]
             table[name] = np.where(table["part"] == "branch", own, table.get(name, np.nan))
+        table = table.reindex(
+            columns=list(dict.fromkeys([*table, *(c.name for c in self.columns(rows.model))]))
+        )
         has_point = table["special"].notna().to_numpy()
         of_values = {name: column for name, column in values.items() if name != self.parameter}
         table = self.records(rows, first, mapping, of_values, table, has_point, has_point)
@@ -238,7 +242,7 @@ class Atlas(FollowsFixedPoints):
         numbers: Int[np.ndarray, " rows"],
         on_progress: BlockProgress,
     ) -> OrbitSearch:
-        """The search of the rows' gaits: from drawn starts, and from where those of the first round settle."""
+        """The search of the rows' gaits, from drawn starts and from where those of the first round settle."""
 
         def on_round(count: int, orbits: int) -> None:
             on_progress(f"{orbits} gaits from {count} starts of a row", 0.5 * count / self.budget)

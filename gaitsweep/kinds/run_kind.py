@@ -148,8 +148,8 @@ class RunKind(StrictModel, abc.ABC):
         if self.moved is not None:
             first = Movement(self.moved, self.turns, ("run", "parameter"), ("run", "path"))
             second: Mapping[str, Sequence[float]] = getattr(self, "second", {})
-            others = (Movement(n, tuple(v), ("run", "second", n), ("run", "second", n)) for n, v in second.items())
-            return (first, *others)
+            others = [(name, tuple(values), ("run", "second", name)) for name, values in second.items()]
+            return (first, *(Movement(name, values, path, path) for name, values, path in others))
         within: Mapping[str, Sequence[float]] = getattr(self, "within", {})
         return tuple(
             Movement(name, tuple(within.get(name, ())), ("run", "parameters", k), ("run", "within", name))

@@ -1,1 +1,1 @@
-"""Atlas of a map: its periodic orbits, their branches along a parameter, and the bifurcations that join them."""
+"""Atlas of a map: its periodic orbits, their branches, and the bifurcations that join them."""

@@ -1,23 +1,23 @@
 """The atlas of a map: all periodic orbits at one value of a parameter, their branches, and what these meet.
 
-The orbits of a search are followed at once along the parameter. Where a branch has a flip, the branch of twice
-the period is followed from there; where branches cross, the other one. What these meet is followed, too, to a
-given depth. Branches that turn out to be one are joined, also if they are followed from other points of the
-same orbits.
+The orbits of a search are followed at once along the parameter. Where a branch has a flip, the branch of
+twice the period is followed from there; where branches cross, the other one. What these meet is followed,
+too, to a given depth. Branches that turn out to be one are joined, also if they are followed from other
+points of the same orbits.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.atlas.periodic_orbits import SAME, Orbit, OrbitSearch, orbit_of, polished, rows_of
 from gaitsweep.analysis.atlas.curves import BifurcationCurve, curve_through
+from gaitsweep.analysis.atlas.periodic_orbits import SAME, Orbit, OrbitSearch, orbit_of, polished, rows_of
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS, beside
 from gaitsweep.analysis.continuation.continuation import ArclengthSteps, BranchFollower, BranchTable
@@ -197,11 +197,7 @@ class Atlas:
             mapping, self.parameter, self.within, others, constraints, fixed.points.at
         )
         first = problem.first(fixed.points, fixed.drift, np.array([at]), 1.0)
-        ways = tuple(
-            sign
-            for sign in (-1, 1)
-            if (at > problem.low if sign < 0 else at < problem.high)
-        )
+        ways = tuple(sign for sign in (-1, 1) if (at > problem.low if sign < 0 else at < problem.high))
         return Beginning(orbit.row, orbit.period, 0, None, problem, first, ways, orbit.points)
 
     def _switched(self, parents: Iterable[int], depth: int) -> Iterable[Beginning]:
@@ -211,12 +207,11 @@ class Atlas:
             for place, record in enumerate(branch.records):
                 asides, period, problem = branch.asides.get(place), branch.period, branch.problem
                 if record["special"] == "flip" and not record["end"]:
-                    period, problem = 2 * period, dataclasses.replace(
-                        problem, mapping=self.mapping.iterated(2 * branch.period)
-                    )
+                    period = 2 * period
+                    problem = dataclasses.replace(problem, mapping=self.mapping.iterated(period))
                     asides = _doubled(problem, record["at"])
-                for k in range(0 if asides is None else len(asides.parameter)):
-                    first = asides[[k]]
+                firsts = [] if asides is None else [asides[[k]] for k in range(len(asides.parameter))]
+                for first in firsts:
                     values = {**problem.values, self.parameter: first.parameter}
                     orbit = orbit_of(self.mapping, first.points, values, period)
                     if orbit is not None and len(orbit) == period:
@@ -252,14 +247,15 @@ class Atlas:
         )
 
     def _halves(self, beginnings: Sequence[Beginning], period: int) -> list[list[Half]]:
-        """The halves of branches of orbits of one period, for each beginning one in each of its directions."""
+        """The halves of branches of orbits of one period: of each beginning one in each of its directions."""
         of = [(k, sign) for k, beginning in enumerate(beginnings) for sign in beginning.directions]
         if not of:
             return [[] for _ in beginnings]
         problem = ContinuationProblem.joined([beginnings[k].problem for k, _ in of])
         firsts = [
             dataclasses.replace(
-                beginnings[k].first, tangent=(sign or 1) * beginnings[k].first.tangent * _sense(beginnings[k], sign)
+                beginnings[k].first,
+                tangent=(sign or 1) * beginnings[k].first.tangent * _sense(beginnings[k], sign),
             )
             for k, sign in of
         ]
@@ -327,10 +323,10 @@ class Atlas:
             steps: lengths and number of the steps.
 
         Returns:
-            One record a point: row, curve, kind (fold, flip, neimark_sacker, branch_point), period, point, both
-            parameters, the map's observables, multiplier_re and multiplier_im (of the critical one), unstable
-            (how many others are outside the unit circle), special (a bifurcation of codimension 2: see
-            `bifurcation_curves`), end. Point 0 is on a branch, and points below 0 are behind it.
+            One record a point: row, curve, kind (fold, flip, neimark_sacker, branch_point), period, point,
+            both parameters, the map's observables, multiplier_re and multiplier_im (of the critical one),
+            unstable (how many others are outside the unit circle), special (a bifurcation of codimension 2),
+            end. Point 0 is on a branch, and points below 0 are behind it.
         """
         low, high = float(min(within)), float(max(within))
         curves: list[BifurcationCurve] = []
@@ -342,18 +338,18 @@ class Atlas:
                 here = float(np.ravel(branch.problem.values[second])[0])
                 at: BranchPoints = record["at"]
                 orbit = self._orbit(branch, at)
-                if orbit is None or any(c.passes(branch.row, kind, orbit, at.parameter[0]) for c in curves):
+                place = float(at.parameter[0])
+                if orbit is None or any(c.passes(branch.row, kind, orbit, place) for c in curves):
                     continue
                 curve = curve_through(
                     branch.problem, at, kind, (second, low, high, here), steps or ArclengthSteps()
                 )
                 if curve is not None:
                     curves.append(dataclasses.replace(curve, row=branch.row, period=branch.period))
-        records = [
-            {"row": curve.row, "curve": number, "kind": curve.equations.kind, "period": curve.period, **record}
-            for number, curve in enumerate(curves)
-            for record in curve.records()
-        ]
+        records = []
+        for number, curve in enumerate(curves):
+            head = {"row": curve.row, "curve": number, "kind": curve.equations.kind, "period": curve.period}
+            records += [{**head, **record} for record in curve.records()]
         return pd.DataFrame(records)
 
     def _orbit(self, branch: Branch, at: BranchPoints) -> Points | None:
@@ -369,10 +365,11 @@ class Atlas:
             at: the value of the parameter there.
 
         Returns:
-            row, branch, period, depth, begins (the branch at whose bifurcation it begins; -1: it leads through
-            an orbit of the search), and the columns of `continuation`, with `coefficient`, the normal form's;
-            missing (`OrbitSearch.missing`), and where the parameter is `at`: found (how many searches found the
-            orbit; 0: its branch alone leads there; -1 at other points), reached, error and symmetry of an `Orbit`.
+            row, branch, period, depth, begins (the branch at whose bifurcation it begins; -1: it leads
+            through an orbit of the search), and the columns of `continuation`, with `coefficient`, the normal
+            form's; missing (`OrbitSearch.missing`), and where the parameter is `at`: found (how many searches
+            found the orbit; 0: its branch alone leads there; -1 at other points), reached, error and symmetry
+            of an `Orbit`.
         """
         records = []
         for number, branch in enumerate(self.branches):
@@ -406,7 +403,8 @@ class Atlas:
         if orbit is None:
             return {"found": 0}
         own = self.mapping.mirrored(orbit.points[[0]], values)
-        names = [n for n, image in own.items() if np.min(self.mapping.distance(orbit.points.at, image.at)) < SAME]
+        away = {name: self.mapping.distance(orbit.points.at, image.at) for name, image in own.items()}
+        names = [name for name, distances in away.items() if np.min(distances) < SAME]
         return {"found": 0, "error": orbit.error, "symmetry": ", ".join(names)}
 
 

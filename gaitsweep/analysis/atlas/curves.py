@@ -126,7 +126,7 @@ def curve_through(
 
 
 def _unbroken(equations: CriticalEquations, curve: list[CurvePoint]) -> list[CurvePoint]:
-    """The part of a curve of branch points on which branches do cross: without a symmetry it has one point."""
+    """The part of a curve on which branches do cross: without a symmetry, one point of branch points."""
     if equations.kind != "branch_point":
         return curve
     broken = [abs(at.point.unknowns[-1]) > IMPERFECT for at in curve]

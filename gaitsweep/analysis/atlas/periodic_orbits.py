@@ -1,11 +1,11 @@
 """Search for all periodic orbits of a map up to some period, from starts drawn at random.
 
-Newton's method runs from many starts at once on the map iterated 1, 2, ... times. What it finds is polished to
-the precision of the map, reduced to its least period, and joined with the same orbit found before, also at
+Newton's method runs from many starts at once on the map iterated 1, 2, ... times. What it finds is polished
+to the precision of the map, reduced to its least period, and joined with the same orbit found before, also at
 another of its points. How often each orbit was found tells how many are likely missing.
 
-Source of the estimate: Chao 1984, Scand. J. Statist. 11:265 (a lower bound from the numbers of those found once
-and twice).
+Source of the estimate: Chao 1984, Scand. J. Statist. 11:265 (a lower bound from the numbers of those found
+once and twice).
 """
 
 from __future__ import annotations
@@ -15,13 +15,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values
 
 Rows = Int[np.ndarray, " points"]  # the row of each point
-Draw = Callable[[Rows, int], Points]  # starts for the rows (n,) of a round; each row's depend on the round alone
+# starts for the rows (n,) of a round, from the number of starts before it
+Draw = Callable[[Rows, int], Points]
 # Two orbits are the same if a point of one is this close to a point of the other, relative to its size.
 SAME = 1e-6
 # Most Newton steps of a search, and most halvings of each.
@@ -159,7 +160,7 @@ class OrbitSearch:
             self.orbits[place] = dataclasses.replace(orbit, reached=share)
 
     def _grouped(self, points: Points, rows: Rows, period: int) -> list[Rows]:
-        """Groups of points of one row that are equal to a tenth of the distance of different orbits' points."""
+        """Groups of equal points of one row."""
         groups: list[list[int]] = []
         for k in range(len(points)):
             heads = np.array([group[0] for group in groups if rows[group[0]] == rows[k]], int)
@@ -176,9 +177,7 @@ class OrbitSearch:
         """Add one orbit, or the hits of one that is known; whether it is new."""
         known = self._known(point, row)
         if known is not None:
-            self.orbits[known] = dataclasses.replace(
-                self.orbits[known], hits=self.orbits[known].hits + hits
-            )
+            self.orbits[known] = dataclasses.replace(self.orbits[known], hits=self.orbits[known].hits + hits)
             return False
         orbit = polished(self.mapping, point, row, rows_of(self.values, np.array([row])), period, self.fix)
         if orbit is None:
@@ -257,7 +256,7 @@ def _error(
     values: Values,
     fix: Sequence[str] | Mapping[str, object],
 ) -> float:
-    """The estimated error of a fixed point (1,): its residual, and its distance to that of the refined map."""
+    """The estimated error of a fixed point (1,): by its residual, and by that of the refined map."""
     step = 0.0
     if not fix:
         miss = mapping.difference(images.points.at, points.at)[0]
@@ -269,7 +268,7 @@ def _error(
     refined = mapping.refined()
     if refined is None:
         return step
-    # the point is nearly fixed by the refined map, too: a tolerance would end the search before its first step
+    # nearly fixed by the refined map, too: a tolerance would end the search before its first step
     finer = newton(refined, points, values, fix=fix, tolerance=0.0, most=POLISHING)
     apart = float(mapping.distance(points.at, finer.points.at)[0])
     return max(step, apart) if finer.residual[0] < SAME else float("nan")

@@ -177,8 +177,8 @@ def _passes(before: CriticalPoint, after: CriticalPoint, home: CriticalPoint) ->
     way: Vector = after.unknowns - before.unknowns
     away = home.unknowns - before.unknowns
     share = float(away @ way / (way @ way))
-    beside = np.linalg.norm(away - share * way)
-    return 0.0 < share <= 1.0 and beside < 0.1 * np.linalg.norm(way) and after.tangent @ home.tangent > 0.0
+    near = 0.0 < share <= 1.0 and np.linalg.norm(away - share * way) < 0.1 * np.linalg.norm(way)
+    return bool(near and after.tangent @ home.tangent > 0.0)
 
 
 def _meeting(point: CriticalPoint) -> str:

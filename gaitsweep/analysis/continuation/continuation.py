@@ -60,8 +60,8 @@ class ArclengthSteps:
     longest: float = 0.08
     shortest: float = 1e-4
     most: int = 300
-    through: tuple[float, ...] = ()
     on_progress: Callable[[Any, Any], None] = lambda points, shares: None
+    through: tuple[float, ...] = ()
 
 
 def continuation(

@@ -194,9 +194,7 @@ class CriticalEquations:
         around, several, images = self.evaluated(like, np.concatenate([unknowns[None], unknowns + shifts]))
         if not np.isfinite(several).all():
             return None
-        bends = [
-            (several[1 + 2 * k] - several[2 + 2 * k]) / (2.0 * ALONG) for k in range(len(directions))
-        ]
+        bends = [(several[1 + 2 * k] - several[2 + 2 * k]) / (2.0 * ALONG) for k in range(len(directions))]
         by_parameter = 1 + 2 * len(directions)
         moved = [
             (several[by_parameter + 2 * k] - several[by_parameter + 2 * k + 1]) / (2.0 * SHARE)
@@ -227,7 +225,14 @@ class CriticalEquations:
         )
 
     def _derivatives_of_g(
-        self, matrix: Matrix, unknowns: Vector, v: Any, w: Any, border: Any, bends: list[Any], moved: list[Any]
+        self,
+        matrix: Matrix,
+        unknowns: Vector,
+        v: Any,
+        w: Any,
+        border: Any,
+        bends: list[Any],
+        moved: list[Any],
     ) -> None:
         """Fill the rows of g in the matrix: second derivatives of F commute, so M_z v is M_v z."""
         m, q = self.m, len(self.names)
@@ -245,9 +250,9 @@ class CriticalEquations:
             row[m + k] = -w @ moved[k][:, :-1] @ v
         if self.kind == "neimark_sacker":
             row[-1] = 1j * self.critical(unknowns) * (w @ self._of_coordinates() @ v)
-            matrix[m], matrix[m + 1] = row.real, row.imag
+            matrix[m], matrix[m + 1] = np.real(row), np.imag(row)
         else:
-            matrix[m] = row.real
+            matrix[m] = np.real(row)
 
     def _tests(
         self,

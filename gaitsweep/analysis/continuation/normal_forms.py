@@ -9,9 +9,6 @@ directions).
 
 from __future__ import annotations
 
-from typing import Any
-
-import jax
 import numpy as np
 from jaxtyping import Complex, Float
 
@@ -45,7 +42,7 @@ def critical_multiplier(factors: Complex[np.ndarray, " multipliers"], kind: str)
         return -1.0
     if kind != "neimark_sacker":
         return 1.0
-    upper = factors[factors.imag > 0.0]
+    upper = factors[np.imag(factors) > 0.0]
     return complex(upper[np.argmin(np.abs(np.abs(upper) - 1.0))]) if upper.size else 1.0
 
 
@@ -70,7 +67,7 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
     if not np.isfinite(J).all():
         return float("nan")
     q, p, factor = critical_vector(J, critical_multiplier(np.linalg.eigvals(J), kind))
-    directions = [q.real] if kind != "neimark_sacker" else [q.real, q.imag]
+    directions = [np.real(q)] if kind != "neimark_sacker" else [np.real(q), np.imag(q)]
     beside = [sign * BESIDE * u for u in directions for sign in (1.0, -1.0)]
     each = np.zeros(len(beside), int)
     points = Points(at.points.at + np.stack(beside) * scale, at.points[each].modes)
@@ -82,7 +79,7 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
     second = [(several[k] - 2.0 * J + several[k + 1]) / BESIDE**2 for k in range(0, len(beside), 2)]
     if kind == "neimark_sacker":
         return circle_coefficient(J, q, p, factor, first, second)
-    q, p = q.real, p.real
+    q, p = np.real(q), np.real(p)
     B, C = first[0], second[0]
     quadratic = B @ q
     if kind in ("fold", "transcritical"):
@@ -118,6 +115,4 @@ def circle_coefficient(
 
 def doubled_direction(at: BranchPoints) -> Vector:
     """The direction in which the cycle of twice the period leaves a flip of one branch (1,)."""
-    return critical_vector(at.images.jacobian[0], -1.0)[0].real
-
-
+    return np.real(critical_vector(at.images.jacobian[0], -1.0)[0])

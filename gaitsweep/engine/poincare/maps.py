@@ -140,7 +140,7 @@ class Map(abc.ABC):
         return ()
 
     def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
-        """Points of the orbits that symmetries turn the orbits of these points into, by the symmetry's name."""
+        """Points of the images of these points' orbits under the symmetries, by name."""
         return {}
 
     def iterated(self, count: int) -> Map:

@@ -155,7 +155,11 @@ class BatchedReturnMap(Map):
     def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
         complete = self.complete(values, len(points))
         images = _mirrors(self)(complete, points.at, points.modes) if self.model.symmetries() else {}
-        return {name: Points(np.asarray(at), jax.tree.map(np.asarray, modes)) for name, (at, modes) in images.items()}
+        images = {name: jax.tree.map(np.asarray, image) for name, image in images.items()}
+        return {
+            name: Points(np.asarray(at), jax.tree.map(np.asarray, modes))
+            for name, (at, modes) in images.items()
+        }
 
     def settled(
         self, starts: Mapping[str, Any], values: Values, cycles: int

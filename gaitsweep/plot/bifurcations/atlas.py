@@ -84,7 +84,7 @@ def road_map(
         if not len(branches):
             theme.message(axes, "No gait was found.")
             return figure
-        groups = {number: branch for number, branch in branches.groupby("number")}
+        groups = dict(iter(branches.groupby("number")))
         names = {number: _name(branch) for number, branch in groups.items()}
         colours = theme.colours(theme.ordered(dict.fromkeys(names.values())))
         run = table.attrs.get("job", {}).get("run", {})
@@ -109,7 +109,7 @@ def atlas(
     row: Annotated[int, "row of the job"] = 0,
     title: Title = None,
 ) -> Figure:
-    """Draw the curves of bifurcations in the plane of both parameters, with their bifurcations of codimension 2.
+    """Draw the curves of bifurcations in the plane of both parameters, and what happens along them.
 
     Line styles are the kinds of bifurcation, colours the periods of the gaits. Thin lines are bifurcations of
     gaits that are unstable on both sides.
@@ -144,9 +144,10 @@ def atlas(
 
 
 def _of_row(table: pd.DataFrame, row: int) -> pd.DataFrame:
-    own = rows_where(table, table["row"] == row)
+    rows = table["row"].to_numpy(int)
+    own = rows_where(table, rows == row)
     if not len(own):
-        raise PlotError(f"row is {row}, but the table has the rows 0 to {int(table['row'].max())}.")
+        raise PlotError(f"row is {row}, but the table has the rows 0 to {rows.max()}.")
     return own
 
 
@@ -185,6 +186,6 @@ def _curve_key(curves: pd.DataFrame, colours: dict[str, str]) -> list[Line2D]:
         for name, (mark, label) in _MARKS.items()
         if name in special
     ]
-    if (curves["unstable"] > 0).any():
+    if np.any(curves["unstable"].to_numpy(int) > 0):
         handles.append(Line2D([], [], color="black", lw=0.8, label="of an unstable gait"))
     return handles
