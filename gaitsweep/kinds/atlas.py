@@ -222,16 +222,16 @@ class Atlas(FollowsFixedPoints):
         for name in self.second:
             own = values[name][table["row"].to_numpy(int)]
             table[name] = np.where(table["part"] == "branch", own, table.get(name, np.nan))
-        table = table.reindex(
-            columns=list(dict.fromkeys([*table, *(c.name for c in self.columns(rows.model))]))
-        )
+        observed = {f"{quantity.name}_n" for quantity in rows.model.observables}
+        named = [c.name for c in self.columns(rows.model) if c.name not in observed]
+        table = table.reindex(columns=list(dict.fromkeys([*table, *named])))
         has_point = table["special"].notna().to_numpy()
         of_values = {name: column for name, column in values.items() if name != self.parameter}
         table = self.records(rows, first, mapping, of_values, table, has_point, has_point)
         whole = ("number", "period", "depth", "begins", "point", "unstable", "found", "corrections")
         numbers_of = {name: table[name].astype(float).fillna(-1).astype(np.int64) for name in whole}
         stable = table["stable"].astype("boolean").fillna(False).astype(bool)
-        texts = {name: pd.Categorical(table[name].fillna("")) for name in ("part", "symmetry")}
+        texts = {name: pd.Categorical(table[name].astype(object).fillna("")) for name in ("part", "symmetry")}
         return table.assign(stable=stable, **texts, **numbers_of)
 
     def _searched(

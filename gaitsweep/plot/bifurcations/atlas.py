@@ -85,6 +85,8 @@ def road_map(
             theme.message(axes, "No gait was found.")
             return figure
         groups = dict(iter(branches.groupby("number")))
+        if is_angle(table, name):
+            groups = _joined_angles(groups, x, name)
         names = {number: _name(branch) for number, branch in groups.items()}
         colours = theme.colours(theme.ordered(dict.fromkeys(names.values())))
         run = table.attrs.get("job", {}).get("run", {})
@@ -141,6 +143,19 @@ def atlas(
             _draw_curve(axes, curve.sort_values("point"), x, y, colours)
         theme.legend(figure, _curve_key(curves, colours), ncols=3)
     return figure
+
+
+def _joined_angles(branches: dict[Any, pd.DataFrame], x: str, y: str) -> dict[Any, pd.DataFrame]:
+    """The branches with whole turns added to their angles: each begins at the branch that it leaves."""
+    joined: dict[Any, pd.DataFrame] = {}
+    for number, branch in branches.items():
+        angle, parent = np.unwrap(branch[y].to_numpy(float)), joined.get(branch["begins"].iloc[0])
+        if parent is not None:
+            there = parent[y].to_numpy(float)
+            near = np.argmin(np.abs(parent[x].to_numpy(float) - branch[x].to_numpy(float)[0]))
+            angle = angle + 2.0 * np.pi * np.round((there[near] - angle[0]) / (2.0 * np.pi))
+        joined[number] = branch.assign(**{y: angle})
+    return joined
 
 
 def _of_row(table: pd.DataFrame, row: int) -> pd.DataFrame:
