@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import warnings
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -44,7 +45,7 @@ class PoincareMap:
     - the points that `settled`, `fixed_points` or the map itself returned, with their modes.
     """
 
-    def __init__(self, job: Job, cycles: int, without_start: Sequence[str]) -> None:
+    def __init__(self, job: Job, period: int, without_start: Sequence[str]) -> None:
         """Use `gaitsweep.return_map`; `without_start` are the start values that were not given."""
         design = job.design
         names = [quantity.name for quantity in design.model.parameters]
@@ -62,7 +63,7 @@ class PoincareMap:
             tuple(settings.items()),
             numerics=job.integration,
             engine=job.engine.name,
-            cycles=cycles,
+            cycles=period,
         )
         self._values = {name: parameters[name] for name in moving if name not in design.derived}
         self._parameters = parameters
@@ -134,6 +135,27 @@ class PoincareMap:
             [0.7, 0.7]
         """
         return multipliers(self.jacobian(x))
+
+    def orbit(self, x: SectionPoints | ArrayLike) -> Float[np.ndarray, "*points period coordinates"]:
+        """Return the section crossings of gaits, (n, period, size), from one crossing of each.
+
+        Example:
+            Beyond its flip the ball bounces high and low in turns:
+
+            >>> import gaitsweep as gs
+            >>> from gaitsweep.examples.bouncing_ball import BouncingBall
+            >>> ball = gs.return_map(BouncingBall(), G=1.6, period=2)
+            >>> gait = ball.fixed_points([0.5, 3.6])
+            >>> ball.orbit(gait)[0, :, 1].round(3).tolist()
+            [3.658, 2.59]
+        """
+        points, single = self._points(x)
+        once = dataclasses.replace(self.mapping, cycles=1)
+        crossings = [points]
+        for _ in range(self.mapping.cycles - 1):
+            crossings.append(once.images(crossings[-1], self._values).points)
+        orbits = np.stack([crossing.at for crossing in crossings], axis=1)
+        return orbits[0] if single else orbits
 
     def settled(self, starts: Mapping[str, Any] | None = None, cycles: int = 1) -> Points:
         """Return the section points of start values after a number of crossings.
@@ -308,7 +330,7 @@ def return_map(
     start: Mapping[str, Any] | None = None,
     numerics: Mapping[str, Any] | None = None,
     engine: str = "auto",
-    cycles: int = 1,
+    period: int = 1,
     **values: Any,
 ) -> PoincareMap:
     """Create the return map of a model's Poincare section.
@@ -317,7 +339,7 @@ def return_map(
         model: an instance, a class, a registered name, or "package.module:attribute".
         params, start, numerics: as for `sweep`.
         engine: auto, kernel or xla.
-        cycles: crossings from a point to its image.
+        period: crossings from a point to its image: fixed points are gaits that repeat after so many.
         values: parameters, and default start values of points.
 
     Raises:
@@ -342,4 +364,4 @@ def return_map(
     for caveat in job.design.model.caveats():
         warnings.warn(caveat, stacklevel=2)
     without = [q.name for q in job.design.model.initial_conditions if q.default is None]
-    return PoincareMap(job, cycles, [name for name in without if name not in {**values, **(start or {})}])
+    return PoincareMap(job, period, [name for name in without if name not in {**values, **(start or {})}])
