@@ -156,8 +156,8 @@ class FollowsFixedPoints(RunKind):
             moving = {column.parameter for column in self.movements}
             at = {name: column[row[has_point]] for name, column in values.items() if name not in moving}
             at |= {name: table.loc[has_point, name].to_numpy(float) for name in moving}
-            seen = {q.name: table.loc[has_point, q.name].to_numpy(float) for q in model.observables}
-            codes[has_point] = _gait_numbers(mapping, at, seen, int(has_point.sum()))
+            observed = {q.name: table.loc[has_point, q.name].to_numpy(float) for q in model.observables}
+            codes[has_point] = _gait_numbers(mapping, at, observed, int(has_point.sum()))
         status = np.where(sound, Status.complete.name, Status.no_fixed_point.name)
         table = table.rename(columns={**renamed, **{q.name: f"{q.name}_n" for q in model.observables}})
         table = table.assign(

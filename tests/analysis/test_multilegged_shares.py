@@ -88,6 +88,7 @@ def test_curves_and_maps_show_the_edges_of_the_conditions() -> None:
         plot.draw("gait_shares", some, x="m_b")
 
 
+@pytest.mark.slow
 def test_values_in_equal_ratios_have_logarithmic_axes() -> None:
     some = table(kappa=[20.0, 80.0, 320.0, 320.0] * 3)
     some.attrs["job"] = {"vary": {"kappa": {"logspace": [20, 320, 3]}}}

@@ -274,14 +274,16 @@ def test_a_row_without_a_trace_is_simulated_again(tmp_path: Path, run: dict[str,
     assert out.name == "animation_row0.gif"
 
 
-@pytest.mark.slow("True")
+@pytest.mark.slow
 @pytest.mark.parametrize("moves", [False, True])
 def test_a_trace_has_the_gait_of_its_end(tmp_path: Path, moves: bool) -> None:
     """The title of its movie has it, but for a trace whose parameter moves, which may have several."""
     run = {"kind": "trace", "duration": 200, "every": 1.0}
     moving = {"parameter": "m_B", "path": [0.9, 1.0], "rate": 1e-4} if moves else {}
     start: dict[str, Any] = {"psi_1": 1.13, "psi_2": 0.98, "psi_3": 1.5}
-    result = gs.run(Job(name="trace", model="multilegged", start=start, run=run | moving), tmp_path / "trace")
+    result = gs.run(
+        Job(name="trace", model="multilegged", start=start, run=run | moving, verify=0), tmp_path / "trace"
+    )
     assert set(result.table["gait"]) == {"direct"}
     assert read_motion(tmp_path / "trace", 0).gait == ("" if moves else "direct")
     table = gs.simulate("multilegged", **start, duration=20.0, every=5.0)
@@ -359,6 +361,7 @@ def test_a_movie_that_is_stopped_leaves_the_old_one(chain: Path, tmp_path: Path)
     assert [path.name for path in tmp_path.iterdir()] == ["wave.gif"]
 
 
+@pytest.mark.slow
 def test_an_mp4_is_written_by_ffmpeg(chain: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A program that writes the number of its input bytes to its last argument replaces it."""
     program = tmp_path / "ffmpeg"
