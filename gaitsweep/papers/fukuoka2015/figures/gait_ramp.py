@@ -92,7 +92,7 @@ def gait_ramp(
         grid[0].set_xlim(span.min(), span.max())
         for axes, value, part in zip(grid, values, parts, strict=True):
             axes.set_title("" if value is None else written(table, str(panels), value), loc="left")
-            names = row_names(part.sort_values("row", kind="stable"), [panels] if panels else [])
+            names = _names(part.sort_values("row", kind="stable"), panels)
             _panel(axes, along, list(names.items()), parameter, x == "speed")
         grid[-1].set_xlabel(described(table, parameter) if x == "parameter" else "measured speed (m/s)")
         shown = [gait for gait in theme.ordered(ORDER) if gait in present]
@@ -100,6 +100,19 @@ def gait_ramp(
         handles = list({handle.get_facecolor(): handle for handle in handles}.values())
         theme.legend(figure, handles, ncols=6)
     return figure
+
+
+def _names(part: pd.DataFrame, panels: str | None) -> dict[Any, str]:
+    """The name of each row of a panel; rows that differ by their perturbed start alone are numbered."""
+    names = row_names(part, [*([panels] if panels else []), "seed", "pair"])
+    shared = {row: name if "=" in name else "" for row, name in names.items()}
+    alike: dict[str, list[Any]] = {}
+    for row, name in shared.items():
+        alike.setdefault(name, []).append(row)
+    for name, rows in alike.items():
+        for number, row in enumerate(rows if len(rows) > 1 else [], start=1):
+            names[row] = ", ".join([*([name] if name else []), f"start {number}"])
+    return names
 
 
 def _kind(gait: str) -> str:

@@ -50,7 +50,7 @@ from gaitsweep.plot import (
 _MOST_STRIPS = 12
 _MOST_COLUMNS, _LONG = 2, 4  # more strips than _LONG are in two columns
 _BESIDE = 1.0  # inches; of names and labels beside a strip
-_HEIGHTS = {"gait": 0.4, "flexor": 0.75, "load": 0.75, "feet": 0.62, "pitch": 0.55}  # inches
+_HEIGHTS = {"gait": 0.4, "flexor": 0.75, "load": 0.75, "feet": 0.8, "pitch": 0.7}  # inches
 _LEAST = 3  # least number of windows of a named gait bout
 _LETTER = 0.075  # inches; width of a letter of a gait's name
 
