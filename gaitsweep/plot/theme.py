@@ -216,7 +216,7 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
 
 
 def _centre_shared_label(figure: Figure) -> None:
-    """Move the label that rows of panels share to the middle of these, in lines no longer than they are high."""
+    """Move the label that rows of panels share to their middle, in lines no longer than they are high."""
     label = getattr(figure, "_supylabel")  # noqa: B009 - Matplotlib has no public name for it
     if label is None:
         return

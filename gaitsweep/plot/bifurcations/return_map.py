@@ -80,7 +80,8 @@ def return_map(
             part = table if value is None else rows_where(table, table[panels] == value)
             marks |= _panel(axes, part, name, form, bandwidth, origin)
             axes.set_title("" if value is None else written(table, str(panels), value))
-        theme.label_panels(figure, grid, across, x=described(table, name, min(90 // across, 44)), y=_label(table, name, form))
+        x = described(table, name, min(90 // across, 44))
+        theme.label_panels(figure, grid, across, x=x, y=_label(table, name, form))
         _scale(grid, form, origin)
         if marks:
             theme.legend(figure, _key(marks), ncols=min(across + 1, 3), in_cell=True)
