@@ -147,10 +147,9 @@ def hysteresis(
                 strip.tick_params(labelleft=False)
             room = theme.width_of(width) / across - 0.8
             if number + across >= len(shown):
-                label = described(table, parameter, 66 // across)
-                strip.set_xlabel(theme.wrapped(label, room, 8.5))
+                strip.set_xlabel(theme.wrapped(described(table, parameter, 66), room, 8.5))
                 strip.tick_params(labelbottom=True)
-            broken.append(_below(strip, handles, room))
+            broken.append(_below(strip, handles, room + 0.4))
         theme.grow(figure, 0.12 * max(broken))
         for axes in {grid[0], below[0]}:
             theme.value_axis(axes, angle=origin is not None)

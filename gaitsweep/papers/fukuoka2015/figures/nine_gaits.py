@@ -69,9 +69,10 @@ def nine_gaits(
                 look: dict[str, Any] = {"ha": "center", "fontsize": theme.points(7.5)}
                 look |= {"xycoords": "axes fraction", "textcoords": "offset points"}
                 above = 32 if narrow else 42
-                axes.annotate(f"\n{_TILTS[place]}", (0.5, 1.0), (0, above), **look)
-                if place == 1:  # the line above all three
-                    axes.annotate(_PAIRS[0], (0.5, 1.0), (0, above + 20), in_layout=False, **look)
+                axes.annotate(_TILTS[place], (0.5, 1.0), (0, above), **look)
+                if place == 1:  # a line above all three, which is wider than its column
+                    axes.annotate(_PAIRS[0], (0.5, 1.0), (0, above + 22), in_layout=False, **look)
+                    axes.annotate(" ", (0.5, 1.0), (0, above + 22), **look)
             if place % 3 == 0:
                 axes.set_ylabel(_TILTS[place // 3], fontsize=theme.points(7.5), labelpad=4)
             elif narrow:
