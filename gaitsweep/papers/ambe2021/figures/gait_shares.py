@@ -130,8 +130,8 @@ def _map(axes: Axes, shares: pd.DataFrame, table: pd.DataFrame, x: str, y: str, 
             _along((low, high), number + 1, scale)
             for low, high, scale in zip(at.min(axis=0), at.max(axis=0), scales, strict=True)
         ]
-        sums = np.histogram2d(*at.T, edges, weights=cells[gait].to_numpy(float))[0]
-        sets = np.ma.masked_equal(np.histogram2d(*at.T, edges)[0], 0.0)
+        sums = np.histogram2d(at[:, 0], at[:, 1], edges, weights=cells[gait].to_numpy(float))[0]
+        sets = np.ma.masked_equal(np.histogram2d(at[:, 0], at[:, 1], edges)[0], 0.0)
         return axes.pcolormesh(*edges, (sums / sets).T, **look)
     size = float(np.clip(2e3 / len(cells), 3.0, 30.0))
     return axes.scatter(cells[x], cells[y], c=cells[gait], s=size, linewidths=0.0, **look)

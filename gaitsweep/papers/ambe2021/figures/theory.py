@@ -123,7 +123,7 @@ def _touchdowns(N: int, chain: Chain, k: int, at: float, title: str | None) -> F
             axes.set_xlabel("phase (rad)")
             theme.angle_axis(axes, "x")
         for axes in panels[::across]:
-            axes.set_ylabel("leg length less L (m)")
+            axes.set_ylabel(r"leg length less $L$ (m)")
         handles = [
             Line2D([], [], ls="", marker="o", color=_TOUCHING, label="leg that touches down"),
             Line2D([], [], ls="", marker="<", color=_FRONT, label="leg in front of it, towards the head"),
