@@ -260,20 +260,21 @@ def _break_lines(figure: Figure) -> None:
     """Break the lines of titles and labels that are longer than their panel, once the layout is known."""
     figure.draw_without_rendering()
     renderer = cast(FigureCanvasAgg, figure.canvas).get_renderer()
-    for axes in figure.axes:
+    panels = [axes.get_window_extent(renderer) for axes in figure.axes]
+    for axes, panel in zip(figure.axes, panels, strict=True):
         if not axes.get_visible() or hasattr(axes, "zaxis"):
             continue
-        panel = axes.get_window_extent(renderer)
+        gaps = [other.x0 - panel.x1 for other in panels] + [panel.x0 - other.x1 for other in panels]
+        gap = min((each for each in gaps if each > 0.0), default=np.inf)
         titles = (axes.title, *(vars(axes)[f"_{side}_title"] for side in ("left", "right")))
         for text in (axes.xaxis.label, axes.yaxis.label, *titles):
             box = text.get_window_extent(renderer)
             long, room = (box.height, panel.height) if text is axes.yaxis.label else (box.width, panel.width)
-            beside = min(0.15 * figure.dpi, panel.x0, figure.bbox.width - panel.x1)
+            beside = min(0.15 * figure.dpi, panel.x0, figure.bbox.width - panel.x1, 0.45 * gap)
             room += 2.0 * max(beside, 0.0)
             if text.get_text() and long > room:
-                text.set_text(
-                    wrapped(text.get_text(), room / figure.dpi, float(text.get_fontsize()) / points(1.0))
-                )
+                lines = text.get_text() if text in titles else text.get_text().replace("\n", " ")
+                text.set_text(wrapped(lines, room / figure.dpi, float(text.get_fontsize()) / points(1.0)))
 
 
 def width_of(natural: float) -> float:

@@ -115,7 +115,7 @@ def test_a_map_of_scattered_sets_shows_points_or_bins(number: int) -> None:
     if number > 1000:  # 20 x 20 bins of four sets
         shares = np.ma.asarray(points.get_array())
         assert shares.shape == (20, 20)
-        across = np.linspace(*np.quantile(sets[:, 0], (0, 1)), 21)
+        across = np.linspace(sets[:, 0].min(), sets[:, 0].max(), 21)
         assert (shares[:, across[1:] < 0.6].compressed() == 1.0).all()
         assert (shares[:, across[:-1] >= 0.6].compressed() == 0.0).all()
         return
