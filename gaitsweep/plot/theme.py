@@ -340,12 +340,10 @@ def wrapped(text: str, inches: float, size: float) -> str:
     """A text in lines that fit a width, at a font size of the theme."""
     letters = max(int(inches * 72 / (_LETTER * points(size))), 8)
     formulas = iter(_FORMULA.findall(text))
-    # no break in a formula, which is as long as its letters, nor beside a sign of equality
+    # no break in a formula, which is as long as its letters, before its unit, nor beside a sign of equality
     unbroken = _FORMULA.sub(lambda formula: "\1" + "\2" * (_letters(formula[0]) - 1), text)
-    lines = (
-        textwrap.fill(line, letters, break_long_words=False)
-        for line in unbroken.replace(" = ", "\0=\0").split("\n")
-    )
+    unbroken = re.sub("(?<=[\1\2]) [(]", "\0(", unbroken.replace(" = ", "\0=\0"))
+    lines = (textwrap.fill(line, letters, break_long_words=False) for line in unbroken.split("\n"))
     return re.sub("\1\2*", lambda _: next(formulas), "\n".join(lines).replace("\0", " "))
 
 

@@ -47,7 +47,7 @@ from gaitsweep.table import TableError, load
 
 _PANELS_A_ROW = 3
 _MOST_PANELS = 12
-_LETTER = 0.055  # inches; width of a letter of a name at the right side
+_LETTER = 0.035  # inches; width of a letter of a name at the right side
 _FAINT = 4  # with more rows each is drawn fainter
 # the colour of the intervals in which rows jump, and the ends of their bars as shares of the panel's height
 _JUMPS = {"rising": (UP, 0.97, 1.0), "falling": (DOWN, 0.0, 0.03)}
