@@ -17,7 +17,7 @@ import typer
 from gaitsweep import near_miss
 from gaitsweep.errors import ArgumentError, UserError
 from gaitsweep.extension import folders
-from gaitsweep.shipped import BUILTIN, EXAMPLES, shipped
+from gaitsweep.shipped import BUILTIN, EXAMPLES, portable_text, shipped
 
 KINDS = ("models", "notebooks", "jobs", "configs")
 _NOTES = {
@@ -62,7 +62,7 @@ def examples(
     if not chosen:
         near = near_miss.suggestion(name, [*KINDS, *(example.name for example in known)])
         raise ArgumentError(f"{name} is not an example{near}")
-    files = {file.name: _portable(file) for example in chosen for file in example.files}
+    files = {file.name: portable_text(file) for example in chosen for file in example.files}
     for path in add_files(to, files):
         print(path)
 
@@ -104,14 +104,6 @@ def _list(known: list[Example]) -> None:
         print()
     print("gaitsweep examples NAME --to DIR copies an example, gaitsweep examples models all models;")
     print(f"gaitsweep run {BUILTIN}NAME runs a job without a copy.")
-
-
-def _portable(file: Path) -> str:
-    """The text of an example, with shipped configs named as `builtin:NAME`, which works in any folder."""
-    text = file.read_text(encoding="utf-8")
-    if file.suffix != ".yaml":
-        return text
-    return re.sub(r"^(config: *)\.\./configs/(\w+)\.yaml", rf"\g<1>{BUILTIN}\g<2>", text, flags=re.MULTILINE)
 
 
 def _first_line(file: Path) -> str:

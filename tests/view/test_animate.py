@@ -302,14 +302,15 @@ def test_a_movie_is_titled_by_gait_and_speed(quadruped: Path, chain: Path) -> No
 
 
 def test_a_body_of_an_mjcf_is_drawn_from_its_geoms(tmp_path: Path) -> None:
-    """The hopper's trunk and foot, which bounce."""
+    """The hopper's trunk and foot, which bounce; the result's model is found from any folder."""
     t = 0.01 * np.arange(50)
-    job = Job(name="hops", model="gaitsweep.examples.mujoco_hopper:MujocoHopper",
+    job = Job(name="hops", model=gs.load_job("builtin:mujoco_hopper").model,
               run={"kind": "trace", "duration": 0.49, "every": 0.01})  # fmt: skip
     signals = {q.name: np.zeros_like(t) for q in job.design.model.signals} | {"q_0": 0.05 * np.sin(20.0 * t)}
     folder = written(
         tmp_path / "hops", job, [pd.DataFrame({"row": 0, "t": t, **signals, "status": "complete"})]
     )
+    assert "mujoco_hopper" not in sys.modules  # as in a process that has only the result
     motion = read_motion(folder, 0)
     skeleton = motion.model.skeleton(motion.values, motion.signals)
     assert skeleton is not None
