@@ -14,15 +14,14 @@ from pydantic import Field
 from gaitsweep import near_miss
 from gaitsweep.analysis.atlas.atlas import Atlas as BranchAtlas
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, SearchOptions, rows_of
-from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
-from gaitsweep.engine.poincare.maps import Points
+from gaitsweep.engine.poincare.maps import Points, Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import Column, observed_at_crossings
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints, unknowns
-from gaitsweep.kinds.run_kind import BlockProgress, Cost, StartingPoints
+from gaitsweep.kinds.run_kind import BlockProgress, Cost
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Real, Text
 
@@ -132,29 +131,23 @@ class Atlas(FollowsFixedPoints):
             records=BRANCHES * POINTS,
         )
 
-    def starting_points(
-        self, rows: Design, spec: SweepSpec, sample: Int[np.ndarray, " sampled"], *shares: float
-    ) -> list[StartingPoints]:
-        mapping, values, starts = self.return_map(rows, spec, sample)
-        values[self.parameter] = np.full(len(sample), self.place)
+    def near_fixed_points(
+        self,
+        mapping: BatchedReturnMap,
+        values: dict[str, Any],
+        starts: Values,
+        numbers: Int[np.ndarray, " sampled"],
+    ) -> Points:
+        values[self.parameter] = np.full(len(numbers), self.place)
+        of = np.repeat(np.arange(len(numbers)), CHECKED)
+        drawn = self._drawn(mapping, starts, values, of, numbers, 0, CHECKED)
         search = OrbitSearch(mapping, values, self.fix, SearchOptions())
-        of = np.repeat(np.arange(len(sample)), CHECKED)
-        search.add(self._drawn(mapping, starts, values, of, sample, 0, CHECKED), of)
-        first = [search.of_row(row)[:1] for row in range(len(sample))]
-        exists = np.array([bool(orbits) for orbits in first])
-        rows_found = np.flatnonzero(exists)
-        names = [quantity.name for quantity in rows.model.observables]
-        points: list[StartingPoints] = []
-        for share in shares:
-            observed = np.full((len(sample), len(names)), np.nan)
-            has = np.zeros(len(sample), bool)
-            if rows_found.size:
-                near = Points.joined([first[row][0].points[[0]] for row in rows_found])
-                fixed = newton(mapping.refined(share), near, rows_of(values, rows_found), fix=self.fix)
-                has[rows_found] = fixed.converged
-                observed[rows_found] = np.stack([fixed.images.observed[name] for name in names], axis=1)
-            points.append(StartingPoints(has, observed))
-        return points
+        search.add(drawn, of)
+        first = [search.of_row(row)[:1] for row in range(len(numbers))]
+        points = [
+            orbits[0].points[[0]] if orbits else drawn[[row * CHECKED]] for row, orbits in enumerate(first)
+        ]
+        return Points.joined(points)
 
     def _drawn(
         self,

@@ -19,7 +19,7 @@ from gaitsweep.analysis.continuation.continuation import ArclengthSteps
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.contract import Model, Status
 from gaitsweep.design import Design
-from gaitsweep.engine.poincare.maps import Values
+from gaitsweep.engine.poincare.maps import Points, Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.solver import derivative_refusal
@@ -99,12 +99,22 @@ class FollowsFixedPoints(RunKind):
         mapping, values, starts = self.return_map(rows, spec, sample)
 
         def fixed_points(of_map: BatchedReturnMap) -> StartingPoints:
-            points, _ = of_map.settled(starts, values, self.settle)
+            points = self.near_fixed_points(of_map, values, starts, sample)
             fixed = newton(of_map, points, values, fix=self.fix)
             observed = [fixed.images.observed[q.name] for q in rows.model.observables]
             return StartingPoints(fixed.converged, np.stack(observed, axis=1))
 
         return [fixed_points(mapping.refined(share)) for share in shares]
+
+    @abc.abstractmethod
+    def near_fixed_points(
+        self,
+        mapping: BatchedReturnMap,
+        values: dict[str, Any],
+        starts: Values,
+        numbers: Int[np.ndarray, " sampled"],
+    ) -> Points:
+        """A point near the first fixed point of each of the rows `numbers` (n,)."""
 
     def compile_time(self, rows: Design, spec: SweepSpec) -> float:
         """A multiple of the time in which one of the programs is compiled."""

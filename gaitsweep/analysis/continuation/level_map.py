@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import Quantity, State
-from gaitsweep.engine.poincare.maps import Coordinates, Image, Map, Points, Values
+from gaitsweep.engine.poincare.maps import Coordinates, FollowedMap, Image, Map, Points, Values
 
 
 @dataclasses.dataclass(frozen=True)
-class LevelMap(Map):
+class LevelMap(FollowedMap):
     """A map with one more parameter, the value of a quantity that it conserves.
 
     Of the conserved quantity `name` the parameter is subtracted: a search that holds it at zero is on the

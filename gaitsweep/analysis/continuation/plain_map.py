@@ -13,12 +13,12 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from gaitsweep.contract import Quantity, State
-from gaitsweep.engine.poincare.maps import Coordinates, Image, Map, Points, Values
+from gaitsweep.engine.poincare.maps import Coordinates, FollowedMap, Image, Points, Values
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 
 
 @dataclasses.dataclass(frozen=True)
-class PlainMap(Map):
+class PlainMap(FollowedMap):
     """A map of R^n.
 
     Args:
@@ -61,6 +61,10 @@ class PlainMap(Map):
     def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
         complete = {**dict(self.defaults), **values}
         return {name: np.broadcast_to(np.asarray(v, np.float64), (n,)).copy() for name, v in complete.items()}
+
+    @property
+    def durations(self) -> tuple[str, ...]:
+        return ()
 
     def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
         complete = self.complete(values, len(points))

@@ -135,13 +135,13 @@ class Map(abc.ABC):
         """The same map with a finer integration; None where it has no numerical error."""
 
     @property
+    @abc.abstractmethod
     def durations(self) -> tuple[str, ...]:
         """The observables that are durations of an iteration: they add up over several."""
-        return ()
 
+    @abc.abstractmethod
     def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
         """Points of the images of these points' orbits under the symmetries, by name."""
-        return {}
 
     def iterated(self, count: int) -> Map:
         """The map that applies this one `count` times."""
@@ -168,6 +168,16 @@ class Map(abc.ABC):
     def linearised(self, points: Points, values: Values, over: str | None = None) -> MapEvaluation:
         """The images with their derivatives by the coordinates and by the parameter `over`."""
         return self._evaluated(points, values, over, derivatives=True)
+
+    @abc.abstractmethod
+    def _evaluated(
+        self, points: Points, values: Values, over: str | None, derivatives: bool
+    ) -> MapEvaluation:
+        """The images of many points, with derivatives where they are asked for."""
+
+
+class FollowedMap(Map):
+    """A map whose images are those of `follow`, by programs that are compiled for batches of points."""
 
     def _evaluated(
         self, points: Points, values: Values, over: str | None, derivatives: bool
@@ -245,9 +255,6 @@ class IteratedMap(Map):
 
     def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
         return self.base.mirrored(points, values)
-
-    def iterated(self, count: int) -> Map:
-        return self.base.iterated(count * self.count)
 
     def _evaluated(
         self, points: Points, values: Values, over: str | None, derivatives: bool

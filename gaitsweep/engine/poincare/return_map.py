@@ -23,7 +23,7 @@ from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.fork import refuse_fork
 from gaitsweep.engine.leaves import float_leaves, is_float, with_float_leaves
 from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
-from gaitsweep.engine.poincare.maps import Coordinates, Image, Map, Points, Values
+from gaitsweep.engine.poincare.maps import Coordinates, FollowedMap, Image, Points, Values
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus, crossing_of
 from gaitsweep.engine.shapes import Integer
 from gaitsweep.errors import ArgumentError
@@ -65,7 +65,7 @@ class AllVariables(Chart):
 
 
 @dataclasses.dataclass(frozen=True)
-class BatchedReturnMap(Map):
+class BatchedReturnMap(FollowedMap):
     """The return map of a model, in JAX and for many points at once.
 
     Args:
