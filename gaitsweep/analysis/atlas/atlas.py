@@ -32,7 +32,7 @@ BESIDE_CHORD = 0.3
 ON_BRANCH = 1e-5
 # Lengths of the step from a flip to the branch of twice the period, the next where one does not converge: the
 # next flip of a cascade is close.
-BESIDE_FLIP = (1e-3, 1e-2)
+BESIDE_FLIP = (1e-3, 1e-4, 1e-2, 1e-5)
 # Records of each branch point that is not an observable or a multiplier.
 BIFURCATIONS = ("fold", "corner", "flip", "neimark_sacker", *CROSSINGS)
 
