@@ -9,6 +9,8 @@ from gaitsweep import near_miss as near_miss
 from gaitsweep import plot as plot
 from gaitsweep.analysis.basins.measures import basins as basins
 from gaitsweep.analysis.transitions.hysteresis import hysteresis as hysteresis
+from gaitsweep.api.atlas import Atlas as Atlas
+from gaitsweep.api.atlas import atlas as atlas
 from gaitsweep.api.fits import search as search
 from gaitsweep.api.fits import sensitivity as sensitivity
 from gaitsweep.api.maps import PoincareMap as PoincareMap
@@ -27,6 +29,7 @@ from gaitsweep.dynamics.declarations import mode as mode
 from gaitsweep.dynamics.declarations import observable as observable
 from gaitsweep.dynamics.declarations import parameter as parameter
 from gaitsweep.dynamics.declarations import signal as signal
+from gaitsweep.dynamics.declarations import symmetry as symmetry
 from gaitsweep.dynamics.declarations import variable as variable
 from gaitsweep.dynamics.declared_model import DeclaredModel as DeclaredModel
 from gaitsweep.dynamics.footfalls import footfalls as footfalls

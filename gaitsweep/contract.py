@@ -11,7 +11,7 @@ import abc
 import dataclasses
 import enum
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
@@ -271,8 +271,8 @@ class Model(Jumps):
     1. A model gives `name`, `source`, `gaits` and the abstract members.
     2. It may give the optional members, which are all others. Their defaults describe a model without the
        feature: `precisions`, `label_fields`, `given_with`, `host_parameters` with `on_host`, `data_digest`,
-       `caveats`, `free_after`, `beyond_at_start` and `chart` for runs; `limbs`, `skeleton`, `free_link`,
-       `analytic_distance` and `mjcf` for figures; `bibtex` for `gaitsweep cite`.
+       `caveats`, `free_after`, `beyond_at_start`, `symmetries` and `chart` for runs; `limbs`, `skeleton`,
+       `free_link`, `analytic_distance` and `mjcf` for figures; `bibtex` for `gaitsweep cite`.
     3. The engine alone calls the functions, with arguments by position, so a model may name them as it likes.
 
     Raises:
@@ -394,6 +394,13 @@ class Model(Jumps):
         """Whether a start lies on or beyond the surface of an event that changes the state, by its name.
 
         Such an event does not happen at the start; a run says how many rows began so.
+        """
+        return {}
+
+    def symmetries(self) -> Mapping[str, Callable[[Params, State], State]]:
+        """Maps of states that turn motions into motions, such as the exchange of left and right, by name.
+
+        The image of a state just after a crossing need not be one: an atlas follows it to the next crossing.
         """
         return {}
 

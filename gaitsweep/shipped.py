@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -34,6 +35,18 @@ def config_file(path: str | Path, folder: Path) -> Path:
 def job_folders() -> list[Path]:
     """The folders of jobs that come with extensions, and that of the examples."""
     return [*folders("jobs"), EXAMPLES]
+
+
+def portable_text(file: Path) -> str:
+    """The text of a shipped file for a user's folder.
+
+    It names shipped configs as `builtin:NAME`, and the model of an example as the module beside the job.
+    """
+    text = file.read_text(encoding="utf-8")
+    if file.suffix != ".yaml":
+        return text
+    text = re.sub(r"^(config: *)\.\./configs/(\w+)\.yaml", rf"\g<1>{BUILTIN}\g<2>", text, flags=re.MULTILINE)
+    return re.sub(r"^(model: *)gaitsweep\.examples\.", r"\g<1>", text, flags=re.MULTILINE)
 
 
 def shipped_as(file: Path, similar: Callable[[str, list[str]], str | None]) -> str | None:

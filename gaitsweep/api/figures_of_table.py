@@ -50,6 +50,8 @@ class FiguresOfTable:
     continuation = _method(plot.continuation)
     stable_ranges = _method(plot.stable_ranges)
     folds = _method(plot.folds)
+    road_map = _method(plot.road_map)
+    atlas = _method(plot.atlas)
     gait_map = _method(plot.gait_map)
     gait_transitions = _method(plot.gait_transitions)
     basin_measures = _method(plot.basin_measures)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import warnings
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -15,10 +16,11 @@ from numpy.typing import ArrayLike
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.continuation.continuation import continuation
+from gaitsweep.analysis.continuation.level_map import LevelMap
 from gaitsweep.analysis.continuation.multipliers import multipliers
 from gaitsweep.analysis.continuation.newton import FixedPoints, newton
 from gaitsweep.api.keywords import AnyModel, job_of
-from gaitsweep.engine.poincare.maps import Points
+from gaitsweep.engine.poincare.maps import Map, Points
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.errors import ArgumentError
@@ -44,7 +46,7 @@ class PoincareMap:
     - the points that `settled`, `fixed_points` or the map itself returned, with their modes.
     """
 
-    def __init__(self, job: Job, cycles: int, without_start: Sequence[str]) -> None:
+    def __init__(self, job: Job, period: int, without_start: Sequence[str]) -> None:
         """Use `gaitsweep.return_map`; `without_start` are the start values that were not given."""
         design = job.design
         names = [quantity.name for quantity in design.model.parameters]
@@ -62,7 +64,7 @@ class PoincareMap:
             tuple(settings.items()),
             numerics=job.integration,
             engine=job.engine.name,
-            cycles=cycles,
+            cycles=period,
         )
         self._values = {name: parameters[name] for name in moving if name not in design.derived}
         self._parameters = parameters
@@ -134,6 +136,27 @@ class PoincareMap:
             [0.7, 0.7]
         """
         return multipliers(self.jacobian(x))
+
+    def orbit(self, x: SectionPoints | ArrayLike) -> Float[np.ndarray, "*points period coordinates"]:
+        """Return the section crossings of gaits, (n, period, size), from one crossing of each.
+
+        Example:
+            Beyond its flip the ball bounces high and low in turns:
+
+            >>> import gaitsweep as gs
+            >>> from gaitsweep.examples.bouncing_ball import BouncingBall
+            >>> ball = gs.return_map(BouncingBall(), G=1.6, period=2)
+            >>> gait = ball.fixed_points([0.5, 3.6])
+            >>> ball.orbit(gait)[0, :, 1].round(3).tolist()
+            [3.658, 2.59]
+        """
+        points, single = self._points(x)
+        once = dataclasses.replace(self.mapping, cycles=1)
+        crossings = [points]
+        for _ in range(self.mapping.cycles - 1):
+            crossings.append(once.images(crossings[-1], self._values).points)
+        orbits = np.stack([crossing.at for crossing in crossings], axis=1)
+        return orbits[0] if single else orbits
 
     def settled(self, starts: Mapping[str, Any] | None = None, cycles: int = 1) -> Points:
         """Return the section points of start values after a number of crossings.
@@ -210,7 +233,8 @@ class PoincareMap:
 
         Args:
             x: points near fixed points at the map's own value of the parameter.
-            parameter: name of the parameter.
+            parameter: name of a parameter, or of a quantity in `conserved`: then the family of gaits is
+                followed along it.
             within: its range, two numbers.
             towards: 1 or -1, the direction in which a branch begins; both by default.
             fix: conserved quantities that are held; all of `conserved` by default.
@@ -236,31 +260,37 @@ class PoincareMap:
             3.556
         """
         self._require_derivative()
-        if parameter not in self._parameters:
-            self.mapping.complete({parameter: 0.0}, 1)  # refuses names that the model does not have
-        begin = self._parameters[parameter]
-        begin = begin if parameter in self._values else begin[:1]
+        points, conserved = self._points(x)[0], self.conserved if fix is None else fix
+        mapping: Map = self.mapping
+        held: Sequence[str] | dict[str, float | None] = conserved
+        if parameter in self.conserved:
+            mapping, held = LevelMap(mapping, parameter), {**dict.fromkeys(conserved), parameter: 0.0}
+            images = self.mapping.linearised(points, self._values)
+            begin = images.conserved_values[:, self.conserved.index(parameter)]
+        else:
+            if parameter not in self._parameters:
+                self.mapping.complete({parameter: 0.0}, 1)  # refuses names that the model does not have
+            begin = self._parameters[parameter]
+            begin = begin if parameter in self._values else begin[:1]
         low, high = min(within), max(within)
         if not (low <= begin.min() and begin.max() <= high):
             raise ArgumentError(
                 f"{parameter} is {begin[0]:g} at the map's points, but the range is from {low:g} to {high:g}."
             )
-        points = self._points(x)[0]
         values = {name: value for name, value in self._values.items() if name != parameter}
-        conserved = self.conserved if fix is None else fix
         tables = []
         for direction in (1, -1) if towards is None else (towards,):
             if np.all(begin == (high if direction > 0 else low)) and towards is None:
                 continue
             branches = continuation(
-                self.mapping,
+                mapping,
                 points,
                 values,
                 parameter=parameter,
                 within=within,
                 begin=np.broadcast_to(begin, (len(points),)),
                 towards=direction,
-                fix=conserved,
+                fix=held,
             )
             tables.append(branches.assign(direction=direction))
         table = pd.concat(tables, ignore_index=True)
@@ -308,7 +338,7 @@ def return_map(
     start: Mapping[str, Any] | None = None,
     numerics: Mapping[str, Any] | None = None,
     engine: str = "auto",
-    cycles: int = 1,
+    period: int = 1,
     **values: Any,
 ) -> PoincareMap:
     """Create the return map of a model's Poincare section.
@@ -317,7 +347,7 @@ def return_map(
         model: an instance, a class, a registered name, or "package.module:attribute".
         params, start, numerics: as for `sweep`.
         engine: auto, kernel or xla.
-        cycles: crossings from a point to its image.
+        period: crossings from a point to its image: fixed points are gaits that repeat after so many.
         values: parameters, and default start values of points.
 
     Raises:
@@ -342,4 +372,4 @@ def return_map(
     for caveat in job.design.model.caveats():
         warnings.warn(caveat, stacklevel=2)
     without = [q.name for q in job.design.model.initial_conditions if q.default is None]
-    return PoincareMap(job, cycles, [name for name in without if name not in {**values, **(start or {})}])
+    return PoincareMap(job, period, [name for name in without if name not in {**values, **(start or {})}])

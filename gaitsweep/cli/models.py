@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaitsweep.cli.new_files import NewFilesError, write_folder
+from gaitsweep.cli.examples import NewFilesError, write_folder
 from gaitsweep.cli.options import NewFolder, print_message
 from gaitsweep.errors import EXIT_REFUSED, ArgumentError
-from gaitsweep.shipped import EXAMPLES
+from gaitsweep.shipped import EXAMPLES, portable_text
 
 if TYPE_CHECKING:
     from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
@@ -97,7 +97,7 @@ def _write(folder: Path, name: str, files: Mapping[str, str]) -> None:
     _refuse_name(name)
     texts = {}
     for file, example in files.items():
-        text = (EXAMPLES / example).read_text(encoding="utf-8").replace(_TEMPLATE, name)
+        text = portable_text(EXAMPLES / example).replace(_TEMPLATE, name)
         texts[file.replace(_TEMPLATE, name)] = text.replace(_class_name(_TEMPLATE), _class_name(name))
     write_folder(folder, texts)
     for file in texts:

@@ -17,10 +17,13 @@ from gaitsweep.runs.sentences import (
     MISLABELLED,
     STARTS_BEYOND,
     WITHOUT_PERIOD,
+    axes,
+    plain,
     remarks,
     self_check_sentence,
     settings_of,
     status_sentence,
+    unsettled,
 )
 from gaitsweep.table import Snapshot
 
@@ -79,19 +82,6 @@ def stalled(stalls: Mapping[str, Mapping[str, Any]]) -> str:
                 when = f", {words} {' to '.join(dict.fromkeys(span))} s"
         texts.append(f"{stall.get('rows', 0)} {Status.event_stall.name}: {guards}{when}")
     return "; ".join(texts)
-
-
-def unsettled(slowest: Mapping[str, int]) -> str:
-    """Format the observables that prevented settling: "psi_1 in 12 rows, psi_2 in 1 row"."""
-    return ", ".join(f"{name} in {rows} row{'s' * (rows != 1)}" for name, rows in slowest.items())
-
-
-def axes(of_job: Sequence[Mapping[str, Any]]) -> str:
-    """Format the axes with their numbers of points: "psi_2 (99) x psi_1 (99)"."""
-    return " x ".join(
-        f"{' and '.join(axis['names'])} ({axis['length']}{', drawn' if axis['drawn'] else ''})"
-        for axis in of_job
-    )
 
 
 def distance(far: Mapping[str, Any]) -> str:
@@ -280,17 +270,6 @@ def aligned(lines: dict[str, str]) -> str:
     """Format keys and values in two columns."""
     width = max(map(len, lines)) + 2
     return "\n".join(f"{key:<{width}}{value}".rstrip() for key, value in lines.items())
-
-
-def plain(value: object) -> str:
-    """Format a value of a manifest on one line."""
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    if isinstance(value, dict):
-        return ", ".join(f"{key} {plain(inner)}" for key, inner in value.items())
-    if isinstance(value, list):
-        return ", ".join(map(plain, value))
-    return str(value)
 
 
 def size(number: float) -> str:

@@ -228,15 +228,15 @@ def _check_order(axis: Axis, path: Path, vary: Vary) -> None:
 
 
 def _check_names(vary: Vary, refuse: Callable[[str], str | None]) -> None:
-    seen: dict[str, Path] = {}
+    first_paths: dict[str, Path] = {}
     for group in vary.groups:
         for name, path in group.paths.items():
-            if name in seen:
-                where = ".".join(map(str, seen[name]))
+            if name in first_paths:
+                where = ".".join(map(str, first_paths[name]))
                 vary.refuse(path, f"is also varied by {where}: remove one of the two.")
             elif (reason := refuse(name)) is not None:
                 vary.refuse(path, reason)
-            seen.setdefault(name, path)
+            first_paths.setdefault(name, path)
 
 
 def written_groups(vary: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:

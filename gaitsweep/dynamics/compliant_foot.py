@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from gaitsweep.dynamics.tree.external_force import YieldingForce
+from gaitsweep.dynamics.tree.dynamics import YieldingForce
 from gaitsweep.dynamics.tree.spatial import Array, Scalar
 
 

@@ -159,6 +159,7 @@ class Reading(CountedQuantity):
     observed: bool
     signal: bool
     is_energy: bool = False
+    is_conserved: bool = False
 
     def recorded(self, model: Model, name: str) -> tuple[Quantity, ...]:
         """The observables or signals."""
@@ -179,6 +180,25 @@ class Reading(CountedQuantity):
             )
         value = wrapped(value) if self.quantity.circular else value
         return {name: value} if self.count is None else dict(zip(names, value, strict=True))
+
+
+@dataclasses.dataclass(frozen=True)
+class Symmetry:
+    """A declared symmetry; see `symmetry`."""
+
+    function: Callable[..., Any]
+    meaning: str
+
+
+def symmetry(meaning: str) -> Callable[[Callable[..., Any]], Any]:
+    """Declare a function (params, state) -> state that turns every motion into a motion.
+
+    Gaits that are images of each other count as one in an atlas, which says which are their own images.
+
+    Args:
+        meaning: a few words, such as "left and right legs exchanged".
+    """
+    return lambda function: Symmetry(function, meaning)
 
 
 def faults_of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
@@ -483,7 +503,13 @@ def signal(
 
 
 def energy(
-    unit: str, meaning: str, *, symbol: str = "", scale: float | None = None, observed: bool = False
+    unit: str,
+    meaning: str,
+    *,
+    symbol: str = "",
+    scale: float | None = None,
+    observed: bool = False,
+    conserved: bool = False,
 ) -> Callable[[Callable[..., Real[Array, ""]]], Any]:
     """Declare a function (params, state) -> number as an energy that the flow keeps between events.
 
@@ -493,9 +519,11 @@ def energy(
         unit, meaning: as tables and figures show them.
         symbol, scale: as of `Quantity`.
         observed: whether it is an observable too, read at crossings of the section.
+        conserved: whether jumps keep it, too. The gaits of such a model form families: a return map holds it
+            (`fix`), and follows them along it (`continue_`).
     """
     quantity = _quantity(unit, meaning, symbol=symbol, scale=scale)
-    return lambda function: Reading(None, quantity, function, observed, True, True)
+    return lambda function: Reading(None, quantity, function, observed, True, True, conserved)
 
 
 def event(

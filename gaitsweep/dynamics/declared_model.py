@@ -12,7 +12,7 @@ import dataclasses
 import functools
 import inspect
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
@@ -27,6 +27,7 @@ from gaitsweep.dynamics.declarations import (
     Parameter,
     Reading,
     SingleEvent,
+    Symmetry,
     Variable,
     faults_of_quantity,
 )
@@ -86,7 +87,7 @@ def _like(old: jax.Array, value: Any) -> jax.Array:
     return jnp.broadcast_to(jnp.asarray(value, old.dtype), old.shape)
 
 
-_DECLARED = (Parameter, Variable, Mode, Reading, Event, Footfalls)
+_DECLARED = (Parameter, Variable, Mode, Reading, Event, Symmetry, Footfalls)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -590,6 +591,13 @@ class DeclaredModel(Declared, HybridModel):
             if reading.is_energy
         }
 
+    def symmetries(self) -> Mapping[str, Callable[[Any, Any], Any]]:
+        def image(declared: Symmetry) -> Callable[[Any, Any], Any]:
+            # events are armed by where the image lies and moves
+            return lambda params, state: self._begun(params, declared.function(self, params, state))
+
+        return {name: image(declared) for name, declared in self._named(Symmetry).items()}
+
     def chart(self) -> Chart | None:
         return _SectionCoordinates(self)
 
@@ -683,6 +691,24 @@ class _SectionCoordinates(Chart):
             first = last
         state = self.model.complete(params, modes.replace(**fields))
         return self.model._begun(params, state, crossed=True)
+
+    @property
+    def conserved(self) -> tuple[Quantity, ...]:
+        return tuple(q for name, energy in self._energies() for q in energy.quantities(self.model, name))
+
+    def conserved_values(
+        self, params: Any, at: Float[Array, " coordinates"], /
+    ) -> Float[Array, " conserved"]:
+        if not (energies := self._energies()):
+            return jnp.zeros((0,))
+        # the modes of a state on the section are those of a start
+        starts = {q.name: jnp.asarray(q.default, jnp.float64) for q in self.model.initial_conditions}
+        state = self.from_coordinates(params, at, self.model.init(params, starts))
+        return jnp.stack([energy.function(self.model, params, state) for _, energy in energies])
+
+    def _energies(self) -> list[tuple[str, Reading]]:
+        readings = self.model._named(Reading)
+        return [(name, reading) for name, reading in readings.items() if reading.is_conserved]
 
     def _variables(self) -> list[tuple[str, Variable]]:
         variables, feet = self.model._named(Variable), self.model._feet()

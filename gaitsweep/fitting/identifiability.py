@@ -11,7 +11,7 @@ import pandas as pd
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.search_job import Search
 from gaitsweep.fitting.targets import MISS
-from gaitsweep.runs.set_status import SetStatus
+from gaitsweep.runs.sentences import SetStatus
 
 # Where no set fits all targets, the near-best sets are those within this factor of the least score.
 NEAR = 1.1

@@ -10,18 +10,23 @@ import numpy as np
 from pydantic import Field
 
 from gaitsweep.contract import Model, Status
-from gaitsweep.fitting.measure import Measured, RowMeasure, SetRows
-from gaitsweep.fitting.measure_fields import (
+from gaitsweep.fitting.measure import (
     AMONG,
     FieldError,
     Gaits,
+    Measured,
     Ranges,
+    RowMeasure,
+    SetRows,
+    column,
     error_of_column,
     error_of_gaits,
     error_of_list,
     error_of_ranges,
+    unit_of,
+    unit_of_parameter,
+    within,
 )
-from gaitsweep.fitting.measured_columns import column, unit_of, unit_of_parameter, within
 from gaitsweep.schema.numbers import Text
 
 

@@ -33,16 +33,16 @@ from gaitsweep.fitting.identifiability import Identifiability, identifiability
 from gaitsweep.fitting.measure import Measured, MeasuredByName
 from gaitsweep.fitting.optimisers import Optimiser, optimiser
 from gaitsweep.fitting.population import Population
-from gaitsweep.fitting.robustness import ROBUST, share_kept
 from gaitsweep.fitting.search_figures import FIGURES, draw_search, search_figure
 from gaitsweep.fitting.search_job import SearchJob, read_search_field
-from gaitsweep.fitting.targets import MISS, scores
+from gaitsweep.fitting.targets import MISS, ROBUST, scores, share_kept
 from gaitsweep.job import JobError
+from gaitsweep.kinds.columns import quantities_of
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.executor import write_blocks
 from gaitsweep.runs.progress import Progress
-from gaitsweep.runs.set_status import SetStatus
+from gaitsweep.runs.sentences import SetStatus
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.table import ResultDirectory, Snapshot, TableError, load
 from gaitsweep.table.manifest import Layout
@@ -421,11 +421,8 @@ def _depends_on_the_step(job: SearchJob, finalists: pd.DataFrame | None) -> str 
 
 def _quantities(job: SearchJob, model: Model) -> dict[str, dict[str, Any]]:
     """Return unit and meaning of the columns."""
-    quantities: dict[str, dict[str, Any]] = {
-        q.name: {"unit": q.unit, "meaning": q.meaning, "symbol": q.symbol}
-        for q in (*model.parameters, *model.initial_conditions)
-        if q.name in job.free
-    }
+    of_model = quantities_of(model)
+    quantities: dict[str, dict[str, Any]] = {name: of_model[name] for name in job.free if name in of_model}
     for name, target in job.targets.items():
         measure = target.measure
         quantities[name] = {

@@ -21,8 +21,16 @@ from gaitsweep.fitting.fit_fields import by_name, read_file, read_free, read_mea
 from gaitsweep.fitting.fit_job import FitJob, read_fit_job
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.optimisers import METHODS, missing_package
-from gaitsweep.fitting.robustness import ROBUST, Robust, check_robust, own_constants, robust_target
-from gaitsweep.fitting.targets import MISS, Target, TargetValue
+from gaitsweep.fitting.targets import (
+    MISS,
+    ROBUST,
+    Robust,
+    Target,
+    TargetValue,
+    check_robust,
+    own_constants,
+    robust_target,
+)
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted, read_model, refuse
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Seed, Text, word

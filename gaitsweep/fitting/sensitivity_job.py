@@ -16,10 +16,10 @@ import numpy as np
 from pydantic import Field
 
 from gaitsweep.errors import ArgumentError
-from gaitsweep.fitting.designs import METHODS, SensitivityDesign, design_of
 from gaitsweep.fitting.fit_fields import by_name, read_file, read_free, read_measure, read_settings
 from gaitsweep.fitting.fit_job import FitJob, check_constants, check_measures, read_fit_job
 from gaitsweep.fitting.free_parameters import FreeParameter
+from gaitsweep.fitting.indices import METHODS, SensitivityDesign, design_of
 from gaitsweep.fitting.measure import Measure
 from gaitsweep.fitting.population import Population
 from gaitsweep.job import Job

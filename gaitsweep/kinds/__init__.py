@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from gaitsweep.extension import import_all
+from gaitsweep.kinds.atlas import Atlas
 from gaitsweep.kinds.continuation import Continuation
 from gaitsweep.kinds.fixed_time import FixedTime
 from gaitsweep.kinds.folds import Folds
@@ -26,7 +27,7 @@ from gaitsweep.schema.strict_model import Registry
 __all__ = ["RUN_KINDS", "RunKind", "parameter_written", "register", "unregister"]
 
 RUN_KINDS: Registry[RunKind] = Registry(
-    "run", [Settle, FixedTime, Trace, Ramp, ReturnMap, Staircase, Continuation, Folds]
+    "run", [Settle, FixedTime, Trace, Ramp, ReturnMap, Staircase, Continuation, Folds, Atlas]
 )
 register = RUN_KINDS.register
 unregister = RUN_KINDS.unregister

@@ -13,6 +13,7 @@ from pydantic import Field
 from gaitsweep.analysis.continuation.continuation import LONGER, STRAIGHT, continuation
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
+from gaitsweep.engine.poincare.maps import Points, Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import Column, observed_at_crossings
@@ -74,6 +75,15 @@ class Continuation(FollowsFixedPoints):
             return []
         text = f"is {self.path[1]:g}, like the start of the branch; give another end."
         return [Diagnostic(("run", "path", 1), text)]
+
+    def near_fixed_points(
+        self,
+        mapping: BatchedReturnMap,
+        values: dict[str, Any],
+        starts: Values,
+        numbers: Int[np.ndarray, " sampled"],
+    ) -> Points:
+        return mapping.settled(starts, values, self.settle)[0]
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         """A row's branch goes once along its range, or folds twice and is followed again; at most to `most`.

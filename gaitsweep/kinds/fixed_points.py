@@ -19,7 +19,7 @@ from gaitsweep.analysis.continuation.continuation import ArclengthSteps
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.contract import Model, Status
 from gaitsweep.design import Design
-from gaitsweep.engine.poincare.maps import Values
+from gaitsweep.engine.poincare.maps import Points, Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.solver import derivative_refusal
@@ -99,12 +99,22 @@ class FollowsFixedPoints(RunKind):
         mapping, values, starts = self.return_map(rows, spec, sample)
 
         def fixed_points(of_map: BatchedReturnMap) -> StartingPoints:
-            points, _ = of_map.settled(starts, values, self.settle)
+            points = self.near_fixed_points(of_map, values, starts, sample)
             fixed = newton(of_map, points, values, fix=self.fix)
             observed = [fixed.images.observed[q.name] for q in rows.model.observables]
             return StartingPoints(fixed.converged, np.stack(observed, axis=1))
 
         return [fixed_points(mapping.refined(share)) for share in shares]
+
+    @abc.abstractmethod
+    def near_fixed_points(
+        self,
+        mapping: BatchedReturnMap,
+        values: dict[str, Any],
+        starts: Values,
+        numbers: Int[np.ndarray, " sampled"],
+    ) -> Points:
+        """A point near the first fixed point of each of the rows `numbers` (n,)."""
 
     def compile_time(self, rows: Design, spec: SweepSpec) -> float:
         """A multiple of the time in which one of the programs is compiled."""
@@ -156,8 +166,8 @@ class FollowsFixedPoints(RunKind):
             moving = {column.parameter for column in self.movements}
             at = {name: column[row[has_point]] for name, column in values.items() if name not in moving}
             at |= {name: table.loc[has_point, name].to_numpy(float) for name in moving}
-            seen = {q.name: table.loc[has_point, q.name].to_numpy(float) for q in model.observables}
-            codes[has_point] = _gait_numbers(mapping, at, seen, int(has_point.sum()))
+            observed = {q.name: table.loc[has_point, q.name].to_numpy(float) for q in model.observables}
+            codes[has_point] = _gait_numbers(mapping, at, observed, int(has_point.sum()))
         status = np.where(sound, Status.complete.name, Status.no_fixed_point.name)
         table = table.rename(columns={**renamed, **{q.name: f"{q.name}_n" for q in model.observables}})
         table = table.assign(

@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Int
 from pydantic import Field
 
 from gaitsweep import near_miss
@@ -16,6 +17,8 @@ from gaitsweep.analysis.continuation.fold_curves import fold_curves
 from gaitsweep.analysis.continuation.newton import NewtonOutcome
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
+from gaitsweep.engine.poincare.maps import Points, Values
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.expression import ExpressionError
 from gaitsweep.kinds.columns import Column, observed_at_crossings
@@ -108,6 +111,15 @@ class Folds(FollowsFixedPoints):
                     "within the range."
                 )
                 yield Diagnostic(("run", "within", name), text)
+
+    def near_fixed_points(
+        self,
+        mapping: BatchedReturnMap,
+        values: dict[str, Any],
+        starts: Values,
+        numbers: Int[np.ndarray, " sampled"],
+    ) -> Points:
+        return mapping.settled(starts, values, self.settle)[0]
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         """A row's curve likely crosses its ranges once, with at most `most` points in each direction."""

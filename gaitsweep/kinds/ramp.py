@@ -43,9 +43,8 @@ class Ramp(RunKind):
 
     def columns(self, model: Model) -> list[Column]:
         moving = moving_columns(self.parameter, self.schedule(), repeats=False)
-        read = [GAIT] if self.gaits else []
-        seen = [*observed_at_crossings(model), *read]
-        return [CROSSING, *moving, Column("t", repeats=False), STATUS, STALLED_BY, *seen]
+        observed = [*observed_at_crossings(model), *([GAIT] if self.gaits else [])]
+        return [CROSSING, *moving, Column("t", repeats=False), STATUS, STALLED_BY, *observed]
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         crossings = self.schedule().duration / period

@@ -144,9 +144,12 @@ class RunKind(StrictModel, abc.ABC):
 
     @property
     def movements(self) -> tuple[Movement, ...]:
-        """The parameters that move: that of the field `parameter`, or those of `parameters`."""
+        """The parameters that move: those of the fields `parameter` and `second`, or of `parameters`."""
         if self.moved is not None:
-            return (Movement(self.moved, self.turns, ("run", "parameter"), ("run", "path")),)
+            first = Movement(self.moved, self.turns, ("run", "parameter"), ("run", "path"))
+            second: Mapping[str, Sequence[float]] = getattr(self, "second", {})
+            others = [(name, tuple(values), ("run", "second", name)) for name, values in second.items()]
+            return (first, *(Movement(name, values, path, path) for name, values, path in others))
         within: Mapping[str, Sequence[float]] = getattr(self, "within", {})
         return tuple(
             Movement(name, tuple(within.get(name, ())), ("run", "parameters", k), ("run", "within", name))

@@ -28,6 +28,7 @@ _GREEK = frozenset(
 )
 OTHER = "another gait"  # settled, but in no gait of the model
 _ONE_FORMULA = re.compile(r"[^$]*(\$[^$]+\$)[^$]*")
+_REMARK = re.compile(r"(?!\d)(.*?\w{3})[:;](?![^(]*\))")  # not of "1: yes; 0: no", nor in brackets
 _UNIT_AT_END = re.compile(r"\s*\([^()]*\)\Z")
 _UNITS = {"t": "s", "t_end": "s", "crossing": "", "cycles": ""}
 _WORDS = {"t": "time", "t_end": "time at the end", "crossing": "cycle", "cycles": "cycles"}
@@ -155,8 +156,13 @@ def unit_of(table: pd.DataFrame, name: str) -> str:
 
 
 def described(table: pd.DataFrame, name: str, width: int = 44) -> str:
-    """A column's meaning, symbol (if it has one) and unit in lines of `width`, as the label of an axis."""
+    """A column's meaning, symbol (if it has one) and unit in lines of `width`, as the label of an axis.
+
+    Remarks on the meaning, behind a colon or semicolon, are left out.
+    """
     meaning = "" if _own_label(table, name) else settable(str(_quantity(table, name).get("meaning", "")))
+    if remark := _REMARK.match(meaning):
+        meaning = remark[1]
     label, unit = axis_label(table, name), unit_of(table, name)
     if not meaning or len(meaning) > 2 * width or label.startswith(meaning):
         return label

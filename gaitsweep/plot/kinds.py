@@ -7,6 +7,8 @@ from gaitsweep.plot.basins.basin import basin as basin
 from gaitsweep.plot.basins.basin_measures import basin_measures as basin_measures
 from gaitsweep.plot.basins.gait_map import gait_map as gait_map
 from gaitsweep.plot.basins.shock import shock as shock
+from gaitsweep.plot.bifurcations.atlas import atlas as atlas
+from gaitsweep.plot.bifurcations.atlas import road_map as road_map
 from gaitsweep.plot.bifurcations.branches import branches as branches
 from gaitsweep.plot.bifurcations.continuation import continuation as continuation
 from gaitsweep.plot.bifurcations.cycles import cycles as cycles

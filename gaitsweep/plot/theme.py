@@ -83,6 +83,9 @@ _SHORT = 4  # labels of three letters along an axis of a turn
 _LETTER = 0.53  # mean width of a letter, as a share of the size of its font
 _COLLAPSED = "constrained_layout not applied"  # a warning of Matplotlib
 _FORMULA = re.compile(r"\$[^$]*\$")
+# In a formula, what has no width, and commands, which are a letter wide.
+_MARKUP = re.compile(r"\\(?:mathrm|mathit|mathbf|bar|hat|tilde|dot|vec|left|right|,)(?![a-z])|[{}_^$]")
+_COMMAND = re.compile(r"\\[A-Za-z]+")
 Panel = TypeVar("Panel")
 
 
@@ -204,11 +207,25 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
             if requested.height is not None:  # which is refused, with the least that fits
                 warnings.filterwarnings("ignore", _COLLAPSED)
             yield figure
+            _centre_shared_label(figure)
             if requested.width is not None:
                 _break_lines(figure)
                 _break_lines(figure)  # broken labels may have made other panels narrower
             if requested.height is not None:
                 _check_height(figure, height)
+
+
+def _centre_shared_label(figure: Figure) -> None:
+    """Move the label that rows of panels share to their middle, in lines no longer than they are high."""
+    label = getattr(figure, "_supylabel")  # noqa: B009 - Matplotlib has no public name for it
+    if label is None:
+        return
+    figure.draw_without_rendering()
+    places = [axes.get_position() for axes in figure.axes]
+    low, high = min(place.y0 for place in places), max(place.y1 for place in places)
+    label.set_y(0.5 * (low + high))
+    size = float(label.get_fontsize()) / points(1.0)
+    label.set_text(wrapped(label.get_text(), (high - low) * figure.get_figheight(), size))
 
 
 def _check_height(figure: Figure, natural: float) -> None:
@@ -243,20 +260,21 @@ def _break_lines(figure: Figure) -> None:
     """Break the lines of titles and labels that are longer than their panel, once the layout is known."""
     figure.draw_without_rendering()
     renderer = cast(FigureCanvasAgg, figure.canvas).get_renderer()
-    for axes in figure.axes:
+    panels = [axes.get_window_extent(renderer) for axes in figure.axes]
+    for axes, panel in zip(figure.axes, panels, strict=True):
         if not axes.get_visible() or hasattr(axes, "zaxis"):
             continue
-        panel = axes.get_window_extent(renderer)
+        gaps = [other.x0 - panel.x1 for other in panels] + [panel.x0 - other.x1 for other in panels]
+        gap = min((each for each in gaps if each > 0.0), default=np.inf)
         titles = (axes.title, *(vars(axes)[f"_{side}_title"] for side in ("left", "right")))
         for text in (axes.xaxis.label, axes.yaxis.label, *titles):
             box = text.get_window_extent(renderer)
             long, room = (box.height, panel.height) if text is axes.yaxis.label else (box.width, panel.width)
-            beside = min(0.15 * figure.dpi, panel.x0, figure.bbox.width - panel.x1)
+            beside = min(0.15 * figure.dpi, panel.x0, figure.bbox.width - panel.x1, 0.45 * gap)
             room += 2.0 * max(beside, 0.0)
             if text.get_text() and long > room:
-                text.set_text(
-                    wrapped(text.get_text(), room / figure.dpi, float(text.get_fontsize()) / points(1.0))
-                )
+                lines = text.get_text() if text in titles else text.get_text().replace("\n", " ")
+                text.set_text(wrapped(lines, room / figure.dpi, float(text.get_fontsize()) / points(1.0)))
 
 
 def width_of(natural: float) -> float:
@@ -321,10 +339,35 @@ def points(size: float) -> float:
 def wrapped(text: str, inches: float, size: float) -> str:
     """A text in lines that fit a width, at a font size of the theme."""
     letters = max(int(inches * 72 / (_LETTER * points(size))), 8)
-    # no break in a formula, nor beside its sign of equality
-    unbroken = _FORMULA.sub(lambda formula: formula[0].replace(" ", "\0"), text).replace(" = ", "\0=\0")
+    formulas = iter(_FORMULA.findall(text))
+    # no break in a formula, which is as long as its letters, before its unit, nor beside a sign of equality
+    unbroken = _FORMULA.sub(lambda formula: "\1" + "\2" * (_letters(formula[0]) - 1), text)
+    unbroken = re.sub("(?<=[\1\2]) [(]", "\0(", unbroken.replace(" = ", "\0=\0"))
     lines = (textwrap.fill(line, letters, break_long_words=False) for line in unbroken.split("\n"))
-    return "\n".join(lines).replace("\0", " ")
+    return re.sub("\1\2*", lambda _: next(formulas), "\n".join(lines).replace("\0", " "))
+
+
+def _letters(formula: str) -> int:
+    """The number of letters in a formula, at least one."""
+    return max(len(_COMMAND.sub("x", _MARKUP.sub("", formula))), 1)
+
+
+def label_panels(figure: Figure, panels: Sequence[Axes], across: int, *, x: str = "", y: str = "") -> None:
+    """Label axes that panels share, once where there is a middle: of their columns, and of their rows.
+
+    Args:
+        figure: that of `canvas`.
+        panels: those of `panels`, in rows of `across`.
+        x, y: labels of the horizontal and the vertical axes.
+    """
+    for number, axes in enumerate(panels):
+        lowest = number + across >= len(panels)
+        if x and lowest and (across % 2 == 0 or number % across == across // 2):
+            axes.set_xlabel(x)
+    if len(panels) > across:
+        figure.supylabel(y, fontsize=mpl.rcParams["axes.labelsize"])
+    else:
+        panels[0].set_ylabel(y)
 
 
 def legend(
@@ -365,15 +408,18 @@ def legend(
     if in_cell and _legend_in_cell(figure, {**look, "title": title}, renderer):
         return
     drawn, columns = figure.legend(ncols=ncols, **look), ncols
+    count = len(drawn.get_texts())
+    rows = -(-count // ncols)
     while columns > 1 and drawn.get_window_extent(renderer).width > room * figure.dpi:
         drawn.remove()
-        columns -= 1
+        columns = -(-count // -(-count // (columns - 1)))  # as many as fill the rows
         drawn = figure.legend(ncols=columns, **look)
+    grow(figure, _LINE * (-(-count // columns) - rows))
     if drawn.get_window_extent(renderer).width > room * figure.dpi:
         for text in drawn.get_texts():
             text.set_text(wrapped(text.get_text(), room - 0.45, 7.5))
-        rows = np.array_split([text.get_text().count("\n") for text in drawn.get_texts()], columns)
-        grow(figure, _LINE * max(int(row.sum()) for row in rows))
+        breaks = np.array_split([text.get_text().count("\n") for text in drawn.get_texts()], columns)
+        grow(figure, _LINE * max(int(column.sum()) for column in breaks))
 
 
 def grow(figure: Figure, inches: float) -> None:

@@ -123,10 +123,10 @@ def _changed(snapshot: Snapshot) -> str:
         return ""
     usual = {field.name: field.default for field in dataclasses.fields(model)}  # pyright: ignore[reportArgumentType]
     usual |= {quantity.name: quantity.default for quantity in model.parameters}
-    given = {**job.get("structure", {}), **job.get("params", {})}
+    settings = {**job.get("structure", {}), **job.get("params", {})}
     changed = [
         f"{name} = {value:g}" if isinstance(value, float) else f"{name} = {value}"
-        for name, value in given.items()
+        for name, value in settings.items()
         if usual.get(name) not in (None, dataclasses.MISSING, value)
     ]
     return f"Parameters that differ from the model's defaults: {', '.join(changed)}." if changed else ""
@@ -178,5 +178,5 @@ def _run(run: Mapping[str, Any], row: str) -> str:
     limits = [
         f"{key} {value:g}" for key, value in run.items() if type(value) in (int, float) and key not in idle
     ]
-    name, _, what = str(kind.model_fields["kind"].description or run["kind"]).partition(": ")
-    return f"Run of each{row}: {what} ({', '.join([name, *limits])})."
+    name, _, description = str(kind.model_fields["kind"].description or run["kind"]).partition(": ")
+    return f"Run of each{row}: {description} ({', '.join([name, *limits])})."

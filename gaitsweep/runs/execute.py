@@ -22,7 +22,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
 from gaitsweep.job.checks import remarks_on_rows
 from gaitsweep.row_outcome import RowOutcome
-from gaitsweep.runs.executor import Executor, ThisProcess, compute_blocks
+from gaitsweep.runs.executor import Executor, MissingBlocks, ThisProcess, compute_blocks
 from gaitsweep.runs.prepare import RunContext, naming_the_file, prepare
 from gaitsweep.runs.progress import Progress, so_far
 from gaitsweep.runs.provenance import continue_directory
@@ -269,7 +269,9 @@ def _run_missing(
                 Refinement(context, grid, table, executor).run(on_progress, timings)
             else:
                 stored = _Open(table, spent_so_far)
-                executor.run_blocks(context, table, missing, on_sweep_progress, timings, stored)
+                executor.run_blocks(
+                    MissingBlocks(context, table, missing, on_sweep_progress, timings, stored)
+                )
         table.update_manifest(**executor.manifest)
     except BaseException:
         # the exception that stopped the run is raised, not a failure to write the manifest

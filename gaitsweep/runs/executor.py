@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import contextlib
+import dataclasses
 import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
@@ -89,6 +90,27 @@ def write_blocks(directory: ResultDirectory, blocks: Iterable[tuple[int, pd.Data
         directory.update_manifest(timings={"run_s": seconds}, counts=directory.counts(), complete=False)
 
 
+@dataclasses.dataclass(frozen=True)
+class MissingBlocks:
+    """Blocks of a table that are to be computed and written.
+
+    Args:
+        context: the job's context; its `rows_in` chooses the rows of a round of a refined run.
+        directory: the result directory of the job, or of the round.
+        numbers: the numbers of the blocks.
+        on_progress: progress callback; an exception that it raises stops the run.
+        timings: updated during the run.
+        open_rows: stores the ended rows of incomplete blocks, where this process computes them.
+    """
+
+    context: RunContext
+    directory: ResultDirectory
+    numbers: Sequence[int]
+    on_progress: Callable[[SweepProgress], None]
+    timings: Timings
+    open_rows: OpenRows
+
+
 class Executor(abc.ABC):
     """Computes blocks of tables, and has their parts written into a result directory."""
 
@@ -118,24 +140,8 @@ class Executor(abc.ABC):
         """
 
     @abc.abstractmethod
-    def run_blocks(
-        self,
-        context: RunContext,
-        directory: ResultDirectory,
-        missing: Sequence[int],
-        on_progress: Callable[[SweepProgress], None],
-        timings: Timings,
-        open_rows: OpenRows,
-    ) -> None:
+    def run_blocks(self, missing: MissingBlocks) -> None:
         """Compute blocks, and return when their parts exist.
-
-        Args:
-            context: the job's context; its `rows_in` chooses the rows of a round of a refined run.
-            directory: the result directory of the job, or of the round.
-            missing: the numbers of the blocks.
-            on_progress: progress callback; an exception that it raises stops the run.
-            timings: updated during the run.
-            open_rows: stores the ended rows of incomplete blocks, where this process computes them.
 
         Raises:
             UserError: some blocks could not be computed or written; the others are.
@@ -158,21 +164,13 @@ class ThisProcess(Executor):
     ) -> contextlib.AbstractContextManager[None]:
         return contextlib.nullcontext()
 
-    def run_blocks(
-        self,
-        context: RunContext,
-        directory: ResultDirectory,
-        missing: Sequence[int],
-        on_progress: Callable[[SweepProgress], None],
-        timings: Timings,
-        open_rows: OpenRows,
-    ) -> None:
+    def run_blocks(self, missing: MissingBlocks) -> None:
         compute_blocks(
-            context,
-            missing,
-            directory.encoded,
-            directory.write_encoded,
-            on_progress,
-            timings=timings,
-            open_rows=open_rows,
+            missing.context,
+            missing.numbers,
+            missing.directory.encoded,
+            missing.directory.write_encoded,
+            missing.on_progress,
+            timings=missing.timings,
+            open_rows=missing.open_rows,
         )

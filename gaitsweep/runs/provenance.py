@@ -47,8 +47,8 @@ def version_of(package: str) -> str:
     except importlib.metadata.PackageNotFoundError:
         return NOT_INSTALLED
     # `importlib.metadata.version` reads the whole description of a package as an email
-    found = re.search(r"^Version: *(.+)$", described, re.MULTILINE)
-    return importlib.metadata.version(package) if found is None else found[1].strip()
+    line = re.search(r"^Version: *(.+)$", described, re.MULTILINE)
+    return importlib.metadata.version(package) if line is None else line[1].strip()
 
 
 class Paper(TypedDict):

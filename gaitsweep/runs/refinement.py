@@ -21,7 +21,7 @@ from gaitsweep.engine.sweep.boundary_cells import ALONE, UNKNOWN, Grid, inferred
 from gaitsweep.engine.sweep.sweep import Timings
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.row_outcome import RowOutcome
-from gaitsweep.runs.executor import Executor
+from gaitsweep.runs.executor import Executor, MissingBlocks
 from gaitsweep.runs.prepare import RunContext, row_values
 from gaitsweep.runs.progress import Progress, so_far
 from gaitsweep.table import ResultDirectory, load
@@ -108,7 +108,9 @@ class Refinement:
             if missing := part.missing_blocks():
                 spent = Timings()
                 try:
-                    self.executor.run_blocks(this, part, missing, on_sweep_progress, spent, part)
+                    self.executor.run_blocks(
+                        MissingBlocks(this, part, missing, on_sweep_progress, spent, part)
+                    )
                     part.tidy_digests()
                 finally:
                     for field in dataclasses.fields(Timings):

@@ -146,10 +146,10 @@ def sizes(quantities: tuple[Quantity, ...], values: np.ndarray) -> np.ndarray:
     They are 1 rad for angles, `Quantity.scale`, or the range of the values, at least `LEAST_SIZE` of their
     magnitude.
     """
-    seen = np.where(np.isfinite(values), values, np.nan).reshape(-1, len(quantities))
+    known = np.where(np.isfinite(values), values, np.nan).reshape(-1, len(quantities))
     size = np.full(len(quantities), LEAST_SCALE)
     for i, quantity in enumerate(quantities):
-        column = seen[:, i][~np.isnan(seen[:, i])]
+        column = known[:, i][~np.isnan(known[:, i])]
         if quantity.circular or quantity.scale is not None:
             size[i] = 1.0 if quantity.scale is None or quantity.circular else quantity.scale
         elif column.size:
@@ -286,8 +286,8 @@ def _observed(model: Model, drive: Callable[..., Any] | None) -> Callable[..., n
 
     def observed(values: Any, start: Any) -> jax.Array:
         params = model.params(values) if drive is None else drive(values, 0.0)
-        seen = model.observe(params, model.init(params, start))
-        return jax.numpy.stack([seen[q.name] for q in model.observables])
+        observables = model.observe(params, model.init(params, start))
+        return jax.numpy.stack([observables[q.name] for q in model.observables])
 
     return over_rows(observed, "observed", model if drive is None else None)
 
@@ -380,19 +380,19 @@ class _Comparison:
             recorder = CrossingRecorder(model, crossings=CROSSINGS)
         lanes = [(rows, 1.0, 0.0), (rows, FINER, 0.0), (rows, 1.0, MOVED)]
         once, finer, moved = repeated = self.repeated(recorder, lanes)
-        seen = [_crossings(outcome, rows.size, recorder.after_cycles) for outcome in repeated]
-        if not np.any(np.isfinite(seen[0][:, 1:])) and math.isfinite(end := self.comparable_time):
+        samples = [_crossings(outcome, rows.size, recorder.after_cycles) for outcome in repeated]
+        if not np.any(np.isfinite(samples[0][:, 1:])) and math.isfinite(end := self.comparable_time):
             # no section was crossed: the state is compared after as many nominal periods
             recorder = FixedTimeRecorder(model, end)
             once, finer, moved = repeated = self.repeated(recorder, lanes)
             begun = self.with_starts(rows, np.zeros((0, len(model.observables))))
-            seen = [np.stack([begun, end_values(outcome)], axis=1) for outcome in repeated]
-            seen = [np.concatenate([np.zeros((*samples.shape[:2], 1)), samples], axis=2) for samples in seen]
+            ends = [np.stack([begun, end_values(outcome)], axis=1) for outcome in repeated]
+            samples = [np.concatenate([np.zeros((*at.shape[:2], 1)), at], axis=2) for at in ends]
         differs = once.status != finer.status
         boundary = differs & (once.status != moved.status)
         check.sensitive += int(boundary.sum())
         check.status_differs += int((differs & ~boundary).sum())
-        observed, times = [samples[..., 1:] for samples in seen], [samples[..., 0] for samples in seen]
+        observed, times = [run[..., 1:] for run in samples], [run[..., 0] for run in samples]
         change = changes(model, observed[0], observed[1])
         most = np.nanmax(change, axis=1, initial=0.0)
         size = sizes(model.observables, observed[0])
@@ -547,9 +547,9 @@ def _mean_interval(times: np.ndarray) -> np.ndarray:
 def _crossings(result: RowOutcome, n: int, after: int) -> np.ndarray:
     """Return times (s) and observables (n, crossings, 1 + k), NaN after the end of a row."""
     width = 1 + result.last.shape[1]
-    seen = np.full((n, CROSSINGS + 1, width), np.nan)
+    crossings = np.full((n, CROSSINGS + 1, width), np.nan)
     samples = result.samples.reshape(-1, 1 + width)
     at = samples[:, 0].astype(int) - after
     early = at <= CROSSINGS
-    seen[result.place[early], at[early]] = samples[early, 1:]
-    return seen
+    crossings[result.place[early], at[early]] = samples[early, 1:]
+    return crossings

@@ -2,14 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import enum
+from collections.abc import Mapping, Sequence
 from typing import Any
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Bool
 
 from gaitsweep.contract import Status
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.runs.provenance import NOT_INSTALLED
-from gaitsweep.runs.set_status import SetStatus
 from gaitsweep.table.self_check_fields import DIFFERENCES, STORED_DIFFERS
+
+
+class SetStatus(enum.StrEnum):
+    """Statuses of a set of constants, in the table of a search or a sensitivity analysis.
+
+    Such a table has no rows of a sweep, so its column `status` has these names in place of those of `Status`.
+    """
+
+    COMPLETE = "complete"  # every target or output has a value
+    FAILED = "failed"  # one of them has none
+
+    @classmethod
+    def column(cls, failed: Bool[np.ndarray, " sets"]) -> pd.Categorical:
+        """Return the column `status` of a table, from a mask of the sets that failed."""
+        return pd.Categorical.from_codes(failed.astype(int), [str(status) for status in cls])
+
+    def among(self, table: pd.DataFrame) -> Bool[np.ndarray, " sets"]:
+        """Return a mask of the sets of a table that have this status."""
+        return (table["status"].astype(str) == str(self)).to_numpy(bool)
+
 
 # Fields of the manifest: rows whose label is not the index of a gait, rows that begin beyond an event's
 # surface, rows whose nominal period is not a positive time.
@@ -156,6 +180,30 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
             f"of its gaits; their gait is {name!r} in the table."
         )
     return sentences
+
+
+def plain(value: object) -> str:
+    """Format a value of a manifest on one line."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {plain(inner)}" for key, inner in value.items())
+    if isinstance(value, list):
+        return ", ".join(map(plain, value))
+    return str(value)
+
+
+def unsettled(slowest: Mapping[str, int]) -> str:
+    """Format the observables that prevented settling: "psi_1 in 12 rows, psi_2 in 1 row"."""
+    return ", ".join(f"{name} in {rows} row{'s' * (rows != 1)}" for name, rows in slowest.items())
+
+
+def axes(of_job: Sequence[Mapping[str, Any]]) -> str:
+    """Format the axes with their numbers of points: "psi_2 (99) x psi_1 (99)"."""
+    return " x ".join(
+        f"{' and '.join(axis['names'])} ({axis['length']}{', drawn' if axis['drawn'] else ''})"
+        for axis in of_job
+    )
 
 
 def _rows(about: Mapping[str, Any]) -> str:

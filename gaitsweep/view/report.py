@@ -16,8 +16,17 @@ import yaml
 
 from gaitsweep.analysis.records import in_order
 from gaitsweep.plot import theme
-from gaitsweep.runs.sentences import DESCRIBED, advice, self_check_sentence, settings_of, status_sentence
-from gaitsweep.runs.set_status import SetStatus
+from gaitsweep.runs.sentences import (
+    DESCRIBED,
+    SetStatus,
+    advice,
+    axes,
+    plain,
+    self_check_sentence,
+    settings_of,
+    status_sentence,
+    unsettled,
+)
 from gaitsweep.table import Snapshot, load, replace_file, writing
 
 # Colours of a page by name, light and dark.
@@ -69,10 +78,7 @@ _APART = (
     "quantities", "job", "figures_drawn", "sha256", "counts", "gaits", "self_check", "stalls", "slowest",
     "complete", "periods", "largest_distance", "program", *DESCRIBED,
 )  # fmt: skip
-_NAMES = {
-    "rows": "rows", "axes": "axes", "model_folder": "folder of the model",
-    "made_before": "parts made by other versions",
-}  # fmt: skip
+_NAMES = {"model_folder": "folder of the model", "made_before": "parts made by other versions"}
 
 
 def write_report(path: str | Path) -> Path:
@@ -174,10 +180,7 @@ def _counts(snapshot: Snapshot) -> str:
         for guards, stall in stalls.items()
     )
     if slowest := snapshot.manifest.get("slowest"):
-        observables = ", ".join(
-            f"{html.escape(name)} in {int(rows)} row{'s' * (rows != 1)}" for name, rows in slowest.items()
-        )
-        notes += f"<p>Rows did not settle because of {observables}.</p>"
+        notes += f"<p>Rows did not settle because of {html.escape(unsettled(slowest))}.</p>"
     return f'<div class="wide"><table>{"".join(lines)}</table></div>{notes}{_reasons(snapshot)}'
 
 
@@ -261,25 +264,13 @@ def _provenance(snapshot: Snapshot) -> str:
     manifest = snapshot.manifest
     facts: dict[str, Any] = {**settings_of(manifest)}
     facts |= {_NAMES.get(key, key): value for key, value in manifest.items() if key not in _APART}
+    facts["axes"] = axes(manifest.get("axes", []))
     if manifest.get("git_commit") is None:
         facts["commit of the source"] = "unknown: gaitsweep did not run from a checkout"
     facts["command to reproduce it"] = "gaitsweep run job.yaml"
     lines = [
-        f"<tr><th>{html.escape(str(name))}</th><td>{html.escape(_written(value))}</td></tr>"
+        f"<tr><th>{html.escape(str(name))}</th><td>{html.escape(plain(value))}</td></tr>"
         for name, value in facts.items()
         if value not in (None, "")
     ]
     return f'<table class="facts">{"".join(lines)}</table>'
-
-
-def _written(value: Any) -> str:
-    """Format a value of the manifest."""
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    if isinstance(value, Mapping):
-        if {"names", "length"} <= set(value):
-            return f"{' and '.join(value['names'])} ({value['length']})"
-        return ", ".join(f"{key} {_written(inner)}" for key, inner in value.items())
-    if isinstance(value, list):
-        return ", ".join(map(_written, value))
-    return str(value)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -249,3 +251,16 @@ def test_a_pass_that_turns_back_twice_is_irregular() -> None:
     assert not len(irregular_passes(table, "delta_13", "f", least=0.3))
     points = transition_points(table, "delta_13", "f")
     assert points.loc[points["direction"] == "falling", "rows"].tolist() == [3]
+
+
+@pytest.mark.parametrize("made", [staircase_table, ramp_table])
+def test_a_branch_may_slope_against_its_jumps(made: Callable[[int], pd.DataFrame]) -> None:
+    """Each branch falls by more than `least` on either side of a jump up, and the course turns back twice."""
+    table = made(2)
+    jumped = largest_jumps(table, "delta_13", "f")
+    table["delta_13_n"] -= 0.8 * table["f"]
+    assert not len(irregular_passes(table, "delta_13", "f"))
+    tilted = largest_jumps(table, "delta_13", "f")
+    assert tilted[["row", "pass", "direction"]].equals(jumped[["row", "pass", "direction"]])
+    assert (np.sign(tilted["size"]) == np.sign(jumped["size"])).all()
+    np.testing.assert_allclose(tilted[["low", "high"]], jumped[["low", "high"]], atol=0.1 + 1e-9)  # a stair

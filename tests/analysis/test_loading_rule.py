@@ -45,6 +45,7 @@ def test_agreement_of_tables_with_and_without_the_rule() -> None:
     assert "load_together" not in message.index
 
 
+@pytest.mark.slow
 def test_intervals_of_a_correlation_are_those_of_fishers_transform_where_rows_are_independent() -> None:
     random = np.random.default_rng(3)
     n, rho = 400, -0.6

@@ -88,6 +88,7 @@ def test_curves_and_maps_show_the_edges_of_the_conditions() -> None:
         plot.draw("gait_shares", some, x="m_b")
 
 
+@pytest.mark.slow
 def test_values_in_equal_ratios_have_logarithmic_axes() -> None:
     some = table(kappa=[20.0, 80.0, 320.0, 320.0] * 3)
     some.attrs["job"] = {"vary": {"kappa": {"logspace": [20, 320, 3]}}}
@@ -104,13 +105,21 @@ def test_values_in_equal_ratios_have_logarithmic_axes() -> None:
 
 
 @pytest.mark.slow
-def test_a_map_of_scattered_sets_shows_points() -> None:
-    sets = np.random.default_rng(2).uniform([0.3, 20.0], [1.2, 200.0], (60, 2))
+@pytest.mark.parametrize("number", [60, 1600])
+def test_a_map_of_scattered_sets_shows_points_or_bins(number: int) -> None:
+    sets = np.random.default_rng(2).uniform([0.3, 20.0], [1.2, 200.0], (number, 2))
     gait = np.where(sets[:, 0] < 0.6, "direct", "source")
     rows = pd.DataFrame({"m_B": sets[:, 0], "kappa": sets[:, 1], "psi_1": 0.0, "gait": gait})
     rows = rows.assign(status="settled", **{f"psi_{i}_end": 0.0 for i in (1, 2, 3)})
     direct, *_ = plot.draw("gait_shares", rows, x="m_B", y="kappa").axes
     points = direct.collections[0]
+    if number > 1000:  # 20 x 20 bins of four sets
+        shares = np.ma.asarray(points.get_array())
+        assert shares.shape == (20, 20)
+        across = np.linspace(sets[:, 0].min(), sets[:, 0].max(), 21)
+        assert (shares[:, across[1:] < 0.6].compressed() == 1.0).all()
+        assert (shares[:, across[:-1] >= 0.6].compressed() == 0.0).all()
+        return
     shown = {
         tuple(np.round(place, 9)): share
         for place, share in zip(np.asarray(points.get_offsets()), np.asarray(points.get_array()), strict=True)

@@ -117,7 +117,7 @@ def test_a_slope_below_minus_one_is_unstable() -> None:
     assert not np.any(result["stable"])
 
 
-@pytest.mark.slow("1.0", "3.0")
+@pytest.mark.slow("1.0", "3.0", "6.2")
 @pytest.mark.parametrize("shift", [0.0, 1.0, 3.0, 6.2])
 def test_maps_of_the_whole_circle(shift: float) -> None:
     """X' = x + eps sin(x - shift), started all around: one fixed point of each kind, wherever the cut is."""
@@ -138,6 +138,7 @@ def test_maps_of_the_whole_circle(shift: float) -> None:
     assert not len(ghosts(table, "delta_13"))
 
 
+@pytest.mark.slow("-0.44-0.5773502691896258")
 @pytest.mark.parametrize(("f", "x"), [(0.44, -1 / np.sqrt(3)), (-0.44, 1 / np.sqrt(3))])
 def test_ghosts_are_where_two_fixed_points_vanished(f: float, x: float) -> None:
     table = map_table([f], starts=60, crossings=100, noise=0.002)

@@ -83,7 +83,7 @@ def test_the_figure_of_the_lorenz_map_shows_no_such_point() -> None:
     assert 7.0 < high < 11.0
 
 
-@pytest.mark.slow("200-0.0")
+@pytest.mark.slow("200-0.0", "200-0.02")
 @pytest.mark.parametrize("noise", [0.0, 0.004, 0.02])
 @pytest.mark.parametrize("rows", [12, 200])
 def test_a_map_that_jumps_over_the_diagonal(rows: int, noise: float) -> None:
@@ -125,6 +125,7 @@ def test_a_resolved_steep_crossing_is_not_a_jump() -> None:
     assert fixed_points(table, "v")["value"].tolist() == [pytest.approx(0.5, abs=1e-3)]
 
 
+@pytest.mark.slow("60")
 @pytest.mark.parametrize("rows", [1, 60])
 def test_the_logistic_map_with_a_gap_in_its_data(rows: int) -> None:
     """Its fixed point 1 - 1/r is found where there are points around it, and not in a gap."""

@@ -39,6 +39,7 @@ def table() -> pd.DataFrame:
     return pd.concat([trace(branch, 0.3, row) for row, branch in enumerate(ROWS)], ignore_index=True)
 
 
+@pytest.mark.slow
 def test_waves_of_the_theory_have_its_wavelength_and_exact_speed(table: pd.DataFrame) -> None:
     result = waves(table)
     assert list(result["gait"]) == ["direct", "retrograde", "source"]

@@ -82,6 +82,7 @@ def test_gaits_are_lost_at_the_folds() -> None:
         transitions.gait_lost_at(table, parameter="f", gait="trot", direction="rising")
 
 
+@pytest.mark.slow
 def test_fixed_points_of_return_maps(maps: pd.DataFrame) -> None:
     kinds = {
         f: transitions.kinds_of_fixed_points(maps, observable="delta_13", parameter="f", at=f)

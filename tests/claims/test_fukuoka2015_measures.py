@@ -76,6 +76,7 @@ def test_a_gait_that_no_row_has_is_refused() -> None:
         measures.swing_order(trace("trot"), gait="L-walk")
 
 
+@pytest.mark.slow
 def test_the_sequence_of_gaits_in_each_pass() -> None:
     order = ["L-walk", "trot", "R-canter", "RT-gallop"]
     table = pd.concat([ramp(order), ramp(["D-walk", *order[1:]], row=1)], ignore_index=True)

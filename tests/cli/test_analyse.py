@@ -44,6 +44,7 @@ def test_bouts_have_their_speeds(show: Show) -> None:
     assert show(trace[trace["t"] < 1.5], "gait-bouts", "--cycles", "2") == ""
 
 
+@pytest.mark.slow
 def test_the_loading_rule_is_judged(show: Show) -> None:
     delta = np.linspace(-0.25, 0.25, 41)
     table = ends(delta, -50.0 * delta, 0.1 * delta, axes={"k2": np.repeat([0.0, 0.08], [20, 21])})

@@ -51,6 +51,7 @@ def test_the_next_process_loads_compiled_programs(warm: tuple[Path, str]) -> Non
     assert _programs(cache) == kept
 
 
+@pytest.mark.slow
 def test_without_a_folder_programs_are_compiled(warm: tuple[Path, str], tmp_path: Path) -> None:
     taken = tmp_path / "taken"
     taken.write_text("a file where the cache would be")
@@ -66,6 +67,7 @@ def test_damaged_programs_are_compiled_again(warm: tuple[Path, str], tmp_path: P
     assert _run(cache) == warm[1]
 
 
+@pytest.mark.slow
 def test_the_users_own_folder_is_used(warm: tuple[Path, str], tmp_path: Path) -> None:
     own, ours = tmp_path / "own", tmp_path / "ours"
     assert _run(ours, JAX_COMPILATION_CACHE_DIR=str(own)) == warm[1]

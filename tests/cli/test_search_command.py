@@ -45,18 +45,8 @@ def job_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return file
 
 
-def test_targets_that_exclude_each_other_are_counted(capsys: Capture) -> None:
-    assert main(["search", "job.yaml"]) == 0
-    capsys.readouterr()
-    assert main(["analyse", "targets", "results/toy_search", "--within", "10"]) == 0
-    text = capsys.readouterr().out
-    assert "of 48" in text.splitlines()[0]
-    assert "meets: 1 (speed;" in text
-    assert main(["analyse", "targets", "results/toy_search", "--target", "sped"]) == 2
-    assert "sped is not a target of the search; did you mean speed?" in capsys.readouterr().err
-
-
 def test_a_search_runs_and_is_shown_again(capsys: Capture) -> None:
+    """Its sets, its figures, and the targets that are met together."""
     assert main(["search", "job.yaml"]) == 0
     text = capsys.readouterr().out
     assert "48 sets: 48 complete, 0 failed." in text
@@ -68,6 +58,12 @@ def test_a_search_runs_and_is_shown_again(capsys: Capture) -> None:
     assert main(["plot", "results/toy_search"]) == 0
     assert str(figure) in capsys.readouterr().out
     assert figure.is_file()
+    assert main(["analyse", "targets", "results/toy_search", "--within", "10"]) == 0
+    text = capsys.readouterr().out
+    assert "of 48" in text.splitlines()[0]
+    assert "meets: 1 (speed;" in text
+    assert main(["analyse", "targets", "results/toy_search", "--target", "sped"]) == 2
+    assert "sped is not a target of the search; did you mean speed?" in capsys.readouterr().err
     assert main(["report", "results/toy_search"]) == 0
     # another budget is another search
     assert main(["search", "job.yaml", "--set", "search.budget=10"]) == 2

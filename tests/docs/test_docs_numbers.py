@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
@@ -132,6 +134,12 @@ def test_a_command_that_fails_differs(
     assert "differs: exit code 2: " in capsys.readouterr().out
 
 
+@functools.cache
+def _program() -> Any:
+    """The commands, which take a moment to build."""
+    return typer.main.get_command(app)
+
+
 @pytest.mark.parametrize("page", pages(), ids=lambda page: page.name)
 def test_commands_of_the_pages_exist(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
@@ -146,7 +154,7 @@ def test_commands_of_the_pages_exist(page: Path) -> None:
             if words[0] == "python":
                 assert importlib.util.find_spec(words[2]), words
                 continue
-            command, rest = typer.main.get_command(app), list(words[1:])
+            command, rest = _program(), list(words[1:])
             while isinstance(command, TyperGroup):
                 command = command.commands[rest.pop(0)]
             given = command.make_context(

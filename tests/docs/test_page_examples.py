@@ -30,6 +30,7 @@ def test_the_job_reference_shows_each_axis() -> None:
     np.testing.assert_allclose(np.unique(kappa), 10.0 ** np.array([1.0, 1.5, 2.0, 2.5, 3.0]))
 
 
+@pytest.mark.slow
 def test_observables_and_hysteresis_of_an_own_class(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The classes and the job of docs/own_model.md, in files with the names in their first lines."""
     for block in FENCE.findall((ROOT / "docs" / "own_model.md").read_text()):

@@ -19,8 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gaitsweep.dynamics.tree.articulated_tree import Geometry, Link, Tree, rescaled
-from gaitsweep.dynamics.tree.dynamics import forward_dynamics
-from gaitsweep.dynamics.tree.external_force import PointForce, YieldingForce
+from gaitsweep.dynamics.tree.dynamics import PointForce, YieldingForce, forward_dynamics
 from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import integrate, movements, places, rates, velocity, velocity_at
 from gaitsweep.dynamics.tree.spatial import quaternion_exponential, solve_positive

@@ -514,7 +514,8 @@ class CountedBalls(Balls):
         return s.z - p.floor
 
 
-@pytest.mark.parametrize("engine", [pytest.param("xla", marks=pytest.mark.slow), "kernel"])
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", ["xla", "kernel"])
 def test_events_of_one_declaration_are_those_of_several(engine: str) -> None:
     """Fails if a component jumps with another's number, or closes a cycle that it does not close."""
     rows = {"z_1_0": [1.0, 1.0, 3.0], "z_2_0": [1.0, 0.3, 0.2], "angle_0": 0.0}

@@ -111,9 +111,8 @@ class Hexapod(Stepper):
 MODELS = {2: Biped(N=2), 4: Quadruped(), 6: Hexapod(N=6)}
 
 
-@pytest.mark.parametrize(
-    "legs", [2, pytest.param(4, marks=pytest.mark.slow), pytest.param(6, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("legs", [2, 4, 6])
 def test_observables_are_those_of_the_constructed_footfalls(legs: int) -> None:
     """Events are located to 1e-12 of a stride and tolerances are 1e-8: 1e-7 finds any other step."""
     rows = [row for row in FOOTFALLS if len(row[1]) == legs and 0.0 < row[2] < 1.0]

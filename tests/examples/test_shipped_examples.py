@@ -18,7 +18,7 @@ def test_an_example_keeps_the_contract(name: str) -> None:
     job = gs.load_job(EXAMPLES / f"{name}.yaml")
     assert job.name == name
     assert job.figures
-    assert faults(models.find(job.model, [EXAMPLES])) == []
+    assert faults(models.find(job.model)) == []
 
 
 @pytest.mark.slow

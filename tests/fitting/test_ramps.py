@@ -167,6 +167,7 @@ def test_workers_of_a_client_measure_ramps_too(tmp_path: Path) -> None:
     assert alone["down"].nunique() == 4
 
 
+@pytest.mark.slow
 def test_ramps_wait_for_the_targets_that_are_measured_first() -> None:
     targets = {
         "rest": {"kind": "value", "of": "x", "at": {"x_0": 1.0, "r": 0.0}, "wanted": 1.1, "error": 0.02},
@@ -304,6 +305,7 @@ def test_wrong_fields_are_refused(change: dict[str, Any], sentence: str) -> None
     assert f"search.targets.down.{sentence}" in str(error.value)
 
 
+@pytest.mark.slow
 def test_the_estimate_counts_ramps() -> None:
     """The ramp lasts 1503 s, the rows at rest 10 s."""
     fields: dict[str, Any] = {

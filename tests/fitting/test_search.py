@@ -26,7 +26,7 @@ from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.search import FINALISTS, SearchResult, run_search
 from gaitsweep.fitting.search_job import SearchOptions, load_search, read_search
 from gaitsweep.fitting.targets import FAILED_MISS, MISS
-from gaitsweep.runs.set_status import SetStatus
+from gaitsweep.runs.sentences import SetStatus
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.strict_model import plain
 from gaitsweep.table import ResultDirectory, WriteError
@@ -505,6 +505,7 @@ def test_a_search_whose_sets_all_fail_completes(method: str, tmp_path: Path) -> 
     assert len(found.figures) == (3 if method == "sobol" else 0)
 
 
+@pytest.mark.slow
 def test_a_front_of_twelve_targets(tmp_path: Path) -> None:
     apex = {"kind": "value", "of": "apex", "wanted": APEX, "error": 0.01}
     targets = {f"mass_{i}": {**apex, "at": {"mass": 1.0 + 0.2 * i}} for i in range(12)}
@@ -694,9 +695,9 @@ def test_workers_of_a_cluster_measure_the_same(tmp_path: Path) -> None:
     from gaitsweep.runs.cluster.dispatch import Cluster
 
     asked = read_search(job(budget=48, population=16), Path.cwd())
-    alone = run_search(asked, tmp_path / "alone")
+    alone = run_search(asked, tmp_path / "alone", figures=False)
     with Cluster(connection_to("local:2")) as workers:
-        shared = run_search(asked, tmp_path / "shared", cluster=workers)
+        shared = run_search(asked, tmp_path / "shared", cluster=workers, figures=False)
     assert_frame_equal(shared.table, alone.table, check_exact=True)
     parts = sorted((tmp_path / "alone" / "table").glob("*.parquet"))
     assert [part.read_bytes() for part in parts] == [
@@ -768,6 +769,7 @@ def test_a_known_config_does_not_change_the_structure() -> None:
     assert (known["front_hip_z"], known["rear_height"]) == (0.0, 0.05)
 
 
+@pytest.mark.slow
 def test_known_sets_may_be_the_best_of_an_earlier_search(tmp_path: Path) -> None:
     earlier = searched(job(method="sobol", budget=32), tmp_path / "earlier").table
     search = read_search(job(known=["earlier"], known_best=3, width=0.02), tmp_path)

@@ -203,7 +203,10 @@ LINES: list[tuple[int, str, list[str]]] = [
     (
         6,
         "run:",
-        ["run is missing", "settle, fixed_time, trace, ramp, return_map, staircase, continuation or folds"],
+        [
+            "run is missing",
+            "settle, fixed_time, trace, ramp, return_map, staircase, continuation, folds or atlas",
+        ],
     ),
     (
         6,

@@ -37,6 +37,7 @@ class Bouncer(DeclaredModel):
 JOB = "name: bouncer\nmodel: a_bouncer:Bouncer\nrun: {kind: settle, max_cycles: 30}\nverify: 0\n"
 
 
+@pytest.mark.slow
 def test_a_model_is_found_from_another_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     own, elsewhere = tmp_path / "own", tmp_path / "elsewhere"
     own.mkdir()

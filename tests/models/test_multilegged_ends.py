@@ -105,7 +105,7 @@ def test_E_drifts_by_the_resets_of_the_ends() -> None:
         assert np.mean(np.abs(found - by_hand) < 1e-12) > 0.8
 
 
-@pytest.mark.slow("chain1-5", "chain2-4")
+@pytest.mark.slow
 @pytest.mark.parametrize(("chain", "N"), [(MATCHED, 3), (MATCHED, 5), (UNLIKE._replace(a_end=0.5), 4)])
 def test_ends_with_equal_touchdowns_keep_the_lines_of_solutions(chain: Chain, N: int) -> None:
     """The lags of eq. (12) beside the ends; against touchdowns searched for in the obstacle problem."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -40,7 +42,7 @@ def test_known_points_of_the_full_model_take_their_gait() -> None:
     assert labels(almost)[0].tolist() == [NONE, LOCKED, NONE]
 
 
-@pytest.mark.slow("4", "6")
+@pytest.mark.slow("4", "6", "9")
 @pytest.mark.parametrize("N", LEGS)
 def test_every_point_of_a_set_takes_the_sets_label(N: int) -> None:
     # the ends left out: there the next set is as near
@@ -85,10 +87,15 @@ def test_labels_do_not_change_with_whole_turns(psi: list[float], turns: list[int
         assert (gait[0], k[0]) == (gait[1], k[1])
 
 
+@functools.cache
+def _dense_sets() -> np.ndarray:
+    return np.asarray(solution_sets(3, samples=512, section=1))
+
+
 @settings(max_examples=100)
 @given(angles)
 def test_distances_are_those_from_densely_sampled_sets(psi: list[float]) -> None:
-    dense = np.asarray(solution_sets(3, samples=512, section=1))
+    dense = _dense_sets()
     nearest = np.linalg.norm((np.array(psi) - dense + np.pi) % TURN - np.pi, axis=2).min(axis=1)
     exact = np.asarray(away(np.array(psi)))
     near = nearest < 1.5  # farther away a slanted piece is measured from one of its images only

@@ -105,7 +105,7 @@ def test_solutions_of_a_profile_are_fixed_points_of_the_reduced_chain(N: int) ->
         assert np.abs(jacobians[row, 1] - expected).max() < 1e-9, branch
 
 
-@pytest.mark.slow("6")
+@pytest.mark.slow
 @pytest.mark.parametrize("N", [3, 6])
 def test_every_point_of_a_profiles_set_takes_the_sets_label(N: int) -> None:
     chain, _ = profile(N)

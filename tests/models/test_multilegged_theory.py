@@ -64,7 +64,7 @@ def own_legs(N: int) -> np.ndarray:
     return np.array([branch.k for branch in branches(N)])
 
 
-@pytest.mark.slow("4-table 1", "6-table 1", "9-other", "9-table 1", "6-other")
+@pytest.mark.slow("4-table 1", "6-table 1", "9-other", "9-table 1", "6-other", "4-other")
 @pytest.mark.parametrize("chain", [TABLE_1, OTHER], ids=["table 1", "other"])
 @pytest.mark.parametrize("N", LEGS)
 def test_solutions_on_section_1_are_fixed_points_of_the_reduced_map(N: int, chain: Chain) -> None:
@@ -111,7 +111,7 @@ def _printed(N: int, branch: Branch, chain: Chain, psi: np.ndarray, early: np.nd
     return printed
 
 
-@pytest.mark.slow("4", "6")
+@pytest.mark.slow("4", "6", "9")
 @pytest.mark.parametrize("N", LEGS)
 def test_sets_on_their_own_section_are_the_printed_equations(N: int) -> None:
     b, beta, m_B = float(shift(OTHER)), OTHER.beta, OTHER.m_1
@@ -142,7 +142,7 @@ def test_order_sets_exist_for_more_legs() -> None:
     assert np.ptp(psi[:, 2]) < 1e-12
 
 
-@pytest.mark.slow("9", "4")
+@pytest.mark.slow("9", "6", "4")
 @pytest.mark.parametrize("N", LEGS)
 def test_transport_between_sections_is_exact_and_undone_by_going_back(N: int) -> None:
     circle = touchdown_phase(TABLE_1)
@@ -186,6 +186,7 @@ def test_pieces_are_the_whole_of_the_sets_and_join_but_for_resets(N: int) -> Non
     assert (np.minimum(gaps, np.abs(gaps - jump)) < 1e-9).all(), gaps
 
 
+@pytest.mark.slow
 def test_unequal_ends_leave_the_end_points_of_the_models_page() -> None:
     tail, beta = Chain(m_1=0.6, m_end=0.95), 0.8
     b = float(shift(tail))

@@ -181,7 +181,7 @@ def test_the_tree_follows_mujoco_c_under_the_same_forces(traces: list[pd.DataFra
     assert wanted["load"].max() > 50.0
 
 
-@pytest.mark.slow("0")
+@pytest.mark.slow
 @pytest.mark.parametrize("row", [0, 1])
 def test_crossings_agree_with_a_trace(traces: list[pd.DataFrame], crossings: pd.DataFrame, row: int) -> None:
     trace = traces[row].assign(row=row)

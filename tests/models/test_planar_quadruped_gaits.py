@@ -70,6 +70,7 @@ def test_walk_trot_canter_gallop_in_the_papers_order_of_speed(fed_back: pd.DataF
     assert named[1.0] <= GALLOPS
 
 
+@pytest.mark.slow
 def test_speeds_periods_and_flight_are_the_pages(fed_back: pd.DataFrame) -> None:
     mean = fed_back.pivot_table(index="sigma", values=["speed", "period", "flight"])
     # the page's speeds, with MuJoCo's contacts; the compliant foot is within 3 % of them

@@ -28,6 +28,7 @@ def angles(row: dict[str, str], count: int, suffix: str = "") -> np.ndarray:
     return np.array([float(row[f"psi_{i + 1}{suffix}"]) for i in range(count)])
 
 
+@pytest.mark.slow("{'clamp': True}")
 @pytest.mark.parametrize("changes", [{}, {"clamp": True}, {"N": 4, "m_end": 0.8}], ids=str)
 def test_solve_ivp_and_the_exact_propagator_agree(changes: dict[str, Any]) -> None:
     p = Parameters(**changes)
@@ -43,6 +44,7 @@ def test_solve_ivp_and_the_exact_propagator_agree(changes: dict[str, Any]) -> No
         np.testing.assert_allclose(left.v, right.v, rtol=0.0, atol=1e-8)
 
 
+@pytest.mark.slow("a: direct", "b: retrograde")
 @pytest.mark.parametrize(
     ("psi", "expected"),
     [

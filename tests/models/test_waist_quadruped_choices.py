@@ -226,6 +226,7 @@ def test_a_late_landing_without_a_reset_continues_along_the_line() -> None:
     assert float(early.phi[2]) == float(p.phi_AEP)
 
 
+@pytest.mark.slow
 def test_the_stance_line_begins_where_the_foot_is() -> None:
     """The actual foot by MuJoCo's kinematics, in the axes of its body; half way for a share of one half."""
     points = []
@@ -367,6 +368,7 @@ def test_rates_of_desired_angles_are_their_derivatives(bend: float) -> None:
     np.testing.assert_allclose(out_of_reach, [-0.5, 0.0], atol=1e-15)  # it turns as the target does
 
 
+@pytest.mark.slow
 def test_a_joint_that_moves_as_it_should_feels_no_torque() -> None:
     """At the desired angles and rates of the path the PD control is at rest; by their own rates it is not."""
     model = WaistQuadruped(damping="rate_error")

@@ -18,9 +18,9 @@ from matplotlib.figure import Figure
 import gaitsweep as gs
 from gaitsweep import plot
 from gaitsweep.cli import main
-from gaitsweep.plot.columns import PlotError
+from gaitsweep.plot.columns import PlotError, described
 from gaitsweep.plot.figure_style import FORMATS, StyleError
-from gaitsweep.plot.theme import angle_ticks, in_pi
+from gaitsweep.plot.theme import angle_ticks, in_pi, wrapped
 from gaitsweep.runs.figures import draw_figures
 from gaitsweep.table import Snapshot
 from tests.support.hysteresis_tables import map_table, staircase_table
@@ -286,6 +286,41 @@ def test_a_job_has_a_style_that_its_figures_may_replace(
     assert main(["plot", str(result.path), "--height", "10"]) != 0
     assert "needs at least" in capsys.readouterr().err
     assert {file.suffix[1:] for file in draw_figures(result.path)} == set(FORMATS)
+
+
+def test_a_formula_is_as_long_as_its_letters_and_has_no_break() -> None:
+    label = r"start ($\psi_{1}$, $\psi_{2}$, $\psi_{3}$), rad"
+    assert wrapped(label, 1.9, 7.5) == label
+    assert wrapped(r"drift of the sum $|m_{N + 1} - m_1|$ = 3", 1.4, 7.5).splitlines() == [
+        "drift of the sum",
+        r"$|m_{N + 1} - m_1|$ = 3",
+    ]
+
+
+def test_remarks_on_a_meaning_are_not_in_a_label() -> None:
+    table = pd.DataFrame({"k": [1.0]})
+    for meaning, label in (
+        ("feedback of the load; 0: none", "feedback of the load, $k$"),
+        ("spring under a foot (body: tree)", "spring under a foot (body: tree), $k$"),
+        ("1: pulls; 0: does not", "1: pulls; 0: does not, $k$"),
+    ):
+        table.attrs["quantities"] = {"k": {"unit": "1", "symbol": "k", "meaning": meaning}}
+        assert described(table, "k") == label
+
+
+def test_rows_of_panels_share_a_label() -> None:
+    table = map_table()
+    single = plot.draw("return_map", table, y="delta_13")
+    assert getattr(single, "_supylabel") is None  # noqa: B009
+    part = pd.concat([table.assign(f=f, row=table["row"] + 1000 * f) for f in (1, 2, 3)])
+    figure = plot.draw("return_map", part, y="delta_13", panels="f", width="column")
+    rendered(figure)
+    label = getattr(figure, "_supylabel")  # noqa: B009
+    assert "next" in label.get_text()
+    assert [axes.get_ylabel() for axes in figure.axes] == [""] * 3
+    assert [bool(axes.get_xlabel()) for axes in figure.axes] == [False, False, True]
+    page = plot.draw("return_map", part, y="delta_13", panels="f")
+    assert [bool(axes.get_xlabel()) for axes in page.axes] == [False, True, False]
 
 
 def test_angles_as_multiples_of_pi() -> None:

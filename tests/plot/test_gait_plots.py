@@ -9,7 +9,7 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import Patch, Rectangle
 
 from gaitsweep import plot
-from gaitsweep.papers.fukuoka2015.figures.gait_looks import colour_of, marker_of
+from gaitsweep.papers.fukuoka2015.figures.gait_looks import areas_of, colour_of, marker_of
 from gaitsweep.plot import PlotError
 from tests.support.gait_traces import crossings_of, ends, trace_of, traces
 from tests.support.plot_tables import legend_texts, rendered
@@ -33,6 +33,12 @@ def _ends() -> pd.DataFrame:
 def test_all_gaits_have_looks_and_sides_differ() -> None:
     for left, right in (("L-canter", "R-canter"), ("LT-gallop", "RT-gallop"), ("L-walk", "D-walk")):
         assert marker_of(left) != marker_of(right)
+
+
+def test_sides_of_a_gait_share_an_area_and_dark_gaits_differ_in_hatch() -> None:
+    areas = areas_of(["LT-gallop", "RT-gallop", "D-walk", "trot"])
+    assert areas["LT-gallop"] == areas["RT-gallop"]
+    assert areas["D-walk"]["hatch"] != areas["trot"]["hatch"]
 
 
 def test_gaits_over_speed() -> None:
@@ -181,6 +187,9 @@ def test_a_ramp() -> None:
     }
     ends = [end for bar in bars for end in span(bar)]
     assert 0.5 <= min(ends) < max(ends) <= 1.0
+    table.insert(1, "seed", table["row"])
+    figure = plot.draw("gait_ramp", table.drop(columns="k2"))
+    assert [name.get_text() for name in figure.axes[0].get_yticklabels()] == ["start 1", "start 2"]
     with pytest.raises(PlotError, match="o parameter moves"):
         plot.draw("gait_ramp", crossings_of("trot"))
     with pytest.raises(PlotError, match="3 successive cycles"):

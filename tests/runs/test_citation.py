@@ -43,6 +43,7 @@ def test_the_entry_of_the_program_is_that_of_citation_cff(capsys: Capture) -> No
     assert "year" not in fields(tool_entry("0.0.1"), "gaitsweep")  # which CITATION.cff does not date
 
 
+@pytest.mark.slow
 def test_a_result_cites_its_paper_method_check_and_versions(tmp_path: Path, capsys: Capture) -> None:
     gs.sweep(
         "multilegged_reduced", psi_1=[1.0, 2.0], psi_2=2.0, psi_3=3.0,
@@ -67,6 +68,7 @@ def test_a_result_cites_its_paper_method_check_and_versions(tmp_path: Path, caps
     assert "coarse" not in methods  # a field without effect, since the run does not refine
 
 
+@pytest.mark.slow
 def test_inferred_rows_and_changed_parameters_are_named(tmp_path: Path, capsys: Capture) -> None:
     """A refined run simulates few of its rows; the paper's values are the model's defaults."""
     gs.sweep(
@@ -101,7 +103,10 @@ def test_persons_and_url_of_citation_cff(tmp_path: Path, monkeypatch: pytest.Mon
             'source = "Raibert 1986, Legged Robots"', "note = {Raibert 1986, Legged Robots}", "",
             marks=pytest.mark.slow,
         ),
-        ('bibtex = "@book{raibert86,\\n  year = {1986}\\n}"', "hopper:Hopper [raibert86] was", ""),
+        pytest.param(
+            'bibtex = "@book{raibert86,\\n  year = {1986}\\n}"', "hopper:Hopper [raibert86] was", "",
+            marks=pytest.mark.slow,
+        ),
         pytest.param('bibtex = "Raibert 1986"', "", "no BibTeX entry", marks=pytest.mark.slow),
     ],
 )  # fmt: skip

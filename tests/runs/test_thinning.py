@@ -77,6 +77,7 @@ def test_small_tables_and_those_of_unknown_axes_are_shown_whole() -> None:
     assert thinned({**manifest(a=2), "rows": 10**8}) is None
 
 
+@pytest.mark.slow
 def test_the_figure_of_a_thinned_table_has_a_remark(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "hops.yaml").write_text(JOB)
     path = gs.run(tmp_path / "hops.yaml", tmp_path / "out").path

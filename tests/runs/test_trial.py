@@ -358,6 +358,7 @@ class WrongSign(CompassWalker):
         return {**rates, "swing_rate": rates["swing_rate"] + 2.0 * s.stance_rate**2}
 
 
+@pytest.mark.slow("CompassWalker")
 @pytest.mark.parametrize("kind", [CompassWalker, WrongSign])
 def test_the_energy_of_a_walker_shows_a_wrong_sign(kind: type[gs.HybridModel]) -> None:
     start = {"stance_0": -0.3, "stance_rate_0": 1.1, "swing_rate_0": 0.4}
@@ -368,6 +369,7 @@ def test_the_energy_of_a_walker_shows_a_wrong_sign(kind: type[gs.HybridModel]) -
         assert abs(rate) > 1e-2 * power
 
 
+@pytest.mark.slow
 def test_the_energy_of_the_runner_is_kept_in_stance() -> None:
     def stands(state):
         return state.replace(x=-0.3, z=0.85, v_x=4.0, v_z=-1.0, phase=STANCE)

@@ -274,14 +274,16 @@ def test_a_row_without_a_trace_is_simulated_again(tmp_path: Path, run: dict[str,
     assert out.name == "animation_row0.gif"
 
 
-@pytest.mark.slow("True")
+@pytest.mark.slow
 @pytest.mark.parametrize("moves", [False, True])
 def test_a_trace_has_the_gait_of_its_end(tmp_path: Path, moves: bool) -> None:
     """The title of its movie has it, but for a trace whose parameter moves, which may have several."""
     run = {"kind": "trace", "duration": 200, "every": 1.0}
     moving = {"parameter": "m_B", "path": [0.9, 1.0], "rate": 1e-4} if moves else {}
     start: dict[str, Any] = {"psi_1": 1.13, "psi_2": 0.98, "psi_3": 1.5}
-    result = gs.run(Job(name="trace", model="multilegged", start=start, run=run | moving), tmp_path / "trace")
+    result = gs.run(
+        Job(name="trace", model="multilegged", start=start, run=run | moving, verify=0), tmp_path / "trace"
+    )
     assert set(result.table["gait"]) == {"direct"}
     assert read_motion(tmp_path / "trace", 0).gait == ("" if moves else "direct")
     table = gs.simulate("multilegged", **start, duration=20.0, every=5.0)
@@ -300,14 +302,15 @@ def test_a_movie_is_titled_by_gait_and_speed(quadruped: Path, chain: Path) -> No
 
 
 def test_a_body_of_an_mjcf_is_drawn_from_its_geoms(tmp_path: Path) -> None:
-    """The hopper's trunk and foot, which bounce."""
+    """The hopper's trunk and foot, which bounce; the result's model is found from any folder."""
     t = 0.01 * np.arange(50)
-    job = Job(name="hops", model="gaitsweep.examples.mujoco_hopper:MujocoHopper",
+    job = Job(name="hops", model=gs.load_job("builtin:mujoco_hopper").model,
               run={"kind": "trace", "duration": 0.49, "every": 0.01})  # fmt: skip
     signals = {q.name: np.zeros_like(t) for q in job.design.model.signals} | {"q_0": 0.05 * np.sin(20.0 * t)}
     folder = written(
         tmp_path / "hops", job, [pd.DataFrame({"row": 0, "t": t, **signals, "status": "complete"})]
     )
+    assert "mujoco_hopper" not in sys.modules  # as in a process that has only the result
     motion = read_motion(folder, 0)
     skeleton = motion.model.skeleton(motion.values, motion.signals)
     assert skeleton is not None
@@ -359,6 +362,7 @@ def test_a_movie_that_is_stopped_leaves_the_old_one(chain: Path, tmp_path: Path)
     assert [path.name for path in tmp_path.iterdir()] == ["wave.gif"]
 
 
+@pytest.mark.slow
 def test_an_mp4_is_written_by_ffmpeg(chain: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A program that writes the number of its input bytes to its last argument replaces it."""
     program = tmp_path / "ffmpeg"

@@ -497,7 +497,7 @@ def logarithmic(tmp_path_factory: pytest.TempPathFactory) -> Path:
         run={"kind": "settle", "max_cycles": 40},
         figures=[{"kind": "basin", "x": "stiffness", "y": "launch_1"}],
     )  # fmt: skip
-    gs.run(job, folder).explore()
+    gs.run(job, folder).explore(replays=0)
     return folder
 
 
@@ -645,8 +645,9 @@ def test_what_cannot_be_explored_is_refused_in_a_sentence(wells: Path, monkeypat
     assert "is not a column of this table" in said("--x", "x_00")
     assert "--max-size is 0.5 MB" in said("--max-size", "0.5")
     job = gs.Job(
-        name="trace", model="double_well:DoubleWell", run={"kind": "trace", "duration": 1.0, "every": 0.1}
-    )
+        name="trace", model="double_well:DoubleWell", verify=0,
+        run={"kind": "trace", "duration": 1.0, "every": 0.1},
+    )  # fmt: skip
     trace = Result(table=table_of(job))
     with pytest.raises(gs.ArgumentError, match="trace rows"):
         trace.explore("nowhere.html")

@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.continuation.newton import sizes
-from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values
+from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values, sizes
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.errors import ArgumentError
 

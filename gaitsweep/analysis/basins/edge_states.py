@@ -24,9 +24,8 @@ from gaitsweep.analysis.basins.attractor_mappers import (
     advanced,
     fates,
 )
-from gaitsweep.analysis.continuation.newton import sizes
 from gaitsweep.contract import ResultCode
-from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values
+from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values, sizes
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.errors import ArgumentError
 

@@ -101,6 +101,18 @@ class ContinuationProblem:
         values = {name: column[which] for name, column in self.values.items()}
         return dataclasses.replace(self, values=values, held=self.held[which], weights=self.weights[which])
 
+    @classmethod
+    def joined(cls, problems: Sequence[ContinuationProblem]) -> ContinuationProblem:
+        """The problem of the branches of several problems, one after the other, with the map of the first."""
+        first = problems[0]
+        held = [problem.held.values for problem in problems]
+        return dataclasses.replace(
+            first,
+            values={name: np.concatenate([p.values[name] for p in problems]) for name in first.values},
+            held=dataclasses.replace(first.held, values=np.concatenate(held)),
+            weights=np.concatenate([problem.weights for problem in problems]),
+        )
+
     def evaluated(self, points: Points, parameter: PerBranch) -> MapEvaluation:
         """The images with their derivatives at these values (n,) of the parameter."""
         return self.mapping.linearised(points, {**self.values, self.parameter: parameter}, self.parameter)

@@ -24,6 +24,8 @@ from gaitsweep.analysis.continuation.branch_points import (
     branch_point,
     cornered,
 )
+from gaitsweep.analysis.continuation.critical_points import located_exactly
+from gaitsweep.analysis.continuation.lockstep import Computation, Request, alone, in_lockstep
 from gaitsweep.analysis.continuation.multipliers import multipliers
 from gaitsweep.analysis.continuation.one_sided import both_sides
 from gaitsweep.engine.poincare.maps import Points
@@ -85,11 +87,11 @@ TESTS: tuple[Test, ...] = (fold_test, branch_test, flip_test, pair_test)
 def located(
     ends: tuple[float, float],
     length: float,
-    point_at: Callable[[float], T | None],
+    point_at: Callable[[float], Computation[T | None]],
     test: Callable[[T], float],
     target: float,
     shortest: float,
-) -> tuple[T, float] | None:
+) -> Computation[tuple[T, float] | None]:
     """The zero of a test function on a step, and its arclength; None where no point is found.
 
     Args:
@@ -106,7 +108,7 @@ def located(
     best = None
     for _ in range(MOST_TRIALS if below * above <= 0.0 else 0):
         at = low + (high - low) * below / (below - above)
-        point = point_at(at)
+        point = yield from point_at(at)
         if point is None:
             break
         best, value = (point, at), test(point)
@@ -125,12 +127,15 @@ def located_on_branch(
 ) -> tuple[BranchPoints, float] | None:
     """The zero of a test function on a step of one branch from `before`, as by `located`."""
 
-    def point_at(arclength: float) -> BranchPoints | None:
+    def point_at(arclength: float) -> Computation[BranchPoints | None]:
         point, converged = problem.step(before, np.array([arclength]))
         return point if converged[0] else None
+        yield  # a computation of its own, which asks for nothing
 
     target = NEAR * max(abs(ends[0]), abs(ends[1]))
-    return located(ends, length, point_at, lambda point: test(problem, point)[0], target, SHORTEST_INTERVAL)
+    return alone(
+        located(ends, length, point_at, lambda point: test(problem, point)[0], target, SHORTEST_INTERVAL)
+    )
 
 
 def turn_kind(problem: ContinuationProblem, at_turn: BranchPoints) -> str:
@@ -177,10 +182,14 @@ def bifurcations(
     # a test function may be zero at the end of a step: then it changes sign on one of the two steps there
     changed = {test: (first < 0.0) != (last < 0.0) for test, (first, last) in ends.items()}
     specials: list[list[Special] | None] = [[] for _ in length]
-    for k in np.flatnonzero(np.any(list(changed.values()), axis=0)):
+    steps = np.flatnonzero(np.any(list(changed.values()), axis=0))
+    searches = []
+    for k in steps:
         signs = {test: (ends[test][0][k], ends[test][1][k]) for test in TESTS if changed[test][k]}
         only = np.array([k])
-        specials[k] = _on_step(problem[only], before[only], after[only], length[k], signs)
+        searches.append(_on_step(problem[only], before[only], after[only], length[k], signs))
+    for k, on_step in zip(steps, in_lockstep(searches), strict=True):
+        specials[k] = on_step
     return specials
 
 
@@ -190,7 +199,7 @@ def _on_step(
     after: BranchPoints,
     length: float,
     changed: dict[Test, tuple[float, float]],
-) -> list[Special] | None:
+) -> Computation[list[Special] | None]:
     """The bifurcations on a step of one branch, as in `bifurcations`, by the tests that `changed` sign."""
     specials, turns = [], fold_test in changed
     if branch_test in changed:
@@ -206,7 +215,7 @@ def _on_step(
             if abs(beta) > IMPERFECT:
                 return None
             specials.append(
-                Special(crossing.kind, _ahead(problem, before, crossing.here), crossing.here, crossing.aside)
+                Special(crossing.kind, ahead(problem, before, crossing.here), crossing.here, crossing.aside)
             )
             # a pitchfork where the branch itself turns is not a fold
             turns &= abs(crossing.here.tangent[0, -1]) > FLAT * (problem.high - problem.low)
@@ -216,16 +225,64 @@ def _on_step(
             specials.append(Special(crossing.kind, zero[1], crossing.here, crossing.aside))
     for test, kind_of in ((fold_test, turn_kind), (flip_test, lambda *_: "flip"), (pair_test, pair_kind)):
         if test in changed and (turns or test is not fold_test):
+            below, above = changed[test]
+            near = _between(problem, before, after, below / (below - above))
+            special = yield from _direct(problem, before, near, length, test)
+            if special is not None:
+                specials.append(special)
+                continue
             zero = located_on_branch(problem, before, length, test, changed[test])
             kind = kind_of(problem, zero[0]) if zero is not None else ""
             if zero is not None and kind:
-                specials.append(Special(kind, zero[1], zero[0]))
+                exact = yield from _exact(problem, zero[0], kind)
+                specials.append(Special(kind, zero[1], exact or zero[0]))
             if kind == "corner":  # multipliers jump there
                 return specials
     counts = [np.sum(np.abs(multipliers_of(problem, point)) > 1.0) for point in (before, after)]
     if not specials and abs(int(counts[1]) - int(counts[0])) > 1:
         return None
     return sorted(specials, key=lambda special: special.arclength)
+
+
+def _direct(
+    problem: ContinuationProblem, before: BranchPoints, near: BranchPoints, length: float, test: Test
+) -> Computation[Special | None]:
+    """The bifurcation on a step of one branch by its own equations, from a point `near` it (1,).
+
+    None where they lead elsewhere, or where the test function does not tell the kind.
+    """
+    kind = "fold" if test is fold_test else "flip" if test is flip_test else ""
+    if not kind:
+        return None
+    exact = yield from _exact(problem, near, kind)
+    if exact is None:
+        return None
+    along = ahead(problem, before, exact)
+    if not (0.0 <= along <= length and problem.low <= exact.parameter[0] <= problem.high):
+        return None
+    turn = abs(exact.tangent[0, -1]) < FLAT * (problem.high - problem.low)
+    critical = min(abs(multipliers_of(problem, exact)[0] - (1.0 if kind == "fold" else -1.0)))
+    return Special(kind, along, exact) if critical < TOGETHER and (turn or kind == "flip") else None
+
+
+def _exact(problem: ContinuationProblem, near: BranchPoints, kind: str) -> Computation[BranchPoints | None]:
+    """The bifurcation next to a point (1,), by its own equations; None if they fail."""
+    if kind not in ("fold", "flip", "neimark_sacker"):
+        return None
+    exact = yield from located_exactly(problem, near, kind)
+    if exact is None:
+        return None
+    k, size = len(problem.held.which), near.points.at.shape[1]
+    parameter = problem.low + (problem.high - problem.low) * exact.unknowns[[size + k]]
+    values = {**problem.values, problem.parameter: parameter}
+    images = yield Request(problem.mapping, problem.parameter, exact.point, values)
+    tangent = problem.tangents(images, near.tangent)
+    if not (images.sound[0] and np.isfinite(tangent).all()):
+        return None
+    drift = exact.unknowns[None, size : size + k]
+    return dataclasses.replace(
+        near, points=exact.point, drift=drift, parameter=parameter, images=images, tangent=tangent
+    )
 
 
 def _between(
@@ -243,7 +300,7 @@ def _between(
     )
 
 
-def _ahead(problem: ContinuationProblem, before: BranchPoints, after: BranchPoints) -> float:
+def ahead(problem: ContinuationProblem, before: BranchPoints, after: BranchPoints) -> float:
     """The length from `before` to `after` along the tangent at `before`."""
     size = before.points.at.shape[1]
     weighted = (problem.weights * before.tangent)[0]
@@ -257,4 +314,4 @@ def _is_on_step(
     """Whether a branch point lies on a step of this length, to a twentieth of it."""
     if crossing is None:
         return False
-    return abs(_ahead(problem, before, crossing.here) / length - 0.5) < 0.55
+    return abs(ahead(problem, before, crossing.here) / length - 0.5) < 0.55

@@ -91,14 +91,14 @@ def branch_point(problem: ContinuationProblem, near: BranchPoints) -> tuple[Cros
     along = near.tangent[0] / scale
     ours = int(np.argmax(np.abs(tangents @ along)))
     at = _directed(at, tangents[ours] * np.sign(tangents[ours] @ along) * scale)
-    aside = _aside(problem, at, _both_ways(points, tangents[1 - ours] * scale))
+    aside = beside(problem, at, _both_ways(points, tangents[1 - ours] * scale))
     flat, through = sorted(tangents, key=lambda direction: abs(direction[-1]))
     if abs(flat[-1]) > FLAT:
         return Crossing("transcritical", at, aside), beta
     turning = (
         aside
         if ours == int(np.argmax(np.abs(tangents[:, -1])))
-        else _aside(problem, at, _both_ways(points, flat * scale))
+        else beside(problem, at, _both_ways(points, flat * scale))
     )
     kind = "branch_point"
     if turning is not None and len(turning.parameter) == 2:
@@ -138,7 +138,7 @@ def cornered(problem: ContinuationProblem, at: BranchPoints, sides: list[Side]) 
         # this branch ends in the corner, where the other half and both ways of the one through it begin
         ways = [*ways[:place], *ways[place + 1 :], *_both_ways(own.points, throughs[place] * scale)]
     at = _directed(at, candidates[ours] * np.sign(candidates[ours] @ along) * scale)
-    aside = _aside(problem, at, ways)
+    aside = beside(problem, at, ways)
     return Crossing(_kind_of_halves(sides, halves, throughs, scale), at, aside)
 
 
@@ -201,8 +201,8 @@ class _Branching:
             return None
         left, values, right = np.linalg.svd(J[0])
         w, null = left[:, -1], right[-2:]
-        beside = z + ALONG * np.stack([null[0], -null[0], null[1], -null[1]])
-        several = problem.scaled_equations(like.points, beside)[1]
+        around = z + ALONG * np.stack([null[0], -null[0], null[1], -null[1]])
+        several = problem.scaled_equations(like.points, around)[1]
         if not np.isfinite(several).all():
             return None
         bent = w @ (several[::2] - several[1::2]) / (2.0 * ALONG)
@@ -224,22 +224,27 @@ def _both_ways(points: Points, tangent: Vector) -> list[tuple[Points, Vector]]:
     return [(points, tangent), (points, -tangent)]
 
 
-def _aside(
-    problem: ContinuationProblem, at: BranchPoints, ways: list[tuple[Points, Vector]]
+def beside(
+    problem: ContinuationProblem,
+    at: BranchPoints,
+    ways: list[tuple[Points, Vector]],
+    length: float = ASIDE,
 ) -> BranchPoints | None:
     """Points (k,) beside a branch point, on branches from points (1,) with tangents (m,); None if k = 0.
+
+    `length` is that of the step from the branch point.
 
     The equations are singular at the branch point itself, so they are linearised where the step leads.
     """
     each = np.zeros(len(ways), int)
     tangents = np.stack([tangent for _, tangent in ways])
     tangents /= np.sqrt(np.sum(problem.weights * tangents**2, axis=1))[:, None]
-    change, size = ASIDE * tangents, at.points.at.shape[1]
+    change, size = length * tangents, at.points.at.shape[1]
     starts = jax.tree.map(lambda *leaves: np.concatenate(leaves), *(points for points, _ in ways))
     points = Points(starts.at + change[:, :size], starts.modes)
     parameter = at.parameter + change[:, -1]
     images = problem[each].evaluated(points, parameter)
     drift = at.drift + change[:, size:-1]
     guess = BranchPoints(points, drift, parameter, tangents, images, at.corrections[each])
-    beside, ok = problem[each].step(guess, np.zeros(len(ways)))
-    return beside[np.flatnonzero(ok)] if ok.any() else None
+    corrected, ok = problem[each].step(guess, np.zeros(len(ways)))
+    return corrected[np.flatnonzero(ok)] if ok.any() else None

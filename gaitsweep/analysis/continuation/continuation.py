@@ -19,6 +19,7 @@ from gaitsweep.analysis.continuation.arclength import BranchPoints, Continuation
 from gaitsweep.analysis.continuation.bifurcation_tests import (
     TOGETHER,
     Special,
+    ahead,
     bifurcations,
     multipliers_of,
 )
@@ -49,6 +50,7 @@ class ArclengthSteps:
     """Lengths of the first, the longest and the shortest arclength step, and the most points of a branch.
 
     In a length, the parameter is a share of its range, and coordinates are relative to their magnitudes.
+    Each branch has a point at every value of the parameter in `through` that it passes.
     `on_progress` is called before each step with the number of points of each branch (n,), and the share of
     the parameter's range along which it was followed (n,), 1 at its end; an exception that it raises stops
     the continuation.
@@ -59,6 +61,7 @@ class ArclengthSteps:
     shortest: float = 1e-4
     most: int = 300
     on_progress: Callable[[Any, Any], None] = lambda points, shares: None
+    through: tuple[float, ...] = ()
 
 
 def continuation(
@@ -90,7 +93,7 @@ def continuation(
         fix: conserved quantities to constrain, as for `newton`.
         steps: lengths and number of the steps.
         shown: names of the values in the table beside the parameter; by default all.
-        with_points: whether each record has its `Points` (of one point) as `at`.
+        with_points: whether each record has its `BranchPoints` (of one point) as `at`.
         crossing: whether the branches that cross at branch points are followed, too, in both directions. Then
             `branch` numbers the branches of a row, 0 through its start, and `point` leaves out one number
             before each other.
@@ -183,7 +186,7 @@ class BranchTable:
         observed: the names of the map's observables.
         n: number of branches.
         constraints: the conserved quantities that are constrained.
-        with_points: each record has its `Points` of one point as `at`, coordinates and modes.
+        with_points: each record has its `BranchPoints` of one point as `at`.
         crossing: records have the number of their `branch`, since a row may have several.
     """
 
@@ -215,6 +218,10 @@ class BranchTable:
 
     def counts(self, rows: Int[np.ndarray, " rows"]) -> Int[np.ndarray, " rows"]:
         return np.array([len(self._records[row]) for row in rows])
+
+    def records(self, name: int) -> list[dict[str, Any]]:
+        """The records of one branch."""
+        return self._records[name]
 
     def end(self, rows: Int[np.ndarray, " rows"], why: str) -> None:
         for row in rows:
@@ -256,7 +263,7 @@ class BranchTable:
                     "special": special[k],
                     "corrections": int(branch_points.corrections[k]),
                     "end": "",
-                    **({"at": branch_points.points[[k]]} if self._with_points else {}),
+                    **({"at": branch_points[[k]]} if self._with_points else {}),
                 }
             )
 
@@ -348,6 +355,22 @@ class BranchFollower:
         both = jax.tree.map(lambda *leaves: np.concatenate(leaves), *asides)
         return BranchFollower(self.problem[np.array(of)], both, np.array(names), self.table, self.steps)
 
+    def _passed(
+        self, problem: ContinuationProblem, before: BranchPoints, after: BranchPoints
+    ) -> list[list[Special]]:
+        """The points of steps at the values of the parameter that each branch has to have."""
+        passed: list[list[Special]] = [[] for _ in before.parameter]
+        for value in self.steps.through:
+            rows = np.flatnonzero((before.parameter - value) * (after.parameter - value) < 0.0)
+            if rows.size:
+                there, converged = problem[rows].at(before[rows], np.full(rows.size, value))
+                for k in np.flatnonzero(converged):
+                    here = there[[k]]
+                    passed[rows[k]].append(
+                        Special("", ahead(problem[rows[[k]]], before[rows[[k]]], here), here)
+                    )
+        return passed
+
     def _end(self, rows: Int[np.ndarray, " rows"], why: str) -> None:
         self.table.end(self.names[rows], why)
         self.going[rows] = False
@@ -371,8 +394,9 @@ class BranchFollower:
     ) -> None:
         """Record accepted steps and their bifurcations, and end branches that are complete."""
         problem, before, names = self.problem[rows], self.branch_points[rows], self.names[rows]
+        passed = self._passed(problem, before, after)
         for k, on_step in enumerate(specials):
-            for special in on_step:
+            for special in sorted([*on_step, *passed[k]], key=lambda special: special.arclength):
                 if problem.low <= special.here.parameter[0] <= problem.high:
                     only = np.array([k])
                     self.table.write(

@@ -16,20 +16,18 @@ from jaxtyping import Bool, Float, Int
 
 from gaitsweep import near_miss
 from gaitsweep.contract import ResultCode
-from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values, listed, wrap_difference
+from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values, listed, sizes, wrap_difference
 from gaitsweep.errors import ArgumentError
 
 Unknowns = Float[np.ndarray, "points unknowns"]  # coordinates and drifts
 Drifts = Float[np.ndarray, "points constrained"]
 Searches = Int[np.ndarray, " searches"]  # numbers of searches
-# Most halvings of a step that leaves the domain of the map or raises the residual.
+# Most halvings of a step that leaves the domain of the map or raises the residual, by default.
 HALVINGS = 6
 # Condition number of the scaled Jacobian from which Newton's equations count as singular.
 SINGULAR = 1e11
 # Factor by which an accepted step may raise the residual.
 PATIENCE = 4.0
-# Least scale of a coordinate (in its unit); larger coordinates are scaled by their magnitude.
-FLOOR = 0.1
 
 
 class NewtonOutcome(ResultCode):
@@ -108,11 +106,6 @@ class FixedPoints:
         return f"FixedPoints({outcomes}: {listed(self.points.at[self.converged])})"
 
 
-def sizes(at: Float[np.ndarray, "... coordinates"]) -> Float[np.ndarray, "... coordinates"]:
-    """The scale of each coordinate (n, size)."""
-    return FLOOR + np.abs(at)
-
-
 def residuals(
     mapping: Map, points: Points, drift: Drifts, images: MapEvaluation, constraints: ConservedConstraints
 ) -> Unknowns:
@@ -154,6 +147,7 @@ def newton(
     fix: Sequence[str] | Mapping[str, object] = (),
     tolerance: float = 1e-9,
     most: int = 20,
+    halvings: int = HALVINGS,
 ) -> FixedPoints:
     """Find fixed points near n starts.
 
@@ -164,17 +158,20 @@ def newton(
         fix: names of conserved quantities to constrain to their values at the start, or values by name.
         tolerance: relative tolerance on the residual.
         most: largest number of Newton steps.
+        halvings: most halvings of a step that leaves the domain of the map or raises the residual.
 
     Raises:
         ValueError: `fix` names a quantity that the map does not conserve.
     """
-    search = _Search(mapping, starts, mapping.complete(values, len(starts)), fix, tolerance)
-    for _ in range(most):
-        rows = np.flatnonzero(search.outcome == NewtonOutcome.not_converged)
-        if not rows.size:
-            break
-        search.step(rows)
-    search.mark_singular()
+    # searches that leave every bound end as such
+    with np.errstate(over="ignore", invalid="ignore"):
+        search = _Search(mapping, starts, mapping.complete(values, len(starts)), fix, tolerance, halvings)
+        for _ in range(most):
+            rows = np.flatnonzero(search.outcome == NewtonOutcome.not_converged)
+            if not rows.size:
+                break
+            search.step(rows)
+        search.mark_singular()
     return FixedPoints(
         search.points, search.drift, search.residual, search.iterations, search.outcome, search.images
     )
@@ -190,8 +187,10 @@ class _Search:
         values: dict[str, Float[np.ndarray, " points"]],
         fix: Sequence[str] | Mapping[str, object],
         tolerance: float,
+        halvings: int,
     ) -> None:
         self.mapping, self.values, self.tolerance = mapping, values, tolerance
+        self.halvings = halvings
         self.points, self.images = starts, mapping.linearised(starts, values)
         self.constraints = ConservedConstraints.of(mapping, fix, self.images.conserved_values)
         n = len(starts)
@@ -205,10 +204,10 @@ class _Search:
         """One Newton step of the searches `rows`, each shortened until the map is defined at its end."""
         self.iterations[rows] += 1
         step, _ = self._next_steps(rows)
-        for halvings in range(HALVINGS + 1):
+        for halvings in range(self.halvings + 1):
             if not rows.size:
                 break
-            accepted = self._accept(rows, 0.5**halvings * step, last=halvings == HALVINGS)
+            accepted = self._accept(rows, 0.5**halvings * step, last=halvings == self.halvings)
             rows, step = rows[~accepted], step[~accepted]
         self.outcome[rows] = NewtonOutcome.left
         self._mark_converged()

@@ -6,18 +6,19 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from gaitsweep.contract import Quantity, State
-from gaitsweep.engine.poincare.maps import Coordinates, Image, Map, Points, Values
+from gaitsweep.engine.poincare.maps import Coordinates, FollowedMap, Image, Points, Values
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 
 
 @dataclasses.dataclass(frozen=True)
-class PlainMap(Map):
+class PlainMap(FollowedMap):
     """A map of R^n.
 
     Args:
@@ -26,6 +27,7 @@ class PlainMap(Map):
         defaults: (name, number) of each parameter.
         angles: the coordinates that are angles, rad.
         invariants: (name, function `(values, at) -> number`) of each conserved quantity.
+        symmetries: (name, function `(values, at) -> at`) of each symmetry, which commutes with the map.
     """
 
     function: Callable[[Mapping[str, Any], Coordinates], Coordinates]
@@ -33,6 +35,7 @@ class PlainMap(Map):
     defaults: tuple[tuple[str, float], ...] = ()
     angles: tuple[str, ...] = ()
     invariants: tuple[tuple[str, Callable[..., Float[Array, ""]]], ...] = ()
+    symmetries: tuple[tuple[str, Callable[..., Coordinates]], ...] = ()
 
     @property
     def coordinates(self) -> tuple[Quantity, ...]:
@@ -58,6 +61,17 @@ class PlainMap(Map):
     def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
         complete = {**dict(self.defaults), **values}
         return {name: np.broadcast_to(np.asarray(v, np.float64), (n,)).copy() for name, v in complete.items()}
+
+    @property
+    def durations(self) -> tuple[str, ...]:
+        return ()
+
+    def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
+        complete = self.complete(values, len(points))
+        return {
+            name: Points(np.asarray(jax.vmap(function)(complete, points.at)), points.modes)
+            for name, function in self.symmetries
+        }
 
     def refined(self) -> None:
         return None

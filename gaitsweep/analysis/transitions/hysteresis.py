@@ -146,7 +146,8 @@ def irregular_passes(
 ) -> pd.DataFrame:
     """The passes on no branch (row, pass), which reverse direction at least twice, by `least` or more.
 
-    Either their jumps do, or the observable itself, which is smoothed for a ramp.
+    Either their jumps do, or the observable without its jumps, which is smoothed for a ramp: a branch may
+    slope against a jump.
 
     Args, raises: as for `jumps`.
     """
@@ -160,8 +161,9 @@ def _irregular(
     oscillating = all_jumps.loc[_oscillating(all_jumps), ["row", "pass"]].to_numpy()
     passes = {(row, int(number)) for row, number in oscillating}
     for course in courses(table, observable, parameter):
+        slopes = _without_jumps(course, least)
         for number in np.unique(course.passes):
-            if _reversals(course.value[records_of(course, int(number))], least) >= 2:
+            if _reversals(slopes[records_of(course, int(number))], least) >= 2:
                 passes.add((course.first["row"], int(number)))
     return pd.DataFrame(sorted(passes), columns=["row", "pass"]).astype(int)
 
@@ -287,6 +289,19 @@ def _oscillating(all_jumps: pd.DataFrame) -> Bool[np.ndarray, " jumps"]:
     reverses = (size[1:] * size[:-1] < 0.0) & (pass_number[1:] == pass_number[:-1])
     turns = np.bincount(pass_number[1:][reverses], minlength=int(pass_number.max(initial=0)) + 1)
     return turns[pass_number] >= 2
+
+
+def _without_jumps(course: Course, least: float) -> Float[np.ndarray, " records"]:
+    """The values of a course less those before them that its jumps, with their slow ends, have added."""
+    change = np.diff(course.value)
+    for start, stop in stretches(course, least):
+        way = course.value[stop] - course.value[start]
+        while start > 0 and change[start - 1] * way > 0.0:
+            start -= 1
+        while stop < len(change) and change[stop] * way > 0.0:
+            stop += 1
+        change[start:stop] = 0.0
+    return np.concatenate([[0.0], np.cumsum(change)])
 
 
 def _reversals(value: Float[np.ndarray, " records"], least: float) -> int:

@@ -314,7 +314,7 @@ def _acting(m: mujoco.MjModel, data: mujoco.MjData) -> str:
     """The constraints that act in C at the beginning of the step that `data` has made."""
     pairs = [tuple(map(int, contact.geom)) for contact in data.contact if contact.efc_address >= 0]
     if pairs:
-        others = [each for pair in pairs if (each := contact_words(m, *pair, same=False))]
+        others = [words for pair in pairs if (words := contact_words(m, *pair, same=False))]
         return next(iter(others), "") or contact_words(m, *pairs[0])
     rows = {
         mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT: ("jnt", "the limit of "),

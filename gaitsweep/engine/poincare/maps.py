@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import jax
@@ -20,8 +20,9 @@ from gaitsweep.engine.shapes import Integer
 
 # Batch sizes for which programs are compiled. A larger batch is split; a smaller one is filled up to the next
 # size by repeating its last point, which costs kernels nothing.
-BATCH_SIZES = (1, 8, 64)
+BATCH_SIZES = (1, 8, 64, 1024)
 SHOWN = 3  # points in a `repr`
+FLOOR = 0.1  # least scale of a coordinate (in its unit); larger coordinates are scaled by their magnitude
 
 Values = Mapping[str, Any]  # a parameter's name: a number, or one for each point (n,)
 Coordinates = Float[Array, " coordinates"]
@@ -36,6 +37,11 @@ class Batch:
 
     def __getitem__(self, which: Any) -> Self:
         return jax.tree.map(lambda leaf: leaf[which], self)
+
+    @classmethod
+    def joined(cls, several: Sequence[Self]) -> Self:
+        """The elements of several batches, one after the other."""
+        return jax.tree.map(lambda *leaves: np.concatenate(leaves), *several)
 
     def merged(self, which: Int[np.ndarray, " some"], others: Self) -> Self:
         """The batch with the elements at the indices `which` replaced by `others`."""
@@ -129,6 +135,19 @@ class Map(abc.ABC):
         """The same map with a finer integration; None where it has no numerical error."""
 
     @property
+    @abc.abstractmethod
+    def durations(self) -> tuple[str, ...]:
+        """The observables that are durations of an iteration: they add up over several."""
+
+    @abc.abstractmethod
+    def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
+        """Points of the images of these points' orbits under the symmetries, by name."""
+
+    def iterated(self, count: int) -> Map:
+        """The map that applies this one `count` times."""
+        return self if count == 1 else IteratedMap(self, count)
+
+    @property
     def circular(self) -> Bool[np.ndarray, " coordinates"]:
         """Mask of the coordinates that are angles, (size,)."""
         return np.array([quantity.circular for quantity in self.coordinates])
@@ -137,6 +156,11 @@ class Map(abc.ABC):
         """The difference a - b of coordinates (..., size); differences of angles are wrapped."""
         return wrap_difference(a - b, self.circular)
 
+    def distance(self, a: ManyCoordinates, b: ManyCoordinates) -> Float[np.ndarray, " ..."]:
+        """The largest difference of a coordinate, relative to its scale; inf where a difference is NaN."""
+        share = np.abs(self.difference(a, b)) / sizes(a)
+        return np.nan_to_num(np.max(share, axis=-1), nan=np.inf)
+
     def images(self, points: Points, values: Values) -> MapEvaluation:
         """The images of many points."""
         return self._evaluated(points, values, None, derivatives=False)
@@ -144,6 +168,16 @@ class Map(abc.ABC):
     def linearised(self, points: Points, values: Values, over: str | None = None) -> MapEvaluation:
         """The images with their derivatives by the coordinates and by the parameter `over`."""
         return self._evaluated(points, values, over, derivatives=True)
+
+    @abc.abstractmethod
+    def _evaluated(
+        self, points: Points, values: Values, over: str | None, derivatives: bool
+    ) -> MapEvaluation:
+        """The images of many points, with derivatives where they are asked for."""
+
+
+class FollowedMap(Map):
+    """A map whose images are those of `follow`, by programs that are compiled for batches of points."""
 
     def _evaluated(
         self, points: Points, values: Values, over: str | None, derivatives: bool
@@ -176,6 +210,77 @@ class Map(abc.ABC):
         )
 
 
+@dataclasses.dataclass(frozen=True)
+class IteratedMap(Map):
+    """A map applied several times; it has the programs of the map, and derivatives by the chain rule.
+
+    Args:
+        base: the map.
+        count: the number of its applications.
+    """
+
+    base: Map
+    count: int
+
+    @property
+    def coordinates(self) -> tuple[Quantity, ...]:
+        return self.base.coordinates
+
+    @property
+    def conserved(self) -> tuple[Quantity, ...]:
+        return self.base.conserved
+
+    @property
+    def durations(self) -> tuple[str, ...]:
+        return self.base.durations
+
+    def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
+        image, modes, status, observed = self.base.follow(values, at, modes)
+        for _ in range(self.count - 1):
+            passed = {name: observed[name] for name in self.durations}
+            image, modes, later, observed = self.base.follow(values, image, modes)
+            observed |= {name: observed[name] + duration for name, duration in passed.items()}
+            status = jnp.where(status == ReturnStatus.crossed, later, status)
+        return image, modes, status, observed
+
+    def conserved_values(self, values: Values, at: Coordinates) -> Float[Array, " conserved"]:
+        return self.base.conserved_values(values, at)
+
+    def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
+        return self.base.complete(values, n)
+
+    def refined(self) -> Map | None:
+        refined = self.base.refined()
+        return None if refined is None else refined.iterated(self.count)
+
+    def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
+        return self.base.mirrored(points, values)
+
+    def _evaluated(
+        self, points: Points, values: Values, over: str | None, derivatives: bool
+    ) -> MapEvaluation:
+        values = self.base.complete(values, len(points))
+        total = self.base._evaluated(points, values, over, derivatives)
+        for _ in range(self.count - 1):
+            rows = np.flatnonzero(total.sound)
+            if not rows.size:
+                break
+            before = total[rows]
+            at = {name: column[rows] for name, column in values.items()}
+            after = self.base._evaluated(before.points, at, over, derivatives)
+            summed = {name: before.observed[name] + after.observed[name] for name in self.durations}
+            chained = dataclasses.replace(
+                before,
+                points=after.points,
+                status=after.status,
+                observed={**after.observed, **summed},
+                jacobian=after.jacobian @ before.jacobian,
+                d_parameter=(after.jacobian @ before.d_parameter[:, :, None])[:, :, 0] + after.d_parameter,
+            )
+            total = total.merged(rows, chained)
+        return total
+
+
 @cached_by_content(maxsize=64)
 def _program(mapping: Map, over: str | None, derivatives: bool) -> Any:
     """The map of a batch of points, compiled for each batch size."""
@@ -201,9 +306,15 @@ def _program(mapping: Map, over: str | None, derivatives: bool) -> Any:
     return jax.jit(jax.vmap(one))
 
 
+def sizes(at: ManyCoordinates) -> ManyCoordinates:
+    """The scale of each coordinate (..., size)."""
+    return FLOOR + np.abs(at)
+
+
 def wrap_difference(
     difference: ManyCoordinates, circular: Bool[np.ndarray, " coordinates"]
 ) -> ManyCoordinates:
     """Differences; differences of angles (rad) are wrapped to [-pi, pi]."""
-    turns = np.round(difference / (2.0 * np.pi))
-    return np.where(circular, difference - 2.0 * np.pi * turns, difference)
+    with np.errstate(invalid="ignore"):  # an infinite difference stays one
+        turns = np.round(difference / (2.0 * np.pi))
+        return np.where(circular, difference - 2.0 * np.pi * turns, difference)

@@ -23,7 +23,7 @@ from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.fork import refuse_fork
 from gaitsweep.engine.leaves import float_leaves, is_float, with_float_leaves
 from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
-from gaitsweep.engine.poincare.maps import Coordinates, Image, Map, Points, Values
+from gaitsweep.engine.poincare.maps import Coordinates, FollowedMap, Image, Points, Values
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus, crossing_of
 from gaitsweep.engine.shapes import Integer
 from gaitsweep.errors import ArgumentError
@@ -65,7 +65,7 @@ class AllVariables(Chart):
 
 
 @dataclasses.dataclass(frozen=True)
-class BatchedReturnMap(Map):
+class BatchedReturnMap(FollowedMap):
     """The return map of a model, in JAX and for many points at once.
 
     Args:
@@ -93,6 +93,10 @@ class BatchedReturnMap(Map):
     def refined(self, factor: float = REFINED) -> BatchedReturnMap:
         """The same map with a factor on its steps: half of them, or tolerances 32 times finer."""
         return dataclasses.replace(self, numerics=self.integration.refined(factor))
+
+    @property
+    def durations(self) -> tuple[str, ...]:
+        return ("time",)
 
     @cached_property
     def chart(self) -> Chart:
@@ -148,6 +152,15 @@ class BatchedReturnMap(Map):
     def conserved_values(self, values: Values, at: Coordinates) -> Float[Array, " conserved"]:
         return self.chart.conserved_values(self.params(values), at)
 
+    def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
+        complete = self.complete(values, len(points))
+        images = _mirrors(self)(complete, points.at, points.modes) if self.model.symmetries() else {}
+        images = {name: jax.tree.map(np.asarray, image) for name, image in images.items()}
+        return {
+            name: Points(np.asarray(at), jax.tree.map(np.asarray, modes))
+            for name, (at, modes) in images.items()
+        }
+
     def settled(
         self, starts: Mapping[str, Any], values: Values, cycles: int
     ) -> tuple[Points, Int[np.ndarray, " points"]]:
@@ -202,6 +215,24 @@ class BatchedReturnMap(Map):
         starts = {q.name: jax.ShapeDtypeStruct((), jnp.float64) for q in self.model.initial_conditions}
         values = {name: jax.ShapeDtypeStruct((), jnp.float64) for name in self.complete({}, 1)}
         return jax.eval_shape(lambda v, s: self.model.init(self.params(v), s), values, starts)
+
+
+@cached_by_content(maxsize=16)
+def _mirrors(mapping: BatchedReturnMap) -> Callable[..., Any]:
+    """The function `(values, at, modes) -> {symmetry: (at, state)}` of many points."""
+
+    def one(values: Any, at: Coordinates, modes: State) -> dict[str, Any]:
+        params = mapping.params(values)
+        state = mapping.chart.from_coordinates(params, at, modes)
+        images = {}
+        for name, image in mapping.model.symmetries().items():
+            # the image need not be on the section
+            _, crossed, status = mapping.state(params, image(params, state))
+            coordinates = mapping.chart.to_coordinates(params, crossed)
+            images[name] = jnp.where(status == ReturnStatus.crossed, coordinates, jnp.nan), crossed
+        return images
+
+    return jax.jit(jax.vmap(one))
 
 
 @cached_by_content(maxsize=16)

@@ -185,7 +185,7 @@ def bout_time_ratio(
         in_family = (bouts["family"] == family).to_numpy()
         lasted = (bouts["end"] - bouts["begin"]).to_numpy(float) * in_family
         row = bouts["row"].to_numpy()
-        times.append(np.median([lasted[row == each_row].sum() for each_row in np.unique(row)]))
+        times.append(np.median([lasted[row == number].sum() for number in np.unique(row)]))
     return float(times[0] / times[1])
 
 

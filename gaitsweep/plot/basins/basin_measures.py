@@ -22,6 +22,7 @@ from gaitsweep.analysis.basins.measures import Basins, basins
 from gaitsweep.analysis.records import axes_of
 from gaitsweep.plot import theme
 from gaitsweep.plot.columns import axis_label, column, is_angle, rows_where, unit_of, written
+from gaitsweep.plot.figure_style import current
 from gaitsweep.plot.kind import TEXT_COLUMNS, Column, PlannedTable, Refusal, Title, figure_kind
 
 _MOST_NAMED = 6  # most lines in a legend; more lines have a colour bar
@@ -191,7 +192,8 @@ def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | 
     if many and panels:
         _shades_of(axes, table, measured.panels, panels)
     else:
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22))
+        heading = None if current().caption is False else "exponent (95 % interval)"
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22), title=heading)
 
 
 def _explain(axes: Axes, measured: Basins, lack: str) -> None:

@@ -16,7 +16,7 @@ from gaitsweep.plot import theme
 
 _SHARE = 0.02  # of the records, least, that a gait with a name has
 _PLACES = 15  # along a branch at which room is looked for
-_OFFSET, _APART = 4.0, 2.0  # points: of a name from its branch, and least from other lines
+_OFFSET, _APART = 4.0, 2.0  # points: least of a name from its branch, and from other lines
 _STEP = 2.0  # pixels: distance of the points by which lines are represented
 
 
@@ -41,6 +41,8 @@ def name_branches(axes: Axes, at: np.ndarray, value: np.ndarray, gaits: np.ndarr
         _ink(axes),
         [patch.get_window_extent() for patch in axes.patches if patch.get_alpha() is None],
     )
+    marked = (line for line in axes.lines if line.get_marker() not in (None, "None", ""))
+    apart = max([_APART, *(0.5 * float(line.get_markersize()) + 0.5 for line in marked)])
     without = []
     for gait in dict.fromkeys(gaits.tolist()):
         mine = np.flatnonzero(gaits == gait)
@@ -48,7 +50,7 @@ def name_branches(axes: Axes, at: np.ndarray, value: np.ndarray, gaits: np.ndarr
         middle_first = sorted(np.linspace(0.0, 1.0, _PLACES), key=lambda share: abs(share - 0.5))
         places = [mine[round(share * (len(mine) - 1))] for share in middle_first]
         if not any(
-            _fits(axes, gait, (float(at[k]), float(value[k])), side, ink, taken)
+            _fits(axes, gait, (float(at[k]), float(value[k])), side, apart, ink, taken)
             for k in places
             for side in (1, -1)
         ):
@@ -57,22 +59,28 @@ def name_branches(axes: Axes, at: np.ndarray, value: np.ndarray, gaits: np.ndarr
 
 
 def _fits(
-    axes: Axes, gait: str, at: tuple[float, float], side: int, ink: np.ndarray, taken: list[Bbox]
+    axes: Axes,
+    gait: str,
+    at: tuple[float, float],
+    side: int,
+    apart: float,
+    ink: np.ndarray,
+    taken: list[Bbox],
 ) -> bool:
-    """Write a name above or below a place; False, and no name, where it would meet something else."""
+    """Write a name above or below a place; False, and no name, if anything is within `apart` points."""
     look: dict[str, Any] = {"ha": "center", "va": "bottom" if side > 0 else "top", "color": "#333333"}
     text = axes.annotate(
         theme.named(gait),
         at,
-        (0.0, side * _OFFSET),
+        (0.0, side * max(_OFFSET, apart + 1.5)),
         textcoords="offset points",
         fontsize=theme.points(7),
         **look,
     )
     box, panel = text.get_window_extent(), axes.get_window_extent()
     inside = panel.x0 <= box.x0 and box.x1 <= panel.x1 and panel.y0 <= box.y0 and box.y1 <= panel.y1
-    apart = box.padded(_APART * axes.figure.dpi / 72)
-    meets = ((ink >= apart.min) & (ink <= apart.max)).all(axis=1).any() or any(map(apart.overlaps, taken))
+    around = box.padded(apart * axes.figure.dpi / 72)
+    meets = ((ink >= around.min) & (ink <= around.max)).all(axis=1).any() or any(map(around.overlaps, taken))
     if not inside or meets:
         text.remove()
         return False

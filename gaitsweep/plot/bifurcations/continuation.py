@@ -87,9 +87,9 @@ def continuation(
         for number, (low, high) in enumerate(intervals.values()):
             axes.axvspan(low, high, zorder=0, **_beside(number))
         for _, branch in table.groupby(of_branch, sort=True):
-            _draw(axes, branch, x, name, colours.get(branch["row"].iloc[0]))
+            draw_branch(axes, branch, x, name, colours.get(branch["row"].iloc[0]))
         theme.value_axis(axes, angle=is_angle(table, name))
-        handles = _key(table, intervals, hue is not None)
+        handles = key(table, intervals, coloured=hue is not None)
         if hue is not None and _numbers(table, hue):
             shades = ScalarMappable(_span(table, hue), "viridis")
             figure.colorbar(shades, ax=axes, label=described(table, hue), shrink=0.85)
@@ -128,8 +128,10 @@ def _colours(table: pd.DataFrame, hue: str | None) -> dict[Any, Any]:
     return {row: shades(span(float(branch[hue].iloc[0]))) for row, branch in table.groupby("row")}
 
 
-def _draw(axes: Axes, branch: pd.DataFrame, x: str, y: str, colour: Any) -> None:
-    """One branch: its pieces, solid, dashed or dotted, and its bifurcations."""
+def draw_branch(
+    axes: Axes, branch: pd.DataFrame, x: str, y: str, colour: Any, stable_width: float = 1.4
+) -> None:
+    """Draw one branch: its pieces, solid, dashed or dotted, and its bifurcations."""
     at, value = branch[x].to_numpy(float), branch[y].to_numpy(float)
     if is_angle(branch, y):
         value = np.unwrap(value)
@@ -154,6 +156,7 @@ def _draw(axes: Axes, branch: pd.DataFrame, x: str, y: str, colour: Any) -> None
             look |= {"color": colour or "#555555", "ls": ":", "lw": 0.8}
         else:
             look |= {"color": colour or (STABLE if kind else UNSTABLE), "ls": "-" if kind else (0, (4, 2))}
+            look["lw"] = stable_width if kind else 1.4
         axes.plot(at[start : end + 1], value[start : end + 1], **look)
         start = end
     for kind, mark in MARKERS.items():
@@ -161,13 +164,19 @@ def _draw(axes: Axes, branch: pd.DataFrame, x: str, y: str, colour: Any) -> None
         axes.plot(at[marked], value[marked], mark, ms=4.5, color="black", mfc="white", zorder=3)
 
 
-def _key(table: pd.DataFrame, beside: Mapping[str, Sequence[float]], coloured: bool) -> list[Line2D | Patch]:
+def key(
+    table: pd.DataFrame,
+    beside: Mapping[str, Sequence[float]] = MappingProxyType({}),
+    *,
+    coloured: bool,
+    stable_width: float = 1.4,
+) -> list[Line2D | Patch]:
     """The legend; lines are grey in it if branches are `coloured` by another column."""
     stable = table["stable"].to_numpy(bool)
     of_stable, of_unstable = ("#333333", "#333333") if coloured else (STABLE, UNSTABLE)
     handles: list[Line2D | Patch] = []
     if stable.any():
-        handles.append(Line2D([], [], color=of_stable, lw=1.4, label="stable"))
+        handles.append(Line2D([], [], color=of_stable, lw=stable_width, label="stable"))
     if not stable.all():
         handles.append(Line2D([], [], color=of_unstable, lw=1.4, ls=(0, (4, 2)), label="unstable"))
     special = set(table["special"].fillna(""))

@@ -56,6 +56,7 @@ from gaitsweep.table import TableError, load
 
 _PANELS_A_ROW = 3
 _MOST_PANELS = 12
+_LETTER = 0.035  # inches; width of a letter of a name at the right side
 _FAINT = 4  # with more rows each is drawn fainter
 # the colour of the intervals in which rows jump, and the ends of their bars as shares of the panel's height
 _JUMPS = {"rising": (UP, 0.97, 1.0), "falling": (DOWN, 0.0, 0.03)}
@@ -156,10 +157,10 @@ def hysteresis(
                 strip.tick_params(labelleft=False)
             room = theme.width_of(width) / across - 0.8
             if number + across >= len(shown):
-                label = described(table, parameter, 66 // across)
-                strip.set_xlabel(theme.wrapped(label, room, 8.5))
+                beside = _LETTER * max(map(len, ticks), default=0) if last else 0.0
+                strip.set_xlabel(theme.wrapped(described(table, parameter, 66), room - beside, 8.5))
                 strip.tick_params(labelbottom=True)
-            broken.append(_below(strip, handles, room))
+            broken.append(_below(strip, handles, room + 0.4))
         theme.grow(figure, 0.12 * max(broken))
         for axes in {grid[0], below[0]}:
             theme.value_axis(axes, angle=origin is not None)

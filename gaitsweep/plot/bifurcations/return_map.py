@@ -71,18 +71,17 @@ def return_map(
     form = form or ("change" if _near_the_diagonal(table, name) else "next")
     down, across = theme.shape(len(values), theme.PAGE, 2.0, _PANELS_A_ROW)
     width = theme.PAGE if len(values) > 1 else theme.COLUMN + 1.2
-    with theme.canvas(width, (2.3 if across > 1 else 2.8) * down + 0.9, title) as figure:
+    height = 2.8 if len(values) == 1 else 2.3 if across > 1 else 1.7
+    with theme.canvas(width, height * down + 0.9, title) as figure:
         grid = theme.panels(figure, (down, across), len(values), sharex=True, sharey=True)
         origin = origin_of(table, name, table[name].to_numpy(float))
         marks: set[str] = set()
-        for number, (axes, value) in enumerate(zip(grid, values, strict=True)):
+        for axes, value in zip(grid, values, strict=True):
             part = table if value is None else rows_where(table, table[panels] == value)
             marks |= _panel(axes, part, name, form, bandwidth, origin)
             axes.set_title("" if value is None else written(table, str(panels), value))
-            if number % across == 0:
-                axes.set_ylabel(_label(table, name, form))
-            if number + across >= len(values):
-                axes.set_xlabel(described(table, name, min(90 // across, 44)))
+        x = described(table, name, min(90 // across, 44))
+        theme.label_panels(figure, grid, across, x=x, y=_label(table, name, form))
         _scale(grid, form, origin)
         if marks:
             theme.legend(figure, _key(marks), ncols=min(across + 1, 3), in_cell=True)

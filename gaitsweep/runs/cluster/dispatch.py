@@ -20,7 +20,6 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from gaitsweep.engine.sweep.sweep import OpenRows, Timings
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.errors import EXIT_FAILURE, UserError
 from gaitsweep.runs.cluster.connection import Connection
@@ -34,7 +33,7 @@ from gaitsweep.runs.cluster.task import (
     run_block,
 )
 from gaitsweep.runs.cluster.workers import Workers
-from gaitsweep.runs.executor import Executor
+from gaitsweep.runs.executor import Executor, MissingBlocks
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.table import ResultDirectory, replace_file, writing
 from gaitsweep.table.locks import BLOCK_LOCKS
@@ -152,31 +151,14 @@ class Cluster(Executor):
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def run_blocks(
-        self,
-        context: RunContext,
-        directory: ResultDirectory,
-        missing: Sequence[int],
-        on_progress: Callable[[SweepProgress], None],
-        timings: Timings,
-        open_rows: OpenRows,
-    ) -> None:
+    def run_blocks(self, missing: MissingBlocks) -> None:
         if self._ticket is None:
             raise RuntimeError("run_blocks is called inside `serve`.")
-        assignment = Assignment(
-            self._ticket,
-            str(directory.path.absolute()),
-            directory.layout,
-            min(_LOCK_PATIENCE, self.limit(None) / 2),
-        )
+        path, patience = missing.directory.path, min(_LOCK_PATIENCE, self.limit(None) / 2)
+        assignment = Assignment(self._ticket, str(path.absolute()), missing.directory.layout, patience)
         # deaths that an earlier run has counted are forgotten
-        (directory.path / BLOCK_LOCKS).unlink(missing_ok=True)
-
-        def on_table_progress(now: SweepProgress) -> None:
-            timings.run_s = now.seconds
-            on_progress(now)
-
-        Dispatch(self, directory, assignment, missing, on_table_progress, context.rows_in).run()
+        (path / BLOCK_LOCKS).unlink(missing_ok=True)
+        Dispatch(self, missing, assignment).run()
 
     def submit(self, tasks: Sequence[tuple[int, np.ndarray | None]], assignment: Assignment) -> list[Any]:
         """Submit blocks to the scheduler; return a task in flight for each."""
@@ -220,32 +202,21 @@ class Dispatch:
 
     Args:
         cluster: the cluster.
-        directory: the result directory of the table.
+        missing: the blocks.
         assignment: the description that all tasks share.
-        missing: the numbers of the blocks.
-        on_progress: progress callback; an exception that it raises stops the dispatch.
-        rows_in: function that chooses the rows of a refined run, or None.
     """
 
-    def __init__(
-        self,
-        cluster: Cluster,
-        directory: ResultDirectory,
-        assignment: Assignment,
-        missing: Sequence[int],
-        on_progress: Callable[[SweepProgress], None],
-        rows_in: Callable[[int, int], np.ndarray] | None,
-    ) -> None:
+    def __init__(self, cluster: Cluster, missing: MissingBlocks, assignment: Assignment) -> None:
         self.cluster, self.workers = cluster, cluster.workers
-        self.directory, self.assignment, self.rows_in = directory, assignment, rows_in
-        self.waiting = collections.deque(missing)
+        self.missing, self.directory, self.assignment = missing, missing.directory, assignment
+        self.waiting = collections.deque(missing.numbers)
         self.flight: dict[int, _InFlight] = {}
         self.ended: list[int] = []
         self.failures: collections.Counter[int] = collections.Counter()
         self.failed: dict[int, str] = {}
-        self.rows = directory.layout.rows_in(missing)
+        self.rows = self.directory.layout.rows_in(missing.numbers)
         self.done = 0  # rows
-        self._on_progress, self._reported = on_progress, -_REPORT
+        self._reported = -_REPORT
         self._began = time.monotonic()
         self._longest: float | None = None  # s, of the tasks that have ended
         # blocks that ended since `_counted` (s), and their number in a second before that
@@ -313,7 +284,8 @@ class Dispatch:
         self.flight.update(zip(numbers, tasks, strict=True))
 
     def _rows(self, number: int) -> np.ndarray | None:
-        return None if self.rows_in is None else self.rows_in(*self.directory.layout.rows_of(number))
+        rows_in = self.missing.context.rows_in
+        return None if rows_in is None else rows_in(*self.directory.layout.rows_of(number))
 
     def _take_ended(self) -> int:
         """Process the tasks that have ended, well or not; return their number."""
@@ -451,11 +423,9 @@ class Dispatch:
         if now - self._reported < _REPORT:
             return
         self._reported = now
-        self._on_progress(
-            SweepProgress(
-                self.done, self.rows, self.done / self.rows, 0, now - self._began, self.cluster.note
-            )
-        )
+        spent, note = now - self._began, self.cluster.note
+        self.missing.timings.run_s = spent
+        self.missing.on_progress(SweepProgress(self.done, self.rows, self.done / self.rows, 0, spent, note))
 
     def _sentence(self) -> str:
         sentences = [

@@ -5,18 +5,23 @@ from __future__ import annotations
 import abc
 import dataclasses
 import math
+from collections.abc import Mapping, Sequence
+from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from gaitsweep.contract import Model, Status
+from gaitsweep.analysis.continuation.arclength import BranchPoints
+from gaitsweep.contract import Model, Quantity, Status
 from gaitsweep.engine.poincare.maps import Points
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.kinds.continuation import Continuation
 from gaitsweep.kinds.run_kind import BlockProgress
 from gaitsweep.kinds.staircase import Staircase
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.view.explorer.replays import Crossings, ReplayedRow, Replayer, Stretch, Windows
-from gaitsweep.view.explorer.section_states import states_at
 from gaitsweep.view.explorer.start_map import CELLS, StartMap
 from gaitsweep.view.explorer.traced_cells import cells_to_trace, spread
 
@@ -254,7 +259,7 @@ class ReplayBranches(ReplayGroup):
             same = record is not None and math.isclose(
                 again[run.parameter], float(table[run.parameter].iloc[record]), rel_tol=_SAME
             )
-            if same and isinstance(again.get("at"), Points):
+            if same and isinstance(again.get("at"), BranchPoints):
                 records.append(record)
                 points.append(again)
         chosen = spread(len(records))[:most] if records else np.zeros(0, np.int64)
@@ -265,7 +270,7 @@ class ReplayBranches(ReplayGroup):
         branch = np.array([point["row"] for point in points], np.int64)
         parameters = {name: np.broadcast_to(v, rows.shape)[branch] for name, v in values.items()}
         parameters[run.parameter] = np.array([point[run.parameter] for point in points], float)
-        self._start = states_at(mapping, [point["at"] for point in points], parameters)
+        self._start = states_at(mapping, [point["at"].points for point in points], parameters)
 
     def windows(self, period: float) -> Windows:
         longest = float(np.nanmax(np.asarray(self.table["time"], float)[self.records]))
@@ -353,3 +358,53 @@ def replay_groups(
     rows = np.sort(_spread(rows, max(1, most // 2)))
     count = int(min(_MOST_WINDOWS, max(2, most // len(rows))))
     return [ReplayRamp(table, context, rows, count)], 0
+
+
+def states_at(
+    mapping: BatchedReturnMap, points: Sequence[Points], values: Mapping[str, np.ndarray]
+) -> tuple[Model, dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Use points of the section as starts of trajectories.
+
+    Args:
+        mapping: the return map of the model.
+        points: n points.
+        values: parameters (n,) by name.
+
+    Returns:
+        A model that can begin in any of its states, and its parameters and starts (n,) by name.
+    """
+    n = len(points)
+    joined = jax.tree.map(lambda *leaves: np.concatenate(leaves), *points)
+    complete = mapping.complete(values, n)
+
+    def placed(own: Any, at: jax.Array, modes: Any) -> tuple[Any, Any]:
+        return mapping.chart.from_coordinates(mapping.params(own), at, modes), mapping.resolved(own)
+
+    states, parameters = jax.jit(jax.vmap(placed))(complete, joined.at, joined.modes)
+    leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(states)]
+    columns = np.concatenate([leaf.reshape(n, -1).astype(np.float64) for leaf in leaves], axis=1)
+    model = _in_state(mapping.model, jax.tree.map(lambda leaf: leaf[0], states))
+    names = [quantity.name for quantity in model.initial_conditions]
+    starts = dict(zip(names, columns.T, strict=True))
+    return model, {name: np.asarray(v) for name, v in parameters.items()}, starts
+
+
+def _in_state(model: Model, like: Any) -> Model:
+    """The model with all numbers of a state as initial conditions; `like` is one of its states."""
+    leaves, tree = jax.tree.flatten(like)
+    shapes = [(np.shape(leaf), np.asarray(leaf).dtype) for leaf in leaves]
+    cuts = np.cumsum([int(np.prod(shape)) for shape, _ in shapes])
+    quantities = tuple(Quantity(f"state_{i}", "1", "number of a state") for i in range(int(cuts[-1])))
+
+    def init(self: Model, params: Any, start: Mapping[str, jax.Array]) -> Any:
+        numbers = jnp.stack([jnp.asarray(start[quantity.name]) for quantity in quantities])
+        parts = jnp.split(numbers, cuts[:-1].tolist())
+        return jax.tree.unflatten(
+            tree,
+            [part.reshape(shape).astype(dtype) for part, (shape, dtype) in zip(parts, shapes, strict=True)],
+        )
+
+    members = {"init": init, "initial_conditions": property(lambda self: quantities)}
+    kind = type(f"{type(model).__name__}InState", (type(model),), members)
+    fields = dataclasses.fields(model)  # pyright: ignore[reportArgumentType] (each is a dataclass)
+    return kind(**{field.name: getattr(model, field.name) for field in fields if field.init})

@@ -70,8 +70,8 @@ def _palette(picture: np.ndarray, colours: Sequence[str]) -> Image.Image:
     packed, counts = np.unique(picture.astype(np.uint32) @ _PLACES, return_counts=True)
     frequent = packed[np.argsort(-counts, kind="stable")[: 4 * _EXACT], None] // _PLACES % 256
     means = Image.fromarray(picture).quantize(256, dither=Image.Dither.NONE).getpalette() or []
-    given = np.round(255 * np.array([to_rgb(colour) for colour in colours])).reshape(-1, 3)
-    exact = _distinct([*given, *frequent])[:_EXACT]
+    wanted = np.round(255 * np.array([to_rgb(colour) for colour in colours])).reshape(-1, 3)
+    exact = _distinct([*wanted, *frequent])[:_EXACT]
     entries = _distinct([*exact, *np.reshape(means, (-1, 3))])[:256]
     palette = Image.new("P", (1, 1))
     palette.putpalette(np.array(entries, np.uint8).ravel().tolist())

@@ -322,8 +322,9 @@ def test_a_worker_hangs_that_ends_no_block_and_not_one_whose_blocks_wait(
     )
     cluster: Any = SimpleNamespace(workers=workers, limit=lambda longest: 10.0)
     directory: Any = SimpleNamespace(layout=Layout("", 800, 8))
-    nothing: Any = None
-    blocks = dispatch.Dispatch(cluster, directory, nothing, range(4), nothing, None)
+    missing: Any = SimpleNamespace(directory=directory, numbers=range(4))
+    assignment: Any = None
+    blocks = dispatch.Dispatch(cluster, missing, assignment)
     blocks.flight = {n: dispatch._InFlight(SimpleNamespace(key=n), 0.0, None) for n in range(4)}
     for second in range(17):
         now = float(second)
@@ -335,6 +336,7 @@ def test_a_worker_hangs_that_ends_no_block_and_not_one_whose_blocks_wait(
     assert messages == [f"The worker right is ended, and its blocks go elsewhere: {where}."]
 
 
+@pytest.mark.slow
 def test_names_of_tasks_are_used_again(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """So that a scheduler does not remember more of them with each block."""
     monkeypatch.setattr(dispatch, "_MOST_IN_FLIGHT", 4)

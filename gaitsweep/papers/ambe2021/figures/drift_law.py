@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, StrMethodFormatter
 
 from gaitsweep.contract import Outcome
@@ -33,10 +34,9 @@ EQUAL = 1e-9  # largest difference between equal ends, in the unit of the parame
 ENDS = {"m": ("m_1", "m_end"), "kappa": ("kappa_1", "kappa_end"), "a": ("a_1", "a_end")}
 APART = {
     "m": "difference of head's and tail's mass, $|m_{N+1} - m_1|$ (kg)",
-    "kappa": "drift of the sum of relative phases $E$ with unequal end springs (rad per cycle)",
-    "a": "drift of the sum of relative phases $E$ with unequal end amplitudes (rad per cycle)",
-    "ends": "drift of the sum of relative phases $E$ with unequal ends (rad per cycle)",
+    **dict.fromkeys(("kappa", "a", "ends"), "drift of the sum of relative phases, $E$ (rad per cycle)"),
 }
+_FIELDS = {"max": "most cycles", "median": "median"}  # of the starts with a gait: filled and open markers
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
@@ -89,20 +89,32 @@ def drift_law(
         colour, marker = theme.colours(names), theme.markers(names)
         for name in names:
             points = pairs[pairs[hue] == name]
-            for field, words, tint in (
-                ("max", "most cycles", {"color": colour[name]}),
-                ("median", "median", {"facecolors": "none", "edgecolors": colour[name]}),
-            ):
-                look: dict[str, Any] = {"marker": marker[name], "s": 16, "linewidths": 0.8, **tint}
-                axes.scatter(points["apart"], points[field], label=f"{theme.named(name)}: {words}", **look)
+            for field in _FIELDS:
+                look: dict[str, Any] = {"marker": marker[name], "s": 16, "linewidths": 0.8}
+                look |= {"facecolors": colour[name] if field == "max" else "none", "edgecolors": colour[name]}
+                axes.scatter(points["apart"], points[field], **look)
         law = pairs.groupby("apart")["law"].first().sort_index()
-        label = "law: drift along all of the line, eqs. (30)-(32)"
-        axes.plot(law.index, law, color="black", lw=0.9, label=label)
+        axes.plot(law.index, law, color="black", lw=0.9)
         for axis, scale in ((axes.xaxis, axes.set_xscale), (axes.yaxis, axes.set_yscale)):
             scale("log")
             _ticks(axis)
-        theme.legend(figure, ncols=2)
+        theme.legend(figure, _key({name: (colour[name], marker[name]) for name in names}), ncols=6)
     return figure
+
+
+def _key(looks: dict[str, tuple[str, str]]) -> list[Line2D]:
+    """The legend: the colour and marker of each gait, what filled and open markers are, and the law."""
+    point: dict[str, Any] = {"ls": "", "ms": 4.5, "mew": 0.8}
+    gaits = [
+        Line2D([], [], color=colour, marker=marker, label=theme.named(name), **point)
+        for name, (colour, marker) in looks.items()
+    ]
+    grey = {"color": "#555555", "marker": "o"}
+    fields = [
+        Line2D([], [], mfc=face, label=_FIELDS[field], **grey, **point)
+        for field, face in (("max", "#555555"), ("median", "none"))
+    ]
+    return [*gaits, Line2D([], [], color="black", lw=0.9, label="law, eqs. (30)-(32)"), *fields]
 
 
 def _columns(table: pd.DataFrame, of: str) -> list[tuple[str, str]]:

@@ -39,6 +39,7 @@ from gaitsweep.plot import (
 )
 
 _SHARES = (*WAVES, "elsewhere")
+_BINNED, _OF_A_BIN = 1000, 4  # sets from which a map has bins, and their mean number in one
 _EDGE: dict[str, Any] = {"color": "black", "lw": 0.9, "ls": "--"}
 _EXACT: dict[str, Any] = {"color": "#D55E00", "lw": 1.1}
 _LINES = {
@@ -74,7 +75,7 @@ def gait_shares(
     Curves have their 95 % intervals. Dashed lines are the limits of m/2 < m_B < m and of m g/kappa < a < L,
     solid ones those of the exact conditions (`existence`); parameters that are not on the axes are those of
     the job, or of Table 1 if they vary. With a profile there are no dashed lines. If the sets form no grid,
-    a map has a point for each.
+    a map has a point for each, or, of many, the means of bins.
 
     Args:
         table: a settle table of the multi-legged chain, several starts for each set of parameters.
@@ -114,12 +115,23 @@ def gait_shares(
 
 
 def _map(axes: Axes, shares: pd.DataFrame, table: pd.DataFrame, x: str, y: str, gait: str) -> Any:
-    """Cells if the sets form a grid, averaged over a cell's sets; else a point for each set."""
+    """Cells with the means of their sets if these form a grid; else a point for each set, or bins of many."""
     look = {"cmap": "viridis", "vmin": 0.0, "vmax": 1.0, "rasterized": True}
     cells = pd.DataFrame(shares.groupby([x, y])[gait].mean()).reset_index()
     grid = cell_grid(cells, x, y, table)
     if grid is not None:
         return axes.pcolormesh(*grid.edges, grid.placed(cells, cells[gait]), **look)
+    at = cells[[x, y]].to_numpy(float)
+    if len(cells) >= _BINNED:
+        number = int(np.sqrt(len(cells) / _OF_A_BIN))
+        scales = (axes.get_xscale(), axes.get_yscale())
+        edges = [
+            _along((low, high), number + 1, scale)
+            for low, high, scale in zip(at.min(axis=0), at.max(axis=0), scales, strict=True)
+        ]
+        sums = np.histogram2d(at[:, 0], at[:, 1], edges, weights=cells[gait].to_numpy(float))[0]
+        sets = np.ma.masked_equal(np.histogram2d(at[:, 0], at[:, 1], edges)[0], 0.0)
+        return axes.pcolormesh(*edges, (sums / sets).T, **look)
     size = float(np.clip(2e3 / len(cells), 3.0, 30.0))
     return axes.scatter(cells[x], cells[y], c=cells[gait], s=size, linewidths=0.0, **look)
 

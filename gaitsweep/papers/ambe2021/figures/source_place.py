@@ -18,14 +18,15 @@ from gaitsweep.plot import (
     PlotError,
     Refusal,
     Title,
-    axis_label,
     cell_edges,
+    described,
     figure_kind,
     hatch_cells,
     require_columns,
     theme,
 )
 
+_BESIDE = 1.6  # inches; of labels and colour bars beside the panels
 _SHOWN = {"source": ("Blues", "source at this leg"), "meeting": ("Oranges", "waves meet there (hatched)")}
 
 
@@ -69,12 +70,13 @@ def source_place(
                 theme.message(axes, "no rows yet")
             return figure
         shares, drawn = places_of(table), {}
+        room = (theme.width_of(theme.PAGE) - (_BESIDE if across == len(x) else 0.7)) / across
         legs = int(shares["leg"].to_numpy().max())
         most = max(float(shares["source"].to_numpy().max()), 0.01)
         for axes, name in zip(panels, x, strict=True):
             others = [other for other in x if other != name]
             alone = np.all(shares[others].to_numpy(float) == 0.0, axis=1)
-            axes.set_xlabel(axis_label(table, name))
+            axes.set_xlabel(theme.wrapped(described(table, name), room, 8.5))
             if alone.any():
                 drawn = _panel(axes, pd.DataFrame(shares[alone]), name, legs, most)
             else:
@@ -83,8 +85,8 @@ def source_place(
         panels[0].set_ylim(legs + 2.5, 0.5)
         cells = list(figure.axes)  # before those of colour bars
         for mesh, label in drawn.values():
-            side: dict[str, Any] = {"pad": 0.01} if across == len(x) else {"location": "bottom"}
-            figure.colorbar(mesh, ax=cells, label=f"share: {label}", shrink=0.9, **side)
+            side: dict[str, Any] = {} if across == len(x) else {"location": "bottom", "aspect": 30}
+            figure.colorbar(mesh, ax=cells, label=f"share: {label}", shrink=0.9, pad=0.01, **side)
     return figure
 
 

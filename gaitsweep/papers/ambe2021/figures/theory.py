@@ -123,7 +123,7 @@ def _touchdowns(N: int, chain: Chain, k: int, at: float, title: str | None) -> F
             axes.set_xlabel("phase (rad)")
             theme.angle_axis(axes, "x")
         for axes in panels[::across]:
-            axes.set_ylabel("leg length less L (m)")
+            axes.set_ylabel(r"leg length less $L$ (m)")
         handles = [
             Line2D([], [], ls="", marker="o", color=_TOUCHING, label="leg that touches down"),
             Line2D([], [], ls="", marker="<", color=_FRONT, label="leg in front of it, towards the head"),
@@ -175,6 +175,7 @@ def _order(N: int, chain: Chain, k: int, at: float, title: str | None) -> Figure
         left.set_xlim(0, 1)
         left.set_yticks(legs, [f"Leg {leg}" + (" = k" if leg == k else "") for leg in legs])
         left.set_ylim(N + 1.6, 0.4)
+        left.tick_params(axis="y", pad=6.0)  # beyond a mark at 0
         left.set_xlabel("time after the touchdown of leg k (cycles)")
         left.set_title("order of touchdowns, and the set S of each leg", loc="left")
         _resets(right, N, order)

@@ -64,10 +64,7 @@ def fastest_motions(
 
 
 def obstacle_problem(
-    l: jax.Array,  # noqa: E741 - the paper's symbol
-    m: jax.Array,
-    kappa: jax.Array,
-    g: jax.Array,
+    l: jax.Array, m: jax.Array, kappa: jax.Array, g: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Lowest heights of the masses at or above their leg tips, and the load on each leg.
 
@@ -128,12 +125,7 @@ def _highest_chord(h: jax.Array, run: jax.Array) -> jax.Array:
     return jnp.max(jnp.where(inside, chord, -jnp.inf), axis=(1, 2))
 
 
-def balance(
-    l: jax.Array,  # noqa: E741 - the paper's symbol
-    m: jax.Array,
-    kappa: jax.Array,
-    g: jax.Array,
-) -> jax.Array:
+def balance(l: jax.Array, m: jax.Array, kappa: jax.Array, g: jax.Array) -> jax.Array:
     """The load on each leg divided by the middle spring (m), shape (n,); negative for a leg in the air.
 
     It is a guard function: its sign changes where a leg touches or leaves the ground.
@@ -147,11 +139,7 @@ def balance(
 
 
 def balance_and_rate(
-    l: jax.Array,  # noqa: E741 - the paper's symbol
-    m: jax.Array,
-    kappa: jax.Array,
-    g: jax.Array,
-    rate: jax.Array,
+    l: jax.Array, m: jax.Array, kappa: jax.Array, g: jax.Array, rate: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """`balance` and its rate of change if the legs' lengths change at `rate` (n,).
 

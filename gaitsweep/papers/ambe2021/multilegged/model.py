@@ -8,6 +8,7 @@ phase is reset when its leg touches the ground in the landing segment, and the l
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Mapping
 from typing import ClassVar
 
@@ -17,13 +18,12 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Array, Bool, Float, Real
 
-from gaitsweep import Skeleton
+from gaitsweep import Limb, Skeleton
 from gaitsweep.analyses import AnalysisError
 from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended, Simultaneous
 from gaitsweep.dynamics import TWO_PI, lagged_reset, wrapped
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, largest_distance, relative_phases
 from gaitsweep.papers.ambe2021.multilegged.chart import MultileggedChart
-from gaitsweep.papers.ambe2021.multilegged.drawing import skeleton
 from gaitsweep.papers.ambe2021.multilegged.mechanics import fastest_motions, neighbour_force, obstacle_problem
 from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS, SPRINGS, profile_parameters
 from gaitsweep.papers.ambe2021.theory.chain import Chain
@@ -37,6 +37,9 @@ TOUCH = 1e-12
 ROUNDING = 4.0
 # A leg of the reduced model leaves the ground if its load is negative; with this offset 0 is still contact.
 STRICTLY = 1e-300
+# Drawn distance of neighbours and half size of masses, in leg lengths; the model has neither.
+_APART, _HALF = 0.6, 0.075
+_CORNERS = np.array([(x, y, z) for y in (-1.0, 1.0) for x in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
 
 @jax.tree_util.register_dataclass
@@ -362,4 +365,22 @@ class Multilegged(HybridModel):
     def skeleton(
         self, values: Mapping[str, float], signals: Mapping[str, Float[np.ndarray, " times"]]
     ) -> Skeleton:
-        return skeleton(self.N + 1, values, signals)
+        """The chain, its head to the right."""
+        masses, feet = [], []
+        for i in range(self.N + 1):
+            height, length = signals[f"x_{i + 1}"], signals[f"l_{i + 1}"]
+            along = np.full_like(height, -_APART * values["L"] * i)
+            level = np.zeros_like(height)
+            masses.append(np.stack([along, level, height], axis=1))
+            feet.append(np.stack([along, level, height - length], axis=1))
+        size = _HALF * values["L"] * _CORNERS
+        return Skeleton(
+            limbs=tuple(
+                Limb(f"leg {i + 1}", np.stack([masses[i], feet[i]], axis=1), pair=1)
+                for i in range(self.N + 1)
+            ),
+            bodies=tuple(mass[:, None, :] + size for mass in masses),
+            springs=tuple(np.stack(ends, axis=1) for ends in itertools.pairwise(masses)),
+            note="Leg 1 is the head's. Masses only move up and down; "
+            "how far apart they are is not in the model.",
+        )

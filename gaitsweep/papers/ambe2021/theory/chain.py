@@ -56,10 +56,10 @@ class Chain(NamedTuple):
         """Whether inner legs have values of their own."""
         return any(jnp.ndim(values) > 0 for values in (self.m, self.kappa, self.a))
 
-    def equal_inner_legs(self, what: str) -> None:
-        """Raise an ArgumentError if the chain has a profile, for which `what` is unknown."""
+    def equal_inner_legs(self, result: str) -> None:
+        """Raise an ArgumentError if the chain has a profile, for which `result` is unknown."""
         if self.has_profile:
-            raise ArgumentError(f"{what} requires a chain with equal inner legs, but this one has a profile.")
+            raise ArgumentError(f"{result} requires equal inner legs, but this chain has a profile.")
 
 
 TABLE_1 = Chain()

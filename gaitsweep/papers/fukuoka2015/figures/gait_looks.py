@@ -47,6 +47,16 @@ def colour_of(gait: str) -> str:
     return theme.colours([gait])[gait]
 
 
+def areas_of(gaits: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """The look of an area of each gait that occurs; the two sides of a gait share their colour and hatch."""
+    present = set(gaits)
+    firsts: dict[str, str] = {}
+    for gait in [gait for gait in ORDER if gait in present]:
+        firsts.setdefault(colour_of(gait), gait)
+    hatch = theme.hatches(firsts.values())
+    return {gait: theme.hatched(colour_of(gait), hatch[firsts[colour_of(gait)]]) for gait in present}
+
+
 def marker_of(gait: str) -> str:
     """The marker of a gait, or of no gait."""
     return theme.markers([gait])[gait]

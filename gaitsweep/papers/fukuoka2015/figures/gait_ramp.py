@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -12,9 +12,10 @@ import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
 
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gaits_along
-from gaitsweep.papers.fukuoka2015.figures.gait_looks import ORDER, check_gaits, colour_of, label_of
+from gaitsweep.papers.fukuoka2015.figures.gait_looks import ORDER, areas_of, check_gaits, label_of
 from gaitsweep.plot import (
     Count,
     Panels,
@@ -86,20 +87,33 @@ def gait_ramp(
     rows = [np.unique(part["row"].to_numpy(int)) for part in parts]
     heights = [max(len(rows_of_panel), 1) for rows_of_panel in rows]
     span = along[parameter if x == "parameter" else x]
-    present = set(along["gait"].astype(str))
+    areas = areas_of(along["gait"].astype(str))
     with theme.canvas(theme.PAGE, 0.42 * sum(heights) + 0.35 * len(parts) + 0.9, title) as figure:
         grid = figure.subplots(len(parts), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
         grid[0].set_xlim(span.min(), span.max())
         for axes, value, part in zip(grid, values, parts, strict=True):
             axes.set_title("" if value is None else written(table, str(panels), value), loc="left")
-            names = row_names(part.sort_values("row", kind="stable"), [panels] if panels else [])
-            _panel(axes, along, list(names.items()), parameter, x == "speed")
+            names = _names(part.sort_values("row", kind="stable"), panels)
+            _panel(axes, along, list(names.items()), parameter, x == "speed", areas)
         grid[-1].set_xlabel(described(table, parameter) if x == "parameter" else "measured speed (m/s)")
-        shown = [gait for gait in theme.ordered(ORDER) if gait in present]
-        handles = [Patch(color=colour_of(gait), label=_kind(gait)) for gait in shown]
+        shown = [gait for gait in theme.ordered(ORDER) if gait in areas]
+        handles = [Patch(label=_kind(gait), **areas[gait]) for gait in shown]
         handles = list({handle.get_facecolor(): handle for handle in handles}.values())
         theme.legend(figure, handles, ncols=6)
     return figure
+
+
+def _names(part: pd.DataFrame, panels: str | None) -> dict[Any, str]:
+    """The name of each row of a panel; rows that differ by their perturbed start alone are numbered."""
+    names = row_names(part, [*([panels] if panels else []), "seed", "pair"])
+    shared = {row: name if "=" in name else "" for row, name in names.items()}
+    alike: dict[str, list[Any]] = {}
+    for row, name in shared.items():
+        alike.setdefault(name, []).append(row)
+    for name, rows in alike.items():
+        for number, row in enumerate(rows if len(rows) > 1 else [], start=1):
+            names[row] = ", ".join([*([name] if name else []), f"start {number}"])
+    return names
 
 
 def _kind(gait: str) -> str:
@@ -113,7 +127,12 @@ def _kind(gait: str) -> str:
 
 
 def _panel(
-    axes: Axes, along: pd.DataFrame, rows: Sequence[tuple[Any, str]], parameter: str, measured: bool
+    axes: Axes,
+    along: pd.DataFrame,
+    rows: Sequence[tuple[Any, str]],
+    parameter: str,
+    measured: bool,
+    areas: Mapping[str, dict[str, Any]],
 ) -> None:
     """The bars of named rows, over the parameter or the measured speed, and the direction of each pass."""
     look: dict[str, Any] = {"fontsize": theme.points(11), "va": "center", "ha": "right", "weight": "bold"}
@@ -125,7 +144,7 @@ def _panel(
             at = part["speed" if measured else parameter].to_numpy(float)
             if measured and len(at):
                 at = scipy.optimize.isotonic_regression(at, increasing=not falls).x
-            _bar(axes, at, part["t"].to_numpy(float), part["gait"].astype(str).tolist(), height)
+            _bar(axes, at, part["t"].to_numpy(float), part["gait"].astype(str).tolist(), height, areas)
             if len(part):
                 arrow, side = "\u2190" if falls else "\u2192", axes.get_yaxis_transform()
                 axes.annotate(arrow, (0.0, height), (-3, 0), side, "offset points", **look)
@@ -135,7 +154,14 @@ def _panel(
     axes.spines["left"].set_visible(False)
 
 
-def _bar(axes: Axes, at: np.ndarray, t: np.ndarray, gaits: Sequence[str], height: float) -> None:
+def _bar(
+    axes: Axes,
+    at: np.ndarray,
+    t: np.ndarray,
+    gaits: Sequence[str],
+    height: float,
+    areas: Mapping[str, dict[str, Any]],
+) -> None:
     """One pass: its windows reach half way to their neighbours, but not over missing windows.
 
     A gait has its name where its bar has room for it.
@@ -151,8 +177,9 @@ def _bar(axes: Axes, at: np.ndarray, t: np.ndarray, gaits: Sequence[str], height
     turns = missing | [one != other for one, other in itertools.pairwise(kinds)]
     firsts = [0, *(np.flatnonzero(turns) + 1).tolist(), len(at)]
     for first, last in itertools.pairwise(firsts):
-        low, colour = begins[first], colour_of(gaits[first])
-        bar = axes.barh(height, ends[last - 1] - low, _BAR, left=low, color=colour, linewidth=0)
+        low, colour = begins[first], areas[gaits[first]]["facecolor"]
+        bar = axes.barh(height, ends[last - 1] - low, _BAR, left=low, **areas[gaits[first]])
         if abs(ends[last - 1] - low) * letters > len(kinds[first]):
             look: dict[str, Any] = {"fontsize": theme.points(7), "color": theme.ink_on(colour)}
+            look["path_effects"] = [withStroke(linewidth=2.5, foreground=colour)]  # read over a hatch
             axes.bar_label(bar, [kinds[first]], label_type="center", **look)

@@ -22,7 +22,7 @@ from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
     FLIGHT,
     LIMBS,
     ORDER,
-    colour_of,
+    areas_of,
     footfalls,
     in_words,
     label_of,
@@ -50,7 +50,7 @@ from gaitsweep.plot import (
 _MOST_STRIPS = 12
 _MOST_COLUMNS, _LONG = 2, 4  # more strips than _LONG are in two columns
 _BESIDE = 1.0  # inches; of names and labels beside a strip
-_HEIGHTS = {"gait": 0.4, "flexor": 0.75, "load": 0.75, "feet": 0.62, "pitch": 0.55}  # inches
+_HEIGHTS = {"gait": 0.4, "flexor": 0.75, "load": 0.75, "feet": 0.8, "pitch": 0.7}  # inches
 _LEAST = 3  # least number of windows of a named gait bout
 _LETTER = 0.075  # inches; width of a letter of a gait's name
 
@@ -122,7 +122,8 @@ def gait_series(
         ]
         flight = [Patch(color=FLIGHT, label="flight: no foot on the ground")]
         flight = flight if any(map(_flies, parts)) else []
-        bouts = [Patch(color=colour_of(gait), label=label_of(gait)) for gait in ORDER if gait in gaits]
+        areas = {} if along is None else areas_of(along["gait"].astype(str))
+        bouts = [Patch(label=label_of(gait), **areas[gait]) for gait in ORDER if gait in gaits]
         theme.legend(figure, [*handles, *flight, *bouts], ncols=5)
     return figure
 
@@ -203,14 +204,14 @@ def _bouts(axes: Axes, part: pd.DataFrame, along: pd.DataFrame, wide: float) -> 
     low, high = float(part["t"].iloc[0]), float(part["t"].iloc[-1])
     axes.set_xlim(low, high)
     width = (wide - _BESIDE) / (high - low)  # inches a second
-    drawn = set()
+    areas, drawn = areas_of(along["gait"].astype(str)), set()
     for bout in gait_bouts(of_row, "gait", _LEAST).to_dict("records"):
         begin, end = max(float(bout["begin"]), low), min(float(bout["end"]), high)
         if end <= begin:
             continue
         name = str(bout["gait"])
         drawn.add(name)
-        axes.barh(0.15, end - begin, 0.26, left=begin, color=colour_of(name), linewidth=0)
+        axes.barh(0.15, end - begin, 0.26, left=begin, **areas[name])
         if (end - begin) * width > _LETTER * len(name):
             look: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": theme.points(7)}
             axes.text(0.5 * (begin + end), 0.3, name, **look)

@@ -98,10 +98,10 @@ def loading_rule(
     heading = title if only is None else f"{title or ''} {written(table, only, value)}".strip()
     with theme.canvas(theme.PAGE, (2.25 if across > 1 else 1.75) * down + 0.6, heading) as figure:
         grid = theme.panels(figure, (down, across), len(names), sharey=True)
-        for number, (axes, name) in enumerate(zip(grid, names, strict=True)):
+        for axes, name in zip(grid, names, strict=True):
             _panel(axes, pairs, name, agreement[name])
-            if number % across == 0:
-                axes.set_ylabel("shift of the pair, $\\delta$ (cycles)\nhind leg late: positive")
+        label = "shift of the pair, $\\delta$ (cycles)\nhind leg late: positive"
+        theme.label_panels(figure, grid, across, y=label)
         quadrants = Patch(color=_OF_THE_RULE, label="sign as the rule says")
         theme.legend(figure, [*gait_key(present), quadrants], ncols=6)
     return figure

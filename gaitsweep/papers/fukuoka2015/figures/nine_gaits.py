@@ -25,7 +25,8 @@ from gaitsweep.plot import (
 
 _NOTE = 1.5  # inches; width of the description of a cell
 _NARROW = 5.0  # inches; below, cells have their speed alone, and the first column names the legs
-_TILTS = ("hind leg first (tilted down)", "together (level)", "fore leg first (tilted up)")
+_TILTS = ("hind leg first\n(tilted down)", "together\n(level)", "fore leg first\n(tilted up)")
+_PAIRS = ("left fore and right hind leg", "right fore and left hind leg")  # of the columns and of the rows
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
@@ -53,9 +54,7 @@ def nine_gaits(
     """
     require_columns(table, "row", "t", *FLEXORS.values())
     gaits = gaits_in(table)
-    wide = theme.width_of(theme.PAGE)
-    cell = wide / 3.0 - 0.4  # inches; of a cell's texts
-    narrow = wide < _NARROW
+    narrow = theme.width_of(theme.PAGE) < _NARROW
     with theme.canvas(theme.PAGE, 4.9, title) as figure:
         grid = figure.subplots(3, 3)
         for place, gait in enumerate(CHART):
@@ -67,18 +66,20 @@ def nine_gaits(
                 _name(axes, gait)
                 _empty(axes, "no row" if narrow else "no row has it")
             if place // 3 == 0:
-                heading = theme.wrapped(f"left fore, right hind:\n{_TILTS[place]}", cell, 7.5)
-                axes.annotate(
-                    heading, (0.5, 1.0), (0, 32 if narrow else 42), "axes fraction",
-                    "offset points", ha="center", fontsize=theme.points(7.5),
-                )  # fmt: skip
+                look: dict[str, Any] = {"ha": "center", "fontsize": theme.points(7.5)}
+                look |= {"xycoords": "axes fraction", "textcoords": "offset points"}
+                above = 32 if narrow else 42
+                axes.annotate(_TILTS[place], (0.5, 1.0), (0, above), **look)
+                if place == 1:  # a line above all three, which is wider than its column
+                    axes.annotate(_PAIRS[0], (0.5, 1.0), (0, above + 22), in_layout=False, **look)
+                    axes.annotate(" ", (0.5, 1.0), (0, above + 22), **look)
             if place % 3 == 0:
-                heading = f"right fore, left hind:\n{_TILTS[place // 3]}".replace(" (", "\n(")
-                axes.set_ylabel(heading, fontsize=theme.points(7.5), labelpad=4)
+                axes.set_ylabel(_TILTS[place // 3], fontsize=theme.points(7.5), labelpad=4)
             elif narrow:
                 axes.tick_params(labelleft=False)
             if place // 3 == 2:
                 axes.set_xlabel("time (s)")
+        figure.supylabel(_PAIRS[1], fontsize=theme.points(7.5))
     return figure
 
 

@@ -38,9 +38,9 @@ def _along_path(
     formula += f" + ({name}_fast - {end:.6g})*max(2*sigma - 1, 0)".replace("- -", "+ ")
     low = {"low": 0.0, "open_ends": True} if positive else {}
     return (
-        Quantity(f"{name}_slow", unit, f"{name} at the slow end of the path, sigma = 0", start,
+        Quantity(f"{name}_slow", unit, f"{meaning} at the slow end of the path", start,
                  symbol=f"{symbol}(0)", source=_SEARCH, **low),
-        Quantity(f"{name}_fast", unit, f"{name} at the fast end of the path, sigma = 1", end,
+        Quantity(f"{name}_fast", unit, f"{meaning} at the fast end of the path", end,
                  symbol=f"{symbol}(1)", source=_SEARCH, **low),
         Quantity(name, unit, meaning, formula, symbol=symbol, source=_PATH, **low),
     )  # fmt: skip
@@ -49,7 +49,7 @@ def _along_path(
 _SPEED = (
     Quantity("sigma", "1", "place on the path of speed, slow to fast", 0.5, low=0.0, high=1.0,
              symbol=r"\sigma", source=_SEARCH),
-    Quantity("v_d", "m/s", "desired speed, which formulas may use", 1.0,
+    Quantity("v_d", "m/s", "desired speed", 1.0,
              symbol="v_d"),
     *_along_path("s", "1", "tonic drive", 1.18, 1.71, 1.40, "s", True),
     *_along_path("Tr", "s", "time constant of the rise", 0.085, 0.0473, 0.0206, "T_r", True),

@@ -1,0 +1,1 @@
+"""Atlas of a map: its periodic orbits, their branches, and the bifurcations that join them."""

@@ -1,0 +1,458 @@
+"""The atlas of a map: all periodic orbits at one value of a parameter, their branches, and what these meet.
+
+The orbits of a search are followed at once along the parameter. Where a branch has a flip, the branch of
+twice the period is followed from there; where branches cross, the other one. What these meet is followed,
+too, to a given depth. Branches that turn out to be one are joined, also if they are followed from other
+points of the same orbits.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.analysis.atlas.curves import BifurcationCurve, curve_through
+from gaitsweep.analysis.atlas.periodic_orbits import SAME, Orbit, OrbitSearch, orbit_of, polished, rows_of
+from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
+from gaitsweep.analysis.continuation.branch_points import CROSSINGS, beside
+from gaitsweep.analysis.continuation.continuation import ArclengthSteps, BranchFollower, BranchTable
+from gaitsweep.analysis.continuation.lockstep import in_lockstep
+from gaitsweep.analysis.continuation.newton import ConservedConstraints, newton
+from gaitsweep.analysis.continuation.normal_forms import coefficient, doubled_direction
+from gaitsweep.engine.poincare.maps import Map, Points, Values
+
+# A point may lie beside the chord of a step by this share of its length, since a branch is bent.
+BESIDE_CHORD = 0.3
+# A point is on a branch if the branch passes it this closely, relative to its size.
+ON_BRANCH = 1e-5
+# Lengths of the step from a flip to the branch of twice the period, the next where one does not converge: the
+# next flip of a cascade is close.
+BESIDE_FLIP = (1e-3, 1e-4, 1e-2, 1e-5)
+# Records of each branch point that is not an observable or a multiplier.
+BIFURCATIONS = ("fold", "corner", "flip", "neimark_sacker", *CROSSINGS)
+
+
+@dataclasses.dataclass(frozen=True)
+class Half:
+    """A branch in one direction from its first point.
+
+    `problem` has this branch alone; `records` are those of `BranchTable`, with their `BranchPoints` as `at`;
+    `asides` the points on crossing branches by the place of the record where they cross.
+    """
+
+    problem: ContinuationProblem
+    records: list[dict[str, Any]]
+    asides: dict[int, BranchPoints]
+
+
+@dataclasses.dataclass
+class Branch:
+    """A branch of periodic orbits of one row.
+
+    Attributes:
+        row: the row.
+        period: the period of its orbits.
+        depth: the number of bifurcations between it and an orbit of the search.
+        begins: the branch and the record at whose bifurcation it begins; None: it leads through an orbit.
+        problem: the continuation problem, of this branch alone.
+        records: its points in order, as dictionaries; `at` has the `BranchPoints` of each.
+        asides: points on crossing branches by the place of the record where they cross.
+    """
+
+    row: int
+    period: int
+    depth: int
+    begins: tuple[int, int] | None
+    problem: ContinuationProblem
+    records: list[dict[str, Any]]
+    asides: dict[int, BranchPoints]
+
+    def __post_init__(self) -> None:
+        points = [record["at"] for record in self.records]
+        self.at = np.concatenate([point.points.at for point in points])
+        self.parameter = np.concatenate([point.parameter for point in points])
+
+    def passes(self, points: Points, parameter: float) -> bool:
+        """Whether it passes one of these points (n,) at this value of the parameter."""
+        if len(self.records) < 2:
+            return False
+        size, mapping, weights = self.at.shape[1], self.problem.mapping, self.problem.weights[0]
+        chords = np.concatenate(
+            [mapping.difference(self.at[1:], self.at[:-1]), np.diff(self.parameter)[:, None]], axis=1
+        )
+        lengths = np.sqrt(chords[:, :size] ** 2 @ weights[:size] + weights[-1] * chords[:, -1] ** 2)
+        for point in range(len(points)):
+            away = np.concatenate(
+                [
+                    mapping.difference(points.at[point], self.at[:-1]),
+                    (parameter - self.parameter[:-1])[:, None],
+                ],
+                axis=1,
+            )
+            scale = np.append(weights[:size], weights[-1])
+            with np.errstate(divide="ignore", invalid="ignore"):
+                share = np.nan_to_num((away * chords) @ scale / lengths**2)
+            share = np.clip(share, 0.0, 1.0)
+            beside_chord = np.sqrt(((away - share[:, None] * chords) ** 2) @ scale)
+            for place in np.flatnonzero(beside_chord < BESIDE_CHORD * lengths + ON_BRANCH):
+                if self._meets(int(place), points[[point]], parameter):
+                    return True
+        return False
+
+    def _meets(self, place: int, point: Points, parameter: float) -> bool:
+        """Whether the step after the record `place` passes a point (1,)."""
+        ends = [self.records[place]["at"], self.records[place + 1]["at"]]
+        size = point.at.shape[1]
+        for end in ends:
+            change = np.append(
+                self.problem.mapping.difference(point.at, end.points.at)[0], parameter - end.parameter[0]
+            )
+            tangent = end.tangent[0]
+            weights = self.problem.weights[0]
+            length = weights[:size] * tangent[:size] @ change[:size]
+            length += weights[-1] * tangent[-1] * change[-1]
+            near, converged = self.problem.step(end, np.array([length]))
+            apart = abs(near.parameter[0] - parameter) / (self.problem.high - self.problem.low)
+            apart = max(apart, float(self.problem.mapping.distance(point.at, near.points.at)[0]))
+            if converged[0] and apart < ON_BRANCH:
+                return True
+        return False
+
+
+@dataclasses.dataclass(frozen=True)
+class Beginning:
+    """The first point of a branch that is to be followed.
+
+    `directions` are the signs of the parameter's first change, or (0,) along the tangent of `first`.
+    """
+
+    row: int
+    period: int
+    depth: int
+    begins: tuple[int, int] | None
+    problem: ContinuationProblem
+    first: BranchPoints
+    directions: tuple[int, ...]
+    orbit: Points
+
+
+class Atlas:
+    """The branches of the periodic orbits of each row's map along one parameter.
+
+    Args:
+        mapping: the map.
+        values: its other parameters, numbers or one for each row (n,).
+        parameter: the continuation parameter.
+        within: its range, two numbers.
+        fix: conserved quantities that are held.
+        steps: lengths and number of the steps; branches have points at its values `through`.
+        most_branches: the largest number of branches of a row.
+    """
+
+    def __init__(
+        self,
+        mapping: Map,
+        values: Values,
+        *,
+        parameter: str,
+        within: Sequence[float],
+        fix: Sequence[str] = (),
+        steps: ArclengthSteps | None = None,
+        most_branches: int = 200,
+    ) -> None:
+        self.mapping, self.parameter, self.within, self.fix = mapping, parameter, within, fix
+        self.values = {name: v for name, v in values.items() if name != parameter}
+        self.steps, self.most_branches = steps or ArclengthSteps(), most_branches
+        self.branches: list[Branch] = []
+
+    def follow(self, search: OrbitSearch, at: float, depth: int) -> None:
+        """Follow the orbits of a search at a value of the parameter, and what their branches meet.
+
+        Args:
+            search: the orbits.
+            at: the value of the parameter there.
+            depth: the largest number of bifurcations between a branch and an orbit.
+        """
+        beginnings = [self._of_orbit(orbit, at) for orbit in search.orbits]
+        self._follow([beginning for beginning in beginnings if beginning is not None])
+        first = 0
+        for level in range(1, depth + 1):
+            parents, first = range(first, len(self.branches)), len(self.branches)
+            self._follow(list(self._switched(parents, level)))
+
+    def _of_orbit(self, orbit: Orbit, at: float) -> Beginning | None:
+        mapping, row = self.mapping.iterated(orbit.period), np.array([orbit.row])
+        values = rows_of(self.values, row)
+        complete = mapping.complete({**values, self.parameter: at}, 1)
+        fixed = newton(mapping, orbit.points[[0]], complete, fix=self.fix)
+        if not fixed.converged[0]:
+            return None
+        others = {name: column for name, column in complete.items() if name != self.parameter}
+        constraints = ConservedConstraints.of(mapping, self.fix, fixed.images.conserved_values)
+        problem = ContinuationProblem.of(
+            mapping, self.parameter, self.within, others, constraints, fixed.points.at
+        )
+        first = problem.first(fixed.points, fixed.drift, np.array([at]), 1.0)
+        ways = tuple(sign for sign in (-1, 1) if (at > problem.low if sign < 0 else at < problem.high))
+        return Beginning(orbit.row, orbit.period, 0, None, problem, first, ways, orbit.points)
+
+    def _switched(self, parents: Iterable[int], depth: int) -> Iterable[Beginning]:
+        """The branches that begin at the bifurcations of other branches."""
+        for number in parents:
+            branch = self.branches[number]
+            for place, record in enumerate(branch.records):
+                asides, period, problem = branch.asides.get(place), branch.period, branch.problem
+                if record["special"] == "flip" and not record["end"]:
+                    period = 2 * period
+                    problem = dataclasses.replace(problem, mapping=self.mapping.iterated(period))
+                    asides = _doubled(problem, record["at"])
+                firsts = [] if asides is None else [asides[[k]] for k in range(len(asides.parameter))]
+                for first in firsts:
+                    values = {**problem.values, self.parameter: first.parameter}
+                    orbit = orbit_of(self.mapping, first.points, values, period)
+                    if orbit is not None and len(orbit) == period:
+                        yield Beginning(
+                            branch.row, period, depth, (number, place), problem, first, (0,), orbit
+                        )
+
+    def _follow(self, beginnings: list[Beginning]) -> None:
+        """Follow branches from their first points; those that are known by then, or double, are left out."""
+        new = [beginning for beginning in beginnings if not self._known(beginning, self.branches)]
+        followed: list[tuple[Beginning, Branch]] = []
+        order = sorted(range(len(new)), key=lambda k: new[k].period)
+        for period, group in itertools.groupby(order, key=lambda k: new[k].period):
+            of_period = [new[k] for k in group]
+            halves = self._halves(of_period, period)
+            for beginning, pieces in zip(of_period, halves, strict=True):
+                followed.append((beginning, _branch(beginning, pieces)))
+        for beginning, branch in followed:
+            count = sum(other.row == branch.row for other in self.branches)
+            if count < self.most_branches and not self._known(beginning, self.branches):
+                self.branches.append(branch)
+
+    def _known(self, beginning: Beginning, branches: Iterable[Branch]) -> bool:
+        """Whether a branch passes the first point of another one."""
+        at = float(beginning.first.parameter[0])
+        values = {**beginning.problem.values, self.parameter: beginning.first.parameter}
+        images = self.mapping.mirrored(beginning.orbit, values).values()
+        return any(
+            branch.row == beginning.row
+            and branch.period == beginning.period
+            and (branch.passes(beginning.orbit, at) or any(branch.passes(image, at) for image in images))
+            for branch in branches
+        )
+
+    def _halves(self, beginnings: Sequence[Beginning], period: int) -> list[list[Half]]:
+        """The halves of branches of orbits of one period: of each beginning one in each of its directions."""
+        of = [(k, sign) for k, beginning in enumerate(beginnings) for sign in beginning.directions]
+        if not of:
+            return [[] for _ in beginnings]
+        problem = ContinuationProblem.joined([beginnings[k].problem for k, _ in of])
+        firsts = [
+            dataclasses.replace(
+                beginnings[k].first,
+                tangent=(sign or 1) * beginnings[k].first.tangent * _sense(beginnings[k], sign),
+            )
+            for k, sign in of
+        ]
+        first = BranchPoints.joined(firsts)
+        names = np.arange(len(of))
+        table = BranchTable(
+            problem.mapping,
+            self.parameter,
+            {},
+            list(first.images.observed),
+            len(of),
+            problem.held,
+            with_points=True,
+        )
+        follower = BranchFollower(problem, first, names, table, self.steps)
+        follower.follow()
+        crossings: dict[int, list[tuple[BranchPoints, BranchPoints | None]]] = {}
+        for name, here, aside in follower.crossings:
+            crossings.setdefault(name, []).append((here, aside))
+        halves: list[list[Half]] = [[] for _ in beginnings]
+        for name, (k, _) in enumerate(of):
+            own = problem[np.array([name])]
+            records, asides = self._of_half(own, table.records(name), crossings.get(name, []), period)
+            halves[k].append(Half(own, records, asides))
+        return halves
+
+    def _of_half(
+        self,
+        problem: ContinuationProblem,
+        records: list[dict[str, Any]],
+        crossings: list[tuple[BranchPoints, BranchPoints | None]],
+        period: int,
+    ) -> tuple[list[dict[str, Any]], dict[int, BranchPoints]]:
+        """The records of a half up to the flip of its parent, if it ends there, and the crossing branches."""
+        asides: dict[int, BranchPoints] = {}
+        waiting = list(crossings)
+        for place, record in enumerate(records):
+            if record["special"] not in BIFURCATIONS:
+                continue
+            if record["special"] in CROSSINGS and waiting:
+                _, aside = waiting.pop(0)
+                if aside is not None:
+                    asides[place] = aside
+            record["coefficient"] = coefficient(problem, record["at"], record["special"])
+            if period % 2 == 0 and self._is_halved(problem, record["at"], period):
+                record |= {"special": "flip", "end": "flip", "coefficient": float("nan")}
+                asides.pop(place, None)
+                return records[: place + 1], asides
+        return records, asides
+
+    def _is_halved(self, problem: ContinuationProblem, at: BranchPoints, period: int) -> bool:
+        """Whether an orbit at a bifurcation has half its branch's period."""
+        half = self.mapping.iterated(period // 2)
+        images = half.images(at.points, {**problem.values, self.parameter: at.parameter})
+        return bool(images.sound[0] and self.mapping.distance(at.points.at, images.points.at)[0] < ON_BRANCH)
+
+    def follow_curves(
+        self, second: str, within: Sequence[float], steps: ArclengthSteps | None = None
+    ) -> pd.DataFrame:
+        """Follow the bifurcations of all branches in the plane of the parameter and a second one.
+
+        Args:
+            second: the name of the second parameter; its value at the branches is that of `values`.
+            within: its range, two numbers.
+            steps: lengths and number of the steps.
+
+        Returns:
+            One record a point: row, curve, kind (fold, flip, neimark_sacker, branch_point), period, point,
+            both parameters, the map's observables, multiplier_re and multiplier_im (of the critical one),
+            unstable (how many others are outside the unit circle), special (a bifurcation of codimension 2),
+            end. Point 0 is on a branch, and points below 0 are behind it.
+        """
+        low, high = float(min(within)), float(max(within))
+        candidates = [
+            (branch, record)
+            for branch in self.branches
+            for record in branch.records
+            if record["special"] in BIFURCATIONS and record["special"] != "corner" and not record["end"]
+        ]
+        followed = in_lockstep(
+            [
+                curve_through(
+                    branch.problem,
+                    record["at"],
+                    record["special"],
+                    (second, low, high, float(np.ravel(branch.problem.values[second])[0])),
+                    steps or ArclengthSteps(),
+                )
+                for branch, record in candidates
+            ]
+        )
+        curves: list[BifurcationCurve] = []
+        for (branch, record), curve in zip(candidates, followed, strict=True):
+            orbit = None if curve is None else self._orbit(branch, record["at"])
+            if curve is None or orbit is None:
+                continue
+            place, kind = float(record["at"].parameter[0]), record["special"]
+            if not any(known.passes(branch.row, kind, orbit, place) for known in curves):
+                curves.append(dataclasses.replace(curve, row=branch.row, period=branch.period))
+        records = []
+        for number, curve in enumerate(curves):
+            head = {"row": curve.row, "curve": number, "kind": curve.equations.kind, "period": curve.period}
+            records += [{**head, **record} for record in curve.records()]
+        return pd.DataFrame(records)
+
+    def _orbit(self, branch: Branch, at: BranchPoints) -> Points | None:
+        """The points of the orbit at one point of a branch."""
+        values = {**branch.problem.values, self.parameter: at.parameter}
+        return orbit_of(self.mapping, at.points, values, branch.period)
+
+    def table(self, search: OrbitSearch, at: float) -> pd.DataFrame:
+        """One record a point of a branch.
+
+        Args:
+            search: the search whose orbits were followed.
+            at: the value of the parameter there.
+
+        Returns:
+            row, branch, period, depth, begins (the branch at whose bifurcation it begins; -1: it leads
+            through an orbit of the search), and the columns of `continuation`, with `coefficient`, the normal
+            form's; missing (`OrbitSearch.missing`), and where the parameter is `at`: found (how many searches
+            found the orbit; 0: its branch alone leads there; -1 at other points), reached, error and symmetry
+            of an `Orbit`.
+        """
+        records = []
+        for number, branch in enumerate(self.branches):
+            missing = search.missing(branch.row)
+            for place, record in enumerate(branch.records):
+                begins = -1 if branch.begins is None else branch.begins[0]
+                head = {"row": branch.row, "branch": number, "point": place, "period": branch.period}
+                head |= {"depth": branch.depth, "begins": begins, "coefficient": float("nan"), "found": -1}
+                head |= {"reached": float("nan"), "error": float("nan"), "missing": missing, "symmetry": ""}
+                rest = {k: v for k, v in record.items() if k not in ("row", "point", "at")}
+                if record[self.parameter] == at and not record["special"]:
+                    rest |= self._of_search(search, branch, record["at"])
+                records.append({**head, **rest})
+        return pd.DataFrame(records)
+
+    def _of_search(self, search: OrbitSearch, branch: Branch, at: BranchPoints) -> dict[str, Any]:
+        """What a search knows of the orbit at a point of a branch."""
+        for orbit in search.of_row(branch.row):
+            if orbit.period == branch.period:
+                away = self.mapping.distance(orbit.points.at, at.points.at)
+                if np.min(away) < ON_BRANCH:
+                    symmetry = ", ".join(orbit.symmetry)
+                    return {
+                        "found": orbit.hits,
+                        "reached": orbit.reached,
+                        "error": orbit.error,
+                        "symmetry": symmetry,
+                    }
+        values = {**branch.problem.values, self.parameter: at.parameter}
+        orbit = polished(self.mapping, at.points, branch.row, values, branch.period, self.fix)
+        if orbit is None:
+            return {"found": 0}
+        own = self.mapping.mirrored(orbit.points[[0]], values)
+        away = {name: self.mapping.distance(orbit.points.at, image.at) for name, image in own.items()}
+        names = [name for name, distances in away.items() if np.min(distances) < SAME]
+        return {"found": 0, "error": orbit.error, "symmetry": ", ".join(names)}
+
+
+def _sense(beginning: Beginning, sign: int) -> float:
+    """The sign that turns the first tangent towards growing values of the parameter, for halves of both."""
+    return 1.0 if sign == 0 or beginning.first.tangent[0, -1] >= 0.0 else -1.0
+
+
+def _doubled(problem: ContinuationProblem, flip: BranchPoints) -> BranchPoints | None:
+    """A point on the branch of twice the period beside a flip (1,), with the tangent away from it."""
+    scale = np.zeros_like(problem.weights[0])
+    size = flip.points.at.shape[1]
+    scale[:size] = doubled_direction(flip)
+    for length in BESIDE_FLIP:
+        aside = beside(problem, flip, [(flip.points, scale)], length)
+        if aside is not None:
+            return aside
+    return None
+
+
+def _branch(beginning: Beginning, halves: list[Half]) -> Branch:
+    """The branch of one or two halves: the first one is reversed."""
+    if len(halves) == 2:
+        back, ahead = halves
+        last = len(back.records) - 1
+        reversed_records = [dict(record) for record in back.records[:0:-1]]
+        # a kink marks the step that leads to its record
+        for k in range(len(reversed_records) - 1, -1, -1):
+            if reversed_records[k]["special"] == "kink":
+                reversed_records[k]["special"] = ""
+                after = reversed_records[k + 1] if k + 1 < len(reversed_records) else ahead.records[0]
+                after["special"] = after["special"] or "kink"
+        asides = {last - place: aside for place, aside in back.asides.items()}
+        asides |= {last + place: aside for place, aside in ahead.asides.items()}
+        records = [*reversed_records, *ahead.records]
+    else:
+        asides, records = halves[0].asides, halves[0].records
+    problem = halves[0].problem
+    return Branch(
+        beginning.row, beginning.period, beginning.depth, beginning.begins, problem, records, asides
+    )

@@ -1,0 +1,194 @@
+"""Curves of bifurcations in the plane of two parameters, by pseudo-arclength.
+
+A curve is followed in the space of the coordinates and both parameters, where it is smooth also at a cusp.
+Functions that change sign along it locate the bifurcations of codimension 2 on it. It ends at the border of
+the ranges, or as lost where the map has a corner or a jump.
+
+Source: Kuznetsov 2004, Elements of Applied Bifurcation Theory, chapter 9 (bifurcations of codimension 2).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from gaitsweep.analysis.continuation.bifurcation_tests import located
+from gaitsweep.analysis.continuation.continuation import JUMPS, ArclengthSteps
+from gaitsweep.analysis.continuation.critical_points import CriticalEquations, CriticalPoint, Vector
+from gaitsweep.analysis.continuation.lockstep import Computation
+from gaitsweep.engine.poincare.maps import Points
+
+# Largest scaled residuals of F and of g at a point, and most corrections of a step. Corrections go on while
+# they halve the residual of g.
+TOLERANCE, CRITICAL_TOLERANCE, MOST_CORRECTIONS = 1e-9, 1e-7, 12
+EXACT = 1e-11
+# Least cosine of the angle by which a curve turns in a step.
+STRAIGHT = 0.9
+# Corrections after which the next step is longer.
+FEW = 5
+# A bifurcation of codimension 2 is found in an interval this short, as a share of its step.
+SHORTEST_INTERVAL = 1e-6
+# Angle of a critical pair, rad, below which a curve ends where both multipliers are 1 or -1.
+MEETING = 0.02
+
+
+@dataclasses.dataclass(frozen=True)
+class CurvePoint:
+    """A point of a curve: its `point`, and `special`, the bifurcation of codimension 2 there or a kink."""
+
+    point: CriticalPoint
+    special: str = ""
+
+
+def followed(
+    equations: CriticalEquations, first: CriticalPoint, sign: float, steps: ArclengthSteps
+) -> Computation[tuple[list[CurvePoint], str]]:
+    """A curve from its first point, and why it ends: range, closed, most, lost, or resonance_1_1 or 1_2.
+
+    Args:
+        equations: of the bifurcation, in two parameters.
+        first: its first point.
+        sign: the direction of the second parameter in which the curve is followed.
+        steps: lengths and number of the steps, in which parameters count as shares of their ranges.
+    """
+    m = equations.m
+    if not np.isfinite(first.tangent).all():
+        return [CurvePoint(first)], "lost"
+    if sign * first.tangent[m + 1] < 0.0:
+        first = dataclasses.replace(first, tangent=-first.tangent)
+    curve, before, length = [CurvePoint(first)], first, steps.first
+    while len(curve) < steps.most:
+        steps.on_progress([len(curve)], [len(curve) / steps.most])
+        after = yield from step(equations, before, length)
+        if after is None or after.tangent @ before.tangent < STRAIGHT:
+            length *= 0.5
+            if length >= steps.shortest:
+                continue
+            if equations.kind == "neimark_sacker" and _meeting(before):
+                return curve, _meeting(before)
+            leap = yield from _leap(equations, before, steps.longest)
+            if leap is None:
+                return curve, "lost"
+            curve.append(CurvePoint(leap, "kink"))
+            before, length = leap, steps.first
+            continue
+        curve += yield from _degenerate(equations, before, after, length)
+        outside = [k for k in (m, m + 1) if not 0.0 <= after.unknowns[k] <= 1.0]
+        if outside:
+            edge = yield from _at_edge(equations, before, after, outside)
+            return curve + ([] if edge is None else [CurvePoint(edge)]), "range"
+        curve.append(CurvePoint(after))
+        if equations.kind == "neimark_sacker" and _meeting(after):
+            return curve, _meeting(after)
+        if len(curve) > 4 and _passes(before, after, first):
+            return curve, "closed"
+        if after.corrections <= FEW:
+            length = min(1.4 * length, steps.longest)
+        before = after
+    return curve, "most"
+
+
+def step(
+    equations: CriticalEquations, before: CriticalPoint, length: float, pinned: int | None = None
+) -> Computation[CriticalPoint | None]:
+    """The point of a curve one arclength step ahead; None where the corrections do not converge.
+
+    With `pinned` the unknown of this number is moved by `length`, and not the arclength.
+    """
+    normal = before.tangent
+    if pinned is not None:
+        normal = np.eye(len(before.tangent))[pinned]
+    guess = before.tangent * (length / (normal @ before.tangent))
+    matrix = np.concatenate([before.matrix, normal[None]])
+    change, moved, like = guess.copy(), np.zeros_like(guess), before.point
+    border, norm, m = (before.v, before.w), np.inf, equations.m
+    for number in range(1, MOST_CORRECTIONS + 1):
+        unknowns = before.unknowns + change
+        miss, full, images = yield from equations.evaluated(like, unknowns[None])
+        if not np.isfinite(full).all():
+            return None
+        residual, _, _ = equations.residual(unknowns, miss[0], full[0], border)
+        off = normal @ change - length
+        of_map, of_g = float(np.max(np.abs(residual[:m]))), float(np.max(np.abs(residual[m:])))
+        close = of_map <= TOLERANCE and of_g <= CRITICAL_TOLERANCE and abs(off) <= 1e-9
+        if close and (of_g <= EXACT or of_g > 0.5 * norm or number == MOST_CORRECTIONS):
+            after = yield from equations.at(like, unknowns, border, before.tangent, number)
+            return after if after is not None and np.isfinite(after.tangent).all() else None
+        if max(of_map, of_g) > 10.0 * norm + 1e-3:
+            return None
+        norm = max(of_map, of_g)
+        wrong = np.append(residual, off)
+        if number > 1:  # Broyden's update: what the last step did not foresee
+            matrix += np.outer(wrong, moved) / (moved @ moved)
+        try:
+            moved = np.linalg.solve(matrix, -wrong)
+        except np.linalg.LinAlgError:
+            return None
+        change = change + moved
+        like = Points(like.at, images.points.modes)
+    return None
+
+
+def _degenerate(
+    equations: CriticalEquations, before: CriticalPoint, after: CriticalPoint, length: float
+) -> Computation[list[CurvePoint]]:
+    """The bifurcations of codimension 2 on a step, in order."""
+    points: list[tuple[float, CurvePoint]] = []
+    for name, value in before.tests.items():
+        later = after.tests.get(name, np.nan)
+        if not value * later < 0.0:
+            continue
+        zero = yield from located(
+            (value, later),
+            length,
+            lambda arclength: step(equations, before, arclength),
+            lambda point, name=name: point.tests[name],
+            0.0,
+            SHORTEST_INTERVAL,
+        )
+        # where the test jumps, there is no such point
+        if zero is not None and abs(zero[0].tests[name]) < 1e-3 * max(abs(value), abs(later)):
+            points.append((zero[1], CurvePoint(zero[0], name)))
+    return [point for _, point in sorted(points, key=lambda pair: pair[0])]
+
+
+def _at_edge(
+    equations: CriticalEquations, before: CriticalPoint, after: CriticalPoint, outside: list[int]
+) -> Computation[CriticalPoint | None]:
+    """The point at which a curve leaves the ranges of the parameters."""
+    way = after.unknowns - before.unknowns
+    edges = {k: float(np.clip(after.unknowns[k], 0.0, 1.0)) for k in outside}
+    first = min(outside, key=lambda k: (edges[k] - before.unknowns[k]) / way[k] if way[k] else np.inf)
+    ahead = edges[first] - before.unknowns[first]
+    if not before.tangent[first]:
+        return None
+    return (yield from step(equations, before, ahead, pinned=first))
+
+
+def _leap(
+    equations: CriticalEquations, before: CriticalPoint, longest: float
+) -> Computation[CriticalPoint | None]:
+    """The point behind a corner or a jump of the map, where no short step leads over it; else None."""
+    for share in JUMPS:
+        after = yield from step(equations, before, share * longest)
+        if after is not None and after.tangent @ before.tangent > 0.0:
+            return after
+    return None
+
+
+def _passes(before: CriticalPoint, after: CriticalPoint, home: CriticalPoint) -> bool:
+    """Whether a step passes the first point of its curve."""
+    way: Vector = after.unknowns - before.unknowns
+    away = home.unknowns - before.unknowns
+    share = float(away @ way / (way @ way))
+    near = 0.0 < share <= 1.0 and np.linalg.norm(away - share * way) < 0.1 * np.linalg.norm(way)
+    return bool(near and after.tangent @ home.tangent > 0.0)
+
+
+def _meeting(point: CriticalPoint) -> str:
+    """The resonance that a pair of multipliers is near by: both are 1, or -1; else empty."""
+    angle = float(point.unknowns[-1])
+    if abs(angle) < MEETING:
+        return "resonance_1_1"
+    return "resonance_1_2" if abs(angle - np.pi) < MEETING else ""

@@ -1,0 +1,118 @@
+"""Coefficients of the normal forms of bifurcations of fixed points: super- or subcritical.
+
+The quadratic and cubic terms of the map come from Jacobians beside the bifurcation: B(u, h) is the derivative
+of J h along u, and C(u, u, h) the second one.
+
+Source: Kuznetsov 2004, Elements of Applied Bifurcation Theory, section 5.4 (by projection on the critical
+directions).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
+from gaitsweep.engine.poincare.maps import Points, sizes
+
+Matrix = Float[np.ndarray, "coordinates coordinates"]
+Vector = Float[np.ndarray, " coordinates"]
+ComplexVector = Complex[np.ndarray, " coordinates"]
+# Step of the differences of Jacobians, in coordinates relative to their scales.
+BESIDE = 1e-3
+# Kinds of bifurcations that have a coefficient.
+PITCHFORKS = ("supercritical_pitchfork", "subcritical_pitchfork")
+SIMPLE = ("fold", "transcritical", "flip", "neimark_sacker", *PITCHFORKS)
+
+
+def critical_vector(jacobian: Matrix, multiplier: complex) -> tuple[ComplexVector, ComplexVector, complex]:
+    """The right and left eigenvectors q and p of the multiplier next to one, p . q = 1, |q| = 1, and it."""
+    factors, right = np.linalg.eig(jacobian)
+    nearest = int(np.argmin(np.abs(factors - multiplier)))
+    q = right[:, nearest].astype(complex)
+    q = q * np.exp(-1j * np.angle(q[np.argmax(np.abs(q))])) / np.linalg.norm(q)
+    others, left = np.linalg.eig(jacobian.T)
+    p = left[:, int(np.argmin(np.abs(others - factors[nearest])))].astype(complex)
+    return q, p / (p @ q), complex(factors[nearest])
+
+
+def critical_multiplier(factors: Complex[np.ndarray, " multipliers"], kind: str) -> complex:
+    """The multiplier on the unit circle at a bifurcation of this kind, from all of them."""
+    if kind == "flip":
+        return -1.0
+    if kind != "neimark_sacker":
+        return 1.0
+    upper = factors[np.imag(factors) > 0.0]
+    return complex(upper[np.argmin(np.abs(np.abs(upper) - 1.0))]) if upper.size else 1.0
+
+
+def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> float:
+    """The leading coefficient of the normal form at a bifurcation of one branch (1,).
+
+    With the critical coordinate x in units of the coordinates' scales, 0.1 + their size:
+
+    - fold, transcritical: a of x -> x + a x^2.
+    - flip: b of x -> -x + b x^3; supercritical, to a stable cycle of twice the period, where b > 0.
+    - pitchfork: c of x -> x + c x^3; supercritical where c < 0.
+    - neimark_sacker: d of |x| -> |x| (1 + d |x|^2); supercritical where d < 0.
+
+    Returns:
+        NaN for other kinds, where the map has a corner beside the point, and where conserved quantities are
+        constrained.
+    """
+    if kind not in SIMPLE or problem.held.which:
+        return float("nan")
+    scale = sizes(at.points.at)[0]
+    J = at.images.jacobian[0] * scale / scale[:, None]
+    if not np.isfinite(J).all():
+        return float("nan")
+    q, p, factor = critical_vector(J, critical_multiplier(np.linalg.eigvals(J), kind))
+    directions = [np.real(q)] if kind != "neimark_sacker" else [np.real(q), np.imag(q)]
+    beside = [sign * BESIDE * u for u in directions for sign in (1.0, -1.0)]
+    each = np.zeros(len(beside), int)
+    points = Points(at.points.at + np.stack(beside) * scale, at.points[each].modes)
+    images = problem[each].evaluated(points, at.parameter[each])
+    several = images.jacobian * scale / scale[:, None]
+    if not (images.sound.all() and np.isfinite(several).all()):
+        return float("nan")
+    first = [(several[k] - several[k + 1]) / (2.0 * BESIDE) for k in range(0, len(beside), 2)]
+    second = [(several[k] - 2.0 * J + several[k + 1]) / BESIDE**2 for k in range(0, len(beside), 2)]
+    if kind == "neimark_sacker":
+        return circle_coefficient(J, q, p, factor, first, second)
+    q, p = np.real(q), np.real(p)
+    B, C = first[0], second[0]
+    quadratic = B @ q
+    if kind in ("fold", "transcritical"):
+        return float(0.5 * p @ quadratic)
+    if kind == "flip":
+        return flip_coefficient(J, q, p, B, C)
+    bordered = np.block([[J - np.eye(len(J)), q[:, None]], [p[None], np.zeros((1, 1))]])
+    h = np.linalg.solve(bordered, np.append(quadratic - (p @ quadratic) * q, 0.0))[:-1]
+    return float(p @ (C @ q / 6.0 - 0.5 * B @ h))
+
+
+def flip_coefficient(J: Matrix, q: Vector, p: Vector, first: Matrix, second: Matrix) -> float:
+    """The coefficient of a flip, from the first and second derivative of the Jacobian along q; p . q = 1."""
+    inner = np.linalg.solve(np.eye(len(J)) - J, first @ q)
+    return float(p @ (second @ q / 6.0 + 0.5 * first @ inner))
+
+
+def circle_coefficient(
+    J: Matrix, q: ComplexVector, p: ComplexVector, factor: complex, first: list[Matrix], second: list[Matrix]
+) -> float:
+    """The coefficient of a Neimark-Sacker bifurcation with the multiplier `factor`; p . q = 1.
+
+    `first` and `second` are derivatives of the Jacobian along the real and the imaginary part of q.
+    """
+    unit = factor / abs(factor)
+    B, conjugate = first[0] + 1j * first[1], first[0] - 1j * first[1]
+    eye = np.eye(len(J))
+    cubic = (second[0] + second[1]) @ q
+    mixed = 2.0 * B @ np.linalg.solve(eye - J, B @ q.conj())
+    double = conjugate @ np.linalg.solve(unit**2 * eye - J, B @ q)
+    return float(0.5 * (p @ (cubic + mixed + double) / unit).real)
+
+
+def doubled_direction(at: BranchPoints) -> Vector:
+    """The direction in which the cycle of twice the period leaves a flip of one branch (1,)."""
+    return np.real(critical_vector(at.images.jacobian[0], -1.0)[0])

@@ -1,0 +1,150 @@
+"""Atlas of a model from keywords: its gaits, their branches, bifurcations, and curves in two parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.api.keywords import AnyModel
+from gaitsweep.api.result import Result
+from gaitsweep.api.trajectories import sweep
+from gaitsweep.kinds import Atlas as AtlasRun
+
+if TYPE_CHECKING:
+    from gaitsweep.api.figures_of_table import FiguresOfTable
+
+
+class Atlas:
+    """The atlas of a model, as tables.
+
+    Example:
+        A ball on a shaking table stays in flight for one period of it from G = pi (1 - e) / (1 + e) on, and
+        bounces twice as high in turns from a flip on (Luck and Mehta 1993):
+
+        >>> import numpy as np, gaitsweep as gs
+        >>> from gaitsweep.examples.bouncing_ball import BouncingBall
+        >>> ball = gs.atlas(
+        ...     BouncingBall(), parameter="G", path=(0.9, 1.6), at=1.2, depth=0, periods=1, budget=64,
+        ...     ranges={"phase_0": (0.0, 2.0 * np.pi), "speed_0": (0.0, 6.0)},
+        ... )
+        >>> ball.gaits["stable"].tolist()
+        [False, True]
+        >>> ball.points[["special", "G"]].round(6).values.tolist()
+        [['fold', 1.047198], ['flip', 1.526824]]
+        >>> fold = np.pi / 3.0
+        >>> [round(float(G), 6) for G in (fold, np.hypot(fold, 10.0 / 9.0))]
+        [1.047198, 1.526824]
+    """
+
+    def __init__(self, result: Result) -> None:
+        """Keep the result of a run of the kind `atlas`."""
+        self.result = result
+        self._table = result.table
+
+    def __repr__(self) -> str:
+        counts = {name: len(getattr(self, name)) for name in ("gaits", "points")}
+        return f"Atlas({counts['gaits']} gaits, {counts['points']} bifurcations)"
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """Everything in one table, as a job stores it."""
+        return self._table
+
+    @property
+    def gaits(self) -> pd.DataFrame:
+        """All gaits at the value of the parameter where they were searched, a record each."""
+        return self._where(self._of_branches & (self._table["found"] >= 0).to_numpy(bool))
+
+    @property
+    def branches(self) -> pd.DataFrame:
+        """The branches, a record for each point; `number` is the branch."""
+        return self._where(self._of_branches)
+
+    @property
+    def points(self) -> pd.DataFrame:
+        """The bifurcations on the branches, a record each; `special` is the kind."""
+        special = self._table["special"].astype(str)
+        begun = (self._table["end"].astype(str) == "flip").to_numpy(bool)  # a flip of the parent, met again
+        named = ~special.isin(["", "nan", "kink"]).to_numpy(bool)
+        return self._where(self._of_branches & named & ~begun)
+
+    @property
+    def curves(self) -> pd.DataFrame:
+        """The curves of bifurcations in both parameters, a record for each point; `number` is the curve."""
+        return self._where(~self._of_branches & (self._table["part"].astype(str) != "").to_numpy(bool))
+
+    @property
+    def missing(self) -> float:
+        """An estimate of the number of gaits that were not found, of the row where it is largest."""
+        return float(np.max(self._table["missing"].to_numpy(float), initial=0.0))
+
+    @property
+    def plot(self) -> FiguresOfTable:
+        """Figures of the atlas: `atlas.plot.road_map()`, `atlas.plot.atlas()`."""
+        return self.result.plot
+
+    @property
+    def _of_branches(self) -> np.ndarray:
+        return (self._table["part"].astype(str) == "branch").to_numpy(bool)
+
+    def _where(self, mask: np.ndarray) -> pd.DataFrame:
+        return self._table.iloc[np.flatnonzero(mask)].reset_index(drop=True)
+
+
+def atlas(
+    model: AnyModel,
+    *,
+    parameter: str,
+    path: Sequence[float],
+    ranges: Mapping[str, Sequence[float]],
+    at: float | None = None,
+    second: Mapping[str, Sequence[float]] | None = None,
+    out: str | Path | None = None,
+    params: Mapping[str, Any] | None = None,
+    start: Mapping[str, Any] | None = None,
+    numerics: Mapping[str, Any] | None = None,
+    engine: str | Mapping[str, Any] | None = None,
+    verify: int | None = None,
+    **values: Any,
+) -> Atlas:
+    """Find all periodic gaits of a model and follow them, and what they meet, along a parameter.
+
+    Args:
+        model: an instance, a class, a registered name, or "package.module:attribute".
+        parameter: the parameter along which gaits are followed.
+        path: its range, two numbers.
+        ranges: the ranges from which starts are drawn, of start values or of coordinates of the section.
+        at: the value of the parameter at which gaits are searched; by default the first of `path`.
+        second: a second parameter and its range, {name: (lowest, highest)}: bifurcations are followed in the
+            plane of both.
+        out: the result directory; without it the tables are in memory.
+        params, start, numerics, engine, verify: as for `sweep`.
+        values: parameters and start values, as for `sweep`, and the other fields of the run kind: periods,
+            depth, budget, batch, patience, seed, branches, settle, fix, step, longest, shortest, most.
+
+    Raises:
+        ArgumentError: a name that the model does not have, or a field that is not allowed.
+        JobError: all other errors.
+    """
+    fields = {"parameter": parameter, "path": list(path), "ranges": {k: list(v) for k, v in ranges.items()}}
+    fields |= {} if at is None else {"at": at}
+    fields |= {} if second is None else {"second": {k: list(v) for k, v in second.items()}}
+    options = {name: values.pop(name) for name in list(values) if name in AtlasRun.model_fields}
+    run = AtlasRun(**fields, **options)
+    return Atlas(
+        sweep(
+            model,
+            run=run,
+            out=out,
+            params=params,
+            start=start,
+            numerics=numerics,
+            engine=engine,
+            verify=verify,
+            **values,
+        )
+    )

@@ -1,0 +1,265 @@
+"""Run kind `atlas`: all periodic gaits of each row, their branches along a parameter, and what joins them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Int
+from pydantic import Field
+
+from gaitsweep import near_miss
+from gaitsweep.analysis.atlas.atlas import Atlas as BranchAtlas
+from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, SearchOptions, rows_of
+from gaitsweep.contract import Model
+from gaitsweep.design import Design
+from gaitsweep.engine.poincare.maps import Points, Values
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.kinds.columns import Column, observed_at_crossings
+from gaitsweep.kinds.fixed_points import FollowsFixedPoints, unknowns
+from gaitsweep.kinds.run_kind import BlockProgress, Cost
+from gaitsweep.schema.diagnostics import Diagnostic
+from gaitsweep.schema.numbers import Count, CountOrZero, Real, Text
+
+# Newton steps of a search, and points of a branch with their derivatives, for the estimate of a run's time.
+STEPS_OF_SEARCH, BRANCHES, POINTS = 8.0, 6.0, 60.0
+# Directions of a derivative for a point of a curve in two parameters.
+DERIVATIVES_A_POINT = 10.0
+# Starts of the self-check.
+CHECKED = 16
+Range = Annotated[list[Real], Field(min_length=2, max_length=2)]
+
+
+class Atlas(FollowsFixedPoints):
+    """Find all periodic gaits, stable or not, and follow them and what they meet along one parameter."""
+
+    kind: Literal["atlas"] = Field(
+        init=False,
+        description="atlas: find all periodic gaits, stable and unstable, follow them along a parameter, and "
+        "what they meet at bifurcations",
+    )
+    parameter: Text = Field(description="the model's parameter along which branches are followed")
+    path: Range = Field(description="range of the parameter: [lowest, highest]")
+    at: Real | None = Field(
+        default=None,
+        description="value of the parameter at which gaits are searched; by default the first of `path`",
+    )
+    ranges: dict[Text, Range] = Field(
+        min_length=1,
+        description="ranges from which the starts of the search are drawn: [lowest, highest] of start "
+        "values, or of coordinates of the section",
+    )
+    second: dict[Text, Range] = Field(
+        default={},
+        max_length=1,
+        description="a second parameter and its range, {name: [lowest, highest]}: bifurcations are followed "
+        "in the plane of both",
+    )
+    periods: Count = Field(default=2, description="largest number of section crossings of a gait")
+    depth: CountOrZero = Field(
+        default=2, description="largest number of bifurcations between a branch and a gait that was found"
+    )
+    budget: Count = Field(default=1024, description="largest number of starts of the search")
+    batch: Count = Field(default=64, description="starts in a round; the first round is also simulated")
+    patience: Count = Field(default=3, description="rounds without a new gait after which the search ends")
+    seed: CountOrZero = Field(default=0, description="seed of the starts")
+    branches: Count = Field(default=200, description="largest number of branches")
+
+    def columns(self, model: Model) -> list[Column]:
+        return [
+            Column("part"),
+            *map(Column, ("number", "period", "depth", "begins", "point")),
+            *(Column(name, repeats=False) for name in (self.parameter, *self.second)),
+            *observed_at_crossings(model),
+            Column("gait"),
+            Column("time", repeats=False),
+            *(Column(f"drift_{name}", repeats=False) for name in self.fix),
+            *(Column(name, repeats=False) for name in ("multiplier", "multiplier_re", "multiplier_im")),
+            *map(Column, ("unstable", "stable", "special")),
+            Column("coefficient", repeats=False),
+            *map(
+                Column, ("found", "symmetry", "reached", "error", "missing", "corrections", "end", "status")
+            ),
+        ]
+
+    @property
+    def place(self) -> float:
+        """The value of the parameter at which gaits are searched."""
+        return self.path[0] if self.at is None else self.at
+
+    def check_ranges(self, rows: Design) -> list[Diagnostic]:
+        low, high = self.path
+        wrong = []
+        if not low < high:
+            wrong.append(Diagnostic(("run", "path", 1), f"is {high:g}, but must be above {low:g}."))
+        elif not low <= self.place <= high:
+            text = f"is {self.place:g}, but must lie in run.path, from {low:g} to {high:g}."
+            wrong.append(Diagnostic(("run", "at"), text))
+        chart = rows.model.chart()
+        names = [q.name for q in rows.model.initial_conditions]
+        coordinates = [] if chart is None else [q.name for q in chart.coordinates]
+        for name, (least, most) in self.ranges.items():
+            if name not in (*names, *coordinates):
+                near = near_miss.suggestion(name, [*names, *coordinates])
+                text = f"is no start value and no coordinate of {rows.model.name}{near}"
+                wrong.append(Diagnostic(("run", "ranges", name), text))
+            elif not least < most:
+                text = f"is from {least:g} to {most:g}, but the first number must be below the second."
+                wrong.append(Diagnostic(("run", "ranges", name), text))
+        for name, (least, most) in self.second.items():
+            if name == self.parameter:
+                wrong.append(Diagnostic(("run", "second", name), "is run.parameter; name another parameter."))
+            elif not least < most:
+                text = f"is from {least:g} to {most:g}, but the first number must be below the second."
+                wrong.append(Diagnostic(("run", "second", name), text))
+        return wrong
+
+    def cost(self, rows: Design, cycle: float, period: float) -> Cost:
+        """Searches with all periods, and some branches; at most all starts and branches that are allowed."""
+        slopes = 2.0 + 3.0 * unknowns(rows)
+        search = STEPS_OF_SEARCH * slopes * cycle * self.periods * (self.periods + 1) / 2.0
+        points = POINTS * slopes * cycle * (DERIVATIVES_A_POINT if self.second else 1.0)
+        starts = min(self.budget, (self.patience + 1) * self.batch)
+        begun = self.settle * cycle * self.batch
+        return Cost(
+            likely=begun + starts * search + BRANCHES * points,
+            most=begun + self.budget * search + self.branches * self.most * slopes * cycle,
+            records=BRANCHES * POINTS,
+        )
+
+    def near_fixed_points(
+        self,
+        mapping: BatchedReturnMap,
+        values: dict[str, Any],
+        starts: Values,
+        numbers: Int[np.ndarray, " sampled"],
+    ) -> Points:
+        values[self.parameter] = np.full(len(numbers), self.place)
+        of = np.repeat(np.arange(len(numbers)), CHECKED)
+        drawn = self._drawn(mapping, starts, values, of, numbers, 0, CHECKED)
+        search = OrbitSearch(mapping, values, self.fix, SearchOptions())
+        search.add(drawn, of)
+        first = [search.of_row(row)[:1] for row in range(len(numbers))]
+        points = [
+            orbits[0].points[[0]] if orbits else drawn[[row * CHECKED]] for row, orbits in enumerate(first)
+        ]
+        return Points.joined(points)
+
+    def _drawn(
+        self,
+        mapping: BatchedReturnMap,
+        starts: Mapping[str, Any],
+        values: Mapping[str, Any],
+        of: Int[np.ndarray, " starts"],
+        numbers: Int[np.ndarray, " rows"],
+        begun: int,
+        count: int,
+    ) -> Points:
+        """Random starts of the rows `of` (n,), `count` of each, which depend on the row and `begun` alone."""
+        low, high = np.array(list(self.ranges.values())).T
+        drawn = {
+            row: np.random.default_rng([self.seed, int(numbers[row]), begun]).uniform(
+                low, high, (count, len(low))
+            )
+            for row in np.unique(of).tolist()
+        }
+        at = np.concatenate([drawn[row] for row in dict.fromkeys(of.tolist())])
+        columns = dict(zip(self.ranges, at.T, strict=True))
+        of_starts = {name: np.asarray(column)[of] for name, column in starts.items()}
+        names = [quantity.name for quantity in mapping.model.initial_conditions]
+        given = {name: column for name, column in columns.items() if name in names}
+        points, _ = mapping.settled({**of_starts, **given}, rows_of(values, of), 0)
+        moved = points.at.copy()
+        for place, quantity in enumerate(mapping.coordinates):
+            if quantity.name in columns and quantity.name not in given:
+                moved[:, place] = columns[quantity.name]
+        return Points(moved, points.modes)
+
+    def block_table(
+        self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress
+    ) -> pd.DataFrame:
+        """The atlas of rows first..last-1; `on_progress` is called before each of its steps."""
+        numbers = np.arange(first, last)
+        mapping, values, starts = self.return_map(rows, spec, numbers)
+        values[self.parameter] = np.full(len(numbers), self.place)
+        search = self._searched(mapping, values, starts, numbers, on_progress)
+
+        def on_step(points: Any, shares: Any) -> None:
+            on_progress(f"{np.sum(points)} points of {len(points)} branches", float(np.mean(shares)))
+
+        steps = dataclasses.replace(self.steps(on_step), through=(self.place,))
+        atlas = BranchAtlas(
+            mapping,
+            values,
+            parameter=self.parameter,
+            within=self.path,
+            fix=self.fix,
+            steps=steps,
+            most_branches=self.branches,
+        )
+        atlas.follow(search, self.place, self.depth)
+        branches = atlas.table(search, self.place)
+        parts = [branches.assign(part="branch").rename(columns={"branch": "number"})]
+        for second, within in self.second.items():
+            curves = atlas.follow_curves(second, within, steps)
+            if len(curves):
+                parts.append(curves.rename(columns={"curve": "number", "kind": "part"}))
+        without = sorted(set(range(len(numbers))) - {branch.row for branch in atlas.branches})
+        parts.append(pd.DataFrame([self._without_gait(row, search) for row in without]))
+        table = pd.concat([part for part in parts if len(part)], ignore_index=True)
+        table = table.sort_values("row", kind="stable", ignore_index=True)
+        for name in self.second:
+            own = values[name][table["row"].to_numpy(int)]
+            table[name] = np.where(table["part"] == "branch", own, table.get(name, np.nan))
+        observed = {f"{quantity.name}_n" for quantity in rows.model.observables}
+        named = [c.name for c in self.columns(rows.model) if c.name not in observed]
+        table = table.reindex(columns=list(dict.fromkeys([*table, *named])))
+        has_point = table["special"].notna().to_numpy()
+        of_values = {name: column for name, column in values.items() if name != self.parameter}
+        table = self.records(rows, first, mapping, of_values, table, has_point, has_point)
+        whole = ("number", "period", "depth", "begins", "point", "unstable", "found", "corrections")
+        numbers_of = {name: table[name].astype(float).fillna(-1).astype(np.int64) for name in whole}
+        stable = table["stable"].astype("boolean").fillna(False).astype(bool)
+        texts = {name: pd.Categorical(table[name].astype(object).fillna("")) for name in ("part", "symmetry")}
+        return table.assign(stable=stable, **texts, **numbers_of)
+
+    def _searched(
+        self,
+        mapping: BatchedReturnMap,
+        values: dict[str, Any],
+        starts: Mapping[str, Any],
+        numbers: Int[np.ndarray, " rows"],
+        on_progress: BlockProgress,
+    ) -> OrbitSearch:
+        """The search of the rows' gaits, from drawn starts and from where those of the first round settle."""
+
+        def on_round(count: int, orbits: int) -> None:
+            on_progress(f"{orbits} gaits from {count} starts of a row", 0.5 * count / self.budget)
+
+        def draw(of: Int[np.ndarray, " starts"], begun: int) -> Points:
+            count = np.sum(of == of[0])
+            return self._drawn(mapping, starts, values, of, numbers, begun, int(count))
+
+        options = SearchOptions(self.periods, self.budget, self.batch, self.patience, on_round)
+        search = OrbitSearch(mapping, values, self.fix, options)
+        of = np.repeat(np.arange(len(numbers)), self.batch)
+        images = mapping.iterated(max(self.settle, 1)).images(draw(of, 0), rows_of(values, of))
+        settled = np.flatnonzero(images.sound)
+        if settled.size:
+            search.add(images.points[settled], of[settled])
+        search.run(draw, range(len(numbers)))
+        search.mark_reached(images.points, of, images.sound)
+        return search
+
+    def _without_gait(self, row: int, search: OrbitSearch) -> dict[str, Any]:
+        return {
+            "row": row,
+            "part": "branch",
+            self.parameter: self.place,
+            "missing": search.missing(row),
+            "end": "no_gait",
+        }

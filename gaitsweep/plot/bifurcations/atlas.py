@@ -1,0 +1,206 @@
+"""Figures of an atlas: its branches over one parameter, and its bifurcations in the plane of two."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from gaitsweep.plot import theme
+from gaitsweep.plot.bifurcations.continuation import WORDS, draw_branch, key
+from gaitsweep.plot.columns import (
+    PlotError,
+    column,
+    described,
+    is_angle,
+    moved_parameter,
+    require_columns,
+    rows_where,
+)
+from gaitsweep.plot.kind import Observable, Title, figure_kind
+
+STABLE_WIDTH = 2.2
+# line styles of curves by the kind of bifurcation
+_LINES: dict[str, Any] = {
+    "fold": "-",
+    "flip": (0, (5, 1.5)),
+    "neimark_sacker": (0, (1, 1)),
+    "branch_point": (0, (5, 1.5, 1, 1.5)),
+}
+_CURVES = {"branch_point": "pitchfork or transcritical", **WORDS}
+# bifurcations of codimension 2: their marks and words
+_MARKS = {
+    "cusp": ("*", "cusp"),
+    "resonance_1_1": ("P", "1:1 resonance"),
+    "resonance_1_2": ("X", "1:2 resonance"),
+    "resonance_1_3": ("^", "1:3 resonance"),
+    "resonance_1_4": ("s", "1:4 resonance"),
+    "fold_flip": ("D", "fold-flip"),
+    "generalized_flip": ("v", "generalized flip"),
+    "chenciner": ("h", "Chenciner point"),
+    "fold_neimark_sacker": ("<", "fold-Neimark-Sacker"),
+    "flip_neimark_sacker": (">", "flip-Neimark-Sacker"),
+    "double_neimark_sacker": ("8", "double Neimark-Sacker"),
+    "pitchfork_flip": ("d", "pitchfork-flip"),
+    "pitchfork_neimark_sacker": ("p", "pitchfork-Neimark-Sacker"),
+}
+
+
+@figure_kind("atlas")
+def road_map(
+    table: pd.DataFrame,
+    *,
+    y: Annotated[Observable | None, "observable of the model; by default its first"] = None,
+    row: Annotated[int, "row of the job"] = 0,
+    title: Title = None,
+) -> Figure:
+    """Draw the branches of all gaits over the parameter, stable ones thick, with their bifurcations.
+
+    Colours are the gaits, or the periods of gaits that have no names. Of a gait of several crossings, one
+    crossing is drawn. A grey line marks where gaits were searched.
+
+    Args:
+        table: the table of an atlas.
+        y: the observable, by default the first of the table.
+        row: the row of the job.
+
+    Raises:
+        PlotError: the table lacks a column, or the row.
+    """
+    x = moved_parameter(table) or "parameter"
+    require_columns(table, x, "part", "number", "period", "stable", "special")
+    observed = [name for name in table if str(name).endswith("_n")]
+    name = column(table, y or str(observed[0]), ("_n", ""))
+    own = _of_row(table, row)
+    branches = rows_where(own, (own["part"] == "branch") & own[name].notna())
+    with theme.canvas(theme.COLUMN + 1.6, 3.4, title) as figure:
+        axes = figure.subplots()
+        axes.set_xlabel(described(table, x))
+        axes.set_ylabel(described(table, name, 36))
+        if not len(branches):
+            theme.message(axes, "No gait was found.")
+            return figure
+        groups = dict(iter(branches.groupby("number")))
+        if is_angle(table, name):
+            groups = _joined_angles(groups, x, name)
+        names = {number: _name(branch) for number, branch in groups.items()}
+        colours = theme.colours(theme.ordered(dict.fromkeys(names.values())))
+        run = table.attrs.get("job", {}).get("run", {})
+        place = run.get("at", (run.get("path") or [None])[0])
+        if place is not None:
+            axes.axvline(place, color="#BBBBBB", lw=0.8, zorder=0)
+        for number, branch in groups.items():
+            draw_branch(axes, branch, x, name, colours[names[number]], STABLE_WIDTH)
+        theme.value_axis(axes, angle=is_angle(table, name))
+        handles: list[Any] = [
+            Line2D([], [], color=colour, lw=STABLE_WIDTH, label=theme.named(gait))
+            for gait, colour in colours.items()
+        ]
+        theme.legend(figure, [*handles, *key(branches, coloured=True, stable_width=STABLE_WIDTH)], ncols=3)
+    return figure
+
+
+@figure_kind("atlas", colours_gaits=False)
+def atlas(
+    table: pd.DataFrame,
+    *,
+    row: Annotated[int, "row of the job"] = 0,
+    title: Title = None,
+) -> Figure:
+    """Draw the curves of bifurcations in the plane of both parameters, and what happens along them.
+
+    Line styles are the kinds of bifurcation, colours the periods of the gaits. Thin lines are bifurcations of
+    gaits that are unstable on both sides.
+
+    Args:
+        table: the table of an atlas with a second parameter.
+        row: the row of the job.
+
+    Raises:
+        PlotError: the atlas has no second parameter, or the table lacks the row.
+    """
+    second = list(table.attrs.get("job", {}).get("run", {}).get("second") or {})
+    if not second:
+        raise PlotError("This atlas has no second parameter: give run.second, such as {m_H: [5, 20]}.")
+    x, y = moved_parameter(table) or "parameter", second[0]
+    require_columns(table, x, y, "part", "number", "period", "unstable", "special", "point")
+    own = _of_row(table, row)
+    curves = rows_where(own, (own["part"] != "branch") & (own["part"] != ""))
+    with theme.canvas(theme.COLUMN + 1.6, 3.4, title) as figure:
+        axes = figure.subplots()
+        axes.set_xlabel(described(table, x))
+        axes.set_ylabel(described(table, y, 36))
+        if not len(curves):
+            theme.message(axes, "No branch has a bifurcation that can be followed.")
+            return figure
+        periods = [f"period {period}" for period in sorted(curves["period"].unique())]
+        colours = theme.colours(periods)
+        for _, curve in curves.groupby("number"):
+            _draw_curve(axes, curve.sort_values("point"), x, y, colours)
+        theme.legend(figure, _curve_key(curves, colours), ncols=3)
+    return figure
+
+
+def _joined_angles(branches: dict[Any, pd.DataFrame], x: str, y: str) -> dict[Any, pd.DataFrame]:
+    """The branches with whole turns added to their angles: each begins at the branch that it leaves."""
+    joined: dict[Any, pd.DataFrame] = {}
+    for number, branch in branches.items():
+        angle, parent = np.unwrap(branch[y].to_numpy(float)), joined.get(branch["begins"].iloc[0])
+        if parent is not None:
+            there = parent[y].to_numpy(float)
+            near = np.argmin(np.abs(parent[x].to_numpy(float) - branch[x].to_numpy(float)[0]))
+            angle = angle + 2.0 * np.pi * np.round((there[near] - angle[0]) / (2.0 * np.pi))
+        joined[number] = branch.assign(**{y: angle})
+    return joined
+
+
+def _of_row(table: pd.DataFrame, row: int) -> pd.DataFrame:
+    rows = table["row"].to_numpy(int)
+    own = rows_where(table, rows == row)
+    if not len(own):
+        raise PlotError(f"row is {row}, but the table has the rows 0 to {rows.max()}.")
+    return own
+
+
+def _name(branch: pd.DataFrame) -> str:
+    """The gait of a branch, or its period where the model does not name it."""
+    gait = str(branch["gait"].astype(str).mode().iloc[0])
+    return f"period {int(branch['period'].iloc[0])}" if gait in ("none", "nan", "") else gait
+
+
+def _draw_curve(axes: Axes, curve: pd.DataFrame, x: str, y: str, colours: dict[str, str]) -> None:
+    """Draw one curve and the marks on it."""
+    at, up = curve[x].to_numpy(float), curve[y].to_numpy(float)
+    colour, kind = colours[f"period {int(curve['period'].iloc[0])}"], str(curve["part"].iloc[0])
+    of_stable = curve["unstable"].to_numpy(int) == 0
+    begins = np.flatnonzero(np.diff(of_stable, prepend=not of_stable[0]))
+    for begin, end in zip(begins, [*begins[1:], len(at)], strict=True):
+        part = slice(begin, end + 1)
+        width = 1.8 if of_stable[begin] else 0.8
+        axes.plot(at[part], up[part], color=colour, lw=width, ls=_LINES[kind])
+    for special, (mark, _) in _MARKS.items():
+        marked = (curve["special"] == special).to_numpy(bool)
+        axes.plot(at[marked], up[marked], mark, ms=5.5, color="black", mfc="white", zorder=3)
+
+
+def _curve_key(curves: pd.DataFrame, colours: dict[str, str]) -> list[Line2D]:
+    handles = [Line2D([], [], color=colour, lw=1.8, label=period) for period, colour in colours.items()]
+    kinds = set(curves["part"].astype(str))
+    handles += [
+        Line2D([], [], color="black", lw=1.4, ls=look, label=_CURVES.get(kind, kind))
+        for kind, look in _LINES.items()
+        if kind in kinds
+    ]
+    special = set(curves["special"].astype(str))
+    handles += [
+        Line2D([], [], ls="", marker=mark, ms=5.0, color="black", mfc="white", label=label)
+        for name, (mark, label) in _MARKS.items()
+        if name in special
+    ]
+    if np.any(curves["unstable"].to_numpy(int) > 0):
+        handles.append(Line2D([], [], color="black", lw=0.8, label="of an unstable gait"))
+    return handles

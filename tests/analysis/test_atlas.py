@@ -1,0 +1,176 @@
+"""The atlas of maps whose orbits and bifurcations are known in closed form, or from the literature."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+
+from gaitsweep.analysis.atlas.atlas import Atlas
+from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, Rows, SearchOptions
+from gaitsweep.analysis.continuation.continuation import ArclengthSteps
+from gaitsweep.analysis.continuation.plain_map import PlainMap
+from gaitsweep.engine.poincare.maps import Coordinates, Map, Points, Values
+
+
+def logistic(values: Values, x: Coordinates) -> Coordinates:
+    return values["r"] * x * (1.0 - x)
+
+
+def henon(values: Values, x: Coordinates) -> Coordinates:
+    return jnp.stack([1.0 - values["a"] * x[0] ** 2 + x[1], values["b"] * x[0]])
+
+
+def odd(values: Values, x: Coordinates) -> Coordinates:
+    """Odd in x: a pitchfork at r = 0, and flips of both outer branches."""
+    return x + values["r"] * x - x**3
+
+
+def delayed(values: Values, x: Coordinates) -> Coordinates:
+    """The delayed logistic map with a leak: its circle is born at a = 2 with cos(theta) = 1 - c / 2."""
+    return jnp.stack([values["a"] * x[0] * (1.0 - x[1]), values["c"] * x[0] + (1.0 - values["c"]) * x[1]])
+
+
+LOGISTIC = PlainMap(logistic, ("x",), (("r", 2.5),))
+HENON = PlainMap(henon, ("x", "y"), (("a", 1.4), ("b", 0.3)))
+ODD = PlainMap(odd, ("x",), (("r", 0.5),), symmetries=(("sign", lambda values, x: -x),))
+DELAYED = PlainMap(delayed, ("x", "y"), (("a", 1.5), ("c", 1.0)))
+
+
+def searched(
+    mapping: PlainMap,
+    values: dict[str, float],
+    low: list[float],
+    high: list[float],
+    periods: int,
+    starts: int,
+) -> OrbitSearch:
+    rng = np.random.default_rng(0)
+
+    def draw(rows: Rows, begun: int) -> Points:
+        return mapping.points(rng.uniform(low, high, (len(rows), len(low))))
+
+    search = OrbitSearch(mapping, values, (), SearchOptions(periods, budget=starts, batch=starts // 2))
+    search.run(draw, [0])
+    return search
+
+
+def atlas_of(
+    mapping: Map, search: OrbitSearch, values: dict[str, float], parameter: str, within: tuple[float, float],
+    depth: int,
+) -> Atlas:  # fmt: skip
+    steps = ArclengthSteps(through=(values[parameter],))
+    atlas = Atlas(mapping, values, parameter=parameter, within=within, steps=steps)
+    atlas.follow(search, values[parameter], depth)
+    return atlas
+
+
+def specials(table: pd.DataFrame, kind: str, parameter: str) -> np.ndarray:
+    own = (table["special"] == kind) & (table["end"] != "flip")
+    return table.loc[own, parameter].to_numpy(float)
+
+
+def test_orbits_of_the_henon_map() -> None:
+    """At a = 1.4, b = 0.3 it has 2, 1, 0, 1, 0 and 2 orbits of the periods 1 to 6 (Galias 1998)."""
+    search = searched(HENON, {"a": 1.4, "b": 0.3}, [-2.0, -1.0], [2.0, 1.0], 6, 512)
+    periods, counts = np.unique([orbit.period for orbit in search.orbits], return_counts=True)
+    assert dict(zip(periods.tolist(), counts.tolist(), strict=True)) == {1: 2, 2: 1, 4: 1, 6: 2}
+    assert max(orbit.error for orbit in search.orbits) < 1e-13
+    assert search.missing(0) < 1.0
+    for orbit in search.orbits:
+        images = HENON.images(orbit.points, {"a": 1.4, "b": 0.3}).points.at
+        np.testing.assert_allclose(images, np.roll(orbit.points.at, -1, axis=0), atol=1e-12)
+
+
+def test_a_cascade_to_period_16() -> None:
+    """Flips of the logistic map at 3, 1 + sqrt 6, ... to 1e-10, and Feigenbaum's ratio to a per cent."""
+    search = searched(LOGISTIC, {"r": 2.5}, [-1.0], [2.0], 1, 64)
+    atlas = atlas_of(LOGISTIC, search, {"r": 2.5}, "r", (0.5, 3.5699), 4)
+    table = atlas.table(search, 2.5)
+    assert [branch.period for branch in atlas.branches] == [1, 1, 2, 4, 8, 16]
+    flips = specials(table, "flip", "r")
+    np.testing.assert_allclose(flips[:2], [3.0, 1.0 + np.sqrt(6.0)], atol=1e-10)
+    assert abs(flips[2] - 3.5440903595519228) < 1e-10
+    gaps = np.diff(flips)
+    assert abs(gaps[-2] / gaps[-1] / 4.669201609 - 1.0) < 0.01
+    # the normal form at r = 3: f = -x + b x^3, b in units of the coordinate's scale, 0.1 + 2/3
+    own = table.query("special == 'flip' and branch == 0")
+    assert own["coefficient"].to_numpy(float)[0] == pytest.approx(9.0 * (0.1 + 2.0 / 3.0) ** 2, rel=1e-5)
+    assert specials(table, "transcritical", "r") == pytest.approx([1.0, 1.0], abs=1e-9)
+
+
+def test_a_pitchfork_and_its_symmetric_branches() -> None:
+    """From x = 0 at r < 0 the outer branches x = +-sqrt r are found, as one, to their flip at r = 1."""
+    search = searched(ODD, {"r": -0.5}, [-0.5], [0.5], 1, 32)
+    assert [orbit.symmetry for orbit in search.orbits] == [("sign",)]
+    atlas = atlas_of(ODD, search, {"r": -0.5}, "r", (-1.0, 1.5), 1)
+    table = atlas.table(search, -0.5)
+    assert specials(table, "supercritical_pitchfork", "r") == pytest.approx([0.0], abs=1e-9)
+    outer = table.query("depth == 1")
+    assert len(set(outer["branch"])) == 1
+    np.testing.assert_allclose(outer["x"].to_numpy(float) ** 2, outer["r"], atol=1e-8)
+    assert specials(outer, "flip", "r") == pytest.approx([1.0], abs=1e-10)
+
+
+@pytest.mark.parametrize("within", [(-0.3, 0.7), (-1.0, 1.5), (-0.011, 3.0), (-2.0, 0.02)])
+def test_a_pitchfork_is_found_in_any_range(within: tuple[float, float]) -> None:
+    search = searched(ODD, {"r": -0.01}, [-0.05], [0.05], 1, 8)
+    table = atlas_of(ODD, search, {"r": -0.01}, "r", within, 0).table(search, -0.01)
+    assert specials(table, "supercritical_pitchfork", "r") == pytest.approx([0.0], abs=1e-9)
+    np.testing.assert_allclose([table["r"].min(), table["r"].max()], within, rtol=1e-14)
+
+
+def test_a_doubled_cycle_ends_at_its_parents_other_flip() -> None:
+    """X -> -(1 + g) x + x^3 with g = r (1 - r): the cycle of period 2 leads from the flip r = 0 to r = 1."""
+
+    def window(values: Values, x: Coordinates) -> Coordinates:
+        r = values["r"]
+        return -(1.0 + r * (1.0 - r)) * x + x**3
+
+    mapping = PlainMap(window, ("x",), (("r", -0.5),))
+    search = searched(mapping, {"r": -0.5}, [-0.2], [0.2], 1, 16)
+    atlas = atlas_of(mapping, search, {"r": -0.5}, "r", (-0.5, 1.5), 2)
+    table = atlas.table(search, -0.5)
+    assert specials(table, "flip", "r")[:2] == pytest.approx([0.0, 1.0], abs=1e-9)
+    doubled = table.query("period == 2")
+    assert len(set(doubled["branch"])) == 1
+    r = doubled["r"].to_numpy(float)
+    np.testing.assert_allclose(doubled["x"].to_numpy(float) ** 2, r * (1.0 - r), atol=1e-6)
+    assert doubled["end"].iloc[-1] == "flip"
+    assert r[-1] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_curves_of_the_henon_map() -> None:
+    """The fold is a = -(1 - b)^2 / 4, the flips 3 (1 - b)^2 / 4 and (1 - b)^2 + (1 + b)^2 / 4, to 1e-9."""
+    search = searched(HENON, {"a": 0.2, "b": 0.3}, [-2.0, -1.0], [2.0, 1.0], 1, 64)
+    atlas = atlas_of(HENON, search, {"a": 0.2, "b": 0.3}, "a", (-0.5, 1.0), 1)
+    curves = atlas.follow_curves("b", (-0.4, 0.7), ArclengthSteps(longest=0.05, most=120))
+    b, a = curves["b"].to_numpy(float), curves["a"].to_numpy(float)
+    kind, period = curves["kind"].to_numpy(str), curves["period"].to_numpy(int)
+    fold, flip, doubled = kind == "fold", (kind == "flip") & (period == 1), (kind == "flip") & (period == 2)
+    assert np.all(fold | flip | doubled)
+    np.testing.assert_allclose(a[fold], -((1.0 - b[fold]) ** 2) / 4.0, atol=1e-9)
+    np.testing.assert_allclose(a[flip], 3.0 * (1.0 - b[flip]) ** 2 / 4.0, atol=1e-9)
+    np.testing.assert_allclose(a[doubled], (1.0 - b[doubled]) ** 2 + (1.0 + b[doubled]) ** 2 / 4.0, atol=1e-9)
+    ends = curves.query("end != ''")
+    assert set(ends["end"]) == {"range"}
+    away = [np.abs(ends[name] - edge) for name, edge in (("a", -0.5), ("a", 1.0), ("b", -0.4), ("b", 0.7))]
+    assert np.all(np.min(away, axis=0) < 1e-9)  # exactly at the borders
+
+
+def test_a_circle_and_its_resonances() -> None:
+    """Along a = 2 the pair has cos(theta) = 1 - c / 2: 1:4 at c = 2, 1:3 at c = 3, and the end at 4."""
+    search = searched(DELAYED, {"a": 1.5, "c": 1.0}, [0.1, 0.1], [0.6, 0.6], 1, 32)
+    atlas = atlas_of(DELAYED, search, {"a": 1.5, "c": 1.0}, "a", (1.2, 3.0), 0)
+    points = atlas.table(search, 1.5)
+    assert specials(points, "neimark_sacker", "a") == pytest.approx([2.0], abs=1e-10)
+    curves = atlas.follow_curves("c", (0.1, 4.5), ArclengthSteps(longest=0.05, most=300))
+    circle = curves.query("kind == 'neimark_sacker'")
+    np.testing.assert_allclose(circle["a"], 2.0, atol=1e-9)
+    np.testing.assert_allclose(circle["multiplier_re"], 1.0 - circle["c"] / 2.0, atol=1e-8)
+    resonances = dict(zip(circle["special"], circle["c"], strict=True))
+    assert resonances["resonance_1_4"] == pytest.approx(2.0, abs=1e-6)
+    assert resonances["resonance_1_3"] == pytest.approx(3.0, abs=1e-6)
+    assert circle["end"].iloc[-1] == "resonance_1_2"
+    assert circle["c"].iloc[-1] == pytest.approx(4.0, abs=1e-3)
