@@ -9,8 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from gaitsweep.lazy_packages import lazy_packages
-
 
 def attach_stub(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """`__getattr__`, `__dir__` and `__all__` of a package, from the imports of its stub.
@@ -33,9 +31,8 @@ def attach_stub(package: str, file: str) -> tuple[Callable[[str], Any], Callable
         # imports make few cycles and many objects, which would be searched again and again
         gc.set_threshold(max(50_000, thresholds[0]) if thresholds[0] else 0, *thresholds[1:])
         try:
-            with lazy_packages():
-                members = vars(importlib.import_module(source))
-                return members[name] if name in members else importlib.import_module(f"{source}.{name}")
+            members = vars(importlib.import_module(source))
+            return members[name] if name in members else importlib.import_module(f"{source}.{name}")
         finally:
             gc.set_threshold(*thresholds)
 

@@ -1,4 +1,4 @@
-"""Large packages that gaitsweep's modules import when they first use a name of them, not at their heads.
+"""Large packages that a command imports when it first uses a name of them, not at the heads of modules.
 
 A job is read without drawing its figures, and most commands need one or two of these packages. Python 3.15
 has `lazy import` for this (PEP 810). JAX, which every model needs, is imported without its search for ROCm.

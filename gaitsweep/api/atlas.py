@@ -80,7 +80,7 @@ class Atlas:
     @property
     def missing(self) -> float:
         """An estimate of the number of gaits that were not found, of the row where it is largest."""
-        return float(np.max(self._table["missing"].to_numpy(float), initial=0.0))
+        return float(np.nanmax(self._table["missing"].to_numpy(float), initial=0.0))
 
     @property
     def plot(self) -> FiguresOfTable:

@@ -46,6 +46,17 @@ assert np.abs(summary["most cycles"] / summary["along all of the line"] - 1)[[0.
 assert not inside["share of others"].any()
 assert gaits.loc[gaits["m_B"] < 0.5, "share of others"].all()
 """,
+    # At its flip the multiplier is -1; beside it a disturbance grows or dies by the multiplier there.
+    "road_map.ipynb": """
+assert runner.gaits["stable"].tolist() == [False, True] and runner.missing == 0
+assert runner.points["special"].tolist() == ["fold", "flip"]
+assert flip["coefficient"] < 0
+slopes = [gs.return_map(RUNNER, alpha=flip["alpha"] + d) for d in (-0.05, 0.05)]
+factors = [abs(s.multipliers(s.fixed_points([flip["z_n"]])))[0, 0] for s in slopes]
+assert factors[0] < 1 < factors[1]
+assert abs(np.log(abs(apex[-1] - height)[0] / 1e-5) - 30 * np.log(factors[1])) < 0.3
+assert set(plane.curves["part"]) == {"fold", "flip"}
+""",
     # Samples are 2 ms apart. Steps of 0.2 ms move delta_13 by 0.005 rad at most. Edges hold those that
     # located events give on a grid ten times finer; the unstable gait lies among those that Newton finds.
     "waist_quadruped_tour.ipynb": """

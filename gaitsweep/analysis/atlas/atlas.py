@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool
 
 from gaitsweep.analysis.atlas.curves import BifurcationCurve, curve_through
 from gaitsweep.analysis.atlas.periodic_orbits import SAME, Orbit, OrbitSearch, orbit_of, polished, rows_of
@@ -293,25 +294,36 @@ class Atlas:
         """The records of a half up to the flip of its parent, if it ends there, and the crossing branches."""
         asides: dict[int, BranchPoints] = {}
         waiting = list(crossings)
+        halved = self._halved(problem, records, period)
         for place, record in enumerate(records):
-            if record["special"] not in BIFURCATIONS:
-                continue
-            if record["special"] in CROSSINGS and waiting:
+            special = record["special"]
+            if special in CROSSINGS and waiting:
                 _, aside = waiting.pop(0)
                 if aside is not None:
                     asides[place] = aside
-            record["coefficient"] = coefficient(problem, record["at"], record["special"])
-            if period % 2 == 0 and self._is_halved(problem, record["at"], period):
-                record |= {"special": "flip", "end": "flip", "coefficient": float("nan")}
+            if special in BIFURCATIONS:
+                record["coefficient"] = coefficient(problem, record["at"], special)
+            if halved[place] and not halved[:place].all():  # it may begin very close to its parent's flip
                 asides.pop(place, None)
-                return records[: place + 1], asides
+                if special in BIFURCATIONS:
+                    record |= {"special": "flip", "end": "flip", "coefficient": float("nan")}
+                    return records[: place + 1], asides
+                # a leap over a corner of the map led to the branch of half the period
+                records[place - 1]["end"] = "lost"
+                return records[:place], asides
         return records, asides
 
-    def _is_halved(self, problem: ContinuationProblem, at: BranchPoints, period: int) -> bool:
-        """Whether an orbit at a bifurcation has half its branch's period."""
+    def _halved(
+        self, problem: ContinuationProblem, records: list[dict[str, Any]], period: int
+    ) -> Bool[np.ndarray, " records"]:
+        """Which records (n,) of a branch have orbits of half its period."""
+        if period % 2:
+            return np.zeros(len(records), bool)
+        points = BranchPoints.joined([record["at"] for record in records])
+        values = problem[np.zeros(len(records), int)].values
         half = self.mapping.iterated(period // 2)
-        images = half.images(at.points, {**problem.values, self.parameter: at.parameter})
-        return bool(images.sound[0] and self.mapping.distance(at.points.at, images.points.at)[0] < ON_BRANCH)
+        images = half.images(points.points, {**values, self.parameter: points.parameter})
+        return images.sound & (self.mapping.distance(points.points.at, images.points.at) < ON_BRANCH)
 
     def follow_curves(
         self, second: str, within: Sequence[float], steps: ArclengthSteps | None = None
