@@ -27,6 +27,7 @@ import yaml
 from gaitsweep.runs.cluster.connection import LocalWorkers
 from gaitsweep.runs.cluster.dispatch import Cluster, Dispatch
 from gaitsweep.runs.cluster.task import Assignment, JobTicket
+from gaitsweep.runs.executor import MissingBlocks
 from gaitsweep.table.manifest import Layout
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -77,7 +78,9 @@ def give_out(cluster: StubCluster, count: int, on_progress: Callable[[Any], None
     assignment = Assignment(ticket, "/results/overhead", layout, 60.0)
     began = time.perf_counter()
     directory: Any = StubDirectory(layout)
-    Dispatch(cluster, directory, assignment, range(count), on_progress, None).run()
+    unused: Any = None
+    missing = MissingBlocks(unused, directory, range(count), on_progress, unused, unused)
+    Dispatch(cluster, missing, assignment).run()
     return time.perf_counter() - began
 
 

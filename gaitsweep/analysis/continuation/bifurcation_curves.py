@@ -109,6 +109,8 @@ def step(
         if not np.isfinite(full).all():
             return None
         residual, _, _ = equations.residual(unknowns, miss[0], full[0], border)
+        if not np.isfinite(residual).all():
+            return None
         off = normal @ change - length
         of_map, of_g = float(np.max(np.abs(residual[:m]))), float(np.max(np.abs(residual[m:])))
         close = of_map <= TOLERANCE and of_g <= CRITICAL_TOLERANCE and abs(off) <= 1e-9

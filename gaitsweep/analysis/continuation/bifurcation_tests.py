@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
-from jaxtyping import Complex
+from jaxtyping import Bool, Complex, Float
 
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem, PerBranch
 from gaitsweep.analysis.continuation.branch_points import (
@@ -40,10 +40,19 @@ MOST_TRIALS = 40
 REAL = 1e-6
 # Two real multipliers cross the unit circle together if they are this close to it, and to each other.
 TOGETHER = 1e-3
+# Multipliers whose size differs from 1 by less count as on either side of the unit circle. Places that are
+# beyond the ends of a step by less of its length count as on it.
+EDGE = 1e-6
+# The least value of the test function of pairs at which its sign means something.
+ROUNDING = 1e-9
+# A step is shorter where a test function seems to come this near to zero, as a share of its smaller value at
+# the ends.
+MARGIN = 0.2
 # A determinant this small, as a share of its larger value at the step's ends, has a zero and no jump.
 SMALL = 1e-3
 
 Test = Callable[[ContinuationProblem, BranchPoints], PerBranch]
+TestValues = Float[np.ndarray, "branches tests"]
 T = TypeVar("T")
 
 
@@ -170,17 +179,46 @@ class Special:
     aside: BranchPoints | None = None
 
 
+def test_values(problem: ContinuationProblem, branch_points: BranchPoints) -> TestValues:
+    """The values of all test functions (n, tests)."""
+    return np.stack([test(problem, branch_points) for test in TESTS], axis=1)
+
+
+def hides_two_zeros(
+    earlier: TestValues, first: TestValues, last: TestValues, before: PerBranch, length: PerBranch
+) -> Bool[np.ndarray, " branches"]:
+    """Whether a test function may have two zeros on a step, by the parabola through it and the step before.
+
+    Args:
+        earlier: the values (n, tests) at the beginning of the step before; NaN where there was none.
+        first, last: those at the ends of the step.
+        before, length: the lengths (n,) of the step before and of the step.
+    """
+    a, b = before[:, None], length[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        behind, ahead_of = (first - earlier) / a, (last - first) / b
+        bend = (ahead_of - behind) / (a + b)
+        slope = ahead_of - bend * b  # at the beginning of the step
+        turn = -slope / (2.0 * bend)
+        least = first + 0.5 * slope * turn
+        inside = (turn > 0.0) & (turn < b) & (first * last > 0.0)
+        smaller = np.minimum(np.abs(first), np.abs(last))
+        return np.any(inside & (least * np.sign(first) < MARGIN * smaller), axis=1)
+
+
 def bifurcations(
     problem: ContinuationProblem, before: BranchPoints, after: BranchPoints, length: PerBranch
 ) -> list[list[Special] | None]:
     """The bifurcations on a step of each of n branches, from `before` to `after`, in order.
 
-    None where the step must be shorter: it led from one branch to another that passes close by, or two
-    multipliers crossed the unit circle one after the other.
+    None where the step must be shorter: it led from one branch to another that passes close by, or the
+    bifurcations do not explain how many multipliers crossed the unit circle.
     """
     ends = {test: (test(problem, before), test(problem, after)) for test in TESTS}
     # a test function may be zero at the end of a step: then it changes sign on one of the two steps there
     changed = {test: (first < 0.0) != (last < 0.0) for test, (first, last) in ends.items()}
+    # pairs that stay on the unit circle, as those of a map that keeps areas, cross it by rounding alone
+    changed[pair_test] &= np.maximum(*np.abs(ends[pair_test])) > ROUNDING
     specials: list[list[Special] | None] = [[] for _ in length]
     steps = np.flatnonzero(np.any(list(changed.values()), axis=0))
     searches = []
@@ -238,10 +276,25 @@ def _on_step(
                 specials.append(Special(kind, zero[1], exact or zero[0]))
             if kind == "corner":  # multipliers jump there
                 return specials
-    counts = [np.sum(np.abs(multipliers_of(problem, point)) > 1.0) for point in (before, after)]
-    if not specials and abs(int(counts[1]) - int(counts[0])) > 1:
-        return None
-    return sorted(specials, key=lambda special: special.arclength)
+    specials = sorted(specials, key=lambda special: special.arclength)
+    return specials if _explained(problem, before, after, specials) else None
+
+
+def _explained(
+    problem: ContinuationProblem, before: BranchPoints, after: BranchPoints, specials: list[Special]
+) -> bool:
+    """Whether bifurcations explain the change of the number of multipliers outside the unit circle."""
+    kinds = [special.kind for special in specials]
+    if "corner" in kinds or "branch_point" in kinds:  # where several may cross, or jump
+        return True
+    outside = [
+        [int(np.sum(np.abs(multipliers_of(problem, point)) > 1.0 + sign * EDGE)) for sign in (1.0, -1.0)]
+        for point in (before, after)
+    ]
+    # multipliers at the unit circle count as on either side of it
+    least, most = outside[1][0] - outside[0][1], outside[1][1] - outside[0][0]
+    crossed = sum(2 if kind == "neimark_sacker" else 1 for kind in kinds)
+    return any(abs(k) <= crossed and (crossed - k) % 2 == 0 for k in range(least, most + 1))
 
 
 def _direct(
@@ -311,7 +364,7 @@ def ahead(problem: ContinuationProblem, before: BranchPoints, after: BranchPoint
 def _is_on_step(
     problem: ContinuationProblem, before: BranchPoints, crossing: Crossing | None, length: float
 ) -> bool:
-    """Whether a branch point lies on a step of this length, to a twentieth of it."""
+    """Whether a branch point lies on a step of this length."""
     if crossing is None:
         return False
-    return abs(ahead(problem, before, crossing.here) / length - 0.5) < 0.55
+    return -EDGE <= ahead(problem, before, crossing.here) / length <= 1.0 + EDGE

@@ -13,15 +13,18 @@ from typing import Any
 import jax
 import numpy as np
 import pandas as pd
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem, Converged, PerBranch
 from gaitsweep.analysis.continuation.bifurcation_tests import (
+    TESTS,
     TOGETHER,
     Special,
     ahead,
     bifurcations,
+    hides_two_zeros,
     multipliers_of,
+    test_values,
 )
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, NewtonOutcome, newton
@@ -308,6 +311,9 @@ class BranchFollower:
         self.home = self.branch_points = branch_points
         self.length = np.full(len(names), steps.first)
         self.going = np.ones(len(names), bool)
+        # the test functions at the beginning of the last step of each branch, and its length
+        self.tests_before = np.full((len(names), len(TESTS)), np.nan)
+        self.length_before = np.ones(len(names))
         self.crossings: list[tuple[int, BranchPoints, BranchPoints | None]] = []
         table.write(names, problem, branch_points, [""] * len(names))
 
@@ -327,13 +333,41 @@ class BranchFollower:
             specials = (
                 bifurcations(problem[on], before[on], after[on], self.length[rows[on]]) if on.size else []
             )
-            accepted[on] &= short[on] | np.array([special is not None for special in specials], bool)
+            accepted[on] = self._resolved(rows[on], before[on], after[on], specials) | short[on]
             self._reject(rows[~accepted])
             if accepted.any():
                 their_specials = [
                     special or [] for special, k in zip(specials, on, strict=True) if accepted[k]
                 ]
                 self._accept(rows[accepted], after[accepted], their_specials)
+
+    def _resolved(
+        self,
+        rows: Int[np.ndarray, " rows"],
+        before: BranchPoints,
+        after: BranchPoints,
+        specials: list[list[Special] | None],
+    ) -> Bool[np.ndarray, " rows"]:
+        """Which of some converged steps have no other bifurcations than `specials`.
+
+        Where a step cannot be shortened, several multipliers cross at one place: it is a branch point.
+        """
+        if not rows.size:
+            return np.zeros(0, bool)
+        resolved = np.array([special is not None for special in specials], bool)
+        problem, length = self.problem[rows], self.length[rows]
+        now, later = test_values(problem, before), test_values(problem, after)
+        resolved &= ~hides_two_zeros(self.tests_before[rows], now, later, self.length_before[rows], length)
+        last = length * SHORTER < self.steps.shortest
+        for k in np.flatnonzero(last):
+            if specials[k] is None:
+                specials[k] = [Special("branch_point", float(length[k]), after[[k]])]
+        resolved |= last
+        self.tests_before[rows[resolved]], self.length_before[rows[resolved]] = (
+            now[resolved],
+            length[resolved],
+        )
+        return resolved
 
     def crossing(self) -> BranchFollower | None:
         """A follower of both halves of each branch that crosses at a branch point; None if there is none.
@@ -385,6 +419,7 @@ class BranchFollower:
         over, crossed = _jump_over(problem, self.branch_points[rows], self.steps.longest)
         good = np.flatnonzero(crossed)
         self.branch_points = self.branch_points.merged(rows[good], over[good])
+        self.tests_before[rows] = np.nan
         self.length[rows] = self.steps.first
         self.table.write(self.names[rows[good]], problem[good], over[good], ["kink"] * good.size)
         self._end(rows[~crossed], "lost")

@@ -20,6 +20,9 @@ Vector = Float[np.ndarray, " coordinates"]
 ComplexVector = Complex[np.ndarray, " coordinates"]
 # Step of the differences of Jacobians, in coordinates relative to their scales.
 BESIDE = 1e-3
+# Largest length of the left critical vector, which is infinite where two multipliers are critical with one
+# direction.
+LARGEST_LEFT = 1e6
 # Kinds of bifurcations that have a coefficient.
 PITCHFORKS = ("supercritical_pitchfork", "subcritical_pitchfork")
 SIMPLE = ("fold", "transcritical", "flip", "neimark_sacker", *PITCHFORKS)
@@ -49,7 +52,7 @@ def critical_multiplier(factors: Complex[np.ndarray, " multipliers"], kind: str)
 def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> float:
     """The leading coefficient of the normal form at a bifurcation of one branch (1,).
 
-    With the critical coordinate x in units of the coordinates' scales, 0.1 + their size:
+    The critical coordinate x is in units of the coordinates' scales (rad for angles, else 0.1 + their size):
 
     - fold, transcritical: a of x -> x + a x^2.
     - flip: b of x -> -x + b x^3; supercritical, to a stable cycle of twice the period, where b > 0.
@@ -62,11 +65,14 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
     """
     if kind not in SIMPLE or problem.held.which:
         return float("nan")
-    scale = sizes(at.points.at)[0]
+    # an angle is measured in rad wherever it is cut
+    scale = np.where(problem.mapping.circular, 1.0, sizes(at.points.at)[0])
     J = at.images.jacobian[0] * scale / scale[:, None]
     if not np.isfinite(J).all():
         return float("nan")
     q, p, factor = critical_vector(J, critical_multiplier(np.linalg.eigvals(J), kind))
+    if not np.linalg.norm(p) < LARGEST_LEFT:
+        return float("nan")
     directions = [np.real(q)] if kind != "neimark_sacker" else [np.real(q), np.imag(q)]
     beside = [sign * BESIDE * u for u in directions for sign in (1.0, -1.0)]
     each = np.zeros(len(beside), int)
