@@ -19,10 +19,11 @@ from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.expression import ExpressionError
 from gaitsweep.kinds.columns import Column, observed_at_crossings
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints, unknowns
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
-from gaitsweep.schema.diagnostics import Diagnostic
+from gaitsweep.schema.diagnostics import Diagnostic, JobError
 from gaitsweep.schema.numbers import Count, CountOrZero, Real, Text
 
 # Newton steps of a search, and points of a branch with their derivatives, for the estimate of a run's time.
@@ -111,12 +112,29 @@ class Atlas(FollowsFixedPoints):
                 text = f"is from {least:g} to {most:g}, but the first number must be below the second."
                 wrong.append(Diagnostic(("run", "ranges", name), text))
         for name, (least, most) in self.second.items():
+            if name in rows.derived:
+                text = f"is a formula of other parameters here: {rows.derived[name]}; give a number."
+                wrong.append(Diagnostic(("run", "second", name), text))
+                continue
+            outside = self._outside(rows, name, least, most)
+            if outside is not None:
+                text = f"is from {least:g} to {most:g}, but {name} is {outside:g} in a row: its value must be"
+                wrong.append(Diagnostic(("run", "second", name), f"{text} within the range."))
             if name == self.parameter:
                 wrong.append(Diagnostic(("run", "second", name), "is run.parameter; name another parameter."))
             elif not least < most:
                 text = f"is from {least:g} to {most:g}, but the first number must be below the second."
                 wrong.append(Diagnostic(("run", "second", name), text))
         return wrong
+
+    def _outside(self, rows: Design, name: str, low: float, high: float) -> float | None:
+        """A value of a parameter that lies outside a range, of the first row that has one; else None."""
+        try:
+            column = rows.values_in(np.arange(rows.n_rows))[0].get(name)
+        except (ExpressionError, JobError):  # which the checks of formulas report
+            return None
+        outside = [] if column is None else column[(column < low) | (column > high)].tolist()
+        return outside[0] if outside and name != self.parameter and low < high else None
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         """Searches with all periods, and some branches; at most all starts and branches that are allowed."""
@@ -141,13 +159,22 @@ class Atlas(FollowsFixedPoints):
         values[self.parameter] = np.full(len(numbers), self.place)
         of = np.repeat(np.arange(len(numbers)), CHECKED)
         drawn = self._drawn(mapping, starts, values, of, numbers, 0, CHECKED)
-        search = OrbitSearch(mapping, values, self.fix, SearchOptions())
+        search = OrbitSearch(mapping, values, self._levels(mapping, values, starts), SearchOptions())
         search.add(drawn, of)
         first = [search.of_row(row)[:1] for row in range(len(numbers))]
         points = [
             orbits[0].points[[0]] if orbits else drawn[[row * CHECKED]] for row, orbits in enumerate(first)
         ]
         return Points.joined(points)
+
+    def _levels(self, mapping: BatchedReturnMap, values: Mapping[str, Any], starts: Values) -> dict[str, Any]:
+        """The value (n,) of each conserved quantity that is held: that of the row's own start."""
+        if not self.fix:
+            return {}
+        points, _ = mapping.settled(starts, values, 0)
+        conserved = mapping.images(points, values).conserved_values
+        names = [quantity.name for quantity in mapping.conserved]
+        return {name: conserved[:, names.index(name)] for name in self.fix}
 
     def _drawn(
         self,
@@ -245,12 +272,12 @@ class Atlas(FollowsFixedPoints):
             return self._drawn(mapping, starts, values, of, numbers, begun, int(count))
 
         options = SearchOptions(self.periods, self.budget, self.batch, self.patience, on_round)
-        search = OrbitSearch(mapping, values, self.fix, options)
+        search = OrbitSearch(mapping, values, self._levels(mapping, values, starts), options)
         of = np.repeat(np.arange(len(numbers)), self.batch)
         images = mapping.iterated(max(self.settle, 1)).images(draw(of, 0), rows_of(values, of))
         settled = np.flatnonzero(images.sound)
         if settled.size:
-            search.add(images.points[settled], of[settled])
+            search.add(images.points[settled], of[settled], drawn=False)
         search.run(draw, range(len(numbers)))
         search.mark_reached(images.points, of, images.sound)
         return search

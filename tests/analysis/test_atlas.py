@@ -51,7 +51,7 @@ def searched(
     def draw(rows: Rows, begun: int) -> Points:
         return mapping.points(rng.uniform(low, high, (len(rows), len(low))))
 
-    search = OrbitSearch(mapping, values, (), SearchOptions(periods, budget=starts, batch=starts // 2))
+    search = OrbitSearch(mapping, values, {}, SearchOptions(periods, budget=starts, batch=starts // 2))
     search.run(draw, [0])
     return search
 

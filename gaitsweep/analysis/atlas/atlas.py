@@ -78,10 +78,10 @@ class Branch:
         self.at = np.concatenate([point.points.at for point in points])
         self.parameter = np.concatenate([point.parameter for point in points])
 
-    def passes(self, points: Points, parameter: float) -> bool:
-        """Whether it passes one of these points (n,) at this value of the parameter."""
+    def place_of(self, points: Points, parameter: float) -> int | None:
+        """The record after which it passes one of these points (n,) at a parameter's value, or None."""
         if len(self.records) < 2:
-            return False
+            return None
         size, mapping, weights = self.at.shape[1], self.problem.mapping, self.problem.weights[0]
         chords = np.concatenate(
             [mapping.difference(self.at[1:], self.at[:-1]), np.diff(self.parameter)[:, None]], axis=1
@@ -102,8 +102,14 @@ class Branch:
             beside_chord = np.sqrt(((away - share[:, None] * chords) ** 2) @ scale)
             for place in np.flatnonzero(beside_chord < BESIDE_CHORD * lengths + ON_BRANCH):
                 if self._meets(int(place), points[[point]], parameter):
-                    return True
-        return False
+                    return int(place)
+        return None
+
+    def insert(self, place: int, record: dict[str, Any]) -> None:
+        """Insert a record after the one at a place."""
+        self.records.insert(place + 1, record)
+        self.asides = {k + (k > place): aside for k, aside in self.asides.items()}
+        self.__post_init__()
 
     def _meets(self, place: int, point: Points, parameter: float) -> bool:
         """Whether the step after the record `place` passes a point (1,)."""
@@ -214,6 +220,8 @@ class Atlas:
                     asides = _doubled(problem, record["at"])
                 firsts = [] if asides is None else [asides[[k]] for k in range(len(asides.parameter))]
                 for first in firsts:
+                    if not problem.low <= first.parameter[0] <= problem.high:
+                        continue
                     values = {**problem.values, self.parameter: first.parameter}
                     orbit = orbit_of(self.mapping, first.points, values, period)
                     if orbit is not None and len(orbit) == period:
@@ -222,8 +230,8 @@ class Atlas:
                         )
 
     def _follow(self, beginnings: list[Beginning]) -> None:
-        """Follow branches from their first points; those that are known by then, or double, are left out."""
-        new = [beginning for beginning in beginnings if not self._known(beginning, self.branches)]
+        """Follow branches from their first points, but for those that other branches pass."""
+        new = [beginning for beginning in beginnings if not self._is_passed(beginning)]
         followed: list[tuple[Beginning, Branch]] = []
         order = sorted(range(len(new)), key=lambda k: new[k].period)
         for period, group in itertools.groupby(order, key=lambda k: new[k].period):
@@ -232,21 +240,38 @@ class Atlas:
             for beginning, pieces in zip(of_period, halves, strict=True):
                 followed.append((beginning, _branch(beginning, pieces)))
         for beginning, branch in followed:
-            count = sum(other.row == branch.row for other in self.branches)
-            if count < self.most_branches and not self._known(beginning, self.branches):
+            if self._is_passed(beginning):
+                continue
+            if sum(other.row == branch.row for other in self.branches) < self.most_branches:
                 self.branches.append(branch)
 
-    def _known(self, beginning: Beginning, branches: Iterable[Branch]) -> bool:
-        """Whether a branch passes the first point of another one."""
+    def _is_passed(self, beginning: Beginning) -> bool:
+        """Whether a branch passes the first point of another one, or its image under a symmetry.
+
+        A branch that passes an orbit of the search then has a point there.
+        """
         at = float(beginning.first.parameter[0])
         values = {**beginning.problem.values, self.parameter: beginning.first.parameter}
         images = self.mapping.mirrored(beginning.orbit, values).values()
-        return any(
-            branch.row == beginning.row
-            and branch.period == beginning.period
-            and (branch.passes(beginning.orbit, at) or any(branch.passes(image, at) for image in images))
-            for branch in branches
-        )
+        for branch in self.branches:
+            if (branch.row, branch.period) != (beginning.row, beginning.period):
+                continue
+            place = branch.place_of(beginning.orbit, at)
+            if place is not None:
+                if beginning.begins is None:
+                    branch.insert(place, self._record(beginning))
+                return True
+            if any(branch.place_of(image, at) is not None for image in images):
+                return True
+        return False
+
+    def _record(self, beginning: Beginning) -> dict[str, Any]:
+        """The record of the first point of a branch."""
+        problem, first = beginning.problem, beginning.first
+        observed = list(first.images.observed)
+        table = BranchTable(problem.mapping, self.parameter, {}, observed, 1, problem.held, with_points=True)
+        table.write(np.zeros(1, int), problem, first, [""])
+        return table.records(0)[0]
 
     def _halves(self, beginnings: Sequence[Beginning], period: int) -> list[list[Half]]:
         """The halves of branches of orbits of one period: of each beginning one in each of its directions."""
@@ -254,14 +279,7 @@ class Atlas:
         if not of:
             return [[] for _ in beginnings]
         problem = ContinuationProblem.joined([beginnings[k].problem for k, _ in of])
-        firsts = [
-            dataclasses.replace(
-                beginnings[k].first,
-                tangent=(sign or 1) * beginnings[k].first.tangent * _sense(beginnings[k], sign),
-            )
-            for k, sign in of
-        ]
-        first = BranchPoints.joined(firsts)
+        first = BranchPoints.joined([_directed(beginnings[k].first, sign) for k, sign in of])
         names = np.arange(len(of))
         table = BranchTable(
             problem.mapping,
@@ -369,9 +387,10 @@ class Atlas:
             if not any(known.passes(branch.row, kind, orbit, place) for known in curves):
                 curves.append(dataclasses.replace(curve, row=branch.row, period=branch.period))
         records = []
-        for number, curve in enumerate(curves):
-            head = {"row": curve.row, "curve": number, "kind": curve.equations.kind, "period": curve.period}
-            records += [{**head, **record} for record in curve.records()]
+        rows = [curve.row for curve in curves]
+        for place, curve in enumerate(curves):
+            head = {"row": curve.row, "curve": rows[:place].count(curve.row), "kind": curve.equations.kind}
+            records += [{**head, "period": curve.period, **record} for record in curve.records()]
         return pd.DataFrame(records)
 
     def _orbit(self, branch: Branch, at: BranchPoints) -> Points | None:
@@ -393,46 +412,63 @@ class Atlas:
             found the orbit; 0: its branch alone leads there; -1 at other points), reached, error and symmetry
             of an `Orbit`.
         """
-        records = []
-        for number, branch in enumerate(self.branches):
+        records: list[dict[str, Any]] = []
+        numbers = self._numbers()
+        listed: dict[int, list[Points]] = {}  # the gaits of each row that have a record, with their images
+        for branch, number in zip(self.branches, numbers, strict=True):
+            begins = -1 if branch.begins is None else numbers[branch.begins[0]]
             missing = search.missing(branch.row)
             for place, record in enumerate(branch.records):
-                begins = -1 if branch.begins is None else branch.begins[0]
                 head = {"row": branch.row, "branch": number, "point": place, "period": branch.period}
                 head |= {"depth": branch.depth, "begins": begins, "coefficient": float("nan"), "found": -1}
                 head |= {"reached": float("nan"), "error": float("nan"), "missing": missing, "symmetry": ""}
                 rest = {k: v for k, v in record.items() if k not in ("row", "point", "at")}
                 if record[self.parameter] == at and not record["special"]:
-                    rest |= self._of_search(search, branch, record["at"])
+                    rest |= self._gait(search, branch, record["at"], listed.setdefault(branch.row, []))
                 records.append({**head, **rest})
         return pd.DataFrame(records)
 
-    def _of_search(self, search: OrbitSearch, branch: Branch, at: BranchPoints) -> dict[str, Any]:
-        """What a search knows of the orbit at a point of a branch."""
-        for orbit in search.of_row(branch.row):
-            if orbit.period == branch.period:
-                away = self.mapping.distance(orbit.points.at, at.points.at)
-                if np.min(away) < ON_BRANCH:
-                    symmetry = ", ".join(orbit.symmetry)
-                    return {
-                        "found": orbit.hits,
-                        "reached": orbit.reached,
-                        "error": orbit.error,
-                        "symmetry": symmetry,
-                    }
+    def _numbers(self) -> list[int]:
+        """The number of each branch among those of its row."""
+        rows = [branch.row for branch in self.branches]
+        return [rows[:place].count(row) for place, row in enumerate(rows)]
+
+    def _gait(
+        self, search: OrbitSearch, branch: Branch, at: BranchPoints, listed: list[Points]
+    ) -> dict[str, Any]:
+        """What is known of the orbit at a point of a branch; nothing if it or an image is `listed`."""
+        if any(np.min(self.mapping.distance(gait.at, at.points.at)) < ON_BRANCH for gait in listed):
+            return {}
         values = {**branch.problem.values, self.parameter: at.parameter}
-        orbit = polished(self.mapping, at.points, branch.row, values, branch.period, self.fix)
-        if orbit is None:
-            return {"found": 0}
-        own = self.mapping.mirrored(orbit.points[[0]], values)
-        away = {name: self.mapping.distance(orbit.points.at, image.at) for name, image in own.items()}
-        names = [name for name, distances in away.items() if np.min(distances) < SAME]
-        return {"found": 0, "error": orbit.error, "symmetry": ", ".join(names)}
+        near = [np.min(self.mapping.distance(orbit.points.at, at.points.at)) for orbit in search.orbits]
+        known = [
+            (distance, orbit)
+            for distance, orbit in zip(near, search.orbits, strict=True)
+            if (orbit.row, orbit.period) == (branch.row, branch.period) and distance < ON_BRANCH
+        ]
+        if known:
+            away, orbit = min(known, key=lambda pair: pair[0])
+        else:
+            orbit = polished(self.mapping, at.points, branch.row, values, branch.period, self.fix)
+            if orbit is None:
+                return {"found": 0}
+            away = np.min(self.mapping.distance(orbit.points.at, at.points.at))
+        images = self.mapping.mirrored(orbit.points, values)
+        listed += [orbit.points, *images.values()]
+        apart = {name: self.mapping.distance(image.at, orbit.points.at[:1]) for name, image in images.items()}
+        own = [name for name, distances in apart.items() if np.min(distances) < SAME]
+        return {
+            "found": orbit.hits,
+            "reached": orbit.reached,
+            "error": max(orbit.error, float(away)),
+            "symmetry": ", ".join(own),
+        }
 
 
-def _sense(beginning: Beginning, sign: int) -> float:
-    """The sign that turns the first tangent towards growing values of the parameter, for halves of both."""
-    return 1.0 if sign == 0 or beginning.first.tangent[0, -1] >= 0.0 else -1.0
+def _directed(first: BranchPoints, sign: int) -> BranchPoints:
+    """A first point (1,) whose tangent has the `sign` in the parameter; 0: as it is."""
+    flipped = sign * first.tangent[0, -1] < 0.0
+    return dataclasses.replace(first, tangent=-first.tangent if flipped else first.tangent)
 
 
 def _doubled(problem: ContinuationProblem, flip: BranchPoints) -> BranchPoints | None:
@@ -449,6 +485,9 @@ def _doubled(problem: ContinuationProblem, flip: BranchPoints) -> BranchPoints |
 
 def _branch(beginning: Beginning, halves: list[Half]) -> Branch:
     """The branch of one or two halves: the first one is reversed."""
+    # a closed branch is followed as a whole in either direction
+    if len(halves) == 2 and halves[1].records[-1]["end"] == "closed":
+        halves = halves[1:]
     if len(halves) == 2:
         back, ahead = halves
         last = len(back.records) - 1

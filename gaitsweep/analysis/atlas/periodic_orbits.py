@@ -60,7 +60,7 @@ class Orbit:
         row: the row.
         points: its points (period,), in their order.
         error: estimated error of a coordinate, relative to its scale.
-        hits: the number of searches that found it, or an orbit that a symmetry turns into it.
+        hits: the number of drawn starts whose search with its own period found it, or its image.
         symmetry: names of the symmetries that turn it into itself.
         reached: the share of the simulated starts that settled on it; NaN if none was simulated.
     """
@@ -89,13 +89,11 @@ class OrbitSearch:
     Args:
         mapping: the map.
         values: its parameters, numbers or one for each row (n,).
-        fix: conserved quantities that are held at their values at each start.
+        fix: conserved quantities that are held, each at one value for each row (n,).
         options: extent of the search.
     """
 
-    def __init__(
-        self, mapping: Map, values: Values, fix: Sequence[str] | Mapping[str, object], options: SearchOptions
-    ) -> None:
+    def __init__(self, mapping: Map, values: Values, fix: Mapping[str, Any], options: SearchOptions) -> None:
         self.mapping, self.values, self.fix, self.options = mapping, values, fix, options
         self.orbits: list[Orbit] = []
 
@@ -127,21 +125,30 @@ class OrbitSearch:
                 idle[row] = 0 if row in new else idle[row] + 1
             active = np.array([row for row in active.tolist() if idle[row] < self.options.patience], int)
 
-    def add(self, starts: Points, rows: Rows) -> set[int]:
-        """Search from these starts with all periods; the rows with new orbits."""
+    def add(self, starts: Points, rows: Rows, *, drawn: bool = True) -> set[int]:
+        """Search from these starts with all periods; the rows with new orbits.
+
+        Starts that are not `drawn` at random are not counted in the orbits' `hits`.
+        """
         new: set[int] = set()
         for period in range(1, self.options.periods + 1):
             mapping = self.mapping.iterated(period)
             # a search that does not come near an orbit soon is worth less than another start
             found = newton(
-                mapping, starts, rows_of(self.values, rows), fix=self.fix, most=STEPS, halvings=HALVINGS
+                mapping,
+                starts,
+                rows_of(self.values, rows),
+                fix=rows_of(self.fix, rows),
+                most=STEPS,
+                halvings=HALVINGS,
             )
             converged = np.flatnonzero(found.converged)
             # an orbit that many searches found is polished once
             of = self._grouped(found.points[converged], rows[converged], period)
             for group in of:
                 chosen = converged[group]
-                if self._insert(found.points[chosen[:1]], int(rows[chosen[0]]), period, len(chosen)):
+                hits = len(chosen) if drawn else 0
+                if self._insert(found.points[chosen[:1]], int(rows[chosen[0]]), period, hits):
                     new.add(int(rows[chosen[0]]))
         return new
 
@@ -155,7 +162,10 @@ class OrbitSearch:
         """
         for place, orbit in enumerate(self.orbits):
             of = np.flatnonzero(rows == orbit.row)
-            away = self.mapping.distance(orbit.points.at[None], ends.at[of][:, None])
+            values = rows_of(self.values, np.full(orbit.period, orbit.row))
+            images = [orbit.points, *self.mapping.mirrored(orbit.points, values).values()]
+            points = np.concatenate([image.at for image in images])
+            away = self.mapping.distance(points[None], ends.at[of][:, None])
             share = float(np.mean((np.min(away, axis=1) < REACHED) & sound[of])) if of.size else np.nan
             self.orbits[place] = dataclasses.replace(orbit, reached=share)
 
@@ -177,18 +187,18 @@ class OrbitSearch:
         """Add one orbit, or the hits of one that is known; whether it is new."""
         known = self._known(point, row)
         if known is not None:
-            self.orbits[known] = dataclasses.replace(self.orbits[known], hits=self.orbits[known].hits + hits)
+            self._hit(known, period, hits)
             return False
-        orbit = polished(self.mapping, point, row, rows_of(self.values, np.array([row])), period, self.fix)
+        only = np.array([row])
+        values, fix = rows_of(self.values, only), rows_of(self.fix, only)
+        orbit = polished(self.mapping, point, row, values, period, fix)
         if orbit is None:
             return False
-        values = rows_of(self.values, np.array([row]))
         mirrored = self.mapping.mirrored(orbit.points[[0]], values)
         for point_of_image in (orbit.points[[0]], *mirrored.values()):
             known = self._known(point_of_image, row)
             if known is not None:
-                hits += self.orbits[known].hits
-                self.orbits[known] = dataclasses.replace(self.orbits[known], hits=hits)
+                self._hit(known, period, hits)
                 return False
         own = [
             name
@@ -196,8 +206,15 @@ class OrbitSearch:
             if np.min(self.mapping.distance(orbit.points.at, image.at)) < SAME
         ]
         orbit = dataclasses.replace(orbit, symmetry=tuple(own))
-        self.orbits.append(dataclasses.replace(orbit, hits=hits))
+        self.orbits.append(orbit)
+        self._hit(len(self.orbits) - 1, period, hits)
         return True
+
+    def _hit(self, place: int, period: int, hits: int) -> None:
+        """Count searches with a period that found an orbit, if it is the orbit's own."""
+        orbit = self.orbits[place]
+        if orbit.period == period:
+            self.orbits[place] = dataclasses.replace(orbit, hits=orbit.hits + hits)
 
     def _known(self, point: Points, row: int) -> int | None:
         """The place of the orbit of a row to which a point belongs, or None."""
