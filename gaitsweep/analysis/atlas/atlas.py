@@ -384,7 +384,9 @@ class Atlas:
             if curve is None or orbit is None:
                 continue
             place, kind = float(record["at"].parameter[0]), record["special"]
-            if not any(known.passes(branch.row, kind, orbit, place) for known in curves):
+            values = {**branch.problem.values, self.parameter: record["at"].parameter}
+            images = [orbit, *self.mapping.mirrored(orbit, values).values()]
+            if not any(known.passes(branch.row, kind, image, place) for known in curves for image in images):
                 curves.append(dataclasses.replace(curve, row=branch.row, period=branch.period))
         records = []
         rows = [curve.row for curve in curves]
