@@ -12,7 +12,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.job import Job, JobError
-from gaitsweep.runs import execute
+from gaitsweep.table import ResultDirectory
 
 RUN = {"kind": "continuation", "parameter": "restitution", "path": [0.2, 0.8], "settle": 5}
 
@@ -63,11 +63,11 @@ def test_where_branches_begin_is_compared_with_the_stored_points(
     assert (result["rows"], result["stored_differs"], result["verdict"]) == (2, 0, "passed")
     assert result["finer"].startswith("0.38 of")
 
-    def altered(*given: Any, **more: Any) -> pd.DataFrame:
-        table = gs.load(*given, **more)
+    def altered(directory: ResultDirectory, rows: Any = None) -> pd.DataFrame:
+        table = gs.load(directory.path, rows=rows)
         return table.assign(launch_1_n=table["launch_1_n"] + np.where(table["row"] == 1, 1e-4, 0.0))
 
-    monkeypatch.setattr(execute, "load", altered)
+    monkeypatch.setattr(ResultDirectory, "load", altered)
     with pytest.warns(UserWarning, match="did not reproduce their stored records"):
         result = gs.run(job(figures=[]), out=tmp_path / "other").manifest["self_check"]
     assert (result["stored_differs"], result["status_differs"], result["verdict"]) == (1, 0, "warned")
@@ -82,7 +82,7 @@ def test_branch_followed_again_with_half_the_step_is_compared_with_that(
     for dt in (0.1, 0.05, 0.07):
         steps, out = {"method": "rk4", "dt": dt}, tmp_path / f"{dt}"
         gs.run(job(figures=[], vary={"stiffness": [9.0]}, numerics=steps, verify=0), out=out)
-        monkeypatch.setattr(execute, "load", lambda *given, out=out, **more: gs.load(out, **more))
+        monkeypatch.setattr(ResultDirectory, "load", lambda _, rows=None, out=out: gs.load(out, rows=rows))
         checked = job(figures=[], vary={"stiffness": [9.0]}, numerics={"method": "rk4", "dt": 0.1})
         differ[dt] = gs.run(checked, out=tmp_path / f"{dt} checked").manifest["self_check"]["stored_differs"]
     assert differ == {0.1: 0, 0.05: 0, 0.07: 1}
