@@ -130,11 +130,9 @@ def atlas(
         ArgumentError: a name that the model does not have, or a field that is not allowed.
         JobError: all other errors.
     """
-    fields = {"parameter": parameter, "path": list(path), "ranges": {k: list(v) for k, v in ranges.items()}}
-    fields |= {} if at is None else {"at": at}
-    fields |= {} if second is None else {"second": {k: list(v) for k, v in second.items()}}
+    fields = {"parameter": parameter, "path": path, "ranges": ranges, "at": at, "second": second}
     options = {name: values.pop(name) for name in list(values) if name in AtlasRun.model_fields}
-    run = AtlasRun(**fields, **options)
+    run = AtlasRun(**{name: value for name, value in fields.items() if value is not None}, **options)
     return Atlas(
         sweep(
             model,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import warnings
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -59,13 +58,10 @@ class PoincareMap:
         settings |= {name: design.derived[name] for name in moving if name in design.derived}
         settings |= {name: 0.0 for name in moving if name not in design.derived}
         self.model = design.model
-        self.mapping = BatchedReturnMap(
-            design.model,
-            tuple(settings.items()),
-            numerics=job.integration,
-            engine=job.engine.name,
-            cycles=period,
+        self._once = BatchedReturnMap(
+            design.model, tuple(settings.items()), numerics=job.integration, engine=job.engine.name
         )
+        self._period, self.mapping = period, self._once.iterated(period)
         self._values = {name: parameters[name] for name in moving if name not in design.derived}
         self._parameters = parameters
         self._without_start = tuple(without_start)
@@ -151,10 +147,9 @@ class PoincareMap:
             [3.658, 2.59]
         """
         points, single = self._points(x)
-        once = dataclasses.replace(self.mapping, cycles=1)
         crossings = [points]
-        for _ in range(self.mapping.cycles - 1):
-            crossings.append(once.images(crossings[-1], self._values).points)
+        for _ in range(self._period - 1):
+            crossings.append(self._once.images(crossings[-1], self._values).points)
         orbits = np.stack([crossing.at for crossing in crossings], axis=1)
         return orbits[0] if single else orbits
 
@@ -174,7 +169,7 @@ class PoincareMap:
         missing = [name for name in self._without_start if name not in start_values]
         if missing:
             raise ArgumentError(f"{missing[0]} of {self.model.name} has no default: give this start value.")
-        points, way = self.mapping.settled(start_values, self._values, cycles)
+        points, way = self._once.settled(start_values, self._values, cycles * self._period)
         failed = int(np.count_nonzero(way))
         if failed:
             warnings.warn(
@@ -324,7 +319,7 @@ class PoincareMap:
         return self.settled({}, 0)
 
     def _require_derivative(self) -> None:
-        method = self.mapping.integration.method
+        method = self._once.integration.method
         if (refusal := derivative_refusal(method, self.model)) is not None:
             raise ArgumentError(
                 f"The return map of {self.model.name} by {method} has no derivative: {refusal}"

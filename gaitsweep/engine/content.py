@@ -113,7 +113,7 @@ def held_contents() -> Iterator[None]:
 
 
 def held_result(key: tuple[Any, ...], work_out: Callable[[], T]) -> T:
-    """What `work_out` returns, worked out once for each key while models do not change."""
+    """The result of `work_out`, computed once for each key while models do not change."""
     held = _HELD.get()
     if held is None:
         return work_out()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -19,11 +19,10 @@ from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.expression import ExpressionError
 from gaitsweep.kinds.columns import Column, observed_at_crossings
-from gaitsweep.kinds.fixed_points import FollowsFixedPoints, unknowns
+from gaitsweep.kinds.fixed_points import FollowsFixedPoints, beginning_within, rising, unknowns
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
-from gaitsweep.schema.diagnostics import Diagnostic, JobError
+from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Real, Text
 
 # Newton steps of a search, and points of a branch with their derivatives, for the estimate of a run's time.
@@ -93,48 +92,40 @@ class Atlas(FollowsFixedPoints):
         return self.path[0] if self.at is None else self.at
 
     def check_ranges(self, rows: Design) -> list[Diagnostic]:
+        return [*self._check_path(), *self._check_starts(rows), *self._check_second(rows)]
+
+    def _check_path(self) -> Iterator[Diagnostic]:
         low, high = self.path
-        wrong = []
         if not low < high:
-            wrong.append(Diagnostic(("run", "path", 1), f"is {high:g}, but must be above {low:g}."))
+            yield Diagnostic(("run", "path", 1), f"is {high:g}, but must be above {low:g}.")
         elif not low <= self.place <= high:
             text = f"is {self.place:g}, but must lie in run.path, from {low:g} to {high:g}."
-            wrong.append(Diagnostic(("run", "at"), text))
-        chart = rows.model.chart()
-        names = [q.name for q in rows.model.initial_conditions]
-        coordinates = [] if chart is None else [q.name for q in chart.coordinates]
-        for name, (least, most) in self.ranges.items():
-            if name not in (*names, *coordinates):
-                near = near_miss.suggestion(name, [*names, *coordinates])
-                text = f"is no start value and no coordinate of {rows.model.name}{near}"
-                wrong.append(Diagnostic(("run", "ranges", name), text))
-            elif not least < most:
-                text = f"is from {least:g} to {most:g}, but the first number must be below the second."
-                wrong.append(Diagnostic(("run", "ranges", name), text))
-        for name, (least, most) in self.second.items():
-            if name in rows.derived:
-                text = f"is a formula of other parameters here: {rows.derived[name]}; give a number."
-                wrong.append(Diagnostic(("run", "second", name), text))
-                continue
-            outside = self._outside(rows, name, least, most)
-            if outside is not None:
-                text = f"is from {least:g} to {most:g}, but {name} is {outside:g} in a row: its value must be"
-                wrong.append(Diagnostic(("run", "second", name), f"{text} within the range."))
-            if name == self.parameter:
-                wrong.append(Diagnostic(("run", "second", name), "is run.parameter; name another parameter."))
-            elif not least < most:
-                text = f"is from {least:g} to {most:g}, but the first number must be below the second."
-                wrong.append(Diagnostic(("run", "second", name), text))
-        return wrong
+            yield Diagnostic(("run", "at"), text)
 
-    def _outside(self, rows: Design, name: str, low: float, high: float) -> float | None:
-        """A value of a parameter that lies outside a range, of the first row that has one; else None."""
-        try:
-            column = rows.values_in(np.arange(rows.n_rows))[0].get(name)
-        except (ExpressionError, JobError):  # which the checks of formulas report
-            return None
-        outside = [] if column is None else column[(column < low) | (column > high)].tolist()
-        return outside[0] if outside and name != self.parameter and low < high else None
+    def _check_starts(self, rows: Design) -> Iterator[Diagnostic]:
+        """Diagnostics of the ranges from which starts are drawn."""
+        chart = rows.model.chart()
+        coordinates = () if chart is None else chart.coordinates
+        names = [quantity.name for quantity in (*rows.model.initial_conditions, *coordinates)]
+        for name, bounds in self.ranges.items():
+            if name in names:
+                yield from rising(("run", "ranges", name), bounds)
+            else:
+                near = near_miss.suggestion(name, names)
+                text = f"is no start value and no coordinate of {rows.model.name}{near}"
+                yield Diagnostic(("run", "ranges", name), text)
+
+    def _check_second(self, rows: Design) -> Iterator[Diagnostic]:
+        """Diagnostics of the second parameter and its range."""
+        for name, bounds in self.second.items():
+            if name == self.parameter:
+                yield Diagnostic(("run", "second", name), "is run.parameter; name another parameter.")
+            elif name in rows.derived:
+                text = f"is a formula of other parameters here: {rows.derived[name]}; give a number."
+                yield Diagnostic(("run", "second", name), text)
+            else:
+                wrong = [*rising(("run", "second", name), bounds)]
+                yield from wrong or beginning_within(rows, {name: bounds}, ("run", "second"))
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         """Searches with all periods, and some branches; at most all starts and branches that are allowed."""

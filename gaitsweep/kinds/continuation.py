@@ -13,11 +13,10 @@ from pydantic import Field
 from gaitsweep.analysis.continuation.continuation import LONGER, STRAIGHT, continuation
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
-from gaitsweep.engine.poincare.maps import Points, Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import Column, observed_at_crossings
-from gaitsweep.kinds.fixed_points import FollowsFixedPoints, unknowns
+from gaitsweep.kinds.fixed_points import BeginsWhereRowsSettle, unknowns
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Real, Text
@@ -33,7 +32,7 @@ POINTS_OF_FOLD = math.pi / math.acos(STRAIGHT)
 FOLLOWED_AGAIN = 3.0
 
 
-class Continuation(FollowsFixedPoints):
+class Continuation(BeginsWhereRowsSettle):
     """Follow the stable and unstable fixed points of each row's return map along one parameter."""
 
     stores_starting_points: ClassVar[bool] = True
@@ -75,15 +74,6 @@ class Continuation(FollowsFixedPoints):
             return []
         text = f"is {self.path[1]:g}, like the start of the branch; give another end."
         return [Diagnostic(("run", "path", 1), text)]
-
-    def near_fixed_points(
-        self,
-        mapping: BatchedReturnMap,
-        values: dict[str, Any],
-        starts: Values,
-        numbers: Int[np.ndarray, " sampled"],
-    ) -> Points:
-        return mapping.settled(starts, values, self.settle)[0]
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         """A row's branch goes once along its range, or folds twice and is followed again; at most to `most`.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -25,9 +25,10 @@ from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.engine.sweep.labels import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.expression import ExpressionError
 from gaitsweep.kinds.columns import STATUSES, gaits
 from gaitsweep.kinds.run_kind import RunKind, StartingPoints, table_columns
-from gaitsweep.schema.diagnostics import Diagnostic
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
 
 # Time in which all programs of a return map are compiled, as a multiple of that of its settling.
@@ -179,6 +180,47 @@ class FollowsFixedPoints(RunKind):
         table = table.reindex(columns=table_columns(rows, self))
         texts = {name: table[name].astype(object).fillna("") for name in ("special", "end")}
         return table.assign(**{name: pd.Categorical(text) for name, text in texts.items()})
+
+
+class BeginsWhereRowsSettle(FollowsFixedPoints):
+    """A run kind whose branches begin at the fixed points near where rows settle."""
+
+    def near_fixed_points(
+        self,
+        mapping: BatchedReturnMap,
+        values: dict[str, Any],
+        starts: Values,
+        numbers: Int[np.ndarray, " sampled"],
+    ) -> Points:
+        return mapping.settled(starts, values, self.settle)[0]
+
+
+def rising(field: Path, bounds: Sequence[float]) -> Iterator[Diagnostic]:
+    """A diagnostic of a range whose first number is not lower than its second."""
+    low, high = bounds
+    if not low < high:
+        text = f"is from {low:g} to {high:g}, but the first number must be lower than the second."
+        yield Diagnostic(field, text)
+
+
+def beginning_within(
+    rows: Design, ranges: Mapping[str, Sequence[float]], field: Path
+) -> Iterator[Diagnostic]:
+    """Diagnostics for rows whose parameters begin outside their ranges, which a `field` has by name."""
+    try:
+        parameters, _ = rows.values_in(np.arange(rows.n_rows))
+    except (ExpressionError, JobError):  # which the checks of formulas report
+        return
+    for name, (low, high) in ranges.items():
+        if name not in parameters:  # which the checks of movements report
+            continue
+        outside = np.flatnonzero(~((parameters[name] >= low) & (parameters[name] <= high)))
+        if outside.size:
+            at = f"{parameters[name][outside[0]]:g} in row {outside[0]}"
+            text = (
+                f"is from {low:g} to {high:g}, but {name} begins at {at}: rows must begin within the range."
+            )
+            yield Diagnostic((*field, name), text)
 
 
 def _gait_numbers(

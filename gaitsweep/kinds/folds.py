@@ -5,11 +5,10 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Int
 from pydantic import Field
 
 from gaitsweep import near_miss
@@ -17,14 +16,11 @@ from gaitsweep.analysis.continuation.fold_curves import fold_curves
 from gaitsweep.analysis.continuation.newton import NewtonOutcome
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
-from gaitsweep.engine.poincare.maps import Points, Values
-from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.expression import ExpressionError
 from gaitsweep.kinds.columns import Column, observed_at_crossings
-from gaitsweep.kinds.fixed_points import FollowsFixedPoints, unknowns
+from gaitsweep.kinds.fixed_points import BeginsWhereRowsSettle, beginning_within, rising, unknowns
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
-from gaitsweep.schema.diagnostics import Diagnostic, JobError
+from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, Positive, Real, Text
 
 # Points of a curve are this many times as many as the longest steps over a range: both parameters move, and
@@ -35,7 +31,7 @@ POINTS_SHARE = 2.0
 DERIVATIVES_A_POINT = 12
 
 
-class Folds(FollowsFixedPoints):
+class Folds(BeginsWhereRowsSettle):
     """Find the fold next to each row's gait, and follow it in the plane of two parameters."""
 
     kind: Literal["folds"] = Field(
@@ -74,7 +70,7 @@ class Folds(FollowsFixedPoints):
         ]
 
     def check_ranges(self, rows: Design) -> list[Diagnostic]:
-        return [*self._check_within()] or [*self._check_starts(rows)]
+        return [*self._check_within()] or [*beginning_within(rows, self.within, ("run", "within"))]
 
     def _check_within(self) -> Iterator[Diagnostic]:
         first, second = self.parameters
@@ -90,36 +86,8 @@ class Folds(FollowsFixedPoints):
             if name not in self.within:
                 text = f"has no range for {name}: add {name}: [lowest, highest]."
                 yield Diagnostic(("run", "within"), text)
-            elif not self.within[name][0] < self.within[name][1]:
-                low, high = self.within[name]
-                text = f"is from {low:g} to {high:g}, but the first number must be lower than the second."
-                yield Diagnostic(("run", "within", name), text)
-
-    def _check_starts(self, rows: Design) -> Iterator[Diagnostic]:
-        """Diagnostics for rows that begin outside the ranges."""
-        try:
-            parameters, _ = rows.values_in(np.arange(rows.n_rows))
-        except (ExpressionError, JobError):  # which the checks of formulas report
-            return
-        for name in self.parameters:
-            low, high = self.within[name]
-            outside = np.flatnonzero(~((parameters[name] >= low) & (parameters[name] <= high)))
-            if outside.size:
-                at = f"{parameters[name][outside[0]]:g} in row {outside[0]}"
-                text = (
-                    f"is from {low:g} to {high:g}, but {name} begins at {at}: rows must begin "
-                    "within the range."
-                )
-                yield Diagnostic(("run", "within", name), text)
-
-    def near_fixed_points(
-        self,
-        mapping: BatchedReturnMap,
-        values: dict[str, Any],
-        starts: Values,
-        numbers: Int[np.ndarray, " sampled"],
-    ) -> Points:
-        return mapping.settled(starts, values, self.settle)[0]
+            else:
+                yield from rising(("run", "within", name), self.within[name])
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         """A row's curve likely crosses its ranges once, with at most `most` points in each direction."""

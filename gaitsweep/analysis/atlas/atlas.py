@@ -18,13 +18,14 @@ import pandas as pd
 from jaxtyping import Bool
 
 from gaitsweep.analysis.atlas.curves import BifurcationCurve, curve_through
-from gaitsweep.analysis.atlas.periodic_orbits import SAME, Orbit, OrbitSearch, orbit_of, polished, rows_of
+from gaitsweep.analysis.atlas.periodic_orbits import Orbit, OrbitSearch, orbit_of, polished, rows_of
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS, beside
 from gaitsweep.analysis.continuation.continuation import ArclengthSteps, BranchFollower, BranchTable
 from gaitsweep.analysis.continuation.lockstep import in_lockstep
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, newton
 from gaitsweep.analysis.continuation.normal_forms import coefficient, doubled_direction
+from gaitsweep.analysis.continuation.stable_ranges import MARKS
 from gaitsweep.engine.poincare.maps import Map, Points, Values
 
 # A point may lie beside the chord of a step by this share of its length, since a branch is bent.
@@ -34,8 +35,6 @@ ON_BRANCH = 1e-5
 # Lengths of the step from a flip to the branch of twice the period, the next where one does not converge: the
 # next flip of a cascade is close.
 BESIDE_FLIP = (1e-3, 1e-4, 1e-2, 1e-5)
-# Records of each branch point that is not an observable or a multiplier.
-BIFURCATIONS = ("fold", "corner", "flip", "neimark_sacker", *CROSSINGS)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -267,10 +266,8 @@ class Atlas:
 
     def _record(self, beginning: Beginning) -> dict[str, Any]:
         """The record of the first point of a branch."""
-        problem, first = beginning.problem, beginning.first
-        observed = list(first.images.observed)
-        table = BranchTable(problem.mapping, self.parameter, {}, observed, 1, problem.held, with_points=True)
-        table.write(np.zeros(1, int), problem, first, [""])
+        table = _table(beginning.problem, beginning.first)
+        table.write(np.zeros(1, int), beginning.problem, beginning.first, [""])
         return table.records(0)[0]
 
     def _halves(self, beginnings: Sequence[Beginning], period: int) -> list[list[Half]]:
@@ -281,15 +278,7 @@ class Atlas:
         problem = ContinuationProblem.joined([beginnings[k].problem for k, _ in of])
         first = BranchPoints.joined([_directed(beginnings[k].first, sign) for k, sign in of])
         names = np.arange(len(of))
-        table = BranchTable(
-            problem.mapping,
-            self.parameter,
-            {},
-            list(first.images.observed),
-            len(of),
-            problem.held,
-            with_points=True,
-        )
+        table = _table(problem, first)
         follower = BranchFollower(problem, first, names, table, self.steps)
         follower.follow()
         crossings: dict[int, list[tuple[BranchPoints, BranchPoints | None]]] = {}
@@ -319,11 +308,11 @@ class Atlas:
                 _, aside = waiting.pop(0)
                 if aside is not None:
                     asides[place] = aside
-            if special in BIFURCATIONS:
+            if special in MARKS:
                 record["coefficient"] = coefficient(problem, record["at"], special)
             if halved[place] and not halved[:place].all():  # it may begin very close to its parent's flip
                 asides.pop(place, None)
-                if special in BIFURCATIONS:
+                if special in MARKS:
                     record |= {"special": "flip", "end": "flip", "coefficient": float("nan")}
                     return records[: place + 1], asides
                 # a leap over a corner of the map led to the branch of half the period
@@ -364,7 +353,7 @@ class Atlas:
             (branch, record)
             for branch in self.branches
             for record in branch.records
-            if record["special"] in BIFURCATIONS and record["special"] != "corner" and not record["end"]
+            if record["special"] in MARKS and record["special"] != "corner" and not record["end"]
         ]
         followed = in_lockstep(
             [
@@ -438,7 +427,7 @@ class Atlas:
     def _gait(
         self, search: OrbitSearch, branch: Branch, at: BranchPoints, listed: list[Points]
     ) -> dict[str, Any]:
-        """What is known of the orbit at a point of a branch; nothing if it or an image is `listed`."""
+        """Facts about the orbit at a point of a branch; none if it or an image of it is `listed`."""
         if any(np.min(self.mapping.distance(gait.at, at.points.at)) < ON_BRANCH for gait in listed):
             return {}
         values = {**branch.problem.values, self.parameter: at.parameter}
@@ -455,16 +444,19 @@ class Atlas:
             if orbit is None:
                 return {"found": 0}
             away = np.min(self.mapping.distance(orbit.points.at, at.points.at))
-        images = self.mapping.mirrored(orbit.points, values)
-        listed += [orbit.points, *images.values()]
-        apart = {name: self.mapping.distance(image.at, orbit.points.at[:1]) for name, image in images.items()}
-        own = [name for name, distances in apart.items() if np.min(distances) < SAME]
+        listed += [orbit.points, *self.mapping.mirrored(orbit.points, values).values()]
         return {
             "found": orbit.hits,
             "reached": orbit.reached,
             "error": max(orbit.error, float(away)),
-            "symmetry": ", ".join(own),
+            "symmetry": ", ".join(orbit.symmetry),
         }
+
+
+def _table(problem: ContinuationProblem, first: BranchPoints) -> BranchTable:
+    """The table of branches (n,) from their first points, with the `BranchPoints` of each record."""
+    n, observed = len(first.parameter), list(first.images.observed)
+    return BranchTable(problem.mapping, problem.parameter, {}, observed, n, problem.held, with_points=True)
 
 
 def _directed(first: BranchPoints, sign: int) -> BranchPoints:

@@ -17,7 +17,7 @@ from gaitsweep.analysis.continuation.lockstep import Computation, alone
 from gaitsweep.engine.poincare.maps import Points
 
 # The largest scaled imperfection at which branches still cross along a curve of branch points.
-IMPERFECT = 1e-7
+BROKEN = 1e-7
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,10 +110,7 @@ def curve_through(
         steps: lengths and number of the steps.
     """
     equations, unknowns = equations_at(problem, at, special, second)
-    border = yield from equations.first_border(at.points, unknowns)
-    first = None
-    if border is not None:
-        first = yield from equations.at(at.points, unknowns, border)
+    first = yield from equations.first(at.points, unknowns)
     if first is None or not np.isfinite(first.tangent).all():
         return None
     behind, begin = yield from followed(equations, first, -1.0, steps)
@@ -135,5 +132,5 @@ def _unbroken(equations: CriticalEquations, curve: list[CurvePoint]) -> list[Cur
     """The part of a curve on which branches do cross: without a symmetry, one point of branch points."""
     if equations.kind != "branch_point":
         return curve
-    broken = [abs(at.point.unknowns[-1]) > IMPERFECT for at in curve]
+    broken = [abs(at.point.unknowns[-1]) > BROKEN for at in curve]
     return curve[: broken.index(True)] if any(broken) else curve

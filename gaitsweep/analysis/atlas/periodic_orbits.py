@@ -144,8 +144,7 @@ class OrbitSearch:
             )
             converged = np.flatnonzero(found.converged)
             # an orbit that many searches found is polished once
-            of = self._grouped(found.points[converged], rows[converged], period)
-            for group in of:
+            for group in self._grouped(found.points[converged], rows[converged]):
                 chosen = converged[group]
                 hits = len(chosen) if drawn else 0
                 if self._insert(found.points[chosen[:1]], int(rows[chosen[0]]), period, hits):
@@ -169,7 +168,7 @@ class OrbitSearch:
             share = float(np.mean((np.min(away, axis=1) < REACHED) & sound[of])) if of.size else np.nan
             self.orbits[place] = dataclasses.replace(orbit, reached=share)
 
-    def _grouped(self, points: Points, rows: Rows, period: int) -> list[Rows]:
+    def _grouped(self, points: Points, rows: Rows) -> list[Rows]:
         """Groups of equal points of one row."""
         groups: list[list[int]] = []
         for k in range(len(points)):
@@ -200,12 +199,6 @@ class OrbitSearch:
             if known is not None:
                 self._hit(known, period, hits)
                 return False
-        own = [
-            name
-            for name, image in mirrored.items()
-            if np.min(self.mapping.distance(orbit.points.at, image.at)) < SAME
-        ]
-        orbit = dataclasses.replace(orbit, symmetry=tuple(own))
         self.orbits.append(orbit)
         self._hit(len(self.orbits) - 1, period, hits)
         return True
@@ -250,7 +243,11 @@ def polished(
     orbit = orbit_of(mapping, best.points, values, period)
     if orbit is None:
         return None
-    return Orbit(row, orbit, _error(iterated, best.points, best.images, values, fix))
+    mirrored = mapping.mirrored(best.points, values)
+    apart = {name: np.min(mapping.distance(orbit.at, image.at)) for name, image in mirrored.items()}
+    symmetry = tuple(name for name, distance in apart.items() if distance < SAME)
+    error = _error(iterated, best.points, best.images, values, fix)
+    return Orbit(row, orbit, error, symmetry=symmetry)
 
 
 def orbit_of(mapping: Map, point: Points, values: Values, period: int) -> Points | None:

@@ -207,16 +207,22 @@ def hides_two_zeros(
 
 
 def bifurcations(
-    problem: ContinuationProblem, before: BranchPoints, after: BranchPoints, length: PerBranch
+    problem: ContinuationProblem,
+    before: BranchPoints,
+    after: BranchPoints,
+    length: PerBranch,
+    first: TestValues,
+    last: TestValues,
 ) -> list[list[Special] | None]:
     """The bifurcations on a step of each of n branches, from `before` to `after`, in order.
 
-    None where the step must be shorter: it led from one branch to another that passes close by, or the
-    bifurcations do not explain how many multipliers crossed the unit circle.
+    `first` and `last` (n, tests) are the values of the test functions there. None where the step must be
+    shorter: it led from one branch to another that passes close by, or the bifurcations do not explain how
+    many multipliers crossed the unit circle.
     """
-    ends = {test: (test(problem, before), test(problem, after)) for test in TESTS}
+    ends = {test: (first[:, k], last[:, k]) for k, test in enumerate(TESTS)}
     # a test function may be zero at the end of a step: then it changes sign on one of the two steps there
-    changed = {test: (first < 0.0) != (last < 0.0) for test, (first, last) in ends.items()}
+    changed = {test: (below < 0.0) != (above < 0.0) for test, (below, above) in ends.items()}
     # pairs that stay on the unit circle, as those of a map that keeps areas, cross it by rounding alone
     changed[pair_test] &= np.maximum(*np.abs(ends[pair_test])) > ROUNDING
     specials: list[list[Special] | None] = [[] for _ in length]

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import dataclasses
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -240,7 +239,7 @@ def beside(
     tangents = np.stack([tangent for _, tangent in ways])
     tangents /= np.sqrt(np.sum(problem.weights * tangents**2, axis=1))[:, None]
     change, size = length * tangents, at.points.at.shape[1]
-    starts = jax.tree.map(lambda *leaves: np.concatenate(leaves), *(points for points, _ in ways))
+    starts = Points.joined([points for points, _ in ways])
     points = Points(starts.at + change[:, :size], starts.modes)
     parameter = at.parameter + change[:, -1]
     images = problem[each].evaluated(points, parameter)

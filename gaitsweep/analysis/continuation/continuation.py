@@ -10,7 +10,6 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import jax
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Int
@@ -327,47 +326,45 @@ class BranchFollower:
             problem, before = self.problem[rows], self.branch_points[rows]
             after, converged = problem.step(before, self.length[rows])
             straight = np.sum(problem.weights * before.tangent * after.tangent, axis=1) > STRAIGHT
-            short = self.length[rows] <= self.steps.shortest
-            accepted = converged & (straight | short)
-            on = np.flatnonzero(accepted)
-            specials = (
-                bifurcations(problem[on], before[on], after[on], self.length[rows[on]]) if on.size else []
-            )
-            accepted[on] = self._resolved(rows[on], before[on], after[on], specials) | short[on]
+            accepted = converged & (straight | (self.length[rows] <= self.steps.shortest))
+            specials = self._specials(rows, before, after, accepted)
+            accepted = np.array([special is not None for special in specials], bool)
             self._reject(rows[~accepted])
             if accepted.any():
-                their_specials = [
-                    special or [] for special, k in zip(specials, on, strict=True) if accepted[k]
-                ]
+                their_specials = [special for special in specials if special is not None]
                 self._accept(rows[accepted], after[accepted], their_specials)
 
-    def _resolved(
+    def _specials(
         self,
         rows: Int[np.ndarray, " rows"],
         before: BranchPoints,
         after: BranchPoints,
-        specials: list[list[Special] | None],
-    ) -> Bool[np.ndarray, " rows"]:
-        """Which of some converged steps have no other bifurcations than `specials`.
+        accepted: Bool[np.ndarray, " rows"],
+    ) -> list[list[Special] | None]:
+        """The bifurcations on each of some steps; None where it is not `accepted`, or has to be shorter.
 
         Where a step cannot be shortened, several multipliers cross at one place: it is a branch point.
         """
-        if not rows.size:
-            return np.zeros(0, bool)
-        resolved = np.array([special is not None for special in specials], bool)
-        problem, length = self.problem[rows], self.length[rows]
-        now, later = test_values(problem, before), test_values(problem, after)
-        resolved &= ~hides_two_zeros(self.tests_before[rows], now, later, self.length_before[rows], length)
-        last = length * SHORTER < self.steps.shortest
-        for k in np.flatnonzero(last):
-            if specials[k] is None:
-                specials[k] = [Special("branch_point", float(length[k]), after[[k]])]
-        resolved |= last
-        self.tests_before[rows[resolved]], self.length_before[rows[resolved]] = (
-            now[resolved],
-            length[resolved],
+        specials: list[list[Special] | None] = [None] * rows.size
+        on = np.flatnonzero(accepted)
+        if not on.size:
+            return specials
+        first, last = (test_values(self.problem[rows[on]], points[on]) for points in (before, after))
+        length = self.length[rows]
+        shortest = length * SHORTER < self.steps.shortest
+        hidden = hides_two_zeros(
+            self.tests_before[rows[on]], first, last, self.length_before[rows[on]], length[on]
         )
-        return resolved
+        searched = np.flatnonzero(~hidden | shortest[on])
+        on, first, last = on[searched], first[searched], last[searched]
+        located = bifurcations(self.problem[rows[on]], before[on], after[on], length[on], first, last)
+        for k, own, values in zip(on, located, first, strict=True):
+            if own is None and shortest[k]:
+                own = [Special("branch_point", float(length[k]), after[[k]])]
+            specials[k] = own
+            if own is not None:
+                self.tests_before[rows[k]], self.length_before[rows[k]] = values, length[k]
+        return specials
 
     def crossing(self) -> BranchFollower | None:
         """A follower of both halves of each branch that crosses at a branch point; None if there is none.
@@ -386,7 +383,7 @@ class BranchFollower:
                 self.table.end(name, "not_found")
         if not of:
             return None
-        both = jax.tree.map(lambda *leaves: np.concatenate(leaves), *asides)
+        both = BranchPoints.joined(asides)
         return BranchFollower(self.problem[np.array(of)], both, np.array(names), self.table, self.steps)
 
     def _passed(

@@ -309,6 +309,13 @@ class CriticalEquations:
             rest = np.delete(rest, int(np.argmin(np.abs(rest - np.conj(critical)))))
         return rest
 
+    def first(self, like: Points, unknowns: Vector) -> Computation[CriticalPoint | None]:
+        """The first point at some unknowns; None where the map is not differentiable."""
+        border = yield from self.first_border(like, unknowns)
+        if border is None:
+            return None
+        return (yield from self.at(like, unknowns, border))
+
     def first_border(self, like: Points, unknowns: Vector) -> Computation[Any]:
         """The border of the first point, from the singular vectors; None where the map is not defined."""
         _, full, _ = yield from self.evaluated(like, unknowns[None])

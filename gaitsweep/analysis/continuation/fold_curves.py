@@ -148,8 +148,7 @@ def _on_curve(
     name = parameters[1]
     second = name, float(min(within[name])), float(max(within[name])), float(values[name][0])
     equations, unknowns = equations_at(problem, fold, "fold", second)
-    border = alone(equations.first_border(fold.points, unknowns))
-    first = None if border is None else alone(equations.at(fold.points, unknowns, border))
+    first = alone(equations.first(fold.points, unknowns))
     return (None, "lost") if first is None else ((equations, first), "")
 
 

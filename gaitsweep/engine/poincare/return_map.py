@@ -75,14 +75,12 @@ class BatchedReturnMap(FollowedMap):
             propagator) the map has derivatives; in steps of fixed length it is a staircase of that step's
             size, and derivatives are refused.
         engine: kernel, xla, or auto: kernel where the model and the machine allow it.
-        cycles: crossings from a point to its image.
     """
 
     model: Model
     settings: tuple[tuple[str, float | str], ...] = ()
     numerics: Numerics | ResolvedNumerics = dataclasses.field(default_factory=Numerics)
     engine: str = "auto"
-    cycles: int = 1
 
     @cached_property
     def integration(self) -> ResolvedNumerics:
@@ -131,14 +129,7 @@ class BatchedReturnMap(FollowedMap):
 
     def state(self, params: Params, state: State) -> Returned:
         """The time (s) to the next crossing, the state just after it, and the `ReturnStatus`, in JAX."""
-        total = jnp.zeros(())
-        status = jnp.asarray(ReturnStatus.crossed, jnp.int32)
-        crossing = crossing_of(self.model, self.integration, self.engine)
-        for _ in range(self.cycles):
-            t, state, crossed = crossing(params, state)
-            total = total + t
-            status = jnp.where(status == ReturnStatus.crossed, crossed, status)
-        return total, state, status
+        return crossing_of(self.model, self.integration, self.engine)(params, state)
 
     def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
         params = self.params(values)
