@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
@@ -147,7 +148,7 @@ class Map(abc.ABC):
         """The map that applies this one `count` times."""
         return self if count == 1 else IteratedMap(self, count)
 
-    @property
+    @functools.cached_property
     def circular(self) -> Bool[np.ndarray, " coordinates"]:
         """Mask of the coordinates that are angles, (size,)."""
         return np.array([quantity.circular for quantity in self.coordinates])
@@ -315,6 +316,8 @@ def wrap_difference(
     difference: ManyCoordinates, circular: Bool[np.ndarray, " coordinates"]
 ) -> ManyCoordinates:
     """Differences; differences of angles (rad) are wrapped to [-pi, pi]."""
+    if not circular.any():
+        return difference
     with np.errstate(invalid="ignore"):  # an infinite difference stays one
         turns = np.round(difference / (2.0 * np.pi))
         return np.where(circular, difference - 2.0 * np.pi * turns, difference)
