@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
@@ -279,3 +280,29 @@ def test_a_pitchfork_does_not_start_a_fold_curve() -> None:
         to_fold=-1,
     )
     assert table["end"].tolist() == ["no_fold"]
+
+
+@pytest.mark.parametrize("high", [10.0, 60.0])
+def test_a_pitchfork_seen_from_the_branch_that_turns(high: float) -> None:
+    """Lorenz's flow over 1 s: from C+ the pitchfork at rho = 1, in ranges much wider than its natural scale.
+
+    The multiplier of the branch that turns only touches 1 there. No symmetry helps the search.
+    """
+
+    def rates(v: Any, at: Any) -> Any:
+        x, y, z = at
+        return jnp.stack([10.0 * (y - x), x * (v["rho"] - z) - y, x * y - 8.0 / 3.0 * z])
+
+    def second(v: Any, at: Any) -> Any:
+        def step(at: Any, _: Any) -> Any:
+            middle = at + 0.01 * rates(v, at)
+            return at + 0.02 * rates(v, middle), None
+
+        return jax.lax.scan(step, at, None, length=50)[0]
+
+    mapping = PlainMap(second, ("x", "y", "z"), (("rho", 3.0),))
+    start = mapping.points([[np.sqrt(16.0 / 3.0)] * 2 + [2.0]])
+    table = continuation(mapping, start, {}, parameter="rho", within=(0.5, high), begin=3.0, towards=-1)
+    first = table[table["special"] != ""].iloc[0]
+    assert first["special"] == LOWER
+    np.testing.assert_allclose(first["rho"], 1.0, atol=1e-9)

@@ -27,6 +27,7 @@ from gaitsweep.analysis.continuation.branch_points import (
 from gaitsweep.analysis.continuation.critical_points import located_exactly
 from gaitsweep.analysis.continuation.lockstep import Computation, Request, alone, in_lockstep
 from gaitsweep.analysis.continuation.multipliers import multipliers
+from gaitsweep.analysis.continuation.normal_forms import PITCHFORKS
 from gaitsweep.analysis.continuation.one_sided import both_sides
 from gaitsweep.engine.poincare.maps import Points
 
@@ -149,8 +150,12 @@ def located_on_branch(
 
 def turn_kind(problem: ContinuationProblem, at_turn: BranchPoints) -> str:
     """The kind of one turn of the parameter: "fold" where smooth, "corner" where the map has a kink."""
-    smooth = abs(fold_test(problem, at_turn)[0]) < FLAT * (problem.high - problem.low)
-    return "fold" if smooth else "corner"
+    return "fold" if _turns(problem, at_turn) else "corner"
+
+
+def _turns(problem: ContinuationProblem, at: BranchPoints) -> bool:
+    """Whether the parameter turns smoothly at a point of one branch."""
+    return bool(abs(fold_test(problem, at)[0]) < FLAT * (problem.high - problem.low))
 
 
 def pair_kind(problem: ContinuationProblem, at_zero: BranchPoints) -> str:
@@ -262,7 +267,7 @@ def _on_step(
                 Special(crossing.kind, ahead(problem, before, crossing.here), crossing.here, crossing.aside)
             )
             # a pitchfork where the branch itself turns is not a fold
-            turns &= abs(crossing.here.tangent[0, -1]) > FLAT * (problem.high - problem.low)
+            turns &= not _turns(problem, crossing.here)
         elif zero is not None and abs(branch_test(problem, zero[0])[0]) < SMALL * np.max(np.abs(ends)):
             crossing = cornered(problem, zero[0], both_sides(problem, zero[0]))
             crossing = Crossing("branch_point", zero[0], None) if crossing is None else crossing
@@ -298,6 +303,8 @@ def _explained(
     # multipliers at the unit circle count as on either side of it
     least, most = outside[1][0] - outside[0][1], outside[1][1] - outside[0][0]
     crossed = sum(2 if kind == "neimark_sacker" else 1 for kind in kinds)
+    # the multiplier of the branch that turns at a pitchfork is 1 there, and on one side before and after
+    crossed -= sum(special.kind in PITCHFORKS and _turns(problem, special.here) for special in specials)
     return any(abs(k) <= crossed and (crossed - k) % 2 == 0 for k in range(least, most + 1))
 
 
@@ -317,9 +324,8 @@ def _direct(
     along = ahead(problem, before, exact)
     if not (0.0 <= along <= length and problem.low <= exact.parameter[0] <= problem.high):
         return None
-    turn = abs(exact.tangent[0, -1]) < FLAT * (problem.high - problem.low)
     critical = min(abs(multipliers_of(problem, exact)[0] - (1.0 if kind == "fold" else -1.0)))
-    return Special(kind, along, exact) if critical < TOGETHER and (turn or kind == "flip") else None
+    return Special(kind, along, exact) if critical < TOGETHER and (kind == "flip" or _turns(problem, exact)) else None
 
 
 def _exact(problem: ContinuationProblem, near: BranchPoints, kind: str) -> Computation[BranchPoints | None]:

@@ -156,7 +156,8 @@ def _kind_of_halves(sides: list[Side], halves: list[Vector], throughs: list[Vect
 def _common(sides: list[Side]) -> tuple[tuple[int, int], Bool[np.ndarray, "2 2"]]:
     """The pair of tangents of two sides that are most alike, and which pairs are alike."""
     first, last = sides if sides[0].near else sides[::-1]
-    pushed = first.tangents @ last.push.T
+    # where coordinates are the same on both sides, so are displacements
+    pushed = first.tangents if last.near else first.tangents @ last.push.T
     pushed /= np.linalg.norm(pushed, axis=1)[:, None]
     signs = np.sign(pushed @ last.tangents.T)
     apart = np.linalg.norm(pushed[:, None] * signs[:, :, None] - last.tangents, axis=2)

@@ -195,12 +195,14 @@ def _side(
     outward = critical * np.sign(critical @ outward)
     other = null[0] * (null[1] @ outward) - null[1] * (null[0] @ outward)
     basis = np.stack([outward, other / np.linalg.norm(other)])
-    # beside the branch point, so that both points are on this side
-    pair = problem.scaled_equations(points, z + steps[1] + 0.5 * ALONG * np.stack([basis[1], -basis[1]]))[1]
-    if not np.isfinite(pair).all():
+    # beside the branch point, so that all points are on this side
+    beside = 0.5 * ALONG * np.stack([basis[1], -basis[1]])[:, None] + steps
+    pairs = problem.scaled_equations(points, z + beside.reshape(-1, len(z)))[1]
+    if not np.isfinite(pairs).all():
         return None
     across = np.tensordot(SLOPE, several, 1) / ALONG
-    bent = np.stack([w @ across, w @ (pair[0] - pair[1]) / ALONG])
+    along_other = np.tensordot(LIMIT, pairs[:3] - pairs[3:], 1) / ALONG
+    bent = np.stack([w @ across, w @ along_other])
     tangents = crossing_tangents(basis, bent)
     if tangents is None:
         return None
