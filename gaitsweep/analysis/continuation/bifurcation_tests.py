@@ -325,7 +325,8 @@ def _direct(
     if not (0.0 <= along <= length and problem.low <= exact.parameter[0] <= problem.high):
         return None
     critical = min(abs(multipliers_of(problem, exact)[0] - (1.0 if kind == "fold" else -1.0)))
-    return Special(kind, along, exact) if critical < TOGETHER and (kind == "flip" or _turns(problem, exact)) else None
+    sound = critical < TOGETHER and (kind == "flip" or _turns(problem, exact))
+    return Special(kind, along, exact) if sound else None
 
 
 def _exact(problem: ContinuationProblem, near: BranchPoints, kind: str) -> Computation[BranchPoints | None]:
