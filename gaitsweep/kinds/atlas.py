@@ -13,8 +13,9 @@ from pydantic import Field
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.atlas.atlas import Atlas as BranchAtlas
+from gaitsweep.analysis.atlas.event_orders import time_column
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, SearchOptions, rows_of
-from gaitsweep.contract import Model
+from gaitsweep.contract import HybridModel, Model, Quantity
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
@@ -84,6 +85,8 @@ class Atlas(FollowsFixedPoints):
             *map(
                 Column, ("found", "symmetry", "reached", "error", "missing", "corrections", "end", "status")
             ),
+            *map(Column, ("events", "change")),
+            *(Column(name, None, quantity, False) for name, quantity in _event_times(model).items()),
         ]
 
     @property
@@ -242,7 +245,10 @@ class Atlas(FollowsFixedPoints):
         whole = ("number", "period", "depth", "begins", "point", "unstable", "found", "corrections")
         numbers_of = {name: table[name].astype(float).fillna(-1).astype(np.int64) for name in whole}
         stable = table["stable"].astype("boolean").fillna(False).astype(bool)
-        texts = {name: pd.Categorical(table[name].astype(object).fillna("")) for name in ("part", "symmetry")}
+        texts = {
+            name: pd.Categorical(table[name].astype(object).fillna(""))
+            for name in ("part", "symmetry", "events", "change")
+        }
         return table.assign(stable=stable, **texts, **numbers_of)
 
     def _searched(
@@ -281,3 +287,10 @@ class Atlas(FollowsFixedPoints):
             "missing": search.missing(row),
             "end": "no_gait",
         }
+
+
+def _event_times(model: Model) -> dict[str, Quantity]:
+    """The columns with the times of a model's events."""
+    names = dict.fromkeys(model.guard_names) if isinstance(model, HybridModel) else ()
+    meaning = "first time in the cycle: {}"
+    return {time_column(name): Quantity(time_column(name), "s", meaning.format(name)) for name in names}
