@@ -400,6 +400,7 @@ class Model(Jumps):
     def symmetries(self) -> Mapping[str, Callable[[Params, State], State]]:
         """Maps of states that turn motions into motions, such as the exchange of left and right, by name.
 
+        Those that follow from others need not be given: an atlas combines them.
         The image of a state just after a crossing need not be one: an atlas follows it to the next crossing.
         """
         return {}

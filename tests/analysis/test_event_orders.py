@@ -15,7 +15,7 @@ TOGETHER = -np.cos(BELL - np.pi / 4.0) / np.sqrt(2.0)
 
 
 class TwoBells(gs.DeclaredModel):
-    """A force that begins with the later of two events: at an angle, and where a height rises through zero."""
+    """A force that begins with the later of two events: at an angle, and where a height rises."""
 
     section_coordinates = ("height", "speed")
 

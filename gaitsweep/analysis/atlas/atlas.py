@@ -442,16 +442,16 @@ class Atlas:
         return events
 
     def _mark_changes(self, branch: Branch, events: list[Events]) -> None:
-        """Add a record where the order of events changes on a branch, and its events to those of the others."""
+        """Add a record to a branch where its order of events changes, and that record's events."""
         for place in range(len(events) - 1, 0, -1):
             change = change_of_order(events[place - 1], events[place])
             if not change:
                 continue
             before, after = branch.records[place - 1], branch.records[place]
             corner = next((record for record in (before, after) if record["special"] == "corner"), None)
-            located = (
-                None if corner else self._last_before(branch, before["at"], after["at"], events[place - 1])
-            )
+            located = None
+            if corner is None:
+                located = self._last_before(branch, before["at"], after["at"], events[place - 1])
             if located is None:
                 (corner or after)["change"] = change
                 continue

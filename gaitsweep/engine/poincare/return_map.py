@@ -34,6 +34,7 @@ from gaitsweep.engine.poincare.maps import (
     Values,
 )
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus, crossing_of
+from gaitsweep.engine.poincare.symmetry_group import group_of
 from gaitsweep.engine.shapes import Integer
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import functions_of, names_in, resolve
@@ -237,12 +238,17 @@ class BatchedReturnMap(FollowedMap):
 @cached_by_content(maxsize=16)
 def _mirrors(mapping: BatchedReturnMap) -> Callable[..., Any]:
     """The function `(values, at, modes) -> {symmetry: (at, state)}` of many points."""
+    model = mapping.model
+    first = {name: column[0] for name, column in mapping.complete({}, 1).items()}
+    defaults = {q.name: 0.0 if q.default is None else q.default for q in model.initial_conditions}
+    params = mapping.params(first)
+    symmetries = group_of(model.symmetries(), params, model.init(params, defaults))
 
     def one(values: Any, at: Coordinates, modes: State) -> dict[str, Any]:
         params = mapping.params(values)
         state = mapping.chart.from_coordinates(params, at, modes)
         images = {}
-        for name, image in mapping.model.symmetries().items():
+        for name, image in symmetries.items():
             # the image need not be on the section
             _, crossed, status = mapping.state(params, image(params, state))
             coordinates = mapping.chart.to_coordinates(params, crossed)
