@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -179,6 +180,7 @@ class Atlas:
         self.values = {name: v for name, v in values.items() if name != parameter}
         self.steps, self.most_branches = steps or ArclengthSteps(), most_branches
         self.branches: list[Branch] = []
+        self.left_out = Counter[int]()  # by row, the branches beyond the largest number
 
     def follow(self, search: OrbitSearch, at: float, depth: int) -> None:
         """Follow the orbits of a search at a value of the parameter, and what their branches meet.
@@ -247,6 +249,8 @@ class Atlas:
                 continue
             if sum(other.row == branch.row for other in self.branches) < self.most_branches:
                 self.branches.append(branch)
+            else:
+                self.left_out[branch.row] += 1
 
     def _is_passed(self, beginning: Beginning) -> bool:
         """Whether a branch passes the first point of another one, or its image under a symmetry.
