@@ -13,14 +13,15 @@ from pydantic import Field
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.atlas.atlas import Atlas as BranchAtlas
+from gaitsweep.analysis.atlas.event_orders import time_column
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, SearchOptions, rows_of
-from gaitsweep.contract import Model
+from gaitsweep.contract import HybridModel, Model, Quantity
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import Column, observed_at_crossings
-from gaitsweep.kinds.fixed_points import FollowsFixedPoints, beginning_within, rising, unknowns
+from gaitsweep.kinds.fixed_points import LISTED, FollowsFixedPoints, beginning_within, rising, unknowns
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Real, Text
@@ -84,7 +85,46 @@ class Atlas(FollowsFixedPoints):
             *map(
                 Column, ("found", "symmetry", "reached", "error", "missing", "corrections", "end", "status")
             ),
+            *map(Column, ("events", "change", "left_out")),
+            *(Column(name, None, quantity, False) for name, quantity in _event_times(model).items()),
         ]
+
+    @property
+    def columns_of_findings(self) -> tuple[str, ...]:
+        read = ("row", "part", "number", "period", "stable", "found", "missing", "left_out")
+        return (*super().columns_of_findings, *read, *self.second)
+
+    def findings(self, table: pd.DataFrame) -> list[str]:
+        branch = (table["part"] == "branch").to_numpy(bool)
+        gaits = table[branch & (table["found"] >= 0).to_numpy(bool)]
+        counts = [
+            f"{len(own)} of period {period}, {int(own['stable'].sum())} of them stable"
+            for period, own in gaits.groupby("period")
+        ]
+        rows = table["row"].nunique()
+        text = f"At {self.parameter} = {self.place:g}{f', in {rows} rows' if rows > 1 else ''}: "
+        text += "; ".join(counts) or "no gait"
+        missing = float(table.groupby("row")["missing"].first().sum())
+        text += f"; an estimate of {missing:.0f} more were not found." if missing >= 0.5 else "."
+        sentences = [text, *super().findings(table[branch])]
+        if left_out := int(table.groupby("row")["left_out"].first().sum()):
+            what = "1 branch was" if left_out == 1 else f"{left_out} branches were"
+            sentences.append(f"{what} not followed: run.branches is {self.branches}.")
+        for second in self.second:
+            curves = table[~branch & (table["part"] != "").to_numpy(bool)]
+            found = f"{curves.groupby(['row', 'number']).ngroups} curves of bifurcations"
+            points = curves[~curves["special"].astype(str).isin(["", "nan", "kink"])]
+            places = zip(points["special"], points[self.parameter], points[second], strict=True)
+            named = [f"{str(kind).replace('_', ' ')} at ({x:.5g}, {y:.5g})" for kind, x, y in places]
+            more = f" and {len(named) - LISTED} more" if len(named) > LISTED else ""
+            listed = f": {'; '.join(named[:LISTED])}{more}" if named else ""
+            sentences.append(f"Over {self.parameter} and {second}: {found}{listed}.")
+        return sentences
+
+    def wider(self) -> Atlas:
+        """The run with twice the starts, patience and branches, and one bifurcation deeper."""
+        doubled = {name: 2 * getattr(self, name) for name in ("budget", "patience", "branches")}
+        return self.model_copy(update={**doubled, "depth": self.depth + 1})
 
     @property
     def place(self) -> float:
@@ -241,8 +281,13 @@ class Atlas(FollowsFixedPoints):
         table = self.records(rows, first, mapping, of_values, table, has_point, has_point)
         whole = ("number", "period", "depth", "begins", "point", "unstable", "found", "corrections")
         numbers_of = {name: table[name].astype(float).fillna(-1).astype(np.int64) for name in whole}
+        left_out = np.array([atlas.left_out[row] for row in range(len(numbers))], np.int64)
+        numbers_of["left_out"] = left_out[table["row"].to_numpy(int) - first]
         stable = table["stable"].astype("boolean").fillna(False).astype(bool)
-        texts = {name: pd.Categorical(table[name].astype(object).fillna("")) for name in ("part", "symmetry")}
+        texts = {
+            name: pd.Categorical(table[name].astype(object).fillna(""))
+            for name in ("part", "symmetry", "events", "change")
+        }
         return table.assign(stable=stable, **texts, **numbers_of)
 
     def _searched(
@@ -281,3 +326,10 @@ class Atlas(FollowsFixedPoints):
             "missing": search.missing(row),
             "end": "no_gait",
         }
+
+
+def _event_times(model: Model) -> dict[str, Quantity]:
+    """The columns with the times of a model's events."""
+    names = dict.fromkeys(model.guard_names) if isinstance(model, HybridModel) else ()
+    meaning = "first time in the cycle: {}"
+    return {time_column(name): Quantity(time_column(name), "s", meaning.format(name)) for name in names}

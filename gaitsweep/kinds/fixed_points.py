@@ -11,12 +11,13 @@ from typing import Any
 import jax
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 from pydantic import Field
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.continuation.continuation import ArclengthSteps
 from gaitsweep.analysis.continuation.newton import newton
+from gaitsweep.analysis.continuation.stable_ranges import MARKS
 from gaitsweep.contract import Model, Status
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
@@ -33,6 +34,8 @@ from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
 
 # Time in which all programs of a return map are compiled, as a multiple of that of its settling.
 PROGRAMS = 4.0
+# Values of a kind of bifurcation that a sentence lists.
+LISTED = 6
 
 
 class FollowsFixedPoints(RunKind):
@@ -58,6 +61,19 @@ class FollowsFixedPoints(RunKind):
     def recorder(self, model: Model) -> CrossingRecorder:
         # the rows are followed to where their branches begin; `block_table` does the rest
         return CrossingRecorder(model, 1, self.settle)
+
+    @property
+    def columns_of_findings(self) -> tuple[str, ...]:
+        return () if self.moved is None else (self.moved, "special", "end")
+
+    def findings(self, table: pd.DataFrame) -> list[str]:
+        assert self.moved is not None
+        places = table[self.moved].to_numpy(float)
+        # a doubled gait that meets its parent again ends at the parent's flip
+        special = table["special"].astype(str).where(table["end"].astype(str) != "flip", "")
+        kinds = [kind for kind in (*MARKS, "order_change") if np.any(special == kind)]
+        texts = [f"{kind.replace('_', ' ')} at {_listed(places[special == kind])}" for kind in kinds]
+        return [f"Along {self.moved}: {'; '.join(texts) or 'no bifurcation'}."]
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
         return [*self.check_ranges(rows), *self._check_steps(), *self._check_map(rows.model, method)]
@@ -221,6 +237,14 @@ def beginning_within(
                 f"is from {low:g} to {high:g}, but {name} begins at {at}: rows must begin within the range."
             )
             yield Diagnostic((*field, name), text)
+
+
+def _listed(places: Float[np.ndarray, " places"]) -> str:
+    """Some values, to 7 digits: each once, or their range if they are many."""
+    values = list(dict.fromkeys(f"{place:.7g}" for place in np.sort(places)))
+    if len(values) > LISTED:
+        return f"{len(values)} values from {values[0]} to {values[-1]}"
+    return ", ".join(values)
 
 
 def _gait_numbers(
