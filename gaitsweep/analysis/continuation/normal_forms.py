@@ -9,11 +9,14 @@ directions).
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 from jaxtyping import Complex, Float
 
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
-from gaitsweep.engine.poincare.maps import Points, sizes
+from gaitsweep.engine.poincare.maps import Points, Values, sizes
+from gaitsweep.engine.poincare.stationary_map import StationaryMap, bent_flow, linearised_flow
 
 Matrix = Float[np.ndarray, "coordinates coordinates"]
 Vector = Float[np.ndarray, " coordinates"]
@@ -57,7 +60,8 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
     - fold, transcritical: a of x -> x + a x^2.
     - flip: b of x -> -x + b x^3; supercritical, to a stable cycle of twice the period, where b > 0.
     - pitchfork: c of x -> x + c x^3; supercritical where c < 0.
-    - neimark_sacker: d of |x| -> |x| (1 + d |x|^2); supercritical where d < 0.
+    - neimark_sacker: d of |x| -> |x| (1 + d |x|^2); supercritical where d < 0. At a Hopf point of a flow, the
+      first Lyapunov coefficient instead, as of `HopfForm`.
 
     Returns:
         NaN for other kinds, where the map has a corner beside the point, and where conserved quantities are
@@ -65,6 +69,8 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
     """
     if kind not in SIMPLE or problem.held.which:
         return float("nan")
+    if isinstance(problem.mapping, StationaryMap) and kind == "neimark_sacker":
+        return hopf_form(problem.mapping, at.points, {**problem.values, problem.parameter: at.parameter}).l1
     # an angle is measured in rad wherever it is cut
     scale = np.where(problem.mapping.circular, 1.0, sizes(at.points.at)[0])
     J = at.images.jacobian[0] * scale / scale[:, None]
@@ -122,3 +128,47 @@ def circle_coefficient(
 def doubled_direction(at: BranchPoints) -> Vector:
     """The direction in which the cycle of twice the period leaves a flip of one branch (1,)."""
     return np.real(critical_vector(at.images.jacobian[0], -1.0)[0])
+
+
+@dataclasses.dataclass(frozen=True)
+class HopfForm:
+    """The normal form of a Hopf point: z' = lambda z + frequency l1 z |z|^2, where x = z q + its conjugate + ...
+
+    Attributes:
+        frequency: the imaginary part of the critical eigenvalue lambda, rad/s.
+        q, p: right and left eigenvectors, p . q = 1, |q| = 1 in the units of the coordinates.
+        l1: the first Lyapunov coefficient; below 0, stable cycles begin (supercritical).
+        h11, h20: the second-order terms of x, h11 |z|^2 + Re(h20 z^2).
+
+    Source: Kuznetsov 2004, Elements of Applied Bifurcation Theory, eq. (3.20) and section 5.4.
+    """
+
+    frequency: float
+    q: ComplexVector
+    p: ComplexVector
+    l1: float
+    h11: Vector
+    h20: ComplexVector
+
+
+def hopf_form(mapping: StationaryMap, at: Points, values: Values) -> HopfForm:
+    """The normal form at a Hopf point (1,), by exact derivatives of the flow."""
+    here = {name: column[0] for name, column in mapping.complete(values, 1).items()}, at.at[0], at[0].modes
+    J = np.asarray(linearised_flow(mapping)(*here)[1])
+    factors = np.linalg.eigvals(J)
+    pairs = factors[factors.imag > 0.0]
+    q, p, factor = critical_vector(J, pairs[np.argmin(np.abs(pairs.real))])
+    a, b, frequency = q.real, q.imag, factor.imag
+
+    def bent(*directions: tuple[Vector, Vector, Vector]) -> tuple[np.ndarray, np.ndarray]:
+        return tuple(map(np.asarray, bent_flow(mapping)(*here, *np.swapaxes(directions, 0, 1))))
+
+    (aa, bb, ab, *_), (aaa, bbb, abb, aab, *_) = bent(
+        *((a, a, a), (b, b, b), (a, b, b), (b, a, a)), *[(a, a, a)] * 2
+    )
+    h11 = np.linalg.solve(-J, aa + bb)
+    h20 = np.linalg.solve(2j * frequency * np.eye(len(J)) - J, aa - bb + 2j * ab)
+    pairs = ((a, h11), (b, h11), (a, h20.real), (b, h20.imag), (a, h20.imag), (b, h20.real))
+    (a_11, b_11, a_r, b_i, a_i, b_r), _ = bent(*((u, v, u) for u, v in pairs))
+    cubic = aaa + abb + 1j * (aab + bbb) + 2.0 * (a_11 + 1j * b_11) + a_r + b_i + 1j * (a_i - b_r)
+    return HopfForm(frequency, q, p, float((p @ cubic).real / (2.0 * frequency)), h11, h20)

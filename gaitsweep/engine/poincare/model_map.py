@@ -1,0 +1,205 @@
+"""Maps of the states of a model: its parameters, starts and symmetries, whatever leads to the image."""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import graphlib
+from collections.abc import Callable, Iterable, Mapping
+from functools import cached_property
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from gaitsweep import near_miss
+from gaitsweep.contract import Chart, Model, Params, Quantity, State
+from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.fork import refuse_fork
+from gaitsweep.engine.poincare.maps import Coordinates, FollowedMap, Image, Points, Values
+from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
+from gaitsweep.engine.poincare.symmetry_group import group_of
+from gaitsweep.engine.shapes import Integer
+from gaitsweep.errors import ArgumentError
+from gaitsweep.expression import functions_of, names_in, resolve
+
+
+@dataclasses.dataclass(frozen=True)
+class ModelMap(FollowedMap):
+    """A map of a model's states, in JAX and for many points at once.
+
+    1. A map gives `_chart` and `state`, `durations` and `refined`.
+    2. The other members are built from them.
+
+    Args:
+        model: the model.
+        settings: (name, number or formula) of the parameters that are not at their defaults.
+    """
+
+    model: Model
+    settings: tuple[tuple[str, float | str], ...] = ()
+
+    @cached_property
+    def chart(self) -> Chart:
+        """The coordinates of a state."""
+        return self._chart()
+
+    @abc.abstractmethod
+    def _chart(self) -> Chart:
+        """The coordinates of a state, made once."""
+
+    @abc.abstractmethod
+    def state(self, params: Params, state: State) -> Returned:
+        """The time (s) to the image of a state, the image, and the `ReturnStatus`, in JAX."""
+
+    @property
+    def coordinates(self) -> tuple[Quantity, ...]:
+        return self.chart.coordinates
+
+    @property
+    def conserved(self) -> tuple[Quantity, ...]:
+        return self.chart.conserved
+
+    def params(self, values: Values) -> Params:
+        """The model's parameters: values, then settings, then defaults; formulas are evaluated."""
+        return self.model.params(self.resolved(values))
+
+    def resolved(self, values: Values) -> dict[str, Any]:
+        """All parameters by name: values, then settings, then defaults; formulas are evaluated."""
+        known: dict[str, Any] = {name: jnp.asarray(value) for name, value in values.items()}
+        settings = {name: self._written[name] for name in self._order if name not in known}
+        return resolve(settings, known, functions_of(jnp))
+
+    def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
+        self._refuse_unknown(values)
+        numbers = {name: text for name, text in self._written.items() if not isinstance(text, str)}
+        return {
+            name: np.broadcast_to(np.asarray(value, np.float64), (n,)).copy()
+            for name, value in {**numbers, **values}.items()
+        }
+
+    def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
+        params = self.params(values)
+        t, state, status = self.state(params, self.chart.from_coordinates(params, at, modes))
+        crossed = status == ReturnStatus.crossed
+        status = jnp.where(crossed & ~self.chart.covers(params, state), ReturnStatus.elsewhere, status)
+        status = jnp.where(crossed & self.model.failed(params, state), ReturnStatus.fell, status)
+        observed = {**self.model.observe(params, state), "time": t}
+        return self.chart.to_coordinates(params, state), state, status, observed
+
+    def conserved_values(self, values: Values, at: Coordinates) -> Float[Array, " conserved"]:
+        return self.chart.conserved_values(self.params(values), at)
+
+    def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
+        complete = self.complete(values, len(points))
+        images = _mirrors(self)(complete, points.at, points.modes) if self.model.symmetries() else {}
+        images = {name: jax.tree.map(np.asarray, image) for name, image in images.items()}
+        return {
+            name: Points(np.asarray(at), jax.tree.map(np.asarray, modes))
+            for name, (at, modes) in images.items()
+        }
+
+    def settled(
+        self, starts: Mapping[str, Any], values: Values, cycles: int
+    ) -> tuple[Points, Int[np.ndarray, " points"]]:
+        """The points that starts of the model reach after `cycles` images, and the `ReturnStatus` of each.
+
+        Args:
+            starts: initial conditions (n,) by name; the others have their defaults.
+            values: parameters by name, numbers or (n,).
+            cycles: applications of the map, 0 or more; a trajectory that fails stays at its last state.
+
+        Returns:
+            The points, and their `ReturnStatus` (n,).
+        """
+        refuse_fork()
+        n = max([np.size(v) for v in (*starts.values(), *values.values())], default=1)
+        starts_of_points = {
+            q.name: np.broadcast_to(np.asarray(starts.get(q.name, q.default), np.float64), (n,))
+            for q in self.model.initial_conditions
+        }
+        complete = self.complete(values, n)
+        state, status = _settler(self, cycles)(complete, starts_of_points)
+        at = jax.jit(jax.vmap(lambda v, s: self.chart.to_coordinates(self.params(v), s)))(complete, state)
+        return Points(np.asarray(at), jax.tree.map(np.asarray, state)), np.asarray(status)
+
+    @cached_property
+    def _written(self) -> dict[str, float | str]:
+        """The settings, and the defaults of the other parameters: numbers or formulas."""
+        settings = dict(self.settings)
+        self._refuse_unknown(settings)
+        written: dict[str, Any] = {**{q.name: q.default for q in self.model.parameters}, **settings}
+        missing = [name for name, value in written.items() if value is None]
+        if missing:
+            raise ArgumentError(f"{missing[0]} of {self.model.name} has no default: set it in settings.")
+        return written
+
+    def _refuse_unknown(self, names: Iterable[str]) -> None:
+        known = [q.name for q in self.model.parameters]
+        for name in names:
+            if name not in known:
+                near = near_miss.suggestion(name, known)
+                raise ArgumentError(f"{name} is not a parameter of {self.model.name}{near}")
+
+    @cached_property
+    def _order(self) -> tuple[str, ...]:
+        """The parameters, each after those that its formula uses."""
+        uses = {name: sorted(names_in(text)) for name, text in self._written.items()}
+        return tuple(graphlib.TopologicalSorter(uses).static_order())
+
+    @cached_property
+    def _shape(self) -> State:
+        """The shapes of a state."""
+        starts = {q.name: jax.ShapeDtypeStruct((), jnp.float64) for q in self.model.initial_conditions}
+        values = {name: jax.ShapeDtypeStruct((), jnp.float64) for name in self.complete({}, 1)}
+        return jax.eval_shape(lambda v, s: self.model.init(self.params(v), s), values, starts)
+
+
+@cached_by_content(maxsize=16)
+def _mirrors(mapping: ModelMap) -> Callable[..., Any]:
+    """The function `(values, at, modes) -> {symmetry: (at, state)}` of many points."""
+    model = mapping.model
+    first = {name: column[0] for name, column in mapping.complete({}, 1).items()}
+    defaults = {
+        q.name: jnp.asarray(q.default if isinstance(q.default, int | float) else 0.0)
+        for q in model.initial_conditions
+    }
+    params = mapping.params(first)
+    symmetries = group_of(model.symmetries(), params, model.init(params, defaults))
+
+    def one(values: Any, at: Coordinates, modes: State) -> dict[str, Any]:
+        params = mapping.params(values)
+        state = mapping.chart.from_coordinates(params, at, modes)
+        images = {}
+        for name, image in symmetries.items():
+            # the image under a symmetry need not be on a section
+            _, crossed, status = mapping.state(params, image(params, state))
+            coordinates = mapping.chart.to_coordinates(params, crossed)
+            images[name] = jnp.where(status == ReturnStatus.crossed, coordinates, jnp.nan), crossed
+        return images
+
+    return jax.jit(jax.vmap(one))
+
+
+@cached_by_content(maxsize=16)
+def _settler(mapping: ModelMap, cycles: int) -> Callable[..., Any]:
+    """The function `(values, starts) -> (state, status)` of many points, after `cycles` images."""
+
+    def one(values: Any, starts: Any) -> tuple[State, Integer]:
+        params = mapping.params(values)
+        # a loop requires constant dtypes, so none may be weak
+        begun = jax.tree.map(lambda x: jnp.asarray(x, jnp.result_type(x)), mapping.model.init(params, starts))
+
+        def turn(_: Any, loop: tuple[State, Integer]) -> tuple[State, Integer]:
+            state, status = loop
+            _, moved, status_after = mapping.state(params, state)
+            going = (status == ReturnStatus.crossed) & (status_after == ReturnStatus.crossed)
+            last = jax.tree.map(lambda a, b: jnp.where(going, a, b), moved, state)
+            return last, jnp.where(status == ReturnStatus.crossed, status_after, status).astype(jnp.int32)
+
+        crossed = jnp.asarray(ReturnStatus.crossed, jnp.int32)
+        return jax.lax.fori_loop(0, cycles, turn, (begun, crossed))
+
+    return jax.jit(jax.vmap(one))

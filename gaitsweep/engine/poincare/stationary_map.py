@@ -1,0 +1,207 @@
+"""A map whose fixed points are the stationary points of a model's flow x' = f(x).
+
+One linearly implicit step g(x) = x + h (1 - h J / 2)^-1 f(x), J = Df, leaves a point where it is exactly if
+f = 0 there. Its derivative at such a point is the Cayley transform of J: an eigenvalue lambda becomes the
+multiplier (2 + h lambda) / (2 - h lambda), which is outside the unit circle where lambda has a positive real
+part, 1 where lambda = 0, and -1 for no lambda. So all that is known of fixed points applies to stationary
+points. The step h is shorter than 2 / |lambda|, so that no multiplier is infinite.
+
+Source of the transform: Garratt, Moore and Spence 1991, Int. Ser. Numer. Math. 97:129.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Complex, Float
+
+from gaitsweep import near_miss
+from gaitsweep.contract import Chart, HybridModel, Params, Quantity, State
+from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.poincare.maps import FLOOR, Coordinates, Points, Values
+from gaitsweep.engine.poincare.model_map import ModelMap
+from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
+from gaitsweep.errors import ArgumentError
+
+# Bound of h |lambda| / 2.
+BOUND = 0.75
+# Displacements of a start, relative to the sizes of its variables, with which the flow is checked.
+DISPLACED = 0.1
+
+
+@dataclasses.dataclass(frozen=True)
+class FlowVariables(Chart):
+    """The variables that a flow moves; those that are no coordinates keep their values.
+
+    Args:
+        model: the model.
+        fields: the fields of a state that the flow moves.
+        kept: the places of the coordinates among all numbers of these fields.
+        quantities: the coordinates.
+    """
+
+    model: HybridModel
+    fields: tuple[str, ...]
+    kept: tuple[int, ...]
+    quantities: tuple[Quantity, ...]
+
+    @property
+    def coordinates(self) -> tuple[Quantity, ...]:
+        return self.quantities
+
+    def to_coordinates(self, params: Params, state: State) -> Coordinates:
+        return self._joined(*(getattr(state, name) for name in self.fields))[jnp.array(self.kept)]
+
+    def from_coordinates(self, params: Params, at: Coordinates, modes: State) -> State:
+        old = [jnp.asarray(getattr(modes, name)) for name in self.fields]
+        numbers = self._joined(*old).at[jnp.array(self.kept)].set(at)
+        pieces = jnp.split(numbers, np.cumsum([value.size for value in old])[:-1].tolist())
+        new = [piece.reshape(value.shape) for piece, value in zip(pieces, old, strict=True)]
+        return dataclasses.replace(modes, **dict(zip(self.fields, new, strict=True)))
+
+    def rates(self, params: Params, state: State) -> Coordinates:
+        """The rates (n,) of the coordinates."""
+        rates, shapes = self.model.flow(params, state), {name: getattr(state, name) for name in self.fields}
+        full = (jnp.broadcast_to(jnp.asarray(rates[name]), jnp.shape(x)) for name, x in shapes.items())
+        return self._joined(*full)[jnp.array(self.kept)]
+
+    def _joined(self, *values: Any) -> Float[Array, " numbers"]:
+        return jnp.concatenate([jnp.ravel(jnp.asarray(value)).astype(jnp.float64) for value in values])
+
+
+@dataclasses.dataclass(frozen=True)
+class StationaryMap(ModelMap):
+    """The map whose fixed points are the stationary points of a hybrid model's flow, in the modes of a point.
+
+    A point is not defined (`ReturnStatus.elsewhere`) where an event that would change the motion is past. The
+    observable `time` is the step h (s).
+
+    Args:
+        model, settings: as of `ModelMap`.
+        without: variables that need not rest: they keep the values of the start.
+    """
+
+    without: tuple[str, ...] = ()
+
+    @property
+    def durations(self) -> tuple[str, ...]:
+        return ("time",)
+
+    def refined(self) -> None:
+        return None
+
+    def _chart(self) -> Chart:
+        return self.flow
+
+    @cached_property
+    def flow(self) -> FlowVariables:
+        """The variables that the flow moves, and their rates."""
+        model = self.model
+        if not isinstance(model, HybridModel):
+            raise ArgumentError(f"{model.name} moves in steps: it has no flow, so no stationary points.")
+        shapes = self._shape
+        values = {name: jax.ShapeDtypeStruct((), jnp.float64) for name in self.complete({}, 1)}
+        fields = tuple(jax.eval_shape(lambda v, s: model.flow(self.params(v), s), values, shapes))
+        known = {q.name: q for q in (*model.signals, *model.observables)}
+        names = [
+            "_".join([field, *(str(i + 1) for i in place)])
+            for field in fields
+            for place in np.ndindex(*np.shape(getattr(shapes, field)))
+        ]
+        for name in self.without:
+            if name not in names:
+                near = near_miss.suggestion(name, names)
+                raise ArgumentError(f"{name} is no variable of the flow of {model.name}{near}")
+        kept = tuple(place for place, name in enumerate(names) if name not in self.without)
+        chosen = (known.get(names[k], Quantity(names[k], "", f"{names[k]} of the state")) for k in kept)
+        return FlowVariables(model, fields, kept, tuple(chosen))
+
+    def rates(self, values: Values, at: Coordinates, modes: State) -> Coordinates:
+        """The rates (n,) of the coordinates at one point, in JAX."""
+        params = self.params(values)
+        return self.flow.rates(params, self.flow.from_coordinates(params, at, modes))
+
+    def state(self, params: Params, state: State) -> Returned:
+        flow = self.flow
+        at = flow.to_coordinates(params, state)
+        f, jacobian = (
+            of(lambda at: flow.rates(params, flow.from_coordinates(params, at, state)))(at)
+            for of in (lambda rates: rates, jax.jacfwd)
+        )
+        scale = jnp.sqrt(FLOOR**2 + at**2)
+        size = jnp.sum((jacobian * scale / scale[:, None]) ** 2)
+        step = 2.0 * BOUND / jnp.sqrt((2.0 * jnp.pi / self.model.period(params)) ** 2 + size)
+        moved = at + step * jnp.linalg.solve(jnp.eye(at.size) - 0.5 * step * jacobian, f)
+        status = jnp.where(self._is_past(params, state), ReturnStatus.elsewhere, ReturnStatus.crossed)
+        sound = jnp.all(jnp.isfinite(moved)) & jnp.isfinite(step)
+        status = jnp.where(sound, status, ReturnStatus.lost).astype(jnp.int32)
+        return step, flow.from_coordinates(params, moved, state), status
+
+    def _is_past(self, params: Params, state: State) -> Bool[Array, ""]:
+        """Whether a state is beyond an event whose jump changes its variables or their rates."""
+        flow, (params, state) = self.flow, jax.lax.stop_gradient((params, state))
+        past = flow.model.guards(params, state) > 0.0
+        if not past.size:
+            return jnp.zeros((), bool)
+
+        def changes(fired: Bool[Array, " guards"]) -> Bool[Array, ""]:
+            after = flow.model.jump(params, state, fired)
+            moved = flow.to_coordinates(params, after) != flow.to_coordinates(params, state)
+            return jnp.any(moved | (flow.rates(params, after) != flow.rates(params, state)))
+
+        return jnp.any(past & jax.vmap(changes)(jnp.eye(past.size, dtype=bool)))
+
+    def refusal(self, points: Points, values: Values) -> str | None:
+        """The reason why no point near the first of some points is an isolated stationary point, or None."""
+        at, name = points.at[0], self.model.name
+        away = np.random.default_rng(0).uniform(-DISPLACED, DISPLACED, (2, at.size)) * (FLOOR + np.abs(at))
+        parameters = {name: column[0] for name, column in self.complete(values, len(points)).items()}
+        near = [linearised_flow(self)(parameters, at + shift, points[0].modes) for shift in away]
+        rates, jacobians = (np.stack([pair[k] for pair in near]) for k in (0, 1))
+        for k, quantity in enumerate(self.coordinates):
+            what, leave_out = f"{quantity.name} of {name}", "name it in `without`."
+            if rates[:, k].all() and not jacobians[:, k].any():
+                rate = f"{rates[0, k]:g} {quantity.unit or '1'}/s"
+                return f"{what} always changes by {rate}, so it is never at rest: {leave_out}"
+            if not jacobians[:, :, k].any():
+                return f"No rate depends on {what}, so no point of rest is isolated: {leave_out}"
+        return None
+
+
+@cached_by_content(maxsize=16)
+def linearised_flow(mapping: StationaryMap) -> Callable[..., Any]:
+    """The function `(values, at, modes) -> (rates, their Jacobian)` of one point."""
+
+    def one(values: Any, at: Coordinates, modes: State) -> Any:
+        return mapping.rates(values, at, modes), jax.jacfwd(lambda x: mapping.rates(values, x, modes))(at)
+
+    return jax.jit(one)
+
+
+@cached_by_content(maxsize=16)
+def bent_flow(mapping: StationaryMap) -> Callable[..., Any]:
+    """The function `(values, at, modes, u, v, w) -> (D^2 f u v, D^3 f u v w)` of one point, u to w (n, size)."""
+
+    def one(values: Any, at: Coordinates, modes: State, u: Any, v: Any, w: Any) -> Any:
+        def first(x: Coordinates) -> Coordinates:
+            return jax.jvp(lambda x: mapping.rates(values, x, modes), (x,), (u,))[1]
+
+        def second(x: Coordinates) -> Coordinates:
+            return jax.jvp(first, (x,), (v,))[1]
+
+        return jax.jvp(second, (at,), (w,))
+
+    return jax.jit(jax.vmap(one, in_axes=(None, None, None, 0, 0, 0)))
+
+
+def eigenvalues(
+    multipliers: Complex[np.ndarray, " *points"], step: Float[np.ndarray, " *points"] | float
+) -> Complex[np.ndarray, " *points"]:
+    """The eigenvalues (1/s) of a flow from the multipliers of its `StationaryMap`, and the step h (s)."""
+    return 2.0 / step * (multipliers - 1.0) / (multipliers + 1.0)
