@@ -17,6 +17,8 @@ from gaitsweep.api.maps import PoincareMap as PoincareMap
 from gaitsweep.api.maps import return_map as return_map
 from gaitsweep.api.result import Result as Result
 from gaitsweep.api.result import run as run
+from gaitsweep.api.stationary import StationaryPoints as StationaryPoints
+from gaitsweep.api.stationary import stationary as stationary
 from gaitsweep.api.trajectories import simulate as simulate
 from gaitsweep.api.trajectories import sweep as sweep
 from gaitsweep.contract import HybridModel as HybridModel

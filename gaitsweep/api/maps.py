@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import abc
 import warnings
-from collections.abc import Mapping, Sequence
-from functools import cached_property
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property, partial
 from typing import Any, overload
 
 import jax
@@ -20,7 +21,9 @@ from gaitsweep.analysis.continuation.multipliers import multipliers
 from gaitsweep.analysis.continuation.newton import FixedPoints, newton
 from gaitsweep.api.keywords import AnyModel, job_of
 from gaitsweep.engine.poincare.maps import Map, Points
+from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
+from gaitsweep.engine.poincare.stationary_map import StationaryMap
 from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
@@ -31,7 +34,226 @@ from gaitsweep.kinds.columns import quantities_of
 SectionPoints = Points | FixedPoints | Mapping[str, Any]
 
 
-class PoincareMap:
+class FixedPointsOfModel(abc.ABC):
+    """Fixed points of a map of a model's states, and their branches."""
+
+    def __init__(
+        self,
+        job: Job,
+        without_start: Sequence[str],
+        map_of: Callable[..., ModelMap],
+        period: int = 1,
+    ) -> None:
+        """Keep the map `map_of(model, settings)`, and the starts of a job."""
+        design = job.design
+        names = [quantity.name for quantity in design.model.parameters]
+        parameters, starts = design.values(0, design.n_rows)
+        moving = {name for name in names if design.spans(name)}
+        # parameters that follow others by a formula stay formulas, so that a branch moves them too
+        settings = {
+            name: design.derived.get(name, design.settings[name]) for name in names if name not in moving
+        }
+        settings |= {name: design.derived[name] for name in moving if name in design.derived}
+        settings |= {name: 0.0 for name in moving if name not in design.derived}
+        self.model = design.model
+        self._once = map_of(design.model, tuple(settings.items()))
+        self._period = period
+        self.mapping: Map = self._once.iterated(period)
+        self._values = {name: parameters[name] for name in moving if name not in design.derived}
+        self._parameters = parameters
+        self._without_start = tuple(without_start)
+        self._starts = {
+            name: value
+            for name, value in starts.items()
+            if name not in without_start and not np.isnan(value).all()
+        }
+
+    def __repr__(self) -> str:
+        moving = f" over {', '.join(self._values)}" if self._values else ""
+        return f"{type(self).__name__}({self.model.name}: {', '.join(self.coordinates)}{moving})"
+
+    @property
+    def coordinates(self) -> list[str]:
+        """Names of the coordinates, in their order."""
+        return [quantity.name for quantity in self.mapping.coordinates]
+
+    @property
+    def conserved(self) -> list[str]:
+        """Names of the conserved quantities."""
+        return [quantity.name for quantity in self.mapping.conserved]
+
+    def fixed_points(
+        self,
+        x: SectionPoints | ArrayLike,
+        *,
+        fix: Sequence[str] | None = None,
+        tolerance: float = 1e-9,
+        most: int = 20,
+    ) -> FixedPoints:
+        """Find fixed points near points, stable or not, by Newton's method.
+
+        Args:
+            x: start points of the searches.
+            fix: conserved quantities that are held; all of `conserved` by default.
+            tolerance: residual of a fixed point, relative to the size of each coordinate.
+            most: Newton steps.
+
+        Returns:
+            For each point: `converged`, `outcome`, `points` (`points.at` are coordinates), `residual`,
+            `iterations`, `images` with their derivatives.
+
+        Raises:
+            ArgumentError: the map has no derivative, or `fix` names a quantity that it does not conserve.
+
+        Example:
+            In the hopper's 1:1 gait its oscillator turns once a hop, so the launch is pi g / omega:
+
+            >>> import numpy as np, gaitsweep as gs
+            >>> from gaitsweep.examples.hopper import Hopper
+            >>> gait = gs.return_map(Hopper(), omega=3.7).fixed_points([0.4, 8.3])
+            >>> gait.converged.tolist(), gait.points.at.round(4).tolist()
+            ([True], [[0.3971, 8.3295]])
+            >>> round(np.pi * 9.81 / 3.7, 4)
+            8.3295
+        """
+        self._check()
+        points, conserved = self._points(x)[0], self.conserved if fix is None else fix
+        return newton(self.mapping, points, self._values, fix=conserved, tolerance=tolerance, most=most)
+
+    def continue_(
+        self,
+        x: SectionPoints | ArrayLike,
+        parameter: str,
+        within: Sequence[float],
+        *,
+        towards: int | None = None,
+        fix: Sequence[str] | None = None,
+    ) -> pd.DataFrame:
+        """Follow the branches of fixed points through points along a parameter, around folds.
+
+        Args:
+            x: points near fixed points at the map's own value of the parameter.
+            parameter: name of a parameter, or of a quantity in `conserved`: then the family of gaits is
+                followed along it.
+            within: its range, two numbers.
+            towards: 1 or -1, the direction in which a branch begins; both by default.
+            fix: conserved quantities that are held; all of `conserved` by default.
+
+        Returns:
+            One record a point of a branch, as of `analysis.continuation.continuation`; `row` is the place of
+            its start, and `direction` that of the branch at its start. `gs.plot.continuation` draws it.
+
+        Raises:
+            ArgumentError: the map has no derivative, the parameter is not the model's, or its value is
+                outside the range.
+
+        Example:
+            The hopper's 1:1 gait, with a launch of pi g / omega, ends in a fold. There its leg adds all of
+            `push` to replace the speed that a landing takes, (1 - restitution) launch:
+
+            >>> import numpy as np, gaitsweep as gs
+            >>> from gaitsweep.examples.hopper import Hopper
+            >>> branch = gs.return_map(Hopper(), omega=3.7).continue_([0.4, 8.3], "omega", (3.5, 3.7))
+            >>> branch.loc[branch["special"] == "fold", "omega"].round(4).tolist()
+            [3.556]
+            >>> round((1.0 - 0.7) * np.pi * 9.81 / 2.6, 4)
+            3.556
+        """
+        self._check()
+        points, conserved = self._points(x)[0], self.conserved if fix is None else fix
+        mapping: Map = self.mapping
+        held: Sequence[str] | dict[str, float | None] = conserved
+        if parameter in self.conserved:
+            mapping, held = LevelMap(mapping, parameter), {**dict.fromkeys(conserved), parameter: 0.0}
+            images = self.mapping.linearised(points, self._values)
+            begin = images.conserved_values[:, self.conserved.index(parameter)]
+        else:
+            if parameter not in self._parameters:
+                self.mapping.complete({parameter: 0.0}, 1)  # refuses names that the model does not have
+            begin = self._parameters[parameter]
+            begin = begin if parameter in self._values else begin[:1]
+        low, high = min(within), max(within)
+        if not (low <= begin.min() and begin.max() <= high):
+            raise ArgumentError(
+                f"{parameter} is {begin[0]:g} at the map's points, but the range is from {low:g} to {high:g}."
+            )
+        values = {name: value for name, value in self._values.items() if name != parameter}
+        tables = []
+        for direction in (1, -1) if towards is None else (towards,):
+            if np.all(begin == (high if direction > 0 else low)) and towards is None:
+                continue
+            branches = continuation(
+                mapping,
+                points,
+                values,
+                parameter=parameter,
+                within=within,
+                begin=np.broadcast_to(begin, (len(points),)),
+                towards=direction,
+                fix=held,
+                with_points=isinstance(self._once, StationaryMap),
+            )
+            tables.append(branches.assign(direction=direction))
+        table = pd.concat(tables, ignore_index=True)
+        if "at" in table:  # not every variable of a flow is an observable
+            sound = np.flatnonzero(table["at"].notna())
+            for k, name in enumerate(self.coordinates):
+                table.loc[sound, name] = [point.points.at[0, k] for point in table["at"].iloc[sound]]
+            table = table.drop(columns="at")
+        # what figures read of a job's table
+        table.attrs["job"] = {"run": {"kind": "continuation", "parameter": parameter}}
+        names = (*self.coordinates, *(quantity.name for quantity in self.model.observables))
+        recorded = [name for name in dict.fromkeys(names) if name in table]
+        table.attrs |= {"quantities": quantities_of(self.model), "recorded": recorded}
+        return table
+
+    def _points(self, x: Any) -> tuple[Points, bool]:
+        """Return points, and whether they were one array of coordinates (size,)."""
+        if isinstance(x, FixedPoints):
+            return x.points, False
+        if isinstance(x, Points):
+            return x, False
+        if isinstance(x, Mapping):
+            return self._settled(x, 0), False
+        at = np.asarray(x, np.float64)
+        size = len(self.coordinates)
+        if at.ndim not in (1, 2) or at.shape[-1] != size:
+            raise ArgumentError(
+                f"Points have the shape {at.shape}, but the map has {size} coordinates: give (n, {size})."
+            )
+        rows = np.atleast_2d(at)
+        like = jax.tree.map(lambda leaf: np.repeat(leaf[:1], len(rows), axis=0), self._start.modes)
+        return Points(rows, like), at.ndim == 1 and not self._values
+
+    @cached_property
+    def _start(self) -> Points:
+        return self._settled({}, 0)
+
+    @abc.abstractmethod
+    def _check(self) -> None:
+        """Refuse a map without isolated fixed points, or without a derivative."""
+
+    def _settled(self, starts: Mapping[str, Any], cycles: int) -> Points:
+        """The points of start values after a number of applications of the map."""
+        known = [quantity.name for quantity in self.model.initial_conditions]
+        for name in starts:
+            if name not in known:
+                near = near_miss.suggestion(name, known)
+                raise ArgumentError(f"{name} is not a start value of {self.model.name}{near}")
+        start_values = {**self._starts, **starts}
+        missing = [name for name in self._without_start if name not in start_values]
+        if missing:
+            raise ArgumentError(f"{missing[0]} of {self.model.name} has no default: give this start value.")
+        points, way = self._once.settled(start_values, self._values, cycles * self._period)
+        failed = int(np.count_nonzero(way))
+        if failed:
+            warnings.warn(
+                f"{failed} of {len(points)} starts did not cross the section {cycles} times.", stacklevel=2
+            )
+        return points
+
+
+class PoincareMap(FixedPointsOfModel):
     """Map from a state just after one section crossing to the state just after the next.
 
     Coordinates are those of the model's chart (`coordinates`), or all numbers of a state. Where parameters
@@ -47,43 +269,10 @@ class PoincareMap:
 
     def __init__(self, job: Job, period: int, without_start: Sequence[str]) -> None:
         """Use `gaitsweep.return_map`; `without_start` are the start values that were not given."""
-        design = job.design
-        names = [quantity.name for quantity in design.model.parameters]
-        parameters, starts = design.values(0, design.n_rows)
-        moving = {name for name in names if design.spans(name)}
-        # parameters that follow others by a formula stay formulas, so that a branch moves them too
-        settings = {
-            name: design.derived.get(name, design.settings[name]) for name in names if name not in moving
-        }
-        settings |= {name: design.derived[name] for name in moving if name in design.derived}
-        settings |= {name: 0.0 for name in moving if name not in design.derived}
-        self.model = design.model
-        self._once = BatchedReturnMap(
-            design.model, tuple(settings.items()), numerics=job.integration, engine=job.engine.name
+        numerics, engine = job.integration, job.engine.name
+        super().__init__(
+            job, without_start, partial(BatchedReturnMap, numerics=numerics, engine=engine), period
         )
-        self._period, self.mapping = period, self._once.iterated(period)
-        self._values = {name: parameters[name] for name in moving if name not in design.derived}
-        self._parameters = parameters
-        self._without_start = tuple(without_start)
-        self._starts = {
-            name: value
-            for name, value in starts.items()
-            if name not in without_start and not np.isnan(value).all()
-        }
-
-    def __repr__(self) -> str:
-        moving = f" over {', '.join(self._values)}" if self._values else ""
-        return f"PoincareMap({self.model.name}: {', '.join(self.coordinates)}{moving})"
-
-    @property
-    def coordinates(self) -> list[str]:
-        """Names of the coordinates, in their order."""
-        return [quantity.name for quantity in self.mapping.coordinates]
-
-    @property
-    def conserved(self) -> list[str]:
-        """Names of the conserved quantities."""
-        return [quantity.name for quantity in self.mapping.conserved]
 
     @overload
     def __call__(self, x: SectionPoints) -> Points: ...
@@ -107,7 +296,7 @@ class PoincareMap:
         Raises:
             ArgumentError: the map has no derivative.
         """
-        self._require_derivative()
+        self._check()
         points, single = self._points(x)
         jacobians = self.mapping.linearised(points, self._values).jacobian
         return jacobians[0] if single else jacobians
@@ -174,165 +363,10 @@ class PoincareMap:
             starts: numbers or (n,) by name; the others as given to `return_map`, else the model's defaults.
             cycles: crossings, 0 or more. A trajectory that fails stays where it failed, with a warning.
         """
-        known = [quantity.name for quantity in self.model.initial_conditions]
-        for name in starts or {}:
-            if name not in known:
-                near = near_miss.suggestion(name, known)
-                raise ArgumentError(f"{name} is not a start value of {self.model.name}{near}")
-        start_values = {**self._starts, **(starts or {})}
-        missing = [name for name in self._without_start if name not in start_values]
-        if missing:
-            raise ArgumentError(f"{missing[0]} of {self.model.name} has no default: give this start value.")
-        points, way = self._once.settled(start_values, self._values, cycles * self._period)
-        failed = int(np.count_nonzero(way))
-        if failed:
-            warnings.warn(
-                f"{failed} of {len(points)} starts did not cross the section {cycles} times.", stacklevel=2
-            )
-        return points
+        return self._settled(starts or {}, cycles)
 
-    def fixed_points(
-        self,
-        x: SectionPoints | ArrayLike,
-        *,
-        fix: Sequence[str] | None = None,
-        tolerance: float = 1e-9,
-        most: int = 20,
-    ) -> FixedPoints:
-        """Find fixed points near points, stable or not, by Newton's method.
-
-        Args:
-            x: start points of the searches.
-            fix: conserved quantities that are held; all of `conserved` by default.
-            tolerance: residual of a fixed point, relative to the size of each coordinate.
-            most: Newton steps.
-
-        Returns:
-            For each point: `converged`, `outcome`, `points` (`points.at` are coordinates), `residual`,
-            `iterations`, `images` with their derivatives.
-
-        Raises:
-            ArgumentError: the map has no derivative, or `fix` names a quantity that it does not conserve.
-
-        Example:
-            In the hopper's 1:1 gait its oscillator turns once a hop, so the launch is pi g / omega:
-
-            >>> import numpy as np, gaitsweep as gs
-            >>> from gaitsweep.examples.hopper import Hopper
-            >>> gait = gs.return_map(Hopper(), omega=3.7).fixed_points([0.4, 8.3])
-            >>> gait.converged.tolist(), gait.points.at.round(4).tolist()
-            ([True], [[0.3971, 8.3295]])
-            >>> round(np.pi * 9.81 / 3.7, 4)
-            8.3295
-        """
-        self._require_derivative()
-        points, conserved = self._points(x)[0], self.conserved if fix is None else fix
-        return newton(self.mapping, points, self._values, fix=conserved, tolerance=tolerance, most=most)
-
-    def continue_(
-        self,
-        x: SectionPoints | ArrayLike,
-        parameter: str,
-        within: Sequence[float],
-        *,
-        towards: int | None = None,
-        fix: Sequence[str] | None = None,
-    ) -> pd.DataFrame:
-        """Follow the branches of fixed points through points along a parameter, around folds.
-
-        Args:
-            x: points near fixed points at the map's own value of the parameter.
-            parameter: name of a parameter, or of a quantity in `conserved`: then the family of gaits is
-                followed along it.
-            within: its range, two numbers.
-            towards: 1 or -1, the direction in which a branch begins; both by default.
-            fix: conserved quantities that are held; all of `conserved` by default.
-
-        Returns:
-            One record a point of a branch, as of `analysis.continuation.continuation`; `row` is the place of
-            its start, and `direction` that of the branch at its start. `gs.plot.continuation` draws it.
-
-        Raises:
-            ArgumentError: the map has no derivative, the parameter is not the model's, or its value is
-                outside the range.
-
-        Example:
-            The hopper's 1:1 gait, with a launch of pi g / omega, ends in a fold. There its leg adds all of
-            `push` to replace the speed that a landing takes, (1 - restitution) launch:
-
-            >>> import numpy as np, gaitsweep as gs
-            >>> from gaitsweep.examples.hopper import Hopper
-            >>> branch = gs.return_map(Hopper(), omega=3.7).continue_([0.4, 8.3], "omega", (3.5, 3.7))
-            >>> branch.loc[branch["special"] == "fold", "omega"].round(4).tolist()
-            [3.556]
-            >>> round((1.0 - 0.7) * np.pi * 9.81 / 2.6, 4)
-            3.556
-        """
-        self._require_derivative()
-        points, conserved = self._points(x)[0], self.conserved if fix is None else fix
-        mapping: Map = self.mapping
-        held: Sequence[str] | dict[str, float | None] = conserved
-        if parameter in self.conserved:
-            mapping, held = LevelMap(mapping, parameter), {**dict.fromkeys(conserved), parameter: 0.0}
-            images = self.mapping.linearised(points, self._values)
-            begin = images.conserved_values[:, self.conserved.index(parameter)]
-        else:
-            if parameter not in self._parameters:
-                self.mapping.complete({parameter: 0.0}, 1)  # refuses names that the model does not have
-            begin = self._parameters[parameter]
-            begin = begin if parameter in self._values else begin[:1]
-        low, high = min(within), max(within)
-        if not (low <= begin.min() and begin.max() <= high):
-            raise ArgumentError(
-                f"{parameter} is {begin[0]:g} at the map's points, but the range is from {low:g} to {high:g}."
-            )
-        values = {name: value for name, value in self._values.items() if name != parameter}
-        tables = []
-        for direction in (1, -1) if towards is None else (towards,):
-            if np.all(begin == (high if direction > 0 else low)) and towards is None:
-                continue
-            branches = continuation(
-                mapping,
-                points,
-                values,
-                parameter=parameter,
-                within=within,
-                begin=np.broadcast_to(begin, (len(points),)),
-                towards=direction,
-                fix=held,
-            )
-            tables.append(branches.assign(direction=direction))
-        table = pd.concat(tables, ignore_index=True)
-        # what figures read of a job's table
-        table.attrs["job"] = {"run": {"kind": "continuation", "parameter": parameter}}
-        names = (*self.coordinates, *(quantity.name for quantity in self.model.observables))
-        recorded = [name for name in dict.fromkeys(names) if name in table]
-        table.attrs |= {"quantities": quantities_of(self.model), "recorded": recorded}
-        return table
-
-    def _points(self, x: Any) -> tuple[Points, bool]:
-        """Return points, and whether they were one array of coordinates (size,)."""
-        if isinstance(x, FixedPoints):
-            return x.points, False
-        if isinstance(x, Points):
-            return x, False
-        if isinstance(x, Mapping):
-            return self.settled(x, 0), False
-        at = np.asarray(x, np.float64)
-        size = len(self.coordinates)
-        if at.ndim not in (1, 2) or at.shape[-1] != size:
-            raise ArgumentError(
-                f"Points have the shape {at.shape}, but the map has {size} coordinates: give (n, {size})."
-            )
-        rows = np.atleast_2d(at)
-        like = jax.tree.map(lambda leaf: np.repeat(leaf[:1], len(rows), axis=0), self._start.modes)
-        return Points(rows, like), at.ndim == 1 and not self._values
-
-    @cached_property
-    def _start(self) -> Points:
-        return self.settled({}, 0)
-
-    def _require_derivative(self) -> None:
+    def _check(self) -> None:
+        assert isinstance(self._once, BatchedReturnMap)
         method = self._once.integration.method
         if (refusal := derivative_refusal(method, self.model)) is not None:
             raise ArgumentError(
@@ -375,10 +409,21 @@ def return_map(
         >>> np.allclose(hops([0.0, 2.5]), [phase, 0.7 * 2.5 + 2.6 * (1.0 + np.cos(phase)) / 2.0])
         True
     """
-    fields = {"numerics": numerics, "engine": engine}
+    job, without = job_of_map(model, params, start, values, numerics=numerics, engine=engine)
+    return PoincareMap(job, period, without)
+
+
+def job_of_map(
+    model: AnyModel,
+    params: Mapping[str, Any] | None,
+    start: Mapping[str, Any] | None,
+    values: Mapping[str, Any],
+    **fields: Any,
+) -> tuple[Job, list[str]]:
+    """Return the job that has a map's model and parameters, and the start values without a number."""
     run = ReturnMap(crossings=1)
     job = job_of(model, values, run=run, params=params, start=start, any_start=True, **fields)
     for caveat in job.design.model.caveats():
-        warnings.warn(caveat, stacklevel=2)
+        warnings.warn(caveat, stacklevel=3)
     without = [q.name for q in job.design.model.initial_conditions if q.default is None]
-    return PoincareMap(job, period, [name for name in without if name not in {**values, **(start or {})}])
+    return job, [name for name in without if name not in {**values, **(start or {})}]

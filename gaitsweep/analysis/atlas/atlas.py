@@ -25,6 +25,7 @@ from gaitsweep.analysis.continuation.arclength import BranchPoints, Continuation
 from gaitsweep.analysis.continuation.bifurcation_tests import ahead
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS, beside
 from gaitsweep.analysis.continuation.continuation import ArclengthSteps, BranchFollower, BranchTable
+from gaitsweep.analysis.continuation.flows import in_terms_of_flow
 from gaitsweep.analysis.continuation.lockstep import in_lockstep
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, newton
 from gaitsweep.analysis.continuation.normal_forms import coefficient, doubled_direction
@@ -390,7 +391,7 @@ class Atlas:
         for place, curve in enumerate(curves):
             head = {"row": curve.row, "curve": rows[:place].count(curve.row), "kind": curve.equations.kind}
             records += [{**head, "period": curve.period, **record} for record in curve.records()]
-        return pd.DataFrame(records)
+        return in_terms_of_flow(self.mapping, pd.DataFrame(records))
 
     def _orbit(self, branch: Branch, at: BranchPoints) -> Points | None:
         """The points of the orbit at one point of a branch."""
@@ -428,7 +429,7 @@ class Atlas:
                 if record[self.parameter] == at and not record["special"]:
                     rest |= self._gait(search, branch, record["at"], listed.setdefault(branch.row, []))
                 records.append({**head, **rest})
-        return pd.DataFrame(records)
+        return in_terms_of_flow(self.mapping, pd.DataFrame(records))
 
     def _events(self) -> list[list[Events]]:
         """The events of the gait at each point of each branch."""

@@ -30,6 +30,7 @@ from gaitsweep.analysis.continuation.multipliers import multipliers
 from gaitsweep.analysis.continuation.normal_forms import PITCHFORKS
 from gaitsweep.analysis.continuation.one_sided import both_sides
 from gaitsweep.engine.poincare.maps import Points
+from gaitsweep.engine.poincare.stationary_map import StationaryMap, eigenvalues
 
 # A zero is found when the test function is below this share of its larger value at the step's ends.
 NEAR = 1e-7
@@ -60,10 +61,17 @@ T = TypeVar("T")
 def multipliers_of(
     problem: ContinuationProblem, branch_points: BranchPoints
 ) -> Complex[np.ndarray, "branches multipliers"]:
-    """The Floquet multipliers (n, size - k), without those of the constrained conserved quantities."""
-    return multipliers(
+    """The multipliers (n, size - k), without those of the constrained conserved quantities.
+
+    The largest is the first, or for stationary points the one whose motion grows fastest.
+    """
+    factors = multipliers(
         branch_points.images.jacobian, branch_points.images.conserved_jacobian[:, problem.held.which]
     )
+    if not isinstance(problem.mapping, StationaryMap):
+        return factors
+    order = np.argsort(-np.real(eigenvalues(factors, 1.0)), axis=1, kind="stable")
+    return np.take_along_axis(factors, order, axis=1)
 
 
 def fold_test(problem: ContinuationProblem, branch_points: BranchPoints) -> PerBranch:

@@ -37,6 +37,9 @@ TOLERANCE, MOST_STEPS = 1e-8, 12
 IMPERFECT = 1e-8
 # Length of the first step along the branch that crosses.
 ASIDE = 0.01
+# Factors of longer steps along a branch whose turn is too wide to be seen after that one, and the largest one
+# by which the turn may grow from one to the next: 9 for one of second order, 81 for one of fourth order.
+LONGER, SECOND_ORDER = (1.0, 3.0, 9.0, 27.0), 27.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,19 +97,19 @@ def branch_point(problem: ContinuationProblem, near: BranchPoints) -> tuple[Cros
     flat, through = sorted(tangents, key=lambda direction: abs(direction[-1]))
     if abs(flat[-1]) > FLAT:
         return Crossing("transcritical", at, aside), beta
-    turning = (
-        aside
-        if ours == int(np.argmax(np.abs(tangents[:, -1])))
-        else beside(problem, at, _both_ways(points, flat * scale))
-    )
-    kind = "branch_point"
-    if turning is not None and len(turning.parameter) == 2:
+    rate = multiplier_rate(branching.w, branching.null, branching.bent, through, flat, points, scale)
+    last = 0.0
+    for longer in LONGER:
+        turning = beside(problem, at, _both_ways(points, flat * scale), longer * ASIDE)
+        if turning is None or len(turning.parameter) != 2 or rate == 0.0:
+            break
         # the mean of both sides: a rest of the slope cancels
         bend = float(np.mean(turning.parameter) - parameter[0]) / (problem.high - problem.low)
-        rate = multiplier_rate(branching.w, branching.null, branching.bent, through, flat, points, scale)
-        if abs(bend) > FLAT * ASIDE**2 and rate != 0.0:
+        if abs(bend) > FLAT * ASIDE**2 and (longer == 1.0 or 0.0 < bend / last < SECOND_ORDER):
             kind = "supercritical_pitchfork" if bend * rate > 0.0 else "subcritical_pitchfork"
-    return Crossing(kind, at, aside), beta
+            return Crossing(kind, at, aside), beta
+        last = bend or np.nan
+    return Crossing("branch_point", at, aside), beta
 
 
 def cornered(problem: ContinuationProblem, at: BranchPoints, sides: list[Side]) -> Crossing | None:

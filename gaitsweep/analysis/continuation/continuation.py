@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Complex, Float, Int
 
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem, Converged, PerBranch
 from gaitsweep.analysis.continuation.bifurcation_tests import (
@@ -26,8 +26,11 @@ from gaitsweep.analysis.continuation.bifurcation_tests import (
     test_values,
 )
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS
+from gaitsweep.analysis.continuation.flows import in_terms_of_flow
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, NewtonOutcome, newton
+from gaitsweep.analysis.continuation.normal_forms import coefficient, critical_multiplier
 from gaitsweep.engine.poincare.maps import Map, Points, Values
+from gaitsweep.engine.poincare.stationary_map import StationaryMap, eigenvalues
 from gaitsweep.errors import ArgumentError
 
 # Least cosine of the angle by which a branch turns in a step; most corrections of a step after which the next
@@ -118,6 +121,9 @@ def continuation(
         not defined beyond), not_found (with `crossing`: half a branch that crosses here was not found; this
         is its only point), or a `NewtonOutcome` where no fixed point was found at the start; or empty.
 
+        Stationary points (a `StationaryMap`) have columns and names of flows instead, as of
+        `in_terms_of_flow`, with `coefficient`, that of the normal form (`normal_forms`).
+
     Raises:
         ValueError: the map does not have a name that is given, or the range has no width.
     """
@@ -203,7 +209,7 @@ class BranchTable:
         with_points: bool = False,
         crossing: bool = False,
     ) -> None:
-        self.parameter, self._with_points = parameter, with_points
+        self._mapping, self.parameter, self._with_points = mapping, parameter, with_points
         self._values = {k: np.broadcast_to(v, (n,)) for k, v in values.items() if k != parameter}
         self._observed, self._held = list(observed), [mapping.conserved[k].name for k in constraints.which]
         self._records: list[list[dict[str, Any]]] = [[] for _ in range(n)]
@@ -266,6 +272,7 @@ class BranchTable:
                     "corrections": int(branch_points.corrections[k]),
                     "end": "",
                     **({"at": branch_points[[k]]} if self._with_points else {}),
+                    **_of_flow(problem[np.array([k])], branch_points[[k]], factors[k], special[k]),
                 }
             )
 
@@ -275,13 +282,31 @@ class BranchTable:
         head = ("row", "point", *branch, self.parameter, *self._values, *self._observed)
         drifts = (f"drift_{name}" for name in self._held)
         columns = [*head, *drifts, *_OF_POINT, *(["at"] if self._with_points else [])]
+        columns += ["coefficient", "hopf_frequency"] if isinstance(self._mapping, StationaryMap) else []
         table = pd.DataFrame([record for branch in self._records for record in branch], columns=columns)
+        table = in_terms_of_flow(self._mapping, table)
         if not self._crossing:
             return table
         table = table.sort_values(["row", "branch", "point"], kind="stable", ignore_index=True)
         # one number is left out before each further branch
         table["point"] = table.groupby("row").cumcount() + table["branch"]
         return table
+
+
+def _of_flow(
+    problem: ContinuationProblem,
+    at: BranchPoints,
+    factors: Complex[np.ndarray, " multipliers"],
+    special: str,
+) -> dict[str, float]:
+    """Columns of one stationary point (1,): the normal form's coefficient, and a Hopf point's frequency."""
+    if not isinstance(problem.mapping, StationaryMap):
+        return {}
+    record = {"coefficient": coefficient(problem, at, special), "hopf_frequency": float("nan")}
+    if special == "neimark_sacker":
+        pair = np.array([critical_multiplier(factors, special)])
+        record["hopf_frequency"] = float(np.imag(eigenvalues(pair, at.images.observed["time"]))[0])
+    return record
 
 
 class BranchFollower:

@@ -28,8 +28,10 @@ from gaitsweep.analysis.continuation.normal_forms import (
     circle_coefficient,
     critical_multiplier,
     flip_coefficient,
+    hopf_form,
 )
 from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, sizes
+from gaitsweep.engine.poincare.stationary_map import StationaryMap
 
 Vector = Float[np.ndarray, " unknowns"]  # coordinates, drifts, parameters, and theta or beta
 NullVector = Inexact[np.ndarray, " fold_unknowns"]
@@ -208,6 +210,8 @@ class CriticalEquations:
         if q == 2:
             matrix[:m, m + 1] = (around[-2] - around[-1]) / (2.0 * SHARE)
         self._derivatives_of_g(matrix, unknowns, v, w, border, bends, moved)
+        size = like.at.shape[1]
+        point = Points(unknowns[None, :size] * self.scale[:size], like.modes)
         tangent, factors, tests = np.zeros(0), np.zeros(0), {}
         if q == 2:
             tangent = np.linalg.svd(matrix)[2][-1]
@@ -218,8 +222,11 @@ class CriticalEquations:
             second = (ahead[:along] - 2.0 * full[0] + behind[:along])[:, :, :-1] / ALONG**2
             first = [bend[:, :-1] for bend in bends]
             tests = self._tests(unknowns, full[0][:, :-1], v, w, factors, first, list(second))
-        size = like.at.shape[1]
-        point = Points(unknowns[None, :size] * self.scale[:size], like.modes)
+            if isinstance(self.mapping, StationaryMap) and self.kind == "neimark_sacker":
+                # a flow has no resonances, and another cubic term
+                tests = {name: tests[name] for name in ("fold_neimark_sacker", "double_neimark_sacker")}
+                here = dict(zip(self.names, self.parameters(unknowns)[:, None], strict=True))
+                tests["chenciner"] = hopf_form(self.mapping, point, {**self.values, **here}).l1
         observed = {name: float(column[0]) for name, column in images.observed.items()}
         return CriticalPoint(
             point, unknowns, residual, matrix, tangent, v, w, factors, tests, observed, corrections

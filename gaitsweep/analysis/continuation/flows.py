@@ -25,20 +25,22 @@ BESIDE = 1e-5
 
 
 def in_terms_of_flow(mapping: Map, table: pd.DataFrame) -> pd.DataFrame:
-    """A table of fixed points, or of curves of them; if these are stationary points, in the terms of the flow.
+    """A table of fixed points or of curves of them; of stationary points, in the terms of the flow.
 
     The eigenvalue with the largest real part (1/s), or on a curve the critical one, is in place of the
-    multiplier; `hopf_frequency` (rad/s) and `hopf_period` (s) are those of the cycle that begins at a Hopf point.
+    multiplier; `hopf_frequency` (rad/s) and `hopf_period` (s) are those of the cycles that begin there.
     """
     if not isinstance(mapping, StationaryMap) or "time" not in table:
         return table
-    multipliers = table.get("multiplier_re", table["multiplier"]) + 1j * table.get("multiplier_im", 0.0)
+    multipliers = table["multiplier_re" if "multiplier_re" in table else "multiplier"].to_numpy(complex)
+    if "multiplier_im" in table:
+        multipliers = multipliers + 1j * table["multiplier_im"].to_numpy(float)
     step = table["time"].to_numpy(float)
-    factors = eigenvalues(multipliers.to_numpy(complex), step)
+    factors = eigenvalues(multipliers, step)
     renamed = {name: table[name].replace(NAMES) for name in ("special", "end", "kind") if name in table}
-    table = table.assign(**renamed, eigenvalue_re=factors.real, eigenvalue_im=factors.imag)
+    table = table.assign(**renamed, eigenvalue_re=np.real(factors), eigenvalue_im=np.imag(factors))
     if "kind" in table:
-        table["hopf_frequency"] = np.where(table["kind"] == "hopf", np.abs(factors.imag), np.nan)
+        table["hopf_frequency"] = np.where(table["kind"] == "hopf", np.abs(np.imag(factors)), np.nan)
     if "hopf_frequency" in table:
         table["hopf_period"] = 2.0 * np.pi / table["hopf_frequency"]
     if "coefficient" in table:
@@ -76,7 +78,7 @@ def hopf_cycle(
     slope = (linearised(small, x)[0] - linearised(-small, x)[0]) / (2.0 * small)
     along = np.linalg.solve(-linearised(0.0, x)[1], slope)
     ahead, behind = (linearised(d, x + d * along)[1] for d in (small, -small))
-    growth = (form.p @ (ahead - behind) @ form.q).real / (2.0 * small)
+    growth = np.real(form.p @ (ahead - behind) @ form.q) / (2.0 * small)
     size = amplitude / np.max(np.abs(form.q)) / 2.0
     change = -form.frequency * form.l1 * size**2 / growth
     period = 2.0 * np.pi / form.frequency

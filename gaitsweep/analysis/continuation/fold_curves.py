@@ -15,6 +15,7 @@ from gaitsweep.analysis.continuation.bifurcation_curves import CurvePoint, follo
 from gaitsweep.analysis.continuation.bifurcation_tests import branch_test, fold_test, located_on_branch
 from gaitsweep.analysis.continuation.continuation import ArclengthSteps
 from gaitsweep.analysis.continuation.critical_points import CriticalEquations, CriticalPoint, equations_at
+from gaitsweep.analysis.continuation.flows import in_terms_of_flow
 from gaitsweep.analysis.continuation.lockstep import alone
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, NewtonOutcome, newton
 from gaitsweep.engine.poincare.maps import Map, Points, Values
@@ -90,7 +91,7 @@ def fold_curves(
         records += [{**record, "point": -record["point"]} for record in behind[:0:-1]] + ahead
         if len(behind) == 1 < len(ahead):
             ahead[0]["end"] = behind[0]["end"]
-    return pd.DataFrame(records)
+    return in_terms_of_flow(mapping, pd.DataFrame(records))
 
 
 def _first_fold(

@@ -132,7 +132,7 @@ def doubled_direction(at: BranchPoints) -> Vector:
 
 @dataclasses.dataclass(frozen=True)
 class HopfForm:
-    """The normal form of a Hopf point: z' = lambda z + frequency l1 z |z|^2, where x = z q + its conjugate + ...
+    """The normal form of a Hopf point: z' = lambda z + frequency l1 z |z|^2, x = 2 Re(z q) + ...
 
     Attributes:
         frequency: the imaginary part of the critical eigenvalue lambda, rad/s.
@@ -156,19 +156,20 @@ def hopf_form(mapping: StationaryMap, at: Points, values: Values) -> HopfForm:
     here = {name: column[0] for name, column in mapping.complete(values, 1).items()}, at.at[0], at[0].modes
     J = np.asarray(linearised_flow(mapping)(*here)[1])
     factors = np.linalg.eigvals(J)
-    pairs = factors[factors.imag > 0.0]
-    q, p, factor = critical_vector(J, pairs[np.argmin(np.abs(pairs.real))])
-    a, b, frequency = q.real, q.imag, factor.imag
+    upper = factors[np.imag(factors) > 0.0]
+    q, p, factor = critical_vector(J, complex(upper[np.argmin(np.abs(np.real(upper)))]))
+    a, b, frequency = np.real(q), np.imag(q), factor.imag
 
     def bent(*directions: tuple[Vector, Vector, Vector]) -> tuple[np.ndarray, np.ndarray]:
-        return tuple(map(np.asarray, bent_flow(mapping)(*here, *np.swapaxes(directions, 0, 1))))
+        second, third = bent_flow(mapping)(*here, *np.swapaxes(directions, 0, 1))
+        return np.asarray(second), np.asarray(third)
 
     (aa, bb, ab, *_), (aaa, bbb, abb, aab, *_) = bent(
         *((a, a, a), (b, b, b), (a, b, b), (b, a, a)), *[(a, a, a)] * 2
     )
     h11 = np.linalg.solve(-J, aa + bb)
     h20 = np.linalg.solve(2j * frequency * np.eye(len(J)) - J, aa - bb + 2j * ab)
-    pairs = ((a, h11), (b, h11), (a, h20.real), (b, h20.imag), (a, h20.imag), (b, h20.real))
+    pairs = ((a, h11), (b, h11), (a, np.real(h20)), (b, np.imag(h20)), (a, np.imag(h20)), (b, np.real(h20)))
     (a_11, b_11, a_r, b_i, a_i, b_r), _ = bent(*((u, v, u) for u, v in pairs))
     cubic = aaa + abb + 1j * (aab + bbb) + 2.0 * (a_11 + 1j * b_11) + a_r + b_i + 1j * (a_i - b_r)
     return HopfForm(frequency, q, p, float((p @ cubic).real / (2.0 * frequency)), h11, h20)

@@ -186,7 +186,7 @@ def linearised_flow(mapping: StationaryMap) -> Callable[..., Any]:
 
 @cached_by_content(maxsize=16)
 def bent_flow(mapping: StationaryMap) -> Callable[..., Any]:
-    """The function `(values, at, modes, u, v, w) -> (D^2 f u v, D^3 f u v w)` of one point, u to w (n, size)."""
+    """The function `(values, at, modes, u, v, w) -> (D^2 f u v, D^3 f u v w)` of one point; u (n, size)."""
 
     def one(values: Any, at: Coordinates, modes: State, u: Any, v: Any, w: Any) -> Any:
         def first(x: Coordinates) -> Coordinates:

@@ -1,0 +1,122 @@
+"""Stationary points of a model's flow: their eigenvalues, branches, Hopf points and the cycles born there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Complex
+from numpy.typing import ArrayLike
+
+from gaitsweep.analysis.atlas.periodic_orbits import rows_of
+from gaitsweep.analysis.continuation.flows import hopf_cycle
+from gaitsweep.api.keywords import AnyModel
+from gaitsweep.api.maps import FixedPointsOfModel, SectionPoints, job_of_map
+from gaitsweep.engine.poincare.stationary_map import StationaryMap, linearised_flow
+from gaitsweep.errors import ArgumentError
+from gaitsweep.job import Job
+
+
+class StationaryPoints(FixedPointsOfModel):
+    """Stationary points of a model's flow, in the discrete modes of the points from which they are searched.
+
+    Coordinates are all variables that the flow moves, but those `without`. Points are given as for
+    `PoincareMap`: coordinates, start values by name, or what `fixed_points` returned.
+    """
+
+    def __init__(self, job: Job, without: Sequence[str], without_start: Sequence[str]) -> None:
+        """Use `gaitsweep.stationary`."""
+        super().__init__(job, without_start, partial(StationaryMap, without=tuple(without)))
+
+    def eigenvalues(self, x: SectionPoints | ArrayLike) -> Complex[np.ndarray, "*points coordinates"]:
+        """Return the eigenvalues (1/s) of the flow at points, complex (n, size), largest real part first."""
+        points, single = self._points(x)
+        values, program = self._flow.complete(self._values, len(points)), linearised_flow(self._flow)
+        of_point = [{name: column[k] for name, column in values.items()} for k in range(len(points))]
+        jacobians = [program(of_point[k], points.at[k], points[k].modes)[1] for k in range(len(points))]
+        factors = np.array(np.linalg.eigvals(np.stack(jacobians)), complex)
+        order = np.lexsort((-np.imag(factors), -np.real(factors)))
+        factors = np.take_along_axis(factors, order, axis=-1)
+        return factors[0] if single else factors
+
+    def cycle(
+        self, hopf: Mapping[Any, Any] | pd.Series, parameter: str, amplitude: float, points: int = 32
+    ) -> pd.DataFrame:
+        """Return the cycle of a small amplitude that begins at a Hopf point, to second order.
+
+        A return map finds the cycle itself from there, if the model has a section that it crosses.
+
+        Args:
+            hopf: the record of a Hopf point, as `continue_` returns it.
+            parameter: the parameter along which it was found.
+            amplitude: the largest displacement of a coordinate.
+            points: the number of points around the cycle.
+
+        Returns:
+            One record a point: time (s), the coordinates, the value of the parameter at which the cycle has
+            this amplitude, and its period (s).
+
+        Raises:
+            ArgumentError: the record is of no Hopf point.
+        """
+        if hopf.get("special") != "hopf":
+            raise ArgumentError("The record is of no Hopf point: take one whose special is hopf.")
+        at, _ = self._points(np.array([[hopf[name] for name in self.coordinates]], float))
+        row = np.array([hopf["row"]], int)
+        values = {**rows_of(self._values, row), parameter: hopf[parameter]}
+        return hopf_cycle(self._flow, at, values, parameter, amplitude, points)
+
+    @property
+    def _flow(self) -> StationaryMap:
+        assert isinstance(self._once, StationaryMap)
+        return self._once
+
+    @cached_property
+    def _refusal(self) -> str | None:
+        return self._flow.refusal(self._start, self._values)
+
+    def _check(self) -> None:
+        if self._refusal is not None:
+            raise ArgumentError(self._refusal)
+
+
+def stationary(
+    model: AnyModel,
+    *,
+    without: Sequence[str] = (),
+    params: Mapping[str, Any] | None = None,
+    start: Mapping[str, Any] | None = None,
+    **values: Any,
+) -> StationaryPoints:
+    """Create the search for stationary points of a model's flow, where it rests, stable or not.
+
+    Args:
+        model: an instance, a class, a registered name, or "package.module:attribute".
+        without: variables of the flow that need not rest, such as a clock or how far a body has come: they
+            keep their start values.
+        params, start: as for `sweep`.
+        values: parameters, and start values; those decide the discrete modes.
+
+    Raises:
+        ArgumentError: a name that the model does not have, or a model without a flow.
+        JobError: all other errors.
+
+    Example:
+        The two rolls of Lorenz's convection lose their stability at a subcritical Hopf point, at
+        rho = sigma (sigma + b + 3) / (sigma - b - 1):
+
+        >>> import gaitsweep as gs
+        >>> from gaitsweep.examples.lorenz import Lorenz
+        >>> rolls = gs.stationary(Lorenz(), rho=20.0)
+        >>> branch = rolls.continue_([7.0, 7.0, 19.0], "rho", (0.5, 28.0), towards=1)
+        >>> hopf = branch[branch["special"] == "hopf"].iloc[0]
+        >>> round(hopf["rho"], 6), hopf["coefficient"] > 0.0
+        (24.736842, True)
+        >>> round(10.0 * (10.0 + 8.0 / 3.0 + 3.0) / (10.0 - 8.0 / 3.0 - 1.0), 6)
+        24.736842
+    """
+    job, without_start = job_of_map(model, params, start, values)
+    return StationaryPoints(job, without, without_start)
