@@ -96,7 +96,7 @@ class Atlas:
 
     @property
     def plot(self) -> FiguresOfTable:
-        """Figures of the atlas: `atlas.plot.road_map()`, `atlas.plot.atlas()`."""
+        """Figures of the atlas: `road_map()`, `atlas()`, `orbit_family()`, each a method of it."""
         return self.result.plot
 
     @property

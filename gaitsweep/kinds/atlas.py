@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
@@ -37,6 +37,8 @@ Range = Annotated[list[Real], Field(min_length=2, max_length=2)]
 
 class Atlas(FollowsFixedPoints):
     """Find all periodic gaits, stable or not, and follow them and what they meet along one parameter."""
+
+    point_names: ClassVar = ("number", "point")
 
     kind: Literal["atlas"] = Field(
         init=False,
@@ -96,24 +98,27 @@ class Atlas(FollowsFixedPoints):
 
     def findings(self, table: pd.DataFrame) -> list[str]:
         branch = (table["part"] == "branch").to_numpy(bool)
-        gaits = table[branch & (table["found"] >= 0).to_numpy(bool)]
+        gaits = table.iloc[np.flatnonzero(branch & (table["found"] >= 0).to_numpy(bool))]
         counts = [
-            f"{len(own)} of period {period}, {int(own['stable'].sum())} of them stable"
+            f"{len(own)} of period {period}, {np.count_nonzero(own['stable'])} of them stable"
             for period, own in gaits.groupby("period")
         ]
-        rows = table["row"].nunique()
-        text = f"At {self.parameter} = {self.place:g}{f', in {rows} rows' if rows > 1 else ''}: "
+        of_row = table.drop_duplicates("row")
+        text = (
+            f"At {self.parameter} = {self.place:g}{f', in {len(of_row)} rows' if len(of_row) > 1 else ''}: "
+        )
         text += "; ".join(counts) or "no gait"
-        missing = float(table.groupby("row")["missing"].first().sum())
+        missing = np.sum(of_row["missing"].to_numpy(float))
         text += f"; an estimate of {missing:.0f} more were not found." if missing >= 0.5 else "."
-        sentences = [text, *super().findings(table[branch])]
-        if left_out := int(table.groupby("row")["left_out"].first().sum()):
+        sentences = [text, *super().findings(table.iloc[np.flatnonzero(branch)])]
+        if left_out := np.sum(of_row["left_out"].to_numpy(int)):
             what = "1 branch was" if left_out == 1 else f"{left_out} branches were"
             sentences.append(f"{what} not followed: run.branches is {self.branches}.")
         for second in self.second:
-            curves = table[~branch & (table["part"] != "").to_numpy(bool)]
+            curves = table.iloc[np.flatnonzero(~branch & (table["part"] != "").to_numpy(bool))]
             found = f"{curves.groupby(['row', 'number']).ngroups} curves of bifurcations"
-            points = curves[~curves["special"].astype(str).isin(["", "nan", "kink"])]
+            unnamed = np.isin(curves["special"].astype(str).to_numpy(str), ["", "nan", "kink"])
+            points = curves.iloc[np.flatnonzero(~unnamed)]
             places = zip(points["special"], points[self.parameter], points[second], strict=True)
             named = [f"{str(kind).replace('_', ' ')} at ({x:.5g}, {y:.5g})" for kind, x, y in places]
             more = f" and {len(named) - LISTED} more" if len(named) > LISTED else ""
@@ -242,28 +247,11 @@ class Atlas(FollowsFixedPoints):
     ) -> pd.DataFrame:
         """The atlas of rows first..last-1; `on_progress` is called before each of its steps."""
         numbers = np.arange(first, last)
-        mapping, values, starts = self.return_map(rows, spec, numbers)
-        values[self.parameter] = np.full(len(numbers), self.place)
-        search = self._searched(mapping, values, starts, numbers, on_progress)
-
-        def on_step(points: Any, shares: Any) -> None:
-            on_progress(f"{np.sum(points)} points of {len(points)} branches", float(np.mean(shares)))
-
-        steps = dataclasses.replace(self.steps(on_step), through=(self.place,))
-        atlas = BranchAtlas(
-            mapping,
-            values,
-            parameter=self.parameter,
-            within=self.path,
-            fix=self.fix,
-            steps=steps,
-            most_branches=self.branches,
-        )
-        atlas.follow(search, self.place, self.depth)
+        mapping, values, search, atlas = self._followed(rows, spec, numbers, on_progress)
         branches = atlas.table(search, self.place)
         parts = [branches.assign(part="branch").rename(columns={"branch": "number"})]
         for second, within in self.second.items():
-            curves = atlas.follow_curves(second, within, steps)
+            curves = atlas.follow_curves(second, within, atlas.steps)
             if len(curves):
                 parts.append(curves.rename(columns={"curve": "number", "kind": "part"}))
         without = sorted(set(range(len(numbers))) - {branch.row for branch in atlas.branches})
@@ -289,6 +277,38 @@ class Atlas(FollowsFixedPoints):
             for name in ("part", "symmetry", "events", "change")
         }
         return table.assign(stable=stable, **texts, **numbers_of)
+
+    def _followed(
+        self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " rows"], on_progress: BlockProgress
+    ) -> tuple[BatchedReturnMap, dict[str, Any], OrbitSearch, BranchAtlas]:
+        """The return map of some rows, its parameters, the search of their gaits, and their branches."""
+        mapping, values, starts = self.return_map(rows, spec, numbers)
+        values[self.parameter] = np.full(len(numbers), self.place)
+        search = self._searched(mapping, values, starts, numbers, on_progress)
+
+        def on_step(points: Any, shares: Any) -> None:
+            on_progress(f"{np.sum(points)} points of {len(points)} branches", float(np.mean(shares)))
+
+        atlas = BranchAtlas(
+            mapping,
+            values,
+            parameter=self.parameter,
+            within=self.path,
+            fix=self.fix,
+            steps=dataclasses.replace(self.steps(on_step), through=(self.place,)),
+            most_branches=self.branches,
+        )
+        atlas.follow(search, self.place, self.depth)
+        return mapping, values, search, atlas
+
+    def followed_again(
+        self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"], on_progress: BlockProgress
+    ) -> tuple[BatchedReturnMap, dict[str, Any], pd.DataFrame]:
+        mapping, values, search, atlas = self._followed(rows, spec, numbers, on_progress)
+        table = atlas.table(search, self.place).rename(columns={"branch": "number"})
+        points = [record["at"] for branch in atlas.branches for record in branch.records]
+        del values[self.parameter]
+        return mapping, values, table.assign(at=pd.Series(points, table.index, dtype=object))
 
     def _searched(
         self,

@@ -6,7 +6,7 @@ import abc
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import numpy as np
@@ -28,7 +28,7 @@ from gaitsweep.engine.sweep.labels import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.expression import ExpressionError
 from gaitsweep.kinds.columns import STATUSES, gaits
-from gaitsweep.kinds.run_kind import RunKind, StartingPoints, table_columns
+from gaitsweep.kinds.run_kind import BlockProgress, RunKind, StartingPoints, table_columns
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
 
@@ -40,6 +40,9 @@ LISTED = 6
 
 class FollowsFixedPoints(RunKind):
     """A run kind that begins at a fixed point of each row's return map and follows it by its arclength."""
+
+    # columns that tell the points of a row's branches apart
+    point_names: ClassVar[tuple[str, ...]] = ("point",)
 
     settle: CountOrZero = Field(
         default=100, description="cycles simulated before the search for the first fixed point"
@@ -61,6 +64,17 @@ class FollowsFixedPoints(RunKind):
     def recorder(self, model: Model) -> CrossingRecorder:
         # the rows are followed to where their branches begin; `block_table` does the rest
         return CrossingRecorder(model, 1, self.settle)
+
+    def followed_again(
+        self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"], on_progress: BlockProgress
+    ) -> tuple[BatchedReturnMap, dict[str, Any], pd.DataFrame] | None:
+        """The branches of the rows `numbers` (n,) with their points, for the explorer; None: it shows none.
+
+        Returns:
+            The return map, the parameters (n,) that do not move, and a record for each point: `row`, counted
+            from 0, the columns `point_names`, the parameter, and its `BranchPoints` as `at`.
+        """
+        return None
 
     @property
     def columns_of_findings(self) -> tuple[str, ...]:

@@ -163,7 +163,7 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
             values: Any = part[column] if status is None else part[column][part["status"] == status.name]
             counter.update({str(value): int(n) for value, n in values.value_counts().items() if n})
         if "findings" in summaries:
-            read.append(part[list(context.job.run.columns_of_findings)])
+            read.append(part.filter(list(context.job.run.columns_of_findings)))
         if "largest_distance" in summaries:
             distances += filter(None, [context.model.analytic_distance(part)])
     farthest = max(distances, key=lambda distance: distance[0], default=None)
