@@ -18,7 +18,7 @@ from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, SearchOptions,
 from gaitsweep.contract import HybridModel, Model, Quantity
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
-from gaitsweep.engine.poincare.return_map import BatchedReturnMap
+from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import Column, observed_at_crossings
 from gaitsweep.kinds.fixed_points import LISTED, FollowsFixedPoints, beginning_within, rising, unknowns
@@ -73,7 +73,7 @@ class Atlas(FollowsFixedPoints):
     branches: Count = Field(default=200, description="largest number of branches")
 
     def columns(self, model: Model) -> list[Column]:
-        return [
+        columns = [
             Column("part"),
             *map(Column, ("number", "period", "depth", "begins", "point")),
             *(Column(name, repeats=False) for name in (self.parameter, *self.second)),
@@ -90,6 +90,7 @@ class Atlas(FollowsFixedPoints):
             *map(Column, ("events", "change", "left_out")),
             *(Column(name, None, quantity, False) for name, quantity in _event_times(model).items()),
         ]
+        return self.own_columns(columns)
 
     @property
     def columns_of_findings(self) -> tuple[str, ...]:
@@ -187,7 +188,7 @@ class Atlas(FollowsFixedPoints):
 
     def near_fixed_points(
         self,
-        mapping: BatchedReturnMap,
+        mapping: ModelMap,
         values: dict[str, Any],
         starts: Values,
         numbers: Int[np.ndarray, " sampled"],
@@ -203,7 +204,7 @@ class Atlas(FollowsFixedPoints):
         ]
         return Points.joined(points)
 
-    def _levels(self, mapping: BatchedReturnMap, values: Mapping[str, Any], starts: Values) -> dict[str, Any]:
+    def _levels(self, mapping: ModelMap, values: Mapping[str, Any], starts: Values) -> dict[str, Any]:
         """The value (n,) of each conserved quantity that is held: that of the row's own start."""
         if not self.fix:
             return {}
@@ -214,7 +215,7 @@ class Atlas(FollowsFixedPoints):
 
     def _drawn(
         self,
-        mapping: BatchedReturnMap,
+        mapping: ModelMap,
         starts: Mapping[str, Any],
         values: Mapping[str, Any],
         of: Int[np.ndarray, " starts"],
@@ -280,7 +281,7 @@ class Atlas(FollowsFixedPoints):
 
     def _followed(
         self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " rows"], on_progress: BlockProgress
-    ) -> tuple[BatchedReturnMap, dict[str, Any], OrbitSearch, BranchAtlas]:
+    ) -> tuple[ModelMap, dict[str, Any], OrbitSearch, BranchAtlas]:
         """The return map of some rows, its parameters, the search of their gaits, and their branches."""
         mapping, values, starts = self.return_map(rows, spec, numbers)
         values[self.parameter] = np.full(len(numbers), self.place)
@@ -303,7 +304,7 @@ class Atlas(FollowsFixedPoints):
 
     def followed_again(
         self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"], on_progress: BlockProgress
-    ) -> tuple[BatchedReturnMap, dict[str, Any], pd.DataFrame]:
+    ) -> tuple[ModelMap, dict[str, Any], pd.DataFrame]:
         mapping, values, search, atlas = self._followed(rows, spec, numbers, on_progress)
         table = atlas.table(search, self.place).rename(columns={"branch": "number"})
         points = [record["at"] for branch in atlas.branches for record in branch.records]
@@ -312,7 +313,7 @@ class Atlas(FollowsFixedPoints):
 
     def _searched(
         self,
-        mapping: BatchedReturnMap,
+        mapping: ModelMap,
         values: dict[str, Any],
         starts: Mapping[str, Any],
         numbers: Int[np.ndarray, " rows"],
@@ -327,7 +328,8 @@ class Atlas(FollowsFixedPoints):
             count = np.sum(of == of[0])
             return self._drawn(mapping, starts, values, of, numbers, begun, int(count))
 
-        options = SearchOptions(self.periods, self.budget, self.batch, self.patience, on_round)
+        periods = 1 if self.stationary else self.periods  # a point at rest has no other
+        options = SearchOptions(periods, self.budget, self.batch, self.patience, on_round)
         search = OrbitSearch(mapping, values, self._levels(mapping, values, starts), options)
         of = np.repeat(np.arange(len(numbers)), self.batch)
         images = mapping.iterated(max(self.settle, 1)).images(draw(of, 0), rows_of(values, of))

@@ -13,10 +13,10 @@ from pydantic import Field
 from gaitsweep.analysis.continuation.continuation import LONGER, STRAIGHT, continuation
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
-from gaitsweep.engine.poincare.return_map import BatchedReturnMap
+from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import Column, observed_at_crossings
-from gaitsweep.kinds.fixed_points import BeginsWhereRowsSettle, unknowns
+from gaitsweep.kinds.fixed_points import BeginsWhereRowsSettle, FollowsFixedPoints, unknowns
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Real, Text
@@ -36,7 +36,7 @@ class Continuation(BeginsWhereRowsSettle):
     """Follow the stable and unstable fixed points of each row's return map along one parameter."""
 
     stores_starting_points: ClassVar[bool] = True
-    idle_without: ClassVar = {"crossing": ("crossing",)}
+    idle_without: ClassVar = {"crossing": ("crossing",), **FollowsFixedPoints.idle_without}
 
     kind: Literal["continuation"] = Field(
         init=False,
@@ -56,7 +56,7 @@ class Continuation(BeginsWhereRowsSettle):
     )
 
     def columns(self, model: Model) -> list[Column]:
-        return [
+        columns = [
             Column("point"),
             *([Column("branch", repeats=False)] if self.crossing else []),
             Column(self.parameter, repeats=False),
@@ -68,6 +68,7 @@ class Continuation(BeginsWhereRowsSettle):
             Column("multiplier_re", repeats=False),
             *map(Column, ("multiplier_im", "unstable", "stable", "special", "corrections", "end", "status")),
         ]
+        return self.own_columns(columns)
 
     def check_ranges(self, rows: Design) -> list[Diagnostic]:
         if self.path[0] != self.path[1]:
@@ -108,7 +109,7 @@ class Continuation(BeginsWhereRowsSettle):
 
     def followed_again(
         self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"], on_progress: BlockProgress
-    ) -> tuple[BatchedReturnMap, dict[str, Any], pd.DataFrame]:
+    ) -> tuple[ModelMap, dict[str, Any], pd.DataFrame]:
         return self.followed(rows, spec, numbers, on_progress, with_points=True)
 
     def followed(
@@ -118,7 +119,7 @@ class Continuation(BeginsWhereRowsSettle):
         numbers: Int[np.ndarray, " sampled"],
         on_progress: BlockProgress,
         with_points: bool = False,
-    ) -> tuple[BatchedReturnMap, dict[str, Any], pd.DataFrame]:
+    ) -> tuple[ModelMap, dict[str, Any], pd.DataFrame]:
         """The branches of the rows `numbers` (n,), as `analysis.continuation` gives them.
 
         Returns:

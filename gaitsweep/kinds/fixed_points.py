@@ -16,24 +16,30 @@ from pydantic import Field
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.continuation.continuation import ArclengthSteps
+from gaitsweep.analysis.continuation.flows import OF_FLOW, OF_MAP
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
 from gaitsweep.contract import Model, Status
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
+from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
+from gaitsweep.engine.poincare.stationary_map import StationaryMap
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.engine.sweep.labels import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import ExpressionError
-from gaitsweep.kinds.columns import STATUSES, gaits
+from gaitsweep.kinds.columns import STATUSES, Column, gaits
 from gaitsweep.kinds.run_kind import BlockProgress, RunKind, StartingPoints, table_columns
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
 
 # Time in which all programs of a return map are compiled, as a multiple of that of its settling.
 PROGRAMS = 4.0
+# What stands for the gait of a stationary point.
+AT_REST = "rest"
 # Values of a kind of bifurcation that a sentence lists.
 LISTED = 6
 
@@ -43,9 +49,20 @@ class FollowsFixedPoints(RunKind):
 
     # columns that tell the points of a row's branches apart
     point_names: ClassVar[tuple[str, ...]] = ("point",)
+    idle_without: ClassVar = {"stationary": ("stationary", "without")}
 
+    stationary: bool = Field(
+        default=False,
+        description="whether to follow stationary points of the flow, where it rests, and not cycles",
+    )
+    without: list[Text] = Field(
+        default=[],
+        description="variables of the flow that need not rest at a stationary point, such as a clock",
+    )
     settle: CountOrZero = Field(
-        default=100, description="cycles simulated before the search for the first fixed point"
+        default=100,
+        description="cycles simulated before the search for the first fixed point, or implicit steps of the "
+        "flow before that for the first stationary point",
     )
     fix: list[Text] = Field(
         default=[], description="conserved quantities that are held at their values after `settle` cycles"
@@ -67,7 +84,7 @@ class FollowsFixedPoints(RunKind):
 
     def followed_again(
         self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"], on_progress: BlockProgress
-    ) -> tuple[BatchedReturnMap, dict[str, Any], pd.DataFrame] | None:
+    ) -> tuple[ModelMap, dict[str, Any], pd.DataFrame] | None:
         """The branches of the rows `numbers` (n,) with their points, for the explorer; None: it shows none.
 
         Returns:
@@ -90,7 +107,8 @@ class FollowsFixedPoints(RunKind):
         return [f"Along {self.moved}: {'; '.join(texts) or 'no bifurcation'}."]
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
-        return [*self.check_ranges(rows), *self._check_steps(), *self._check_map(rows.model, method)]
+        of_map = self._check_flow(rows) if self.stationary else self._check_map(rows.model, method)
+        return [*self.check_ranges(rows), *self._check_steps(), *of_map]
 
     @abc.abstractmethod
     def check_ranges(self, rows: Design) -> list[Diagnostic]:
@@ -124,23 +142,41 @@ class FollowsFixedPoints(RunKind):
             wrong.append(Diagnostic(("numerics", "method"), text))
         return wrong
 
+    def _check_flow(self, rows: Design) -> Iterator[Diagnostic]:
+        """Diagnostics about a flow without isolated stationary points."""
+        if self.fix:
+            yield Diagnostic(("run", "fix"), "is for cycles: leave it out where run.stationary is true.")
+        try:
+            settings, values, starts = self._parameters(rows, np.zeros(1, np.int64))
+            mapping = StationaryMap(rows.model, settings, tuple(self.without))
+            points, _ = mapping.settled(starts, values, 0)
+            refusal = mapping.refusal(points, values)
+        except ArgumentError as error:
+            refusal = str(error)
+        except (ExpressionError, JobError):  # which the checks of formulas report
+            return
+        if refusal is not None:
+            yield Diagnostic(("run", "stationary"), f": {refusal}")
+
     def starting_points(
         self, rows: Design, spec: SweepSpec, sample: Int[np.ndarray, " sampled"], *shares: float
     ) -> list[StartingPoints]:
         mapping, values, starts = self.return_map(rows, spec, sample)
 
-        def fixed_points(of_map: BatchedReturnMap) -> StartingPoints:
+        maps = [mapping.refined(s) if isinstance(mapping, BatchedReturnMap) else mapping for s in shares]
+
+        def fixed_points(of_map: ModelMap) -> StartingPoints:
             points = self.near_fixed_points(of_map, values, starts, sample)
             fixed = newton(of_map, points, values, fix=self.fix)
             observed = [fixed.images.observed[q.name] for q in rows.model.observables]
             return StartingPoints(fixed.converged, np.stack(observed, axis=1))
 
-        return [fixed_points(mapping.refined(share)) for share in shares]
+        return [fixed_points(of_map) for of_map in maps]
 
     @abc.abstractmethod
     def near_fixed_points(
         self,
-        mapping: BatchedReturnMap,
+        mapping: ModelMap,
         values: dict[str, Any],
         starts: Values,
         numbers: Int[np.ndarray, " sampled"],
@@ -156,13 +192,33 @@ class FollowsFixedPoints(RunKind):
 
     def return_map(
         self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"]
-    ) -> tuple[BatchedReturnMap, dict[str, Any], Values]:
-        """The return map of rows (n,), their parameters at the start, and their starts."""
+    ) -> tuple[ModelMap, dict[str, Any], Values]:
+        """The map of rows (n,), their parameters at the start, and their starts."""
+        settings, values, starts = self._parameters(rows, numbers)
+        if self.stationary:
+            return StationaryMap(rows.model, settings, tuple(self.without)), values, starts
+        return BatchedReturnMap(rows.model, settings, spec.numerics, spec.engine), values, starts
+
+    def _parameters(
+        self, rows: Design, numbers: Int[np.ndarray, " sampled"]
+    ) -> tuple[tuple[tuple[str, str], ...], dict[str, Any], Values]:
+        """The parameters that follow others by a formula, the values of the others, and the starts."""
         parameters, starts = rows.values_in(numbers)
         following = rows.following(*(column.parameter for column in self.movements))
-        mapping = BatchedReturnMap(rows.model, tuple(following.items()), spec.numerics, spec.engine)
         values = {name: column for name, column in parameters.items() if name not in following}
-        return mapping, values, starts
+        return tuple(following.items()), values, starts
+
+    def own_columns(self, columns: list[Column]) -> list[Column]:
+        """The columns of a table of cycles; where stationary points are followed, those of their table."""
+        if not self.stationary:
+            return columns
+        place = [column.name for column in columns].index("multiplier")
+        new = [Column(name, repeats=False) for name in OF_FLOW]
+        before, after = (
+            [column for column in part if column.name not in (*OF_MAP, *OF_FLOW)]
+            for part in (columns[:place], columns[place:])
+        )
+        return [*before, *new, *after]
 
     def steps(self, on_step: Callable[[Any, Any], None]) -> ArclengthSteps:
         """The lengths of the steps; `on_step` is called before each, as in `ArclengthSteps`."""
@@ -172,7 +228,7 @@ class FollowsFixedPoints(RunKind):
         self,
         rows: Design,
         first: int,
-        mapping: BatchedReturnMap,
+        mapping: ModelMap,
         values: Values,
         table: pd.DataFrame,
         has_point: Bool[np.ndarray, " records"],
@@ -193,7 +249,7 @@ class FollowsFixedPoints(RunKind):
         """
         model, row = rows.model, table["row"].to_numpy(np.int64)
         codes = np.full(len(table), -1)
-        if has_point.any():
+        if has_point.any() and not self.stationary:
             moving = {column.parameter for column in self.movements}
             at = {name: column[row[has_point]] for name, column in values.items() if name not in moving}
             at |= {name: table.loc[has_point, name].to_numpy(float) for name in moving}
@@ -203,7 +259,7 @@ class FollowsFixedPoints(RunKind):
         table = table.rename(columns={**renamed, **{q.name: f"{q.name}_n" for q in model.observables}})
         table = table.assign(
             row=row + first,
-            gait=gaits(model, codes),
+            gait=pd.Categorical([AT_REST] * len(table)) if self.stationary else gaits(model, codes),
             status=pd.Categorical(status, categories=STATUSES),
             **rows.at(row + first, rows.names),
         )
@@ -217,7 +273,7 @@ class BeginsWhereRowsSettle(FollowsFixedPoints):
 
     def near_fixed_points(
         self,
-        mapping: BatchedReturnMap,
+        mapping: ModelMap,
         values: dict[str, Any],
         starts: Values,
         numbers: Int[np.ndarray, " sampled"],
@@ -262,7 +318,7 @@ def _listed(places: Float[np.ndarray, " places"]) -> str:
 
 
 def _gait_numbers(
-    mapping: BatchedReturnMap, values: Values, observed: Mapping[str, Any], n: int
+    mapping: ModelMap, values: Values, observed: Mapping[str, Any], n: int
 ) -> Int[np.ndarray, " points"]:
     """The code of the gait of each of n fixed points, (n,), from parameters and observables (n,)."""
     model = mapping.model

@@ -57,7 +57,7 @@ class Folds(BeginsWhereRowsSettle):
     )
 
     def columns(self, model: Model) -> list[Column]:
-        return [
+        columns = [
             Column("point"),
             *(_fold_column(model, name) for name in self.parameters),
             *observed_at_crossings(model),
@@ -68,6 +68,7 @@ class Folds(BeginsWhereRowsSettle):
             Column("curvature", repeats=False),
             *map(Column, ("special", "corrections", "end", "status")),
         ]
+        return self.own_columns(columns)
 
     def check_ranges(self, rows: Design) -> list[Diagnostic]:
         return [*self._check_within()] or [*beginning_within(rows, self.within, ("run", "within"))]

@@ -18,7 +18,8 @@ NAMES = {
     "pitchfork_neimark_sacker": "pitchfork_hopf",
     "chenciner": "generalized_hopf",
 }
-# Columns that have the step of the map in them.
+# Columns of stationary points, and those that have the step of the map in them.
+OF_FLOW = ("eigenvalue_re", "eigenvalue_im", "coefficient", "hopf_frequency", "hopf_period")
 OF_MAP = ("multiplier", "multiplier_re", "multiplier_im", "time")
 # Displacement of a parameter, relative to its size, for the rate of an eigenvalue along a branch.
 BESIDE = 1e-5

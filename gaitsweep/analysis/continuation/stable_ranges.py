@@ -10,7 +10,7 @@ from gaitsweep.analysis.continuation.branch_points import CROSSINGS
 from gaitsweep.analysis.records import AnalysisError, require
 
 # Special points of a continuation at which the stability of a branch may change.
-MARKS = ("fold", "corner", "flip", "neimark_sacker", *CROSSINGS)
+MARKS = ("fold", "corner", "flip", "neimark_sacker", *CROSSINGS, "hopf")
 LEAST = 0.02  # least width of a stable range, as a share of the width of all branches
 
 

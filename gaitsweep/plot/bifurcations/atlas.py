@@ -29,6 +29,7 @@ _LINES: dict[str, Any] = {
     "fold": "-",
     "flip": (0, (5, 1.5)),
     "neimark_sacker": (0, (1, 1)),
+    "hopf": (0, (1, 1)),
     "branch_point": (0, (5, 1.5, 1, 1.5)),
 }
 _CURVES = {"branch_point": "pitchfork or transcritical", **WORDS}
@@ -47,6 +48,11 @@ _MARKS = {
     "double_neimark_sacker": ("8", "double Neimark-Sacker"),
     "pitchfork_flip": ("d", "pitchfork-flip"),
     "pitchfork_neimark_sacker": ("p", "pitchfork-Neimark-Sacker"),
+    "bogdanov_takens": ("P", "Bogdanov-Takens"),
+    "generalized_hopf": ("h", "generalized Hopf"),
+    "fold_hopf": ("<", "fold-Hopf"),
+    "double_hopf": ("8", "double Hopf"),
+    "pitchfork_hopf": ("p", "pitchfork-Hopf"),
 }
 
 

@@ -28,13 +28,14 @@ from gaitsweep.schema.numbers import Real, Text
 STABLE, UNSTABLE = "#0072B2", "#D55E00"
 # fill and hatch of the ranges beside the branches, in order
 _BESIDE = (("#E2E2E2", "////"), ("#F3E3C3", "\\\\\\\\"), ("#DCEBDD", "...."), ("#E9DDEC", "----"))
-MARKERS: dict[str, str] = dict(zip(MARKS, "ovsDX><^", strict=True))
+MARKERS: dict[str, str] = dict(zip(MARKS, "ovsDX><^h", strict=True))
 WORDS = {
     "corner": "fold at a bend of the map",
     "neimark_sacker": "Neimark-Sacker",
     "supercritical_pitchfork": "supercritical pitchfork",
     "subcritical_pitchfork": "subcritical pitchfork",
     "branch_point": "branch point",
+    "hopf": "Hopf",
 }
 
 

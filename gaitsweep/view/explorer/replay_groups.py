@@ -16,7 +16,7 @@ import pandas as pd
 from gaitsweep.analysis.continuation.arclength import BranchPoints
 from gaitsweep.contract import Model, Quantity, Status
 from gaitsweep.engine.poincare.maps import Points
-from gaitsweep.engine.poincare.return_map import BatchedReturnMap
+from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
 from gaitsweep.kinds.run_kind import BlockProgress
 from gaitsweep.kinds.staircase import Staircase
@@ -330,6 +330,8 @@ def replay_groups(
     if most <= 0:
         return [], 0
     if isinstance(context.job.run, FollowsFixedPoints):
+        if context.job.run.stationary:  # which do not move
+            return [], 0
         rows = np.unique(table["row"].to_numpy(np.int64)[np.isfinite(table["multiplier"].to_numpy(float))])
         if not len(rows):
             return [], 0
@@ -362,12 +364,12 @@ def replay_groups(
 
 
 def states_at(
-    mapping: BatchedReturnMap, points: Sequence[Points], values: Mapping[str, np.ndarray]
+    mapping: ModelMap, points: Sequence[Points], values: Mapping[str, np.ndarray]
 ) -> tuple[Model, dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Use points of the section as starts of trajectories.
 
     Args:
-        mapping: the return map of the model.
+        mapping: a map of the model's states.
         points: n points.
         values: parameters (n,) by name.
 
