@@ -73,6 +73,7 @@ class Atlas(FollowsFixedPoints):
     branches: Count = Field(default=200, description="largest number of branches")
 
     def columns(self, model: Model) -> list[Column]:
+        times = {} if self.stationary else _event_times(model)
         columns = [
             Column("part"),
             *map(Column, ("number", "period", "depth", "begins", "point")),
@@ -88,7 +89,7 @@ class Atlas(FollowsFixedPoints):
                 Column, ("found", "symmetry", "reached", "error", "missing", "corrections", "end", "status")
             ),
             *map(Column, ("events", "change", "left_out")),
-            *(Column(name, None, quantity, False) for name, quantity in _event_times(model).items()),
+            *(Column(name, None, quantity, False) for name, quantity in times.items()),
         ]
         return self.own_columns(columns)
 
@@ -100,8 +101,9 @@ class Atlas(FollowsFixedPoints):
     def findings(self, table: pd.DataFrame) -> list[str]:
         branch = (table["part"] == "branch").to_numpy(bool)
         gaits = table.iloc[np.flatnonzero(branch & (table["found"] >= 0).to_numpy(bool))]
+        of = "at rest" if self.stationary else "of period {}"
         counts = [
-            f"{len(own)} of period {period}, {np.count_nonzero(own['stable'])} of them stable"
+            f"{len(own)} {of.format(period)}, {np.count_nonzero(own['stable'])} of them stable"
             for period, own in gaits.groupby("period")
         ]
         of_row = table.drop_duplicates("row")

@@ -15,6 +15,7 @@ from gaitsweep.engine.recorders.recorder import unpacked
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.table.reading import categorical, outcomes
 
+AT_REST = "rest"  # what stands for the gait of a stationary point
 UNKNOWN_GAIT = "unknown"  # gait of a row whose label is not the index of a gait; the label follows
 STATUSES = [status.name for status in Status if status is not Status.running]
 

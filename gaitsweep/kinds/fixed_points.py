@@ -31,15 +31,13 @@ from gaitsweep.engine.sweep.labels import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import ExpressionError
-from gaitsweep.kinds.columns import STATUSES, Column, gaits
+from gaitsweep.kinds.columns import AT_REST, STATUSES, Column, gaits
 from gaitsweep.kinds.run_kind import BlockProgress, RunKind, StartingPoints, table_columns
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
 
 # Time in which all programs of a return map are compiled, as a multiple of that of its settling.
 PROGRAMS = 4.0
-# What stands for the gait of a stationary point.
-AT_REST = "rest"
 # Values of a kind of bifurcation that a sentence lists.
 LISTED = 6
 

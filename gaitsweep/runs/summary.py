@@ -16,6 +16,7 @@ from gaitsweep import models
 from gaitsweep.contract import Model, Status
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.columns import over_rows
+from gaitsweep.kinds.columns import AT_REST
 from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.own_modules import folder_of_class
 from gaitsweep.runs.prepare import RunContext
@@ -155,7 +156,7 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
     read: list[pd.DataFrame] = []
     for part in table.load_parts(["row", "status", *sorted(set().union(*summaries.values()))]):
         if MISLABELLED in summaries:
-            _add_mislabelled(mislabelled, part, context.model.gaits)
+            _add_mislabelled(mislabelled, part, [*context.model.gaits, AT_REST])
         if "stalls" in summaries:
             _add_stalls(stalls, part)
         for name, counter in counts.items():

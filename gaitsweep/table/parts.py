@@ -30,6 +30,9 @@ _UNITS = {
     **dict.fromkeys(("t", "t_end", "time"), "s"),
     **dict.fromkeys(("cycles", "crossing", "attractor_period", "stair", "pass", "point"), "1"),
     **dict.fromkeys(("multiplier", "multiplier_re", "multiplier_im", "unstable", "corrections"), "1"),
+    **dict.fromkeys(("eigenvalue_re", "eigenvalue_im"), "1/s"),
+    "hopf_frequency": "rad/s",
+    "hopf_period": "s",
 }
 
 

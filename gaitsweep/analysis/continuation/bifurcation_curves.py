@@ -150,7 +150,8 @@ def _degenerate(
             SHORTEST_INTERVAL,
         )
         # where the test jumps, there is no such point
-        if zero is not None and abs(zero[0].tests[name]) < 1e-3 * max(abs(value), abs(later)):
+        found = zero is not None and abs(zero[0].tests[name]) < 1e-3 * max(abs(value), abs(later))
+        if zero is not None and found and equations.is_critical(name, zero[0]):
             points.append((zero[1], CurvePoint(zero[0], name)))
     return [point for _, point in sorted(points, key=lambda pair: pair[0])]
 

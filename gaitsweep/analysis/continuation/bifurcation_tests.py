@@ -24,7 +24,7 @@ from gaitsweep.analysis.continuation.branch_points import (
     branch_point,
     cornered,
 )
-from gaitsweep.analysis.continuation.critical_points import located_exactly
+from gaitsweep.analysis.continuation.critical_points import REAL, located_exactly
 from gaitsweep.analysis.continuation.lockstep import Computation, Request, alone, in_lockstep
 from gaitsweep.analysis.continuation.multipliers import multipliers
 from gaitsweep.analysis.continuation.normal_forms import PITCHFORKS
@@ -38,8 +38,6 @@ NEAR = 1e-7
 # test function jumps over zero.
 SHORTEST_INTERVAL = 1e-6
 MOST_TRIALS = 40
-# A multiplier is real if its imaginary part is below this share of its modulus.
-REAL = 1e-6
 # Two real multipliers cross the unit circle together if they are this close to it, and to each other.
 TOGETHER = 1e-3
 # Multipliers whose size differs from 1 by less count as on either side of the unit circle. Places that are

@@ -44,6 +44,8 @@ ALONG, SHARE = 1e-3, 1e-5
 MOST_STEPS, LAST_STEP = 10, 1e-13
 # The largest change of scaled unknowns between a bifurcation that was bracketed and its exact place.
 MOST_MOVED = 0.05
+# A multiplier is real if its imaginary part is below this share of its modulus.
+REAL = 1e-6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -310,6 +312,16 @@ class CriticalEquations:
         if self.kind == "neimark_sacker" and rest.size:
             rest = np.delete(rest, int(np.argmin(np.abs(rest - np.conj(critical)))))
         return rest
+
+    def is_critical(self, name: str, at: CriticalPoint) -> bool:
+        """Whether the zero of a test function is a bifurcation: that of pairs may be a neutral saddle."""
+        of_pairs = name.endswith("neimark_sacker") and self.kind != "neimark_sacker"
+        if not of_pairs and name != "double_neimark_sacker":
+            return True
+        others = self.other_multipliers(at.unknowns, at.multipliers)
+        i, k = np.triu_indices(len(others), 1)
+        nearest = others[i[np.argmin(np.abs(1.0 - others[i] * others[k]))]]
+        return bool(abs(np.imag(nearest)) > REAL * abs(nearest))
 
     def first(self, like: Points, unknowns: Vector) -> Computation[CriticalPoint | None]:
         """The first point at some unknowns; None where the map is not differentiable."""

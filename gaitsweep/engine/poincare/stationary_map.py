@@ -135,7 +135,7 @@ class StationaryMap(ModelMap):
             for of in (lambda rates: rates, jax.jacfwd)
         )
         scale = jnp.sqrt(FLOOR**2 + at**2)
-        size = jnp.sum((jacobian * scale / scale[:, None]) ** 2)
+        size = jnp.sum((jacobian * scale[None] / scale[:, None]) ** 2)
         step = 2.0 * BOUND / jnp.sqrt((2.0 * jnp.pi / self.model.period(params)) ** 2 + size)
         moved = at + step * jnp.linalg.solve(jnp.eye(at.size) - 0.5 * step * jacobian, f)
         status = jnp.where(self._is_past(params, state), ReturnStatus.elsewhere, ReturnStatus.crossed)

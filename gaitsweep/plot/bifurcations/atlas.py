@@ -143,7 +143,9 @@ def atlas(
         if not len(curves):
             theme.message(axes, "No branch has a bifurcation that can be followed.")
             return figure
-        periods = [f"period {period}" for period in sorted(curves["period"].unique())]
+        at_rest = table.attrs["job"]["run"].get("stationary")
+        curves = curves.assign(of=["rest" if at_rest else f"period {period}" for period in curves["period"]])
+        periods = list(dict.fromkeys(curves.sort_values("period")["of"]))
         colours = theme.colours(periods)
         for _, curve in curves.groupby("number"):
             _draw_curve(axes, curve.sort_values("point"), x, y, colours)
@@ -181,7 +183,7 @@ def _name(branch: pd.DataFrame) -> str:
 def _draw_curve(axes: Axes, curve: pd.DataFrame, x: str, y: str, colours: dict[str, str]) -> None:
     """Draw one curve and the marks on it."""
     at, up = curve[x].to_numpy(float), curve[y].to_numpy(float)
-    colour, kind = colours[f"period {int(curve['period'].iloc[0])}"], str(curve["part"].iloc[0])
+    colour, kind = colours[str(curve["of"].iloc[0])], str(curve["part"].iloc[0])
     of_stable = curve["unstable"].to_numpy(int) == 0
     begins = np.flatnonzero(np.diff(of_stable, prepend=not of_stable[0]))
     for begin, end in zip(begins, [*begins[1:], len(at)], strict=True):
