@@ -37,7 +37,8 @@ def in_terms_of_flow(mapping: Map, table: pd.DataFrame) -> pd.DataFrame:
     if "multiplier_im" in table:
         multipliers = multipliers + 1j * table["multiplier_im"].to_numpy(float)
     step = table["time"].to_numpy(float)
-    factors = eigenvalues(multipliers, step)
+    with np.errstate(invalid="ignore"):  # of records without a point
+        factors = eigenvalues(multipliers, step)
     renamed = {name: table[name].replace(NAMES) for name in ("special", "end", "kind") if name in table}
     table = table.assign(**renamed, eigenvalue_re=np.real(factors), eigenvalue_im=np.imag(factors))
     if "kind" in table:

@@ -107,7 +107,8 @@ class StationaryMap(ModelMap):
             raise ArgumentError(f"{model.name} moves in steps: it has no flow, so no stationary points.")
         shapes = self._shape
         values = {name: jax.ShapeDtypeStruct((), jnp.float64) for name in self.complete({}, 1)}
-        fields = tuple(jax.eval_shape(lambda v, s: model.flow(self.params(v), s), values, shapes))
+        rates = jax.eval_shape(lambda v, s: model.flow(self.params(v), s), values, shapes)
+        fields = tuple(field.name for field in dataclasses.fields(shapes) if field.name in rates)
         known = {q.name: q for q in (*model.signals, *model.observables)}
         names = [
             "_".join([field, *(str(i + 1) for i in place)])
