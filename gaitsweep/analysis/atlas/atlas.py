@@ -29,7 +29,7 @@ from gaitsweep.analysis.continuation.lockstep import in_lockstep
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, newton
 from gaitsweep.analysis.continuation.normal_forms import coefficient, doubled_direction
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
-from gaitsweep.engine.poincare.maps import Events, Map, Points, Values
+from gaitsweep.engine.poincare.maps import Events, Map, Points, Values, sizes
 
 # A point may lie beside the chord of a step by this share of its length, since a branch is bent.
 BESIDE_CHORD = 0.3
@@ -37,6 +37,8 @@ BESIDE_CHORD = 0.3
 ON_BRANCH = 1e-5
 # Halvings of a step on which the order of events changes.
 BISECTIONS = 40
+# Distances beyond the end of a lost branch, relative to the coordinates, at which its events are read.
+BEYOND_END = (1e-4, 1e-3, 1e-2)
 # Lengths of the step from a flip to the branch of twice the period, the next where one does not converge: the
 # next flip of a cascade is close.
 BESIDE_FLIP = (1e-3, 1e-4, 1e-2, 1e-5)
@@ -447,6 +449,9 @@ class Atlas:
 
     def _mark_changes(self, branch: Branch, events: list[Events]) -> None:
         """Add a record to a branch where its order of events changes, and that record's events."""
+        for place, inner in ((0, 1), (-1, -2)):
+            if branch.records[place]["end"] == "lost" and len(events) > 1:
+                branch.records[place]["change"] = self._change_beyond(branch, place, inner, events[place])
         for place in range(len(events) - 1, 0, -1):
             change = change_of_order(events[place - 1], events[place])
             if not change:
@@ -463,6 +468,24 @@ class Atlas:
             record = self._record(branch.problem, at) | {"special": "order_change", "change": change}
             branch.insert(place - 1, record)
             events.insert(place, own)
+
+    def _change_beyond(self, branch: Branch, place: int, inner: int, events: Events) -> str:
+        """What changes in the order of events just beyond an end at which a branch is lost, if anything.
+
+        The points beyond it lie on the line through the record `place` at the end and the record `inner`.
+        """
+        end, before = branch.records[place]["at"], branch.records[inner]["at"]
+        problem, mapping = branch.problem, self.mapping.iterated(branch.period)
+        ahead_of_end = problem.mapping.difference(end.points.at, before.points.at)
+        length = np.linalg.norm(ahead_of_end / sizes(end.points.at))
+        for step in BEYOND_END:
+            share = step / length if length > 0.0 else 0.0
+            points = Points(end.points.at + share * ahead_of_end, end.points.modes)
+            parameter = end.parameter + share * (end.parameter - before.parameter)
+            beyond = mapping.events(points, {**problem.values, self.parameter: parameter})[0]
+            if beyond and (change := change_of_order(events, beyond)):
+                return change
+        return ""
 
     def _last_before(
         self, branch: Branch, begin: BranchPoints, end: BranchPoints, events: Events
