@@ -23,7 +23,7 @@ from gaitsweep.analysis.atlas.event_orders import change_of_order, event_columns
 from gaitsweep.analysis.atlas.periodic_orbits import Orbit, OrbitSearch, orbit_of, polished, rows_of
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_tests import ahead
-from gaitsweep.analysis.continuation.branch_points import CROSSINGS, beside
+from gaitsweep.analysis.continuation.branch_points import CROSSINGS, FLAT, beside
 from gaitsweep.analysis.continuation.continuation import ArclengthSteps, BranchFollower, BranchTable
 from gaitsweep.analysis.continuation.lockstep import in_lockstep
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, newton
@@ -110,6 +110,11 @@ class Branch:
                 if self._meets(int(place), points[[point]], parameter):
                     return int(place)
         return None
+
+    def part(self, begin: int, end: int) -> Branch:
+        """The records from `begin` to before `end`."""
+        asides = {place - begin: aside for place, aside in self.asides.items() if begin <= place < end}
+        return dataclasses.replace(self, records=self.records[begin:end], asides=asides)
 
     def insert(self, place: int, record: dict[str, Any]) -> None:
         """Insert a record after the one at a place."""
@@ -245,7 +250,7 @@ class Atlas:
             of_period = [new[k] for k in group]
             halves = self._halves(of_period, period)
             for beginning, pieces in zip(of_period, halves, strict=True):
-                followed.append((beginning, _branch(beginning, pieces)))
+                followed.append((beginning, self._without_image(beginning, _branch(beginning, pieces))))
         for beginning, branch in followed:
             if self._is_passed(beginning):
                 continue
@@ -253,6 +258,25 @@ class Atlas:
                 self.branches.append(branch)
             else:
                 self.left_out[branch.row] += 1
+
+    def _without_image(self, beginning: Beginning, branch: Branch) -> Branch:
+        """A branch without its part beyond a pitchfork at which it turns and becomes its image."""
+        flat, turned = FLAT * (branch.problem.high - branch.problem.low), len(branch.records) - 1
+        for place in range(1, turned):
+            here = branch.records[place]
+            if here["special"] not in CROSSINGS or abs(here["at"].tangent[0, -1]) > flat:
+                continue
+            beyond = branch.records[place + 1]["at"]
+            at, orbit = float(beyond.parameter[0]), self._orbit(branch, beyond)
+            values = {**branch.problem.values, self.parameter: beyond.parameter}
+            images = {} if orbit is None else self.mapping.mirrored(orbit, values)
+            before, after = branch.part(0, place + 1), branch.part(place, turned + 1)
+            if any(before.place_of(image, at) is not None for image in images.values()):
+                away = branch.problem.mapping.distance(beginning.first.points.at, branch.at)
+                kept = before if int(np.argmin(away)) <= place else after
+                kept.records[-1 if kept is before else 0]["end"] = "pitchfork"
+                return kept
+        return branch
 
     def _is_passed(self, beginning: Beginning) -> bool:
         """Whether a branch passes the first point of another one, or its image under a symmetry.
