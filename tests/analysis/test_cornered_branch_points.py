@@ -72,6 +72,22 @@ def test_both_sides_decide(towards: int) -> None:
     np.testing.assert_array_equal(across["stable"], across["r"] > 0.0)
 
 
+@pytest.mark.parametrize(("a", "b"), [(1.0, -1.0), (1.0, -0.4), (0.7, -2.0)])
+def test_from_the_half_that_ends_in_the_corner(a: float, b: float) -> None:
+    """From r = a x the pitchfork is named, and the other half and both ways of x = 0 are followed."""
+    start = MAPPING.points([0.3 + TURN @ [0.1, 0.004]])
+    table = continuation(
+        MAPPING, start, {"a": a, "b": b}, parameter="r", within=(-0.5, 1.0), begin=0.1 * a, towards=-1,
+        crossing=True, steps=ArclengthSteps(most=40),
+    )  # fmt: skip
+    x = (table[["x", "y"]].to_numpy() - 0.3) @ TURN[:, 0]
+    first = table[table["special"] != ""].iloc[0]
+    assert first["special"] == "supercritical_pitchfork"
+    np.testing.assert_allclose(first["r"], 0.0, atol=1e-8)
+    ends = x[table.groupby("branch").tail(1).index]
+    assert sorted(np.sign(np.round(ends[1:], 6))) == [-1.0, 0.0, 0.0]
+
+
 def test_a_branch_point_of_one_side_alone() -> None:
     """At x < 0 the multiplier is 1 at r = 0.2: there is no second half at r = 0, and the table says so."""
     table = followed(1, a=1.0, d=-0.2)

@@ -122,18 +122,20 @@ def cornered(problem: ContinuationProblem, at: BranchPoints, sides: list[Side]) 
         return None
     scale = problem.scale()[0]
     along = at.tangent[0] / scale
-    own = next((side for side in sides if side.near), sides[0])
-    at = dataclasses.replace(at, images=dataclasses.replace(at.images, jacobian=own.jacobian[None]))
+    near = [n for n, side in enumerate(sides) if side.near] or [0]
     throughs = [side.tangents[np.argmax(np.abs(side.tangents @ along))] for side in sides]
     if len(sides) == 2:
         # the branch that lies in the corner is that which both sides have
         (i, k), alike = _common(sides)
         throughs = [sides[0].tangents[i], sides[1].tangents[k]]
         if not alike[i, k]:
-            return Crossing("branch_point", at, None)
+            return Crossing("branch_point", _on_side(at, sides[near[0]]), None)
     halves = [side.half(through) for side, through in zip(sides, throughs, strict=True)]
     ways = [(side.points, half * scale) for side, half in zip(sides, halves, strict=True)]
-    place = next(n for n, side in enumerate(sides) if side is own)
+    # where both sides have the coordinates of the point, the branch may have come along the half of one
+    place = min(near, key=lambda n: halves[n] @ along)
+    own = sides[place]
+    at = _on_side(at, own)
     candidates = [throughs[place], halves[place]]
     ours = int(np.argmax(np.abs([candidate @ along for candidate in candidates])))
     if ours:
@@ -142,6 +144,11 @@ def cornered(problem: ContinuationProblem, at: BranchPoints, sides: list[Side]) 
     at = _directed(at, candidates[ours] * np.sign(candidates[ours] @ along) * scale)
     aside = beside(problem, at, ways)
     return Crossing(_kind_of_halves(sides, halves, throughs, scale), at, aside)
+
+
+def _on_side(at: BranchPoints, side: Side) -> BranchPoints:
+    """The branch point with the derivatives of one side."""
+    return dataclasses.replace(at, images=dataclasses.replace(at.images, jacobian=side.jacobian[None]))
 
 
 def _kind_of_halves(sides: list[Side], halves: list[Vector], throughs: list[Vector], scale: Vector) -> str:
@@ -161,7 +168,7 @@ def _common(sides: list[Side]) -> tuple[tuple[int, int], Bool[np.ndarray, "2 2"]
     first, last = sides if sides[0].near else sides[::-1]
     # where coordinates are the same on both sides, so are displacements
     pushed = first.tangents if last.near else first.tangents @ last.push.T
-    pushed /= np.linalg.norm(pushed, axis=1)[:, None]
+    pushed = pushed / np.linalg.norm(pushed, axis=1)[:, None]
     signs = np.sign(pushed @ last.tangents.T)
     apart = np.linalg.norm(pushed[:, None] * signs[:, :, None] - last.tangents, axis=2)
     apart = apart if first is sides[0] else apart.T

@@ -25,7 +25,7 @@ from gaitsweep.analysis.continuation.bifurcation_tests import (
     multipliers_of,
     test_values,
 )
-from gaitsweep.analysis.continuation.branch_points import CROSSINGS
+from gaitsweep.analysis.continuation.branch_points import CROSSINGS, IMPERFECT, branch_point
 from gaitsweep.analysis.continuation.flows import in_terms_of_flow
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, NewtonOutcome, newton
 from gaitsweep.analysis.continuation.normal_forms import coefficient, critical_multiplier
@@ -39,6 +39,8 @@ STRAIGHT, FEW = 0.95, 6
 LONGER, SHORTER = 1.4, 0.5
 # A branch is closed where it passes its start within this share of a step, after more than so many points.
 NEAR_HOME, AWAY = 0.75, 4
+# A branch that no shortest step leads on ends at a branch point that is within so many of these steps.
+AT_END = 4.0
 # Largest share of its way that a branch counts as done while it is followed.
 NEARLY = 0.95
 # Shares of the longest step that are tried to jump over a discontinuity, where no short step converges.
@@ -438,6 +440,8 @@ class BranchFollower:
         if not rows.size:
             return
         problem = self.problem[rows]
+        for row in rows:
+            self._mark_corner(np.array([row]))
         over, crossed = _jump_over(problem, self.branch_points[rows], self.steps.longest)
         good = np.flatnonzero(crossed)
         self.branch_points = self.branch_points.merged(rows[good], over[good])
@@ -445,6 +449,16 @@ class BranchFollower:
         self.length[rows] = self.steps.first
         self.table.write(self.names[rows[good]], problem[good], over[good], ["kink"] * good.size)
         self._end(rows[~crossed], "lost")
+
+    def _mark_corner(self, row: Int[np.ndarray, " 1"]) -> None:
+        """Record the branch point in a corner of the map at which one branch (1,) ends, if there is one."""
+        problem, before = self.problem[row], self.branch_points[row]
+        crossing, beta = branch_point(problem, before)
+        if crossing is None or not abs(beta) <= IMPERFECT:
+            return
+        if 0.0 <= ahead(problem, before, crossing.here) <= AT_END * self.steps.shortest:
+            self.table.write(self.names[row], problem, crossing.here, [crossing.kind], tolerance=TOGETHER)
+            self.crossings.append((int(row[0]), crossing.here, crossing.aside))
 
     def _accept(
         self, rows: Int[np.ndarray, " rows"], after: BranchPoints, specials: list[list[Special]]
