@@ -38,6 +38,7 @@ Range = Annotated[list[Real], Field(min_length=2, max_length=2)]
 class Atlas(FollowsFixedPoints):
     """Find all periodic gaits, stable or not, and follow them and what they meet along one parameter."""
 
+    programs: ClassVar = 10.0
     point_names: ClassVar = ("number", "point")
 
     kind: Literal["atlas"] = Field(
