@@ -38,6 +38,7 @@ Range = Annotated[list[Real], Field(min_length=2, max_length=2)]
 class Atlas(FollowsFixedPoints):
     """Find all periodic gaits, stable or not, and follow them and what they meet along one parameter."""
 
+    programs: ClassVar = 10.0
     point_names: ClassVar = ("number", "point")
 
     kind: Literal["atlas"] = Field(
@@ -339,7 +340,8 @@ class Atlas(FollowsFixedPoints):
         if settled.size:
             search.add(images.points[settled], of[settled], drawn=False)
         search.run(draw, range(len(numbers)))
-        search.mark_reached(images.points, of, images.sound)
+        if not self.fix:  # else the drawn starts lead to gaits with other values of what is conserved
+            search.mark_reached(images.points, of, images.sound)
         return search
 
     def _without_gait(self, row: int, search: OrbitSearch) -> dict[str, Any]:

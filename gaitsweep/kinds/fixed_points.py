@@ -36,8 +36,6 @@ from gaitsweep.kinds.run_kind import BlockProgress, RunKind, StartingPoints, tab
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
 
-# Time in which all programs of a return map are compiled, as a multiple of that of its settling.
-PROGRAMS = 4.0
 # Values of a kind of bifurcation that a sentence lists.
 LISTED = 6
 
@@ -45,6 +43,8 @@ LISTED = 6
 class FollowsFixedPoints(RunKind):
     """A run kind that begins at a fixed point of each row's return map and follows it by its arclength."""
 
+    # time in which all programs of a return map are compiled, as a multiple of that of its settling
+    programs: ClassVar[float] = 4.0
     # columns that tell the points of a row's branches apart
     point_names: ClassVar[tuple[str, ...]] = ("point",)
     idle_without: ClassVar = {"stationary": ("stationary", "without")}
@@ -186,7 +186,7 @@ class FollowsFixedPoints(RunKind):
         began = time.perf_counter()
         mapping, values, starts = self.return_map(rows, spec, np.zeros(1, np.int64))
         mapping.settled(starts, values, 1)
-        return PROGRAMS * (time.perf_counter() - began)
+        return self.programs * (time.perf_counter() - began)
 
     def return_map(
         self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"]

@@ -167,7 +167,10 @@ def _mirrors(mapping: ModelMap) -> Callable[..., Any]:
         for q in model.initial_conditions
     }
     params = mapping.params(first)
-    symmetries = group_of(model.symmetries(), params, model.init(params, defaults))
+    state = model.init(params, defaults)
+    symmetries = group_of(
+        model.symmetries(), params, state, lambda image: mapping.chart.to_coordinates(params, image)
+    )
 
     def one(values: Any, at: Coordinates, modes: State) -> dict[str, Any]:
         params = mapping.params(values)
