@@ -113,7 +113,7 @@ def stationary(
         >>> rolls = gs.stationary(Lorenz(), rho=20.0)
         >>> branch = rolls.continue_([7.0, 7.0, 19.0], "rho", (0.5, 28.0), towards=1)
         >>> hopf = branch[branch["special"] == "hopf"].iloc[0]
-        >>> round(hopf["rho"], 6), hopf["coefficient"] > 0.0
+        >>> float(hopf["rho"].round(6)), bool(hopf["coefficient"] > 0.0)
         (24.736842, True)
         >>> round(10.0 * (10.0 + 8.0 / 3.0 + 3.0) / (10.0 - 8.0 / 3.0 - 1.0), 6)
         24.736842
