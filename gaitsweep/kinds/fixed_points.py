@@ -76,6 +76,10 @@ class FollowsFixedPoints(RunKind):
     )
     most: Count = Field(default=300, description="largest number of points of a branch")
 
+    @property
+    def integrates(self) -> bool:
+        return not self.stationary
+
     def recorder(self, model: Model) -> CrossingRecorder:
         # the rows are followed to where their branches begin; `block_table` does the rest
         return CrossingRecorder(model, 1, self.settle)
@@ -161,7 +165,7 @@ class FollowsFixedPoints(RunKind):
     ) -> list[StartingPoints]:
         mapping, values, starts = self.return_map(rows, spec, sample)
 
-        maps = [mapping.refined(s) if isinstance(mapping, BatchedReturnMap) else mapping for s in shares]
+        assert isinstance(mapping, BatchedReturnMap)
 
         def fixed_points(of_map: ModelMap) -> StartingPoints:
             points = self.near_fixed_points(of_map, values, starts, sample)
@@ -169,7 +173,7 @@ class FollowsFixedPoints(RunKind):
             observed = [fixed.images.observed[q.name] for q in rows.model.observables]
             return StartingPoints(fixed.converged, np.stack(observed, axis=1))
 
-        return [fixed_points(of_map) for of_map in maps]
+        return [fixed_points(mapping.refined(share)) for share in shares]
 
     @abc.abstractmethod
     def near_fixed_points(

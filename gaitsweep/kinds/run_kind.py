@@ -205,6 +205,11 @@ class RunKind(StrictModel, abc.ABC):
         raise NotImplementedError
 
     @property
+    def integrates(self) -> bool:
+        """Whether the table depends on the steps of an integration, which the self-check refines."""
+        return True
+
+    @property
     def makes_tables(self) -> bool:
         """Whether `block_table` makes the records, and not the sweep engine."""
         return type(self).block_table is not RunKind.block_table

@@ -222,10 +222,10 @@ def self_check(
         on_progress: progress callback.
 
     Returns:
-        The result, None if the self-check is off; and the rows rerun with the same steps, for
+        The result, None if the self-check is off or nothing is integrated; and the rows rerun with the same steps, for
         `compare_stored`.
     """
-    if count == 0:
+    if count == 0 or not context.job.run.integrates:
         return None, None
     rows, compared = sample_rows(context.design, count), context.job.run.compared
     check = SelfCheck(rows=rows.size, of=context.design.n_rows)
