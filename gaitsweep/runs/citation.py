@@ -155,14 +155,17 @@ def _methods(model: str, job: Mapping[str, Any], manifest: Mapping[str, Any], ch
     packages = {title: versions.get(key, NOT_INSTALLED) for key, title in _PACKAGES.items()}
     check = manifest.get("self_check") or {"verdict": "off"}
     listed = ", ".join(f"{title} {part}" for title, part in packages.items() if part != NOT_INSTALLED)
+    integration = (
+        f"Integration: {_METHODS.get(manifest['method'], 'the method')} ({manifest['method']}), "
+        + "".join(f"{part}, " for part in [*tolerances, *([f"steps of at most {steps}"] if steps else [])])
+        + f"in {manifest.get('precision', 'float64')}."
+    )
     sentences = [
         f"The model {model} was simulated with gaitsweep {versions['gaitsweep']} [gaitsweep]: "
         f"{n} {noun}{over}{split if inferred else ''}.",
         changed,
         _run(run, " simulated row" if inferred else ""),
-        f"Integration: {_METHODS.get(manifest['method'], 'the method')} ({manifest['method']}), "
-        + "".join(f"{part}, " for part in [*tolerances, *([f"steps of at most {steps}"] if steps else [])])
-        + f"in {manifest.get('precision', 'float64')}.",
+        "" if run.get("stationary") else integration,
         "There was no self-check." if check["verdict"] == "off" else self_check_sentence(check),
         f"Versions: {listed}.",
     ]
@@ -179,4 +182,6 @@ def _run(run: Mapping[str, Any], row: str) -> str:
         f"{key} {value:g}" for key, value in run.items() if type(value) in (int, float) and key not in idle
     ]
     name, _, description = str(kind.model_fields["kind"].description or run["kind"]).partition(": ")
+    if run.get("stationary"):
+        description = "find stationary points of the flow, and follow them"
     return f"Run of each{row}: {description} ({', '.join([name, *limits])})."

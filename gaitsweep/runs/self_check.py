@@ -222,8 +222,8 @@ def self_check(
         on_progress: progress callback.
 
     Returns:
-        The result, None if the self-check is off or nothing is integrated; and the rows rerun with the same steps, for
-        `compare_stored`.
+        The result, None if the self-check is off or nothing is integrated; and the rows rerun with the same
+        steps, for `compare_stored`.
     """
     if count == 0 or not context.job.run.integrates:
         return None, None
