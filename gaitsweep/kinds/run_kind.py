@@ -181,6 +181,10 @@ class RunKind(StrictModel, abc.ABC):
             period: length of a cycle, s.
         """
 
+    def columns_of_block(self, model: Model, block: RowOutcome) -> list[Column]:
+        """Columns after all others that the records of this block have; other blocks may lack them."""
+        return []
+
     def schedule(self) -> Schedule | None:
         """The schedule of the parameter that moves while a row runs; None: no parameter moves."""
         return None
@@ -257,7 +261,8 @@ class RunKind(StrictModel, abc.ABC):
             records = Records.one_a_sample(model, block, self.recorder(model).names)
         columns: dict[str, Any] = {"row": records.rows}
         columns |= {name: records.of_row(values) for name, values in axes.items()}
-        columns |= {column.name: column.values(records) for column in self.all_columns(model)}
+        declared = [*self.all_columns(model), *self.columns_of_block(model, block)]
+        columns |= {column.name: column.values(records) for column in declared}
         return pd.DataFrame(columns)
 
 

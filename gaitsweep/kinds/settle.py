@@ -21,8 +21,10 @@ from gaitsweep.kinds.columns import (
     Column,
     label_fields,
     observed_at_end,
+    observed_on_orbits,
 )
 from gaitsweep.kinds.run_kind import Cost, RunKind
+from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import (
     Count,
@@ -109,6 +111,9 @@ class Settle(RunKind):
             Column("attractor_period", lambda records: records["period"]),
             *label_fields(model),
         ]
+
+    def columns_of_block(self, model: Model, block: RowOutcome) -> list[Column]:
+        return observed_on_orbits(model, block)
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
         return [*check_tolerance(self.tolerance, rows.model), *self._check_refinement(rows)]

@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -165,7 +166,8 @@ def _records(
             arrays.append(pa.Array.from_pandas(values, type=pa.string()))
         else:
             arrays.append(pa.Array.from_pandas(values))
-        quantity = (quantities or {}).get(column) or ({"unit": _UNITS[column]} if column in _UNITS else {})
+        observed = re.sub(r"_end_\d+\Z", "_end", column)  # at a further crossing of an orbit
+        quantity = (quantities or {}).get(observed) or ({"unit": _UNITS[column]} if column in _UNITS else {})
         described = {name: quantity[name] for name in ("unit", "meaning") if name in quantity}
         fields.append(pa.field(column, arrays[-1].type, metadata=described or None))
     footer = Footer(number, job_hash, dict(counts), categories)

@@ -45,7 +45,7 @@ class FastestRecorder(Recorder):
     """Ends rows as a `SettleRecorder` does, and keeps the largest first observable of their crossings."""
 
     model: Model
-    numbers = (*Recorder.numbers, FASTEST)
+    numbers = (*SettleRecorder.numbers, FASTEST)
 
     @property
     def settling(self) -> SettleRecorder:

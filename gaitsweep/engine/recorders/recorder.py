@@ -180,7 +180,9 @@ class Recorder(abc.ABC):
             filled=count,
             samples=count,
             numbers={
-                n.name: jnp.asarray(n.absent, last.dtype if issubclass(n.dtype, np.floating) else jnp.int32)
+                n.name: jnp.full(
+                    n.shape(last.size), n.absent, last.dtype if issubclass(n.dtype, np.floating) else jnp.int32
+                )
                 for n in self.numbers
             },
             fired=jnp.zeros_like(_packed(fired_last(carry))),

@@ -27,7 +27,7 @@ from gaitsweep.engine.recorders.recorder import (
     readings_at_the_end,
 )
 from gaitsweep.engine.shapes import Flag, Integer, Number, Observed
-from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.row_outcome import RowNumber, RowOutcome
 
 # Crossings over which a settled state must be constant.
 SETTLE_WINDOW = 10
@@ -110,6 +110,8 @@ class SettleRecorder(Recorder):
     (s) is by default four nominal periods for each of `max_cycles`.
     """
 
+    # the observables at the crossings before the last one, the latest first, of rows on an orbit
+    numbers = (*Recorder.numbers, RowNumber("orbit", np.float64, np.nan, crossings=MOST_PERIOD - 1))
     model: Model
     max_cycles: int = 150
     tolerance: float | tuple[float, ...] = TOLERANCE
@@ -198,6 +200,11 @@ class SettleRecorder(Recorder):
             numbers={
                 **record.numbers,
                 "period": jnp.where(crossed & settled, period, 0).astype(jnp.int32),
+                "orbit": jnp.where(
+                    crossed & settled & (period > 1),
+                    jnp.ravel(before[: MOST_PERIOD - 1]),
+                    record.numbers["orbit"],
+                ),
                 "slowest": jnp.where(crossed & given_up & ~settled, slowest(moved), -1).astype(jnp.int32),
             },
         )
