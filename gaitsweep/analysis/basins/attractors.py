@@ -110,7 +110,9 @@ def attractors(
     links, lengths = spanning_tree(space, states)
     orbits = _orbits(table)
     periods = [int(p) for p in np.unique(orbits[orbits > 1])]
-    cycles = [(p, *cycle) for p in periods for cycle in _grouped_orbits(space, table, columns, p, grain, link)]
+    cycles = [
+        (p, *cycle) for p in periods for cycle in _grouped_orbits(space, table, columns, p, grain, link)
+    ]
     link = linking_distance(lengths, binned.side, len(points)) if link is None else link
     flat = space.unrolled(states, links)
     group = components(len(states), links[lengths <= link])

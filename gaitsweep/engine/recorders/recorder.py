@@ -181,7 +181,9 @@ class Recorder(abc.ABC):
             samples=count,
             numbers={
                 n.name: jnp.full(
-                    n.shape(last.size), n.absent, last.dtype if issubclass(n.dtype, np.floating) else jnp.int32
+                    n.shape(last.size),
+                    n.absent,
+                    last.dtype if issubclass(n.dtype, np.floating) else jnp.int32,
                 )
                 for n in self.numbers
             },
