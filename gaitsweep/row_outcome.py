@@ -23,7 +23,7 @@ class RowNumber:
         the run's precision. absent: its value in rows that have not ended or were not simulated, and where
         a trajectory begins. quantity: unit and meaning of its column; None if the run kind declares the
         column itself. crossings: if not 0, it has the values of all observables at so many crossings, one
-        crossing after the other.
+        crossing after the other, and is not among the numbers that a recorder sets.
     """
 
     name: str

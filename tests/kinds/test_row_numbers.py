@@ -45,7 +45,7 @@ class FastestRecorder(Recorder):
     """Ends rows as a `SettleRecorder` does, and keeps the largest first observable of their crossings."""
 
     model: Model
-    numbers = (*SettleRecorder.numbers, FASTEST)
+    numbers = (*Recorder.numbers, FASTEST)
 
     @property
     def settling(self) -> SettleRecorder:

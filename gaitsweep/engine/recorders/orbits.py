@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Num
 
 from gaitsweep.contract import Quantity
+from gaitsweep.engine.recorders.settle import MOST_PERIOD
 from gaitsweep.row_outcome import RowOutcome
 
 # Largest difference of values that count as equal in the order of crossings, as a share of the largest
 # extent of the orbit; an observable is relative to its scale, or to its magnitude.
 EQUAL = 0.01
+
+
+def with_orbits(numbers: Mapping[str, Num[np.ndarray, "rows ..."]]) -> dict[str, Num[np.ndarray, "rows ..."]]:
+    """The numbers of ended rows with `orbit`, the crossings before the last one, the latest first.
+
+    They are in the recorder's `window` (n, crossings, observables + 2), the last one first.
+    """
+    if "window" not in numbers:
+        return {**numbers}
+    others = numbers["window"][:, 1:MOST_PERIOD, :-2].reshape(len(numbers["window"]), -1)
+    return {**numbers, "orbit": np.where(numbers["period"][:, None] > 1, others, np.nan)}
 
 
 def from_first_crossing(observables: Sequence[Quantity], rows: RowOutcome) -> RowOutcome:

@@ -96,6 +96,11 @@ class Memory:
     fastest: Float[Array, " rates"]
     rest: Float[Array, " 3"]
 
+    @property
+    def results(self) -> dict[str, Array]:
+        """What `with_orbits` reads of a row that has ended."""
+        return {"window": self.window}
+
 
 @final
 @dataclasses.dataclass(frozen=True)
@@ -110,7 +115,6 @@ class SettleRecorder(Recorder):
     (s) is by default four nominal periods for each of `max_cycles`.
     """
 
-    # the observables at the crossings before the last one, the latest first, of rows on an orbit
     numbers = (*Recorder.numbers, RowNumber("orbit", np.float64, np.nan, crossings=MOST_PERIOD - 1))
     model: Model
     max_cycles: int = 150
@@ -200,11 +204,6 @@ class SettleRecorder(Recorder):
             numbers={
                 **record.numbers,
                 "period": jnp.where(crossed & settled, period, 0).astype(jnp.int32),
-                "orbit": jnp.where(
-                    crossed & settled & (period > 1),
-                    jnp.ravel(before[: MOST_PERIOD - 1]),
-                    record.numbers["orbit"],
-                ),
                 "slowest": jnp.where(crossed & given_up & ~settled, slowest(moved), -1).astype(jnp.int32),
             },
         )
