@@ -288,8 +288,7 @@ def read_open(data: bytes, job_hash: str, n_rows: int) -> RowOutcome:
             column = table.column(name).combine_chunks()
             if name in metadata["widths"]:
                 width = int(metadata["widths"][name])
-                flat = column.flatten().to_numpy()
-                arrays[name] = flat.reshape(flat.size // width if width else 0, width)
+                arrays[name] = column.flatten().to_numpy().reshape(len(column), width)
             else:
                 arrays[name] = column.to_numpy(zero_copy_only=False)
         row, kept, samples = (arrays.pop(name) for name in ("row", "kept", "samples"))

@@ -22,6 +22,7 @@ from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.job import JobError
 from gaitsweep.plot import draw
 from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.table import Snapshot
 from plane_maps import Logistic, Spiral
 from simplest_walker import ANGLE, RATE, SimplestWalker
 from tests.support.plot_tables import legend_texts
@@ -370,6 +371,21 @@ def test_two_cycles_of_period_2_are_two_attractors_whichever_crossing_ends_a_row
     # older tables have one crossing of an orbit
     older = attractors(mirrored.drop(columns=["x_end_2", "y_end_2"]))
     assert older.summary[["attractor", "rows"]].to_numpy().tolist() == [["period 2", 64]]
+
+
+def test_orbits_through_an_interrupt(tmp_path: Path) -> None:
+    def stop(done: int, total: int, rate: float, fraction: float, note: str) -> None:
+        if note != "compiling" and 0 < done < total:
+            raise KeyboardInterrupt
+
+    settings = {"vary": {"r": np.linspace(2.8, 3.8, 64).tolist()}, "engine": {"block": 64, "lanes": 8}}
+    run = gs.Job.model_validate(job(**settings))
+    with pytest.raises(KeyboardInterrupt):
+        gs.run(run, tmp_path / "stopped", on_progress=stop)
+    assert 0 < Snapshot.of(tmp_path / "stopped").rows_open < 64
+    table, whole = (gs.run(run, tmp_path / name).table for name in ("stopped", "whole"))
+    pd.testing.assert_frame_equal(table, whole, check_exact=True)
+    assert whole["x_end_4"].notna().any()
 
 
 def test_basins_of_two_cycles_of_period_2(mirrored: pd.DataFrame) -> None:

@@ -29,7 +29,7 @@ def with_orbits(numbers: Mapping[str, Num[np.ndarray, "rows ..."]]) -> dict[str,
 
 
 def from_first_crossing(observables: Sequence[Quantity], rows: RowOutcome) -> RowOutcome:
-    """The rows, those on orbits of several crossings read where `first_crossing` is the last one."""
+    """The rows, with `last` at the `first_crossing` of an orbit and `orbit` at those after it."""
     if "orbit" not in rows.numbers:
         return rows
     periods, last, others = rows.numbers["period"], rows.last.copy(), rows.numbers["orbit"].copy()
@@ -68,6 +68,6 @@ def first_crossing(
         np.put_along_axis(rank, order[:, 1:], np.cumsum(steps, axis=1), axis=1)
         key = p * place + rank
         place = np.sum(key[:, None, :] < key[:, :, None], axis=2)
-    # as digits of a number, that from each crossing on
+    # the places from each crossing on, as digits of a number
     turns = (np.arange(p)[:, None] + np.arange(p)) % p
     return np.argmin(place[:, turns] @ p ** np.arange(p)[::-1], axis=1)
