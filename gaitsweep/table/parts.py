@@ -288,7 +288,9 @@ def read_open(data: bytes, job_hash: str, n_rows: int) -> RowOutcome:
             column = table.column(name).combine_chunks()
             if name in metadata["widths"]:
                 width = int(metadata["widths"][name])
-                arrays[name] = column.flatten().to_numpy().reshape(len(column), width)
+                flat = column.flatten().to_numpy()
+                count = flat.size // max(width, 1) if name == "samples" else len(column)
+                arrays[name] = flat.reshape(count, width)
             else:
                 arrays[name] = column.to_numpy(zero_copy_only=False)
         row, kept, samples = (arrays.pop(name) for name in ("row", "kept", "samples"))
