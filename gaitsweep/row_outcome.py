@@ -104,7 +104,7 @@ class RowOutcome:
         """Set the numbers of the rows at the places `which` (m,)."""
         for name, own in list(self.numbers.items()):
             values = numbers[name]
-            if own.shape[1:] != values.shape[1:]:  # the number of guards is known only now
+            if own.shape[1:] != values.shape[1:]:  # the guards, or crossings, are counted only now
                 self.numbers[name] = own = np.zeros((self.row.size, *values.shape[1:]), own.dtype)
             own[which] = values
 

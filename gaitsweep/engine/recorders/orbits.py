@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float, Int, Num
 
 from gaitsweep.contract import Quantity
-from gaitsweep.engine.recorders.settle import MOST_PERIOD
 from gaitsweep.row_outcome import RowOutcome
 
 # Largest difference of values that count as equal in the order of crossings, as a share of the largest
@@ -24,7 +23,7 @@ def with_orbits(numbers: Mapping[str, Num[np.ndarray, "rows ..."]]) -> dict[str,
     """
     if "window" not in numbers:
         return {**numbers}
-    others = numbers["window"][:, 1:MOST_PERIOD, :-2].reshape(len(numbers["window"]), -1)
+    others = numbers["window"][:, 1:, :-2].reshape(len(numbers["window"]), -1)
     return {**numbers, "orbit": np.where(numbers["period"][:, None] > 1, others, np.nan)}
 
 
@@ -66,8 +65,12 @@ def first_crossing(
         steps = np.diff(np.take_along_axis(column, order, axis=1), axis=1) > equal[:, None]
         rank = np.zeros((n, p), np.int64)
         np.put_along_axis(rank, order[:, 1:], np.cumsum(steps, axis=1), axis=1)
-        key = p * place + rank
-        place = np.sum(key[:, None, :] < key[:, :, None], axis=2)
-    # the places from each crossing on, as digits of a number
-    turns = (np.arange(p)[:, None] + np.arange(p)) % p
-    return np.argmin(place[:, turns] @ p ** np.arange(p)[::-1], axis=1)
+        place = _ranks(p * place + rank)
+    # the places of 2, 4, 8, ... successive crossings
+    for length in (1 << np.arange((p - 1).bit_length())).tolist():
+        place = _ranks(p * place + np.roll(place, -length, axis=1))
+    return np.argmin(place, axis=1)
+
+
+def _ranks(keys: Int[np.ndarray, "rows crossings"]) -> Int[np.ndarray, "rows crossings"]:
+    return np.sum(keys[:, None, :] < keys[:, :, None], axis=2)
