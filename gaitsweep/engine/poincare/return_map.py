@@ -246,8 +246,7 @@ def _mirrors(mapping: BatchedReturnMap) -> Callable[..., Any]:
     """The function `(values, at, modes) -> {symmetry: (at, state)}` of many points."""
     model = mapping.model
     first = {name: column[0] for name, column in mapping.complete({}, 1).items()}
-    zero = jnp.zeros(())
-    defaults = {q.name: zero if q.default is None else zero + q.default for q in model.initial_conditions}
+    defaults = {q.name: jnp.asarray(q.default or 0.0, float) for q in model.initial_conditions}
     params = mapping.params(first)
     state = model.init(params, defaults)
     symmetries = group_of(
