@@ -22,7 +22,14 @@ from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import Column, observed_at_crossings
-from gaitsweep.kinds.fixed_points import LISTED, FollowsFixedPoints, beginning_within, rising, unknowns
+from gaitsweep.kinds.fixed_points import (
+    LISTED,
+    FollowsFixedPoints,
+    beginning_within,
+    bifurcations_found,
+    rising,
+    unknowns,
+)
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Real, Text
@@ -95,8 +102,8 @@ class Atlas(FollowsFixedPoints):
 
     @property
     def columns_of_findings(self) -> tuple[str, ...]:
-        read = ("row", "part", "number", "period", "stable", "found", "missing", "left_out")
-        return (*super().columns_of_findings, *read, *self.second)
+        read = ("row", "part", "number", "period", "stable", "found", "missing", "left_out", "special", "end")
+        return (self.parameter, *read, *self.second)
 
     def findings(self, table: pd.DataFrame) -> list[str]:
         branch = (table["part"] == "branch").to_numpy(bool)
@@ -112,7 +119,7 @@ class Atlas(FollowsFixedPoints):
         text += "; ".join(counts) or "no gait"
         missing = np.sum(of_row["missing"].to_numpy(float))
         text += f"; an estimate of {missing:.0f} more were not found." if missing >= 0.5 else "."
-        sentences = [text, *super().findings(table.iloc[np.flatnonzero(branch)])]
+        sentences = [text, bifurcations_found(table.iloc[np.flatnonzero(branch)], self.parameter)]
         if left_out := np.sum(of_row["left_out"].to_numpy(int)):
             what = "1 branch was" if left_out == 1 else f"{left_out} branches were"
             sentences.append(f"{what} not followed: run.branches is {self.branches}.")
