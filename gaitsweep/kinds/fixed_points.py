@@ -84,6 +84,7 @@ class FollowsFixedPoints(RunKind):
         # the rows are followed to where their branches begin; `block_table` does the rest
         return CrossingRecorder(model, 1, self.settle)
 
+    @abc.abstractmethod
     def followed_again(
         self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"], on_progress: BlockProgress
     ) -> tuple[ModelMap, dict[str, Any], pd.DataFrame] | None:
@@ -93,20 +94,6 @@ class FollowsFixedPoints(RunKind):
             The return map, the parameters (n,) that do not move, and a record for each point: `row`, counted
             from 0, the columns `point_names`, the parameter, and its `BranchPoints` as `at`.
         """
-        return None
-
-    @property
-    def columns_of_findings(self) -> tuple[str, ...]:
-        return () if self.moved is None else (self.moved, "special", "end")
-
-    def findings(self, table: pd.DataFrame) -> list[str]:
-        assert self.moved is not None
-        places = table[self.moved].to_numpy(float)
-        # a doubled gait that meets its parent again ends at the parent's flip
-        special = table["special"].astype(str).where(table["end"].astype(str) != "flip", "")
-        kinds = [kind for kind in (*MARKS, "order_change") if np.any(special == kind)]
-        texts = [f"{kind.replace('_', ' ')} at {_listed(places[special == kind])}" for kind in kinds]
-        return [f"Along {self.moved}: {'; '.join(texts) or 'no bifurcation'}."]
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
         of_map = self._check_flow(rows) if self.stationary else self._check_map(rows.model, method)
@@ -309,6 +296,16 @@ def beginning_within(
                 f"is from {low:g} to {high:g}, but {name} begins at {at}: rows must begin within the range."
             )
             yield Diagnostic((*field, name), text)
+
+
+def bifurcations_found(table: pd.DataFrame, parameter: str) -> str:
+    """A sentence that lists the bifurcations on the branches of a table, by kind."""
+    places = table[parameter].to_numpy(float)
+    # a doubled gait that meets its parent again ends at the parent's flip
+    special = table["special"].astype(str).where(table["end"].astype(str) != "flip", "")
+    kinds = [kind for kind in (*MARKS, "order_change") if np.any(special == kind)]
+    texts = [f"{kind.replace('_', ' ')} at {_listed(places[special == kind])}" for kind in kinds]
+    return f"Along {parameter}: {'; '.join(texts) or 'no bifurcation'}."
 
 
 def _listed(places: Float[np.ndarray, " places"]) -> str:

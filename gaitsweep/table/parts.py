@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -168,7 +169,8 @@ def _records(
             arrays.append(pa.Array.from_pandas(values, type=pa.string()))
         else:
             arrays.append(pa.Array.from_pandas(values))
-        quantity = (quantities or {}).get(column) or ({"unit": _UNITS[column]} if column in _UNITS else {})
+        observed = re.sub(r"_end_\d+\Z", "_end", column)  # at a further crossing of an orbit
+        quantity = (quantities or {}).get(observed) or ({"unit": _UNITS[column]} if column in _UNITS else {})
         described = {name: quantity[name] for name in ("unit", "meaning") if name in quantity}
         fields.append(pa.field(column, arrays[-1].type, metadata=described or None))
     footer = Footer(number, job_hash, dict(counts), categories)
@@ -290,7 +292,8 @@ def read_open(data: bytes, job_hash: str, n_rows: int) -> RowOutcome:
             if name in metadata["widths"]:
                 width = int(metadata["widths"][name])
                 flat = column.flatten().to_numpy()
-                arrays[name] = flat.reshape(flat.size // width if width else 0, width)
+                count = flat.size // max(width, 1) if name == "samples" else len(column)
+                arrays[name] = flat.reshape(count, width)
             else:
                 arrays[name] = column.to_numpy(zero_copy_only=False)
         row, kept, samples = (arrays.pop(name) for name in ("row", "kept", "samples"))

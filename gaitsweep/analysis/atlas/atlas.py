@@ -424,7 +424,7 @@ class Atlas:
     def _order_curves(
         self, second: str, within: tuple[float, float], numbers: Counter[int]
     ) -> Iterator[dict[str, Any]]:
-        """The records of the curves along which the order of events changes, after the `numbers` of others."""
+        """The records of the curves on which the order of events changes, after the `numbers` of others."""
         known: list[tuple[int, int, float, Points]] = []
         places = [(branch, record) for branch in self.branches for record in branch.records]
         for branch, record in places:

@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Chart, Model, Params, Quantity, State
@@ -125,6 +125,12 @@ class ModelMap(FollowedMap):
         at = jax.jit(jax.vmap(lambda v, s: self.chart.to_coordinates(self.params(v), s)))(complete, state)
         return Points(np.asarray(at), jax.tree.map(np.asarray, state)), np.asarray(status)
 
+    def covers(self, points: Points, values: Values) -> Bool[np.ndarray, " points"]:
+        """Whether the chart covers the states of points that `settled` returned."""
+        complete = self.complete(values, len(points))
+        covered = jax.vmap(lambda v, state: self.chart.covers(self.params(v), state))
+        return np.asarray(jax.jit(covered)(complete, points.modes))
+
     @cached_property
     def _written(self) -> dict[str, float | str]:
         """The settings, and the defaults of the other parameters: numbers or formulas."""
@@ -162,10 +168,7 @@ def _mirrors(mapping: ModelMap) -> Callable[..., Any]:
     """The function `(values, at, modes) -> {symmetry: (at, state)}` of many points."""
     model = mapping.model
     first = {name: column[0] for name, column in mapping.complete({}, 1).items()}
-    defaults = {
-        q.name: jnp.asarray(q.default if isinstance(q.default, int | float) else 0.0)
-        for q in model.initial_conditions
-    }
+    defaults = {q.name: jnp.asarray(q.default or 0.0, float) for q in model.initial_conditions}
     params = mapping.params(first)
     state = model.init(params, defaults)
     symmetries = group_of(

@@ -24,7 +24,7 @@ from jaxtyping import Array, Bool, Complex, Float
 from gaitsweep import near_miss
 from gaitsweep.contract import Chart, HybridModel, Params, Quantity, State
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.poincare.maps import FLOOR, Coordinates, Points, Values
+from gaitsweep.engine.poincare.maps import FLOOR, Coordinates, Events, Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
 from gaitsweep.errors import ArgumentError
@@ -95,6 +95,9 @@ class StationaryMap(ModelMap):
 
     def refined(self) -> None:
         return None
+
+    def events(self, points: Points, values: Values) -> list[Events]:
+        return [[] for _ in range(len(points))]
 
     def _chart(self) -> Chart:
         return self.flow
