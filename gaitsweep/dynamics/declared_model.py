@@ -35,19 +35,12 @@ from gaitsweep.dynamics.event_surface import CORRECTED, Arming, EventSurface, fl
 from gaitsweep.dynamics.footfalls import Footfalls
 from gaitsweep.expression import RESERVED
 from gaitsweep.near_miss import suggestion
+from gaitsweep.run_columns import COLUMNS
 from gaitsweep.skeleton import LimbLook
 
 Values = Mapping[str, jax.Array]
-# Columns of traces, of tables with a record a row or a crossing, and of tables of branches and atlases,
-# beside the model's.
+# Those of traces, where signals have columns of their own names.
 OF_TRACES = ("row", "t", "pass", "status", "stalled_by", "gait")
-COLUMNS = (
-    *OF_TRACES,
-    *("slowest", "cycles", "crossing", "t_end", "outcome", "attractor_period", "stair", "settled"),
-    *("point", "branch", "time", "multiplier", "multiplier_re", "multiplier_im", "unstable", "stable"),
-    *("special", "corrections", "end", "side", "curvature", "part", "number", "period", "depth", "begins"),
-    *("coefficient", "found", "symmetry", "reached", "error", "missing"),
-)
 # The field of a state that says which of its events are armed (`Arming`, an array (events,) in each field).
 ARMING = "arming"
 # That of the last steps of its feet (`Steps`).

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int, Real, Shaped
 from gaitsweep.contract import HybridModel, Model, Quantity, Status, names_gait
 from gaitsweep.engine.recorders.recorder import unpacked
 from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.run_columns import COLUMNS
 from gaitsweep.table.reading import categorical, outcomes
 
 UNKNOWN_GAIT = "unknown"  # gait of a row whose label is not the index of a gait; the label follows
@@ -215,11 +216,12 @@ def gaits(model: Model, codes: Int[np.ndarray, " rows"]) -> pd.Categorical:
 def quantities_of(model: Model, columns: Sequence[Column] = ()) -> dict[str, dict[str, Any]]:
     """Return unit, meaning and symbol of the table's columns, for readers and for figures."""
     named = {
-        **{column.name: column.quantity for column in columns if column.quantity is not None},
         # a start stands in the table by its own name, an observable with _end or _n
         **{f"{q.name}_{end}": q for q in model.observables for end in ("end", "n")},
         **{q.name: q for q in (*model.parameters, *model.observables, *model.signals, *model.label_fields)},
         **{q.name: q for q in model.initial_conditions},
+        **{c.name: Quantity(c.name, *COLUMNS[c.name]) for c in columns if c.name in COLUMNS},
+        **{c.name: c.quantity for c in columns if c.quantity is not None},
     }
     return {
         name: {"unit": q.unit, "meaning": q.meaning, "symbol": q.symbol, "circular": q.circular}

@@ -18,6 +18,7 @@ from gaitsweep.design.vary import written_groups
 from gaitsweep.errors import UserError
 from gaitsweep.mathtext import can_be_set, settable
 from gaitsweep.plot.figure_style import current
+from gaitsweep.run_columns import COLUMNS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,7 +31,6 @@ OTHER = "another gait"  # settled, but in no gait of the model
 _ONE_FORMULA = re.compile(r"[^$]*(\$[^$]+\$)[^$]*")
 _REMARK = re.compile(r"(?!\d)(.*?\w{3})[:;](?![^(]*\))")  # not of "1: yes; 0: no", nor in brackets
 _UNIT_AT_END = re.compile(r"\s*\([^()]*\)\Z")
-_UNITS = {"t": "s", "t_end": "s", "crossing": "", "cycles": ""}
 _WORDS = {"t": "time", "t_end": "time at the end", "crossing": "cycle", "cycles": "cycles"}
 
 
@@ -151,7 +151,8 @@ def _own_label(table: pd.DataFrame, name: str) -> str | None:
 
 def unit_of(table: pd.DataFrame, name: str) -> str:
     """A column's unit, or an empty text."""
-    unit = _quantity(table, name).get("unit", "rad" if is_angle(table, name) else _UNITS.get(name, ""))
+    own = "rad" if is_angle(table, name) else COLUMNS.get(name, ("",))[0]
+    unit = _quantity(table, name).get("unit", own)
     return "" if unit == "1" else settable(str(unit))
 
 

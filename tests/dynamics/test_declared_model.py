@@ -15,12 +15,13 @@ import pytest
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, mode, observable, parameter, signal, variable
 from gaitsweep.contract import Quantity, Status
-from gaitsweep.dynamics.declared_model import COLUMNS, OF_TRACES
+from gaitsweep.dynamics.declared_model import OF_TRACES
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper
 from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.models.conformity import fault, faults
+from gaitsweep.run_columns import COLUMNS
 from gaitsweep.skeleton import LimbLook
 from smooth_oscillators import VanDerPol
 from tests.support.sweeping import run_rows, scalars
