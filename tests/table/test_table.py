@@ -77,7 +77,7 @@ def test_columns_carry_their_unit_and_meaning_in_the_parquet_field(tmp_path: Pat
     pd.testing.assert_series_equal(load(path).loc[:, "a"], block_frame(0, 10).loc[:, "a"])
 
 
-def test_columns_of_a_run_kind_carry_their_unit_and_meaning_unless_the_model_has_a_quantity_of_that_name() -> None:
+def test_columns_of_a_run_kind_carry_theirs_unless_the_model_has_a_quantity_of_that_name() -> None:
     frame = pd.DataFrame({"row": [0], "status": ["settled"], "t_end": [1.5], "cycles": [3], "t": [0.5]})
     data, _ = part_bytes(frame, 0, "hash", {"settled": 1}, {"t": {"unit": "K", "meaning": "temperature"}})
     fields = pq.read_schema(pa.BufferReader(data))
