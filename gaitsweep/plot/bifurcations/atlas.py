@@ -22,6 +22,7 @@ from gaitsweep.plot.columns import (
     rows_where,
 )
 from gaitsweep.plot.kind import Observable, Title, figure_kind
+from gaitsweep.plot.style_names import period_names
 
 STABLE_WIDTH = 2.2
 # line styles of curves by the kind of bifurcation
@@ -60,8 +61,9 @@ def road_map(
 ) -> Figure:
     """Draw the branches of all gaits over the parameter, stable ones thick, with their bifurcations.
 
-    Colours are the gaits, or the periods of gaits that have no names. Of a gait of several crossings, one
-    crossing is drawn. A grey line marks where gaits were searched.
+    Colours are the gaits, or the periods of gaits that have no names (`colours: {period 1: red}`). Of a gait
+    of several crossings, the one that the table has is drawn; `gs.return_map(...).orbit` gives the others. A
+    grey line marks where gaits were searched.
 
     Args:
         table: the table of an atlas.
@@ -104,7 +106,7 @@ def road_map(
     return figure
 
 
-@figure_kind("atlas", colours_gaits=False)
+@figure_kind("atlas", coloured="periods")
 def atlas(
     table: pd.DataFrame,
     *,
@@ -137,7 +139,7 @@ def atlas(
         if not len(curves):
             theme.message(axes, "No branch has a bifurcation that can be followed.")
             return figure
-        periods = [f"period {period}" for period in sorted(curves["period"].unique())]
+        periods = period_names(sorted(curves["period"].unique()))
         colours = theme.colours(periods)
         for _, curve in curves.groupby("number"):
             _draw_curve(axes, curve.sort_values("point"), x, y, colours)
@@ -169,13 +171,13 @@ def _of_row(table: pd.DataFrame, row: int) -> pd.DataFrame:
 def _name(branch: pd.DataFrame) -> str:
     """The gait of a branch, or its period where the model does not name it."""
     gait = str(branch["gait"].astype(str).mode().iloc[0])
-    return f"period {int(branch['period'].iloc[0])}" if gait in ("none", "nan", "") else gait
+    return period_names(branch["period"].unique())[0] if gait in ("none", "nan", "") else gait
 
 
 def _draw_curve(axes: Axes, curve: pd.DataFrame, x: str, y: str, colours: dict[str, str]) -> None:
     """Draw one curve and the marks on it."""
     at, up = curve[x].to_numpy(float), curve[y].to_numpy(float)
-    colour, kind = colours[f"period {int(curve['period'].iloc[0])}"], str(curve["part"].iloc[0])
+    colour, kind = colours[period_names(curve["period"])[0]], str(curve["part"].iloc[0])
     of_stable = curve["unstable"].to_numpy(int) == 0
     begins = np.flatnonzero(np.diff(of_stable, prepend=not of_stable[0]))
     for begin, end in zip(begins, [*begins[1:], len(at)], strict=True):

@@ -77,7 +77,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         )
 
 
-@figure_kind("ramp", "staircase", check=_check, colours_gaits=False)
+@figure_kind("ramp", "staircase", check=_check, coloured="none")
 def hysteresis(
     table: pd.DataFrame,
     *,
