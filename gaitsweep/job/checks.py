@@ -242,6 +242,9 @@ def check_figures(
             wrong += [Diagnostic((*path, *place), text) for place, text in figure.refusals(table)]
         if figure.stem in stems:
             text = f"is {figure.stem}, like that of figures[{stems[figure.stem]}]"
-            wrong.append(Diagnostic((*path, "name"), f"{text}: give each figure its own name."))
+            own = f"{figure.stem}_{index + 1}"
+            wrong.append(
+                Diagnostic((*path, "name"), f"{text}: give it a name of its own, such as name: {own}.")
+            )
         stems.setdefault(figure.stem, index)
     return wrong

@@ -156,10 +156,11 @@ def unit_of(table: pd.DataFrame, name: str) -> str:
     return "" if unit == "1" else settable(str(unit))
 
 
-def described(table: pd.DataFrame, name: str, width: int = 44) -> str:
+def described(table: pd.DataFrame, name: str, width: int = 44, *, named: bool = False) -> str:
     """A column's meaning, symbol (if it has one) and unit in lines of `width`, as the label of an axis.
 
-    Remarks on the meaning, behind a colon or semicolon, are left out.
+    Remarks on the meaning, behind a colon or semicolon, are left out. With `named` a column without a symbol
+    is named, too, as where a legend names it.
     """
     meaning = "" if _own_label(table, name) else settable(str(_quantity(table, name).get("meaning", "")))
     if remark := _REMARK.match(meaning):
@@ -169,7 +170,11 @@ def described(table: pd.DataFrame, name: str, width: int = 44) -> str:
         return label
     lines = textwrap.wrap(meaning, width)
     # a name in words would say less than the meaning
-    end = f", {label}" if "$" in label else f" ({unit})" if unit else ""
+    if named and "$" not in label and symbol(table, name).lower() not in meaning.lower():
+        label = label.replace(" (", "\u00a0(")  # no break before the unit
+    else:
+        named = "$" in label
+    end = f", {label}" if named else f" ({unit})" if unit else ""
     return "\n".join([*lines[:-1], lines[-1] + end])
 
 

@@ -453,6 +453,10 @@ OVERRIDES = [
     ),
     ("run.kind.x=1", ['--set run.kind.x=1: run.kind is "settle" and has no fields']),
     ("figures.x=1", ["--set figures.x=1: figures is a list", "write the whole list, figures=[...]"]),
+    (
+        "figures=[{kind: basin, x: launch_1, y: launch_1}, {kind: basin, x: launch_1, y: row}]",
+        ["name: basin_2"],
+    ),
     ("params.mass", ["--set params.mass: ", "key=value"]),
     ("=3", ["--set =3: ", "key=value"]),
     ("params..mass=3", ["--set params..mass=3: ", "key=value"]),
