@@ -400,6 +400,7 @@ class Model(Jumps):
     def symmetries(self) -> Mapping[str, Callable[[Params, State], State]]:
         """Maps of states that turn motions into motions, such as the exchange of left and right, by name.
 
+        Those that follow from others need not be given: an atlas combines them.
         The image of a state just after a crossing need not be one: an atlas follows it to the next crossing.
         """
         return {}
@@ -492,7 +493,7 @@ class HybridModel(Model):
     1. A model gives what `Model` asks for, `flow` and `guards`.
     2. It may give the optional members of `Model`, and those of this class: `linear`, `recommended`,
        `fast_modes`, `locates_events` and `fixed_step_scheme` for the method, `simultaneous`, `longest_chain`
-       and `guard_names` for the events, `energies` for the check of the flow.
+       `guard_names` and `occurred` for the events, `energies` for the check of the flow.
     3. The engine alone calls the functions.
     """
 
@@ -565,3 +566,12 @@ class HybridModel(Model):
         guard 1, guard 2, ...
         """
         return ()
+
+    def occurred(
+        self, params: Params, state: State, fired: Bool[Array, " guards"], /
+    ) -> Bool[Array, " guards"]:
+        """Which of the guards that fired are events of the motion (a bool each), for the order of events.
+
+        A guard that only arms another one is none; by default all are.
+        """
+        return fired

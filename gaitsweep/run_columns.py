@@ -40,6 +40,9 @@ COLUMNS = {
     "reached": ("1", "share of the simulated starts that settled to the gait"),
     "error": ("1", "estimated error of the gait, relative to the sizes of coordinates"),
     "missing": ("1", "gaits that the search did not find, at least, by an estimate"),
+    "events": ("", "events of a cycle of the gait, in their order"),
+    "change": ("", "change of the order of events at this point"),
+    "left_out": ("1", "branches of the row beyond the largest number"),
     "corrections": ("1", "corrections by Newton's method"),
     "end": ("", "why the branch or curve ends here"),
 }

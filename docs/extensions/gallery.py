@@ -48,6 +48,7 @@ ENTRIES: dict[str, tuple[str, tuple[str, ...]]] = {
     "folds": ("gaitsweep/examples/hopper.yaml", FOLDS),
     "road_map": ("gaitsweep/examples/bouncing_ball.yaml", ()),
     "atlas": ("gaitsweep/examples/bouncing_ball.yaml", ()),
+    "orbit_family": ("gaitsweep/examples/slip_runner_atlas.yaml", ()),
     "gait_transitions": ("waist_quadruped_edges", ("vary.f.linspace=[2.0, 3.4, 15]", "run.max_time=240")),
     "hysteresis": ("planar_quadruped_walks_history", ()),
     "return_map": ("waist_quadruped_return_map", ("vary.delta_13.linspace=[2.65, 3.15, 20]",)),

@@ -10,9 +10,11 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.api.keywords import AnyModel
-from gaitsweep.api.result import Result
+from gaitsweep.api.result import Result, run, run_in_memory
 from gaitsweep.api.trajectories import sweep
 from gaitsweep.errors import ArgumentError
+from gaitsweep.job import Job
+from gaitsweep.job.load import stored_job
 from gaitsweep.kinds import Atlas as AtlasRun
 
 if TYPE_CHECKING:
@@ -97,9 +99,18 @@ class Atlas:
         """An estimate of the number of gaits that were not found, of the row where it is largest."""
         return float(np.nanmax(self._table["missing"].to_numpy(float), initial=0.0))
 
+    def more(self, out: str | Path | None = None) -> Atlas:
+        """Return an atlas from twice the starts, patience and branches, one bifurcation deeper.
+
+        Args:
+            out: its result directory; without it its tables are in memory.
+        """
+        job = wider(self._table)
+        return Atlas(run_in_memory(job) if out is None else run(job, out))
+
     @property
     def plot(self) -> FiguresOfTable:
-        """Figures of the atlas: `atlas.plot.road_map()`, `atlas.plot.atlas()`."""
+        """Figures of the atlas: `road_map()`, `atlas()`, `orbit_family()`, each a method of it."""
         return self.result.plot
 
     @property
@@ -108,6 +119,25 @@ class Atlas:
 
     def _where(self, mask: np.ndarray) -> pd.DataFrame:
         return self._table.iloc[np.flatnonzero(mask)].reset_index(drop=True)
+
+
+def wider(table: pd.DataFrame, trust: bool = False) -> Job:
+    """Return the job of a wider atlas than the one that made a table.
+
+    Args:
+        table: the table of the atlas.
+        trust: as for `Result.explore`.
+
+    Raises:
+        ArgumentError: another kind of run made the table.
+        JobError: the model is not found.
+    """
+    job = stored_job(table.attrs, trust)
+    if not isinstance(job.run, AtlasRun):
+        raise ArgumentError(
+            f"The run of this table is of the kind {job.run.kind_name}, but must be an atlas."
+        )
+    return job.model_copy(update={"run": job.run.wider()})
 
 
 def atlas(
@@ -147,11 +177,11 @@ def atlas(
     """
     fields = {"parameter": parameter, "path": path, "ranges": ranges, "at": at, "second": second}
     options = {name: values.pop(name) for name in list(values) if name in AtlasRun.model_fields}
-    run = AtlasRun(**{name: value for name, value in fields.items() if value is not None}, **options)
+    kind = AtlasRun(**{name: value for name, value in fields.items() if value is not None}, **options)
     return Atlas(
         sweep(
             model,
-            run=run,
+            run=kind,
             out=out,
             params=params,
             start=start,

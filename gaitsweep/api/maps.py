@@ -153,6 +153,20 @@ class PoincareMap:
         orbits = np.stack([crossing.at for crossing in crossings], axis=1)
         return orbits[0] if single else orbits
 
+    def events(self, x: SectionPoints | ArrayLike) -> list[list[tuple[float, str]]]:
+        """Return the events between each of n points and its image: their times (s) and names, in order.
+
+        Example:
+            A runner lands, lifts off, and passes the apex of its flight, where its cycle ends:
+
+            >>> import gaitsweep as gs
+            >>> from gaitsweep.examples.slip_runner import SlipRunner
+            >>> run = gs.return_map(SlipRunner())
+            >>> [name for _, name in run.events(run.settled())[0]]
+            ['foot lands', 'foot lifts off', 'apex']
+        """
+        return self.mapping.events(self._points(x)[0], self._values)
+
     def settled(self, starts: Mapping[str, Any] | None = None, cycles: int = 1) -> Points:
         """Return the section points of start values after a number of crossings.
 

@@ -16,7 +16,16 @@ import typer
 
 from gaitsweep.cli import analyse, models, stored_output
 from gaitsweep.cli.examples import examples
-from gaitsweep.cli.options import ClusterAsForRun, Directory, Open, Out, Settings, print_links, print_message
+from gaitsweep.cli.options import (
+    ClusterAsForRun,
+    Directory,
+    Open,
+    Out,
+    Settings,
+    Trust,
+    print_links,
+    print_message,
+)
 from gaitsweep.cli.views import animate, explore
 from gaitsweep.errors import UserError
 from gaitsweep.shipped import config_file
@@ -175,6 +184,56 @@ def _print_outcome(outcome: str, open_them: bool) -> None:
     print(outcome)
     named = (line.partition("Figure: ") for line in outcome.splitlines())
     print_links([file for before, sign, file in named if sign and not before], open_them)
+
+
+@app.command()
+def atlas(
+    target: Annotated[
+        Path,
+        typer.Argument(
+            metavar="JOB.yaml|DIR",
+            parser=shipped_or_own,
+            help="Job with `run: {kind: atlas}`, or, with --more, the result directory of one.",
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", metavar="DIR", help="Result directory; by default results/NAME, or DIR_more with --more."
+        ),
+    ] = None,
+    settings: Settings = None,
+    more: Annotated[
+        bool,
+        typer.Option(
+            "--more",
+            help="Search with twice the starts and follow one bifurcation more than the atlas in DIR did.",
+        ),
+    ] = False,
+    trust: Trust = False,
+    open_it: Open = False,
+) -> None:
+    """Find all gaits of a model, stable or not, and their bifurcations."""
+    from gaitsweep.api.atlas import wider
+    from gaitsweep.cli import show
+    from gaitsweep.job import load_job
+    from gaitsweep.kinds import Atlas
+    from gaitsweep.runs.execute import run_job
+    from gaitsweep.table import Snapshot, load
+
+    if more != target.is_dir():
+        text = "--more takes the result directory of an atlas." if more else "a directory needs --more."
+        raise typer.BadParameter(f"{target}: {text}")
+    if not more:
+        kind = load_job(target, list(settings or ())).run
+        if not isinstance(kind, Atlas):
+            raise typer.BadParameter(f"{target}: run.kind is {kind.kind_name}, but must be atlas.")
+        run(target, out, settings, open_it=open_it)
+        return
+    job, out = wider(load(target), trust), out or target.with_name(f"{target.name}_more")
+    with _running(job.name, out, cluster=None) as (on_progress, _):
+        path = run_job(job, out, on_progress=on_progress, on_message=print_message)
+    _print_outcome(show.outcome(Snapshot.of(path)), open_it)
 
 
 @contextlib.contextmanager

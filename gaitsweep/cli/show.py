@@ -101,6 +101,7 @@ def outcome(snapshot: Snapshot) -> str:
         lines.insert(1, f"Gaits: {counts(gaits)}.")
     elif len(snapshot.counts) > 1:
         lines.insert(1, f"Shares: {shares(snapshot.counts)}.")
+    lines[1:1] = snapshot.manifest.get("findings", [])
     if far := snapshot.manifest.get("largest_distance"):
         lines.append(f"Largest distance from the analytic solutions: {distance(far)}.")
     if stalls := snapshot.manifest.get("stalls"):
@@ -163,6 +164,8 @@ def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:
             lines[key] = axes(value) or "none"
         elif key == "gaits" and isinstance(value, dict):
             lines[key] = counts(value)
+        elif key == "findings" and isinstance(value, list):
+            lines |= {key if number == 0 else " " * number: text for number, text in enumerate(value)}
         elif key in (MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD):
             lines[key.replace("_", " ")] = " ".join(remarks({key: value}))
         elif key == "self_check" and isinstance(value, dict):

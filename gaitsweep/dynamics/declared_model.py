@@ -479,6 +479,13 @@ class DeclaredModel(Declared, HybridModel):
     def guard_names(self) -> tuple[str, ...]:
         return tuple(name for event in self.single_events() for name in event.guard_names)
 
+    def occurred(self, params: Any, state: Any, fired: Bool[Array, " guards"], /) -> Bool[Array, " guards"]:
+        happened: list[Any] = []
+        for event, happens in self.happening(params, state, fired).items():
+            # a second guard is the return below the surface
+            happened += [happens, *[jnp.asarray(False)] * (len(event.guard_names) - 1)]
+        return jnp.stack(happened) if happened else fired
+
     def jump(self, params: Any, state: Any, fired: Bool[Array, " events"], /) -> Any:
         after, rates = state, {}
         for place, (event, flags) in zip(self._places(), self._flags(fired), strict=True):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
@@ -13,14 +13,15 @@ from pydantic import Field
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.atlas.atlas import Atlas as BranchAtlas
+from gaitsweep.analysis.atlas.event_orders import time_column
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, SearchOptions, rows_of
-from gaitsweep.contract import Model
+from gaitsweep.contract import HybridModel, Model, Quantity
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import Column, observed_at_crossings
-from gaitsweep.kinds.fixed_points import FollowsFixedPoints, beginning_within, rising, unknowns
+from gaitsweep.kinds.fixed_points import LISTED, FollowsFixedPoints, beginning_within, rising, unknowns
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Real, Text
@@ -36,6 +37,8 @@ Range = Annotated[list[Real], Field(min_length=2, max_length=2)]
 
 class Atlas(FollowsFixedPoints):
     """Find all periodic gaits, stable or not, and follow them and what they meet along one parameter."""
+
+    point_names: ClassVar = ("number", "point")
 
     kind: Literal["atlas"] = Field(
         init=False,
@@ -84,7 +87,49 @@ class Atlas(FollowsFixedPoints):
             *map(
                 Column, ("found", "symmetry", "reached", "error", "missing", "corrections", "end", "status")
             ),
+            *map(Column, ("events", "change", "left_out")),
+            *(Column(name, None, quantity, False) for name, quantity in _event_times(model).items()),
         ]
+
+    @property
+    def columns_of_findings(self) -> tuple[str, ...]:
+        read = ("row", "part", "number", "period", "stable", "found", "missing", "left_out")
+        return (*super().columns_of_findings, *read, *self.second)
+
+    def findings(self, table: pd.DataFrame) -> list[str]:
+        branch = (table["part"] == "branch").to_numpy(bool)
+        gaits = table.iloc[np.flatnonzero(branch & (table["found"] >= 0).to_numpy(bool))]
+        counts = [
+            f"{len(own)} of period {period}, {np.count_nonzero(own['stable'])} of them stable"
+            for period, own in gaits.groupby("period")
+        ]
+        of_row = table.drop_duplicates("row")
+        text = (
+            f"At {self.parameter} = {self.place:g}{f', in {len(of_row)} rows' if len(of_row) > 1 else ''}: "
+        )
+        text += "; ".join(counts) or "no gait"
+        missing = np.sum(of_row["missing"].to_numpy(float))
+        text += f"; an estimate of {missing:.0f} more were not found." if missing >= 0.5 else "."
+        sentences = [text, *super().findings(table.iloc[np.flatnonzero(branch)])]
+        if left_out := np.sum(of_row["left_out"].to_numpy(int)):
+            what = "1 branch was" if left_out == 1 else f"{left_out} branches were"
+            sentences.append(f"{what} not followed: run.branches is {self.branches}.")
+        for second in self.second:
+            curves = table.iloc[np.flatnonzero(~branch & (table["part"] != "").to_numpy(bool))]
+            found = f"{curves.groupby(['row', 'number']).ngroups} curves of bifurcations"
+            unnamed = np.isin(curves["special"].astype(str).to_numpy(str), ["", "nan", "kink"])
+            points = curves.iloc[np.flatnonzero(~unnamed)]
+            places = zip(points["special"], points[self.parameter], points[second], strict=True)
+            named = [f"{str(kind).replace('_', ' ')} at ({x:.5g}, {y:.5g})" for kind, x, y in places]
+            more = f" and {len(named) - LISTED} more" if len(named) > LISTED else ""
+            listed = f": {'; '.join(named[:LISTED])}{more}" if named else ""
+            sentences.append(f"Over {self.parameter} and {second}: {found}{listed}.")
+        return sentences
+
+    def wider(self) -> Atlas:
+        """The run with twice the starts, patience and branches, and one bifurcation deeper."""
+        doubled = {name: 2 * getattr(self, name) for name in ("budget", "patience", "branches")}
+        return self.model_copy(update={**doubled, "depth": self.depth + 1})
 
     @property
     def place(self) -> float:
@@ -202,28 +247,11 @@ class Atlas(FollowsFixedPoints):
     ) -> pd.DataFrame:
         """The atlas of rows first..last-1; `on_progress` is called before each of its steps."""
         numbers = np.arange(first, last)
-        mapping, values, starts = self.return_map(rows, spec, numbers)
-        values[self.parameter] = np.full(len(numbers), self.place)
-        search = self._searched(mapping, values, starts, numbers, on_progress)
-
-        def on_step(points: Any, shares: Any) -> None:
-            on_progress(f"{np.sum(points)} points of {len(points)} branches", float(np.mean(shares)))
-
-        steps = dataclasses.replace(self.steps(on_step), through=(self.place,))
-        atlas = BranchAtlas(
-            mapping,
-            values,
-            parameter=self.parameter,
-            within=self.path,
-            fix=self.fix,
-            steps=steps,
-            most_branches=self.branches,
-        )
-        atlas.follow(search, self.place, self.depth)
+        mapping, values, search, atlas = self._followed(rows, spec, numbers, on_progress)
         branches = atlas.table(search, self.place)
         parts = [branches.assign(part="branch").rename(columns={"branch": "number"})]
         for second, within in self.second.items():
-            curves = atlas.follow_curves(second, within, steps)
+            curves = atlas.follow_curves(second, within, atlas.steps)
             if len(curves):
                 parts.append(curves.rename(columns={"curve": "number", "kind": "part"}))
         without = sorted(set(range(len(numbers))) - {branch.row for branch in atlas.branches})
@@ -241,9 +269,46 @@ class Atlas(FollowsFixedPoints):
         table = self.records(rows, first, mapping, of_values, table, has_point, has_point)
         whole = ("number", "period", "depth", "begins", "point", "unstable", "found", "corrections")
         numbers_of = {name: table[name].astype(float).fillna(-1).astype(np.int64) for name in whole}
+        left_out = np.array([atlas.left_out[row] for row in range(len(numbers))], np.int64)
+        numbers_of["left_out"] = left_out[table["row"].to_numpy(int) - first]
         stable = table["stable"].astype("boolean").fillna(False).astype(bool)
-        texts = {name: pd.Categorical(table[name].astype(object).fillna("")) for name in ("part", "symmetry")}
+        texts = {
+            name: pd.Categorical(table[name].astype(object).fillna(""))
+            for name in ("part", "symmetry", "events", "change")
+        }
         return table.assign(stable=stable, **texts, **numbers_of)
+
+    def _followed(
+        self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " rows"], on_progress: BlockProgress
+    ) -> tuple[BatchedReturnMap, dict[str, Any], OrbitSearch, BranchAtlas]:
+        """The return map of some rows, its parameters, the search of their gaits, and their branches."""
+        mapping, values, starts = self.return_map(rows, spec, numbers)
+        values[self.parameter] = np.full(len(numbers), self.place)
+        search = self._searched(mapping, values, starts, numbers, on_progress)
+
+        def on_step(points: Any, shares: Any) -> None:
+            on_progress(f"{np.sum(points)} points of {len(points)} branches", float(np.mean(shares)))
+
+        atlas = BranchAtlas(
+            mapping,
+            values,
+            parameter=self.parameter,
+            within=self.path,
+            fix=self.fix,
+            steps=dataclasses.replace(self.steps(on_step), through=(self.place,)),
+            most_branches=self.branches,
+        )
+        atlas.follow(search, self.place, self.depth)
+        return mapping, values, search, atlas
+
+    def followed_again(
+        self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"], on_progress: BlockProgress
+    ) -> tuple[BatchedReturnMap, dict[str, Any], pd.DataFrame]:
+        mapping, values, search, atlas = self._followed(rows, spec, numbers, on_progress)
+        table = atlas.table(search, self.place).rename(columns={"branch": "number"})
+        points = [record["at"] for branch in atlas.branches for record in branch.records]
+        del values[self.parameter]
+        return mapping, values, table.assign(at=pd.Series(points, table.index, dtype=object))
 
     def _searched(
         self,
@@ -281,3 +346,10 @@ class Atlas(FollowsFixedPoints):
             "missing": search.missing(row),
             "end": "no_gait",
         }
+
+
+def _event_times(model: Model) -> dict[str, Quantity]:
+    """The columns with the times of a model's events."""
+    names = dict.fromkeys(model.guard_names) if isinstance(model, HybridModel) else ()
+    meaning = "first time in the cycle: {}"
+    return {time_column(name): Quantity(time_column(name), "s", meaning.format(name)) for name in names}

@@ -106,6 +106,11 @@ class Continuation(BeginsWhereRowsSettle):
         # missing numbers would be read as such, and those of other blocks are flags
         return table if has_point.any() else table.assign(stable=pd.Series([None] * len(table), dtype=object))
 
+    def followed_again(
+        self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"], on_progress: BlockProgress
+    ) -> tuple[BatchedReturnMap, dict[str, Any], pd.DataFrame]:
+        return self.followed(rows, spec, numbers, on_progress, with_points=True)
+
     def followed(
         self,
         rows: Design,

@@ -6,17 +6,18 @@ import abc
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 from pydantic import Field
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.continuation.continuation import ArclengthSteps
 from gaitsweep.analysis.continuation.newton import newton
+from gaitsweep.analysis.continuation.stable_ranges import MARKS
 from gaitsweep.contract import Model, Status
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
@@ -27,16 +28,21 @@ from gaitsweep.engine.sweep.labels import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.expression import ExpressionError
 from gaitsweep.kinds.columns import STATUSES, gaits
-from gaitsweep.kinds.run_kind import RunKind, StartingPoints, table_columns
+from gaitsweep.kinds.run_kind import BlockProgress, RunKind, StartingPoints, table_columns
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
 
 # Time in which all programs of a return map are compiled, as a multiple of that of its settling.
 PROGRAMS = 4.0
+# Values of a kind of bifurcation that a sentence lists.
+LISTED = 6
 
 
 class FollowsFixedPoints(RunKind):
     """A run kind that begins at a fixed point of each row's return map and follows it by its arclength."""
+
+    # columns that tell the points of a row's branches apart
+    point_names: ClassVar[tuple[str, ...]] = ("point",)
 
     settle: CountOrZero = Field(
         default=100, description="cycles simulated before the search for the first fixed point"
@@ -58,6 +64,30 @@ class FollowsFixedPoints(RunKind):
     def recorder(self, model: Model) -> CrossingRecorder:
         # the rows are followed to where their branches begin; `block_table` does the rest
         return CrossingRecorder(model, 1, self.settle)
+
+    def followed_again(
+        self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"], on_progress: BlockProgress
+    ) -> tuple[BatchedReturnMap, dict[str, Any], pd.DataFrame] | None:
+        """The branches of the rows `numbers` (n,) with their points, for the explorer; None: it shows none.
+
+        Returns:
+            The return map, the parameters (n,) that do not move, and a record for each point: `row`, counted
+            from 0, the columns `point_names`, the parameter, and its `BranchPoints` as `at`.
+        """
+        return None
+
+    @property
+    def columns_of_findings(self) -> tuple[str, ...]:
+        return () if self.moved is None else (self.moved, "special", "end")
+
+    def findings(self, table: pd.DataFrame) -> list[str]:
+        assert self.moved is not None
+        places = table[self.moved].to_numpy(float)
+        # a doubled gait that meets its parent again ends at the parent's flip
+        special = table["special"].astype(str).where(table["end"].astype(str) != "flip", "")
+        kinds = [kind for kind in (*MARKS, "order_change") if np.any(special == kind)]
+        texts = [f"{kind.replace('_', ' ')} at {_listed(places[special == kind])}" for kind in kinds]
+        return [f"Along {self.moved}: {'; '.join(texts) or 'no bifurcation'}."]
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
         return [*self.check_ranges(rows), *self._check_steps(), *self._check_map(rows.model, method)]
@@ -221,6 +251,14 @@ def beginning_within(
                 f"is from {low:g} to {high:g}, but {name} begins at {at}: rows must begin within the range."
             )
             yield Diagnostic((*field, name), text)
+
+
+def _listed(places: Float[np.ndarray, " places"]) -> str:
+    """Some values, to 7 digits: each once, or their range if they are many."""
+    values = list(dict.fromkeys(f"{place:.7g}" for place in np.sort(places)))
+    if len(values) > LISTED:
+        return f"{len(values)} values from {values[0]} to {values[-1]}"
+    return ", ".join(values)
 
 
 def _gait_numbers(

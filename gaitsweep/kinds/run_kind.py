@@ -82,7 +82,8 @@ class RunKind(StrictModel, abc.ABC):
        ranges `within`.
     2. It may give the optional members: the class variables, `check`; `schedule` where a parameter moves
        while a row runs; `refined` where only some rows are simulated; `block_table` with `compile_time` where
-       the sweep engine does not make its records, and `starting_points` where these begin at fixed points.
+       the sweep engine does not make its records, `starting_points` where these begin at fixed points, and
+       `findings` where a table has more to say than the statuses of its rows.
     3. The runner alone calls its functions.
 
     In Python it is created without `kind`, as in `Settle(max_cycles=150)`; NumPy arrays and numbers are
@@ -212,6 +213,15 @@ class RunKind(StrictModel, abc.ABC):
 
         Empty: the rows begin at their starts.
         """
+        return []
+
+    @property
+    def columns_of_findings(self) -> tuple[str, ...]:
+        """The columns of the table that `findings` reads; empty: it has none."""
+        return ()
+
+    def findings(self, table: pd.DataFrame) -> list[str]:
+        """Sentences about a complete table, for the output of commands and the report."""
         return []
 
     def hashed(self, fields: Mapping[str, Any]) -> dict[str, Any]:

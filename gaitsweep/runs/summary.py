@@ -138,6 +138,7 @@ def _summaries(context: RunContext, table: Table) -> dict[str, set[str]]:
         "periods": ({"attractor_period"}, counts.get(Status.settled.name) and "attractor_period" in columns),
         "slowest": ({"slowest"}, counts.get(Status.cycle_limit.name) and "slowest" in columns),
         "largest_distance": ({"distance", "gait"}, {"distance", "gait"} <= columns_of_rows),
+        "findings": (set(context.job.run.columns_of_findings), context.job.run.columns_of_findings),
     }
     return {field: names for field, (names, applies) in needs.items() if applies}
 
@@ -151,6 +152,7 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
     stalls: dict[str, dict[str, Any]] = {}
     counts = {name: collections.Counter[str]() for name in _COUNTED if name in summaries}
     distances: list[tuple[float, int]] = []
+    read: list[pd.DataFrame] = []
     for part in table.load_parts(["row", "status", *sorted(set().union(*summaries.values()))]):
         if MISLABELLED in summaries:
             _add_mislabelled(mislabelled, part, context.model.gaits)
@@ -160,6 +162,8 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
             column, status = _COUNTED[name]
             values: Any = part[column] if status is None else part[column][part["status"] == status.name]
             counter.update({str(value): int(n) for value, n in values.value_counts().items() if n})
+        if "findings" in summaries:
+            read.append(part.filter(list(context.job.run.columns_of_findings)))
         if "largest_distance" in summaries:
             distances += filter(None, [context.model.analytic_distance(part)])
     farthest = max(distances, key=lambda distance: distance[0], default=None)
@@ -170,6 +174,8 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
     }
     if "periods" in fields:
         fields["periods"] = dict(sorted(fields["periods"].items()))
+    if read:
+        fields["findings"] = context.job.run.findings(pd.concat(read, ignore_index=True))
     if mislabelled:
         fields[MISLABELLED] = mislabelled
     return {name: fields[name] for name in summaries if name in fields}

@@ -76,7 +76,7 @@ _REASONS = 5
 # Entries of the manifest that are shown elsewhere, or are of no use to a reader.
 _APART = (
     "quantities", "job", "figures_drawn", "sha256", "counts", "gaits", "self_check", "stalls", "slowest",
-    "complete", "periods", "largest_distance", "program", *DESCRIBED,
+    "complete", "periods", "largest_distance", "program", "findings", *DESCRIBED,
 )  # fmt: skip
 _NAMES = {"model_folder": "folder of the model", "made_before": "parts made by other versions"}
 
@@ -121,6 +121,7 @@ def _page(snapshot: Snapshot) -> str:
         else "",
         figures,
         f"<h2>Outcomes of rows</h2>{_counts(snapshot)}",
+        "".join(f"<p>{html.escape(text)}</p>" for text in snapshot.manifest.get("findings", [])),
         _gaits(snapshot),
         _self_check(snapshot),
         f"<h2>Provenance</h2>{_provenance(snapshot)}",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
@@ -12,6 +14,7 @@ from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, Rows, SearchOp
 from gaitsweep.analysis.continuation.continuation import ArclengthSteps
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.poincare.maps import Coordinates, Map, Points, Values
+from gaitsweep.errors import ArgumentError
 
 
 def logistic(values: Values, x: Coordinates) -> Coordinates:
@@ -111,6 +114,30 @@ def test_a_pitchfork_and_its_symmetric_branches() -> None:
     assert len(set(outer["branch"])) == 1
     np.testing.assert_allclose(outer["x"].to_numpy(float) ** 2, outer["r"], atol=1e-8)
     assert specials(outer, "flip", "r") == pytest.approx([1.0], abs=1e-10)
+
+
+def test_images_under_combined_symmetries_are_one_orbit() -> None:
+    """Of the square's eight symmetries two are named; the nine fixed points are three under the group.
+
+    They are 0, the corners (+-x, +-x) with x = sqrt(r / 3), and the edges (+-x, 0) and (0, +-x) with
+    x = sqrt(r), whose point (0, -x) is no image of (x, 0) under one of the two alone.
+    """
+    square = PlainMap(
+        lambda values, x: x + x * (values["r"] - x**2 - 2.0 * x[::-1] ** 2), ("x", "y"), (("r", 0.3),),
+        symmetries=(
+            ("sign", lambda values, x: x * jnp.array([-1.0, 1.0])), ("swap", lambda values, x: x[::-1]),
+        ),
+    )  # fmt: skip
+    search = searched(square, {"r": 0.3}, [-0.7, -0.7], [0.7, 0.7], 1, 128)
+    found = np.sort([np.sum(orbit.points.at[0] ** 2) for orbit in search.orbits])
+    np.testing.assert_allclose(found, [0.0, 0.2, 0.3], atol=1e-12)
+    assert len(square.mirrored(square.points([[0.1, 0.2]]), {})) == 7
+
+
+def test_a_symmetry_of_no_finite_order_is_refused() -> None:
+    shift = dataclasses.replace(ODD, symmetries=(("shift", lambda values, x: x + 1.0),))
+    with pytest.raises(ArgumentError, match="shift generate more than 47 others"):
+        shift.mirrored(shift.points([[0.1]]), {})
 
 
 @pytest.mark.parametrize("within", [(-0.3, 0.7), (-1.0, 1.5), (-0.011, 3.0), (-2.0, 0.02)])

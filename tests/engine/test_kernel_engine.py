@@ -208,7 +208,7 @@ def test_a_second_process_loads_the_compiled_kernel() -> None:
         ).stdout
         for _ in range(2)
     ]
-    assert compiled == ["2\n", "0\n"]  # two kernels: one opens rows, the other advances them
+    assert compiled == ["3\n", "0\n"]  # three kernels: they open rows, advance them and label their gaits
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -18,20 +19,24 @@ import pandas as pd
 from jaxtyping import Bool
 
 from gaitsweep.analysis.atlas.curves import BifurcationCurve, curve_through
+from gaitsweep.analysis.atlas.event_orders import change_of_order, event_columns
 from gaitsweep.analysis.atlas.periodic_orbits import Orbit, OrbitSearch, orbit_of, polished, rows_of
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
+from gaitsweep.analysis.continuation.bifurcation_tests import ahead
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS, beside
 from gaitsweep.analysis.continuation.continuation import ArclengthSteps, BranchFollower, BranchTable
 from gaitsweep.analysis.continuation.lockstep import in_lockstep
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, newton
 from gaitsweep.analysis.continuation.normal_forms import coefficient, doubled_direction
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
-from gaitsweep.engine.poincare.maps import Map, Points, Values
+from gaitsweep.engine.poincare.maps import Events, Map, Points, Values
 
 # A point may lie beside the chord of a step by this share of its length, since a branch is bent.
 BESIDE_CHORD = 0.3
 # A point is on a branch if the branch passes it this closely, relative to its size.
 ON_BRANCH = 1e-5
+# Halvings of a step on which the order of events changes.
+BISECTIONS = 40
 # Lengths of the step from a flip to the branch of twice the period, the next where one does not converge: the
 # next flip of a cascade is close.
 BESIDE_FLIP = (1e-3, 1e-4, 1e-2, 1e-5)
@@ -175,6 +180,7 @@ class Atlas:
         self.values = {name: v for name, v in values.items() if name != parameter}
         self.steps, self.most_branches = steps or ArclengthSteps(), most_branches
         self.branches: list[Branch] = []
+        self.left_out = Counter[int]()  # by row, the branches beyond the largest number
 
     def follow(self, search: OrbitSearch, at: float, depth: int) -> None:
         """Follow the orbits of a search at a value of the parameter, and what their branches meet.
@@ -243,6 +249,8 @@ class Atlas:
                 continue
             if sum(other.row == branch.row for other in self.branches) < self.most_branches:
                 self.branches.append(branch)
+            else:
+                self.left_out[branch.row] += 1
 
     def _is_passed(self, beginning: Beginning) -> bool:
         """Whether a branch passes the first point of another one, or its image under a symmetry.
@@ -258,16 +266,16 @@ class Atlas:
             place = branch.place_of(beginning.orbit, at)
             if place is not None:
                 if beginning.begins is None:
-                    branch.insert(place, self._record(beginning))
+                    branch.insert(place, self._record(beginning.problem, beginning.first))
                 return True
             if any(branch.place_of(image, at) is not None for image in images):
                 return True
         return False
 
-    def _record(self, beginning: Beginning) -> dict[str, Any]:
-        """The record of the first point of a branch."""
-        table = _table(beginning.problem, beginning.first)
-        table.write(np.zeros(1, int), beginning.problem, beginning.first, [""])
+    def _record(self, problem: ContinuationProblem, at: BranchPoints) -> dict[str, Any]:
+        """The record of one point of a branch."""
+        table = _table(problem, at)
+        table.write(np.zeros(1, int), problem, at, [""])
         return table.records(0)[0]
 
     def _halves(self, beginnings: Sequence[Beginning], period: int) -> list[list[Half]]:
@@ -401,23 +409,78 @@ class Atlas:
             through an orbit of the search), and the columns of `continuation`, with `coefficient`, the normal
             form's; missing (`OrbitSearch.missing`), and where the parameter is `at`: found (how many searches
             found the orbit; 0: its branch alone leads there; -1 at other points), reached, error and symmetry
-            of an `Orbit`.
+            of an `Orbit`; `event_columns`, and change (what changes in the order of events at a corner).
         """
         records: list[dict[str, Any]] = []
-        numbers = self._numbers()
+        numbers, events = self._numbers(), self._events()
+        for branch, orders in zip(self.branches, events, strict=True):
+            self._mark_changes(branch, orders)
         listed: dict[int, list[Points]] = {}  # the gaits of each row that have a record, with their images
-        for branch, number in zip(self.branches, numbers, strict=True):
+        for branch, number, orders in zip(self.branches, numbers, events, strict=True):
             begins = -1 if branch.begins is None else numbers[branch.begins[0]]
             missing = search.missing(branch.row)
             for place, record in enumerate(branch.records):
                 head = {"row": branch.row, "branch": number, "point": place, "period": branch.period}
                 head |= {"depth": branch.depth, "begins": begins, "coefficient": float("nan"), "found": -1}
                 head |= {"reached": float("nan"), "error": float("nan"), "missing": missing, "symmetry": ""}
+                head |= {"change": "", **event_columns(orders[place])}
                 rest = {k: v for k, v in record.items() if k not in ("row", "point", "at")}
                 if record[self.parameter] == at and not record["special"]:
                     rest |= self._gait(search, branch, record["at"], listed.setdefault(branch.row, []))
                 records.append({**head, **rest})
         return pd.DataFrame(records)
+
+    def _events(self) -> list[list[Events]]:
+        """The events of the gait at each point of each branch."""
+        events: list[list[Events]] = [[] for _ in self.branches]
+        for period in {branch.period for branch in self.branches}:
+            places = [k for k, branch in enumerate(self.branches) if branch.period == period]
+            branches = [self.branches[k] for k in places]
+            points = [(branch.problem, record["at"]) for branch in branches for record in branch.records]
+            problem = ContinuationProblem.joined([problem for problem, _ in points])
+            at = BranchPoints.joined([at for _, at in points])
+            values = {**problem.values, self.parameter: at.parameter}
+            found = iter(self.mapping.iterated(period).events(at.points, values))
+            for k in places:
+                events[k] = [next(found) for _ in self.branches[k].records]
+        return events
+
+    def _mark_changes(self, branch: Branch, events: list[Events]) -> None:
+        """Add a record to a branch where its order of events changes, and that record's events."""
+        for place in range(len(events) - 1, 0, -1):
+            change = change_of_order(events[place - 1], events[place])
+            if not change:
+                continue
+            before, after = branch.records[place - 1], branch.records[place]
+            corner = next((record for record in (before, after) if record["special"] == "corner"), None)
+            located = None
+            if corner is None:
+                located = self._last_before(branch, before["at"], after["at"], events[place - 1])
+            if located is None:
+                (corner or after)["change"] = change
+                continue
+            at, own = located
+            record = self._record(branch.problem, at) | {"special": "order_change", "change": change}
+            branch.insert(place - 1, record)
+            events.insert(place, own)
+
+    def _last_before(
+        self, branch: Branch, begin: BranchPoints, end: BranchPoints, events: Events
+    ) -> tuple[BranchPoints, Events] | None:
+        """The last point (1,) of a step that has its first point's order of events, and its events."""
+        mapping, problem = self.mapping.iterated(branch.period), branch.problem
+        low, high, last = 0.0, float(ahead(problem, begin, end)), None
+        for _ in range(BISECTIONS):
+            length = 0.5 * (low + high)
+            near, converged = problem.step(begin, np.array([length]))
+            own: Events = []
+            if converged[0]:
+                own = mapping.events(near.points, {**problem.values, self.parameter: near.parameter})[0]
+            if own and not change_of_order(events, own):
+                low, last = length, (near, own)
+            else:
+                high = length
+        return last
 
     def _numbers(self) -> list[int]:
         """The number of each branch among those of its row."""

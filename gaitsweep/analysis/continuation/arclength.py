@@ -256,9 +256,13 @@ def _solved(
 ) -> Float[np.ndarray, "systems unknowns"]:
     """The solutions (n, m) of n linear systems; NaN where a matrix is singular or not finite."""
     solutions = np.full_like(right, np.nan)
-    for k in np.flatnonzero(np.all(np.isfinite(matrices), axis=(1, 2))):
-        with contextlib.suppress(np.linalg.LinAlgError):
-            solutions[k] = np.linalg.solve(matrices[k], right[k])
+    finite = np.flatnonzero(np.all(np.isfinite(matrices), axis=(1, 2)))
+    try:
+        solutions[finite] = np.linalg.solve(matrices[finite], right[finite, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:  # one of them is singular
+        for k in finite:
+            with contextlib.suppress(np.linalg.LinAlgError):
+                solutions[k] = np.linalg.solve(matrices[k], right[k])
     return solutions
 
 

@@ -293,10 +293,8 @@ def _explained(
     kinds = [special.kind for special in specials]
     if "corner" in kinds or "branch_point" in kinds:  # where several may cross, or jump
         return True
-    outside = [
-        [int(np.sum(np.abs(multipliers_of(problem, point)) > 1.0 + sign * EDGE)) for sign in (1.0, -1.0)]
-        for point in (before, after)
-    ]
+    magnitudes = [np.abs(multipliers_of(problem, point)) for point in (before, after)]
+    outside = [[int(np.sum(sizes > 1.0 + sign * EDGE)) for sign in (1.0, -1.0)] for sizes in magnitudes]
     # multipliers at the unit circle count as on either side of it
     least, most = outside[1][0] - outside[0][1], outside[1][1] - outside[0][0]
     crossed = sum(2 if kind == "neimark_sacker" else 1 for kind in kinds)

@@ -55,7 +55,7 @@ class CriticalPoint:
         matrix: derivatives of the equations, (k, n).
         tangent: of the curve in two parameters, (n,); else empty.
         v, w: right and left null vectors of the singular matrix.
-        multipliers: those of the map.
+        multipliers: those of the map, on a curve in two parameters; else empty.
         tests: functions along a curve, by the name of the bifurcation of codimension 2 at their zeros.
         observed: the observables.
         corrections: number of corrections of the step that led there.
@@ -179,7 +179,7 @@ class CriticalEquations:
 
         `border` are v and w of a point close by; the tangent has a positive product with `before`.
         """
-        miss, full, _ = yield from self.evaluated(like, unknowns[None])
+        miss, full, images = yield from self.evaluated(like, unknowns[None])
         if not np.isfinite(full).all():
             return None
         residual, v, w = self.residual(unknowns, miss[0], full[0], border)
@@ -196,34 +196,29 @@ class CriticalEquations:
             shift = np.zeros(len(unknowns))
             shift[m + k] = SHARE
             shifts += [shift, -shift]
-        beside = np.concatenate([unknowns[None], unknowns + shifts])
-        around, several, images = yield from self.evaluated(like, beside)
+        around, several, _ = yield from self.evaluated(like, unknowns + np.array(shifts))
         if not np.isfinite(several).all():
             return None
-        bends = [(several[1 + 2 * k] - several[2 + 2 * k]) / (2.0 * ALONG) for k in range(len(directions))]
-        by_parameter = 1 + 2 * len(directions)
-        moved = [
-            (several[by_parameter + 2 * k] - several[by_parameter + 2 * k + 1]) / (2.0 * SHARE)
-            for k in range(q)
-        ]
+        ahead, behind = several[::2], several[1::2]
+        along = len(directions)
+        bends = list((ahead[:along] - behind[:along]) / (2.0 * ALONG))
+        moved = list((ahead[along:] - behind[along:]) / (2.0 * SHARE))
         matrix = np.zeros((len(residual), len(unknowns)))
         matrix[:m, : m + 1] = full[0]
         if q == 2:
-            matrix[:m, m + 1] = (around[by_parameter + 2] - around[by_parameter + 3]) / (2.0 * SHARE)
+            matrix[:m, m + 1] = (around[-2] - around[-1]) / (2.0 * SHARE)
         self._derivatives_of_g(matrix, unknowns, v, w, border, bends, moved)
-        tangent = np.zeros(0)
+        tangent, factors, tests = np.zeros(0), np.zeros(0), {}
         if q == 2:
             tangent = np.linalg.svd(matrix)[2][-1]
             if before is not None and tangent @ before < 0.0:
                 tangent = -tangent
+            gradients = images.conserved_jacobian[:, self.held.which]
+            factors = multipliers(images.jacobian, gradients)[0]
+            second = (ahead[:along] - 2.0 * full[0] + behind[:along])[:, :, :-1] / ALONG**2
+            first = [bend[:, :-1] for bend in bends]
+            tests = self._tests(unknowns, full[0][:, :-1], v, w, factors, first, list(second))
         size = like.at.shape[1]
-        gradients = images.conserved_jacobian[:1, self.held.which]
-        factors = multipliers(images.jacobian[:1], gradients)[0]
-        second = [
-            (several[1 + 2 * k] - 2.0 * several[0] + several[2 + 2 * k])[:, :-1] / ALONG**2
-            for k in range(len(directions))
-        ]
-        tests = self._tests(unknowns, full[0][:, :-1], v, w, factors, [b[:, :-1] for b in bends], second)
         point = Points(unknowns[None, :size] * self.scale[:size], like.modes)
         observed = {name: float(column[0]) for name, column in images.observed.items()}
         return CriticalPoint(

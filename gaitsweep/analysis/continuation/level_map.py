@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import Quantity, State
-from gaitsweep.engine.poincare.maps import Coordinates, FollowedMap, Image, Map, Points, Values
+from gaitsweep.engine.poincare.maps import Coordinates, Events, FollowedMap, Image, Map, Points, Values
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,6 +55,9 @@ class LevelMap(FollowedMap):
 
     def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
         return self.base.mirrored(points, self._of_base(values))
+
+    def events(self, points: Points, values: Values) -> list[Events]:
+        return self.base.events(points, self._of_base(values))
 
     def _of_base(self, values: Values) -> Values:
         return {name: value for name, value in values.items() if name != self.name}

@@ -50,11 +50,13 @@ def in_lockstep(computations: Sequence[Computation[T]]) -> list[T]:
         asked, groups = dict(waiting), {}
         waiting.clear()
         for number, request in asked.items():
-            groups.setdefault((request.mapping, request.over), []).append(number)
-        for (mapping, over), numbers in groups.items():
+            groups.setdefault((request.mapping, request.over, tuple(request.values)), []).append(number)
+        for (mapping, over, names), numbers in groups.items():
             requests = [asked[number] for number in numbers]
-            values = [r.mapping.complete(r.values, len(r.points)) for r in requests]
-            together = {name: np.concatenate([own[name] for own in values]) for name in values[0]}
+            together = {
+                name: np.concatenate([np.broadcast_to(r.values[name], len(r.points)) for r in requests])
+                for name in names
+            }
             images = mapping.linearised(Points.joined([r.points for r in requests]), together, over)
             ends = np.cumsum([len(r.points) for r in requests])
             for number, request, end in zip(numbers, requests, ends, strict=True):

@@ -136,7 +136,7 @@ def along(
     gradients: Float[np.ndarray, "points constrained coordinates"],
 ) -> Float[np.ndarray, "points coordinates constrained"]:
     """Directions (n, size, k) that change one quantity by one and no other, from gradients (n, k, size)."""
-    return np.linalg.pinv(gradients)
+    return np.linalg.pinv(gradients) if gradients.shape[1] else gradients.swapaxes(1, 2)
 
 
 def newton(

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from gaitsweep.contract import Quantity, State
 from gaitsweep.engine.poincare.maps import Coordinates, FollowedMap, Image, Points, Values
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
+from gaitsweep.engine.poincare.symmetry_group import group_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,9 +69,11 @@ class PlainMap(FollowedMap):
 
     def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
         complete = self.complete(values, len(points))
+        first = {name: column[0] for name, column in complete.items()}
+        symmetries = group_of(dict(self.symmetries), first, jnp.zeros(len(self.names)))
         return {
             name: Points(np.asarray(jax.vmap(function)(complete, points.at)), points.modes)
-            for name, function in self.symmetries
+            for name, function in symmetries.items()
         }
 
     def refined(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
@@ -25,6 +26,7 @@ SHOWN = 3  # points in a `repr`
 FLOOR = 0.1  # least scale of a coordinate (in its unit); larger coordinates are scaled by their magnitude
 
 Values = Mapping[str, Any]  # a parameter's name: a number, or one for each point (n,)
+Events = list[tuple[float, str]]  # the time (s) and the name of each event, in their order
 Coordinates = Float[Array, " coordinates"]
 # the image of one point: its coordinates, its state, its `ReturnStatus`, its observables
 Image = tuple[Coordinates, State, Integer, dict[str, Real[Array, ""]]]
@@ -143,11 +145,15 @@ class Map(abc.ABC):
     def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
         """Points of the images of these points' orbits under the symmetries, by name."""
 
+    def events(self, points: Points, values: Values) -> list[Events]:
+        """The events between each of n points and its image, in their order."""
+        return [[] for _ in range(len(points))]
+
     def iterated(self, count: int) -> Map:
         """The map that applies this one `count` times."""
         return self if count == 1 else IteratedMap(self, count)
 
-    @property
+    @functools.cached_property
     def circular(self) -> Bool[np.ndarray, " coordinates"]:
         """Mask of the coordinates that are angles, (size,)."""
         return np.array([quantity.circular for quantity in self.coordinates])
@@ -256,6 +262,17 @@ class IteratedMap(Map):
     def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
         return self.base.mirrored(points, values)
 
+    def events(self, points: Points, values: Values) -> list[Events]:
+        values = self.base.complete(values, len(points))
+        events: list[Events] = [[] for _ in range(len(points))]
+        begun = np.zeros(len(points))
+        for _ in range(self.count):
+            for own, more, at in zip(events, self.base.events(points, values), begun, strict=True):
+                own += [(at + t, name) for t, name in more]
+            images = self.base.images(points, values)
+            points, begun = images.points, begun + images.observed.get("time", 0.0)
+        return events
+
     def _evaluated(
         self, points: Points, values: Values, over: str | None, derivatives: bool
     ) -> MapEvaluation:
@@ -315,6 +332,8 @@ def wrap_difference(
     difference: ManyCoordinates, circular: Bool[np.ndarray, " coordinates"]
 ) -> ManyCoordinates:
     """Differences; differences of angles (rad) are wrapped to [-pi, pi]."""
+    if not circular.any():
+        return difference
     with np.errstate(invalid="ignore"):  # an infinite difference stays one
         turns = np.round(difference / (2.0 * np.pi))
         return np.where(circular, difference - 2.0 * np.pi * turns, difference)

@@ -18,13 +18,23 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from gaitsweep import near_miss
-from gaitsweep.contract import Chart, Model, Params, Quantity, State
+from gaitsweep.contract import Chart, HybridModel, Model, Params, Quantity, State
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.fork import refuse_fork
 from gaitsweep.engine.leaves import float_leaves, is_float, with_float_leaves
 from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
-from gaitsweep.engine.poincare.maps import Coordinates, FollowedMap, Image, Points, Values
+from gaitsweep.engine.poincare.event_record import EventRecord, recorded_return
+from gaitsweep.engine.poincare.maps import (
+    BATCH_SIZES,
+    Coordinates,
+    Events,
+    FollowedMap,
+    Image,
+    Points,
+    Values,
+)
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus, crossing_of
+from gaitsweep.engine.poincare.symmetry_group import group_of
 from gaitsweep.engine.shapes import Integer
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import functions_of, names_in, resolve
@@ -152,6 +162,23 @@ class BatchedReturnMap(FollowedMap):
             for name, (at, modes) in images.items()
         }
 
+    def events(self, points: Points, values: Values) -> list[Events]:
+        complete, pieces = self.complete(values, len(points)), []
+        for first in range(0, len(points), BATCH_SIZES[-1]):
+            # one size of batches, for which the program is compiled once
+            order = np.minimum(first + np.arange(BATCH_SIZES[-1]), len(points) - 1)
+            batch, own = points[order], {name: column[order] for name, column in complete.items()}
+            pieces.append(jax.tree.map(np.asarray, _recorder(self)(own, batch.at, batch.modes)))
+        times, counts = (np.concatenate(leaves)[: len(points)] for leaves in zip(*pieces, strict=True))
+        given = self.model.guard_names if isinstance(self.model, HybridModel) else ()
+        names = given or [f"guard {guard + 1}" for guard in range(counts.shape[1])]
+        events: list[Events] = []
+        for own, of_guards in zip(times, counts, strict=True):
+            timed = [(float(own[k, g]), names[g]) for g in range(len(names)) for k in range(len(own))]
+            untimed = [(float("inf"), names[g]) for g in np.flatnonzero(of_guards > len(own))]
+            events.append(sorted([event for event in timed if event[0] >= 0.0] + untimed))
+        return events
+
     def settled(
         self, starts: Mapping[str, Any], values: Values, cycles: int
     ) -> tuple[Points, Int[np.ndarray, " points"]]:
@@ -211,17 +238,36 @@ class BatchedReturnMap(FollowedMap):
 @cached_by_content(maxsize=16)
 def _mirrors(mapping: BatchedReturnMap) -> Callable[..., Any]:
     """The function `(values, at, modes) -> {symmetry: (at, state)}` of many points."""
+    model = mapping.model
+    first = {name: column[0] for name, column in mapping.complete({}, 1).items()}
+    defaults = {q.name: 0.0 if q.default is None else q.default for q in model.initial_conditions}
+    params = mapping.params(first)
+    symmetries = group_of(model.symmetries(), params, model.init(params, defaults))
 
     def one(values: Any, at: Coordinates, modes: State) -> dict[str, Any]:
         params = mapping.params(values)
         state = mapping.chart.from_coordinates(params, at, modes)
         images = {}
-        for name, image in mapping.model.symmetries().items():
+        for name, image in symmetries.items():
             # the image need not be on the section
             _, crossed, status = mapping.state(params, image(params, state))
             coordinates = mapping.chart.to_coordinates(params, crossed)
             images[name] = jnp.where(status == ReturnStatus.crossed, coordinates, jnp.nan), crossed
         return images
+
+    return jax.jit(jax.vmap(one))
+
+
+@cached_by_content(maxsize=16)
+def _recorder(mapping: BatchedReturnMap) -> Callable[..., EventRecord]:
+    """The function `(values, at, modes) -> EventRecord` of many points."""
+    model = mapping.model
+    assert isinstance(model, HybridModel)
+
+    def one(values: Any, at: Coordinates, modes: State) -> EventRecord:
+        params = mapping.params(values)
+        state = mapping.chart.from_coordinates(params, at, modes)
+        return recorded_return(model, mapping.integration, mapping.engine)(params, state)
 
     return jax.jit(jax.vmap(one))
 

@@ -135,14 +135,7 @@ def draw_branch(
     at, value = branch[x].to_numpy(float), branch[y].to_numpy(float)
     if is_angle(branch, y):
         value = np.unwrap(value)
-    special = branch["special"].fillna("").to_numpy(str)
-    stable = branch["stable"].to_numpy(bool)
-    # the stability of a piece between two points is that of its end that is no bifurcation
-    plain = ~np.isin(special, list(MARKERS))
-    pieces = [
-        "kink" if special[k + 1] == "kink" else bool(stable[k] if plain[k] else stable[k + 1])
-        for k in range(len(at) - 1)
-    ]
+    special, pieces = branch["special"].fillna("").to_numpy(str), looks_of_pieces(branch)
     start = 0
     number = branch["point"].to_numpy(int)
     absent = np.diff(number) > 1  # no line across a point that the table lacks
@@ -162,6 +155,19 @@ def draw_branch(
     for kind, mark in MARKERS.items():
         marked = special == kind
         axes.plot(at[marked], value[marked], mark, ms=4.5, color="black", mfc="white", zorder=3)
+
+
+def looks_of_pieces(branch: pd.DataFrame) -> list[str | bool]:
+    """Whether each piece between two points of a branch is stable, or "kink".
+
+    The stability of a piece is that of its end that is no bifurcation.
+    """
+    special = branch["special"].fillna("").to_numpy(str)
+    stable, plain = branch["stable"].to_numpy(bool), ~np.isin(special, list(MARKERS))
+    return [
+        "kink" if special[k + 1] == "kink" else bool(stable[k] if plain[k] else stable[k + 1])
+        for k in range(len(special) - 1)
+    ]
 
 
 def key(

@@ -12,6 +12,7 @@ import pandas as pd
 from gaitsweep.contract import Status
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.kinds.columns import gaits
+from gaitsweep.kinds.fixed_points import FollowsFixedPoints
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.self_check import changes, circular
@@ -130,8 +131,9 @@ class AnimatedRecords:
     def _differs(self, record: int, replayed: ReplayedRow) -> dict[str, Any]:
         """Describe differences between a row simulated again and the table."""
         row, run = self._table.iloc[record], self._context.job.run
-        if run.kind_name == "continuation":  # a fixed point, which the next crossing has to give back
-            return self._largest_change(record, replayed, 1, "n")
+        if isinstance(run, FollowsFixedPoints):  # crossings that have to give a fixed point back
+            period = int(row["period"]) if "period" in row else 1
+            return self._largest_change(record, replayed, period, "n")
         if not run.one_a_row or str(row["status"]) not in Status.SOUND:
             return {}
         name = str(gaits(self._model, np.array([replayed.gait]))[0]) if replayed.gait != -1 else "none"

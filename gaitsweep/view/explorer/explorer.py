@@ -22,6 +22,7 @@ from gaitsweep.job import Job
 from gaitsweep.job.load import stored_job
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.plot.bifurcations.passes import DOWN, UP
+from gaitsweep.plot.columns import rows_where
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.plot.provenance_marks import remarks
 from gaitsweep.runs.prepare import RunContext, prepare
@@ -37,7 +38,7 @@ from gaitsweep.view.explorer.start_map import StartMap, columns_of, html_symbol,
 EXPLORE = "explore.html"
 MAX_SIZE = 10.0  # MB
 MOST_REPLAYS = 400
-KINDS = ("settle", "fixed_time", "return_map", "ramp", "staircase", "continuation")
+KINDS = ("settle", "fixed_time", "return_map", "ramp", "staircase", "continuation", "atlas")
 _MB = 1_000_000
 # The share of the room beside plotly.js that the table may take.
 _TABLE_SHARE = 0.6
@@ -68,7 +69,8 @@ def write_explorer(
     """Write a self-contained page on which a click on a start of a table shows the walking model.
 
     Args:
-        table: the table of a run of kind settle, fixed_time, return_map, ramp, staircase or continuation.
+        table: the table of a run of kind settle, fixed_time, return_map, ramp, staircase, continuation or
+            atlas; of an atlas the branches are shown.
         target: the file.
         x, y: columns along the axes; by default those of the job's figures, or the longest axes.
         replays: largest number of starts (records of a ramp or a staircase) simulated again; 400 by default.
@@ -171,6 +173,12 @@ def _labelled(table: pd.DataFrame, context: RunContext) -> pd.DataFrame:
         attrs = table.attrs
         table = table.assign(gait=gaits(context.model, codes))
         table.attrs = attrs
+    if run.kind_name == "atlas":
+        table = rows_where(table, (table["part"] == "branch") & table["stable"].notna())
+        gait, period = table["gait"].astype(str), "period " + table["period"].astype(str)
+        attrs, table = table.attrs, table.assign(gait=gait.mask(gait == "none", period))
+        table.attrs = attrs
+        return table
     if run.kind_name == "return_map":
         drawn = next((f.y for f in context.job.figures if getattr(f, "y", None)), None)  # pyright: ignore[reportAttributeAccessIssue]
         names = [f"{drawn}_n"] if drawn else []

@@ -17,7 +17,7 @@ from gaitsweep.analysis.continuation.arclength import BranchPoints
 from gaitsweep.contract import Model, Quantity, Status
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
-from gaitsweep.kinds.continuation import Continuation
+from gaitsweep.kinds.fixed_points import FollowsFixedPoints
 from gaitsweep.kinds.run_kind import BlockProgress
 from gaitsweep.kinds.staircase import Staircase
 from gaitsweep.runs.prepare import RunContext
@@ -225,7 +225,7 @@ class ReplayStairs(ReplayGroup):
 
 
 class ReplayBranches(ReplayGroup):
-    """Points of branches of a continuation: one cycle of each steady gait, stable or unstable.
+    """Points of branches: one cycle of each steady gait, stable or unstable.
 
     The table has the observables of a point and not its state, so the branches are followed again; points
     with other results are left out.
@@ -247,17 +247,18 @@ class ReplayBranches(ReplayGroup):
         on_progress: BlockProgress,
     ) -> None:
         run = context.job.run
-        assert isinstance(run, Continuation)
-        mapping, values, followed = run.followed(
-            context.design, context.spec, rows, on_progress, with_points=True
-        )
-        of_row, point = table["row"].to_numpy(np.int64), table["point"].to_numpy(np.int64)
-        record_of = {(row, n): record for record, (row, n) in enumerate(zip(of_row, point, strict=True))}
+        assert isinstance(run, FollowsFixedPoints)
+        found = run.followed_again(context.design, context.spec, rows, on_progress)
+        assert found is not None
+        mapping, values, followed = found
+        names = [table[name].to_numpy(np.int64) for name in ("row", *run.point_names)]
+        record_of = {point: record for record, point in enumerate(zip(*names, strict=True))}
+        assert run.moved is not None
         records, points = [], []
         for again in followed.to_dict("records"):
-            record = record_of.get((int(rows[again["row"]]), again["point"]))
+            record = record_of.get((int(rows[again["row"]]), *(again[name] for name in run.point_names)))
             same = record is not None and math.isclose(
-                again[run.parameter], float(table[run.parameter].iloc[record]), rel_tol=_SAME
+                again[run.moved], float(table[run.moved].iloc[record]), rel_tol=_SAME
             )
             if same and isinstance(again.get("at"), BranchPoints):
                 records.append(record)
@@ -269,7 +270,7 @@ class ReplayBranches(ReplayGroup):
         self.records_of = {record: [record] for record in self.records.tolist()}
         branch = np.array([point["row"] for point in points], np.int64)
         parameters = {name: np.broadcast_to(v, rows.shape)[branch] for name, v in values.items()}
-        parameters[run.parameter] = np.array([point[run.parameter] for point in points], float)
+        parameters[run.moved] = np.array([point[run.moved] for point in points], float)
         self._start = states_at(mapping, [point["at"].points for point in points], parameters)
 
     def windows(self, period: float) -> Windows:
@@ -277,8 +278,8 @@ class ReplayBranches(ReplayGroup):
         return Windows(longest + 0.1 * period)
 
     def stretches(self, record: int, replayed: ReplayedRow, period: float) -> list[Stretch]:
-        t = replayed.crossings.t
-        return [Stretch("the steady gait", 0.0, float(t[1]), loops=True)] if len(t) > 1 else []
+        t, period = replayed.crossings.t, int(self.number(record, "period")) if "period" in self.table else 1
+        return [Stretch("the steady gait", 0.0, float(t[period]), loops=True)] if len(t) > period else []
 
     def around(self, record: int, replayed: ReplayedRow) -> Crossings:
         return replayed.crossings
@@ -325,10 +326,10 @@ def replay_groups(
     Returns:
         The groups, and the number of records beside a boundary.
     """
-    kind, beside = context.job.run.kind_name, 0
+    beside = 0
     if most <= 0:
         return [], 0
-    if kind == "continuation":
+    if isinstance(context.job.run, FollowsFixedPoints):
         rows = np.unique(table["row"].to_numpy(np.int64)[np.isfinite(table["multiplier"].to_numpy(float))])
         if not len(rows):
             return [], 0
@@ -348,10 +349,10 @@ def replay_groups(
     rows = np.unique(of_row[usable])
     if not len(rows):
         return [], 0
-    if kind == "return_map":
+    if context.job.run.kind_name == "return_map":
         firsts = np.array([np.argmax(usable & (of_row == row)) for row in rows], np.int64)
         return [ReplayMap(table, _spread(firsts, most), context)], 0
-    if kind == "staircase":
+    if context.job.run.kind_name == "staircase":
         stairs = int(np.asarray(table["stair"]).max()) + 1
         rows = np.sort(_spread(rows, max(1, most // stairs)))
         return [ReplayStairs(table, np.flatnonzero(usable & np.isin(of_row, rows)), context)], 0

@@ -59,6 +59,21 @@ JOBS: dict[str, dict[str, Any]] = {
         "numerics": {"method": "rk4", "dt": 2e-2},
         "engine": {"block": 1},
     },
+    "atlas": {
+        "model": "gaitsweep.examples.bouncing_ball:BouncingBall",
+        "vary": {"restitution": [0.45, 0.5, 0.55]},
+        "run": {
+            "kind": "atlas",
+            "parameter": "G",
+            "path": [0.9, 1.6],
+            "at": 1.2,
+            "ranges": {"phase_0": [0, "2*pi"], "speed_0": [0, 6]},
+            "periods": 1,
+            "depth": 0,
+            "budget": 128,
+        },
+        "engine": {"block": 1},
+    },
 }
 
 

@@ -35,7 +35,7 @@ const TOUCH = matchMedia("(pointer: coarse)").matches;
 
 // What a record is beside another of another gait, for kinds whose rows have several gaits.
 const ELSEWHERE = { staircase: "Nearest stair with another gait", ramp: "Nearest crossing with another gait",
-  continuation: "Nearest point of another gait" };
+  continuation: "Nearest point of another gait", atlas: "Nearest point of another gait" };
 
 const $ = id => document.getElementById(id);
 const mod = (a, n) => ((a % n) + n) % n;
@@ -146,6 +146,8 @@ const limbColour = limb => limb.colour === "#000000" ? shade.mark : seen(limb.co
 
 const outcomeOf = i => data.outcomes[data.outcome[i]];
 const sliceKey = i => data.slices.map(each => each.of[i]).join(",");
+/** The branch of a record, in an atlas, whose rows have several. */
+const branchOf = i => data.run === "atlas" ? raw(columns.number, i) : 0;
 const shownKey = () => slice.join(",");
 const nameOf = i => {
   const row = raw(columns.row, i), mine = recordsOf.get(row);
@@ -257,7 +259,7 @@ function pointTraces() {
       if (sliceKey(i) !== key) continue;
       const last = before;
       before = i;
-      if (last < 0) continue;
+      if (last < 0 || branchOf(last) !== branchOf(i)) continue;
       const [from, to] = [last, i].map(k => [along(data.x, numberAt(data.x.name, k)), along(data.y, numberAt(data.y.name, k))]);
       if ([data.x, data.y].some((axis, k) => axis.circular && Math.abs(to[k] - from[k]) > Math.PI)) continue;
       const line = pieceStyle(last, i), name = JSON.stringify(line);
@@ -861,7 +863,7 @@ function paintWave(pen, x, row) {
 
 /** The largest multiplier along a branch, for tables that have one. */
 function showMultipliers() {
-  const mine = recordsOf.get(raw(columns.row, chosen)), line = { x: [], y: [] };
+  const line = { x: [], y: [] }, mine = recordsOf.get(raw(columns.row, chosen)).filter(i => branchOf(i) === branchOf(chosen));
   for (const i of mine) { line.x.push(numberAt(data.x.name, i)); line.y.push(numberAt("multiplier", i)); }
   const at = numberAt(data.x.name, chosen), range = ranges()[0], box = $("phases");
   $("phases-title").textContent = "Largest multiplier along the branch: the gait is stable below 1";

@@ -1,0 +1,40 @@
+"""The order of events along branches: which events a gait has, when, and what changes from point to point."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections import Counter
+from typing import Any
+
+from gaitsweep.engine.poincare.maps import Events
+
+
+def event_columns(events: Events) -> dict[str, Any]:
+    """The columns of a gait's events: their order in words, and the time (s) of each event's first time."""
+    times: dict[str, Any] = {}
+    for at, name in events:
+        times.setdefault(time_column(name), at)
+    return {"events": ", ".join(name for _, name in events), **times}
+
+
+def time_column(event: str) -> str:
+    """The name of the column with the times of an event."""
+    return "t_" + re.sub(r"\W+", "_", event).strip("_")
+
+
+def change_of_order(before: Events, after: Events) -> str:
+    """What is different in the order of events of two gaits, in words; empty if nothing is.
+
+    Example:
+        >>> change_of_order([(0.1, "foot 1 lands"), (0.2, "foot 2 lifts")], [(0.1, "foot 2 lifts")])
+        'without foot 1 lands'
+    """
+    first, second = ([name for _, name in events] for events in (before, after))
+    texts = [
+        f"{a} and {b} change places"
+        for a, b in itertools.combinations(dict.fromkeys(first), 2)
+        if {a, b} <= set(second) and second.index(b) < second.index(a)
+    ]
+    gone, come = Counter(first) - Counter(second), Counter(second) - Counter(first)
+    return ", ".join([*texts, *(f"without {name}" for name in gone), *(f"with {name}" for name in come)])
