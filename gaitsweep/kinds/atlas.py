@@ -335,7 +335,8 @@ class Atlas(FollowsFixedPoints):
         if settled.size:
             search.add(images.points[settled], of[settled], drawn=False)
         search.run(draw, range(len(numbers)))
-        search.mark_reached(images.points, of, images.sound)
+        if not self.fix:  # else the drawn starts lead to gaits with other values of what is conserved
+            search.mark_reached(images.points, of, images.sound)
         return search
 
     def _without_gait(self, row: int, search: OrbitSearch) -> dict[str, Any]:

@@ -116,6 +116,17 @@ def test_a_pitchfork_and_its_symmetric_branches() -> None:
     assert specials(outer, "flip", "r") == pytest.approx([1.0], abs=1e-10)
 
 
+def test_a_branch_ends_where_it_becomes_its_image() -> None:
+    """From x = sqrt r the branch turns at the pitchfork and goes on as x = -sqrt r, its image."""
+    search = searched(ODD, {"r": 0.5}, [-1.2], [1.2], 1, 32)
+    table = atlas_of(ODD, search, {"r": 0.5}, "r", (-1.0, 1.5), 0).table(search, 0.5)
+    assert specials(table, "flip", "r") == pytest.approx([1.0], abs=1e-10)
+    outer = table[np.abs(table["x"]) > 1e-3]
+    assert len(np.unique(np.sign(outer["x"]))) == 1
+    assert np.sum(table["found"] > 0) == 2
+    assert set(table["end"]) == {"", "range", "pitchfork"}
+
+
 def test_images_under_combined_symmetries_are_one_orbit() -> None:
     """Of the square's eight symmetries two are named; the nine fixed points are three under the group.
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 import gaitsweep as gs
+from gaitsweep.cli.main import main
 from gaitsweep.examples.slip_runner import SlipRunner
+from gaitsweep.shipped import EXAMPLES
+from gaitsweep.table import Snapshot
 
 ALPHA, K, M, L0, G, SPEED = np.deg2rad(68.0), 20e3, 80.0, 1.0, 9.81, 5.0
 
@@ -90,3 +95,53 @@ def test_an_apex_below_touchdown_falls_and_so_does_a_leg_too_steep() -> None:
     steep = gs.sweep(SlipRunner(), alpha=[74.0]).table
     assert low["status"].tolist() == steep["status"].tolist() == ["fell"]
     assert low["cycles"].tolist() == [0]
+
+
+@pytest.fixture(scope="module")
+def atlas_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The shipped atlas, on a shorter path."""
+    folder = tmp_path_factory.mktemp("atlas") / "runner"
+    gs.run(EXAMPLES / "slip_runner_atlas.yaml", folder, overrides=["run.path=[66, 70]", "run.depth=0"])
+    return folder
+
+
+@pytest.mark.slow
+def test_times_of_touchdown_and_liftoff_along_the_branch(atlas_folder: Path) -> None:
+    """The runner falls from the apex to touchdown, and a gait that repeats after one step is symmetric."""
+    gaits = gs.load(atlas_folder)
+    drop = gaits["z_n"] - L0 * np.sin(np.deg2rad(gaits["alpha"]))
+    np.testing.assert_allclose(gaits["t_foot_lands"], np.sqrt(2.0 * drop / G), atol=1e-8)
+    lands, lifts, apex = (gaits[f"t_{name}"] for name in ("foot_lands", "foot_lifts_off", "apex"))
+    np.testing.assert_allclose(apex, gaits["time"], atol=1e-8)
+    np.testing.assert_allclose(lands + lifts, gaits["time"], atol=1e-6)
+    assert set(gaits["events"]) == {"foot lands, foot lifts off, apex"}
+
+
+@pytest.mark.slow
+def test_an_atlas_is_summed_up_drawn_and_explored(atlas_folder: Path) -> None:
+    found = Snapshot.of(atlas_folder).manifest["findings"]
+    assert found[0] == "At alpha = 68: 2 of period 1, 1 of them stable."
+    fold, flip = (float(text.split(" at ")[1].rstrip(".")) for text in found[1].split("; "))
+    gaits = gs.load(atlas_folder).set_index("special")
+    assert (fold, flip) == pytest.approx((gaits.loc["fold", "alpha"], gaits.loc["flip", "alpha"]), rel=1e-6)
+    family = gs.Result(atlas_folder).plot.orbit_family()
+    assert [axes.get_ylabel() for axes in family.axes] == ["share of the cycle", "duration (s)"]
+    with pytest.raises(gs.plot.PlotError, match="branch is 7, but row 0 has the branches 0"):
+        gs.Result(atlas_folder).plot.orbit_family(branch=7)
+    page = gs.Result(atlas_folder).explore(replays=4)
+    assert "4 of" in page.read_text()
+
+
+@pytest.mark.slow
+def test_more_of_an_atlas_goes_one_bifurcation_further(
+    atlas_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["atlas", str(atlas_folder), "--more"]) == 0
+    assert "2 of period 1" in capsys.readouterr().out
+    more = gs.load(f"{atlas_folder}_more")
+    assert more["depth"].max() == 1
+    assert np.unique(more["period"].to_numpy(int)[more["depth"].to_numpy(int) == 1]).tolist() == [2]
+    assert main(["atlas", str(atlas_folder)]) == 2
+    assert "a directory needs --more" in capsys.readouterr().err
+    assert main(["atlas", "builtin:hopper"]) == 2
+    assert "run.kind is settle, but must be atlas" in capsys.readouterr().err

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference import multilegged_reduced as reference
 
+import gaitsweep as gs
 from gaitsweep.contract import Status
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
@@ -292,3 +293,20 @@ def test_legs_in_phase_are_where_the_models_differ() -> None:
     numerics = Numerics(method="propagator6", dt=32e-3)
     run = run_rows(full, SettleRecorder(full), columns(psi), numerics=numerics, engine="kernel", lanes=16)
     assert {GAITS[g] for g in run.labels["gait"]} <= {"direct", "source", "retrograde"}
+
+
+@pytest.mark.slow
+def test_the_mirror_image_of_a_wave_is_a_wave() -> None:
+    """Reversed, the direct wave psi_i is the wave 2 pi - psi_{4-i}, with the same multipliers."""
+    chain = gs.return_map(MultileggedReduced(), numerics={"method": "propagator"}, m_B=0.8)
+    wave = chain.fixed_points(chain.settled({"psi_1": 1.13, "psi_2": 0.98, "psi_3": 1.5}, 60), fix=["E"])
+    assert wave.converged[0]
+    (image,) = chain.mapping.mirrored(wave.points, chain.mapping.complete({}, 1)).values()
+    again = chain.fixed_points(image, fix=["E"])
+    assert again.residual[0] < 1e-9
+    np.testing.assert_allclose(chain(image).at, image.at, atol=1e-9)
+    sizes = [np.sort(np.abs(chain.multipliers(points)[0])) for points in (wave.points, image)]
+    np.testing.assert_allclose(sizes[0], sizes[1], atol=1e-8)
+    # the phases of the legs while all of leg 1's neighbours stand do not depend on the section
+    inner = wave.images.observed["psi_2"][0]
+    assert again.images.observed["psi_2"][0] == pytest.approx(2.0 * np.pi - inner, abs=1e-9)

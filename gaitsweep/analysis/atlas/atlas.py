@@ -23,13 +23,13 @@ from gaitsweep.analysis.atlas.event_orders import change_of_order, event_columns
 from gaitsweep.analysis.atlas.periodic_orbits import Orbit, OrbitSearch, orbit_of, polished, rows_of
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_tests import ahead
-from gaitsweep.analysis.continuation.branch_points import CROSSINGS, beside
+from gaitsweep.analysis.continuation.branch_points import CROSSINGS, FLAT, beside
 from gaitsweep.analysis.continuation.continuation import ArclengthSteps, BranchFollower, BranchTable
 from gaitsweep.analysis.continuation.lockstep import in_lockstep
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, newton
 from gaitsweep.analysis.continuation.normal_forms import coefficient, doubled_direction
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
-from gaitsweep.engine.poincare.maps import Events, Map, Points, Values
+from gaitsweep.engine.poincare.maps import Events, Map, Points, Values, sizes
 
 # A point may lie beside the chord of a step by this share of its length, since a branch is bent.
 BESIDE_CHORD = 0.3
@@ -37,6 +37,8 @@ BESIDE_CHORD = 0.3
 ON_BRANCH = 1e-5
 # Halvings of a step on which the order of events changes.
 BISECTIONS = 40
+# Distances beyond the end of a lost branch, relative to the coordinates, at which its events are read.
+BEYOND_END = (1e-4, 1e-3, 1e-2)
 # Lengths of the step from a flip to the branch of twice the period, the next where one does not converge: the
 # next flip of a cascade is close.
 BESIDE_FLIP = (1e-3, 1e-4, 1e-2, 1e-5)
@@ -108,6 +110,11 @@ class Branch:
                 if self._meets(int(place), points[[point]], parameter):
                     return int(place)
         return None
+
+    def part(self, begin: int, end: int) -> Branch:
+        """The records from `begin` to before `end`."""
+        asides = {place - begin: aside for place, aside in self.asides.items() if begin <= place < end}
+        return dataclasses.replace(self, records=self.records[begin:end], asides=asides)
 
     def insert(self, place: int, record: dict[str, Any]) -> None:
         """Insert a record after the one at a place."""
@@ -243,7 +250,7 @@ class Atlas:
             of_period = [new[k] for k in group]
             halves = self._halves(of_period, period)
             for beginning, pieces in zip(of_period, halves, strict=True):
-                followed.append((beginning, _branch(beginning, pieces)))
+                followed.append((beginning, self._without_image(beginning, _branch(beginning, pieces))))
         for beginning, branch in followed:
             if self._is_passed(beginning):
                 continue
@@ -251,6 +258,25 @@ class Atlas:
                 self.branches.append(branch)
             else:
                 self.left_out[branch.row] += 1
+
+    def _without_image(self, beginning: Beginning, branch: Branch) -> Branch:
+        """A branch without its part beyond a pitchfork at which it turns and becomes its image."""
+        flat, turned = FLAT * (branch.problem.high - branch.problem.low), len(branch.records) - 1
+        for place in range(1, turned):
+            here = branch.records[place]
+            if here["special"] not in CROSSINGS or abs(here["at"].tangent[0, -1]) > flat:
+                continue
+            beyond = branch.records[place + 1]["at"]
+            at, orbit = float(beyond.parameter[0]), self._orbit(branch, beyond)
+            values = {**branch.problem.values, self.parameter: beyond.parameter}
+            images = {} if orbit is None else self.mapping.mirrored(orbit, values)
+            before, after = branch.part(0, place + 1), branch.part(place, turned + 1)
+            if any(before.place_of(image, at) is not None for image in images.values()):
+                away = branch.problem.mapping.distance(beginning.first.points.at, branch.at)
+                kept = before if int(np.argmin(away)) <= place else after
+                kept.records[-1 if kept is before else 0]["end"] = "pitchfork"
+                return kept
+        return branch
 
     def _is_passed(self, beginning: Beginning) -> bool:
         """Whether a branch passes the first point of another one, or its image under a symmetry.
@@ -447,6 +473,9 @@ class Atlas:
 
     def _mark_changes(self, branch: Branch, events: list[Events]) -> None:
         """Add a record to a branch where its order of events changes, and that record's events."""
+        for place, inner in ((0, 1), (-1, -2)):
+            if branch.records[place]["end"] == "lost" and len(events) > 1:
+                branch.records[place]["change"] = self._change_beyond(branch, place, inner, events[place])
         for place in range(len(events) - 1, 0, -1):
             change = change_of_order(events[place - 1], events[place])
             if not change:
@@ -463,6 +492,24 @@ class Atlas:
             record = self._record(branch.problem, at) | {"special": "order_change", "change": change}
             branch.insert(place - 1, record)
             events.insert(place, own)
+
+    def _change_beyond(self, branch: Branch, place: int, inner: int, events: Events) -> str:
+        """What changes in the order of events just beyond an end at which a branch is lost, if anything.
+
+        The points beyond it lie on the line through the record `place` at the end and the record `inner`.
+        """
+        end, before = branch.records[place]["at"], branch.records[inner]["at"]
+        problem, mapping = branch.problem, self.mapping.iterated(branch.period)
+        ahead_of_end = problem.mapping.difference(end.points.at, before.points.at)
+        length = np.linalg.norm(ahead_of_end / sizes(end.points.at))
+        for step in BEYOND_END:
+            share = step / length if length > 0.0 else 0.0
+            points = Points(end.points.at + share * ahead_of_end, end.points.modes)
+            parameter = end.parameter + share * (end.parameter - before.parameter)
+            beyond = mapping.events(points, {**problem.values, self.parameter: parameter})[0]
+            if beyond and (change := change_of_order(events, beyond)):
+                return change
+        return ""
 
     def _last_before(
         self, branch: Branch, begin: BranchPoints, end: BranchPoints, events: Events

@@ -70,7 +70,7 @@ class PlainMap(FollowedMap):
     def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
         complete = self.complete(values, len(points))
         first = {name: column[0] for name, column in complete.items()}
-        symmetries = group_of(dict(self.symmetries), first, jnp.zeros(len(self.names)))
+        symmetries = group_of(dict(self.symmetries), first, jnp.zeros(len(self.names)), lambda image: image)
         return {
             name: Points(np.asarray(jax.vmap(function)(complete, points.at)), points.modes)
             for name, function in symmetries.items()

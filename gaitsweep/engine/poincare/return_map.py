@@ -242,7 +242,10 @@ def _mirrors(mapping: BatchedReturnMap) -> Callable[..., Any]:
     first = {name: column[0] for name, column in mapping.complete({}, 1).items()}
     defaults = {q.name: 0.0 if q.default is None else q.default for q in model.initial_conditions}
     params = mapping.params(first)
-    symmetries = group_of(model.symmetries(), params, model.init(params, defaults))
+    state = model.init(params, defaults)
+    symmetries = group_of(
+        model.symmetries(), params, state, lambda image: mapping.chart.to_coordinates(params, image)
+    )
 
     def one(values: Any, at: Coordinates, modes: State) -> dict[str, Any]:
         params = mapping.params(values)

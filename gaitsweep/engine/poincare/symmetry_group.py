@@ -6,9 +6,10 @@ from collections.abc import Callable, Mapping
 from typing import TypeAlias
 
 import numpy as np
+from jaxtyping import Array, Float
 
 from gaitsweep.contract import Params, State
-from gaitsweep.engine.leaves import float_leaves, vector, with_float_leaves
+from gaitsweep.engine.leaves import float_leaves, with_float_leaves
 from gaitsweep.errors import ArgumentError
 
 Action: TypeAlias = "Callable[[Params, State], State]"
@@ -19,13 +20,19 @@ SEED = 20
 SAME = 1e-9
 
 
-def group_of(generators: Mapping[str, Action], params: Params, state: State) -> dict[str, Action]:
+def group_of(
+    generators: Mapping[str, Action],
+    params: Params,
+    state: State,
+    read: Callable[[State], Float[Array, " coordinates"]],
+) -> dict[str, Action]:
     """The elements of the group besides the identity, by name: "a", "b", "a after b", ...
 
     Args:
         generators: the symmetries that a model names.
         params: parameters of the model.
         state: a state; combinations with the same image of a random state like it are one element.
+        read: the numbers of a state that are compared; others may be a memory of the past.
 
     Raises:
         ArgumentError: the symmetries generate more than 47 others, so that one of them is no symmetry of
@@ -35,14 +42,14 @@ def group_of(generators: Mapping[str, Action], params: Params, state: State) -> 
     drawn = [random.uniform(0.1, 0.9, np.shape(leaf)) for leaf in float_leaves(state)]
     generic = with_float_leaves(state, drawn)
     elements: dict[str, Action] = {}
-    images = [np.asarray(vector(generic))]
+    images = [np.asarray(read(generic))]
     new: dict[str, Action] = {"": lambda params, state: state}
     while new:
         later: dict[str, Action] = {}
         for before, inner in new.items():
             for name, outer in generators.items():
                 combined = _after(outer, inner)
-                image = np.asarray(vector(combined(params, generic)))
+                image = np.asarray(read(combined(params, generic)))
                 if any(np.allclose(image, known, rtol=0.0, atol=SAME) for known in images):
                     continue
                 images.append(image)

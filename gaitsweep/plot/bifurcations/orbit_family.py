@@ -45,13 +45,13 @@ def orbit_family(
     own = rows_where(table, (table["row"] == row) & (table["part"] == "branch"))
     family = rows_where(own, own["number"] == branch).sort_values("point")
     if not len(family):
-        numbers = ", ".join(map(str, sorted(own["number"].unique())))
+        numbers = ", ".join(map(str, np.unique(own["number"].to_numpy(int))))
         raise PlotError(f"branch is {branch}, but row {row} has the branches {numbers or '(none)'}.")
     quantities = table.attrs.get("quantities", {})
     names = {
         str(name): str(quantities.get(name, {}).get("meaning", name)).removeprefix(_MEANING)
         for name in family
-        if str(name).startswith("t_") and family[name].notna().any()
+        if str(name).startswith("t_") and np.isfinite(family[name].to_numpy(float)).any()
     }
     if not names:
         raise PlotError("The gaits of this branch have no events.")
@@ -74,7 +74,7 @@ def orbit_family(
             Line2D([], [], color=colours[name], ls=_LINES[place % len(_LINES)], lw=1.8, label=name)
             for place, name in enumerate(names.values())
         ]
-        if not family["stable"].all():
+        if not family["stable"].to_numpy(bool).all():
             handles.append(Line2D([], [], color="#333333", lw=0.8, label="thin: unstable"))
         theme.legend(figure, handles, ncols=2)
     return figure

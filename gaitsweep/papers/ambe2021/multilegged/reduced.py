@@ -14,7 +14,7 @@ In steps of its own (`method: semi_implicit`) every step goes to the next event 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import ClassVar
 
 import jax
@@ -83,6 +83,13 @@ def after_events(s: State, corner: jax.Array, touches: jax.Array, lifts: jax.Arr
     )
 
 
+def _reversed(params: Params, s: State) -> State:
+    """The state of the chain with its legs in reversed order."""
+    phi = s.phi[::-1]
+    psi = wrapped(phi[1:] - phi[:-1])
+    return dataclasses.replace(s, phi=phi, segment=s.segment[::-1], held=s.held[::-1], psi=psi)
+
+
 @dataclasses.dataclass(frozen=True)
 class MultileggedReduced(Multilegged):
     """The reduced chain of N + 1 legs, with the parameters, observables and gaits of the full model."""
@@ -109,6 +116,10 @@ class MultileggedReduced(Multilegged):
 
     def chart(self) -> Chart | None:
         return ReducedChart(self.N)
+
+    def symmetries(self) -> Mapping[str, Callable[[Params, State], State]]:
+        # of a chain whose masses and lifts are the same from either end (eq. 23)
+        return {"legs in reversed order": _reversed}
 
     def fixed_step_scheme(self) -> FixedStepDynamics:
         return NextEventSteps(self)
