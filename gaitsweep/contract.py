@@ -94,7 +94,7 @@ class Status(ResultCode):
     running = 0, "The row has not ended yet."
     settled = (
         1,
-        "The state at the section stopped changing, or repeats every 2 to 8 crossings.",
+        "The state at the section stopped changing, or repeats every 2 to `max_period` crossings.",
         Verdict.sound,
     )
     cycle_limit = 2, "The row reached run.max_cycles without settling."

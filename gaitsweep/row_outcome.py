@@ -22,13 +22,19 @@ class RowNumber:
         name: its name. dtype: type of its stored values; along a trajectory it is an int32, or a float of
         the run's precision. absent: its value in rows that have not ended or were not simulated, and where
         a trajectory begins. quantity: unit and meaning of its column; None if the run kind declares the
-        column itself.
+        column itself. crossings: if not 0, it has the values of all observables at so many crossings, one
+        crossing after the other, and is not among the numbers that a recorder sets.
     """
 
     name: str
     dtype: type[np.generic]
     absent: float = 0
     quantity: Quantity | None = None
+    crossings: int = 0
+
+    def shape(self, observables: int) -> tuple[int, ...]:
+        """Its shape in one row."""
+        return (self.crossings * observables,) if self.crossings else ()
 
 
 # The numbers that the engine gives for every row. `attempts` counts steps tried, `t_end` is a time in s,
@@ -39,7 +45,7 @@ ENGINE_NUMBERS = (
     RowNumber("cycles", np.int64),
     RowNumber("attempts", np.int64),
     RowNumber("t_end", np.float64, np.nan),
-    RowNumber("last", np.float64, np.nan),
+    RowNumber("last", np.float64, np.nan, crossings=1),
     RowNumber("fired", np.int64),
 )
 
@@ -78,12 +84,12 @@ class RowOutcome:
         cls, row: Int[np.ndarray, " rows"], numbers: Sequence[RowNumber], observables: int, width: int = 0
     ) -> RowOutcome:
         """Rows without results, of recorders with `numbers` and with `width` numbers in a record."""
-        # how many words hold the guards is known only from a trajectory
-        shapes = {"last": (observables,), "fired": (0,)}
         arrays = {
-            number.name: np.full((row.size, *shapes.get(number.name, ())), number.absent, number.dtype)
+            number.name: np.full((row.size, *number.shape(observables)), number.absent, number.dtype)
             for number in (*ENGINE_NUMBERS, *numbers)
         }
+        # how many words hold the guards is known only from a trajectory
+        arrays["fired"] = np.zeros((row.size, 0), np.int64)
         return cls(row, arrays, np.zeros(row.size, np.int64), np.zeros((0, width)))
 
     @classmethod
@@ -98,7 +104,7 @@ class RowOutcome:
         """Set the numbers of the rows at the places `which` (m,)."""
         for name, own in list(self.numbers.items()):
             values = numbers[name]
-            if own.shape[1:] != values.shape[1:]:  # the number of guards is known only now
+            if own.shape[1:] != values.shape[1:]:  # the guards, or crossings, are counted only now
                 self.numbers[name] = own = np.zeros((self.row.size, *values.shape[1:]), own.dtype)
             own[which] = values
 

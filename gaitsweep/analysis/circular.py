@@ -14,10 +14,10 @@ from gaitsweep.angle_difference import TURN
 def is_circular(table: pd.DataFrame, name: str) -> bool:
     """Whether a column is an angle: from `table.attrs["quantities"]`, else by its name (psi, phi, delta).
 
-    The name is looked up as it is, then without the suffix _n or _end of section observables.
+    The name is looked up as it is, then without the suffix _n, _end or _end_2 of section observables.
     """
     quantities = table.attrs.get("quantities", {})
-    entry = quantities.get(name) or quantities.get(re.sub(r"_(n|end)\Z", "", name)) or {}
+    entry = quantities.get(name) or quantities.get(re.sub(r"_(n|end(_\d+)?)\Z", "", name)) or {}
     circular = entry.get("circular")
     return bool(circular) if circular is not None else re.match(r"(psi|phi|delta)(_|\Z)", name) is not None
 

@@ -12,9 +12,7 @@ import pandas as pd
 from gaitsweep.api.keywords import AnyModel
 from gaitsweep.api.result import Result, run, run_in_memory
 from gaitsweep.api.trajectories import sweep
-from gaitsweep.errors import ArgumentError
-from gaitsweep.job import Job
-from gaitsweep.job.load import stored_job
+from gaitsweep.job.load import wider_job
 from gaitsweep.kinds import Atlas as AtlasRun
 
 if TYPE_CHECKING:
@@ -105,7 +103,7 @@ class Atlas:
         Args:
             out: its result directory; without it its tables are in memory.
         """
-        job = wider(self._table)
+        job = wider_job(self._table.attrs)
         return Atlas(run_in_memory(job) if out is None else run(job, out))
 
     @property
@@ -119,25 +117,6 @@ class Atlas:
 
     def _where(self, mask: np.ndarray) -> pd.DataFrame:
         return self._table.iloc[np.flatnonzero(mask)].reset_index(drop=True)
-
-
-def wider(table: pd.DataFrame, trust: bool = False) -> Job:
-    """Return the job of a wider atlas than the one that made a table.
-
-    Args:
-        table: the table of the atlas.
-        trust: as for `Result.explore`.
-
-    Raises:
-        ArgumentError: another kind of run made the table.
-        JobError: the model is not found.
-    """
-    job = stored_job(table.attrs, trust)
-    if not isinstance(job.run, AtlasRun):
-        raise ArgumentError(
-            f"The run of this table is of the kind {job.run.kind_name}, but must be an atlas."
-        )
-    return job.model_copy(update={"run": job.run.wider()})
 
 
 def atlas(

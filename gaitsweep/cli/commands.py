@@ -213,10 +213,10 @@ def atlas(
     trust: Trust = False,
     open_it: Open = False,
 ) -> None:
-    """Find all gaits of a model, stable or not, and their bifurcations."""
-    from gaitsweep.api.atlas import wider
+    """Find all gaits, stable or not, and their bifurcations."""
     from gaitsweep.cli import show
     from gaitsweep.job import load_job
+    from gaitsweep.job.load import wider_job
     from gaitsweep.kinds import Atlas
     from gaitsweep.runs.execute import run_job
     from gaitsweep.table import Snapshot, load
@@ -230,7 +230,7 @@ def atlas(
             raise typer.BadParameter(f"{target}: run.kind is {kind.kind_name}, but must be atlas.")
         run(target, out, settings, open_it=open_it)
         return
-    job, out = wider(load(target), trust), out or target.with_name(f"{target.name}_more")
+    job, out = wider_job(load(target).attrs, trust), out or target.with_name(f"{target.name}_more")
     with _running(job.name, out, cluster=None) as (on_progress, _):
         path = run_job(job, out, on_progress=on_progress, on_message=print_message)
     _print_outcome(show.outcome(Snapshot.of(path)), open_it)

@@ -9,6 +9,7 @@ from typing import Any
 from gaitsweep import effort, models
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job.job import Job
+from gaitsweep.kinds.atlas import Atlas
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, quoted
 from gaitsweep.schema.yaml_document import Document, read_document, read_value
 from gaitsweep.shipped import job_file
@@ -92,3 +93,20 @@ def stored_job(attrs: Mapping[Any, Any], trust: bool = False) -> Job:
     except models.ModelError as error:
         raise JobError([Diagnostic(("model",), str(error))]) from error
     return Job.model_validate(attrs["job"])
+
+
+def wider_job(attrs: Mapping[Any, Any], trust: bool = False) -> Job:
+    """The job of an atlas that goes further than the one that made a table.
+
+    Args:
+        attrs: the table's `.attrs`.
+        trust: as for `stored_job`.
+
+    Raises:
+        ArgumentError: another kind of run made the table.
+        JobError: as for `stored_job`.
+    """
+    job = stored_job(attrs, trust)
+    if not isinstance(job.run, Atlas):
+        raise ArgumentError(f"This table is of a run of the kind {job.run.kind_name}, but must be an atlas.")
+    return job.model_copy(update={"run": job.run.wider()})

@@ -18,10 +18,18 @@ from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, SearchOptions,
 from gaitsweep.contract import HybridModel, Model, Quantity
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
+from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import Column, observed_at_crossings
-from gaitsweep.kinds.fixed_points import LISTED, FollowsFixedPoints, beginning_within, rising, unknowns
+from gaitsweep.kinds.fixed_points import (
+    LISTED,
+    FollowsFixedPoints,
+    beginning_within,
+    bifurcations_found,
+    rising,
+    unknowns,
+)
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Real, Text
@@ -38,6 +46,7 @@ Range = Annotated[list[Real], Field(min_length=2, max_length=2)]
 class Atlas(FollowsFixedPoints):
     """Find all periodic gaits, stable or not, and follow them and what they meet along one parameter."""
 
+    programs: ClassVar = 10.0
     point_names: ClassVar = ("number", "point")
 
     kind: Literal["atlas"] = Field(
@@ -93,8 +102,8 @@ class Atlas(FollowsFixedPoints):
 
     @property
     def columns_of_findings(self) -> tuple[str, ...]:
-        read = ("row", "part", "number", "period", "stable", "found", "missing", "left_out")
-        return (*super().columns_of_findings, *read, *self.second)
+        read = ("row", "part", "number", "period", "stable", "found", "missing", "left_out", "special", "end")
+        return (self.parameter, *read, *self.second)
 
     def findings(self, table: pd.DataFrame) -> list[str]:
         branch = (table["part"] == "branch").to_numpy(bool)
@@ -110,7 +119,7 @@ class Atlas(FollowsFixedPoints):
         text += "; ".join(counts) or "no gait"
         missing = np.sum(of_row["missing"].to_numpy(float))
         text += f"; an estimate of {missing:.0f} more were not found." if missing >= 0.5 else "."
-        sentences = [text, *super().findings(table.iloc[np.flatnonzero(branch)])]
+        sentences = [text, bifurcations_found(table.iloc[np.flatnonzero(branch)], self.parameter)]
         if left_out := np.sum(of_row["left_out"].to_numpy(int)):
             what = "1 branch was" if left_out == 1 else f"{left_out} branches were"
             sentences.append(f"{what} not followed: run.branches is {self.branches}.")
@@ -221,8 +230,12 @@ class Atlas(FollowsFixedPoints):
         numbers: Int[np.ndarray, " rows"],
         begun: int,
         count: int,
+        cycles: int = 0,
     ) -> Points:
-        """Random starts of the rows `of` (n,), `count` of each, which depend on the row and `begun` alone."""
+        """Random starts of the rows `of` (n,), `count` of each, which depend on the row and `begun` alone.
+
+        With `cycles`, where the starts are after so many cycles; NaN if they did not come so far.
+        """
         low, high = np.array(list(self.ranges.values())).T
         drawn = {
             row: np.random.default_rng([self.seed, int(numbers[row]), begun]).uniform(
@@ -235,11 +248,23 @@ class Atlas(FollowsFixedPoints):
         of_starts = {name: np.asarray(column)[of] for name, column in starts.items()}
         names = [quantity.name for quantity in mapping.model.initial_conditions]
         given = {name: column for name, column in columns.items() if name in names}
-        points, _ = mapping.settled({**of_starts, **given}, rows_of(values, of), 0)
+        start_values, of_points = {**of_starts, **given}, rows_of(values, of)
+        if cycles and len(given) == len(columns):
+            points, status = mapping.settled(start_values, of_points, cycles)
+            return Points(
+                np.where((status == ReturnStatus.crossed)[:, None], points.at, np.nan), points.modes
+            )
+        points, _ = mapping.settled(start_values, of_points, 0)
+        outside = np.flatnonzero(~mapping.covers(points, of_points))
+        if outside.size:
+            points = points.merged(outside, mapping.settled(start_values, of_points, 1)[0][outside])
         moved = points.at.copy()
         for place, quantity in enumerate(mapping.coordinates):
             if quantity.name in columns and quantity.name not in given:
                 moved[:, place] = columns[quantity.name]
+        if cycles:
+            images = mapping.iterated(cycles).images(Points(moved, points.modes), of_points)
+            moved, points = np.where(images.sound[:, None], images.points.at, np.nan), images.points
         return Points(moved, points.modes)
 
     def block_table(
@@ -330,13 +355,14 @@ class Atlas(FollowsFixedPoints):
         options = SearchOptions(self.periods, self.budget, self.batch, self.patience, on_round)
         search = OrbitSearch(mapping, values, self._levels(mapping, values, starts), options)
         of = np.repeat(np.arange(len(numbers)), self.batch)
-        images = mapping.iterated(max(self.settle, 1)).images(draw(of, 0), rows_of(values, of))
-        settled = np.flatnonzero(images.sound)
+        ends = self._drawn(mapping, starts, values, of, numbers, 0, self.batch, max(self.settle, 1))
+        sound = np.asarray(np.isfinite(ends.at).all(axis=1))
+        settled = np.flatnonzero(sound)
         if settled.size:
-            search.add(images.points[settled], of[settled], drawn=False)
+            search.add(ends[settled], of[settled], drawn=False)
         search.run(draw, range(len(numbers)))
         if not self.fix:  # else the drawn starts lead to gaits with other values of what is conserved
-            search.mark_reached(images.points, of, images.sound)
+            search.mark_reached(ends, of, sound)
         return search
 
     def _without_gait(self, row: int, search: OrbitSearch) -> dict[str, Any]:

@@ -128,6 +128,16 @@ def observed_at_end(
     ]
 
 
+def observed_on_orbits(model: Model, block: RowOutcome) -> list[Column]:
+    """The observables at crossings 2 to p of the orbits that the rows of a block are on, as `psi_1_end_2`."""
+    k, longest = len(model.observables), int(block.numbers["period"].max(initial=1))
+    return [
+        Column(f"{q.name}_end_{c + 2}", lambda records, at=c * k + i: records["orbit"][:, at], q, False)
+        for c in range(longest - 1)
+        for i, q in enumerate(model.observables)
+    ]
+
+
 def label_fields(model: Model) -> list[Column]:
     """The model's `label_fields`."""
 

@@ -16,7 +16,7 @@ from gaitsweep.design import Design
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import Column, observed_at_crossings
-from gaitsweep.kinds.fixed_points import BeginsWhereRowsSettle, unknowns
+from gaitsweep.kinds.fixed_points import BeginsWhereRowsSettle, bifurcations_found, unknowns
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Real, Text
@@ -105,6 +105,13 @@ class Continuation(BeginsWhereRowsSettle):
         table = self.records(rows, first, mapping, values, table, has_point, has_point)
         # missing numbers would be read as such, and those of other blocks are flags
         return table if has_point.any() else table.assign(stable=pd.Series([None] * len(table), dtype=object))
+
+    @property
+    def columns_of_findings(self) -> tuple[str, ...]:
+        return self.parameter, "special", "end"
+
+    def findings(self, table: pd.DataFrame) -> list[str]:
+        return [bifurcations_found(table, self.parameter)]
 
     def followed_again(
         self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"], on_progress: BlockProgress

@@ -32,8 +32,6 @@ from gaitsweep.kinds.run_kind import BlockProgress, RunKind, StartingPoints, tab
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
 
-# Time in which all programs of a return map are compiled, as a multiple of that of its settling.
-PROGRAMS = 4.0
 # Values of a kind of bifurcation that a sentence lists.
 LISTED = 6
 
@@ -41,6 +39,8 @@ LISTED = 6
 class FollowsFixedPoints(RunKind):
     """A run kind that begins at a fixed point of each row's return map and follows it by its arclength."""
 
+    # time in which all programs of a return map are compiled, as a multiple of that of its settling
+    programs: ClassVar[float] = 4.0
     # columns that tell the points of a row's branches apart
     point_names: ClassVar[tuple[str, ...]] = ("point",)
 
@@ -65,6 +65,7 @@ class FollowsFixedPoints(RunKind):
         # the rows are followed to where their branches begin; `block_table` does the rest
         return CrossingRecorder(model, 1, self.settle)
 
+    @abc.abstractmethod
     def followed_again(
         self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"], on_progress: BlockProgress
     ) -> tuple[BatchedReturnMap, dict[str, Any], pd.DataFrame] | None:
@@ -74,20 +75,6 @@ class FollowsFixedPoints(RunKind):
             The return map, the parameters (n,) that do not move, and a record for each point: `row`, counted
             from 0, the columns `point_names`, the parameter, and its `BranchPoints` as `at`.
         """
-        return None
-
-    @property
-    def columns_of_findings(self) -> tuple[str, ...]:
-        return () if self.moved is None else (self.moved, "special", "end")
-
-    def findings(self, table: pd.DataFrame) -> list[str]:
-        assert self.moved is not None
-        places = table[self.moved].to_numpy(float)
-        # a doubled gait that meets its parent again ends at the parent's flip
-        special = table["special"].astype(str).where(table["end"].astype(str) != "flip", "")
-        kinds = [kind for kind in (*MARKS, "order_change") if np.any(special == kind)]
-        texts = [f"{kind.replace('_', ' ')} at {_listed(places[special == kind])}" for kind in kinds]
-        return [f"Along {self.moved}: {'; '.join(texts) or 'no bifurcation'}."]
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
         return [*self.check_ranges(rows), *self._check_steps(), *self._check_map(rows.model, method)]
@@ -152,7 +139,7 @@ class FollowsFixedPoints(RunKind):
         began = time.perf_counter()
         mapping, values, starts = self.return_map(rows, spec, np.zeros(1, np.int64))
         mapping.settled(starts, values, 1)
-        return PROGRAMS * (time.perf_counter() - began)
+        return self.programs * (time.perf_counter() - began)
 
     def return_map(
         self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"]
@@ -251,6 +238,16 @@ def beginning_within(
                 f"is from {low:g} to {high:g}, but {name} begins at {at}: rows must begin within the range."
             )
             yield Diagnostic((*field, name), text)
+
+
+def bifurcations_found(table: pd.DataFrame, parameter: str) -> str:
+    """A sentence that lists the bifurcations on the branches of a table, by kind."""
+    places = table[parameter].to_numpy(float)
+    # a doubled gait that meets its parent again ends at the parent's flip
+    special = table["special"].astype(str).where(table["end"].astype(str) != "flip", "")
+    kinds = [kind for kind in (*MARKS, "order_change") if np.any(special == kind)]
+    texts = [f"{kind.replace('_', ' ')} at {_listed(places[special == kind])}" for kind in kinds]
+    return f"Along {parameter}: {'; '.join(texts) or 'no bifurcation'}."
 
 
 def _listed(places: Float[np.ndarray, " places"]) -> str:

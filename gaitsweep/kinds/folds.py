@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Int
 from pydantic import Field
 
 from gaitsweep import near_miss
@@ -96,6 +97,11 @@ class Folds(BeginsWhereRowsSettle):
         cycles_a_point = DERIVATIVES_A_POINT * (unknowns(rows) + 1)
         likely, longest = ((self.settle + count * cycles_a_point) * cycle for count in (points, most))
         return Cost(likely, longest, max(points, 1.0))
+
+    def followed_again(
+        self, rows: Design, spec: SweepSpec, numbers: Int[np.ndarray, " sampled"], on_progress: BlockProgress
+    ) -> None:
+        return None
 
     def block_table(
         self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress

@@ -80,10 +80,10 @@ class RunKind(StrictModel, abc.ABC):
     1. A kind gives a field `kind: Literal["its_name"]`, `recorder`, `columns` and `cost`. A kind that moves a
        parameter has the fields `parameter` and `path`; one that moves several has `parameters` and their
        ranges `within`.
-    2. It may give the optional members: the class variables, `check`; `schedule` where a parameter moves
-       while a row runs; `refined` where only some rows are simulated; `block_table` with `compile_time` where
-       the sweep engine does not make its records, `starting_points` where these begin at fixed points, and
-       `findings` where a table has more to say than the statuses of its rows.
+    2. It may give the optional members: the class variables, `check`, `columns_of_block`; `schedule` where a
+       parameter moves while a row runs; `refined` where only some rows are simulated; `block_table` with
+       `compile_time` where the sweep engine does not make its records, `starting_points` where these begin at
+       fixed points, and `findings` where a table has more to say than the statuses of its rows.
     3. The runner alone calls its functions.
 
     In Python it is created without `kind`, as in `Settle(max_cycles=150)`; NumPy arrays and numbers are
@@ -174,6 +174,10 @@ class RunKind(StrictModel, abc.ABC):
             period: length of a cycle, s.
         """
 
+    def columns_of_block(self, model: Model, block: RowOutcome) -> list[Column]:
+        """Columns after all others that the records of this block have; other blocks may lack them."""
+        return []
+
     def schedule(self) -> Schedule | None:
         """The schedule of the parameter that moves while a row runs; None: no parameter moves."""
         return None
@@ -250,7 +254,8 @@ class RunKind(StrictModel, abc.ABC):
             records = Records.one_a_sample(model, block, self.recorder(model).names)
         columns: dict[str, Any] = {"row": records.rows}
         columns |= {name: records.of_row(values) for name, values in axes.items()}
-        columns |= {column.name: column.values(records) for column in self.all_columns(model)}
+        declared = [*self.all_columns(model), *self.columns_of_block(model, block)]
+        columns |= {column.name: column.values(records) for column in declared}
         return pd.DataFrame(columns)
 
 

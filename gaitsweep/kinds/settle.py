@@ -10,7 +10,7 @@ from pydantic import Field, PlainValidator, WithJsonSchema
 from gaitsweep import near_miss
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
-from gaitsweep.engine.recorders.settle import SettleRecorder, tolerances
+from gaitsweep.engine.recorders.settle import FIRST_TEST, HOLD, MAX_PERIOD, SettleRecorder, tolerances
 from gaitsweep.engine.sweep.boundary_cells import Grid
 from gaitsweep.kinds.columns import (
     GAIT,
@@ -21,8 +21,10 @@ from gaitsweep.kinds.columns import (
     Column,
     label_fields,
     observed_at_end,
+    observed_on_orbits,
 )
 from gaitsweep.kinds.run_kind import Cost, RunKind
+from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import (
     Count,
@@ -36,6 +38,9 @@ from gaitsweep.schema.numbers import (
 )
 
 MOST_COARSE = 1024  # cells a side
+MOST_PERIOD = 64  # crossings of the longest orbits that may be asked for
+# Crossings after which an orbit settles at the earliest, in longest periods.
+SETTLING_PERIODS = FIRST_TEST + HOLD
 # Mean share of the allowed cycles that a settling row takes; a chain of three modules takes 0.37.
 LIKELY_SHARE = 0.4
 
@@ -46,6 +51,10 @@ def _power_of_two(value: Any) -> int:
         below = 1 << (whole.bit_length() - 1)
         raise InvalidValue(f"is {whole}, but must be a power of two; did you mean {below} or {2 * below}?")
     return whole
+
+
+def _period(value: Any) -> int:
+    return read_whole(value, low=1, high=MOST_PERIOD)
 
 
 def tolerance_field(noun: str) -> Any:
@@ -62,18 +71,25 @@ class Settle(RunKind):
 
     compared: ClassVar = "settled"
     one_a_row: ClassVar[bool] = True
-    # without refinement every row runs, whatever the other two fields are
-    idle_without: ClassVar = {"refine": ("refine", "over", "coarse")}
+    # without refinement every row runs, whatever the other two fields are; results are older than max_period
+    idle_without: ClassVar = {"refine": ("refine", "over", "coarse"), "max_period": ("max_period",)}
 
     kind: Literal["settle"] = Field(
         init=False,
-        description="settle: simulate until the state at the section stops changing, or repeats every 2 to 8 "
-        "crossings",
+        description="settle: simulate until the state at the section stops changing, or repeats every 2 to "
+        "`max_period` crossings",
     )
     max_cycles: Count = Field(default=150, description="cycles after which a row is given up")
     tolerance: PositiveOrEach = tolerance_field("row")
     max_time: Positive | None = Field(
         default=None, description="simulated time after which a row is given up, in s"
+    )
+    max_period: (
+        Annotated[int, PlainValidator(checked(_period)), WithJsonSchema({"type": "integer"})] | None
+    ) = Field(
+        default=None,
+        description=f"crossings of the longest orbits that settle, at most {MOST_PERIOD}; by default "
+        f"{MAX_PERIOD}. They settle after {SETTLING_PERIODS} times as many crossings at the earliest",
     )
     refine: Annotated[Literal["boundary"], word("boundary")] | None = Field(
         default=None,
@@ -94,7 +110,10 @@ class Settle(RunKind):
     )
 
     def recorder(self, model: Model) -> SettleRecorder:
-        return SettleRecorder(model, self.max_cycles, tolerances(model, self.tolerance), self.max_time)
+        longest = self.max_period or MAX_PERIOD
+        return SettleRecorder(
+            model, self.max_cycles, tolerances(model, self.tolerance), self.max_time, longest
+        )
 
     def columns(self, model: Model) -> list[Column]:
         return [
@@ -110,8 +129,18 @@ class Settle(RunKind):
             *label_fields(model),
         ]
 
+    def columns_of_block(self, model: Model, block: RowOutcome) -> list[Column]:
+        return observed_on_orbits(model, block)
+
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
-        return [*check_tolerance(self.tolerance, rows.model), *self._check_refinement(rows)]
+        wrong = [*check_tolerance(self.tolerance, rows.model), *self._check_refinement(rows)]
+        if self.max_period and self.max_cycles < (needed := SETTLING_PERIODS * self.max_period):
+            text = (
+                f"is {self.max_period}, but orbits settle after {SETTLING_PERIODS} times as many crossings: "
+                f"give a run.max_cycles of {needed} or more; it is {self.max_cycles}."
+            )
+            wrong.append(Diagnostic(("run", "max_period"), text))
+        return wrong
 
     def refined(self, rows: Design) -> Grid | None:
         if self.refine is None:

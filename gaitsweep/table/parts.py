@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -159,8 +160,9 @@ def _records(
             arrays.append(pa.Array.from_pandas(values, type=pa.string()))
         else:
             arrays.append(pa.Array.from_pandas(values))
+        observed = re.sub(r"_end_\d+\Z", "_end", column)  # at a further crossing of an orbit
         added = dict(zip(("unit", "meaning"), COLUMNS.get(column, ()), strict=False))
-        quantity = (quantities or {}).get(column) or added
+        quantity = (quantities or {}).get(observed) or added
         described = {name: quantity[name] for name in ("unit", "meaning") if quantity.get(name)}
         fields.append(pa.field(column, arrays[-1].type, metadata=described or None))
     footer = Footer(number, job_hash, dict(counts), categories)
@@ -282,7 +284,8 @@ def read_open(data: bytes, job_hash: str, n_rows: int) -> RowOutcome:
             if name in metadata["widths"]:
                 width = int(metadata["widths"][name])
                 flat = column.flatten().to_numpy()
-                arrays[name] = flat.reshape(flat.size // width if width else 0, width)
+                count = flat.size // max(width, 1) if name == "samples" else len(column)
+                arrays[name] = flat.reshape(count, width)
             else:
                 arrays[name] = column.to_numpy(zero_copy_only=False)
         row, kept, samples = (arrays.pop(name) for name in ("row", "kept", "samples"))

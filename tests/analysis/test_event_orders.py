@@ -20,6 +20,7 @@ class TwoBells(gs.DeclaredModel):
     section_coordinates = ("height", "speed")
 
     p = gs.parameter("1", "mean height", -0.65)
+    bell_at = gs.parameter("rad", "angle of the bell", BELL)
 
     theta = gs.variable("rad", "angle, which turns at the rate 1", 0.0)
     height = gs.variable("m", "height", -0.2, observed=True)
@@ -33,7 +34,7 @@ class TwoBells(gs.DeclaredModel):
 
     @gs.event("bell", during=lambda s: ~s.rung)
     def bell(self, p, s):
-        return s.theta - BELL
+        return s.theta - p.bell_at
 
     @bell.jump
     def ring(self, p, s):
@@ -66,7 +67,7 @@ class TwoBells(gs.DeclaredModel):
 def test_times_and_order_of_events_and_where_it_changes() -> None:
     bells = gs.atlas(
         TwoBells(), parameter="p", path=(-0.70, -0.62), at=-0.65, ranges={"height": (-1.0, 1.0)},
-        periods=1, depth=0, budget=8, batch=8, verify=0,
+        periods=1, depth=0, budget=8, batch=8, verify=0, second={"bell_at": (0.4, 0.6)},
     )  # fmt: skip
     branch = bells.branches
     rises = np.pi / 4.0 - np.arccos(-branch["p"] * np.sqrt(2.0))
@@ -78,6 +79,12 @@ def test_times_and_order_of_events_and_where_it_changes() -> None:
     assert changes["change"].tolist() == ["bell and height rises change places"]
     np.testing.assert_allclose(changes["p"], TOGETHER, atol=1e-9)
     assert set(branch["change"].astype(str)) == {"", *changes["change"]}
+    curve = bells.curves
+    assert set(curve["part"]) == {"order_change"}
+    exact = -np.cos(curve["bell_at"] - np.pi / 4.0) / np.sqrt(2.0)
+    np.testing.assert_allclose(curve["p"], exact, atol=1e-8)
+    assert [curve["bell_at"].min(), curve["bell_at"].max()] == pytest.approx([0.4, 0.6])
+    assert set(curve["end"].astype(str)) == {"", "range"}
 
 
 def test_a_change_of_order_in_words() -> None:

@@ -24,6 +24,7 @@ from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.sweep import engines
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from plane_maps import Logistic
 from tests.support.host_card import HOST_HEAD, HostCard, compiler, library
 from tests.support.multilegged_crossings import wrapped
 from tests.support.scalar_programs import executable, traced_with
@@ -173,6 +174,24 @@ def test_settling_thread_by_thread(on_card: Any, monkeypatch: pytest.MonkeyPatch
     np.testing.assert_array_equal(card.status, cpu.status)
     np.testing.assert_array_equal(card.cycles, cpu.cycles)
     np.testing.assert_allclose(card.last, cpu.last, rtol=0, atol=1e-12)
+
+
+@pytest.mark.slow("xla")
+@pytest.mark.parametrize("other", ["kernel", "xla"])
+def test_orbits_thread_by_thread(other: str, on_card: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Periods and all crossings of orbits of the logistic map are those of a CPU."""
+    model, r = Logistic(), [2.8, 3.2, 3.5, 3.83, 3.74, 3.9]
+    run = model, SettleRecorder(model), {"x_0": np.full(6, 0.3)}
+    options: dict[str, Any] = {"numerics": Numerics(dt=1.0), "params": {"r": r}}
+    card = on_card(*run, **options)
+    monkeypatch.undo()
+    cpu = run_rows(*run, engine=other, **options)
+    periods, orbits = card.numbers["period"], card.numbers["orbit"]
+    np.testing.assert_array_equal(periods, [1, 2, 4, 3, 5, 0])
+    np.testing.assert_array_equal(periods, cpu.numbers["period"])
+    # two observables at all crossings but one
+    np.testing.assert_array_equal(np.isfinite(orbits).sum(axis=1), 2 * np.maximum(periods - 1, 0))
+    np.testing.assert_allclose(orbits, cpu.numbers["orbit"], rtol=0, atol=1e-12)
 
 
 @pytest.mark.slow

@@ -8,17 +8,24 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 
 import gaitsweep as gs
+from gaitsweep.analysis.basins.attractor_matching import follow_attractors
 from gaitsweep.analysis.basins.attractors import attractors
 from gaitsweep.contract import Quantity, Status
 from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.recorders.orbits import first_crossing
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.job import JobError
+from gaitsweep.plot import draw
 from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.table import Snapshot
 from plane_maps import Logistic, Spiral
 from simplest_walker import ANGLE, RATE, SimplestWalker
+from tests.support.plot_tables import legend_texts
 from tests.support.sweeping import run_rows
 from toy_model import Toy
 
@@ -302,7 +309,7 @@ def job(**fields: Any) -> dict[str, Any]:
 
 @pytest.mark.slow
 def test_the_table_of_orbits(tmp_path: Path) -> None:
-    table = gs.run(gs.Job.model_validate(job()), tmp_path / "out").table
+    table = gs.run(gs.Job.model_validate(job(engine={"block": 1})), tmp_path / "out").table
     assert table["attractor_period"].dtype == np.int8
     assert table["attractor_period"].tolist() == [1, 2, 4, 0]
     assert table["slowest"].astype(object).where(table["slowest"].notna(), None).tolist() == [None] * 3 + [
@@ -315,14 +322,123 @@ def test_the_table_of_orbits(tmp_path: Path) -> None:
     result = attractors(table)
     assert result.column.astype(object).where(result.column.notna(), None).tolist() == [
         "A1",
-        "period 2",
-        "period 4",
+        "A2",
+        "A3",
         None,
     ]
-    assert result.summary["kind"].tolist() == ["point", "orbit", "orbit"]
+    assert result.summary["kind"].tolist() == ["point", "period 2", "period 4"]
     assert result.summary["rows"].tolist() == [1, 1, 1]
-    alone = attractors(table.iloc[1:2])
-    assert alone.summary["attractor"].tolist() == ["period 2"]
+    assert attractors(table.iloc[1:2]).summary["kind"].tolist() == ["period 2"]
+    # rows of each part have the crossings of its orbits, from the least x on
+    orbit = table.loc[2, ["x_end", "x_end_2", "x_end_3", "x_end_4"]].to_numpy(float)
+    np.testing.assert_allclose(np.roll(orbit, -1), 3.5 * orbit * (1.0 - orbit), rtol=0, atol=1e-4)
+    assert orbit.argmin() == 0
+    assert table[["x_end_2", "x_end_3"]].notna().sum().tolist() == [2, 1]
+    part = pq.read_schema(tmp_path / "out" / "table" / "part-00002.parquet")
+    assert part.field("x_end_4").metadata[b"unit"] == b"N"
+    assert "x_end_2" not in pq.read_schema(tmp_path / "out" / "table" / "part-00000.parquet").names
+
+
+CYCLE = (2.1 + np.array([1.0, -1.0]) * np.sqrt(2.1**2 - 4.0)) / 2.0  # the squares of x
+
+
+@pytest.fixture(scope="module")
+def mirrored() -> pd.DataFrame:
+    """Rows on two mirror cycles of period 2, which have y = 1 in common."""
+    starts = np.linspace(-1.5, 1.5, 64)
+    fields = {"run": gs.Settle(), "params": {"r": 2.1}, "numerics": {"dt": 1.0}, "verify": 0}
+    return gs.sweep("plane_maps:MirrorCycles", x_0=starts, **fields).table
+
+
+def test_two_cycles_of_period_2_are_two_attractors_whichever_crossing_ends_a_row(
+    mirrored: pd.DataFrame,
+) -> None:
+    x = mirrored["x_0"].to_numpy()
+    for _ in range(400):
+        x = x**3 - 2.1 * x
+    right = np.sign(np.where(np.abs(x) > 1.0, x, -x))  # the sign of the larger of the two x
+    ends = mirrored[["x_end", "x_end_2"]].to_numpy()
+    assert np.all(mirrored["attractor_period"] == 2)
+    np.testing.assert_allclose(np.sort(ends**2, axis=1), CYCLE[None, ::-1].repeat(64, axis=0), rtol=1e-4)
+    np.testing.assert_array_equal(np.sign(ends[np.arange(64), np.abs(ends).argmax(axis=1)]), right)
+    # both crossings have a gait of their own, and all rows that of the least x
+    assert np.all(ends[:, 0] < ends[:, 1])
+    assert set(mirrored["gait"]) == {"low"}
+    for columns in (["x_end", "y_end"], ["y_end"]):  # y is equal at one crossing of the cycles
+        result = attractors(mirrored, columns)
+        assert result.summary["rows"].tolist() == [32, 32]
+        assert len(pd.crosstab(result.column, right).to_numpy().nonzero()[0]) == 2
+    # older tables have one crossing of an orbit
+    older = attractors(mirrored.drop(columns=["x_end_2", "y_end_2"]))
+    assert older.summary[["attractor", "rows"]].to_numpy().tolist() == [["period 2", 64]]
+
+
+def test_orbits_through_an_interrupt(tmp_path: Path) -> None:
+    def stop(done: int, total: int, rate: float, fraction: float, note: str) -> None:
+        if note != "compiling" and 0 < done < total:
+            raise KeyboardInterrupt
+
+    settings = {"vary": {"r": np.linspace(2.8, 3.8, 64).tolist()}, "engine": {"block": 64, "lanes": 8}}
+    run = gs.Job.model_validate(job(**settings))
+    with pytest.raises(KeyboardInterrupt):
+        gs.run(run, tmp_path / "stopped", on_progress=stop)
+    assert 0 < Snapshot.of(tmp_path / "stopped").rows_open < 64
+    table, whole = (gs.run(run, tmp_path / name).table for name in ("stopped", "whole"))
+    pd.testing.assert_frame_equal(table, whole, check_exact=True)
+    assert np.isfinite(whole["x_end_4"].to_numpy()).any()
+
+
+def test_basins_of_two_cycles_of_period_2(mirrored: pd.DataFrame) -> None:
+    shares = gs.basins(mirrored, label="attractor").fractions
+    assert shares[["outcome", "fraction"]].to_numpy().tolist() == [["A1", 0.5], ["A2", 0.5]]
+    figure = draw("basin_measures", mirrored, hue="attractor")
+    assert legend_texts(figure.axes[0]) == ["A1", "A2"]
+
+
+def test_cycles_keep_their_names_along_a_parameter() -> None:
+    fields = {"run": gs.Settle(), "numerics": {"dt": 1.0}, "verify": 0}
+    r = np.linspace(2.06, 2.16, 5)
+    table = gs.sweep("plane_maps:MirrorCycles", x_0=np.linspace(-1.5, 1.5, 24), r=r, **fields).table
+    followed = follow_attractors(table, "r")
+    assert np.all(table["attractor_period"] == 2)
+    assert len(np.unique(followed.column)) == 2
+    of = pd.crosstab(followed.column, table["x_end_2"] > 1.0).to_numpy()
+    assert np.sort(of.ravel()).tolist() == [0, 0, 60, 60]
+
+
+def test_the_first_crossing_does_not_depend_on_where_an_orbit_is_read() -> None:
+    """Orbits of up to 64 crossings, with angles at the seam, equal values and errors of 1e-6."""
+    angle, number = Quantity("a", "rad", "angle", circular=True), Quantity("b", "1", "number")
+    random = np.random.default_rng(2)
+    for p in (2, 3, 4, 5, 8, 64):
+        # few values, so that observables repeat along an orbit; the last one differs once
+        a, b = random.choice([0.0, 0.5 * np.pi, np.pi], (50, p)), random.choice([0.3, -2.0], (50, p))
+        b[:, -1] = 5.0
+        orbits = np.stack([a, b], axis=2)
+        firsts = []
+        for turn in range(p):
+            read = np.roll(orbits, turn, axis=1) + 1e-6 * random.normal(size=orbits.shape)
+            read[:, :, 0] %= 2.0 * np.pi
+            firsts.append((first_crossing([angle, number], read) - turn) % p)
+        np.testing.assert_array_equal(firsts, np.tile(firsts[0], (p, 1)))
+
+
+def test_longer_orbits_settle_with_max_period() -> None:
+    """Period 16 ends at r = 3.5687 (May 1976); a table without `max_period` has the hash that it had."""
+    fields = {"r": [3.5, 3.5665], "numerics": {"dt": 1.0}, "verify": 0}
+    tables = [
+        gs.sweep("plane_maps:Logistic", run=gs.Settle(max_cycles=400, max_period=p), **fields).table
+        for p in (None, 16, 3)
+    ]
+    assert [table["attractor_period"].tolist() for table in tables] == [[4, 0], [4, 16], [0, 0]]
+    assert [table["status"].tolist()[1] for table in tables] == ["cycle_limit", "settled", "cycle_limit"]
+    orbit = tables[1].filter(regex=r"^x_end").to_numpy(float)[1]
+    np.testing.assert_allclose(np.roll(orbit, -1), 3.5665 * orbit * (1.0 - orbit), rtol=0, atol=1e-4)
+    assert len(orbit) == 16
+    assert orbit[0] < orbit.min() + 0.01
+    assert "max_period" not in gs.Settle().hashed({"max_period": None})
+    with pytest.raises(JobError, match=r"run\.max_period is 40, .*max_cycles of 200"):
+        gs.Job.model_validate(job(run={"kind": "settle", "max_period": 40}))
 
 
 def test_a_tolerance_of_an_unknown_observable_is_refused() -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,8 @@ from jaxtyping import Bool
 
 from gaitsweep.analysis.atlas.curves import BifurcationCurve, curve_through
 from gaitsweep.analysis.atlas.event_orders import change_of_order, event_columns
-from gaitsweep.analysis.atlas.periodic_orbits import Orbit, OrbitSearch, orbit_of, polished, rows_of
+from gaitsweep.analysis.atlas.order_curves import OrderChange
+from gaitsweep.analysis.atlas.periodic_orbits import Orbit, OrbitSearch, orbits_of, polished, rows_of
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_tests import ahead
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS, FLAT, beside
@@ -235,7 +236,7 @@ class Atlas:
                     if not problem.low <= first.parameter[0] <= problem.high:
                         continue
                     values = {**problem.values, self.parameter: first.parameter}
-                    orbit = orbit_of(self.mapping, first.points, values, period)
+                    (orbit,) = orbits_of(self.mapping, first.points, values, period)
                     if orbit is not None and len(orbit) == period:
                         yield Beginning(
                             branch.row, period, depth, (number, place), problem, first, (0,), orbit
@@ -416,12 +417,52 @@ class Atlas:
         for place, curve in enumerate(curves):
             head = {"row": curve.row, "curve": rows[:place].count(curve.row), "kind": curve.equations.kind}
             records += [{**head, "period": curve.period, **record} for record in curve.records()]
-        return pd.DataFrame(records)
+        return pd.DataFrame([*records, *self._order_curves(second, (low, high), Counter(rows))])
+
+    def _order_curves(
+        self, second: str, within: tuple[float, float], numbers: Counter[int]
+    ) -> Iterator[dict[str, Any]]:
+        """The records of the curves on which the order of events changes, after the `numbers` of others."""
+        known: list[tuple[int, int, float, Points]] = []
+        places = [(branch, record) for branch in self.branches for record in branch.records]
+        for branch, record in places:
+            if record["special"] != "order_change":
+                continue
+            at, problem = record["at"], branch.problem
+            place, orbit = float(at.parameter[0]), self._orbit(branch, at)
+            values = {**problem.values, self.parameter: at.parameter}
+            images = [] if orbit is None else [orbit, *self.mapping.mirrored(orbit, values).values()]
+            if any(
+                (row, period) == (branch.row, branch.period)
+                and abs(there - place) < ON_BRANCH * (problem.high - problem.low)
+                and min(np.min(self.mapping.distance(image.at, point.at)) for image in images) < ON_BRANCH
+                for row, period, there, point in known
+            ):
+                continue
+            known.append((branch.row, branch.period, place, at.points))
+            names = [self.mapping.conserved[k].name for k in problem.held.which]
+            mapping, here = self.mapping.iterated(branch.period), float(np.ravel(problem.values[second])[0])
+            change = OrderChange(
+                mapping=mapping,
+                parameter=self.parameter,
+                second=second,
+                within=(self.within, within),
+                values={name: value for name, value in problem.values.items() if name != second},
+                fix=dict(zip(names, problem.held.values.T, strict=True)),
+                point=at.points,
+                here=(place, here),
+                events=mapping.events(at.points, values)[0],
+            )
+            head = {"row": branch.row, "kind": "order_change", "period": branch.period}
+            head |= {"curve": numbers[branch.row], "change": record["change"]}
+            curve = change.curve()
+            numbers[branch.row] += bool(curve)
+            yield from ({**head, **point} for point in curve)
 
     def _orbit(self, branch: Branch, at: BranchPoints) -> Points | None:
         """The points of the orbit at one point of a branch."""
         values = {**branch.problem.values, self.parameter: at.parameter}
-        return orbit_of(self.mapping, at.points, values, branch.period)
+        return orbits_of(self.mapping, at.points, values, branch.period)[0]
 
     def table(self, search: OrbitSearch, at: float) -> pd.DataFrame:
         """One record a point of a branch.
@@ -550,7 +591,8 @@ class Atlas:
         if known:
             away, orbit = min(known, key=lambda pair: pair[0])
         else:
-            orbit = polished(self.mapping, at.points, branch.row, values, branch.period, self.fix)
+            row = np.array([branch.row])
+            (orbit,) = polished(self.mapping, at.points, row, values, branch.period, self.fix)
             if orbit is None:
                 return {"found": 0}
             away = np.min(self.mapping.distance(orbit.points.at, at.points.at))

@@ -27,6 +27,7 @@ def change_of_order(before: Events, after: Events) -> str:
     """What is different in the order of events of two gaits, in words; empty if nothing is.
 
     Example:
+        >>> from gaitsweep.analysis.atlas.event_orders import change_of_order
         >>> change_of_order([(0.1, "foot 1 lands"), (0.2, "foot 2 lifts")], [(0.1, "foot 2 lifts")])
         'without foot 1 lands'
     """

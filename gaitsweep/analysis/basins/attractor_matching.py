@@ -76,7 +76,7 @@ def follow_attractors(
         present = list(names.values())
         latest |= {names[own]: states for own, states in grouped.states.items()}
         own = grouped.summary["attractor"]
-        # orbits of several crossings are not matched: their names are their periods
+        # orbits without states, of older tables, are not matched: their names are their periods
         orbits |= set(own) - set(names)
         names = dict(zip(own, own, strict=True)) | names
         columns.append(grouped.column.astype(object).map(names.get))

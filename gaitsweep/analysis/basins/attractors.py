@@ -40,15 +40,15 @@ class Attractors:
     """The attractors of a table's rows.
 
     `column`: the attractor of each row, a category; NaN where the row did not settle or was inferred. Rows at
-    rest (at a fixed point of the flow) are in no attractor with rows that settled on their section. All
-    rows on orbits of p crossings are `period p`, since a table holds only one point of each: they are not
-    grouped by their states, have the kind `orbit` and no state in `summary`, and are not in `states`.
+    rest (at a fixed point of the flow) are in no attractor with rows that settled on their section. Rows on
+    orbits of p crossings are in one attractor if their crossings are linked in turn, from whichever crossing
+    on; in tables of older versions, which have one crossing of each, they all are `period p`.
     `summary`: one record an attractor: attractor (its name), rows, share (of the settled rows), the columns
-    of a state in its middle, extent (the distance between its ends, in the columns' unit, over whole turns),
-    dimension and kind (point, line, surface, or space from 3 dimensions on; `rest` at rest). `link`: the
-    largest link within an attractor, inf where there is one attractor. `grain`: the distance below which
-    states are equal. `states`: states of each attractor by its name, (m, d), one for each cell, in units of
-    the scales.
+    of a state in its middle (of an orbit: at a crossing), extent (the distance between its ends, in the
+    columns' unit, over whole turns; NaN for orbits), dimension and kind (point, line, surface, or space from
+    3 dimensions on; `rest` at rest; `period p`). `link`: the largest link within an attractor that is no
+    orbit, inf where there is one attractor. `grain`: the distance below which states are equal. `states`:
+    states of each attractor by its name, (m, d), one for each cell, in units of the scales.
     """
 
     column: pd.Series
@@ -108,6 +108,11 @@ def attractors(
     binned = cells(space, points, grain)
     states = points[binned.first]
     links, lengths = spanning_tree(space, states)
+    orbits = _orbits(table)
+    periods = [int(p) for p in np.unique(orbits[orbits > 1])]
+    cycles = [
+        (p, *cycle) for p in periods for cycle in _grouped_orbits(space, table, columns, p, grain, link)
+    ]
     link = linking_distance(lengths, binned.side, len(points)) if link is None else link
     flat = space.unrolled(states, links)
     group = components(len(states), links[lengths <= link])
@@ -121,21 +126,22 @@ def attractors(
     members = {f"A{number + 1}": group == own for number, own in enumerate(order)}
     codes = np.full(len(table), -1)
     codes[settled] = np.argsort(order, kind="stable")[group[binned.of]]
-    orbits = _orbits(table)
-    periods = [int(p) for p in np.unique(orbits[orbits > 1])]
-    for number, p in enumerate(periods, start=len(members)):
-        codes[orbits == p] = number
-    names = [*members, *(f"period {p}" for p in periods)]
+    names = [*members]
+    states_of = {name: states[own] for name, own in members.items()}
+    for p, rows, crossings in cycles:
+        codes[rows] = len(names)
+        names.append(f"A{len(names) + 1}" if len(crossings) else f"period {p}")
+        states_of |= {names[-1]: crossings} if len(crossings) else {}
     column = pd.Series(pd.Categorical.from_codes(codes.tolist(), names), index=table.index, name="attractor")
     records = []
     for own in members.values():
         record = _described(space, states[own], flat[own], binned.side, columns)
         records.append(record | ({"kind": "rest"} if resting[own].any() else {}))
-    records += [{"dimension": 0, "kind": "orbit"} for _ in periods]
+    for p, rows, _ in cycles:
+        records.append(dict(table.iloc[rows[0]][columns]) | {"dimension": 0, "kind": f"period {p}"})
     summary = pd.DataFrame(records, columns=[*columns, "extent", "dimension", "kind"])
     rows = np.bincount(codes[codes >= 0], minlength=len(names))
     counted = pd.DataFrame({"attractor": names, "rows": rows, "share": rows / max(rows.sum(), 1)})
-    states_of = {name: states[own] for name, own in members.items()}
     return Attractors(column, pd.concat([counted, summary], axis=1), link, grain, states_of)
 
 
@@ -183,6 +189,31 @@ def _orbits(table: pd.DataFrame) -> Int[np.ndarray, " rows"]:
     if "attractor_period" not in table.columns:
         return np.ones(len(table), int)
     return table["attractor_period"].fillna(0).to_numpy(int)
+
+
+def _grouped_orbits(
+    space: Space, table: pd.DataFrame, columns: Sequence[str], p: int, grain: float, link: float | None
+) -> list[tuple[Int[np.ndarray, " rows"], StateArray]]:
+    """The rows on each orbit of `p` crossings, the most frequent first, and its states; none if unknown."""
+    rows = np.flatnonzero(_orbits(table) == p)
+    names = [[*columns], *([f"{name}_{k}" for name in columns] for k in range(2, p + 1))]
+    ends = table.iloc[rows].reindex(columns=[name for own in names for name in own])
+    crossings = np.stack([space.points(ends, own) for own in names], axis=1)
+    if not np.isfinite(crossings).all():  # of an older version
+        return [(rows, crossings[:0, 0])]
+    points = crossings.reshape(-1, len(columns))
+    binned = cells(space, points, grain)
+    states = points[binned.first]
+    links, lengths = spanning_tree(space, states)
+    # an orbit has p groups of crossings, so that the most groups are p times as many
+    link = linking_distance(lengths, binned.side, p * len(points)) if link is None else link
+    place = components(len(states), links[lengths <= link])[binned.of].reshape(-1, p)
+    sequences, sequence_of = np.unique(place, axis=0, return_inverse=True)
+    from_least = [min(turn[k:] + turn[:k] for k in range(p)) for turn in sequences.tolist()]
+    group = np.unique(from_least, axis=0, return_inverse=True)[1].reshape(-1)[sequence_of.reshape(-1)]
+    order = np.argsort(-np.bincount(group), kind="stable")
+    cell = binned.of.reshape(-1, p)
+    return [(rows[group == own], states[np.unique(cell[group == own])]) for own in order]
 
 
 def _cut_at_corners(

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from gaitsweep.contract import Quantity, State
-from gaitsweep.engine.poincare.maps import Coordinates, FollowedMap, Image, Points, Values
+from gaitsweep.engine.poincare.maps import Coordinates, Events, FollowedMap, Image, Points, Values
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.symmetry_group import group_of
 
@@ -75,6 +75,9 @@ class PlainMap(FollowedMap):
             name: Points(np.asarray(jax.vmap(function)(complete, points.at)), points.modes)
             for name, function in symmetries.items()
         }
+
+    def events(self, points: Points, values: Values) -> list[Events]:
+        return [[] for _ in range(len(points))]
 
     def refined(self) -> None:
         return None

@@ -118,7 +118,8 @@ class CudaLanes(KernelLanes):
         self.advance(polls)
         self.card.launch(self._collect, size, self._slots, size, self._turn, self._output)
         seen = self._output.from_card(len(self._seen) * size).reshape(-1, size)
-        output = self.output(lambda slot: seen[self._seen.index(slot)])
+        places = {slot: place for place, slot in enumerate(self._seen)}
+        output = self.output(lambda at: seen[[places[slot] for slot in range(at.start, at.stop)]])
         self._under_way = output.numbers["status"] == Status.running
         # the levels of the buffers that have new samples in some lane
         new = int(output.filled.max()) if width else 0

@@ -123,12 +123,12 @@ class KernelLanes(Lanes):
         )
         self.put(lanes, self.kernel.open(values, initial))
 
-    def output(self, read_slot: Callable[[int], Real[np.ndarray, " lanes"]]) -> ChunkOutput:
-        """The output of a chunk without its buffers; `read_slot` returns the values of a slot."""
+    def output(self, read_slots: Callable[[slice], Real[np.ndarray, "slots lanes"]]) -> ChunkOutput:
+        """The output of a chunk without its buffers; `read_slots` returns the values of successive slots."""
 
         def read(leaf: Leaf) -> Real[np.ndarray, "lanes ..."]:
-            columns = [read_slot(leaf.first + i) for i in range(leaf.size)] or [np.zeros((self.size, 0))]
-            return np.stack(columns, axis=-1).reshape(self.size, *leaf.shape)
+            values = read_slots(slice(leaf.first, leaf.first + leaf.size))
+            return np.moveaxis(values.reshape(*leaf.shape, self.size), -1, 0)
 
         numbers = {name: read(leaf) for name, leaf in self.kernel.leaves.items()}
         filled, samples = (numbers.pop(name).astype(np.int32) for name in ("filled", "samples"))
@@ -180,6 +180,7 @@ class CpuLanes(KernelLanes):
         """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""
         tiles = self._slots.shape[0]
         self._run(self._slots.reshape(tiles, -1), self._buffers, polls)
-        output = self.output(lambda slot: self._slots[:, slot].ravel()[: self.size])
+        slots = self._slots.transpose(1, 0, 2)
+        output = self.output(lambda at: slots[at].reshape(at.stop - at.start, tiles * TILE)[:, : self.size])
         self._slots[:, self._filled] = 0.0
         return output._replace(buffers=self._buffers[: self.size])

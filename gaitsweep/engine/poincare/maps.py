@@ -145,9 +145,9 @@ class Map(abc.ABC):
     def mirrored(self, points: Points, values: Values) -> dict[str, Points]:
         """Points of the images of these points' orbits under the symmetries, by name."""
 
+    @abc.abstractmethod
     def events(self, points: Points, values: Values) -> list[Events]:
         """The events between each of n points and its image, in their order."""
-        return [[] for _ in range(len(points))]
 
     def iterated(self, count: int) -> Map:
         """The map that applies this one `count` times."""

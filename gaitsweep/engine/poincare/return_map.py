@@ -15,7 +15,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Chart, HybridModel, Model, Params, Quantity, State
@@ -203,6 +203,12 @@ class BatchedReturnMap(FollowedMap):
         at = jax.jit(jax.vmap(lambda v, s: self.chart.to_coordinates(self.params(v), s)))(complete, state)
         return Points(np.asarray(at), jax.tree.map(np.asarray, state)), np.asarray(status)
 
+    def covers(self, points: Points, values: Values) -> Bool[np.ndarray, " points"]:
+        """Whether the states of points, which `settled` returned, are on the section as its chart has it."""
+        complete = self.complete(values, len(points))
+        on_section = jax.vmap(lambda v, state: self.chart.covers(self.params(v), state))
+        return np.asarray(jax.jit(on_section)(complete, points.modes))
+
     @cached_property
     def _written(self) -> dict[str, float | str]:
         """The settings, and the defaults of the other parameters: numbers or formulas."""
@@ -240,7 +246,7 @@ def _mirrors(mapping: BatchedReturnMap) -> Callable[..., Any]:
     """The function `(values, at, modes) -> {symmetry: (at, state)}` of many points."""
     model = mapping.model
     first = {name: column[0] for name, column in mapping.complete({}, 1).items()}
-    defaults = {q.name: 0.0 if q.default is None else q.default for q in model.initial_conditions}
+    defaults = {q.name: jnp.asarray(q.default or 0.0, float) for q in model.initial_conditions}
     params = mapping.params(first)
     state = model.init(params, defaults)
     symmetries = group_of(

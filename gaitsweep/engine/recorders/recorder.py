@@ -62,7 +62,8 @@ class LaneRecord:
     def results(self, carry: Carry) -> dict[str, Array]:
         """The numbers of `RowOutcome` by name, final once the row has ended."""
         ends = {"status": self.status, "cycles": self.cycles, "attempts": carry.attempts, "t_end": carry.t}
-        return {**ends, "last": self.last, "fired": self.fired, **self.numbers}
+        remembered = getattr(self.memory, "results", {})
+        return {**ends, "last": self.last, "fired": self.fired, **self.numbers, **remembered}
 
 
 class PollResult(NamedTuple):
@@ -182,6 +183,7 @@ class Recorder(abc.ABC):
             numbers={
                 n.name: jnp.asarray(n.absent, last.dtype if issubclass(n.dtype, np.floating) else jnp.int32)
                 for n in self.numbers
+                if not n.crossings
             },
             fired=jnp.zeros_like(_packed(fired_last(carry))),
         )

@@ -27,7 +27,7 @@ from gaitsweep.engine.recorders.recorder import (
     readings_at_the_end,
 )
 from gaitsweep.engine.shapes import Flag, Integer, Number, Observed
-from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.row_outcome import RowNumber, RowOutcome
 
 # Crossings over which a settled state must be constant.
 SETTLE_WINDOW = 10
@@ -37,13 +37,13 @@ TOLERANCE = 1.0e-3
 # and rounding are relative to that), and a number in its unit, so that an observable at 0 settles.
 LEAST_SHARE = 1.0e-5
 LEAST_SCALE = 1.0e-9
-# The longest period (crossings) of an attractor that is detected. The test is made at every crossing whose
-# number is a multiple of it, over two spans of that length.
-MOST_PERIOD = 8
-# The first crossing of the test, after three of the longest periods.
-FIRST_TEST = 3 * MOST_PERIOD
-# Crossings for which an orbit that was found has to be found again: as many as the test looks at.
-HOLD = 2 * MOST_PERIOD
+# The longest period (crossings) of an attractor that is detected, by default. The test is made at every
+# crossing whose number is a multiple of it, over two spans of that length.
+MAX_PERIOD = 8
+# The first crossing of the test, in longest periods.
+FIRST_TEST = 3
+# Longest periods for which an orbit that was found has to be found again: as many as the test looks at.
+HOLD = 2
 # Smallest ratio of the distance between an orbit's points to the remaining motion.
 APART = 10.0
 # Largest motion over all cycles of a row that counts as rest, as a share of the bound: event times have
@@ -70,22 +70,20 @@ Crossings = Float[Array, "crossings observables"]
 # The least and the largest value of each observable without a scale.
 Span = Float[Array, "2 unscaled"]
 
-# The maximal proper divisors of each period: if one of them is a period, the larger one is not.
-_WITHIN = {2: (1,), 3: (1,), 4: (2,), 5: (1,), 6: (2, 3), 7: (1,), 8: (4,)}
-
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Memory:
     """Memory of a row.
 
-    `window` (w, n + 2) the last `SETTLE_WINDOW` crossings: their observables, their time (s) and their
-    distance from the crossing before them, in units of the bound; `moves` (2, p) the largest distances from
-    the state 1, ..., p crossings earlier, over the current span of crossings and the one before it; `span`
-    (2, n) the least and largest values of the observables, without the start's (see `first_span`); `calm`
-    successive crossings at which the state stood still; `orbit` the period found by the last tests and the
-    crossing of the first of these, both 0 if none; `fastest` (m,) the largest rates of the flow; `rest` when
-    the current span of rest began (s), its largest rate and that of the span before it, -1 if there was none.
+    `window` (w, n + 2) the last `SETTLE_WINDOW` crossings, or `max_period` if that is more: their
+    observables, their time (s) and their distance from the crossing before them, in units of the bound;
+    `moves` (2, p) the largest distances from the state 1, ..., p crossings earlier, over the current span of
+    crossings and the one before it; `span` (2, n) the least and largest values of the observables, without
+    the start's (see `first_span`); `calm` successive crossings at which the state stood still; `orbit` the
+    period found by the last tests and the crossing of the first of these, both 0 if none; `fastest` (m,) the
+    largest rates of the flow; `rest` when the current span of rest began (s), its largest rate and that of
+    the span before it, -1 if there was none.
     """
 
     window: Float[Array, "window numbers"]
@@ -96,24 +94,31 @@ class Memory:
     fastest: Float[Array, " rates"]
     rest: Float[Array, " 3"]
 
+    @property
+    def results(self) -> dict[str, Array]:
+        """What `with_orbits` reads of a row that has ended."""
+        return {"window": self.window}
+
 
 @final
 @dataclasses.dataclass(frozen=True)
 class SettleRecorder(Recorder):
-    """Ends a row at a fixed point of the return map, at an orbit of period 2 to `MOST_PERIOD`, or at rest.
+    """Ends a row at a fixed point of the return map, at an orbit of period 2 to `max_period`, or at rest.
 
     Settled with period 1: each observable differs from its values at the last `SETTLE_WINDOW` crossings by
     less than `SETTLE_WINDOW` times its `tolerance`, in units of its scale (see `bounds`). A state that is
     about to leave (`LEAVING`) has to do so for as many more crossings. Settled with period p: see `_period`;
-    the orbit is found again for `HOLD` more crossings. Crossings that accumulate do not settle. At rest: all
-    rates of the flow vanish (`REST`). `tolerance` is one for all observables, or one for each. `max_time`
-    (s) is by default four nominal periods for each of `max_cycles`.
+    the orbit is found again for `HOLD` of the longest periods. Crossings that accumulate do not settle. At
+    rest: all rates of the flow vanish (`REST`). `tolerance` is one for all observables, or one for each.
+    `max_time` (s) is by default four nominal periods for each of `max_cycles`.
     """
 
+    numbers = (*Recorder.numbers, RowNumber("orbit", np.float64, np.nan, crossings=SETTLE_WINDOW - 1))
     model: Model
     max_cycles: int = 150
     tolerance: float | tuple[float, ...] = TOLERANCE
     max_time: float | None = None
+    max_period: int = MAX_PERIOD
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -131,11 +136,12 @@ class SettleRecorder(Recorder):
     def begin(self, params: Params, carry: Carry) -> Beginning:
         record, sample, keep = self.unsampled(params, carry)
         last, dtype = record.last, record.last.dtype
-        seen = jnp.broadcast_to(last, (SETTLE_WINDOW, *last.shape))
+        length = max(SETTLE_WINDOW, self.max_period)
+        seen = jnp.broadcast_to(last, (length, *last.shape))
         none = jnp.zeros((), jnp.int32)
         memory = Memory(
-            window=jnp.concatenate([seen, jnp.zeros((SETTLE_WINDOW, 2), dtype)], axis=1),
-            moves=jnp.zeros((2, MOST_PERIOD), dtype),
+            window=jnp.concatenate([seen, jnp.zeros((length, 2), dtype)], axis=1),
+            moves=jnp.zeros((2, self.max_period), dtype),
             span=first_span(self.model, last),
             calm=none,
             orbit=jnp.stack([none, none]),
@@ -153,20 +159,20 @@ class SettleRecorder(Recorder):
         free = carry.t >= self.model.free_after(params)
         span = widened(memory.span, self.model, now)
         moved = jnp.abs(change(self.model, now[None, :] - before))
-        latest = jnp.concatenate([now[None, :], before])
+        latest = jnp.concatenate([now[None, :], before[:SETTLE_WINDOW]])
         # one division for each observable
         moved = moved * (1.0 / bounds(self.model, self.tolerance, latest, span))[None, :]
-        still = (cycles >= SETTLE_WINDOW) & jnp.all(moved < 1.0)
+        still = (cycles >= SETTLE_WINDOW) & jnp.all(moved[:SETTLE_WINDOW] < 1.0)
         calm = jnp.where(still, memory.calm + 1, 0)
         distances = jnp.max(moved, axis=1)
-        leaves = (distances[0] > LEAVING * jnp.min(steps[:-1])) & (distances[0] > NO_MOTION)
+        leaves = (distances[0] > LEAVING * jnp.min(steps[: SETTLE_WINDOW - 1])) & (distances[0] > NO_MOTION)
         fixed = still & (~leaves | (calm > SETTLE_WINDOW)) & ~_accumulate(cycles, carry.t, times)
 
-        moves = jnp.maximum(memory.moves[0], distances[:MOST_PERIOD])
-        tested = cycles % MOST_PERIOD == 0
-        repeats = jnp.where(cycles >= FIRST_TEST, self._period(moves, memory.moves[1]), 0)
+        moves = jnp.maximum(memory.moves[0], distances[: self.max_period])
+        tested = cycles % self.max_period == 0
+        repeats = jnp.where(cycles >= FIRST_TEST * self.max_period, self._period(moves, memory.moves[1]), 0)
         begun = jnp.where(repeats == memory.orbit[0], memory.orbit[1], cycles)
-        lasted = tested & (repeats > 0) & ~still & (cycles - begun >= HOLD)
+        lasted = tested & (repeats > 0) & ~still & (cycles - begun >= HOLD * self.max_period)
         orbit = jnp.where(tested, jnp.stack([repeats, begun]), memory.orbit)
         period = jnp.where(fixed, 1, jnp.where(lasted, repeats, 0))
         # crossings at one instant are not cycles
@@ -198,7 +204,9 @@ class SettleRecorder(Recorder):
             numbers={
                 **record.numbers,
                 "period": jnp.where(crossed & settled, period, 0).astype(jnp.int32),
-                "slowest": jnp.where(crossed & given_up & ~settled, slowest(moved), -1).astype(jnp.int32),
+                "slowest": jnp.where(
+                    crossed & given_up & ~settled, slowest(moved[:SETTLE_WINDOW]), -1
+                ).astype(jnp.int32),
             },
         )
         carry = dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt))
@@ -236,10 +244,10 @@ class SettleRecorder(Recorder):
         return fastest, jnp.where(slow, goes_on, restless), rests
 
     def _period(self, newest: Float[Array, " lags"], before: Float[Array, " lags"]) -> Integer:
-        """The period, 2 to `MOST_PERIOD` crossings, of the periodic orbit that the state has reached; else 0.
+        """The period, 2 to `max_period` crossings, of the periodic orbit that the state has reached; else 0.
 
         `newest` and `before` (p,) are the largest distances from the state p crossings earlier, in units of
-        the bound of a settled state, over the last `MOST_PERIOD` crossings and as many before them. The
+        the bound of a settled state, over the last `max_period` crossings and as many before them. The
         period is p under three conditions:
 
         1. This distance, summed over the cycles of a whole row, is below the bound.
@@ -252,11 +260,12 @@ class SettleRecorder(Recorder):
         """
         eps = 64.0 * float(jnp.finfo(newest.dtype).eps) / min(_each(self.tolerance))
         period = jnp.zeros((), jnp.int32)
-        for p in range(MOST_PERIOD, 1, -1):
-            spans, in_all = MOST_PERIOD / p, self.max_cycles / p
+        for p in range(self.max_period, 1, -1):
+            spans, in_all = self.max_period / p, self.max_cycles / p
             now, then = newest[p - 1], before[p - 1]
-            way = newest[_WITHIN[p][0] - 1]
-            for q in _WITHIN[p][1:]:
+            within = _maximal_divisors(p)
+            way = newest[within[0] - 1]
+            for q in within[1:]:
                 way = jnp.minimum(way, newest[q - 1])
             slow = jnp.maximum(now, then) * in_all < 1.0
             # the geometric series now * (1 + r + r^2 + ...), r = now / then, times the periods of a span
@@ -278,6 +287,11 @@ def tolerances(model: Model, tolerance: float | Mapping[str, float]) -> float | 
     if not isinstance(tolerance, Mapping):
         return tolerance
     return tuple(tolerance.get(quantity.name, TOLERANCE) for quantity in model.observables)
+
+
+def _maximal_divisors(p: int) -> list[int]:
+    """The divisors of p by primes: if one of them is a period, p is not."""
+    return [d for d in range(1, p) if p % d == 0 and all((p // d) % q for q in range(2, p // d))]
 
 
 def _accumulate(cycles: Integer, t: Number, times: Float[Array, " window"]) -> Flag:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from gaitsweep.engine.numerics import STEP_FACTOR
+from gaitsweep.engine.recorders.orbits import with_orbits
 from gaitsweep.engine.sweep.lane import ChunkOutput
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.row_outcome import RowOutcome
@@ -68,7 +69,8 @@ class Block:
         self, rows: Int[np.ndarray, " lanes"], output: ChunkOutput, lanes: Int[np.ndarray, " changed"]
     ) -> None:
         """Store the final values of the rows in the lanes `lanes` (n,)."""
-        self.ends.put(rows[lanes], {name: values[lanes] for name, values in output.numbers.items()})
+        numbers = {name: values[lanes] for name, values in output.numbers.items()}
+        self.ends.put(rows[lanes], with_orbits(numbers))
         self.ended[rows[lanes]] = True
 
     def unstored(self) -> RowOutcome:

@@ -12,6 +12,7 @@ from jaxtyping import Array, Int, Real
 from gaitsweep.contract import Model, names_gait
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.columns import over_rows
+from gaitsweep.engine.recorders.orbits import from_first_crossing
 from gaitsweep.engine.recorders.recorder import Readings
 from gaitsweep.engine.shapes import Number, Observed
 from gaitsweep.engine.sweep.block import Block
@@ -22,7 +23,7 @@ from gaitsweep.row_outcome import RowOutcome
 
 def labelled(spec: SweepSpec, block: Block) -> RowOutcome:
     """The rows of a block with their labels, of each row or sample; `gait` is a code of `gait_codes`."""
-    rows = block.result()
+    rows = from_first_crossing(spec.model.observables, block.result())
     readings = spec.recorder.readings(rows)
     if readings is None:
         return rows

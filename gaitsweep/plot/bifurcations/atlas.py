@@ -31,8 +31,9 @@ _LINES: dict[str, Any] = {
     "flip": (0, (5, 1.5)),
     "neimark_sacker": (0, (1, 1)),
     "branch_point": (0, (5, 1.5, 1, 1.5)),
+    "order_change": (0, (1, 2.5)),
 }
-_CURVES = {"branch_point": "pitchfork or transcritical", **WORDS}
+_CURVES = {**WORDS, "branch_point": "pitchfork or transcritical", "order_change": "order of events"}
 # bifurcations of codimension 2: their marks and words
 _MARKS = {
     "cusp": ("*", "cusp"),

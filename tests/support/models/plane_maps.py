@@ -105,3 +105,15 @@ class Spiral(Map):
         x, y = state.x - 1.0, state.y - 1.0
         c, s = params.ratio * jnp.cos(params.angle), params.ratio * jnp.sin(params.angle)
         return State(1.0 + c * x - s * y, 1.0 + s * x + c * y)
+
+
+class MirrorCycles(Map):
+    """x -> x^3 - r x; y shows 1 for all |x| > 1.
+
+    Two stable mirror cycles of period 2 for 2 < r < sqrt(5): x takes two values with product -1, whose
+    squares have the sum r. They are equal in y at one crossing.
+    """
+
+    def step(self, params: Params, state: State, dt: jax.Array) -> State:
+        x = state.x**3 - params.r * state.x
+        return State(x, jnp.where(jnp.abs(x) > 1.0, 1.0, x))

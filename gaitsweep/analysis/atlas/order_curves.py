@@ -1,0 +1,136 @@
+"""A curve in two parameters along which the order of events of a gait changes: two at once, or a grazing."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool
+
+from gaitsweep.analysis.atlas.event_orders import change_of_order
+from gaitsweep.analysis.continuation.multipliers import multipliers
+from gaitsweep.analysis.continuation.newton import newton
+from gaitsweep.engine.poincare.maps import Events, Map, Points, Values
+
+# Steps of the second parameter over its range.
+STEPS = 32
+# First width of the interval that is searched at each step, as a share of the first parameter's range, the
+# factor by which it grows where the order does not change in it, and its largest width.
+WIDTH, WIDER, WIDEST = 0.01, 4.0, 0.7
+# Values of the first parameter in an interval, and rounds of smaller intervals.
+VALUES, ROUNDS = 33, 8
+
+
+@dataclasses.dataclass(frozen=True)
+class OrderChange:
+    """A change of the order of events on a branch.
+
+    Attributes:
+        mapping: the map, iterated to the period of the gait.
+        parameter, second: names of the two parameters.
+        within: the ranges of both.
+        values: the other parameters, (1,) each.
+        fix: conserved quantities that are held, and their values (1,).
+        point: a point of the gait.
+        here: the values of both parameters.
+        events: the events on one side of the change.
+    """
+
+    mapping: Map
+    parameter: str
+    second: str
+    within: tuple[Sequence[float], Sequence[float]]
+    values: Values
+    fix: dict[str, Any]
+    point: Points
+    here: tuple[float, float]
+    events: Events
+
+    def curve(self) -> list[dict[str, Any]]:
+        """The records of the curve, in order: point 0 is the change on the branch, those behind it are below.
+
+        The curve is a function of the second parameter; it ends where the change is no longer found.
+        """
+        first = self._located(self.here[1], self.here[0], self.point)
+        if first is None:
+            return []
+        sides = [self._side(first, direction) for direction in (-1, 1)]
+        (behind, begin), (ahead, end) = sides
+        records = [*behind[::-1], first, *ahead]
+        for place, record in enumerate(records):
+            record |= {"point": place - len(behind), "special": "", "end": "", "corrections": 0}
+            del record["at"]
+        records[0]["end"], records[-1]["end"] = begin, end
+        return records if len(records) > 1 else []
+
+    def _side(self, first: dict[str, Any], direction: int) -> tuple[list[dict[str, Any]], str]:
+        """The records in one direction of the second parameter, and why they end."""
+        low, high = self.within[1]
+        border = high if direction > 0 else low
+        levels = np.arange(1, STEPS) * (high - low) / STEPS * direction + self.here[1]
+        levels = [*levels[(levels > low) & (levels < high)], border] if self.here[1] != border else []
+        records: list[dict[str, Any]] = []
+        for level in levels:
+            last, before = ([first, first, *records][k] for k in (-1, -2))
+            run = last[self.second] - before[self.second]
+            slope = (last[self.parameter] - before[self.parameter]) / run if run else 0.0
+            guess = last[self.parameter] + slope * (level - last[self.second])
+            record = self._located(float(level), guess, last["at"])
+            if record is None:
+                left = not self.within[0][0] <= guess <= self.within[0][1]
+                return records, "range" if left else "lost"
+            records.append(record)
+        return records, "range"
+
+    def _located(self, level: float, guess: float, near: Points) -> dict[str, Any] | None:
+        """The record of the change at a value of the second parameter; None if it is not found."""
+        low, high = self.within[0]
+        width = WIDTH
+        while width <= WIDEST:
+            half = width * (high - low)
+            interval = max(low, guess - half), min(high, guess + half)
+            if interval[0] < interval[1] and (found := self._within(level, interval, near)) is not None:
+                return found
+            width *= WIDER
+        return None
+
+    def _within(self, level: float, interval: tuple[float, float], near: Points) -> dict[str, Any] | None:
+        """The change in an interval of the first parameter, by intervals of it that get smaller."""
+        ends, found = interval, None
+        for _ in range(ROUNDS):
+            at = np.linspace(*ends, VALUES)
+            starts = Points.joined([near] * VALUES)
+            values = {name: np.repeat(np.ravel(v), VALUES) for name, v in self.values.items()}
+            values |= {self.parameter: at, self.second: np.full(VALUES, level)}
+            fix = {name: np.repeat(np.ravel(v), VALUES) for name, v in self.fix.items()}
+            fixed = newton(self.mapping, starts, values, fix=fix)
+            same = self._same(fixed.points, values, fixed.converged)
+            changes = np.flatnonzero(same[1:] != same[:-1])
+            if not changes.size:
+                break
+            place = int(changes[np.argmin(np.abs(changes - 0.5 * (VALUES - 2)))])
+            ends = float(at[place]), float(at[place + 1])
+            side = place if same[place] else place + 1
+            held = [quantity.name in self.fix for quantity in self.mapping.conserved]
+            gradients = fixed.images.conserved_jacobian[[side]][:, held]
+            factors = multipliers(fixed.images.jacobian[[side]], gradients)[0]
+            near = fixed.points[[side]]
+            found = {
+                self.parameter: 0.5 * (ends[0] + ends[1]),
+                self.second: level,
+                **{name: float(column[side]) for name, column in fixed.images.observed.items()},
+                "unstable": int(np.sum(np.abs(factors) > 1.0)),
+                "at": near,
+            }
+        return found
+
+    def _same(
+        self, points: Points, values: Values, converged: Bool[np.ndarray, " values"]
+    ) -> Bool[np.ndarray, " values"]:
+        """Whether each gait exists and has the order of events of the one side."""
+        events = self.mapping.events(points, values)
+        return np.array(
+            [ok and not change_of_order(self.events, own) for ok, own in zip(converged, events, strict=True)]
+        )
