@@ -12,6 +12,7 @@ import pandas as pd
 from gaitsweep.api.keywords import AnyModel
 from gaitsweep.api.result import Result, run, run_in_memory
 from gaitsweep.api.trajectories import sweep
+from gaitsweep.errors import ArgumentError
 from gaitsweep.job.load import wider_job
 from gaitsweep.kinds import Atlas as AtlasRun
 
