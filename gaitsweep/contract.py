@@ -98,7 +98,7 @@ class Status(ResultCode):
         Verdict.sound,
     )
     cycle_limit = 2, "The row reached run.max_cycles without settling."
-    fell = 3, "The body fell, by the model's test of a fall.", Verdict.failed
+    fell = 3, "The body fell: the model's function `failed` became true.", Verdict.failed
     diverged = 4, "A state variable grew past the bound of divergence.", Verdict.failed
     not_a_number = 5, "A state variable became NaN, or the model's period is not finite.", Verdict.failed
     event_stall = (

@@ -90,6 +90,7 @@ def _described_fields(
         fields = {key: each for key, each in _fields(FIGURES[kind]).items() if key != "name"}
     elif what == "class" and issubclass(documented, BaseModel):
         fields = _fields(documented)
+        del lines[lines.index("Fields:") :]  # what `help` shows
     else:
         return
     if lines and lines[-1]:

@@ -12,6 +12,7 @@ import pandas as pd
 from gaitsweep.api.keywords import AnyModel
 from gaitsweep.api.result import Result, run, run_in_memory
 from gaitsweep.api.trajectories import sweep
+from gaitsweep.errors import ArgumentError
 from gaitsweep.job.load import wider_job
 from gaitsweep.kinds import Atlas as AtlasRun
 
@@ -41,10 +42,24 @@ class Atlas:
         [1.047198, 1.526824]
     """
 
-    def __init__(self, result: Result) -> None:
-        """Keep the result of a run of the kind `atlas`."""
-        self.result = result
-        self._table = result.table
+    def __init__(self, result: Result | pd.DataFrame) -> None:
+        """Keep the result of a run of the kind `atlas`, or its table, such as `gs.load(DIR)`.
+
+        Raises:
+            ArgumentError: it is another kind's, or neither a result nor a table.
+        """
+        self.result = Result(table=result) if isinstance(result, pd.DataFrame) else result
+        if not isinstance(self.result, Result):
+            raise ArgumentError(
+                f"An atlas is made of a result or its table, not of {type(result).__name__}: give "
+                "gs.load(DIR)."
+            )
+        self._table = self.result.table
+        if missing := [name for name in ("part", "found", "special") if name not in self._table]:
+            kind = self._table.attrs.get("job", {}).get("run", {}).get("kind", "no run")
+            raise ArgumentError(
+                f"The table lacks {', '.join(missing)} of a run of kind atlas: it is one of {kind}."
+            )
 
     def __repr__(self) -> str:
         counts = {name: len(getattr(self, name)) for name in ("gaits", "points")}

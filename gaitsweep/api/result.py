@@ -50,6 +50,17 @@ class Result:
         """Keep the directory, or the table of a result in memory."""
         self._path, self._table = None if path is None else Path(path), table
 
+    if not TYPE_CHECKING:  # a type checker knows what a result has
+
+        def __getattr__(self, name: str) -> Any:
+            """Refuse what a table has and a result has not; Python calls this for no other name."""
+            of_table = not name.startswith("_") and hasattr(pd.DataFrame, name)
+            text = f"A Result has no {name}{'; its table has: give .table' * of_table}."
+            raise AttributeError(text, name=name, obj=self)
+
+        def __getitem__(self, name: Any) -> Any:
+            raise TypeError("A Result has no columns; its table has: give .table.")
+
     @property
     def path(self) -> Path:
         """The result directory.

@@ -139,7 +139,9 @@ def simulate(
     recorded = run_in_memory(job).table
     status = Status[str(recorded["status"].iloc[-1])]
     if status.name in Status.FAILED:
-        warnings.warn(f"The trajectory ended as {status.name}: {status.sentence}", stacklevel=2)
+        _, _, fall = recorded.attrs["quantities"]["status"]["meaning"].partition("; fell: ")
+        why = f" It tests {fall}." if fall and status is Status.fell else ""
+        warnings.warn(f"The trajectory ended as {status.name}: {status.sentence}{why}", stacklevel=2)
     signals = recorded.drop(columns=["row", "gait", "status", "stalled_by"])
     quantities = recorded.attrs["quantities"]
     units = {name: "s" if name == "t" else quantities[name]["unit"] for name in map(str, signals.columns)}

@@ -35,14 +35,12 @@ from gaitsweep.dynamics.event_surface import CORRECTED, Arming, EventSurface, fl
 from gaitsweep.dynamics.footfalls import Footfalls
 from gaitsweep.expression import RESERVED
 from gaitsweep.near_miss import suggestion
+from gaitsweep.run_columns import COLUMNS
 from gaitsweep.skeleton import LimbLook
 
 Values = Mapping[str, jax.Array]
-# Columns that tables of runs have beside the model's.
-COLUMNS = (
-    *("row", "status", "stalled_by", "slowest", "cycles", "crossing", "t", "t_end"),
-    *("gait", "outcome", "attractor_period"),
-)
+# Those of traces, where signals have columns of their own names.
+OF_TRACES = ("row", "t", "pass", "status", "stalled_by", "gait")
 # The field of a state that says which of its events are armed (`Arming`, an array (events,) in each field).
 ARMING = "arming"
 # That of the last steps of its feet (`Steps`).
@@ -213,12 +211,15 @@ class Declared(Model):
                 yield f"with a quantity {name}, which means something else in formulas: {remedy}."
             if settable.count(name) > 1:
                 yield f"that declares {name} twice: rename one of them."
-        columns = {q.name: q.name for q in (*parameters, *starts, *signals)}
-        columns |= {f"{q.name}_{end}": q.name for q in observables for end in ("end", "n")}
-        for column, name in columns.items():
-            if column in COLUMNS or (column in settable and column != name):
-                allowed = f"allowed are names other than {', '.join(COLUMNS)}"
-                yield f"with a quantity {name}, but {column} is another column of tables: {allowed}."
+        # a table has the signals, or the observables with an end, and those alone along a branch
+        columns = {q.name: (q.name, COLUMNS) for q in (*parameters, *starts)}
+        columns |= {q.name: (q.name, OF_TRACES) for q in signals}
+        columns |= {f"{q.name}{end}": (q.name, COLUMNS) for q in observables for end in ("", "_end", "_n")}
+        for column, (name, others) in columns.items():
+            if column in others or (column in settable and column != name):
+                remedy = f'write {name}_, or another name with symbol="{name}"'
+                names = "docs/own_model.md lists the names of columns"
+                yield f"with a quantity {name}, but tables have a column {column}: {remedy}. {names}."
         for quantity in (*parameters, *starts, *signals, *observables):
             yield from faults_of_quantity(quantity, quantity in starts)
 

@@ -215,7 +215,9 @@ def check_figures(
     observables = [quantity.name for quantity in model.observables]
     names = StyleNames.of_model(model, columns)
     wrong = [Diagnostic(("style", *place), text) for place, text in names.unknown(style)]
-    if style.colours and figures and not any(figure.colours_gaits for figure in figures.values()):
+    colours = style.colours or {}
+    used = (figure.colours_of(name) for figure in figures.values() for name in colours)
+    if figures and colours and not any(used):
         kinds = ", ".join(figure.kind_name for figure in figures.values())
         text = f"has no effect: no figure of this job colours gaits ({kinds}). Remove it."
         wrong.append(Diagnostic(("style", "colours"), text))
@@ -240,6 +242,9 @@ def check_figures(
             wrong += [Diagnostic((*path, *place), text) for place, text in figure.refusals(table)]
         if figure.stem in stems:
             text = f"is {figure.stem}, like that of figures[{stems[figure.stem]}]"
-            wrong.append(Diagnostic((*path, "name"), f"{text}: give each figure its own name."))
+            own = f"{figure.stem}_{index + 1}"
+            wrong.append(
+                Diagnostic((*path, "name"), f"{text}: give it a name of its own, such as name: {own}.")
+            )
         stems.setdefault(figure.stem, index)
     return wrong

@@ -65,7 +65,8 @@ def _override(document: Document, override: str) -> None:
             section[part] = {}
         section = section[part]
         if not isinstance(section, dict):
-            text = f"is {quoted(section)} and has no fields to set."
+            whole = f": write the whole list, {'.'.join(parts[: depth + 1])}=[...]"
+            text = f"is {quoted(section)} and has no fields to set{whole * isinstance(section, list)}."
             raise JobError([Diagnostic(parts[: depth + 1], text, place=origin)])
     section[parts[-1]] = value
     # error messages name the override as the place of this field, and of the fields that it created

@@ -18,6 +18,7 @@ from gaitsweep.job.config import Config
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec, read_settings
 from gaitsweep.job.step_lengths import check_numerics, check_steps
 from gaitsweep.kinds import parameter_written
+from gaitsweep.kinds.fixed_points import FollowsFixedPoints
 from gaitsweep.kinds.run_kind import RunKind, table_columns
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, SchemaSection, from_pydantic, quoted
 from gaitsweep.schema.numbers import SCOPE, Scope
@@ -257,6 +258,9 @@ def _check_columns(design: Design, run: RunKind) -> list[Diagnostic]:
     """Diagnostics about names that two columns of the table would have."""
     columns = table_columns(design, run)
     repeated = dict.fromkeys(name for name in columns if columns.count(name) > 1)
+    if isinstance(run, FollowsFixedPoints):  # whose branches have the observables by their own names
+        own = {column.name for column in run.all_columns(design.model)}
+        repeated |= dict.fromkeys(q.name for q in design.model.observables if q.name in own)
     places = {name: (path, "varies") for group in design.groups for name, path in group.paths.items()}
     if run.moved is not None:
         places[run.moved] = ("run", "parameter"), "is"

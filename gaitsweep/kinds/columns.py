@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int, Real, Shaped
 from gaitsweep.contract import HybridModel, Model, Quantity, Status, names_gait
 from gaitsweep.engine.recorders.recorder import unpacked
 from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.run_columns import COLUMNS
 from gaitsweep.table.reading import categorical, outcomes
 
 AT_REST = "rest"  # what stands for the gait of a stationary point
@@ -224,14 +225,21 @@ def gaits(model: Model, codes: Int[np.ndarray, " rows"]) -> pd.Categorical:
 
 
 def quantities_of(model: Model, columns: Sequence[Column] = ()) -> dict[str, dict[str, Any]]:
-    """Return unit, meaning and symbol of the table's columns, for readers and for figures."""
+    """Return unit, meaning and symbol of the table's columns, for readers and for figures.
+
+    The meaning of `status` has the first line of the docstring of the model's `failed`.
+    """
     named = {
-        **{column.name: column.quantity for column in columns if column.quantity is not None},
         # a start stands in the table by its own name, an observable with _end or _n
         **{f"{q.name}_{end}": q for q in model.observables for end in ("end", "n")},
         **{q.name: q for q in (*model.parameters, *model.observables, *model.signals, *model.label_fields)},
         **{q.name: q for q in model.initial_conditions},
+        **{c.name: Quantity(c.name, *COLUMNS[c.name]) for c in columns if c.name in COLUMNS},
+        **{c.name: c.quantity for c in columns if c.quantity is not None},
     }
+    if (fall := (type(model).failed.__doc__ or "").strip().partition("\n")[0]) and "status" in named:
+        meaning = f"{named['status'].meaning}; fell: {fall[0].lower()}{fall[1:].removesuffix('.')}"
+        named["status"] = dataclasses.replace(named["status"], meaning=meaning)
     return {
         name: {"unit": q.unit, "meaning": q.meaning, "symbol": q.symbol, "circular": q.circular}
         for name, q in named.items()

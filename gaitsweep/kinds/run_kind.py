@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-import inspect
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, ClassVar, Literal, Protocol
@@ -116,12 +115,6 @@ class RunKind(StrictModel, abc.ABC):
 
     # pydantic then does not call it while it reads a job, whose errors are reported together
     __init__.__pydantic_base_init__ = True  # pyright: ignore[reportFunctionMemberAccess]
-
-    @classmethod
-    def __pydantic_init_subclass__(cls, **options: Any) -> None:
-        signature = inspect.signature(cls)  # which a notebook shows
-        parameters = [parameter for name, parameter in signature.parameters.items() if name != "kind"]
-        cls.__signature__ = signature.replace(parameters=parameters)
 
     @classmethod
     def moves(cls) -> bool:

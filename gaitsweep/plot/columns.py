@@ -18,6 +18,7 @@ from gaitsweep.design.vary import written_groups
 from gaitsweep.errors import UserError
 from gaitsweep.mathtext import can_be_set, settable
 from gaitsweep.plot.figure_style import current
+from gaitsweep.run_columns import COLUMNS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,7 +31,6 @@ OTHER = "another gait"  # settled, but in no gait of the model
 _ONE_FORMULA = re.compile(r"[^$]*(\$[^$]+\$)[^$]*")
 _REMARK = re.compile(r"(?!\d)(.*?\w{3})[:;](?![^(]*\))")  # not of "1: yes; 0: no", nor in brackets
 _UNIT_AT_END = re.compile(r"\s*\([^()]*\)\Z")
-_UNITS = {"t": "s", "t_end": "s", "crossing": "", "cycles": ""}
 _WORDS = {"t": "time", "t_end": "time at the end", "crossing": "cycle", "cycles": "cycles"}
 
 
@@ -151,14 +151,16 @@ def _own_label(table: pd.DataFrame, name: str) -> str | None:
 
 def unit_of(table: pd.DataFrame, name: str) -> str:
     """A column's unit, or an empty text."""
-    unit = _quantity(table, name).get("unit", "rad" if is_angle(table, name) else _UNITS.get(name, ""))
+    own = "rad" if is_angle(table, name) else COLUMNS.get(name, ("",))[0]
+    unit = _quantity(table, name).get("unit", own)
     return "" if unit == "1" else settable(str(unit))
 
 
-def described(table: pd.DataFrame, name: str, width: int = 44) -> str:
+def described(table: pd.DataFrame, name: str, width: int = 44, *, named: bool = False) -> str:
     """A column's meaning, symbol (if it has one) and unit in lines of `width`, as the label of an axis.
 
-    Remarks on the meaning, behind a colon or semicolon, are left out.
+    Remarks on the meaning, behind a colon or semicolon, are left out. With `named` a column without a symbol
+    is named, too, as where a legend names it.
     """
     meaning = "" if _own_label(table, name) else settable(str(_quantity(table, name).get("meaning", "")))
     if remark := _REMARK.match(meaning):
@@ -168,7 +170,11 @@ def described(table: pd.DataFrame, name: str, width: int = 44) -> str:
         return label
     lines = textwrap.wrap(meaning, width)
     # a name in words would say less than the meaning
-    end = f", {label}" if "$" in label else f" ({unit})" if unit else ""
+    if named and "$" not in label and symbol(table, name).lower() not in meaning.lower():
+        label = label.replace(" (", "\u00a0(")  # no break before the unit
+    else:
+        named = "$" in label
+    end = f", {label}" if named else f" ({unit})" if unit else ""
     return "\n".join([*lines[:-1], lines[-1] + end])
 
 

@@ -37,7 +37,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     yield from check_window(figure)
 
 
-@figure_kind("trace", check=_check, colours_gaits=False)
+@figure_kind("trace", check=_check, coloured="none")
 def footprints(
     table: pd.DataFrame,
     *,

@@ -83,6 +83,7 @@ Window = Annotated[
 
 TEXT_COLUMNS = frozenset({"status", "gait", "outcome", "special", "end", "slowest", "stalled_by"})
 
+Coloured = Literal["gaits", "periods", "none"]
 Refusal = tuple[Path, str]  # where in the figure, and the end of the sentence
 
 
@@ -127,12 +128,28 @@ class FigureKind(FigureStyle):
     observable_fields: ClassVar[tuple[str, ...]] = ()  # those that name observables, one or a list
     axis_fields: ClassVar[tuple[str, ...]] = ()  # those that name columns of numbers, drawn along an axis
     worked_out: ClassVar[tuple[str, ...]] = ()  # columns that it adds to the table
-    colours_gaits: ClassVar[bool] = True  # whether the colours of gaits have an effect
+    coloured: ClassVar[Coloured] = "gaits"  # the names whose colours have an effect
 
     @property
     def kind_name(self) -> str:
         """The value of the field `kind`."""
         return kind_of(type(self))
+
+    @classmethod
+    def idle_colours(cls, colours: Mapping[str, str] | None) -> str | None:
+        """The end of a sentence about colours of which none or some have no effect; None: all have one."""
+        stray = [name for name in colours or {} if not cls.colours_of(name)]
+        if not stray:
+            return None
+        if cls.coloured == "periods":
+            kind = kind_of(cls)
+            return f"has no effect for {', '.join(stray)}: a figure {kind} colours periods (period 1: red)."
+        return f"has no effect: a figure {kind_of(cls)} does not colour gaits."
+
+    @classmethod
+    def colours_of(cls, name: str) -> bool:
+        """Whether the colour of a gait, or of a period of an atlas, has an effect."""
+        return cls.coloured == "gaits" or (cls.coloured == "periods" and name.startswith("period "))
 
     @property
     def stem(self) -> str:
@@ -169,8 +186,8 @@ class FigureKind(FigureStyle):
     def refusals(self, table: PlannedTable) -> Iterator[Refusal]:
         """Errors of the figure for a table that has its columns and observables."""
         yield from self._titles()
-        if self.colours and not self.colours_gaits:
-            yield ("colours",), f"has no effect: a figure {self.kind_name} does not colour gaits. Remove it."
+        if idle := self.idle_colours(self.colours):
+            yield ("colours",), f"{idle} Remove it."
         if getattr(self, "hue", None) not in TEXT_COLUMNS - {"gait", "outcome", "status"}:
             yield from StyleNames.of_model(table.model, table.columns).unknown(self)
         along = [(field, getattr(self, field)) for field in self.axis_fields]
@@ -251,8 +268,8 @@ def _in_style(draw: Callable[Spec, Figure], kind: type[FigureKind]) -> Callable[
         own, shared = read_style(**style_fields), current()
         if isinstance(table, pd.DataFrame):
             _check_names(table, own, shared)
-        if own.colours and not kind.colours_gaits:
-            raise PlotError(f"colours has no effect: a figure {kind_of(kind)} does not colour gaits.")
+        if idle := kind.idle_colours(own.colours):
+            raise PlotError(f"colours {idle}")
         with styled(own, ax):
             figure = draw(*args, **spec)  # pyright: ignore[reportCallIssue]
             panel = given_axes()
@@ -287,7 +304,7 @@ def figure_kind(
     *runs: str,
     check: Callable[[Any, PlannedTable], Iterator[Refusal]] | None = None,
     worked_out: tuple[str, ...] = (),
-    colours_gaits: bool = True,
+    coloured: Coloured = "gaits",
 ) -> Callable[[Callable[Spec, Figure]], Callable[Spec, Figure]]:
     """Register a function from a table to a figure as a kind; its figures carry remarks. A decorator.
 
@@ -297,7 +314,7 @@ def figure_kind(
         runs: the run kinds whose tables it can show.
         check: like `FigureKind.check`, for the figure in a job and the planned table.
         worked_out: columns that it adds to the table.
-        colours_gaits: whether the colours of gaits have an effect.
+        coloured: the names whose colours in a style have an effect: of gaits, of periods, or of none.
     """
 
     def registered(draw: Callable[Spec, Figure]) -> Callable[Spec, Figure]:
@@ -310,7 +327,7 @@ def figure_kind(
         title = name.title().replace("_", "")
         kind = create_model(title, __base__=FigureKind, __doc__=about, __module__=draw.__module__, **fields)
         kind.draw, kind.runs, kind.worked_out = staticmethod(draw), runs, worked_out
-        kind.colours_gaits = colours_gaits
+        kind.coloured = coloured
         for role in ("column_fields", "axis_fields", "observable_fields"):
             setattr(kind, role, tuple(n for n, (type_, _) in fields.items() if role in _parts([type_])))
         if check is not None:

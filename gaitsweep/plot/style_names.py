@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any, Self
 
 import pandas as pd
@@ -15,6 +15,12 @@ from gaitsweep.plot.columns import OTHER, bare
 from gaitsweep.plot.figure_style import FigureStyle
 
 Unknown = tuple[tuple[str | int, ...], str]  # where in the style, and the end of the sentence
+_PERIODS = 65  # numbers of crossings that a gait of an atlas may have before there is a table
+
+
+def period_names(periods: Iterable[int]) -> tuple[str, ...]:
+    """The names of gaits without a name in figures of an atlas."""
+    return tuple(f"period {period}" for period in periods)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,17 +30,20 @@ class StyleNames:
     gaits: Collection[str]
     columns: Collection[str]
     texts: Collection[str]
+    periods: Collection[str] = ()  # of an atlas, which stand for gaits without a name
 
     @classmethod
     def of_model(cls, model: Model | None, columns: Collection[str]) -> Self:
         """The names of a model, and of columns; of an unknown model the gaits of all extensions."""
         outcomes = (*map(str, Outcome), OTHER)
+        periods = period_names(range(1, _PERIODS)) if {"begins", "period"} <= set(columns) else ()
         if model is None:
-            return cls((*gait_styles(), *outcomes), columns, ())
+            return cls((*gait_styles(), *outcomes), columns, (), periods)
         known = (*model.parameters, *model.initial_conditions, *model.observables, *model.signals)
         names = (*columns, *(quantity.name for quantity in known))
         observed = (quantity.name for quantity in model.observables)  # what settled last may colour rows
-        return cls((*model.gaits, *outcomes), names, (*observed, *(status.name for status in Status)))
+        texts = (*observed, *(status.name for status in Status))
+        return cls((*model.gaits, *outcomes), names, texts, periods)
 
     @classmethod
     def of_table(cls, table: pd.DataFrame, model: Model | None) -> Self:
@@ -50,7 +59,8 @@ class StyleNames:
                 else table[column].unique()
             )
         ]
-        return cls(names.gaits, names.columns, (*names.texts, *texts))
+        periods = table["period"].unique() if names.periods else ()
+        return cls(names.gaits, names.columns, (*names.texts, *texts), period_names(sorted(periods)))
 
     def unknown(self, style: FigureStyle, *, shared: bool = False) -> Iterator[Unknown]:
         """The names in a style's colours, order and labels that name nothing.
@@ -62,8 +72,8 @@ class StyleNames:
         gaits = [*dict.fromkeys((*self.gaits, *(text for text in self.texts if text in gait_styles())))]
         both = [*gaits, *dict.fromkeys(self.columns)]
         for field, allowed, what in (
-            ("colours", gaits, "gait"),
-            ("order", gaits, "gait"),
+            ("colours", [*gaits, *self.periods], "gait"),
+            ("order", [*gaits, *self.periods], "gait"),
             ("labels", both, "column or gait"),
         ):
             written: Any = getattr(style, field) or ()

@@ -144,8 +144,8 @@ def draw_figures(
     specs, job_style = _figures_of(snapshot)
     if not specs:
         return []
-    kinds = [spec["kind"] for spec in specs]
-    if style is not None and style.colours and not any(plot.FIGURES[kind].colours_gaits for kind in kinds):
+    kinds, colours = [spec["kind"] for spec in specs], (style and style.colours) or {}
+    if colours and not any(plot.FIGURES[kind].colours_of(name) for kind in kinds for name in colours):
         raise StyleError(f"colours has no effect: no figure of {path} colours gaits ({', '.join(kinds)}).")
     folder = Path(path) / FIGURES
     with writing(f"{folder} cannot be made"):
@@ -160,8 +160,10 @@ def draw_figures(
         if on_progress is not None:
             on_progress(len(files) + 1)
         fields = {key: value for key, value in spec.items() if key not in ("kind", "name")}
-        if not plot.FIGURES[spec["kind"]].colours_gaits:  # they are for other figures of the job
-            whole_style = whole_style.model_copy(update={"colours": own_style.colours})
+        of_figure = plot.FIGURES[spec["kind"]].colours_of  # other colours are for other figures of the job
+        colours = {name: c for name, c in (whole_style.colours or {}).items() if of_figure(name)}
+        colours |= own_style.colours or {}
+        whole_style = whole_style.model_copy(update={"colours": colours or None})
         fields |= {key: value for key, value in whole_style if value is not None}
         try:
             figure = plot.draw(spec["kind"], table, **fields)

@@ -5,20 +5,77 @@ from __future__ import annotations
 import dataclasses
 import functools
 import importlib
+import inspect
 import operator
+import textwrap
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar, cast
 
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
+from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, SchemaValidator, core_schema
 
 
-class StrictModel(BaseModel):
+class _OwnMembers(type(BaseModel)):
+    """The metaclass of strict models, whose `help` shows their own members, without those of bases."""
+
+    def __dir__(cls) -> list[str]:
+        return [name for name in vars(cls) if not name.startswith("_")]
+
+    @property
+    def __signature__(cls) -> inspect.Signature:
+        """The fields and their defaults, without types."""
+        parameters = [
+            inspect.Parameter(field.alias or name, inspect.Parameter.KEYWORD_ONLY, default=_default(field))
+            for name, field in cast(type[BaseModel], cls).model_fields.items()
+            if field.init is not False
+        ]
+        return inspect.Signature(sorted(parameters, key=lambda each: each.default is not each.empty))
+
+    @__signature__.setter
+    def __signature__(cls, signature: object) -> None:
+        """Pydantic sets one with the types of validators, which is not kept."""
+
+
+def _default(field: FieldInfo) -> Any:
+    """The default of a field in a signature."""
+    if field.is_required():
+        return inspect.Parameter.empty
+    default = field.get_default(call_default_factory=True)
+    return ... if isinstance(default, BaseModel) else default
+
+
+class StrictModel(BaseModel, metaclass=_OwnMembers):
     """A frozen model that refuses unknown fields; its numbers may be expressions."""
 
     # validators are built for the first value: a job has one run kind and few kinds of figures
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+    __about: ClassVar[str]  # the docstring in the class
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **options: Any) -> None:
+        super().__pydantic_init_subclass__(**options)
+        cls.__about = inspect.cleandoc(cls.__doc__ or "")
+        described = [
+            textwrap.fill(
+                f"{name}: {field.description}", 106, initial_indent=" " * 4, subsequent_indent=" " * 8
+            )
+            for name, field in cls.model_fields.items()
+            if field.description and field.init is not False
+        ]
+        if described:
+            cls.__doc__ = "\n".join([cls.__about, "", "Fields:", *described])
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        json_schema = handler(schema)
+        of_class = handler.resolve_ref_schema(json_schema)
+        if "description" in of_class:
+            of_class["description"] = cls.__about
+        return json_schema
 
 
 def kind_of(model: type[StrictModel]) -> str:

@@ -125,9 +125,12 @@ class Document:
         if diagnostic.file:
             return diagnostic
         place = self._place(diagnostic.path)
-        if isinstance(place, str):
-            return dataclasses.replace(diagnostic, file=self.file, place=place)
-        return dataclasses.replace(diagnostic, file=self.file, line=place)
+        if not isinstance(place, str):
+            return dataclasses.replace(diagnostic, file=self.file, line=place)
+        text = diagnostic.text
+        if place.endswith("="):
+            text += " Write a value after =; to go without the field, remove it from the file."
+        return dataclasses.replace(diagnostic, file=self.file, place=place, text=text)
 
     def _place(self, path: diagnostics.Path) -> int | str | None:
         # an error in a field of the file that an override changed inside is located at the override

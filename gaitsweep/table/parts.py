@@ -21,20 +21,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.run_columns import COLUMNS
 from gaitsweep.table.manifest import Layout
 
 _KEY = b"gaitsweep"
 _OPEN_KEY = b"gaitsweep open rows"
-
-# Units of the columns that run kinds add to a model's own; "1" for counts and other plain numbers.
-_UNITS = {
-    **dict.fromkeys(("t", "t_end", "time"), "s"),
-    **dict.fromkeys(("cycles", "crossing", "attractor_period", "stair", "pass", "point"), "1"),
-    **dict.fromkeys(("multiplier", "multiplier_re", "multiplier_im", "unstable", "corrections"), "1"),
-    **dict.fromkeys(("eigenvalue_re", "eigenvalue_im"), "1/s"),
-    "hopf_frequency": "rad/s",
-    "hopf_period": "s",
-}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -143,7 +134,7 @@ def part_bytes(
         job_hash: the hash of the job.
         counts: rows by status.
         quantities: `unit` and `meaning` by the name of the column, as in the manifest; of the columns that
-            are not there, those that run kinds add have a unit.
+            are not there, those that run kinds add have theirs.
     """
     return _encoded(*_records(frame, number, job_hash, counts, quantities))
 
@@ -170,8 +161,9 @@ def _records(
         else:
             arrays.append(pa.Array.from_pandas(values))
         observed = re.sub(r"_end_\d+\Z", "_end", column)  # at a further crossing of an orbit
-        quantity = (quantities or {}).get(observed) or ({"unit": _UNITS[column]} if column in _UNITS else {})
-        described = {name: quantity[name] for name in ("unit", "meaning") if name in quantity}
+        added = dict(zip(("unit", "meaning"), COLUMNS.get(column, ()), strict=False))
+        quantity = (quantities or {}).get(observed) or added
+        described = {name: quantity[name] for name in ("unit", "meaning") if quantity.get(name)}
         fields.append(pa.field(column, arrays[-1].type, metadata=described or None))
     footer = Footer(number, job_hash, dict(counts), categories)
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields)), footer

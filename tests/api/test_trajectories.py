@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -179,7 +179,7 @@ def test_one_trajectory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     assert len(gs.simulate(toy_model.Toy(), duration=1.0)) > 20  # samples of a hundredth of a cycle
     with pytest.raises(gs.ArgumentError, match="launch_1 is an axis, but one trajectory takes a number"):
         gs.simulate(toy_model.Toy(), launch_1=[1.0, 2.0], duration=1.0)
-    with pytest.warns(UserWarning, match="The trajectory ended as fell"):
+    with pytest.warns(UserWarning, match="ended as fell: .* It tests whether a mass is above the ceiling"):
         gs.simulate(toy_model.Toy(), launch_1=5.0, ceiling=0.1, duration=50.0)
     assert not list(tmp_path.iterdir())
 
@@ -194,6 +194,10 @@ def test_a_result_shows_itself() -> None:
     assert result.figures == []
     with pytest.raises(gs.ArgumentError, match="in memory, without a directory"):
         _ = result.path
+    with pytest.raises(AttributeError, match=r"has no attrs; its table has: give \.table"):
+        gs.hysteresis(cast(Any, result), "launch_1")
+    with pytest.raises(TypeError, match=r"give \.table"):
+        gs.analyses.basins(cast(Any, result))
 
 
 def test_every_figure_is_a_method_of_a_result() -> None:

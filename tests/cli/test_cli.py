@@ -447,7 +447,7 @@ def test_info_describes_a_directory(finished: Path, capsys: Capture) -> None:
         "toy (model multilegged)",
         "10 of 10, complete",
         "fell",
-        "The body fell, by the model's test of a fall.",
+        "The body fell: the model's function `failed` became true.",
         "1 x cpu (cpu)",
         "1.25 s to run",
         "figures/basin.png",

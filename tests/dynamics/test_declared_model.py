@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import pickle
 import re
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -14,11 +15,13 @@ import pytest
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, mode, observable, parameter, signal, variable
 from gaitsweep.contract import Quantity, Status
-from gaitsweep.dynamics.declared_model import COLUMNS
+from gaitsweep.dynamics.declared_model import OF_TRACES
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper
+from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.models.conformity import fault, faults
+from gaitsweep.run_columns import COLUMNS
 from gaitsweep.skeleton import LimbLook
 from smooth_oscillators import VanDerPol
 from tests.support.sweeping import run_rows, scalars
@@ -318,12 +321,13 @@ REFUSED_AT_ONCE = {
         "e": parameter("1", "restitution", 0.5)
     },
     "quantity sample, which means": {"sample": parameter("1", "sample", 0.5)},
-    "quantity status, but status is another column of tables: allowed are names other than row": {
+    'quantity status, but tables have a column status: write status_, or another name with symbol="status"': {
         "status": signal("1", "status")(lambda self, p, s: s.z)
     },
-    "quantity t, but t is another column": {"t": variable("s", "time")},
-    "quantity t, but t_end is another column": {"t": observable("s", "time")(lambda self, p, s: s.z)},
-    "quantity z, but z_end is another column": {"z_end": parameter("m", "last height", 1.0)},
+    "quantity t, but tables have a column t:": {"t": variable("s", "time")},
+    "quantity depth, but tables have a column depth:": {"depth": parameter("m", "depth", 1.0)},
+    "quantity found, but tables have a column found:": {"found": variable("m", "way", 1.0, signal=False)},
+    "quantity z, but tables have a column z_end": {"z_end": parameter("m", "last height", 1.0)},
     r'count="M", which is not a field of its structure\. Allowed: N': {
         "__annotations__": {"N": "int"},
         "k": parameter("1", "k", 1.0, count="M"),
@@ -345,17 +349,30 @@ def test_a_count_is_a_number_of_components(count: object) -> None:
 
 
 def test_names_of_columns_are_those_of_the_tables() -> None:
-    """A column that a run kind adds is one that no quantity may have."""
+    """A column that a run kind adds is one that no quantity may have, and the page on models lists it."""
     model = Ground()
     own = {f"{q.name}{end}" for q in (*model.observables, *model.signals) for end in ("", "_end", "_n")}
+    along = {"parameter": "g", "path": [9.0, 10.0]}
+    trace = gs.Trace(duration=1.0, every=1.0)
     runs = (
         gs.Settle(),
         gs.FixedTime(duration=1.0),
         gs.ReturnMap(crossings=1),
-        gs.Trace(duration=1.0, every=1.0),
+        trace,
+        gs.Ramp(**along, rate=0.1),
+        gs.Staircase(**along, step=0.1, dwell=10.0),
+        gs.Continuation(**along, crossing=True),
+        RUN_KINDS["folds"](parameters=["g", "g"], within={"g": [9.0, 10.0]}),
+        RUN_KINDS["atlas"](**along, ranges={"z_0": [0.0, 1.0]}),
     )
-    columns = {column.name for run in runs for column in run.all_columns(model)} - own
+    times = {f"t_{name.replace(' ', '_')}" for name in model.guard_names}  # of events, in an atlas
+    columns = (
+        {column.name for run in runs for column in run.all_columns(model)} - own - times - {"g", "g_fold"}
+    )
     assert columns | {"row"} == set(COLUMNS)
+    assert {column.name for column in trace.all_columns(model)} - own < set(OF_TRACES)
+    page = (Path(__file__).parents[2] / "docs/own_model.md").read_text()
+    assert ", ".join(f"`{name}`" for name in sorted(COLUMNS)) in " ".join(page.split())
 
 
 def test_a_paper_may_call_its_parameters_e_and_lambda() -> None:

@@ -81,5 +81,10 @@ def test_a_row_without_a_gait_keeps_its_record() -> None:
         BouncingBall(), parameter="G", path=(0.5, 0.9), at=0.7, ranges=RANGES, periods=1, depth=0, budget=64,
     )  # fmt: skip
     assert len(ball.gaits) == 0
+    table = ball.table
+    assert set(table.columns) - {"row"} <= set(table.attrs["quantities"])
+    assert len(gs.Atlas(table).gaits) == 0
+    with pytest.raises(gs.ArgumentError, match="lacks found, special of a run of kind atlas"):
+        gs.Atlas(table.drop(columns=["found", "special"]))
     assert ball.table["status"].tolist() == ["no_fixed_point"]
     assert ball.table["end"].tolist() == ["no_gait"]

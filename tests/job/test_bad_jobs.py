@@ -452,12 +452,17 @@ OVERRIDES = [
         ["--set vary.launch_1.linspace=[-1,2,3]: vary.launch_1 is -1 in row 0"],
     ),
     ("run.kind.x=1", ['--set run.kind.x=1: run.kind is "settle" and has no fields']),
-    ("figures.x=1", ["--set figures.x=1: figures is a list"]),
+    ("figures.x=1", ["--set figures.x=1: figures is a list", "write the whole list, figures=[...]"]),
+    (
+        "figures=[{kind: basin, x: launch_1, y: launch_1}, {kind: basin, x: launch_1, y: row}]",
+        ["name: basin_2"],
+    ),
     ("params.mass", ["--set params.mass: ", "key=value"]),
     ("=3", ["--set =3: ", "key=value"]),
     ("params..mass=3", ["--set params..mass=3: ", "key=value"]),
+    ("vary.sample.n=", ["vary.sample.n is empty, but must be a number. Write a value after ="]),
     ("params.mass=[1", ["--set params.mass=[1", "not closed"]),
-    ("params.mass=", ["--set params.mass=: params.mass is empty"]),
+    ("params.mass=", ["--set params.mass=: params.mass is empty", "Write a value after ="]),
     ("engine.lanes=many", ["--set engine.lanes=many: engine.lanes", "unknown"]),
     ("name=" + "x" * 200, ["--set name=xxx", "letters, digits"]),
 ]
@@ -617,3 +622,9 @@ def test_any_content_of_a_file_is_refused(tmp_path_factory: pytest.TempPathFacto
     path.write_text(text, encoding="utf-8", errors="replace")
     with pytest.raises(JobError):
         load_job(path)
+
+
+def test_an_observable_has_no_name_of_a_column_of_branches() -> None:
+    run = {"kind": "atlas", "parameter": "beta", "path": [0.6, 0.7], "ranges": {"delta_13": [0, 1]}}
+    with pytest.raises(JobError, match="has a quantity period, but the table of atlas has another column"):
+        Job(name="gaits", model="waist_quadruped", run=run)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pydoc
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -134,3 +136,11 @@ def test_every_kind_describes_itself(kind: str) -> None:
     part = kinds.RUN_KINDS[kind]
     assert str(part.model_fields["kind"].description).startswith(f"{kind}: ")
     assert part.__doc__
+
+
+def test_help_of_a_kind_is_its_fields_and_not_pydantics_methods() -> None:
+    shown = pydoc.plain(pydoc.render_doc(kinds.RUN_KINDS["staircase"]))
+    assert "Staircase(*, parameter, path, step, dwell, first_dwell=None, tolerance=0.001)" in shown
+    assert re.search(r"dwell: time on each stair, in s\n", shown)
+    assert "model_dump" not in shown
+    assert len(shown.splitlines()) < 80

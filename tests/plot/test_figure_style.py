@@ -23,6 +23,7 @@ from gaitsweep.plot.figure_style import FORMATS, StyleError
 from gaitsweep.plot.theme import angle_ticks, in_pi, wrapped
 from gaitsweep.runs.figures import draw_figures
 from gaitsweep.table import Snapshot
+from tests.support import ROOT
 from tests.support.hysteresis_tables import map_table, staircase_table
 from tests.support.plot_tables import legend_texts, rendered, settle_table
 
@@ -116,6 +117,18 @@ def test_colours_of_gaits_are_refused_where_they_have_no_effect() -> None:
         gs.Job(**job, figures=[wrong])
     with pytest.raises(gs.JobError, match=r"style.colours has no effect"):
         gs.Job(**job, figures=[wrong | {"colours": None}], style={"colours": {"direct": "red"}})
+
+
+def test_periods_of_an_atlas_have_colours_and_no_gait_has() -> None:
+    ball = pd.read_parquet(ROOT / "docs/gallery/road_map.parquet")
+    figure = plot.draw("atlas", ball, colours={"period 1": "#123456"})
+    assert "#123456" in {line.get_color() for line in figure.axes[0].lines}
+    figure = plot.draw("road_map", ball, y="phase", colours={"period 1": "#123456"})
+    assert "#123456" in {line.get_color() for line in figure.axes[0].lines}
+    with pytest.raises(PlotError, match=r"no effect for none: a figure atlas colours periods"):
+        plot.draw("atlas", ball, colours={"none": "red"})
+    with pytest.raises(PlotError, match=r"names no gait .*did you mean period"):
+        plot.draw("road_map", ball, y="phase", colours={"period 7": "red"})
 
 
 def test_letters_of_one_panel_and_letters_that_are_chosen() -> None:

@@ -38,6 +38,13 @@ def bars(axes) -> dict[str, list[float]]:
     return found
 
 
+def test_a_parameter_without_a_symbol_is_named_along_its_axis_as_in_the_legend() -> None:
+    table = staircase_table().rename(columns={"f": "bias"})
+    table.attrs["quantities"] = {"bias": {"unit": "rad", "meaning": "angle of the waist"}}
+    axes = plot.draw("hysteresis", table, y="delta_13", parameter="bias").axes[0]
+    assert axes.get_xlabel() == "angle of the waist, bias\u00a0(rad)"
+
+
 def test_hysteresis_of_a_staircase_marks_the_jumps() -> None:
     figure = plot.draw("hysteresis", staircase_table(), y="delta_13", title="Hysteresis")
     rendered(figure)

@@ -64,6 +64,14 @@ def test_basin_names_axes_panels_and_shares() -> None:
     assert (cells[:, 1:3] == to_rgba(gait_styles()["retrograde"][0])).all()
 
 
+def test_basin_without_gaits_describes_its_axes_and_proposes_a_hue() -> None:
+    table = settle_table().iloc[:16].assign(gait="none").rename(columns={"psi_1": "launch_0"})
+    table.attrs["quantities"] = {"launch_0": {"unit": "m/s", "meaning": "speed at the start"}}
+    figure = plot.draw("basin", table, x="launch_0", y="psi_2")
+    assert figure.axes[0].get_xlabel() == "speed at the start (m/s)"
+    assert "psi_1_end as hue" in figure.legends[0].get_title().get_text()
+
+
 def test_basin_has_the_legends_colours_in_every_panel_whatever_the_gaits_are_called() -> None:
     """A model's own gaits have no colour of their own, and come in another order in each panel."""
     table = settle_table()

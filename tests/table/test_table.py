@@ -70,21 +70,19 @@ def test_columns_carry_their_unit_and_meaning_in_the_parquet_field(tmp_path: Pat
         fill(directory)
     old, new = (pq.read_schema(path / "table" / f"part-0000{number}.parquet") for number in (0, 1))
     assert new.field("a").metadata == {b"unit": b"m/s", b"meaning": b"speed"}
-    assert new.field("cycles").metadata == {b"unit": b"1"}
-    assert new.field("status").metadata is None
+    assert new.field("cycles").metadata == {b"unit": b"1", b"meaning": b"section crossings of the row"}
+    assert new.field("status").metadata == {b"meaning": b"how the row ended"}
     assert old.field("a").metadata is None
     assert old.equals(new)
     pd.testing.assert_series_equal(load(path).loc[:, "a"], block_frame(0, 10).loc[:, "a"])
 
 
-def test_columns_of_a_run_kind_carry_their_unit_unless_the_model_has_a_quantity_of_that_name() -> None:
+def test_columns_of_a_run_kind_carry_theirs_unless_the_model_has_a_quantity_of_that_name() -> None:
     frame = pd.DataFrame({"row": [0], "status": ["settled"], "t_end": [1.5], "cycles": [3], "t": [0.5]})
     data, _ = part_bytes(frame, 0, "hash", {"settled": 1}, {"t": {"unit": "K", "meaning": "temperature"}})
     fields = pq.read_schema(pa.BufferReader(data))
-    assert fields.field("t_end").metadata == {b"unit": b"s"}
-    assert fields.field("cycles").metadata == {b"unit": b"1"}
+    assert fields.field("t_end").metadata == {b"unit": b"s", b"meaning": b"time at the end of the row"}
     assert fields.field("t").metadata == {b"unit": b"K", b"meaning": b"temperature"}
-    assert fields.field("row").metadata is None
 
 
 def test_a_partial_table_is_loaded_with_a_warning(tmp_path: Path) -> None:

@@ -159,13 +159,13 @@ def _draw_bump(random: np.random.Generator) -> Case:
 class Pulse(DeclaredModel):
     """u' = -u, and a pulse of area 1 of a short `width` in each turn of a clock of 2 s."""
 
-    begins = parameter("s", "when the pulse begins", 1.0)
+    onset = parameter("s", "when the pulse begins", 1.0)
     width = parameter("s", "width", 0.01)
     clock = variable("s", "clock", 0.0, observed=False)
     u = variable("1", "u", 1.0)
 
     def flow(self, p, s):
-        on = (s.clock > p.begins) & (s.clock < p.begins + p.width)
+        on = (s.clock > p.onset) & (s.clock < p.onset + p.width)
         return {"clock": 1.0, "u": -s.u + jnp.where(on, 1.0 / p.width, 0.0)}
 
     @event("2 s are over", section=True)
@@ -183,7 +183,7 @@ class Pulse(DeclaredModel):
 def _pulse(case: Case) -> Solution:
     p = case.values
     w = p["width"]
-    gained = np.exp(-(2.0 - p["begins"] - w)) * -np.expm1(-w) / w
+    gained = np.exp(-(2.0 - p["onset"] - w)) * -np.expm1(-w) / w
     u, found = p["u_0"], []
     for _ in range(case.run.crossings):
         u = np.exp(-2.0) * u + gained
@@ -193,7 +193,7 @@ def _pulse(case: Case) -> Solution:
 
 def _draw_pulse(random: np.random.Generator) -> Case:
     values = {
-        "begins": float(random.uniform(0.2, 1.5)),
+        "onset": float(random.uniform(0.2, 1.5)),
         "width": float(10.0 ** random.uniform(-3.5, -0.5)),
         "u_0": float(random.uniform(0.0, 2.0)),
     }

@@ -21,7 +21,7 @@ from jaxtyping import Bool
 from gaitsweep.analysis.atlas.curves import BifurcationCurve, curve_through
 from gaitsweep.analysis.atlas.event_orders import change_of_order, event_columns
 from gaitsweep.analysis.atlas.order_curves import OrderChange
-from gaitsweep.analysis.atlas.periodic_orbits import Orbit, OrbitSearch, orbit_of, polished, rows_of
+from gaitsweep.analysis.atlas.periodic_orbits import Orbit, OrbitSearch, orbits_of, polished, rows_of
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_tests import ahead
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS, FLAT, beside
@@ -237,7 +237,7 @@ class Atlas:
                     if not problem.low <= first.parameter[0] <= problem.high:
                         continue
                     values = {**problem.values, self.parameter: first.parameter}
-                    orbit = orbit_of(self.mapping, first.points, values, period)
+                    (orbit,) = orbits_of(self.mapping, first.points, values, period)
                     if orbit is not None and len(orbit) == period:
                         yield Beginning(
                             branch.row, period, depth, (number, place), problem, first, (0,), orbit
@@ -464,7 +464,7 @@ class Atlas:
     def _orbit(self, branch: Branch, at: BranchPoints) -> Points | None:
         """The points of the orbit at one point of a branch."""
         values = {**branch.problem.values, self.parameter: at.parameter}
-        return orbit_of(self.mapping, at.points, values, branch.period)
+        return orbits_of(self.mapping, at.points, values, branch.period)[0]
 
     def table(self, search: OrbitSearch, at: float) -> pd.DataFrame:
         """One record a point of a branch.
@@ -593,7 +593,8 @@ class Atlas:
         if known:
             away, orbit = min(known, key=lambda pair: pair[0])
         else:
-            orbit = polished(self.mapping, at.points, branch.row, values, branch.period, self.fix)
+            row = np.array([branch.row])
+            (orbit,) = polished(self.mapping, at.points, row, values, branch.period, self.fix)
             if orbit is None:
                 return {"found": 0}
             away = np.min(self.mapping.distance(orbit.points.at, at.points.at))

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values
@@ -144,11 +144,18 @@ class OrbitSearch:
             )
             converged = np.flatnonzero(found.converged)
             # an orbit that many searches found is polished once
-            for group in self._grouped(found.points[converged], rows[converged]):
-                chosen = converged[group]
-                hits = len(chosen) if drawn else 0
-                if self._insert(found.points[chosen[:1]], int(rows[chosen[0]]), period, hits):
-                    new.add(int(rows[chosen[0]]))
+            groups = [converged[k] for k in self._grouped(found.points[converged], rows[converged])]
+            unknown = []
+            for group in groups:
+                known = self._known(found.points[group[:1]], int(rows[group[0]]))
+                if known is None:
+                    unknown.append(group)
+                else:
+                    self._hit(known, period, len(group) if drawn else 0)
+            if unknown:
+                hits = [len(group) if drawn else 0 for group in unknown]
+                first = np.array([group[0] for group in unknown])
+                new |= self._insert(found.points[first], rows[first], period, hits)
         return new
 
     def mark_reached(self, ends: Points, rows: Rows, sound: Bool[np.ndarray, " points"]) -> None:
@@ -182,26 +189,26 @@ class OrbitSearch:
             groups.append([k])
         return [np.array(group) for group in groups]
 
-    def _insert(self, point: Points, row: int, period: int, hits: int) -> bool:
-        """Add one orbit, or the hits of one that is known; whether it is new."""
-        known = self._known(point, row)
-        if known is not None:
-            self._hit(known, period, hits)
-            return False
-        only = np.array([row])
-        values, fix = rows_of(self.values, only), rows_of(self.fix, only)
-        orbit = polished(self.mapping, point, row, values, period, fix)
-        if orbit is None:
-            return False
-        mirrored = self.mapping.mirrored(orbit.points[[0]], values)
-        for point_of_image in (orbit.points[[0]], *mirrored.values()):
-            known = self._known(point_of_image, row)
-            if known is not None:
-                self._hit(known, period, hits)
-                return False
-        self.orbits.append(orbit)
-        self._hit(len(self.orbits) - 1, period, hits)
-        return True
+    def _insert(self, points: Points, rows: Rows, period: int, hits: Sequence[int]) -> set[int]:
+        """Add the orbits through n points, or the hits of those that are known; the rows with new ones."""
+        values, fix = rows_of(self.values, rows), rows_of(self.fix, rows)
+        found = polished(self.mapping, points, rows, values, period, fix)
+        sound = np.array([k for k, orbit in enumerate(found) if orbit is not None], int)
+        orbits = [orbit for orbit in found if orbit is not None]
+        if not orbits:
+            return set()
+        firsts = Points.joined([orbit.points[[0]] for orbit in orbits])
+        images = [firsts, *self.mapping.mirrored(firsts, rows_of(values, sound)).values()]
+        new = set()
+        for place, (orbit, k) in enumerate(zip(orbits, sound, strict=True)):
+            own = (self._known(image[[place]], orbit.row) for image in images)
+            known = next((at for at in own if at is not None), None)
+            if known is None:
+                known = len(self.orbits)
+                self.orbits.append(orbit)
+                new.add(orbit.row)
+            self._hit(known, period, hits[k])
+        return new
 
     def _hit(self, place: int, period: int, hits: int) -> None:
         """Count searches with a period that found an orbit, if it is the orbit's own."""
@@ -219,70 +226,77 @@ class OrbitSearch:
 
 def polished(
     mapping: Map,
-    point: Points,
-    row: int,
+    points: Points,
+    rows: Rows,
     values: Values,
     period: int,
     fix: Sequence[str] | Mapping[str, object] = (),
-) -> Orbit | None:
-    """The orbit through a point (1,) that is nearly fixed by the map iterated `period` times.
+) -> list[Orbit | None]:
+    """The orbits through n points that are nearly fixed by the map iterated `period` times.
 
     Returns:
-        The orbit with its least period; None where it is no orbit after all. Its error is the larger of the
-        last Newton step and the distance to the orbit of the refined map.
+        The orbits with their least periods; None where a point is on no orbit after all. The error of an
+        orbit is the larger of the last Newton step and the distance to the orbit of the refined map.
     """
     iterated = mapping.iterated(period)
-    best = newton(iterated, point, values, fix=fix)
-    if not best.converged[0]:
-        return None
+    found = newton(iterated, points, values, fix=fix)
+    at, residual, images = found.points, found.residual, found.images
     for _ in range(POLISHING):
-        again = newton(iterated, best.points, values, fix=fix, tolerance=0.0, most=1)
-        if not again.residual[0] < best.residual[0]:
+        again = newton(iterated, at, values, fix=fix, tolerance=0.0, most=1)
+        better = np.flatnonzero(again.residual < residual)
+        if not better.size:
             break
-        best = again
-    orbit = orbit_of(mapping, best.points, values, period)
-    if orbit is None:
-        return None
-    mirrored = mapping.mirrored(best.points, values)
-    apart = {name: np.min(mapping.distance(orbit.at, image.at)) for name, image in mirrored.items()}
-    symmetry = tuple(name for name, distance in apart.items() if distance < SAME)
-    error = _error(iterated, best.points, best.images, values, fix)
-    return Orbit(row, orbit, error, symmetry=symmetry)
+        at, images = at.merged(better, again.points[better]), images.merged(better, again.images[better])
+        residual = np.minimum(residual, again.residual)
+    orbits = orbits_of(mapping, at, values, period)
+    mirrored, errors = mapping.mirrored(at, values), _errors(iterated, at, images, values, fix)
+    polished_orbits: list[Orbit | None] = []
+    for k, (orbit, error) in enumerate(zip(orbits, errors, strict=True)):
+        if orbit is None or not found.converged[k]:
+            polished_orbits.append(None)
+            continue
+        apart = {name: np.min(mapping.distance(orbit.at, image.at[k])) for name, image in mirrored.items()}
+        symmetry = tuple(name for name, distance in apart.items() if distance < SAME)
+        polished_orbits.append(Orbit(int(rows[k]), orbit, float(error), symmetry=symmetry))
+    return polished_orbits
 
 
-def orbit_of(mapping: Map, point: Points, values: Values, period: int) -> Points | None:
-    """The points of the orbit with its least period, in their order; None where a point has no image."""
-    points = [point]
+def orbits_of(mapping: Map, points: Points, values: Values, period: int) -> list[Points | None]:
+    """The points of the orbits of n points, each with its least period; None where a point has no image."""
+    crossings, sound = [points], np.ones(len(points), bool)
+    least = np.full(len(points), period)
     for count in range(1, period):
-        images = mapping.images(points[-1], values)
-        if not images.sound[0]:
-            return None
-        if period % count == 0 and mapping.distance(point.at, images.points.at)[0] < SAME:
-            break
-        points.append(images.points)
-    return Points.joined(points)
+        images = mapping.images(crossings[-1], values)
+        sound &= images.sound | (least < period)
+        if period % count == 0:
+            back = mapping.distance(points.at, images.points.at) < SAME
+            least = np.where(images.sound & back & (least == period), count, least)
+        crossings.append(images.points)
+    return [
+        Points.joined([crossing[[k]] for crossing in crossings[: least[k]]]) if sound[k] else None
+        for k in range(len(points))
+    ]
 
 
-def _error(
+def _errors(
     mapping: Map,
     points: Points,
     images: MapEvaluation,
     values: Values,
     fix: Sequence[str] | Mapping[str, object],
-) -> float:
-    """The estimated error of a fixed point (1,): by its residual, and by that of the refined map."""
-    step = 0.0
+) -> Float[np.ndarray, " points"]:
+    """The estimated errors (n,) of fixed points: by their residuals, and by those of the refined map."""
+    steps = np.zeros(len(points))
     if not fix:
-        miss = mapping.difference(images.points.at, points.at)[0]
-        step = float(
-            mapping.distance(
-                points.at[0], points.at[0] + np.linalg.lstsq(images.jacobian[0] - np.eye(len(miss)), miss)[0]
-            )
-        )
+        miss = mapping.difference(images.points.at, points.at)
+        matrices = images.jacobian - np.eye(miss.shape[1])
+        for k in np.flatnonzero(np.isfinite(matrices).all(axis=(1, 2))):
+            solved = points.at[k] + np.linalg.lstsq(matrices[k], miss[k])[0]
+            steps[k] = mapping.distance(points.at[k], solved)
     refined = mapping.refined()
     if refined is None:
-        return step
+        return steps
     # nearly fixed by the refined map, too: a tolerance would end the search before its first step
     finer = newton(refined, points, values, fix=fix, tolerance=0.0, most=POLISHING)
-    apart = float(mapping.distance(points.at, finer.points.at)[0])
-    return max(step, apart) if finer.residual[0] < SAME else float("nan")
+    apart = np.maximum(steps, mapping.distance(points.at, finer.points.at))
+    return np.where(finer.residual < SAME, apart, np.nan)

@@ -51,7 +51,7 @@ def skeleton(model: Any, signals: Mapping[str, Float[np.ndarray, " times"]], fee
     aside = [round(float(data.site_xpos[site][1]), 9) for site in sites[: len(limbs)]]
     return Skeleton(
         limbs=tuple(
-            Limb(f"foot {i + 1}", limb, pair=i // 2, far=_is_far(aside, i)) for i, limb in enumerate(limbs)
+            Limb(f"leg {i + 1}", limb, pair=i // 2, far=_is_far(aside, i)) for i, limb in enumerate(limbs)
         ),
         bodies=tuple(bodies.values()),
         heading=0.0,

@@ -38,7 +38,7 @@ class ReturnStatus(ResultCode):
     late = 1, "No crossing came within four nominal periods."
     stalled = 2, "Events followed each other without end."
     lost = 3, "A state variable became NaN or infinite, or the model's period is."
-    fell = 4, "The model's own test of a fall came true."
+    fell = 4, "The body fell: the model's function `failed` became true."
     elsewhere = 5, "The section was crossed in a way that its coordinates do not have."
 
 

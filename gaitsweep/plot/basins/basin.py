@@ -20,6 +20,7 @@ from gaitsweep.plot.basins.cells import cell_grid, check_cells, colour_cells, ha
 from gaitsweep.plot.columns import (
     PlotError,
     axis_label,
+    described,
     is_angle,
     is_logarithmic,
     log_axes,
@@ -30,10 +31,12 @@ from gaitsweep.plot.columns import (
 )
 from gaitsweep.plot.figure_style import current
 from gaitsweep.plot.kind import Horizontal, Hue, Panels, Title, Vertical, figure_kind
+from gaitsweep.run_columns import COLUMNS
 from gaitsweep.schema.numbers import Flag
 
 _PANELS_A_ROW = 4
 _MOST_PANELS = 40
+_LETTERS = 15  # of a label, an inch
 
 _HATCHED = (Outcome.NOT_SETTLED, Outcome.FAILED)
 _Looks = tuple[dict[str, str], ...]  # colour, marker and hatch of each outcome, the same in all panels
@@ -56,7 +59,7 @@ def basin(
 
     Starts on a grid are drawn as cells; others as points. A numeric `hue` is drawn on a colour scale. Rows
     that failed or did not settle are hatched grey; cells without a row yet are left white. Of one panel the
-    shares are in the legend, of several above each.
+    shares are in the legend, of several above each. Where no gait has a name, the legend proposes a `hue`.
 
     Args:
         table: a settle table, complete or partial.
@@ -99,15 +102,18 @@ def basin(
             image = drawn or image
             if headings:
                 axes.set_title(headings[number], fontsize=theme.points(7.5))
-        _label_axes(table, grid, x, y, columns)
+        _label_axes(table, grid, x, y, columns, int(side * _LETTERS))
         if numeric and image is not None:
-            figure.colorbar(image, ax=figure.axes, label=axis_label(table, hue), shrink=0.8)
+            figure.colorbar(image, ax=figure.axes, label=described(table, hue, 36), shrink=0.8)
         if key:
             status = table["status"].astype(str) if "status" in table.columns else pd.Series(dtype=str)
             inferred = float(np.mean(status.to_numpy(str) == "inferred")) if len(status) else 0.0
             if current().marks is False:
                 inferred = 0.0
             heading = ("share of starts above each panel" if headings else "share of starts") * shares
+            ends = [name for name in map(str, table) if name.endswith("_end") and name not in COLUMNS]
+            if hue == "gait" and ends and {"none"} == {*names} - {*_HATCHED}:
+                heading = f"no gait has a name; {ends[0]} as hue tells them apart"
             _legend(figure, key, shown if shares and not headings else None, looks, heading, inferred)
     return figure
 
@@ -118,8 +124,17 @@ def _shares(shown: pd.Series, names: Sequence[str], between: str = " ") -> list[
     return [f"{theme.named(name)}{between}{theme.percent(share)} %" for name, share in shares.items()]
 
 
-def _label_axes(table: pd.DataFrame, grid: Sequence[Axes], x: str, y: str, columns: int) -> None:
-    """Write labels along the outer edges, and ticks of angles in multiples of pi."""
+def _label_axes(
+    table: pd.DataFrame, grid: Sequence[Axes], x: str, y: str, columns: int, letters: int
+) -> None:
+    """Write labels in lines of so many letters along the outer edges, and ticks of angles in multiples of pi.
+
+    Of several panels, the label of a column with a symbol is the symbol and the unit.
+    """
+    labels = {name: axis_label(table, name) for name in (x, y)}
+    for name in labels:
+        if len(grid) == 1 or "$" not in labels[name]:
+            labels[name] = described(table, name, letters)
     circular = [
         which
         for which, name in (("x", x), ("y", y))
@@ -127,8 +142,8 @@ def _label_axes(table: pd.DataFrame, grid: Sequence[Axes], x: str, y: str, colum
     ]
     for number, axes in enumerate(grid):
         below = number + columns >= len(grid)
-        axes.set_xlabel(axis_label(table, x) if below else "")
-        axes.set_ylabel(axis_label(table, y) if number % columns == 0 else "")
+        axes.set_xlabel(labels[x] if below else "")
+        axes.set_ylabel(labels[y] if number % columns == 0 else "")
         for which in circular:
             theme.angle_axis(axes, which)
         if len(circular) == 2:

@@ -36,7 +36,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         yield from check_cells(figure, table)
 
 
-@figure_kind("settle", "fixed_time", check=_check, colours_gaits=False)
+@figure_kind("settle", "fixed_time", check=_check, coloured="none")
 def shock(
     table: pd.DataFrame,
     *,

@@ -22,6 +22,7 @@ from gaitsweep.plot.columns import (
     rows_where,
 )
 from gaitsweep.plot.kind import Observable, Title, figure_kind
+from gaitsweep.plot.style_names import period_names
 
 STABLE_WIDTH = 2.2
 # line styles of curves by the kind of bifurcation
@@ -67,8 +68,9 @@ def road_map(
 ) -> Figure:
     """Draw the branches of all gaits over the parameter, stable ones thick, with their bifurcations.
 
-    Colours are the gaits, or the periods of gaits that have no names. Of a gait of several crossings, one
-    crossing is drawn. A grey line marks where gaits were searched.
+    Colours are the gaits, or the periods of gaits that have no names (`colours: {period 1: red}`). Of a gait
+    of several crossings, the one that the table has is drawn; `gs.return_map(...).orbit` gives the others. A
+    grey line marks where gaits were searched.
 
     Args:
         table: the table of an atlas.
@@ -111,7 +113,7 @@ def road_map(
     return figure
 
 
-@figure_kind("atlas", colours_gaits=False)
+@figure_kind("atlas", coloured="periods")
 def atlas(
     table: pd.DataFrame,
     *,
@@ -145,7 +147,8 @@ def atlas(
             theme.message(axes, "No branch has a bifurcation that can be followed.")
             return figure
         at_rest = table.attrs["job"]["run"].get("stationary")
-        curves = curves.assign(of=["rest" if at_rest else f"period {period}" for period in curves["period"]])
+        names = ["rest"] * len(curves) if at_rest else period_names(curves["period"])
+        curves = curves.assign(of=names)
         periods = list(dict.fromkeys(curves.sort_values("period")["of"]))
         colours = theme.colours(periods)
         for _, curve in curves.groupby("number"):
@@ -178,7 +181,7 @@ def _of_row(table: pd.DataFrame, row: int) -> pd.DataFrame:
 def _name(branch: pd.DataFrame) -> str:
     """The gait of a branch, or its period where the model does not name it."""
     gait = str(branch["gait"].astype(str).mode().iloc[0])
-    return f"period {int(branch['period'].iloc[0])}" if gait in ("none", "nan", "") else gait
+    return period_names(branch["period"].unique())[0] if gait in ("none", "nan", "") else gait
 
 
 def _draw_curve(axes: Axes, curve: pd.DataFrame, x: str, y: str, colours: dict[str, str]) -> None:

@@ -36,7 +36,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         yield ("x",), f"is {figure.x}, which does not vary between rows. {near_miss.allowing(table.varied)}"
 
 
-@figure_kind("return_map", check=_check, colours_gaits=False)
+@figure_kind("return_map", check=_check, coloured="none")
 def branches(
     table: pd.DataFrame,
     *,

@@ -77,7 +77,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         )
 
 
-@figure_kind("ramp", "staircase", check=_check, colours_gaits=False)
+@figure_kind("ramp", "staircase", check=_check, coloured="none")
 def hysteresis(
     table: pd.DataFrame,
     *,
@@ -157,8 +157,9 @@ def hysteresis(
                 strip.tick_params(labelleft=False)
             room = theme.width_of(width) / across - 0.8
             if number + across >= len(shown):
+                along = described(table, parameter, 66, named=True)  # as the legend does
                 beside = _LETTER * max(map(len, ticks), default=0) if last else 0.0
-                strip.set_xlabel(theme.wrapped(described(table, parameter, 66), room - beside, 8.5))
+                strip.set_xlabel(theme.wrapped(along, room - beside, 8.5))
                 strip.tick_params(labelbottom=True)
             broken.append(_below(strip, handles, room + 0.4))
         theme.grow(figure, 0.12 * max(broken))

@@ -20,7 +20,7 @@ _LINES = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)))
 _MEANING = "first time in the cycle: "
 
 
-@figure_kind("atlas", colours_gaits=False)
+@figure_kind("atlas", coloured="none")
 def orbit_family(
     table: pd.DataFrame,
     *,

@@ -36,7 +36,7 @@ _NEAR, _MOST = 0.1, 0.98  # changes that are small, in ranges of the values, and
 FORMS = ("change", "next")
 
 
-@figure_kind("return_map", colours_gaits=False)
+@figure_kind("return_map", coloured="none")
 def return_map(
     table: pd.DataFrame,
     *,

@@ -150,6 +150,7 @@ class Toy(HybridModel):
         return {"gait": (launch > 1e-3).astype(jnp.int32), "apex": reach - params.preload}
 
     def failed(self, params: Params, state: State) -> jax.Array:
+        """Whether a mass is above the ceiling."""
         return jnp.any(state.height > params.ceiling)
 
     def period(self, params: Params) -> jax.Array:

@@ -39,7 +39,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
             yield ("x", place), f"is {name}, which does not vary in this job. {allowed}"
 
 
-@figure_kind("settle", check=_check, colours_gaits=False)
+@figure_kind("settle", check=_check, coloured="none")
 def source_place(
     table: pd.DataFrame,
     *,
