@@ -362,6 +362,7 @@ def test_names_of_columns_are_those_of_the_tables() -> None:
         gs.Ramp(**along, rate=0.1),
         gs.Staircase(**along, step=0.1, dwell=10.0),
         gs.Continuation(**along, crossing=True),
+        gs.Continuation(**along, stationary=True),
         RUN_KINDS["folds"](parameters=["g", "g"], within={"g": [9.0, 10.0]}),
         RUN_KINDS["atlas"](**along, ranges={"z_0": [0.0, 1.0]}),
     )
