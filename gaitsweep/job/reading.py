@@ -258,8 +258,8 @@ def _check_columns(design: Design, run: RunKind) -> list[Diagnostic]:
     """Diagnostics about names that two columns of the table would have."""
     columns = table_columns(design, run)
     repeated = dict.fromkeys(name for name in columns if columns.count(name) > 1)
-    if isinstance(run, FollowsFixedPoints):  # whose branches have the observables by their own names
-        own = {column.name for column in run.all_columns(design.model)}
+    if isinstance(run, FollowsFixedPoints):  # whose branches have some observables by their own names
+        own = {column.name for column in run.all_columns(design.model)} - run.beside_observables
         repeated |= dict.fromkeys(q.name for q in design.model.observables if q.name in own)
     places = {name: (path, "varies") for group in design.groups for name, path in group.paths.items()}
     if run.moved is not None:

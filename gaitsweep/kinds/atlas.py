@@ -47,6 +47,7 @@ class Atlas(FollowsFixedPoints):
     """Find all periodic gaits, stable or not, and follow them and what they meet along one parameter."""
 
     programs: ClassVar = 10.0
+    beside_observables: ClassVar = frozenset({"period"})
     point_names: ClassVar = ("number", "point")
 
     kind: Literal["atlas"] = Field(

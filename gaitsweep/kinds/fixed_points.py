@@ -45,6 +45,8 @@ class FollowsFixedPoints(RunKind):
 
     # time in which all programs of a return map are compiled, as a multiple of that of its settling
     programs: ClassVar[float] = 4.0
+    # columns that an observable of the same name does not disturb
+    beside_observables: ClassVar[frozenset[str]] = frozenset()
     # columns that tell the points of a row's branches apart
     point_names: ClassVar[tuple[str, ...]] = ("point",)
     idle_without: ClassVar = {"stationary": ("stationary", "without")}
@@ -237,15 +239,19 @@ class FollowsFixedPoints(RunKind):
             renamed: new names of columns, besides those of observables.
         """
         model, row = rows.model, table["row"].to_numpy(np.int64)
+        # observables have their names, or those of their columns where another column has the same name
+        names = {q.name: f"{q.name}_n" for q in model.observables}
+        own = {name: column if column in table else name for name, column in names.items()}
         codes = np.full(len(table), -1)
         if has_point.any() and not self.stationary:
             moving = {column.parameter for column in self.movements}
             at = {name: column[row[has_point]] for name, column in values.items() if name not in moving}
             at |= {name: table.loc[has_point, name].to_numpy(float) for name in moving}
-            observed = {q.name: table.loc[has_point, q.name].to_numpy(float) for q in model.observables}
+            observed = {q.name: table.loc[has_point, own[q.name]].to_numpy(float) for q in model.observables}
             codes[has_point] = _gait_numbers(mapping, at, observed, int(has_point.sum()))
         status = np.where(sound, Status.complete.name, Status.no_fixed_point.name)
-        table = table.rename(columns={**renamed, **{q.name: f"{q.name}_n" for q in model.observables}})
+        plain = {name: names[name] for name, column in own.items() if column == name}
+        table = table.rename(columns={**renamed, **plain})
         table = table.assign(
             row=row + first,
             gait=pd.Categorical([AT_REST] * len(table)) if self.stationary else gaits(model, codes),

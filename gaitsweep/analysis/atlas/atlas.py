@@ -417,7 +417,8 @@ class Atlas:
         rows = [curve.row for curve in curves]
         for place, curve in enumerate(curves):
             head = {"row": curve.row, "curve": rows[:place].count(curve.row), "kind": curve.equations.kind}
-            records += [{**head, "period": curve.period, **record} for record in curve.records()]
+            head["period"] = curve.period
+            records += [{**head, **apart(record, head)} for record in curve.records()]
         records += self._order_curves(second, (low, high), Counter(rows))
         return in_terms_of_flow(self.mapping, pd.DataFrame(records))
 
@@ -459,7 +460,7 @@ class Atlas:
             head |= {"curve": numbers[branch.row], "change": record["change"]}
             curve = change.curve()
             numbers[branch.row] += bool(curve)
-            yield from ({**head, **point} for point in curve)
+            yield from ({**head, **apart(point, head)} for point in curve)
 
     def _orbit(self, branch: Branch, at: BranchPoints) -> Points | None:
         """The points of the orbit at one point of a branch."""
@@ -493,7 +494,7 @@ class Atlas:
                 head |= {"depth": branch.depth, "begins": begins, "coefficient": float("nan"), "found": -1}
                 head |= {"reached": float("nan"), "error": float("nan"), "missing": missing, "symmetry": ""}
                 head |= {"change": "", **event_columns(orders[place])}
-                rest = {k: v for k, v in record.items() if k not in ("row", "point", "at")}
+                rest = apart({k: v for k, v in record.items() if k not in ("row", "point", "at")}, head)
                 if record[self.parameter] == at and not record["special"]:
                     rest |= self._gait(search, branch, record["at"], listed.setdefault(branch.row, []))
                 records.append({**head, **rest})
@@ -605,6 +606,12 @@ class Atlas:
             "error": max(orbit.error, float(away)),
             "symmetry": ", ".join(orbit.symmetry),
         }
+
+
+def apart(record: dict[str, Any], head: dict[str, Any]) -> dict[str, Any]:
+    """A record whose observables with the name of a column of `head` end in _n, as in a job's table."""
+    own = ("coefficient", "change")  # which the record itself may have
+    return {f"{k}_n" if k in head and k not in own else k: v for k, v in record.items()}
 
 
 def _table(problem: ContinuationProblem, first: BranchPoints) -> BranchTable:

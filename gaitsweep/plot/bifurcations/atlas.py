@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Annotated, Any
 
 import numpy as np
@@ -9,9 +10,10 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.transforms import offset_copy
 
 from gaitsweep.plot import theme
-from gaitsweep.plot.bifurcations.continuation import WORDS, draw_branch, key
+from gaitsweep.plot.bifurcations.continuation import WORDS, draw_branch, key, looks_of_pieces
 from gaitsweep.plot.columns import (
     PlotError,
     column,
@@ -25,6 +27,7 @@ from gaitsweep.plot.kind import Observable, Title, figure_kind
 from gaitsweep.plot.style_names import period_names
 
 STABLE_WIDTH = 2.2
+_BAR = 4.0  # points, width of a bar
 # line styles of curves by the kind of bifurcation
 _LINES: dict[str, Any] = {
     "fold": "-",
@@ -123,7 +126,8 @@ def atlas(
     """Draw the curves of bifurcations in the plane of both parameters, and what happens along them.
 
     Line styles are the kinds of bifurcation, colours the periods of the gaits. Thin lines are bifurcations of
-    gaits that are unstable on both sides.
+    gaits that are unstable on both sides. Bars at the value of the second parameter at which branches were
+    followed are the stable gaits there: a region has those of the bars in it.
 
     Args:
         table: the table of an atlas with a second parameter.
@@ -146,15 +150,47 @@ def atlas(
         if not len(curves):
             theme.message(axes, "No branch has a bifurcation that can be followed.")
             return figure
-        at_rest = table.attrs["job"]["run"].get("stationary")
-        names = ["rest"] * len(curves) if at_rest else period_names(curves["period"])
-        curves = curves.assign(of=names)
-        periods = list(dict.fromkeys(curves.sort_values("period")["of"]))
+        branches = rows_where(own, (own["part"] == "branch") & own["found"].notna())
+        periods = period_names(sorted({*curves["period"], *branches["period"]}))
         colours = theme.colours(periods)
+        barred = _draw_bars(axes, branches, x, y, colours)
         for _, curve in curves.groupby("number"):
             _draw_curve(axes, curve.sort_values("point"), x, y, colours)
-        theme.legend(figure, _curve_key(curves, colours), ncols=3)
+        handles = _curve_key(curves, colours)
+        if table.attrs["job"]["run"].get("stationary"):
+            handles[0].set_label("rest")
+        if barred:
+            handles.append(Line2D([], [], color="#777777", lw=_BAR, alpha=0.5, label="stable gaits"))
+        theme.legend(figure, handles, ncols=3)
     return figure
+
+
+def _draw_bars(axes: Axes, branches: pd.DataFrame, x: str, y: str, colours: dict[str, str]) -> bool:
+    """Draw the stable parts of branches as bars at their second parameter; whether there are any."""
+    bars: list[tuple[float, float, int]] = []
+    for _, branch in branches.groupby("number"):
+        at, begin = branch[x].to_numpy(float), 0
+        for look, pieces in itertools.groupby(looks_of_pieces(branch)):
+            end = begin + len(list(pieces))
+            if look is True:
+                part = at[begin : end + 1]
+                bars.append((float(part.min()), float(part.max()), int(branch["period"].iloc[0])))
+            begin = end
+    if not bars:
+        return False
+    level, figure = float(branches[y].iloc[0]), axes.get_figure(root=True)
+    least = 1e-6 * float(np.ptp(branches[x].to_numpy(float)))
+    lanes: list[float] = []  # where the last bar of each ends: bars that overlap lie one above the other
+    for low, high, period in sorted(bars):
+        lane = next((k for k, end in enumerate(lanes) if low > end - least), len(lanes))
+        lanes[lane : lane + 1] = [high]
+        moved = offset_copy(axes.transData, figure, 0.0, lane * _BAR, units="points")
+        colour = colours[period_names([period])[0]]
+        bar = Line2D([low, high], [level, level], lw=_BAR, color=colour, alpha=0.5, zorder=0)
+        bar.set(transform=moved, solid_capstyle="butt")
+        axes.add_artist(bar)
+    axes.update_datalim([(low, level) for low, _, _ in bars] + [(high, level) for _, high, _ in bars])
+    return True
 
 
 def _joined_angles(branches: dict[Any, pd.DataFrame], x: str, y: str) -> dict[Any, pd.DataFrame]:
@@ -187,7 +223,7 @@ def _name(branch: pd.DataFrame) -> str:
 def _draw_curve(axes: Axes, curve: pd.DataFrame, x: str, y: str, colours: dict[str, str]) -> None:
     """Draw one curve and the marks on it."""
     at, up = curve[x].to_numpy(float), curve[y].to_numpy(float)
-    colour, kind = colours[str(curve["of"].iloc[0])], str(curve["part"].iloc[0])
+    colour, kind = colours[period_names(curve["period"])[0]], str(curve["part"].iloc[0])
     of_stable = curve["unstable"].to_numpy(int) == 0
     begins = np.flatnonzero(np.diff(of_stable, prepend=not of_stable[0]))
     for begin, end in zip(begins, [*begins[1:], len(at)], strict=True):
