@@ -59,7 +59,7 @@ class TwoBells(gs.DeclaredModel):
     def complete(self, p, s):
         return s.replace(theta=0.0)
 
-    def period(self, p):
+    def period(self, params):
         return 2.0 * np.pi
 
 
@@ -90,6 +90,8 @@ def test_times_and_order_of_events_and_where_it_changes() -> None:
 def test_a_change_of_order_in_words() -> None:
     lands, lifts = (0.1, "foot 1 lands"), (0.2, "foot 2 lifts")
     assert change_of_order([lands, lifts], [lands, lifts]) == ""
+    apex = (0.3, "apex")
+    assert change_of_order([lands, lifts, apex], [lifts, apex, lands]) == "foot 1 lands passes the section"
     assert change_of_order([lands, lifts], [lands]) == "without foot 2 lifts"
     assert change_of_order([lands], [lands, lifts]) == "with foot 2 lifts"
     assert change_of_order([lands, lifts], [lifts, lands]) == "foot 1 lands and foot 2 lifts change places"

@@ -72,7 +72,9 @@ def test_walking_ends_where_a_flight_begins() -> None:
     branches = walks.branches
     number, place = branches["number"].to_numpy(int), branches["x_n"].to_numpy(float)
     symmetric = next(k for k in np.unique(number) if np.abs(place[number == k]).max() < 1e-3)
-    ends = {k: branches[number == k].sort_values(by="E").iloc[-1] for k in np.unique(number).tolist()}
+    energies = branches["E"].to_numpy(float)
+    last = {k: np.argmax(np.where(number == k, energies, -np.inf)) for k in np.unique(number).tolist()}
+    ends = {k: branches.iloc[int(place)] for k, place in last.items()}
     end = ends.pop(symmetric)
     assert end["end"] == "lost"
     assert end["z_n"] == pytest.approx(L0, abs=1e-4)

@@ -99,14 +99,14 @@ def road_map(
         groups = dict(iter(branches.groupby("number")))
         if is_angle(table, name):
             groups = _joined_angles(groups, x, name)
-        names = {number: _name(branch) for number, branch in groups.items()}
-        colours = theme.colours(theme.ordered(dict.fromkeys(names.values())))
+        pieces = [piece for branch in groups.values() for piece in _pieces(branch)]
+        colours = theme.colours(theme.ordered(dict.fromkeys(gait for gait, _ in pieces)))
         run = table.attrs.get("job", {}).get("run", {})
         place = run.get("at", (run.get("path") or [None])[0])
         if place is not None:
             axes.axvline(place, color="#BBBBBB", lw=0.8, zorder=0)
-        for number, branch in groups.items():
-            draw_branch(axes, branch, x, name, colours[names[number]], STABLE_WIDTH)
+        for gait, piece in pieces:
+            draw_branch(axes, piece, x, name, colours[gait], STABLE_WIDTH)
         theme.value_axis(axes, angle=is_angle(table, name))
         handles: list[Any] = [
             Line2D([], [], color=colour, lw=STABLE_WIDTH, label=theme.named(gait))
@@ -214,10 +214,19 @@ def _of_row(table: pd.DataFrame, row: int) -> pd.DataFrame:
     return own
 
 
-def _name(branch: pd.DataFrame) -> str:
-    """The gait of a branch, or its period where the model does not name it."""
-    gait = str(branch["gait"].astype(str).mode().iloc[0])
-    return period_names(branch["period"].unique())[0] if gait in ("none", "nan", "") else gait
+def _pieces(branch: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+    """The parts of a branch with one gait each, or one period where the model does not name it.
+
+    Each reaches to the first point of the next.
+    """
+    gaits, unnamed = branch["gait"].astype(str).tolist(), period_names(branch["period"].unique())[0]
+    named = [unnamed if gait in ("none", "nan", "") else gait for gait in gaits]
+    pieces, begin = [], 0
+    for gait, points in itertools.groupby(named):
+        end = begin + len(list(points))
+        pieces.append((gait, branch.iloc[begin : end + 1]))
+        begin = end
+    return pieces
 
 
 def _draw_curve(axes: Axes, curve: pd.DataFrame, x: str, y: str, colours: dict[str, str]) -> None:
