@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -59,7 +61,7 @@ class TwoBells(gs.DeclaredModel):
     def complete(self, p, s):
         return s.replace(theta=0.0)
 
-    def period(self, params):
+    def period(self, params: Any) -> Any:
         return 2.0 * np.pi
 
 
