@@ -230,10 +230,15 @@ def atlas(
             raise typer.BadParameter(f"{target}: run.kind is {kind.kind_name}, but must be atlas.")
         run(target, out, settings, open_it=open_it)
         return
+    if settings:
+        raise typer.BadParameter("--set is for a job: --more takes the job of the result directory as it is.")
     job, out = wider_job(load(target).attrs, trust), out or target.with_name(f"{target.name}_more")
     with _running(job.name, out, cluster=None) as (on_progress, _):
         path = run_job(job, out, on_progress=on_progress, on_message=print_message)
-    _print_outcome(show.outcome(Snapshot.of(path)), open_it)
+    wider = Snapshot.of(path)
+    _print_outcome(show.outcome(wider), open_it)
+    if wider.manifest.get("findings") == Snapshot.of(target).manifest.get("findings"):
+        print(f"Nothing was found that {target} does not have.")
 
 
 @contextlib.contextmanager

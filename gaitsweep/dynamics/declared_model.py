@@ -176,7 +176,7 @@ class Declared(Model):
         counts = {
             name: declared.count
             for name, declared in cls.declarations.items()
-            if isinstance(declared.count, str)
+            if not isinstance(declared, Symmetry) and isinstance(declared.count, str)
         }
         for name, count in counts.items():
             if count not in sizes and not hasattr(cls, count):

@@ -127,9 +127,18 @@ class Atlas(FollowsFixedPoints):
         if left_out := np.sum(of_row["left_out"].to_numpy(int)):
             what = "1 branch was" if left_out == 1 else f"{left_out} branches were"
             sentences.append(f"{what} not followed: run.branches is {self.branches}.")
+        stopped = table.iloc[np.flatnonzero(branch & (table["end"].astype(str) == "most").to_numpy(bool))]
+        if len(stopped):
+            sentences.append(
+                f"Branches ended at {len(stopped)} places after run.most, {self.most} points: raise it, or "
+                "run.longest."
+            )
         for second in self.second:
             curves = table.iloc[np.flatnonzero(~branch & (table["part"] != "").to_numpy(bool))]
-            found = f"{curves.groupby(['row', 'number']).ngroups} curves of bifurcations"
+            orders = curves.iloc[np.flatnonzero((curves["part"] == "order_change").to_numpy(bool))]
+            counts = [part.groupby(["row", "number"]).ngroups for part in (curves, orders)]
+            found = f"{counts[0] - counts[1]} curves of bifurcations"
+            found += f" and {counts[1]} of the order of events" if counts[1] else ""
             unnamed = np.isin(curves["special"].astype(str).to_numpy(str), ["", "nan", "kink"])
             points = curves.iloc[np.flatnonzero(~unnamed)]
             places = zip(points["special"], points[self.parameter], points[second], strict=True)
@@ -298,7 +307,7 @@ class Atlas(FollowsFixedPoints):
         table = self.records(rows, first, mapping, of_values, table, has_point, has_point)
         whole = ("number", "period", "depth", "begins", "point", "unstable", "found", "corrections")
         numbers_of = {name: table[name].astype(float).fillna(-1).astype(np.int64) for name in whole}
-        left_out = np.array([atlas.left_out[row] for row in range(len(numbers))], np.int64)
+        left_out = np.array([atlas.left_out(row) for row in range(len(numbers))], np.int64)
         numbers_of["left_out"] = left_out[table["row"].to_numpy(int) - first]
         stable = table["stable"].astype("boolean").fillna(False).astype(bool)
         texts = {

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
 
+import gaitsweep as gs
 from gaitsweep.analysis.atlas.atlas import Atlas
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, Rows, SearchOptions
 from gaitsweep.analysis.continuation.continuation import ArclengthSteps
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.poincare.maps import Coordinates, Map, Points, Values
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.errors import ArgumentError
 
 
@@ -125,6 +128,71 @@ def test_a_branch_ends_where_it_becomes_its_image() -> None:
     assert len(np.unique(np.sign(outer["x"]))) == 1
     assert np.sum(table["found"] > 0) == 2
     assert set(table["end"]) == {"", "range", "pitchfork"}
+
+
+@pytest.mark.parametrize("place", [-0.5, 0.3])
+def test_a_closed_branch_between_two_pitchforks_is_whole(place: float) -> None:
+    """X + 0.3 x (1 - r^2 - x^2) has the gaits r^2 + x^2 = 1, which are one branch with their images."""
+    circle = PlainMap(
+        lambda values, x: x + 0.3 * x * (1.0 - values["r"] ** 2 - x**2), ("x",), (("r", place),),
+        symmetries=(("sign", lambda values, x: -x),),
+    )  # fmt: skip
+    search = searched(circle, {"r": place}, [-1.5], [1.5], 1, 32)
+    atlas = atlas_of(circle, search, {"r": place}, "r", (-1.5, 1.5), 1)
+    table = atlas.table(search, place)
+    outer = table[np.abs(table["x"]) > 1e-3]
+    assert table["branch"].nunique() == 2
+    assert [outer["r"].min(), outer["r"].max()] == pytest.approx([-1.0, 1.0], abs=0.02)
+
+
+def test_hits_of_a_gait_count_where_its_image_is_listed() -> None:
+    """Branches pass the images of orbits that the search found, which then have a record."""
+    folded = PlainMap(
+        lambda values, x: x + 0.3 * x * (values["r"] + x**2 - x**4), ("x",), (("r", -0.1),),
+        symmetries=(("sign", lambda values, x: -x),),
+    )  # fmt: skip
+    search = searched(folded, {"r": -0.1}, [-1.2], [1.2], 1, 64)
+    table = atlas_of(folded, search, {"r": -0.1}, "r", (-0.4, 0.4), 0).table(search, -0.1)
+    assert sorted(k for k in table["found"].tolist() if k >= 0) == sorted(
+        orbit.hits for orbit in search.orbits
+    )
+
+
+def test_a_symmetry_of_a_declared_model() -> None:
+    """Two decaying bodies: their exchange turns the states between crossings into each other's."""
+    mapping = BatchedReturnMap(TwoBodies())
+    points, _ = mapping.settled({"left_0": np.array([1.0]), "right_0": np.array([0.25])}, {}, 0)
+    (image,) = mapping.mirrored(points, {}).values()
+    np.testing.assert_allclose(image.at, np.exp(-1.0) * np.array([[0.25, 1.0]]), rtol=1e-8)
+
+
+class TwoBodies(gs.DeclaredModel):
+    section_coordinates = ("left", "right")
+
+    left = gs.variable("m", "place of the left body", 1.0)
+    right = gs.variable("m", "place of the right body", 0.5)
+    clock = gs.variable("s", "time since the last crossing", 0.0)
+
+    def flow(self, p, s):
+        return {"left": -s.left, "right": -s.right, "clock": 1.0}
+
+    @gs.event("a second has passed", section=True)
+    def tick(self, p, s):
+        return s.clock - 1.0
+
+    @tick.jump
+    def reset(self, p, s):
+        return s.replace(clock=0.0)
+
+    def complete(self, p, s):
+        return s.replace(clock=0.0)
+
+    @gs.symmetry("left and right exchanged")
+    def mirror(self, p, s):
+        return s.replace(left=s.right, right=s.left)
+
+    def period(self, p: Any) -> Any:
+        return jnp.ones(())
 
 
 def test_images_under_combined_symmetries_are_one_orbit() -> None:

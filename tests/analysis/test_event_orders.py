@@ -92,8 +92,11 @@ def test_times_and_order_of_events_and_where_it_changes() -> None:
 def test_a_change_of_order_in_words() -> None:
     lands, lifts = (0.1, "foot 1 lands"), (0.2, "foot 2 lifts")
     assert change_of_order([lands, lifts], [lands, lifts]) == ""
-    apex = (0.3, "apex")
-    assert change_of_order([lands, lifts, apex], [lifts, apex, lands]) == "foot 1 lands passes the section"
+    strike, apex = (0.3, "strike"), (0.4, "apex")
+    moved = change_of_order([lands, lifts, strike, apex], [strike, lands, lifts, apex])
+    assert moved == "strike passes the section"
+    again = change_of_order([lands, lifts, lands], [lands, lands, lifts])
+    assert again == "foot 2 lifts and foot 1 lands change places"
     assert change_of_order([lands, lifts], [lands]) == "without foot 2 lifts"
     assert change_of_order([lands], [lands, lifts]) == "with foot 2 lifts"
     assert change_of_order([lands, lifts], [lifts, lands]) == "foot 1 lands and foot 2 lifts change places"

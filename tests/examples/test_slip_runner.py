@@ -142,6 +142,8 @@ def test_more_of_an_atlas_goes_one_bifurcation_further(
     depth, period = more["depth"].to_numpy(int), more["period"].to_numpy(int)
     assert np.unique(depth).tolist() == [0, 1]
     assert np.unique(period[depth == 1]).tolist() == [2]
+    assert main(["atlas", str(atlas_folder), "--more", "--set", "run.most=9"]) == 2
+    assert "--set is for a job" in capsys.readouterr().err
     assert main(["atlas", str(atlas_folder)]) == 2
     assert "a directory needs --more" in capsys.readouterr().err
     assert main(["atlas", "builtin:hopper"]) == 2

@@ -622,9 +622,3 @@ def test_any_content_of_a_file_is_refused(tmp_path_factory: pytest.TempPathFacto
     path.write_text(text, encoding="utf-8", errors="replace")
     with pytest.raises(JobError):
         load_job(path)
-
-
-def test_an_observable_has_no_name_of_a_column_of_branches() -> None:
-    run = {"kind": "atlas", "parameter": "beta", "path": [0.6, 0.7], "ranges": {"delta_13": [0, 1]}}
-    with pytest.raises(JobError, match="has a quantity period, but the table of atlas has another column"):
-        Job(name="gaits", model="waist_quadruped", run=run)

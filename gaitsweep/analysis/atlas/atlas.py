@@ -37,8 +37,8 @@ from gaitsweep.engine.poincare.maps import Events, Map, Points, Values, sizes
 BESIDE_CHORD = 0.3
 # A point is on a branch if the branch passes it this closely, relative to its size.
 ON_BRANCH = 1e-5
-# Halvings of a step on which the order of events changes.
-BISECTIONS = 40
+# Halvings of a step on which the order of events changes, and the most changes on one step.
+BISECTIONS, MOST_CHANGES = 40, 8
 # Distances beyond the end of a lost branch, relative to the coordinates, at which its events are read.
 BEYOND_END = (1e-4, 1e-3, 1e-2)
 # Lengths of the step from a flip to the branch of twice the period, the next where one does not converge: the
@@ -118,6 +118,13 @@ class Branch:
         asides = {place - begin: aside for place, aside in self.asides.items() if begin <= place < end}
         return dataclasses.replace(self, records=self.records[begin:end], asides=asides)
 
+    def begun_at(self, place: int) -> Branch:
+        """The same closed branch, from another of its records on."""
+        last = len(self.records) - 1
+        records = [dict(record) for record in (*self.records[place:last], *self.records[: place + 1])]
+        asides = {(k - place) % last: aside for k, aside in self.asides.items()}
+        return dataclasses.replace(self, records=records, asides=asides)
+
     def insert(self, place: int, record: dict[str, Any]) -> None:
         """Insert a record after the one at a place."""
         self.records.insert(place + 1, record)
@@ -189,7 +196,11 @@ class Atlas:
         self.values = {name: v for name, v in values.items() if name != parameter}
         self.steps, self.most_branches = steps or ArclengthSteps(), most_branches
         self.branches: list[Branch] = []
-        self.left_out = Counter[int]()  # by row, the branches beyond the largest number
+        self._beyond: list[Branch] = []  # those beyond the largest number
+
+    def left_out(self, row: int) -> int:
+        """The number of branches of a row beyond the largest number."""
+        return sum(branch.row == row for branch in self._beyond)
 
     def follow(self, search: OrbitSearch, at: float, depth: int) -> None:
         """Follow the orbits of a search at a value of the parameter, and what their branches meet.
@@ -258,16 +269,23 @@ class Atlas:
                 continue
             if sum(other.row == branch.row for other in self.branches) < self.most_branches:
                 self.branches.append(branch)
-            else:
-                self.left_out[branch.row] += 1
+            elif not self._is_passed(beginning, self._beyond):
+                self._beyond.append(branch)
 
     def _without_image(self, beginning: Beginning, branch: Branch) -> Branch:
         """A branch without its part beyond a pitchfork at which it turns and becomes its image."""
-        flat, turned = FLAT * (branch.problem.high - branch.problem.low), len(branch.records) - 1
-        for place in range(1, turned):
-            here = branch.records[place]
-            if here["special"] not in CROSSINGS or abs(here["at"].tangent[0, -1]) > flat:
-                continue
+        flat = FLAT * (branch.problem.high - branch.problem.low)
+
+        def turning(branch: Branch) -> list[int]:
+            turns = (abs(record["at"].tangent[0, -1]) <= flat for record in branch.records)
+            crosses = (record["special"] in CROSSINGS for record in branch.records)
+            both = enumerate(zip(turns, crosses, strict=True))
+            return [k for k, (turned, crossed) in both if turned and crossed and 0 < k < len(branch.at) - 1]
+
+        if branch.records[-1]["end"] == "closed" and turning(branch):
+            branch = branch.begun_at(turning(branch)[-1])
+        turned = len(branch.records) - 1
+        for place in turning(branch):
             beyond = branch.records[place + 1]["at"]
             at, orbit = float(beyond.parameter[0]), self._orbit(branch, beyond)
             values = {**branch.problem.values, self.parameter: beyond.parameter}
@@ -280,15 +298,15 @@ class Atlas:
                 return kept
         return branch
 
-    def _is_passed(self, beginning: Beginning) -> bool:
-        """Whether a branch passes the first point of another one, or its image under a symmetry.
+    def _is_passed(self, beginning: Beginning, branches: Sequence[Branch] | None = None) -> bool:
+        """Whether one of all or of some branches passes a first point, or its image under a symmetry.
 
         A branch that passes an orbit of the search then has a point there.
         """
         at = float(beginning.first.parameter[0])
         values = {**beginning.problem.values, self.parameter: beginning.first.parameter}
         images = self.mapping.mirrored(beginning.orbit, values).values()
-        for branch in self.branches:
+        for branch in self.branches if branches is None else branches:
             if (branch.row, branch.period) != (beginning.row, beginning.period):
                 continue
             place = branch.place_of(beginning.orbit, at)
@@ -455,6 +473,7 @@ class Atlas:
                 point=at.points,
                 here=(place, here),
                 events=mapping.events(at.points, values)[0],
+                change=record["change"],
             )
             head = {"row": branch.row, "kind": "order_change", "period": branch.period}
             head |= {"curve": numbers[branch.row], "change": record["change"]}
@@ -526,16 +545,22 @@ class Atlas:
                 continue
             before, after = branch.records[place - 1], branch.records[place]
             corner = next((record for record in (before, after) if record["special"] == "corner"), None)
-            located = None
-            if corner is None:
-                located = self._last_before(branch, before["at"], after["at"], events[place - 1])
-            if located is None:
-                (corner or after)["change"] = change
+            if corner is not None:
+                corner["change"] = change
                 continue
-            at, own = located
-            record = self._record(branch.problem, at) | {"special": "order_change", "change": change}
-            branch.insert(place - 1, record)
-            events.insert(place, own)
+            # several changes may lie on one step
+            begin, own, target = before["at"], events[place - 1], events[place]
+            for added in range(MOST_CHANGES):
+                if not change_of_order(own, target):
+                    break
+                located = self._last_before(branch, begin, after["at"], own)
+                if located is None:
+                    after["change"] = change_of_order(own, target)
+                    break
+                (at, last), (begin, own) = located
+                change = {"special": "order_change", "change": change_of_order(last, own)}
+                branch.insert(place - 1 + added, self._record(branch.problem, at) | change)
+                events.insert(place + added, last)
 
     def _change_beyond(self, branch: Branch, place: int, inner: int, events: Events) -> str:
         """What changes in the order of events just beyond an end at which a branch is lost, if anything.
@@ -557,10 +582,14 @@ class Atlas:
 
     def _last_before(
         self, branch: Branch, begin: BranchPoints, end: BranchPoints, events: Events
-    ) -> tuple[BranchPoints, Events] | None:
-        """The last point (1,) of a step that has its first point's order of events, and its events."""
+    ) -> tuple[tuple[BranchPoints, Events], tuple[BranchPoints, Events]] | None:
+        """The last point (1,) of a step with the order of events of its first, and the first point beyond it.
+
+        Each has its events; None if no point beyond it was found.
+        """
         mapping, problem = self.mapping.iterated(branch.period), branch.problem
-        low, high, last = 0.0, float(ahead(problem, begin, end)), None
+        low, high = 0.0, float(ahead(problem, begin, end))
+        last, beyond = (begin, events), None
         for _ in range(BISECTIONS):
             length = 0.5 * (low + high)
             near, converged = problem.step(begin, np.array([length]))
@@ -570,8 +599,8 @@ class Atlas:
             if own and not change_of_order(events, own):
                 low, last = length, (near, own)
             else:
-                high = length
-        return last
+                high, beyond = length, (near, own) if own else None
+        return None if beyond is None else (last, beyond)
 
     def _numbers(self) -> list[int]:
         """The number of each branch among those of its row."""
@@ -585,7 +614,9 @@ class Atlas:
         if any(np.min(self.mapping.distance(gait.at, at.points.at)) < ON_BRANCH for gait in listed):
             return {}
         values = {**branch.problem.values, self.parameter: at.parameter}
-        near = [np.min(self.mapping.distance(orbit.points.at, at.points.at)) for orbit in search.orbits]
+        images = self.mapping.mirrored(at.points, values).values()
+        own = np.concatenate([at.points.at, *(image.at for image in images)])
+        near = [np.min(self.mapping.distance(orbit.points.at[:, None], own)) for orbit in search.orbits]
         known = [
             (distance, orbit)
             for distance, orbit in zip(near, search.orbits, strict=True)
@@ -599,6 +630,7 @@ class Atlas:
             if orbit is None:
                 return {"found": 0}
             away = np.min(self.mapping.distance(orbit.points.at, at.points.at))
+        values = {**branch.problem.values, self.parameter: at.parameter}
         listed += [orbit.points, *self.mapping.mirrored(orbit.points, values).values()]
         return {
             "found": orbit.hits,

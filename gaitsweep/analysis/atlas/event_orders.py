@@ -32,15 +32,28 @@ def change_of_order(before: Events, after: Events) -> str:
         'without foot 1 lands'
     """
     first, second = ([name for _, name in events] for events in (before, after))
-    for moved in dict.fromkeys(first):  # one that leaves the end of the cycle comes to its beginning
-        rest = [name for name in first if name != moved]
+    # one that leaves the end of the cycle comes to its beginning; the last event is that of the section
+    for moved in dict.fromkeys(first[:-1]):
+        rest = [name for name in first[:-1] if name != moved]
         ends = [moved, *rest], [*rest, moved]
-        if len(rest) > 1 and first != second and first in ends and second in ends:
+        if len(rest) > 1 and first != second and first[:-1] in ends and second[:-1] in ends:
             return f"{moved} passes the section"
-    texts = [
-        f"{a} and {b} change places"
-        for a, b in itertools.combinations(dict.fromkeys(first), 2)
-        if {a, b} <= set(second) and second.index(b) < second.index(a)
+    numbered, place = _numbered(first), {event: k for k, event in enumerate(_numbered(second))}
+    swapped = [
+        f"{a[0]} and {b[0]} change places"
+        for a, b in itertools.combinations([event for event in numbered if event in place], 2)
+        if place[b] < place[a]
     ]
     gone, come = Counter(first) - Counter(second), Counter(second) - Counter(first)
-    return ", ".join([*texts, *(f"without {name}" for name in gone), *(f"with {name}" for name in come)])
+    words = [*swapped, *(f"without {name}" for name in gone), *(f"with {name}" for name in come)]
+    return ", ".join(dict.fromkeys(words))
+
+
+def _numbered(names: list[str]) -> list[tuple[str, int]]:
+    """Names with how often each came before."""
+    seen: Counter[str] = Counter()
+    numbered = []
+    for name in names:
+        numbered.append((name, seen[name]))
+        seen[name] += 1
+    return numbered

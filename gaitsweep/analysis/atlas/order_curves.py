@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from gaitsweep.analysis.atlas.event_orders import change_of_order
 from gaitsweep.analysis.continuation.multipliers import multipliers
@@ -36,6 +36,7 @@ class OrderChange:
         point: a point of the gait.
         here: the values of both parameters.
         events: the events on one side of the change.
+        change: what changes there, as `change_of_order` says it.
     """
 
     mapping: Map
@@ -47,6 +48,7 @@ class OrderChange:
     point: Points
     here: tuple[float, float]
     events: Events
+    change: str
 
     def curve(self) -> list[dict[str, Any]]:
         """The records of the curve, in order: point 0 is the change on the branch, those behind it are below.
@@ -107,12 +109,12 @@ class OrderChange:
             fix = {name: np.repeat(np.ravel(v), VALUES) for name, v in self.fix.items()}
             fixed = newton(self.mapping, starts, values, fix=fix)
             same = self._same(fixed.points, values, fixed.converged)
-            changes = np.flatnonzero(same[1:] != same[:-1])
+            changes = np.flatnonzero(np.abs(np.diff(same)) == 1.0)
             if not changes.size:
                 break
             place = int(changes[np.argmin(np.abs(changes - 0.5 * (VALUES - 2)))])
             ends = float(at[place]), float(at[place + 1])
-            side = place if same[place] else place + 1
+            side = place if same[place] == 1.0 else place + 1
             held = [quantity.name in self.fix for quantity in self.mapping.conserved]
             gradients = fixed.images.conserved_jacobian[[side]][:, held]
             factors = multipliers(fixed.images.jacobian[[side]], gradients)[0]
@@ -128,9 +130,15 @@ class OrderChange:
 
     def _same(
         self, points: Points, values: Values, converged: Bool[np.ndarray, " values"]
-    ) -> Bool[np.ndarray, " values"]:
-        """Whether each gait exists and has the order of events of the one side."""
-        events = self.mapping.events(points, values)
+    ) -> Float[np.ndarray, " values"]:
+        """1 where a gait is on the one side of this change, 0 where on the other, NaN where there is none.
+
+        Other changes of the order, which this curve may cross, do not count.
+        """
+        events, mine = self.mapping.events(points, values), set(self.change.split(", "))
         return np.array(
-            [ok and not change_of_order(self.events, own) for ok, own in zip(converged, events, strict=True)]
+            [
+                float(not mine & set(change_of_order(self.events, own).split(", "))) if ok else np.nan
+                for ok, own in zip(converged, events, strict=True)
+            ]
         )

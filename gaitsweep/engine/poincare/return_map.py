@@ -114,7 +114,9 @@ class BatchedReturnMap(ModelMap):
         events: list[Events] = []
         for own, of_guards in zip(times, counts, strict=True):
             timed = [(float(own[k, g]), names[g]) for g in range(len(names)) for k in range(len(own))]
-            untimed = [(float("inf"), names[g]) for g in np.flatnonzero(of_guards > len(own))]
+            # later events of a guard have no time: they are listed after its last one that has
+            more = np.maximum(of_guards - len(own), 0)
+            untimed = [(float(own[-1, g]), names[g]) for g in range(len(names)) for _ in range(more[g])]
             events.append(sorted([event for event in timed if event[0] >= 0.0] + untimed))
         return events
 

@@ -50,7 +50,8 @@ def group_of(
             for name, outer in generators.items():
                 combined = _after(outer, inner)
                 image = np.asarray(read(combined(params, generic)))
-                if any(np.allclose(image, known, rtol=0.0, atol=SAME) for known in images):
+                # a named symmetry may be the identity at these parameters alone
+                if before and any(np.allclose(image, known, rtol=0.0, atol=SAME) for known in images):
                     continue
                 images.append(image)
                 later[f"{name} after {before}" if before else name] = combined
