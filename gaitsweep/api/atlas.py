@@ -84,15 +84,20 @@ class Atlas:
     def points(self) -> pd.DataFrame:
         """The bifurcations on the branches, a record each; `special` is the kind."""
         special, end = (self._table[name].astype(str) for name in ("special", "end"))
-        begun = (end == "flip").to_numpy(bool)  # a flip of the parent, met again
-        # a pitchfork at which another branch ends is on the symmetric branch as well
+        # a flip of the parent is met again where its doubled gait ends, and a pitchfork that ends a branch
+        # is on the symmetric branch as well
         parameter = self._table[self._table.attrs["job"]["run"]["parameter"]].round(9)
         places = list(zip(self._table["row"], special, parameter, strict=True))
         others = {place for place, why in zip(places, end, strict=True) if why != "pitchfork"}
-        pairs = zip(places, end, strict=True)
-        begun |= np.array([why == "pitchfork" and place in others for place, why in pairs], bool)
+        again = np.array(
+            [
+                why == "flip" or (why == "pitchfork" and place in others)
+                for place, why in zip(places, end, strict=True)
+            ],
+            bool,
+        )
         named = ~special.isin(["", "nan", "kink"]).to_numpy(bool)
-        return self._where(self._of_branches & named & ~begun)
+        return self._where(self._of_branches & named & ~again)
 
     @property
     def curves(self) -> pd.DataFrame:
