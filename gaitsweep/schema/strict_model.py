@@ -9,7 +9,7 @@ import inspect
 import operator
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Annotated, Any, ClassVar, TypeVar, cast
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, cast
 
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
 from pydantic.fields import FieldInfo
@@ -46,7 +46,15 @@ def _default(field: FieldInfo) -> Any:
     return ... if isinstance(default, BaseModel) else default
 
 
-class StrictModel(BaseModel, metaclass=_OwnMembers):
+if TYPE_CHECKING:  # pydantic's own metaclass tells type checkers the fields of a model
+    _Base = BaseModel
+else:
+
+    class _Base(BaseModel, metaclass=_OwnMembers):
+        pass
+
+
+class StrictModel(_Base):
     """A frozen model that refuses unknown fields; its numbers may be expressions."""
 
     # validators are built for the first value: a job has one run kind and few kinds of figures
