@@ -563,7 +563,7 @@ class Atlas:
                 events.insert(place + added, last)
 
     def _change_beyond(self, branch: Branch, place: int, inner: int, events: Events) -> str:
-        """What changes in the order of events just beyond an end at which a branch is lost, if anything.
+        """The change in the order of events just beyond an end at which a branch is lost, if anything.
 
         The points beyond it lie on the line through the record `place` at the end and the record `inner`.
         """
@@ -630,7 +630,6 @@ class Atlas:
             if orbit is None:
                 return {"found": 0}
             away = np.min(self.mapping.distance(orbit.points.at, at.points.at))
-        values = {**branch.problem.values, self.parameter: at.parameter}
         listed += [orbit.points, *self.mapping.mirrored(orbit.points, values).values()]
         return {
             "found": orbit.hits,

@@ -24,7 +24,7 @@ def time_column(event: str) -> str:
 
 
 def change_of_order(before: Events, after: Events) -> str:
-    """What is different in the order of events of two gaits, in words; empty if nothing is.
+    """The difference in the order of events of two gaits, in words; empty if there is none.
 
     Example:
         >>> from gaitsweep.analysis.atlas.event_orders import change_of_order

@@ -96,7 +96,7 @@ class Memory:
 
     @property
     def results(self) -> dict[str, Array]:
-        """What `with_orbits` reads of a row that has ended."""
+        """Numbers of a row that has ended, which `with_orbits` reads."""
         return {"window": self.window}
 
 
