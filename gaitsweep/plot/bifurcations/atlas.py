@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Annotated, Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import offset_copy
 
 from gaitsweep.plot import theme
-from gaitsweep.plot.bifurcations.continuation import WORDS, draw_branch, key, looks_of_pieces
+from gaitsweep.plot.bifurcations.continuation import WORDS, draw_branch, key, looks_of_pieces, stretches
 from gaitsweep.plot.columns import (
     PlotError,
     column,
@@ -169,13 +168,9 @@ def _draw_bars(axes: Axes, branches: pd.DataFrame, x: str, y: str, colours: dict
     """Draw the stable parts of branches as bars at their second parameter; whether there are any."""
     bars: list[tuple[float, float, int]] = []
     for _, branch in branches.groupby("number"):
-        at, begin = branch[x].to_numpy(float), 0
-        for look, pieces in itertools.groupby(looks_of_pieces(branch)):
-            end = begin + len(list(pieces))
-            if look is True:
-                part = at[begin : end + 1]
-                bars.append((float(part.min()), float(part.max()), int(branch["period"].iloc[0])))
-            begin = end
+        at, period = branch[x].to_numpy(float), int(branch["period"].iloc[0])
+        stable = (at[part] for look, part in stretches(looks_of_pieces(branch)) if look is True)
+        bars += [(float(part.min()), float(part.max()), period) for part in stable]
     if not bars:
         return False
     level, figure = float(branches[y].iloc[0]), axes.get_figure(root=True)
@@ -221,12 +216,7 @@ def _pieces(branch: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
     """
     gaits, unnamed = branch["gait"].astype(str).tolist(), period_names(branch["period"].unique())[0]
     named = [unnamed if gait in ("none", "nan", "") else gait for gait in gaits]
-    pieces, begin = [], 0
-    for gait, points in itertools.groupby(named):
-        end = begin + len(list(points))
-        pieces.append((gait, branch.iloc[begin : end + 1]))
-        begin = end
-    return pieces
+    return [(gait, branch.iloc[part]) for gait, part in stretches(named)]
 
 
 def _draw_curve(axes: Axes, curve: pd.DataFrame, x: str, y: str, colours: dict[str, str]) -> None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import matplotlib as mpl
 import numpy as np
@@ -29,6 +29,7 @@ STABLE, UNSTABLE = "#0072B2", "#D55E00"
 # fill and hatch of the ranges beside the branches, in order
 _BESIDE = (("#E2E2E2", "////"), ("#F3E3C3", "\\\\\\\\"), ("#DCEBDD", "...."), ("#E9DDEC", "----"))
 MARKERS: dict[str, str] = dict(zip(MARKS, "ovsDX><^h", strict=True))
+T = TypeVar("T")
 WORDS = {
     "corner": "fold at a bend of the map",
     "neimark_sacker": "Neimark-Sacker",
@@ -156,6 +157,15 @@ def draw_branch(
     for kind, mark in MARKERS.items():
         marked = special == kind
         axes.plot(at[marked], value[marked], mark, ms=4.5, color="black", mfc="white", zorder=3)
+
+
+def stretches(looks: Iterable[T]) -> Iterator[tuple[T, slice]]:
+    """Each stretch of equal looks, with its places and the first place after them."""
+    begin = 0
+    for look, equal in itertools.groupby(looks):
+        end = begin + len(list(equal))
+        yield look, slice(begin, end + 1)
+        begin = end
 
 
 def looks_of_pieces(branch: pd.DataFrame) -> list[str | bool]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Annotated, Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gaitsweep.plot import theme
-from gaitsweep.plot.bifurcations.continuation import looks_of_pieces
+from gaitsweep.plot.bifurcations.continuation import looks_of_pieces, stretches
 from gaitsweep.plot.columns import PlotError, described, moved_parameter, require_columns, rows_where
 from gaitsweep.plot.kind import Title, figure_kind
 
@@ -82,9 +81,6 @@ def orbit_family(
 
 def _draw(axes: Axes, family: pd.DataFrame, x: str, values: np.ndarray, colour: str, line: Any) -> None:
     """Draw a number along the branch, thick where its gaits are stable."""
-    at, begin = family[x].to_numpy(float), 0
-    for look, pieces in itertools.groupby(looks_of_pieces(family)):
-        end = begin + len(list(pieces))
-        width = 1.8 if look is True else 0.8
-        axes.plot(at[begin : end + 1], values[begin : end + 1], color=colour, ls=line, lw=width)
-        begin = end
+    at = family[x].to_numpy(float)
+    for look, part in stretches(looks_of_pieces(family)):
+        axes.plot(at[part], values[part], color=colour, ls=line, lw=1.8 if look is True else 0.8)
