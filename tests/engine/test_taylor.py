@@ -46,6 +46,7 @@ FUNCTIONS = {
     "size": lambda x, y: jnp.abs(-x) + jnp.clip(y, -3.0, 3.0) + jnp.sign(x) * y,
     "moved": lambda x, y: jnp.stack([x, y, x * y])[::-1].reshape(3, 1)[1:].sum() + jnp.array([x, y])[1],
     "matrix": lambda x, y: jnp.array([[x, y], [1.0, x]]) @ jnp.array([y, 2.0 * x]) @ jnp.array([1.0, y]),
+    "of numbers and arrays": lambda x, y: jnp.where(x > 0.0, jnp.arange(2.0) - y, x * jnp.arange(2.0)).sum(),
     "indexed": lambda x, y: jnp.zeros(3).at[1].set(x * y)[jnp.array([1, 0])].sum(),
 }
 
