@@ -49,6 +49,7 @@ LIKELY_SHARE = 0.4
 
 
 def _power_of_two(value: Any) -> int:
+    """Read a power of two from 2 to `MOST_COARSE`."""
     whole = read_whole(value, low=2, high=MOST_COARSE)
     if whole & (whole - 1):
         below = 1 << (whole.bit_length() - 1)
@@ -57,6 +58,7 @@ def _power_of_two(value: Any) -> int:
 
 
 def _period(value: Any) -> int:
+    """Read a number of crossings from 1 to `MOST_PERIOD`."""
     return read_whole(value, low=1, high=MOST_PERIOD)
 
 

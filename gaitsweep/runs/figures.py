@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int
 
 from gaitsweep import plot
 from gaitsweep.errors import EXIT_FAILURE, UserError
@@ -200,7 +201,7 @@ def _figures_of(snapshot: Snapshot) -> tuple[list[dict[str, Any]], FigureStyle]:
 class Thinned:
     """The rows (n,) that a figure shows, in rising order, and a remark on them."""
 
-    rows: np.ndarray
+    rows: Int[np.ndarray, " shown"]
     remark: str
 
 
