@@ -24,7 +24,6 @@ from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.numerics import STEP_FACTOR, tolerance_scale
 from gaitsweep.engine.poincare.maps import wrap_difference
 from gaitsweep.engine.poincare.return_map import REFINED
-from gaitsweep.engine.recorders.bounds import LEAST_SCALE
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder, end_values
 from gaitsweep.engine.recorders.recorder import Recorder
