@@ -162,7 +162,7 @@ class FollowsFixedPoints(RunKind):
             observed = [fixed.images.observed[q.name] for q in rows.model.observables]
             return StartingPoints(fixed.converged, np.stack(observed, axis=1))
 
-        return [fixed_points(mapping.refined(share)) for share in shares]
+        return [fixed_points(mapping.refined(share) or mapping) for share in shares]
 
     @abc.abstractmethod
     def near_fixed_points(
