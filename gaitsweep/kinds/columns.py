@@ -112,6 +112,14 @@ def observed_at_crossings(model: Model) -> list[Column]:
     return [Column(f"{q.name}_n", None, q, False) for q in model.observables]
 
 
+def rests_at_crossings(
+    model: Model, records: pd.DataFrame, rests: Bool[np.ndarray, " records"]
+) -> pd.DataFrame:
+    """The records of `RunKind.rests`, for rows with records of crossings at fixed points."""
+    observed = {q.name: records[f"{q.name}_n"] for q in model.observables}
+    return pd.DataFrame({"rests": rests, "crossing": records["crossing"], "period": 1, **observed})
+
+
 def observed_at_end(
     model: Model,
     values: Callable[[RowOutcome], Float[np.ndarray, "rows observables"]] = lambda rows: rows.last,

@@ -6,13 +6,23 @@ from typing import ClassVar, Literal
 
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 from pydantic import Field
 
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.ramp import RampSchedule
-from gaitsweep.kinds.columns import CROSSING, GAIT, STALLED_BY, STATUS, Column, Records, observed_at_crossings
+from gaitsweep.kinds.columns import (
+    CROSSING,
+    GAIT,
+    STALLED_BY,
+    STATUS,
+    Column,
+    Records,
+    observed_at_crossings,
+    rests_at_crossings,
+)
 from gaitsweep.kinds.run_kind import Cost, RunKind
 from gaitsweep.schema.numbers import Flag, NotNegative, Positive, Real, Text
 
@@ -45,6 +55,9 @@ class Ramp(RunKind):
         moving = moving_columns(self.parameter, self.schedule(), repeats=False)
         observed = [*observed_at_crossings(model), *([GAIT] if self.gaits else [])]
         return [CROSSING, *moving, Column("t", repeats=False), STATUS, STALLED_BY, *observed]
+
+    def rests(self, model: Model, records: pd.DataFrame) -> pd.DataFrame:
+        return rests_at_crossings(model, records, records["crossing"].notna().to_numpy(bool))
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         crossings = self.schedule().duration / period

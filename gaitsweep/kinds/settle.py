@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
+import numpy as np
+import pandas as pd
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep import near_miss
-from gaitsweep.contract import Model
+from gaitsweep.contract import Model, Status
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.settle import FIRST_TEST, HOLD, MAX_PERIOD, SettleRecorder, tolerances
 from gaitsweep.engine.sweep.boundary_cells import Grid
@@ -141,6 +143,17 @@ class Settle(RunKind):
             )
             wrong.append(Diagnostic(("run", "max_period"), text))
         return wrong
+
+    def rests(self, model: Model, records: pd.DataFrame) -> pd.DataFrame:
+        period = records["attractor_period"].to_numpy()
+        return pd.DataFrame(
+            {
+                "rests": (records["status"].astype(str) == Status.settled.name) & (period > 0),
+                "crossing": records["cycles"],
+                "period": np.maximum(period, 1),
+                **{q.name: records[f"{q.name}_end"] for q in model.observables},
+            }
+        )
 
     def refined(self, rows: Design) -> Grid | None:
         if self.refine is None:

@@ -7,6 +7,7 @@ from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 from pydantic import Field
 
 from gaitsweep.contract import Model
@@ -24,6 +25,7 @@ from gaitsweep.kinds.columns import (
     Records,
     label_fields,
     observed_at_crossings,
+    rests_at_crossings,
 )
 from gaitsweep.kinds.run_kind import Cost, RunKind
 from gaitsweep.kinds.settle import check_tolerance, tolerance_field
@@ -100,6 +102,9 @@ class Staircase(RunKind):
             text = f"is {self.step:g}, which gives {stairs:.6g} stairs; at most {MOST_STAIRS} are allowed."
             return [Diagnostic(("run", "step"), text)]
         return []
+
+    def rests(self, model: Model, records: pd.DataFrame) -> pd.DataFrame:
+        return rests_at_crossings(model, records, records["settled"].to_numpy(bool))
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         schedule = self.schedule()

@@ -39,6 +39,7 @@ from gaitsweep.kinds.run_kind import RunKind, StartingPoints
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.prepare import RunContext, nominal_period
 from gaitsweep.runs.sentences import HALF_THE_STEP
+from gaitsweep.runs.unstable_rests import unstable_rests
 from gaitsweep.table.self_check_fields import DIFFERENCES, TOLERANCES
 
 # The sample's steps, as a share of the run's own: irrational, so that no step ends where one of these does.
@@ -76,7 +77,7 @@ class SelfCheck:
     `status_differs`, `gait_differs` and `count_differs` count rows that end with another status, gait, or
     number of crossings or whole-numbered observable with finer steps. `moved` counts rows of which an
     observable or the time of a crossing changes by more than is allowed. None of these count rows that are
-    `sensitive`.
+    `sensitive`. `unstable` counts rows that rest on an unstable gait.
 
     `largest` is the largest change of each observable: of settled rows at their end, of others over their
     first crossings. `worst` is the observable with the largest change relative to its size. `finer` describes
@@ -91,6 +92,7 @@ class SelfCheck:
     count_differs: int = 0
     sensitive: int = 0
     moved: int = 0
+    unstable: int = 0
     largest: dict[str, float] = dataclasses.field(default_factory=dict)
     worst: dict[str, str] = dataclasses.field(default_factory=dict)
     finer: str = HALF_THE_STEP
@@ -280,6 +282,16 @@ def compare_stored(
             rerun = RerunRows(few, recorder, comparison.repeated(recorder, [(few, 1.0, 0.0)])[0])
         differs = _other_records(context.model, rerun, stored(rerun.rows))
     check.stored_differs = int(differs.sum())
+    records = stored(rerun.rows if run.one_a_row else rerun.rows[:LEAST_ROWS])
+    rests = run.rests(context.model, records)
+    if rests is not None:
+        rows = np.unique(records["row"].to_numpy(np.int64))
+        rests["row"] = records["row"]
+        if run.moved is not None:
+            rests[run.moved] = records[run.moved]
+        check.unstable = unstable_rests(
+            context.design, context.spec, rests, comparison.observed_at_starts(rows), run.moved
+        ).size
 
 
 @cached_by_content(maxsize=16)
@@ -287,7 +299,7 @@ def _observed(model: Model, drive: Callable[..., Any] | None) -> Callable[..., n
     """`(values, starts) -> observables (n, k)` of rows at their starts."""
 
     def observed(values: Any, start: Any) -> jax.Array:
-        params = model.params(values) if drive is None else drive(values, 0.0)
+        params = model.params(values) if drive is None else drive(values, jax.numpy.zeros(()))
         observables = model.observe(params, model.init(params, start))
         return jax.numpy.stack([observables[q.name] for q in model.observables])
 
@@ -455,11 +467,13 @@ class _Comparison:
 
     def with_starts(self, rows: np.ndarray, ends: np.ndarray) -> np.ndarray:
         """Return the observables (2 n, k) of rows at their starts and at their ends."""
+        return np.concatenate([self.observed_at_starts(rows), ends])
+
+    def observed_at_starts(self, rows: np.ndarray) -> np.ndarray:
+        """Return the observables (n, k) of rows at their starts."""
         model = self.context.model
         values, starts = self.context.design.values_in(rows)
-        return np.concatenate(
-            [_observed(model, self.context.spec.drive)(model.on_host(values), starts), ends]
-        )
+        return _observed(model, self.context.spec.drive)(model.on_host(values), starts)
 
     @property
     def beginning(self) -> Recorder:
