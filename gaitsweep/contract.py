@@ -445,6 +445,9 @@ class Model(Jumps):
 class FixedStepDynamics(Jumps):
     """A time-stepping scheme of fixed step length, whose events are detected at the end of a step."""
 
+    # whether every step ends on the section: the step is the return map, has its derivative and no error
+    is_return_map: ClassVar[bool] = False
+
     @abc.abstractmethod
     def step(self, params: Params, state: State, dt: Float[Array, ""], /) -> State:
         """The state one step of `dt` (s) later; modes are left to `jump`.

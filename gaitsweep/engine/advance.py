@@ -192,7 +192,7 @@ def advance(
     steps = fixed_step_scheme(numerics.method, model)
     if steps is None:
         return _advance_hybrid(cast(HybridModel, model), numerics, drive, sensitivities, precomputed)
-    if sensitivities:
+    if sensitivities and not steps.is_return_map:
         fixed = f"{numerics.method} takes steps of fixed length"
         raise ValueError(f"Derivatives need located events, but {fixed}: use rk4.")
     return _advance_stepped(steps, numerics, drive)
