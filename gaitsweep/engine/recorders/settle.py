@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from gaitsweep.contract import HybridModel, Model, Params, Status
-from gaitsweep.engine.advance import Carry, Halt
+from gaitsweep.engine.carry import Carry, Halt
 from gaitsweep.engine.rarity import unlikely
 from gaitsweep.engine.recorders.bounds import (
     SETTLE_WINDOW,

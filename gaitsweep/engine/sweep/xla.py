@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped
 
 from gaitsweep.contract import Model, Params, Status
-from gaitsweep.engine.advance import Carry, select
+from gaitsweep.engine.carry import Carry, select
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.fork import refuse_fork
 from gaitsweep.engine.numerics import ResolvedNumerics
