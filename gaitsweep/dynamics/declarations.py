@@ -297,7 +297,7 @@ class SingleEvent:
 
     @property
     def name(self) -> str:
-        """The declared name; with `count`, the number of the component, from 1, stands for {} or at its end."""
+        """The declared name; with `count`, the component's number, from 1, stands for {} or at its end."""
         name = self.declared.name
         if self.place is None:
             return name
