@@ -14,7 +14,7 @@ from gaitsweep.contract import HybridModel, Model, Quantity, Status, names_gait
 from gaitsweep.engine.recorders.recorder import unpacked
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.run_columns import COLUMNS
-from gaitsweep.table.reading import categorical, outcomes
+from gaitsweep.table.frames import categorical, outcomes
 
 AT_REST = "rest"  # what stands for the gait of a stationary point
 UNKNOWN_GAIT = "unknown"  # gait of a row whose label is not the index of a gait; the label follows
