@@ -246,6 +246,10 @@ def plot(
     no_marks: Annotated[
         bool, typer.Option("--no-marks", help="Omit the remark on an incomplete or doubtful table.")
     ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FOLDER", help="Folder of the files (DIR/figures)."),
+    ] = None,
     open_it: Open = False,
 ) -> None:
     """Draw the figures of a table again, without simulation."""
@@ -267,9 +271,11 @@ def plot(
         if "search" in job:
             from gaitsweep.fitting.search import draw_again
 
+            if out is not None:
+                raise typer.BadParameter("is not for the figures of a search.", param_hint="--out")
             paths = draw_again(directory)
         else:
-            paths = draw_figures(directory, style=style)
+            paths = draw_figures(directory, style=style, folder=out)
     except FigureError as error:
         for path in error.drawn:
             print(path)

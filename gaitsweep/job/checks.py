@@ -20,7 +20,7 @@ from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.kinds.run_kind import Movement, table_columns
 from gaitsweep.models.conformity import NAMED, faults_of_rows, idle_starts, sets_starts
 from gaitsweep.plot.figure_style import FigureStyle
-from gaitsweep.plot.kind import FigureKind, PlannedTable
+from gaitsweep.plot.kind import FIGURES, FigureKind, PlannedTable
 from gaitsweep.plot.style_names import StyleNames
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path, unknown_name
 from gaitsweep.schema.strict_model import kind_of
@@ -227,7 +227,7 @@ def check_figures(
     stems: dict[str, int] = {}
     for index, figure in figures.items():
         path = ("figures", index)
-        if not figure.suits(run):
+        if not figure.suits(type(run)):
             wrong.append(_unsuited(figure, path, run))
             continue
         unknown = [
@@ -254,4 +254,5 @@ def _unsuited(figure: FigureKind, path: Path, run: RunKind) -> Diagnostic:
     others = [kind_of(part) for part in RUN_KINDS.values() if figure.kind_name in part.figures]
     suited = " or ".join(dict.fromkeys([*figure.runs, *others]))
     text = f"is {figure.kind_name}, which needs a run of kind {suited}, not {run.kind_name}."
-    return Diagnostic((*path, "kind"), text)
+    allowed = ", ".join(name for name, kind in FIGURES.items() if kind.suits(type(run)))
+    return Diagnostic((*path, "kind"), f"{text} Figures of {run.kind_name}: {allowed}.")

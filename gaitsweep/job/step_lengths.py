@@ -26,7 +26,7 @@ from gaitsweep.engine.numerics import (
     recommended_step,
     unknown_step,
 )
-from gaitsweep.engine.solver import METHODS, refusal
+from gaitsweep.engine.solver import METHODS, fixed_step_scheme, refusal
 from gaitsweep.engine.stored_programs import stored
 from gaitsweep.engine.sweep.xla import see_all_cores
 from gaitsweep.expression import functions_of, resolve
@@ -65,6 +65,10 @@ def check_numerics(model: Model, numerics: NumericsSpec, resolved: ResolvedNumer
     if unfit is not None:
         diagnostics.append(Diagnostic(("numerics", "method"), unfit))
         return diagnostics
+    steps = fixed_step_scheme(resolved.method, model)
+    if resolved.dt is not None and steps is not None and steps.is_return_map:
+        text = f"is set, but {model.name} is a map, which has no steps in time: remove it."
+        diagnostics.append(Diagnostic(("numerics", "dt"), text))
     for name in ("rtol", "atol"):
         if getattr(numerics, name) is not None and not resolved.adaptive:
             text = f"is set, but {resolved.method} has no step control by tolerances: remove it."

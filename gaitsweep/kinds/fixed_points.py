@@ -184,8 +184,9 @@ class FollowsFixedPoints(RunKind):
         self, rows: Design, spec: SweepSpec, sample: Int[np.ndarray, " sampled"], *shares: float
     ) -> list[StartingPoints]:
         mapped = self.mapped_rows(rows, spec, sample)
-        assert isinstance(mapped.mapping, BatchedReturnMap)
-        refined = [mapped.mapping.refined(share) for share in shares]
+        whole = mapped.mapping
+        assert isinstance(whole, BatchedReturnMap)
+        refined = [whole.refined(share) or whole for share in shares]
 
         def fixed_points(of_rows: MappedRows) -> StartingPoints:
             points, values = self.near_fixed_points(of_rows)

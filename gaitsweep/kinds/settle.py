@@ -12,7 +12,8 @@ from pydantic import Field, PlainValidator, WithJsonSchema
 from gaitsweep import near_miss
 from gaitsweep.contract import Model, Status
 from gaitsweep.design import Design
-from gaitsweep.engine.recorders.settle import FIRST_TEST, HOLD, MAX_PERIOD, SettleRecorder, tolerances
+from gaitsweep.engine.recorders.bounds import tolerances
+from gaitsweep.engine.recorders.settle import FIRST_TEST, HOLD, MAX_PERIOD, SettleRecorder
 from gaitsweep.engine.sweep.boundary_cells import Grid
 from gaitsweep.kinds.columns import (
     GAIT,

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
-from gaitsweep.engine.recorders.settle import tolerances
+from gaitsweep.engine.recorders.bounds import tolerances
 from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.engine.recorders.stairs import StepSchedule
 from gaitsweep.kinds.columns import (

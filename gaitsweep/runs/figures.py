@@ -117,6 +117,7 @@ def draw_figures(
     names: set[str] | None = None,
     on_progress: Callable[[int], None] | None = None,
     style: FigureStyle | None = None,
+    folder: Path | None = None,
 ) -> list[Path]:
     """Draw the figures of a result directory from its table, without simulating.
 
@@ -128,6 +129,7 @@ def draw_figures(
         names: file names of the figures to draw; all by default.
         on_progress: called before each figure with its number.
         style: style of all figures, over that of the job and of the figures.
+        folder: folder of the files, made if it does not exist; by default `figures` of the directory.
 
     Returns:
         The files, in the job's order.
@@ -148,9 +150,11 @@ def draw_figures(
     kinds, colours = [spec["kind"] for spec in specs], (style and style.colours) or {}
     if colours and not any(plot.FIGURES[kind].colours_of(name) for kind in kinds for name in colours):
         raise StyleError(f"colours has no effect: no figure of {path} colours gaits ({', '.join(kinds)}).")
-    folder = Path(path) / FIGURES
-    with writing(f"{folder} cannot be made"):
-        own_folder(folder)
+    with writing(f"{folder or Path(path) / FIGURES} cannot be made"):
+        if folder is None:
+            own_folder(folder := Path(path) / FIGURES)
+        else:
+            folder.mkdir(parents=True, exist_ok=True)
     files, refused = [], []
     for number, spec in enumerate(specs):
         own_style = read_style(**{key: spec.pop(key) for key in STYLE_FIELDS if key in spec})
