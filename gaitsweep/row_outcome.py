@@ -23,7 +23,8 @@ class RowNumber:
         the run's precision. absent: its value in rows that have not ended or were not simulated, and where
         a trajectory begins. quantity: unit and meaning of its column; None if the run kind declares the
         column itself. crossings: if not 0, it has the values of all observables at so many crossings, one
-        crossing after the other, and is not among the numbers that a recorder sets.
+        crossing after the other, and is not among the numbers that a recorder sets. compared: whether the
+        self-check compares it, as it does the gait.
     """
 
     name: str
@@ -31,6 +32,7 @@ class RowNumber:
     absent: float = 0
     quantity: Quantity | None = None
     crossings: int = 0
+    compared: bool = False
 
     def shape(self, observables: int) -> tuple[int, ...]:
         """Its shape in one row."""

@@ -9,10 +9,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path as FilePath
 from typing import Any
 
+from pydantic import BaseModel
+
 from gaitsweep import models, near_miss
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.engine.sweep.xla import refuse_missing_platform
 from gaitsweep.expression import RESERVED
+from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.models.conformity import fault
 from gaitsweep.schema.diagnostics import Diagnostic, Path, quoted
 from gaitsweep.schema.numbers import (
@@ -57,7 +60,7 @@ class ModelSpec:
         """
         later = {
             field.name: field.default
-            for field in dataclasses.fields(self.model)  # type: ignore[arg-type]
+            for field in dataclasses.fields(self.model.original)  # type: ignore[arg-type]
             if field.metadata.get("later")
         }
         return {
@@ -80,6 +83,25 @@ class ModelSpec:
             field
         ]
         return f"is not {noun} of {self.model.name}{near_miss.suggestion(name, allowed)}"
+
+
+def spec_of_run(spec: ModelSpec, run: Any) -> tuple[ModelSpec, list[Diagnostic]]:
+    """The model of a run's rows, whose kind may add parameters, and diagnostics.
+
+    Args:
+        spec: the model.
+        run: the run as written, or a run kind.
+    """
+    written = run.model_dump() if isinstance(run, BaseModel) else run
+    name = written.get("kind") if isinstance(written, Mapping) else None
+    kind = RUN_KINDS.get(name) if isinstance(name, str) else None
+    if kind is None:
+        return spec, []
+    model, diagnostics = kind.model_of(spec.model, written)
+    if model is spec.model:
+        return spec, diagnostics
+    parameters = {quantity.name: quantity for quantity in model.parameters}
+    return dataclasses.replace(spec, model=model, parameters=parameters), diagnostics
 
 
 def read_model_spec(
