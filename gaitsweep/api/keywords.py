@@ -16,7 +16,7 @@ from gaitsweep import models, near_miss
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
-from gaitsweep.job.model_spec import ModelSpec, read_model_spec, spec_of_run
+from gaitsweep.job.model_spec import ModelSpec, read_model_spec
 from gaitsweep.schema.strict_model import plain
 from gaitsweep.shipped import BUILTIN
 
@@ -88,11 +88,8 @@ def fields_of(
     elif sizes:
         size = next(iter(sizes))
         raise ArgumentError(f"{size} shapes the model: give it to {type(model).__name__}, not here.")
-    spec, diagnostics = read_model_spec(name, structure, None, [])
-    if spec is None:
-        raise ArgumentError("\n".join(map(str, diagnostics)))
-    spec, diagnostics = spec_of_run(spec, run)
-    if diagnostics:
+    spec, diagnostics = read_model_spec(name, structure, None, [], run)
+    if spec is None or diagnostics:
         raise ArgumentError("\n".join(map(str, diagnostics)))
     vary: dict[str, Any] = {}
     constants: dict[str, dict[str, Any]] = {"params": {}, "start": {}}

@@ -116,25 +116,20 @@ class PushedModel(HybridModel):
         """The parameters of the push."""
         known = {q.name: q for q in (*self.model.signals, *self.model.observables)}
         known |= {q.name: q for q in (*self.model.initial_conditions, *self.model.parameters)}
-        by = "impulse of" if not self.forced else "force on"
-        pushed = [
-            Quantity(
-                f"{PREFIX}{name}",
-                known[name].unit if name in known else "",
-                f"{by} {known[name].meaning if name in known else name}: change of {name} in all",
-                0.0,
-            )
-            for name in self.variables
-        ]
+        names = [*self.variables, *([] if self.stepped is None else [self.stepped])]
+        pushed = []
+        for name in names:
+            quantity = known.get(name, Quantity(name, "", ""))
+            symbol = rf"\Delta {quantity.symbol}" if quantity.symbol else ""
+            meaning = f"change of {name} by the push"
+            pushed.append(Quantity(f"{PREFIX}{name}", quantity.unit, meaning, 0.0, symbol=symbol))
         when, lasts = [], []
         if self.event is None:
-            meaning = "phase of the push, as a share of the gait's period since a section crossing"
+            meaning = "phase of the push: share of the gait's period after a section crossing"
             when = [Quantity(PHASE, "1", meaning, 0.0, low=0.0, high=1.0)]
         if self.forced:
             lasts = [Quantity(DURATION, "s", "duration of the push", low=0.0, open_ends=True)]
         if self.stepped is not None:
-            q = known[self.stepped]
-            pushed.append(Quantity(f"{PREFIX}{self.stepped}", q.unit, f"step of {self.stepped}", 0.0))
             meaning = "section crossings until the parameter has its old value again"
             lasts.append(Quantity(CYCLES, "1", meaning, 1.0, low=1.0, whole=True))
         return (*pushed, *when, *lasts)

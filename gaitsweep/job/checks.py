@@ -130,7 +130,8 @@ def remarks_on_rows(design: Design, name: str) -> list[str]:
     if model.host_parameters or type(model.original).__module__.startswith("gaitsweep."):
         return []
     idle = [
-        f"{start} has no effect: {sets_starts(model.original)} of {name} sets it." for start in _idle_starts(design)
+        f"{start} has no effect: {sets_starts(model.original)} of {name} sets it."
+        for start in _idle_starts(design)
     ]
     rows = _some_rows(design)
     try:

@@ -85,29 +85,15 @@ class ModelSpec:
         return f"is not {noun} of {self.model.name}{near_miss.suggestion(name, allowed)}"
 
 
-def spec_of_run(spec: ModelSpec, run: Any) -> tuple[ModelSpec, list[Diagnostic]]:
-    """The model of a run's rows, whose kind may add parameters, and diagnostics.
-
-    Args:
-        spec: the model.
-        run: the run as written, or a run kind.
-    """
-    written = run.model_dump() if isinstance(run, BaseModel) else run
-    name = written.get("kind") if isinstance(written, Mapping) else None
-    kind = RUN_KINDS.get(name) if isinstance(name, str) else None
-    if kind is None:
-        return spec, []
-    model, diagnostics = kind.model_of(spec.model, written)
-    if model is spec.model:
-        return spec, diagnostics
-    parameters = {quantity.name: quantity for quantity in model.parameters}
-    return dataclasses.replace(spec, model=model, parameters=parameters), diagnostics
-
-
 def read_model_spec(
-    name: Any, structure: Any, params: Any, folders: Sequence[FilePath]
+    name: Any, structure: Any, params: Any, folders: Sequence[FilePath], run: Any = None
 ) -> tuple[ModelSpec | None, list[Diagnostic]]:
     """The model that a job names, with the structure that `structure` and `params` set.
+
+    Args:
+        name, structure, params: these fields of the job as written.
+        folders: folders with the user's modules.
+        run: the run as written, or a run kind; it may add parameters to the model.
 
     Returns:
         The spec, or None if there are errors; and the diagnostics.
@@ -140,7 +126,22 @@ def read_model_spec(
             diagnostics.append(Diagnostic(("structure", key), text))
     if diagnostics:
         return None, diagnostics
-    return _instance(str(name), model_class, shape)
+    spec, diagnostics = _instance(str(name), model_class, shape)
+    return (None, diagnostics) if spec is None else _of_run(spec, run)
+
+
+def _of_run(spec: ModelSpec, run: Any) -> tuple[ModelSpec, list[Diagnostic]]:
+    """The model with the parameters that a run adds, and diagnostics."""
+    written = run.model_dump() if isinstance(run, BaseModel) else run
+    name = written.get("kind") if isinstance(written, Mapping) else None
+    kind = RUN_KINDS.get(name) if isinstance(name, str) else None
+    if kind is None:
+        return spec, []
+    model, diagnostics = kind.model_of(spec.model, written)
+    if model is spec.model:
+        return spec, diagnostics
+    parameters = {quantity.name: quantity for quantity in model.parameters}
+    return dataclasses.replace(spec, model=model, parameters=parameters), diagnostics
 
 
 def _items(mapping: Any) -> list[tuple[str, Any]]:

@@ -15,7 +15,7 @@ from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.expression import ExpressionError, evaluate, names_in
 from gaitsweep.job.checks import check_figures, check_names, check_ranges
 from gaitsweep.job.config import Config
-from gaitsweep.job.model_spec import ModelSpec, read_model_spec, read_settings, spec_of_run
+from gaitsweep.job.model_spec import ModelSpec, read_model_spec, read_settings
 from gaitsweep.job.step_lengths import check_numerics, check_steps
 from gaitsweep.kinds import parameter_written
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
@@ -57,10 +57,8 @@ def read_job(
     fields = {key: value for key, value in raw.items() if key not in _READ_HERE}
     spec = None
     if "model" in raw:
-        spec, wrong = read_model_spec(raw["model"], raw.get("structure"), raw.get("params"), [folder])
-        diagnostics.extend(wrong)
-    if spec is not None:
-        spec, wrong = spec_of_run(spec, raw.get("run"))
+        of_model = (raw["model"], raw.get("structure"), raw.get("params"))
+        spec, wrong = read_model_spec(*of_model, [folder], raw.get("run"))
         diagnostics.extend(wrong)
     settings: dict[str, float | str] = {}
     if spec is not None:

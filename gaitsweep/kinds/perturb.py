@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, cast
 
 import numpy as np
 from pydantic import Field
@@ -48,8 +48,8 @@ class Perturb(SettlesRows):
     )
     push: list[Text] = Field(
         default=[],
-        description="variables of the flow that are pushed; the amount by which NAME changes is the parameter "
-        "push_NAME, under params or vary",
+        description="variables of the flow that are pushed; the amount by which NAME changes is the "
+        "parameter push_NAME, under params or vary",
     )
     force: Flag = Field(
         default=False,
@@ -57,7 +57,7 @@ class Perturb(SettlesRows):
     )
     step: Text | None = Field(
         default=None,
-        description="parameter NAME of the model that is larger by push_NAME for push_cycles section crossings",
+        description="parameter NAME of the model that is larger by push_NAME for push_cycles crossings",
     )
     at: Text | None = Field(
         default=None,
@@ -104,11 +104,12 @@ class Perturb(SettlesRows):
             if name in taken or [q.name for q in extended.added].count(name) > 1:
                 text = f"is perturb, which adds a parameter {name}, but {model.name} has another one of this "
                 wrong.append(Diagnostic(("run", "kind"), f"{text}name: rename that."))
-        return (model if wrong else extended), wrong
+        clash = any(diagnostic.path == ("run", "kind") for diagnostic in wrong)
+        return (model if clash else extended), wrong
 
     def recorder(self, model: Model) -> PerturbRecorder:
-        assert isinstance(model, PushedModel)
-        return PerturbRecorder(model, self.settling(model), self.within)
+        # where the model was refused, a recorder of it only names its columns
+        return PerturbRecorder(cast(PushedModel, model), self.settling(model), self.within)
 
     def columns(self, model: Model) -> list[Column]:
         return [
@@ -128,6 +129,8 @@ class Perturb(SettlesRows):
         ]
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
+        if not isinstance(rows.model, PushedModel):
+            return []
         wrong = self.check_settling(rows.model)
         if not self.push and self.step is None:
             text = "is missing: name a variable that is pushed, or a parameter as run.step."
@@ -138,8 +141,8 @@ class Perturb(SettlesRows):
         if self.force and not self.push:
             wrong.append(Diagnostic(("run", "force"), "has no effect without run.push: remove it."))
         if self.force and self.step is not None:
-            text = f"is {self.step}, which lasts for {CYCLES}, but the force of run.push for {DURATION}: use one "
-            wrong.append(Diagnostic(("run", "step"), f"{text}run for each, or a push at once."))
+            text = f"is {self.step}, which lasts for {CYCLES}, but the force of run.push for {DURATION}: "
+            wrong.append(Diagnostic(("run", "step"), f"{text}use one run for each, or a push at once."))
         if METHODS[method].step is None:
             text = f"is {method}, whose steps have a fixed length, but a push needs located events."
             wrong.append(Diagnostic(("numerics", "method"), text))

@@ -10,7 +10,14 @@ from pydantic import Field, PlainValidator, WithJsonSchema
 from gaitsweep import near_miss
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
-from gaitsweep.engine.recorders.settle import FIRST_TEST, HOLD, MAX_PERIOD, TOLERANCE, SettleRecorder, tolerances
+from gaitsweep.engine.recorders.settle import (
+    FIRST_TEST,
+    HOLD,
+    MAX_PERIOD,
+    TOLERANCE,
+    SettleRecorder,
+    tolerances,
+)
 from gaitsweep.engine.sweep.boundary_cells import Grid
 from gaitsweep.kinds.columns import (
     GAIT,
@@ -72,6 +79,7 @@ class SettlesRows(RunKind):
     compared: ClassVar = "settled"
     one_a_row: ClassVar[bool] = True
 
+    kind: Any = Field(init=False)  # first among the fields
     max_cycles: Count = Field(default=150, description="cycles after which a row is given up")
     tolerance: PositiveOrEach = tolerance_field("row")
     max_time: Positive | None = Field(

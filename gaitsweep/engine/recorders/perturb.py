@@ -47,11 +47,11 @@ class Stage:
 class PushMemory:
     """The memory of a row that is pushed.
 
-    `settle` is that of the recorder that settles it, and `crossings` counts those that it has seen. `stage` is
-    one of `Stage`. `gait` (p, k) are the observables at the crossings of the gait that is left, the latest
-    first, `times` (p,) s when they were, NaN beyond its `period`. `pushed` is the time (s) of the push; `since`
-    counts section crossings after it, `outside` is the last of these that was far from the gait, and `back` the
-    time (s) from the push to the one after that.
+    `settle` is that of the recorder that settles it, and `crossings` counts those that it has seen. `stage`
+    is one of `Stage`. `gait` (p, k) are the observables at the crossings of the gait that is left, the latest
+    first, `times` (p,) s when they were, NaN beyond its `period`. `pushed` is the time (s) of the push;
+    `since` counts section crossings after it, `outside` is the last of these that was far from the gait, and
+    `back` the time (s) from the push to the one after that.
     """
 
     settle: Memory
@@ -89,7 +89,7 @@ class PerturbRecorder(Recorder):
         RowNumber("recovered", np.int8, compared=True),
         *(RowNumber(name, np.float64, np.nan) for name in MEASURED),
     )
-    model: PushedModel
+    model: PushedModel  # pyright: ignore[reportIncompatibleVariableOverride]
     settle: SettleRecorder
     within: float
 
@@ -278,4 +278,6 @@ class PerturbRecorder(Recorder):
 
 def _at(values: Float[Array, " n"], place: Integer) -> Number:
     """The value at a place, which changes along a trajectory."""
-    return jnp.sum(jnp.where(jnp.arange(values.size) == place, jnp.where(jnp.isnan(values), 0.0, values), 0.0))
+    return jnp.sum(
+        jnp.where(jnp.arange(values.size) == place, jnp.where(jnp.isnan(values), 0.0, values), 0.0)
+    )
