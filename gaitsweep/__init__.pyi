@@ -28,14 +28,17 @@ from gaitsweep.contract import Status as Status
 from gaitsweep.contract import SteppedModel as SteppedModel
 from gaitsweep.dynamics.declarations import energy as energy
 from gaitsweep.dynamics.declarations import event as event
+from gaitsweep.dynamics.declarations import instants as instants
 from gaitsweep.dynamics.declarations import mode as mode
 from gaitsweep.dynamics.declarations import observable as observable
 from gaitsweep.dynamics.declarations import parameter as parameter
 from gaitsweep.dynamics.declarations import signal as signal
 from gaitsweep.dynamics.declarations import symmetry as symmetry
+from gaitsweep.dynamics.declarations import time as time
 from gaitsweep.dynamics.declarations import variable as variable
 from gaitsweep.dynamics.declared_model import DeclaredModel as DeclaredModel
 from gaitsweep.dynamics.footfalls import footfalls as footfalls
+from gaitsweep.dynamics.map_model import MapModel as MapModel
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel as MjcfModel
 from gaitsweep.errors import ArgumentError as ArgumentError
 from gaitsweep.errors import UserError as UserError
@@ -54,7 +57,7 @@ from gaitsweep.kinds import Staircase as Staircase
 from gaitsweep.kinds import Trace as Trace
 from gaitsweep.models.conformity import fault as fault
 from gaitsweep.runs.prepare import RunError as RunError
-from gaitsweep.runs.self_check import SelfCheckError as SelfCheckError
+from gaitsweep.runs.self_check_result import SelfCheckError as SelfCheckError
 from gaitsweep.skeleton import Limb as Limb
 from gaitsweep.skeleton import LimbLook as LimbLook
 from gaitsweep.skeleton import Skeleton as Skeleton

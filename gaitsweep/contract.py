@@ -450,6 +450,9 @@ class Model(Jumps):
 class FixedStepDynamics(Jumps):
     """A time-stepping scheme of fixed step length, whose events are detected at the end of a step."""
 
+    # whether every step ends on the section: the step is the return map, has its derivative and no error
+    is_return_map: ClassVar[bool] = False
+
     @abc.abstractmethod
     def step(self, params: Params, state: State, dt: Float[Array, ""], /) -> State:
         """The state one step of `dt` (s) later; modes are left to `jump`.
@@ -497,7 +500,7 @@ class HybridModel(Model):
 
     1. A model gives what `Model` asks for, `flow` and `guards`.
     2. It may give the optional members of `Model`, and those of this class: `linear`, `recommended`,
-       `fast_modes`, `locates_events` and `fixed_step_scheme` for the method, `simultaneous`, `longest_chain`
+       `fast_modes`, `locates_events` and `fixed_step_scheme` for the method, `simultaneous`, `longest_chain`,
        `guard_names` and `occurred` for the events, `energies` for the check of the flow.
     3. The engine alone calls the functions.
     """

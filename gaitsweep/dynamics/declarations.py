@@ -127,6 +127,11 @@ class Variable(CountedQuantity):
 
 
 @dataclasses.dataclass(frozen=True)
+class Time(Variable):
+    """The declared time; see `time`."""
+
+
+@dataclasses.dataclass(frozen=True)
 class Mode(Counted):
     """A declared discrete mode; see `mode`."""
 
@@ -453,6 +458,33 @@ def variable(
     return Variable(count, quantity, start_value, start is not None if observed is None else observed, signal)
 
 
+def time() -> Any:
+    """Declare the time since the start, in s, for flows and jumps that depend on it: `t = gs.time()`.
+
+    Its rate is 1, so `flow` returns `"t": 1.0`. It is neither recorded (tables have the time anyway) nor a
+    coordinate of the section, so the section of a driven model has to be `instants` of its drive. A section
+    that is crossed at any phase of the drive needs "t" in `section_coordinates`.
+
+    Example:
+        >>> import jax.numpy as jnp, numpy as np, gaitsweep as gs
+        >>> class Driven(gs.DeclaredModel):
+        ...     rate = gs.parameter("rad/s", "angular frequency of the drive", 2.0)
+        ...     t = gs.time()
+        ...     x = gs.variable("m", "displacement", 0.0)
+        ...     strobe = gs.instants("strobe", every=lambda p: 2.0 * jnp.pi / p.rate, section=True)
+        ...
+        ...     def flow(self, p, s):
+        ...         return {"t": 1.0, "x": jnp.cos(p.rate * s.t) - s.x}
+        ...
+        ...     def period(self, p):
+        ...         return 2.0 * jnp.pi / p.rate
+        >>> gs.return_map(Driven()).fixed_points([0.1]).points.at.round(6).item()  # 1 / (1 + rate^2)
+        0.2
+    """
+    quantity = _quantity("s", "time since the start")
+    return Time(None, quantity, None, False, False)
+
+
 def mode(start: bool | int | Sequence[bool | int], meaning: str, *, count: int | str | None = None) -> Any:
     """Declare a discrete mode of the state (a contact, the phase of a step), which only jumps change.
 
@@ -581,3 +613,64 @@ def event(
         )
     signs = _SIGNS[direction]
     return lambda function: Event(function, name, section, during, rising, count, when, signs)
+
+
+def instants(
+    name: str,
+    *,
+    every: Callable[[Any], Real[Array, ""] | float] | None = None,
+    after: float = 0.0,
+    at: Sequence[float] = (),
+    section: bool = False,
+    during: Callable[..., Any] | None = None,
+) -> Any:
+    """Declare scheduled instants as an event, which may have a `jump`; the model declares `t = gs.time()`.
+
+    Args:
+        name: a few words, as of `event`.
+        every: a function of the parameters, the interval (s) between instants.
+        after: the time (s) of the beginning of the first interval, at whose end is the first instant.
+        at: times (s) of single instants, instead of `every`; the jump is (params, state, i) -> state with the
+            number of the instant, from 0.
+        section: whether they close a cycle.
+        during: as of `event`.
+
+    Raises:
+        TypeError: not exactly one of `every` and `at` is given.
+
+    Example:
+        A rotor that is kicked once a second; its section is the standard map:
+
+        >>> import jax.numpy as jnp, gaitsweep as gs
+        >>> class Rotor(gs.DeclaredModel):
+        ...     strength = gs.parameter("rad/s", "strength of a kick", 0.5)
+        ...     t = gs.time()
+        ...     angle = gs.variable("rad", "angle", 1.0)
+        ...     rate = gs.variable("rad/s", "rate", 0.3)
+        ...     kick = gs.instants("kick", every=lambda p: 1.0, section=True)
+        ...
+        ...     def flow(self, p, s):
+        ...         return {"t": 1.0, "angle": s.rate}
+        ...
+        ...     @kick.jump
+        ...     def kicked(self, p, s):
+        ...         return s.replace(rate=s.rate + p.strength * jnp.sin(s.angle))
+        ...
+        ...     def period(self, p):
+        ...         return 1.0
+        >>> gs.return_map(Rotor())([1.0, 0.3]).round(6).tolist()
+        [1.3, 0.781779]
+    """
+    if (every is None) == (not at):
+        raise TypeError(f"The instants {name!r} need either every= or at=.")
+    if every is None:
+        times = np.asarray(at, float)
+        return Event(lambda model, p, s: s.t - times, name, section, during, True, len(times))
+
+    def phase(model: Model, params: Any, state: Any) -> Float[Array, ""]:
+        return jnp.sin(2.0 * jnp.pi * (state.t - after) / every(params))
+
+    def has_begun(params: Any, state: Any) -> Bool[Array, ""]:
+        return state.t > after + 0.5 * every(params)
+
+    return Event(phase, name, section, during, True, when=has_begun)

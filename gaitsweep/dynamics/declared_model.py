@@ -28,6 +28,7 @@ from gaitsweep.dynamics.declarations import (
     Reading,
     SingleEvent,
     Symmetry,
+    Time,
     Variable,
     faults_of_quantity,
 )
@@ -300,7 +301,9 @@ class Declared(Model):
 
     def beyond_at_start(self, params: Any, state: Any, /) -> dict[str, Bool[Array, ""]]:
         return {
-            event.name: event.within(state) & self._is_beyond(event, params, state)
+            event.name: event.within(state)
+            & event.holds(params, state)
+            & self._is_beyond(event, params, state)
             for event in self.single_events()
             if event.declared.rising and event.jumps
         }
@@ -607,7 +610,7 @@ class DeclaredModel(Declared, HybridModel):
         return {name: image(declared) for name, declared in self._named(Symmetry).items()}
 
     def chart(self) -> Chart | None:
-        return _SectionCoordinates(self)
+        return SectionCoordinates(self)
 
 
 class _Surfaces:
@@ -672,10 +675,14 @@ def _stacked(modes: list[Arming]) -> Arming:
 
 
 @dataclasses.dataclass(frozen=True)
-class _SectionCoordinates(Chart):
-    """The chart of `section_coordinates`, the variables themselves; of all variables where there are none."""
+class SectionCoordinates(Chart):
+    """The chart of `section_coordinates`, the variables themselves; of all variables where there are none.
 
-    model: DeclaredModel
+    Args:
+        model: a `DeclaredModel`, or a map without events (`map_model`).
+    """
+
+    model: Any
 
     @property
     def coordinates(self) -> tuple[Quantity, ...]:
@@ -698,7 +705,7 @@ class _SectionCoordinates(Chart):
             fields[name] = value
             first = last
         state = self.model.complete(params, modes.replace(**fields))
-        return self.model._begun(params, state, crossed=True)
+        return self.model._begun(params, state, crossed=True) if self._has_events else state
 
     @property
     def conserved(self) -> tuple[Quantity, ...]:
@@ -720,5 +727,12 @@ class _SectionCoordinates(Chart):
 
     def _variables(self) -> list[tuple[str, Variable]]:
         variables, feet = self.model._named(Variable), self.model._feet()
-        moving = [name for name in variables if feet is None or name != feet.clock]
-        return [(name, variables[name]) for name in self.model.section_coordinates or moving]
+        clocks = {name for name, v in variables.items() if isinstance(v, Time)}
+        clocks |= set() if feet is None else {feet.clock}
+        moving = [name for name in variables if name not in clocks]
+        chosen = self.model.section_coordinates if self._has_events else ()
+        return [(name, variables[name]) for name in chosen or moving]
+
+    @property
+    def _has_events(self) -> bool:
+        return isinstance(self.model, DeclaredModel)

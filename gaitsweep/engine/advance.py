@@ -28,16 +28,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Num
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Params, Rates, State
-from gaitsweep.engine.hidden_events import (
-    PROBES,
-    between,
-    guard_slopes,
-    may_bend,
-    may_hide,
-    may_switch,
-    switches_within,
-    unresolved,
-)
+from gaitsweep.engine.hidden_events import PROBES, between, guard_slopes, may_hide, unresolved
 from gaitsweep.engine.numerics import (
     FEWEST_STEPS,
     ORDER,
@@ -49,6 +40,7 @@ from gaitsweep.engine.rarity import likely, unlikely
 from gaitsweep.engine.shapes import Flag, GuardFlags, Guards, Integer, Number
 from gaitsweep.engine.solver import METHODS, Method, Step, euler_update, fixed_step_scheme
 from gaitsweep.engine.solver.taylor import bends_back, first_zero, order_of, polynomial
+from gaitsweep.engine.switches import may_bend, may_switch, switches_within
 
 
 class Halt:
@@ -200,7 +192,7 @@ def advance(
     steps = fixed_step_scheme(numerics.method, model)
     if steps is None:
         return _advance_hybrid(cast(HybridModel, model), numerics, drive, sensitivities, precomputed)
-    if sensitivities:
+    if sensitivities and not steps.is_return_map:
         fixed = f"{numerics.method} takes steps of fixed length"
         raise ValueError(f"Derivatives need located events, but {fixed}: use rk4.")
     return _advance_stepped(steps, numerics, drive)

@@ -112,6 +112,14 @@ def observed_at_crossings(model: Model) -> list[Column]:
     return [Column(f"{q.name}_n", None, q, False) for q in model.observables]
 
 
+def rests_at_crossings(
+    model: Model, records: pd.DataFrame, rests: Bool[np.ndarray, " records"]
+) -> pd.DataFrame:
+    """The records of `RunKind.rests`, for rows with records of crossings at fixed points."""
+    observed = {q.name: records[f"{q.name}_n"] for q in model.observables}
+    return pd.DataFrame({"rests": rests, "crossing": records["crossing"], "period": 1, **observed})
+
+
 def observed_at_end(
     model: Model,
     values: Callable[[RowOutcome], Float[np.ndarray, "rows observables"]] = lambda rows: rows.last,
@@ -161,17 +169,20 @@ def row_number(quantity: Quantity) -> Column:
 
 
 def _status(records: Records) -> pd.Categorical:
+    """The status of each record's row."""
     # statuses are numbered from 0, running
     return categorical(records.of_row(records.block.status) - 1, STATUSES)
 
 
 def _crossing(records: Records) -> Real[np.ndarray, " records"]:
+    """The number of each record's crossing."""
     # a row that kept no crossing has the number of those that it made
     cycles = records.of_row(records.block.cycles)
     return np.where(records.recorded, records["crossing"], cycles).astype(np.int64)
 
 
 def _gait(records: Records) -> pd.Categorical:
+    """The gait of each record."""
     return gaits(records.model, records.label("gait", -1))
 
 
@@ -225,7 +236,7 @@ def gaits(model: Model, codes: Int[np.ndarray, " rows"]) -> pd.Categorical:
 
 
 def quantities_of(model: Model, columns: Sequence[Column] = ()) -> dict[str, dict[str, Any]]:
-    """Return unit, meaning and symbol of the table's columns, for readers and for figures.
+    """Unit, meaning, symbol and circularity of the table's columns, by name.
 
     The meaning of `status` has the first line of the docstring of the model's `failed`.
     """

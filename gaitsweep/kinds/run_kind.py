@@ -235,6 +235,15 @@ class RunKind(StrictModel, abc.ABC):
         """
         return []
 
+    def rests(self, model: Model, records: pd.DataFrame) -> pd.DataFrame | None:
+        """Where rows rest, from all records of some rows; None: rows of this kind do not rest.
+
+        Returns:
+            A record for each of `records`: whether the row `rests` there, the number of the `crossing`, the
+            `period` of its orbit in crossings, and the observables by their names.
+        """
+        return None
+
     @property
     def columns_of_findings(self) -> tuple[str, ...]:
         """The columns of the table that `findings` reads; empty: it has none."""

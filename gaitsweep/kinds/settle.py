@@ -5,19 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
+import numpy as np
+import pandas as pd
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep import near_miss
-from gaitsweep.contract import Model
+from gaitsweep.contract import Model, Status
 from gaitsweep.design import Design
-from gaitsweep.engine.recorders.settle import (
-    FIRST_TEST,
-    HOLD,
-    MAX_PERIOD,
-    TOLERANCE,
-    SettleRecorder,
-    tolerances,
-)
+from gaitsweep.engine.recorders.bounds import TOLERANCE, tolerances
+from gaitsweep.engine.recorders.settle import FIRST_TEST, HOLD, MAX_PERIOD, SettleRecorder
 from gaitsweep.engine.sweep.boundary_cells import Grid
 from gaitsweep.kinds.columns import (
     GAIT,
@@ -53,6 +49,7 @@ LIKELY_SHARE = 0.4
 
 
 def _power_of_two(value: Any) -> int:
+    """Read a power of two from 2 to `MOST_COARSE`."""
     whole = read_whole(value, low=2, high=MOST_COARSE)
     if whole & (whole - 1):
         below = 1 << (whole.bit_length() - 1)
@@ -61,6 +58,7 @@ def _power_of_two(value: Any) -> int:
 
 
 def _period(value: Any) -> int:
+    """Read a number of crossings from 1 to `MOST_PERIOD`."""
     return read_whole(value, low=1, high=MOST_PERIOD)
 
 
@@ -170,6 +168,17 @@ class Settle(SettlesRows):
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
         return [*self.check_settling(rows.model), *self._check_refinement(rows)]
+
+    def rests(self, model: Model, records: pd.DataFrame) -> pd.DataFrame:
+        period = records["attractor_period"].to_numpy()
+        return pd.DataFrame(
+            {
+                "rests": (records["status"].astype(str) == Status.settled.name) & (period > 0),
+                "crossing": records["cycles"],
+                "period": np.maximum(period, 1),
+                **{q.name: records[f"{q.name}_end"] for q in model.observables},
+            }
+        )
 
     def refined(self, rows: Design) -> Grid | None:
         if self.refine is None:

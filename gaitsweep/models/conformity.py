@@ -23,6 +23,7 @@ from gaitsweep import near_miss
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declarations import Mode, Variable, faults_of_quantity
 from gaitsweep.dynamics.declared_model import ARMING, STEPS, Declared, DeclaredModel
+from gaitsweep.dynamics.map_model import MapModel
 from gaitsweep.engine.content import cached_by_content, held_result
 from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.kernel.columns import over_rows
@@ -197,6 +198,8 @@ def _events(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
         name, result = "guards", _given("guards", model.guards, params, state)
     else:
         assert isinstance(model, FixedStepDynamics)
+        if isinstance(model, MapModel):
+            _image(state, _given("image", model.image, params, state))
         after = _given("step", model.step, params, state, _NUMBER)
         _alike("step", state, after)
         name, result = "events", _given("events", model.events, params, state, after)
@@ -228,6 +231,17 @@ def _given(name: str, function: Callable[..., Any], *args: Any) -> Any:
         if isinstance(error, jax.errors.ConcretizationTypeError | jax.errors.TracerArrayConversionError):
             advice = " Use jnp.where instead of if, and jnp instead of math and numpy."
         raise _Fault(f"{name} raises {type(error).__name__}: {reason.rstrip('.')}.{advice}") from error
+
+
+def _image(state: Any, image: Any) -> None:
+    """Refuse an image that is no mapping from fields of a state, or a mapping from others."""
+    if not isinstance(image, Mapping):
+        raise _returns("image", _type_of(image), "a mapping from variables to their values in the image")
+    fields = list(vars(state))
+    for name in image:
+        if name not in fields:
+            near = near_miss.suggestion(str(name), fields)
+            raise _Fault(f"image returns a value of {name}, which is not a field of its state{near}")
 
 
 def _rates(state: Any, rates: Any) -> None:

@@ -16,15 +16,13 @@ from scipy.spatial.distance import squareform
 
 import gaitsweep as gs
 from gaitsweep.analysis.basins.attractor_matching import follow_attractors
-from gaitsweep.analysis.basins.attractors import (
+from gaitsweep.analysis.basins.attractors import agreement, attractors, with_attractors
+from gaitsweep.analysis.basins.single_linkage import (
     MOST_CELLS,
-    agreement,
-    attractors,
     cells,
     components,
     linking_distance,
     spanning_tree,
-    with_attractors,
 )
 from gaitsweep.analysis.basins.state_space import Space
 from gaitsweep.analysis.records import AnalysisError

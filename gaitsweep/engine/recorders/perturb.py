@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 from gaitsweep.contract import Params, Status
 from gaitsweep.engine.advance import Carry, Halt, select
 from gaitsweep.engine.pushed_model import PushedModel, restarted
+from gaitsweep.engine.recorders.bounds import change
 from gaitsweep.engine.recorders.orbits import from_first_crossing
 from gaitsweep.engine.recorders.recorder import (
     Beginning,
@@ -24,7 +25,7 @@ from gaitsweep.engine.recorders.recorder import (
     attempts_until,
     readings_at_the_end,
 )
-from gaitsweep.engine.recorders.settle import Memory, SettleRecorder, change
+from gaitsweep.engine.recorders.settle import Memory, SettleRecorder
 from gaitsweep.engine.shapes import Integer, Number, Observed
 from gaitsweep.row_outcome import RowNumber, RowOutcome
 
