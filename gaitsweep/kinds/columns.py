@@ -248,7 +248,7 @@ def quantities_of(model: Model, columns: Sequence[Column] = ()) -> dict[str, dic
         **{c.name: Quantity(c.name, *COLUMNS[c.name]) for c in columns if c.name in COLUMNS},
         **{c.name: c.quantity for c in columns if c.quantity is not None},
     }
-    if (fall := (type(model).failed.__doc__ or "").strip().partition("\n")[0]) and "status" in named:
+    if (fall := (type(model.original).failed.__doc__ or "").strip().partition("\n")[0]) and "status" in named:
         meaning = f"{named['status'].meaning}; fell: {fall[0].lower()}{fall[1:].removesuffix('.')}"
         named["status"] = dataclasses.replace(named["status"], meaning=meaning)
     return {
