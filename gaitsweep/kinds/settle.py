@@ -13,7 +13,9 @@ from gaitsweep import near_miss
 from gaitsweep.contract import Model, Status
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.settle import FIRST_TEST, HOLD, MAX_PERIOD, SettleRecorder, tolerances
+from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.engine.sweep.boundary_cells import Grid
+from gaitsweep.engine.tangents import coordinate_count
 from gaitsweep.kinds.columns import (
     GAIT,
     OUTCOME,
@@ -30,6 +32,7 @@ from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import (
     Count,
+    CountOrZero,
     InvalidValue,
     Positive,
     PositiveOrEach,
@@ -74,7 +77,11 @@ class Settle(RunKind):
     compared: ClassVar = "settled"
     one_a_row: ClassVar[bool] = True
     # without refinement every row runs, whatever the other two fields are; results are older than max_period
-    idle_without: ClassVar = {"refine": ("refine", "over", "coarse"), "max_period": ("max_period",)}
+    idle_without: ClassVar = {
+        "refine": ("refine", "over", "coarse"),
+        "max_period": ("max_period",),
+        "exponents": ("exponents",),
+    }
 
     kind: Literal["settle"] = Field(
         init=False,
@@ -92,6 +99,12 @@ class Settle(RunKind):
         default=None,
         description=f"crossings of the longest orbits that settle, at most {MOST_PERIOD}; by default "
         f"{MAX_PERIOD}. They settle after {SETTLING_PERIODS} times as many crossings at the earliest",
+    )
+    exponents: CountOrZero = Field(
+        default=0,
+        description="Lyapunov exponents to compute, the largest first: columns lyapunov_1, ... (1/s) with "
+        "standard errors; rows that do not settle may then end as chaotic or quasi_periodic, where "
+        "`max_cycles` is 64 or more",
     )
     refine: Annotated[Literal["boundary"], word("boundary")] | None = Field(
         default=None,
@@ -113,9 +126,8 @@ class Settle(RunKind):
 
     def recorder(self, model: Model) -> SettleRecorder:
         longest = self.max_period or MAX_PERIOD
-        return SettleRecorder(
-            model, self.max_cycles, tolerances(model, self.tolerance), self.max_time, longest
-        )
+        tolerance = tolerances(model, self.tolerance)
+        return SettleRecorder(model, self.max_cycles, tolerance, self.max_time, longest, self.exponents)
 
     def columns(self, model: Model) -> list[Column]:
         return [
@@ -142,7 +154,23 @@ class Settle(RunKind):
                 f"give a run.max_cycles of {needed} or more; it is {self.max_cycles}."
             )
             wrong.append(Diagnostic(("run", "max_period"), text))
-        return wrong
+        return [*wrong, *self._check_exponents(rows.model, method)]
+
+    def _check_exponents(self, model: Model, method: str) -> list[Diagnostic]:
+        """Diagnostics about exponents of a map without a derivative, or more of them than it has."""
+        if not self.exponents:
+            return []
+        try:
+            refusal = derivative_refusal(method, model)
+        except ValueError:  # which the check of the method reports
+            return []
+        if refusal is not None:
+            text = f"is {method}, with which a return map has no derivative: {refusal}"
+            return [Diagnostic(("numerics", "method"), text)]
+        if self.exponents > (count := coordinate_count(model)):
+            text = f"is {self.exponents}, but the section of {model.name} has {count} coordinates."
+            return [Diagnostic(("run", "exponents"), text)]
+        return []
 
     def rests(self, model: Model, records: pd.DataFrame) -> pd.DataFrame:
         period = records["attractor_period"].to_numpy()

@@ -9,6 +9,7 @@ at a corner are separate attractors.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -19,7 +20,7 @@ from jaxtyping import Bool, Float, Int
 
 from gaitsweep.analysis.basins.state_space import Space, StateArray, extent, state_columns
 from gaitsweep.analysis.records import AnalysisError, require
-from gaitsweep.contract import Status
+from gaitsweep.contract import RECURRENT, Status
 
 Links = Int[np.ndarray, "links 2"]  # pairs of states
 Groups = Int[np.ndarray, " states"]  # a number for each state
@@ -32,6 +33,9 @@ BENT = 0.05  # variance across a line over that along it, at a corner; 0.25 at a
 MOST_CELLS = 8192  # the time of the spanning tree grows with their square
 GAP = 3.0  # least ratio of successive link lengths at a gap between attractors
 
+CLOUDED = 3.0  # largest ratio of the mean distance to an attractor without a period, to that within it
+MOST_STATES = 2000  # states by which such an attractor is known
+
 _KINDS = ("point", "line", "surface", "space")
 
 
@@ -42,13 +46,15 @@ class Attractors:
     `column`: the attractor of each row, a category; NaN where the row did not settle or was inferred. Rows at
     rest (at a fixed point of the flow) are in no attractor with rows that settled on their section. Rows on
     orbits of p crossings are in one attractor if their crossings are linked in turn, from whichever crossing
-    on; in tables of older versions, which have one crossing of each, they all are `period p`.
+    on; in tables of older versions, which have one crossing of each, they all are `period p`. Chaotic and
+    quasi-periodic rows are in one attractor if their crossings are a sample of one set (`_grouped_clouds`).
     `summary`: one record an attractor: attractor (its name), rows, share (of the settled rows), the columns
     of a state in its middle (of an orbit: at a crossing), extent (the distance between its ends, in the
     columns' unit, over whole turns; NaN for orbits), dimension and kind (point, line, surface, or space from
-    3 dimensions on; `rest` at rest; `period p`). `link`: the largest link within an attractor that is no
-    orbit, inf where there is one attractor. `grain`: the distance below which states are equal. `states`:
-    states of each attractor by its name, (m, d), one for each cell, in units of the scales.
+    3 dimensions on; `rest` at rest; `period p`; `chaotic`; `quasi_periodic`). `link`: the largest link within
+    an attractor of settled states, inf where there is one attractor. `grain`: the distance below which states
+    are equal. `states`: states of each attractor by its name, (m, d), one for each cell, in units of the
+    scales.
     """
 
     column: pd.Series
@@ -111,8 +117,12 @@ def attractors(
     orbits = _orbits(table)
     periods = [int(p) for p in np.unique(orbits[orbits > 1])]
     cycles = [
-        (p, *cycle) for p in periods for cycle in _grouped_orbits(space, table, columns, p, grain, link)
+        (f"period {p}", *cycle)
+        for p in periods
+        for cycle in _grouped_orbits(space, table, columns, p, grain, link)
     ]
+    for status in sorted(RECURRENT):
+        cycles += [(status, *cloud) for cloud in _grouped_clouds(space, table, columns, status)]
     link = linking_distance(lengths, binned.side, len(points)) if link is None else link
     flat = space.unrolled(states, links)
     group = components(len(states), links[lengths <= link])
@@ -128,17 +138,18 @@ def attractors(
     codes[settled] = np.argsort(order, kind="stable")[group[binned.of]]
     names = [*members]
     states_of = {name: states[own] for name, own in members.items()}
-    for p, rows, crossings in cycles:
+    for kind, rows, crossings in cycles:
         codes[rows] = len(names)
-        names.append(f"A{len(names) + 1}" if len(crossings) else f"period {p}")
+        names.append(f"A{len(names) + 1}" if len(crossings) else kind)
         states_of |= {names[-1]: crossings} if len(crossings) else {}
     column = pd.Series(pd.Categorical.from_codes(codes.tolist(), names), index=table.index, name="attractor")
     records = []
     for own in members.values():
         record = _described(space, states[own], flat[own], binned.side, columns)
         records.append(record | ({"kind": "rest"} if resting[own].any() else {}))
-    for p, rows, _ in cycles:
-        records.append(dict(table.iloc[rows[0]][columns]) | {"dimension": 0, "kind": f"period {p}"})
+    for kind, rows, _ in cycles:
+        dimension = {"dimension": 0} if kind.startswith("period") else {}
+        records.append(dict(table.iloc[rows[0]][columns]) | dimension | {"kind": kind})
     summary = pd.DataFrame(records, columns=[*columns, "extent", "dimension", "kind"])
     rows = np.bincount(codes[codes >= 0], minlength=len(names))
     counted = pd.DataFrame({"attractor": names, "rows": rows, "share": rows / max(rows.sum(), 1)})
@@ -214,6 +225,47 @@ def _grouped_orbits(
     order = np.argsort(-np.bincount(group), kind="stable")
     cell = binned.of.reshape(-1, p)
     return [(rows[group == own], states[np.unique(cell[group == own])]) for own in order]
+
+
+def _grouped_clouds(
+    space: Space, table: pd.DataFrame, columns: Sequence[str], status: str
+) -> list[tuple[Int[np.ndarray, " rows"], StateArray]]:
+    """The rows of a status on each attractor without a period, the most frequent first, and its states.
+
+    A row is on an attractor if its crossings lie as near to those of the rows found there as these lie to
+    each other, within a factor of `CLOUDED` in the means of the distances to the nearest one.
+    """
+    last = itertools.takewhile(lambda k: f"{columns[0]}_{k}" in table, itertools.count(2))
+    names = [list(columns), *([f"{name}_{k}" for name in columns] for k in last)]
+    rows = np.flatnonzero((table["status"].astype(str) == status).to_numpy())
+    crossings = np.stack([space.points(table.iloc[rows], own) for own in names], axis=1)
+    known = np.isfinite(crossings).all(axis=(1, 2))
+    clouds: list[tuple[list[int], StateArray]] = []
+    for row, cloud in zip(rows[known].tolist(), crossings[known], strict=True):
+        clouds.append(([row], cloud))
+        # what the row joins may then be near to others
+        while (near := _near_cloud(space, clouds)) is not None:
+            members, states = clouds.pop()
+            clouds[near] = (clouds[near][0] + members, _thinned(np.concatenate([clouds[near][1], states])))
+            clouds.append(clouds.pop(near))
+    clouds.sort(key=lambda cloud: -len(cloud[0]))
+    return [(np.array(members), states) for members, states in clouds]
+
+
+def _near_cloud(space: Space, clouds: Sequence[tuple[list[int], StateArray]]) -> int | None:
+    """The place of a cloud that is a sample of the same set as the last one; None: there is none."""
+    newest = clouds[-1][1]
+    for place, (_, states) in enumerate(clouds[:-1]):
+        fewer, more = sorted((newest, states), key=len)
+        own = np.asarray(space.tree(more).query(more, k=2)[0])[:, 1].mean()
+        if space.nearest_distance(fewer, more).mean() <= CLOUDED * own:
+            return place
+    return None
+
+
+def _thinned(states: StateArray) -> StateArray:
+    """At most `MOST_STATES` of some states, evenly spaced among them."""
+    return states[:: -(-len(states) // MOST_STATES)]
 
 
 def _cut_at_corners(
