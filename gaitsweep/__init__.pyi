@@ -55,7 +55,7 @@ from gaitsweep.kinds import Staircase as Staircase
 from gaitsweep.kinds import Trace as Trace
 from gaitsweep.models.conformity import fault as fault
 from gaitsweep.runs.prepare import RunError as RunError
-from gaitsweep.runs.self_check import SelfCheckError as SelfCheckError
+from gaitsweep.runs.self_check_result import SelfCheckError as SelfCheckError
 from gaitsweep.skeleton import Limb as Limb
 from gaitsweep.skeleton import LimbLook as LimbLook
 from gaitsweep.skeleton import Skeleton as Skeleton

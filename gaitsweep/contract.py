@@ -510,7 +510,7 @@ class HybridModel(Model):
 
     1. A model gives what `Model` asks for, `flow` and `guards`.
     2. It may give the optional members of `Model`, and those of this class: `linear`, `recommended`,
-       `fast_modes`, `locates_events` and `fixed_step_scheme` for the method, `simultaneous`, `longest_chain`
+       `fast_modes`, `locates_events` and `fixed_step_scheme` for the method, `simultaneous`, `longest_chain`,
        `guard_names` and `occurred` for the events, `energies` for the check of the flow.
     3. The engine alone calls the functions.
     """

@@ -19,11 +19,12 @@ class RowNumber:
     """A number of a row's result, by whose declaration it reaches the table.
 
     Args:
-        name: its name. dtype: type of its stored values; along a trajectory it is an int32, or a float of
-        the run's precision. absent: its value in rows that have not ended or were not simulated, and where
-        a trajectory begins. quantity: unit and meaning of its column; None if the run kind declares the
-        column itself. crossings: if not 0, it has the values of all observables at so many crossings, one
-        crossing after the other, and is not among the numbers that a recorder sets.
+        name: its name.
+        dtype: type of its stored values; along a trajectory an int32, or a float of the run's precision.
+        absent: its value in rows that have not ended or were not simulated, and at the start of a trajectory.
+        quantity: unit and meaning of its column; None if the run kind declares the column itself.
+        crossings: if not 0, the number of crossings at which it holds the values of all observables, one
+            crossing after the other; a recorder does not set such a number.
     """
 
     name: str

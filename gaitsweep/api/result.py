@@ -229,10 +229,10 @@ def refuse_of_session(model: str) -> None:
 
 def cluster_of(client: Client, collect: bool = False) -> Cluster:
     """Return the workers of a `distributed.Client`; with `collect` no directory is shared with them."""
-    from gaitsweep.runs.cluster.connection import GivenClient
+    from gaitsweep.runs.cluster.connection import UserClient
     from gaitsweep.runs.cluster.dispatch import Cluster
 
-    return Cluster(GivenClient(client), collect=collect, on_message=warn)
+    return Cluster(UserClient(client), collect=collect, on_message=warn)
 
 
 def run_in_memory(job: Job, client: Client | None = None) -> Result:

@@ -28,16 +28,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Num
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Params, Rates, State
-from gaitsweep.engine.hidden_events import (
-    PROBES,
-    between,
-    guard_slopes,
-    may_bend,
-    may_hide,
-    may_switch,
-    switches_within,
-    unresolved,
-)
+from gaitsweep.engine.hidden_events import PROBES, between, guard_slopes, may_hide, unresolved
 from gaitsweep.engine.numerics import (
     FEWEST_STEPS,
     ORDER,
@@ -49,6 +40,7 @@ from gaitsweep.engine.rarity import likely, unlikely
 from gaitsweep.engine.shapes import Flag, GuardFlags, Guards, Integer, Number
 from gaitsweep.engine.solver import METHODS, Method, Step, euler_update, fixed_step_scheme
 from gaitsweep.engine.solver.taylor import bends_back, first_zero, order_of, polynomial
+from gaitsweep.engine.switches import may_bend, may_switch, switches_within
 
 
 class Halt:

@@ -174,17 +174,20 @@ def row_number(quantity: Quantity) -> Column:
 
 
 def _status(records: Records) -> pd.Categorical:
+    """The status of each record's row."""
     # statuses are numbered from 0, running
     return categorical(records.of_row(records.block.status) - 1, STATUSES)
 
 
 def _crossing(records: Records) -> Real[np.ndarray, " records"]:
+    """The number of each record's crossing."""
     # a row that kept no crossing has the number of those that it made
     cycles = records.of_row(records.block.cycles)
     return np.where(records.recorded, records["crossing"], cycles).astype(np.int64)
 
 
 def _gait(records: Records) -> pd.Categorical:
+    """The gait of each record."""
     return gaits(records.model, records.label("gait", -1))
 
 
@@ -238,7 +241,7 @@ def gaits(model: Model, codes: Int[np.ndarray, " rows"]) -> pd.Categorical:
 
 
 def quantities_of(model: Model, columns: Sequence[Column] = ()) -> dict[str, dict[str, Any]]:
-    """Return unit, meaning and symbol of the table's columns, for readers and for figures.
+    """Unit, meaning, symbol and circularity of the table's columns, by name.
 
     The meaning of `status` has the first line of the docstring of the model's `failed`.
     """

@@ -7,6 +7,7 @@ from typing import ClassVar, Literal
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 from pydantic import Field
 
 from gaitsweep.contract import Model
@@ -67,7 +68,7 @@ class Ramp(RunKind):
 def moving_columns(parameter: str, schedule: RampSchedule, repeats: bool) -> list[Column]:
     """The pass and the value of a parameter that moves, at the time `t` of each record."""
 
-    def value(records: Records) -> np.ndarray:
+    def value(records: Records) -> Float[np.ndarray, " records"]:
         t = records["t"]
         return np.where(np.isnan(t), np.nan, np.asarray(schedule.at(jnp.asarray(np.nan_to_num(t)))))
 

@@ -12,7 +12,8 @@ from pydantic import Field, PlainValidator, WithJsonSchema
 from gaitsweep import near_miss
 from gaitsweep.contract import Model, Status
 from gaitsweep.design import Design
-from gaitsweep.engine.recorders.settle import FIRST_TEST, HOLD, MAX_PERIOD, SettleRecorder, tolerances
+from gaitsweep.engine.recorders.bounds import tolerances
+from gaitsweep.engine.recorders.settle import FIRST_TEST, HOLD, MAX_PERIOD, SettleRecorder
 from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.engine.sweep.boundary_cells import Grid
 from gaitsweep.engine.tangents import coordinate_count
@@ -51,6 +52,7 @@ LIKELY_SHARE = 0.4
 
 
 def _power_of_two(value: Any) -> int:
+    """Read a power of two from 2 to `MOST_COARSE`."""
     whole = read_whole(value, low=2, high=MOST_COARSE)
     if whole & (whole - 1):
         below = 1 << (whole.bit_length() - 1)
@@ -59,6 +61,7 @@ def _power_of_two(value: Any) -> int:
 
 
 def _period(value: Any) -> int:
+    """Read a number of crossings from 1 to `MOST_PERIOD`."""
     return read_whole(value, low=1, high=MOST_PERIOD)
 
 

@@ -8,11 +8,12 @@ from typing import Literal
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 from pydantic import Field
 
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
-from gaitsweep.engine.recorders.settle import tolerances
+from gaitsweep.engine.recorders.bounds import tolerances
 from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.engine.recorders.stairs import StepSchedule
 from gaitsweep.kinds.columns import (
@@ -66,10 +67,10 @@ class Staircase(RunKind):
     def columns(self, model: Model) -> list[Column]:
         schedule = self.schedule()
 
-        def stair(records: Records) -> np.ndarray:
+        def stair(records: Records) -> Float[np.ndarray, " records"]:
             return np.where(records.recorded, records["stair"], 0.0).astype(np.float64)
 
-        def value(records: Records) -> np.ndarray:
+        def value(records: Records) -> Float[np.ndarray, " records"]:
             values = np.asarray(schedule.value(jnp.asarray(stair(records))))
             return np.where(records.recorded, values, np.nan)
 

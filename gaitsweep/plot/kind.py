@@ -156,9 +156,10 @@ class FigureKind(FigureStyle):
         """The name of its file without ending."""
         return getattr(self, "name", None) or self.kind_name
 
-    def suits(self, run: RunKind) -> bool:
-        """Whether it can be drawn from a run's table."""
-        return run.kind_name in self.runs or self.kind_name in run.figures
+    @classmethod
+    def suits(cls, run: type[RunKind]) -> bool:
+        """Whether it can be drawn from the table of a run of this kind."""
+        return kind_of(run) in cls.runs or kind_of(cls) in run.figures
 
     def columns(self) -> dict[str, str]:
         """The columns that it names, by field."""

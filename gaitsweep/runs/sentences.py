@@ -176,8 +176,9 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
         )
     for name, about in (manifest.get(STARTS_BEYOND) or {}).items():
         sentences.append(
-            f"{_rows(about)} began on or beyond the surface of the event {name!r}, which happens only "
-            "after its function has been below zero."
+            f"{_rows(about)} began where the function of the event {name!r} is zero or above. The event "
+            "happens when its function rises through zero: not at that start, and never if the function "
+            "does not fall below zero first. Start before the event if it should happen."
         )
     for name, about in (manifest.get(MISLABELLED) or {}).items():
         label = name.removeprefix(UNKNOWN_GAIT).strip(" ()")

@@ -175,4 +175,4 @@ def _leave(
         if np.all(left.any(axis=0) | ends.all(axis=0)):
             break
     left |= (distance > GROWN * first) & (distance > FASTER * halfway)
-    return left.any(axis=0)
+    return np.asarray(left.any(axis=0))

@@ -57,7 +57,8 @@ def settled(model: Any, *, cycles: int, exponents: int = 1, engine: str = "kerne
 
 def pooled(table: pd.DataFrame, name: str = "lyapunov_1") -> tuple[float, float]:
     """The mean of an exponent over rows on one attractor, and its standard error by those of the rows."""
-    return table[name].mean(), np.sqrt((table[f"{name}_error"] ** 2).sum()) / len(table)
+    values, errors = table[name].to_numpy(float), table[f"{name}_error"].to_numpy(float)
+    return float(values.mean()), float(np.sqrt(np.sum(errors**2)) / len(values))
 
 
 @pytest.mark.parametrize("engine", ["kernel", pytest.param("xla", marks=pytest.mark.slow)])

@@ -19,9 +19,11 @@ import gaitsweep as gs
 from gaitsweep.cli import main
 from gaitsweep.job import Job
 from gaitsweep.kinds.run_kind import RunKind
-from gaitsweep.runs import execute
+from gaitsweep.runs import concurrent_self_check, execute
 from gaitsweep.runs.execute import run_job
-from gaitsweep.runs.self_check import SelfCheck, counted, sample_rows
+from gaitsweep.runs.observable_changes import counted
+from gaitsweep.runs.sampled_rows import sample_rows
+from gaitsweep.runs.self_check_result import SelfCheck
 from gaitsweep.runs.sentences import advice, self_check_sentence
 from gaitsweep.table import directory
 
@@ -122,7 +124,7 @@ def test_its_failure_beside_the_rows_is_raised_and_the_table_is_complete(
     def fails(*_: Any) -> dict[str, Any]:
         raise RuntimeError("no check")
 
-    monkeypatch.setattr(execute, "self_check", fails)
+    monkeypatch.setattr(concurrent_self_check, "self_check", fails)
     with pytest.raises(RuntimeError, match="no check"):
         gs.run(job(vary={"x_0": [0.5, 0.8]}), tmp_path / "out")
     assert gs.load(tmp_path / "out").attrs["complete"]
@@ -144,7 +146,7 @@ def test_stopped_rows_stop_it(tmp_path: Path, beside: None, monkeypatch: pytest.
         assert called.wait(10.0)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(execute, "self_check", endless)
+    monkeypatch.setattr(concurrent_self_check, "self_check", endless)
     with pytest.raises(KeyboardInterrupt):
         run_job(job(vary={"x_0": [0.5, 0.8]}), tmp_path / "out", on_progress=stop)
 

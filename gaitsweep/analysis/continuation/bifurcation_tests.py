@@ -344,7 +344,7 @@ def _exact(problem: ContinuationProblem, near: BranchPoints, kind: str) -> Compu
         return None
     k, size = len(problem.held.which), near.points.at.shape[1]
     parameter = problem.low + (problem.high - problem.low) * exact.unknowns[[size + k]]
-    values = {**problem.values, problem.parameter: parameter}
+    values = problem.values_at(parameter)
     images = yield Request(problem.mapping, problem.parameter, exact.point, values)
     tangent = problem.tangents(images, near.tangent)
     if not (images.sound[0] and np.isfinite(tangent).all()):

@@ -71,11 +71,11 @@ class Kernel:
         """
         return chunk_of(self.lane, *self.shapes)
 
-    def stored(self, what: str, work_out: Callable[[], Any], *others: Any) -> Any:
+    def stored(self, name: str, compute: Callable[[], Any], *others: Any) -> Any:
         """As `stored_programs.stored`, for this run; the program of a ramp or staircase is not stored."""
         lane = self.lane
         deciding = None if lane.driven else (lane.recorder, lane.numerics, *others)
-        return stored(what, lane.model, deciding, work_out)
+        return stored(name, lane.model, deciding, compute)
 
     def _read_leaves(self) -> tuple[dict[str, tuple[int, tuple[int, ...]]], int]:
         record, carry = self.chunk.record, self.chunk.carry

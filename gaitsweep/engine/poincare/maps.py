@@ -217,16 +217,14 @@ class FollowedMap(Map):
 
 
 @dataclasses.dataclass(frozen=True)
-class IteratedMap(Map):
-    """A map applied several times; it has the programs of the map, and derivatives by the chain rule.
+class DerivedMap(Map):
+    """A map that is made of another one, on the same space.
 
     Args:
-        base: the map.
-        count: the number of its applications.
+        base: the other map.
     """
 
     base: Map
-    count: int
 
     @property
     def coordinates(self) -> tuple[Quantity, ...]:
@@ -239,6 +237,18 @@ class IteratedMap(Map):
     @property
     def durations(self) -> tuple[str, ...]:
         return self.base.durations
+
+
+@dataclasses.dataclass(frozen=True)
+class IteratedMap(DerivedMap):
+    """A map applied several times; it has the programs of the map, and derivatives by the chain rule.
+
+    Args:
+        base: the map.
+        count: the number of its applications.
+    """
+
+    count: int
 
     def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
         image, modes, status, observed = self.base.follow(values, at, modes)
@@ -267,8 +277,8 @@ class IteratedMap(Map):
         events: list[Events] = [[] for _ in range(len(points))]
         begun = np.zeros(len(points))
         for _ in range(self.count):
-            for own, more, at in zip(events, self.base.events(points, values), begun, strict=True):
-                own += [(at + t, name) for t, name in more]
+            for so_far, new, start in zip(events, self.base.events(points, values), begun, strict=True):
+                so_far += [(start + t, name) for t, name in new]
             images = self.base.images(points, values)
             points, begun = images.points, begun + images.observed.get("time", 0.0)
         return events
@@ -300,12 +310,12 @@ class IteratedMap(Map):
 
 @cached_by_content(maxsize=64)
 def _program(mapping: Map, over: str | None, derivatives: bool) -> Any:
-    """The map of a batch of points, compiled for each batch size."""
+    """The map of a batch of points and its derivatives, compiled for each batch size."""
 
     def one(values: Any, at: Coordinates, modes: State) -> Any:
         size = at.size
 
-        def moved(x: Float[Array, " variables"]) -> Any:
+        def image_of(x: Float[Array, " variables"]) -> Any:
             parameters = values if over is None else {**values, over: x[size]}
             image, state, status, observed = mapping.follow(parameters, x[:size], modes)
             conserved = mapping.conserved_values(parameters, x[:size])
@@ -313,9 +323,9 @@ def _program(mapping: Map, over: str | None, derivatives: bool) -> Any:
 
         x = at if over is None else jnp.concatenate([at, values[over][None]])
         if derivatives:
-            slopes, outputs = jax.jacfwd(moved, has_aux=True)(x)
+            slopes, outputs = jax.jacfwd(image_of, has_aux=True)(x)
         else:
-            _, outputs = moved(x)
+            _, outputs = image_of(x)
             gradients = jax.jacfwd(lambda at: mapping.conserved_values(values, at))(at)
             slopes = jnp.concatenate([jnp.full((size, size), jnp.nan), gradients])
         return (*outputs, slopes)

@@ -19,13 +19,7 @@ from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.leaves import AllVariables
 from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
 from gaitsweep.engine.poincare.event_record import EventRecord, recorded_return
-from gaitsweep.engine.poincare.maps import (
-    BATCH_SIZES,
-    Coordinates,
-    Events,
-    Points,
-    Values,
-)
+from gaitsweep.engine.poincare.maps import BATCH_SIZES, Coordinates, Events, Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.poincare_return import Returned, crossing_of
 from gaitsweep.engine.solver import fixed_step_scheme
@@ -61,10 +55,6 @@ class BatchedReturnMap(ModelMap):
             return None
         return dataclasses.replace(self, numerics=self.integration.refined(factor))
 
-    @property
-    def durations(self) -> tuple[str, ...]:
-        return ("time",)
-
     def _chart(self) -> Chart:
         return self.model.chart() or AllVariables.of(self._shape)
 
@@ -88,8 +78,8 @@ class BatchedReturnMap(ModelMap):
             batch, own = points[order], {name: column[order] for name, column in complete.items()}
             pieces.append(jax.tree.map(np.asarray, _recorder(self)(own, batch.at, batch.modes)))
         times, counts = (np.concatenate(leaves)[: len(points)] for leaves in zip(*pieces, strict=True))
-        given = self.model.guard_names if isinstance(self.model, HybridModel) else ()
-        names = given or [f"guard {guard + 1}" for guard in range(counts.shape[1])]
+        declared = self.model.guard_names if isinstance(self.model, HybridModel) else ()
+        names = declared or [f"guard {guard + 1}" for guard in range(counts.shape[1])]
         events: list[Events] = []
         for own, of_guards in zip(times, counts, strict=True):
             timed = [(float(own[k, g]), names[g]) for g in range(len(names)) for k in range(len(own))]

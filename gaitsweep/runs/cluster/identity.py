@@ -75,6 +75,7 @@ def own_modules(context: RunContext) -> tuple[tuple[str, str], ...]:
 
 @functools.cache
 def _source_digest() -> str:
+    """The sha256, in hex, of gaitsweep's source files."""
     root = Path(__file__).parents[2]
     digest = hashlib.sha256()
     for file in sorted(root.rglob("*.py")):

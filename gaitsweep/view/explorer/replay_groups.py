@@ -248,9 +248,9 @@ class ReplayBranches(ReplayGroup):
     ) -> None:
         run = context.job.run
         assert isinstance(run, FollowsFixedPoints)
-        found = run.followed_again(context.design, context.spec, rows, on_progress)
-        assert found is not None
-        mapping, values, followed = found
+        branches = run.followed_again(context.design, context.spec, rows, on_progress)
+        assert branches is not None
+        mapped, followed = branches
         names = [table[name].to_numpy(np.int64) for name in ("row", *run.point_names)]
         record_of = {point: record for record, point in enumerate(zip(*names, strict=True))}
         assert run.moved is not None
@@ -269,9 +269,9 @@ class ReplayBranches(ReplayGroup):
         self.rows = self.records  # each point is a trajectory of its own
         self.records_of = {record: [record] for record in self.records.tolist()}
         branch = np.array([point["row"] for point in points], np.int64)
-        parameters = {name: np.broadcast_to(v, rows.shape)[branch] for name, v in values.items()}
+        parameters = {name: np.broadcast_to(v, rows.shape)[branch] for name, v in mapped.values.items()}
         parameters[run.moved] = np.array([point[run.moved] for point in points], float)
-        self._start = states_at(mapping, [point["at"].points for point in points], parameters)
+        self._start = states_at(mapped.mapping, [point["at"].points for point in points], parameters)
 
     def windows(self, period: float) -> Windows:
         longest = float(np.nanmax(np.asarray(self.table["time"], float)[self.records]))
