@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.engine.poincare.maps import wrap_difference
-from gaitsweep.engine.recorders.settle import LEAST_SCALE
+from gaitsweep.engine.recorders.bounds import LEAST_SCALE
 
 # The least size of an observable, as a share of its magnitude.
 LEAST_SIZE = 1e-2

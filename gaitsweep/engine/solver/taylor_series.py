@@ -122,9 +122,10 @@ class _Operation:
         else:
             raise NoRecurrenceError(f"JAX's operation {self.name}")
         for series, term in zip(self.results, terms, strict=True):
-            # where an array is constant and a number moves, the term of their sum is a number
-            fits = k == 0 or term is None
-            series.append(term if fits else jnp.broadcast_to(term, jnp.shape(series[0])))
+            if k > 0 and term is not None:
+                # where an array is constant and a number moves, the term of their sum is a number
+                term = jnp.broadcast_to(term, jnp.shape(series[0]))
+            series.append(term)
         return [series[k] for series in self.results]
 
     def bind(self, *args: Value) -> Value:
