@@ -19,6 +19,7 @@ from gaitsweep.api.result import Result as Result
 from gaitsweep.api.result import run as run
 from gaitsweep.api.stationary import StationaryPoints as StationaryPoints
 from gaitsweep.api.stationary import stationary as stationary
+from gaitsweep.api.trajectories import perturb as perturb
 from gaitsweep.api.trajectories import simulate as simulate
 from gaitsweep.api.trajectories import sweep as sweep
 from gaitsweep.contract import HybridModel as HybridModel
@@ -48,6 +49,7 @@ from gaitsweep.job import load_job as load_job
 from gaitsweep.kinds import Continuation as Continuation
 from gaitsweep.kinds import FixedTime as FixedTime
 from gaitsweep.kinds import Folds as Folds
+from gaitsweep.kinds import Perturb as Perturb
 from gaitsweep.kinds import Ramp as Ramp
 from gaitsweep.kinds import ReturnMap as ReturnMap
 from gaitsweep.kinds import Settle as Settle

@@ -25,6 +25,7 @@ class RowNumber:
         quantity: unit and meaning of its column; None if the run kind declares the column itself.
         crossings: if not 0, the number of crossings at which it holds the values of all observables, one
             crossing after the other; a recorder does not set such a number.
+        compared: whether the self-check compares it, as it does the gait.
     """
 
     name: str
@@ -32,6 +33,7 @@ class RowNumber:
     absent: float = 0
     quantity: Quantity | None = None
     crossings: int = 0
+    compared: bool = False
 
     def shape(self, observables: int) -> tuple[int, ...]:
         """Its shape in one row."""

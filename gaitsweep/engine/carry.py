@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -40,9 +40,10 @@ class Carry:
     event; `chain` the jumps at this instant; `attempts` their total number; `closed` whether the section was
     crossed at this instant, before other guards that wait for their jump, and `shift` the time (s) of their
     events after that crossing: zero, but for its derivative; `stop` the time (s) at which to halt; `halt` the
-    reason why the trajectory waits. Constants of the trajectory: `dt` its longest step (s), `share` the
-    factor on that step, by which tolerances are finer as well, and `unit` the nominal period (s), the unit of
-    the tolerance on event times.
+    reason why the trajectory waits; `tangents` its derivatives along some directions (`tangents.Tangent`), if
+    they are followed. Constants of the trajectory: `dt` its longest step (s), `share` the factor on that
+    step, by which tolerances are finer as well, and `unit` the nominal period (s), the unit of the tolerance
+    on event times.
     """
 
     state: State
@@ -63,6 +64,7 @@ class Carry:
     dt: Number
     share: Number
     unit: Number
+    tangents: Any = ()
 
 
 def start(

@@ -81,7 +81,9 @@ Window = Annotated[
     "beginning and end of the time that is shown, in s; by default all",
 ]
 
-TEXT_COLUMNS = frozenset({"status", "gait", "outcome", "special", "end", "slowest", "stalled_by"})
+TEXT_COLUMNS = frozenset(
+    {"status", "gait", "outcome", "special", "end", "slowest", "stalled_by", "recovery", "gait_before"}
+)
 
 Coloured = Literal["gaits", "periods", "none"]
 Refusal = tuple[Path, str]  # where in the figure, and the end of the sentence

@@ -168,7 +168,7 @@ class _SideBySide:
         return None, largest
 
     def _stepped(self, states: Any, begins: bool, tolerance: float) -> tuple[Any, np.ndarray]:
-        """The states after each step, and its controls; with `begins`, each step starts from its own state."""
+        """The states after each step, and its controls; with `begins` each step has its own start."""
         flags = np.full(self._steps, begins)
         outputs = self._program(self._params, states, flags, np.full(self._steps, tolerance))
         return jax.tree.map(np.asarray, outputs)
