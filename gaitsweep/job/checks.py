@@ -20,7 +20,8 @@ from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.kinds.run_kind import Movement, table_columns
 from gaitsweep.models.conformity import NAMED, faults_of_rows, idle_starts, sets_starts
 from gaitsweep.plot.figure_style import FigureStyle
-from gaitsweep.plot.kind import FIGURES, FigureKind, PlannedTable
+from gaitsweep.plot.kind import FIGURES, FigureKind
+from gaitsweep.plot.planned_table import PlannedTable
 from gaitsweep.plot.style_names import StyleNames
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, Path, unknown_name
 from gaitsweep.schema.strict_model import kind_of
