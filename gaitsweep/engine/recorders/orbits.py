@@ -19,10 +19,13 @@ EQUAL = 0.01
 def with_orbits(numbers: Mapping[str, Num[np.ndarray, "rows ..."]]) -> dict[str, Num[np.ndarray, "rows ..."]]:
     """The numbers of ended rows with `orbit`, the crossings before the last one, the latest first.
 
-    They are in the recorder's `window` (n, crossings, observables + 2), the last one first.
+    They are in the recorder's `window` (n, crossings, observables + 2), the last one first. Observables at
+    other crossings (n, crossings, observables) stand one crossing after the other, too.
     """
     if "window" not in numbers:
         return {**numbers}
+    several = {name for name, values in numbers.items() if values.ndim == 3 and name != "window"}
+    numbers = {**numbers, **{name: numbers[name].reshape(len(numbers[name]), -1) for name in several}}
     others = numbers["window"][:, 1:, :-2].reshape(len(numbers["window"]), -1)
     return {**numbers, "orbit": np.where(numbers["period"][:, None] > 1, others, np.nan)}
 
