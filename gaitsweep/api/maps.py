@@ -165,9 +165,9 @@ class FixedPointsOfModel(abc.ABC):
         self._check()
         points, conserved = self._points(x)[0], self.conserved if fix is None else fix
         mapping: Map = self.mapping
-        held: Sequence[str] | dict[str, float | None] = conserved
+        constrained: Sequence[str] | dict[str, float | None] = conserved
         if parameter in self.conserved:
-            mapping, held = LevelMap(mapping, parameter), {**dict.fromkeys(conserved), parameter: 0.0}
+            mapping, constrained = LevelMap(mapping, parameter), {**dict.fromkeys(conserved), parameter: 0.0}
             images = self.mapping.linearised(points, self._values)
             begin = images.conserved_values[:, self.conserved.index(parameter)]
         else:
@@ -193,7 +193,7 @@ class FixedPointsOfModel(abc.ABC):
                 within=within,
                 begin=np.broadcast_to(begin, (len(points),)),
                 towards=direction,
-                fix=held,
+                fix=constrained,
                 with_points=isinstance(self._once, StationaryMap),
             )
             tables.append(branches.assign(direction=direction))

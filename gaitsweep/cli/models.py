@@ -134,7 +134,7 @@ def check_model(
     from gaitsweep import models as registry
     from gaitsweep.cli import show
     from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
-    from gaitsweep.models.conformity import faults
+    from gaitsweep.models.value_faults import faults
 
     if steps is not None and not against_c:
         raise ArgumentError(f"STEPS is {steps}, but is allowed only with --against-c.")

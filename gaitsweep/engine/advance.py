@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
@@ -94,7 +94,8 @@ class Carry:
     event; `chain` the jumps at this instant; `attempts` their total number; `closed` whether the section was
     crossed at this instant, before other guards that wait for their jump, and `shift` the time (s) of their
     events after that crossing: zero, but for its derivative; `stop` the time (s) at which to halt; `halt` the
-    reason why the trajectory waits. Constants of the trajectory: `dt` its longest step (s), `share` the
+    reason why the trajectory waits; `tangents` its derivatives along some directions (`tangents.Tangent`), if
+    they are followed. Constants of the trajectory: `dt` its longest step (s), `share` the
     factor on that step, by which tolerances are finer as well, and `unit` the nominal period (s), the unit of
     the tolerance on event times.
     """
@@ -117,6 +118,7 @@ class Carry:
     dt: Number
     share: Number
     unit: Number
+    tangents: Any = ()
 
 
 Advance = Callable[[Params, Carry], Carry]

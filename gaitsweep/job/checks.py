@@ -18,7 +18,8 @@ from gaitsweep.expression import CONSTANTS, ExpressionError
 from gaitsweep.job.model_spec import ModelSpec
 from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.kinds.run_kind import Movement, table_columns
-from gaitsweep.models.conformity import NAMED, faults_of_rows, idle_starts, sets_starts
+from gaitsweep.models.conformity import idle_starts, sets_starts
+from gaitsweep.models.value_faults import NAMED, faults_of_rows
 from gaitsweep.plot.figure_style import FigureStyle
 from gaitsweep.plot.kind import FIGURES, FigureKind, PlannedTable
 from gaitsweep.plot.style_names import StyleNames

@@ -33,7 +33,7 @@ from gaitsweep.kinds.run_kind import Cost
 from gaitsweep.kinds.settle import SettlesRows, tolerance_field
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Flag, Positive, PositiveOrEach, Text
-from gaitsweep.table.reading import categorical
+from gaitsweep.table.frames import categorical
 
 # What the column `recovery` says, in the order in which figures list it.
 RECOVERIES = ("recovered", "elsewhere", "fell", "failed", "not settled", "not pushed")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -14,7 +15,9 @@ from gaitsweep.contract import Model, Status
 from gaitsweep.design import Design
 from gaitsweep.engine.recorders.bounds import TOLERANCE, tolerances
 from gaitsweep.engine.recorders.settle import FIRST_TEST, HOLD, MAX_PERIOD, SettleRecorder
+from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.engine.sweep.boundary_cells import Grid
+from gaitsweep.engine.tangents import coordinate_count
 from gaitsweep.kinds.columns import (
     GAIT,
     OUTCOME,
@@ -31,6 +34,7 @@ from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import (
     Count,
+    CountOrZero,
     InvalidValue,
     Positive,
     PositiveOrEach,
@@ -124,12 +128,22 @@ class Settle(SettlesRows):
     """Follow each row until its state at the section stops changing or repeats; one record per row."""
 
     # without refinement every row runs, whatever the other two fields are; results are older than max_period
-    idle_without: ClassVar = {"refine": ("refine", "over", "coarse"), "max_period": ("max_period",)}
+    idle_without: ClassVar = {
+        "refine": ("refine", "over", "coarse"),
+        "max_period": ("max_period",),
+        "exponents": ("exponents",),
+    }
 
     kind: Literal["settle"] = Field(
         init=False,
         description="settle: simulate until the state at the section stops changing, or repeats every 2 to "
         "`max_period` crossings",
+    )
+    exponents: CountOrZero = Field(
+        default=0,
+        description="Lyapunov exponents to compute, the largest first: columns lyapunov_1, ... (1/s) with "
+        "standard errors; rows that do not settle may then end as chaotic or quasi_periodic, where "
+        "`max_cycles` is 64 or more",
     )
     refine: Annotated[Literal["boundary"], word("boundary")] | None = Field(
         default=None,
@@ -150,7 +164,7 @@ class Settle(SettlesRows):
     )
 
     def recorder(self, model: Model) -> SettleRecorder:
-        return self.settling(model)
+        return dataclasses.replace(self.settling(model), exponents=self.exponents)
 
     def columns(self, model: Model) -> list[Column]:
         return [
@@ -167,7 +181,27 @@ class Settle(SettlesRows):
         ]
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
-        return [*self.check_settling(rows.model), *self._check_refinement(rows)]
+        return [
+            *self.check_settling(rows.model),
+            *self._check_refinement(rows),
+            *self._check_exponents(rows.model, method),
+        ]
+
+    def _check_exponents(self, model: Model, method: str) -> list[Diagnostic]:
+        """Diagnostics about exponents of a map without a derivative, or more of them than it has."""
+        if not self.exponents:
+            return []
+        try:
+            refusal = derivative_refusal(method, model)
+        except ValueError:  # which the check of the method reports
+            return []
+        if refusal is not None:
+            text = f"is {method}, with which a return map has no derivative: {refusal}"
+            return [Diagnostic(("numerics", "method"), text)]
+        if self.exponents > (count := coordinate_count(model)):
+            text = f"is {self.exponents}, but the section of {model.name} has {count} coordinates."
+            return [Diagnostic(("run", "exponents"), text)]
+        return []
 
     def rests(self, model: Model, records: pd.DataFrame) -> pd.DataFrame:
         period = records["attractor_period"].to_numpy()

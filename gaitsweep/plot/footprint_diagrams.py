@@ -32,6 +32,7 @@ _MOST_PANELS = 24
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    """Refuse a model without contacts, and a window that is not one."""
     if "contact_1" not in table.columns:
         yield figure.needs(table, "the signals contact_1, contact_2, ...")
     yield from check_window(figure)

@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Int
 
-from gaitsweep.contract import Model, Quantity, Status
+from gaitsweep.contract import RECURRENT, Model, Quantity, Status
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.columns import over_rows
 from gaitsweep.engine.numerics import STEP_FACTOR, tolerance_scale
@@ -211,6 +211,8 @@ class _Comparison:
         other_count = ~other_status & at_times & (not own) & (once.cycles != finer.cycles)
         # an orbit of several cycles may have been read at another of its points
         same = sound & ~other_status & ~other_gait & (once.numbers["period"] <= 1)
+        # nor do rows without a period end at one point
+        same &= ~RECURRENT.among(once.status)
         change = changes(model, ends, finer_ends)
         size = sizes(model.observables, self.with_starts(rows, ends))
         check.record_changes(model.observables, change[same], size)
@@ -233,6 +235,8 @@ class _Comparison:
                 flips |= _others(spec.recorder, moved, once.take(differs))
                 flips |= at_times & (moved.cycles != once.cycles[differs])
                 spread = np.fmax(spread, changes(model, end_values_of(spec.recorder, moved), ends[differs]))
+            # whether a chaotic row falls after many cycles is decided by the smallest of its errors
+            flips |= (once.status[differs] == Status.chaotic) | (finer.status[differs] == Status.chaotic)
             wrong = np.any(off[differs] & (change[differs] > spread / MOVED * LOCAL_ERROR), axis=1)
             discrete = (other_status | other_gait | other_count)[differs]
             sensitive = np.where(discrete, flips | (other_count[differs] & ~wrong), ~wrong)

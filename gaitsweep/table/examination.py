@@ -43,14 +43,16 @@ class Examination:
     The iteration over `parts` sets `footers` of valid parts and `faults` of the others, by block; `strangers`
     are files without a block; the iteration over `open_rows` sets `open_faults`. `digests` are the recorded
     digests of files, and `undigested` those of valid files without a recorded one, by name.
+
+    Args:
+        path: the result directory.
+        layout: that of its table.
+
+    Raises:
+        TableError: the folder cannot be read.
     """
 
     def __init__(self, path: Path, layout: Layout) -> None:
-        """List the files.
-
-        Raises:
-            TableError: the folder cannot be read.
-        """
         self.path, self.folder = path, path / TABLE
         self.layout = layout
         self.footers: dict[int, Footer] = {}

@@ -6,7 +6,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep import models
-from gaitsweep.models.conformity import faults
+from gaitsweep.models.value_faults import faults
 from gaitsweep.shipped import EXAMPLES
 
 NAMES = sorted(file.stem for file in EXAMPLES.glob("*.yaml"))

@@ -82,17 +82,20 @@ class PerturbRecorder(Recorder):
     the gait. The phase shift compares the last crossing with that which the row would have had without push.
     """
 
-    numbers = (
-        *SettleRecorder.numbers,
-        RowNumber("before", np.float64, np.nan, crossings=1),
-        RowNumber("period_before", np.int8),
-        RowNumber("stage", np.int8),
-        RowNumber("recovered", np.int8, compared=True),
-        *(RowNumber(name, np.float64, np.nan) for name in MEASURED),
-    )
     model: PushedModel  # pyright: ignore[reportIncompatibleVariableOverride]
     settle: SettleRecorder
     within: float
+
+    @property
+    def numbers(self) -> tuple[RowNumber, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return (
+            *self.settle.numbers,
+            RowNumber("before", np.float64, np.nan, crossings=1),
+            RowNumber("period_before", np.int8),
+            RowNumber("stage", np.int8),
+            RowNumber("recovered", np.int8, compared=True),
+            *(RowNumber(name, np.float64, np.nan) for name in MEASURED),
+        )
 
     @property
     def names(self) -> tuple[str, ...]:

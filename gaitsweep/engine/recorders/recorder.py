@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -112,10 +112,12 @@ class Recorder(abc.ABC):
 
     # Numbers of each row in addition to the engine's, which `record` may set: the period of the attractor in
     # crossings, 0 if unknown, and the index of the observable that kept the row from settling.
-    numbers: ClassVar[tuple[RowNumber, ...]] = (
+    numbers: tuple[RowNumber, ...] = (
         RowNumber("period", np.int8),
         RowNumber("slowest", np.int64, absent=-1),
     )
+    # Tangents of each trajectory, whose growth gives as many Lyapunov exponents.
+    exponents: int = 0
     model: Model
 
     @property

@@ -123,8 +123,9 @@ class _Operation:
             raise NoRecurrenceError(f"JAX's operation {self.name}")
         for series, term in zip(self.results, terms, strict=True):
             # where an array is constant and a number moves, the term of their sum is a number
-            fits = k == 0 or term is None
-            series.append(term if fits else jnp.broadcast_to(term, jnp.shape(series[0])))
+            if k > 0 and term is not None:
+                term = jnp.broadcast_to(term, jnp.shape(series[0]))
+            series.append(term)
         return [series[k] for series in self.results]
 
     def bind(self, *args: Value) -> Value:

@@ -81,10 +81,8 @@ def basin(
     headings = []
     if panels:
         for value, part in zip(values, parts, strict=True):
-            # no break of a line between a name and its share
             texts = _shares(shown.loc[part.index], key) if shares else []
-            above = theme.wrapped(", ".join(text.replace(" ", "\u00a0") for text in texts), side, 7.5)
-            headings.append(f"{written(table, panels, value)}\n{above}".strip())
+            headings.append(_heading(written(table, panels, value), texts, side))
     lines = max((text.count("\n") for text in headings), default=0)
     height = rows * (side + 0.35 + 0.14 * lines) + (0.35 if numeric else 0.75)
     with theme.canvas(width, height, title) as figure:
@@ -117,6 +115,13 @@ def basin(
                 heading = f"no gait has a name; {ends[0]} as hue tells them apart"
             _legend(figure, key, shown if shares and not headings else None, looks, heading, inferred)
     return figure
+
+
+def _heading(value: str, shares: Sequence[str], width: float) -> str:
+    """The heading of a panel: its value, and the shares of its outcomes in lines of `width` inches."""
+    # no break of a line between a name and its share
+    above = theme.wrapped(", ".join(text.replace(" ", "\u00a0") for text in shares), width, 7.5)
+    return f"{value}\n{above}".strip()
 
 
 def _shares(shown: pd.Series, names: Sequence[str], between: str = " ") -> list[str]:

@@ -28,6 +28,7 @@ from gaitsweep.plot.kind import (
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    """Refuse axes of different units, between which there is no distance."""
     units = {column: table.unit(column) for column in (figure.x, figure.y)}
     if not TEXT_COLUMNS & set(units) and len(set(units.values())) > 1:
         shown = " and ".join(f"{column} in {unit or '1'}" for column, unit in units.items())

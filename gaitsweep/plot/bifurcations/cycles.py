@@ -68,6 +68,7 @@ def cycles(
 
 
 def _rows(table: pd.DataFrame) -> list[tuple[object, pd.DataFrame]]:
+    """The records of each row; a table without rows is one."""
     return list(table.groupby("row", sort=True, observed=True)) if "row" in table.columns else [(0, table)]
 
 

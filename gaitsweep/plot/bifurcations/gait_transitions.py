@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float, Shaped
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -96,9 +97,9 @@ def gait_transitions(
 
 def _points(
     axes: Axes,
-    at: np.ndarray,
-    place: np.ndarray,
-    shown: np.ndarray,
+    at: Float[np.ndarray, " rows"],
+    place: Float[np.ndarray, " rows"],
+    shown: Shaped[np.ndarray, " rows"],
     names: list[str],
     looks: tuple[dict[str, str], dict[str, str]],
 ) -> list[Any]:

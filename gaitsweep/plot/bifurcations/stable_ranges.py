@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 from gaitsweep.analysis.continuation.stable_ranges import range_of_gait
 from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as ranges_of
 from gaitsweep.plot import theme
-from gaitsweep.plot.bifurcations.continuation import MARKERS, WORDS
+from gaitsweep.plot.bifurcations.branch_lines import MARKERS, WORDS
 from gaitsweep.plot.columns import PlotError, described, log_axes, moved_parameter, require_columns
 from gaitsweep.plot.kind import AlongAxis, GaitColumn, Title, figure_kind
 
@@ -96,6 +96,7 @@ def _union(same: pd.DataFrame, what: str, x: str) -> pd.Series:
 
 
 def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
+    """Draw the areas, their overlaps and their edges."""
     colour, hatch = theme.colours(areas), theme.hatches(areas)
     for name, area in areas.items():
         low, high, up = (area[key].to_numpy(float) for key in ("low", "high", "up"))
