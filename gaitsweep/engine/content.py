@@ -7,6 +7,7 @@ give the numbers of before.
 
 from __future__ import annotations
 
+import abc
 import contextlib
 import functools
 import hashlib
@@ -25,7 +26,7 @@ from weakref import WeakKeyDictionary
 import jax
 import numpy as np
 
-from gaitsweep.contract import Model
+from gaitsweep.contract import Model, SteppedModel
 from gaitsweep.own_modules import modules_beside
 
 P = ParamSpec("P")
@@ -89,6 +90,7 @@ def content_of(model: Model) -> str:
     if held is not None and (known := held.get((type(model), model))) is not None:
         return known
     reader, key = _read(model), _key(model)
+    reader.read(model.data_digest)
     for file in sorted(_FILES.get(key, ())):
         reader.read((str(file), (file.stat().st_mtime_ns, file.stat().st_size) if file.is_file() else None))
     content = reader.digest.hexdigest()
@@ -140,9 +142,12 @@ def lasting_content(model: Model, *others: Any) -> str | None:
 
 def _lasting(model: Model) -> str:
     module = sys.modules.get(type(model).__module__)
-    if module is None or model.host_parameters or model.data_digest:
+    # a model of steps with data files runs a simulator, of which no digest holds the code
+    simulated = isinstance(model, SteppedModel) and bool(model.data_digest)
+    if module is None or model.host_parameters or simulated:
         return ""
     reader = _read(model)
+    reader.read(model.data_digest)
     if is_users(module.__name__):
         sources = modules_beside(module)
         reader.lasting &= bool(sources)
@@ -274,7 +279,11 @@ class _Reader:
         self._add("class", f"{kind.__module__}.{kind.__qualname__}".encode())
         for base in kind.__mro__:
             self._know(base.__module__)
-            if not is_users(base.__module__) and not base.__module__.startswith("gaitsweep.models."):
+            # a class made by calling type() has the module of its metaclass, and no source of its own
+            called = base.__module__ == "abc" and base is not abc.ABC
+            self.lasting &= not called
+            users = called or is_users(base.__module__) or base.__module__.startswith("gaitsweep.models.")
+            if not users:
                 continue
             for name, value in list(vars(base).items()):
                 if name not in _FORMAL:
