@@ -26,6 +26,7 @@ from gaitsweep.contract import HybridModel as HybridModel
 from gaitsweep.contract import Quantity as Quantity
 from gaitsweep.contract import Status as Status
 from gaitsweep.contract import SteppedModel as SteppedModel
+from gaitsweep.dynamics.body.body_model import BodyModel as BodyModel
 from gaitsweep.dynamics.declarations import energy as energy
 from gaitsweep.dynamics.declarations import event as event
 from gaitsweep.dynamics.declarations import instants as instants
@@ -40,6 +41,8 @@ from gaitsweep.dynamics.declared_model import DeclaredModel as DeclaredModel
 from gaitsweep.dynamics.footfalls import footfalls as footfalls
 from gaitsweep.dynamics.map_model import MapModel as MapModel
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel as MjcfModel
+from gaitsweep.dynamics.noise import normal as normal
+from gaitsweep.dynamics.noise import uniform as uniform
 from gaitsweep.errors import ArgumentError as ArgumentError
 from gaitsweep.errors import UserError as UserError
 from gaitsweep.extension import Extension as Extension

@@ -376,6 +376,7 @@ def parameter(
     circular: bool = False,
     symbol: str = "",
     source: str = "",
+    whole: bool = False,
 ) -> Any:
     """Declare a parameter, which the model's functions read as `params.NAME`.
 
@@ -385,9 +386,9 @@ def parameter(
             give it.
         count: how many there are (`NAME_1`, `NAME_2`, ... in a job, an array (count,) in `params`): a number,
             or the name of a field of the model's structure. None: one scalar.
-        low, high, open_ends, circular, symbol, source: as of `Quantity`. A name that ends with an underscore
-            has by default the symbol without it: `e_` is e and `lambda_` is lambda in figures, since `e` is
-            Euler's number in formulas and `lambda` a word of Python.
+        low, high, open_ends, circular, symbol, source, whole: as of `Quantity`. A name that ends with an
+            underscore has by default the symbol without it: `e_` is e and `lambda_` is lambda in figures,
+            since `e` is Euler's number in formulas and `lambda` a word of Python.
 
     Example:
         >>> import gaitsweep as gs
@@ -403,7 +404,7 @@ def parameter(
         >>> [quantity.name for quantity in Relaxation().parameters]
         ['k_1', 'k_2']
     """
-    quantity = _quantity(unit, meaning, default, low, high, open_ends, circular, symbol, source)
+    quantity = _quantity(unit, meaning, default, low, high, open_ends, circular, symbol, source, whole=whole)
     return Parameter(count, quantity)
 
 

@@ -212,3 +212,27 @@ def integrate(tree: Tree, q: Float[Array, " nq"], v: Float[Array, " nv"], dt: Sc
         else:
             pieces.append(q[to] + v[at] * dt)
     return jnp.concatenate(pieces)
+
+
+def tilt_and_heading(
+    quaternion: Float[Array, " 4"],
+) -> tuple[Float[Array, " 2"], Float[Array, "2 2"]]:
+    """The tilt of a free body and its heading.
+
+    Returns:
+        Vertical components (2,) of the body's x and y axes, and the rotation (2, 2) by its yaw when upright.
+    """
+    w, x, y, z = quaternion / jnp.sqrt(quaternion @ quaternion)
+    up = jnp.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x)])
+    upright = w * w - x * x - y * y + z * z
+    back = jnp.stack([1.0 + upright, -up[1], up[0], 0.0 * upright]) / jnp.sqrt(2.0 * (1.0 + upright))
+    c, _, _, s = quaternion_product(jnp.stack([w, x, y, z]), back)
+    cosine, sine = c * c - s * s, 2.0 * c * s
+    return up, jnp.array([[cosine, -sine], [sine, cosine]])
+
+
+def tilted(up: Float[Array, " 2"]) -> Float[Array, " 4"]:
+    """The quaternion (4,) of a body with heading 0 and this tilt (2,), as `tilt_and_heading` gives it."""
+    upright = jnp.sqrt(1.0 - up @ up)
+    quaternion = jnp.stack([1.0 + upright, up[1], -up[0], 0.0 * upright])
+    return quaternion / jnp.sqrt(2.0 * (1.0 + upright))

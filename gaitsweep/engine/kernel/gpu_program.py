@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.contract import Status
+from gaitsweep.engine.kernel import philox
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.program import Kind
 from gaitsweep.engine.kernel.schedule import depth_first, scheduled
@@ -150,8 +151,7 @@ def placing(chunk: Chunk, seen: Sequence[int], title: str) -> str:
     copies = [f"    seen[{k} * n + i] = S[{slot} * n + i];" for k, slot in enumerate(seen)]
     return "\n".join(
         [
-            f"// Written by gaitsweep: {title}",
-            HEAD,
+            *_beginning(chunk, title),
             c_function(
                 "PART void prepare(double* S, const index n, const index i)", [*lines, *more, *stores]
             ),
@@ -194,7 +194,13 @@ def running(chunk: Chunk, varying: Collection[int], title: str) -> str:
         title: names the run in the first line.
     """
     run = _RUN.format(interval=POLL_INTERVAL, status=chunk.record.status.first, halt=chunk.carry.halt.first)
-    return "\n".join([f"// Written by gaitsweep: {title}", HEAD, *_Thread(chunk, varying).parts(), run])
+    return "\n".join([*_beginning(chunk, title), *_Thread(chunk, varying).parts(), run])
+
+
+def _beginning(chunk: Chunk, title: str) -> list[str]:
+    """The head of a source, with the functions that its program calls."""
+    draws = any(node.op.startswith("philox") for node in chunk.program.nodes)
+    return [f"// Written by gaitsweep: {title}", HEAD, *([philox.IN_C] if draws else [])]
 
 
 def packed(chunk: Chunk, varying: Collection[int], slots: Float[np.ndarray, " slots"]) -> bytes:

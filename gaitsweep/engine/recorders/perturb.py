@@ -267,7 +267,7 @@ class PerturbRecorder(Recorder):
         return jnp.where(jnp.isnan(distance), jnp.inf, distance)
 
     def readings(self, rows: RowOutcome) -> Readings:
-        left, k = rows.numbers["before"].reshape(rows.row.size, -1), len(self.model.observables)
+        left, k = rows.numbers["before"], len(self.model.observables)
         orbits = {"period": rows.numbers["period_before"], "last": left[:, :k], "orbit": left[:, k:]}
         before = from_first_crossing(
             self.model.observables, dataclasses.replace(rows, numbers={**rows.numbers, **orbits})
