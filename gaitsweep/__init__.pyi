@@ -26,6 +26,7 @@ from gaitsweep.contract import HybridModel as HybridModel
 from gaitsweep.contract import Quantity as Quantity
 from gaitsweep.contract import Status as Status
 from gaitsweep.contract import SteppedModel as SteppedModel
+from gaitsweep.dynamics.body.body_model import BodyModel as BodyModel
 from gaitsweep.dynamics.declarations import energy as energy
 from gaitsweep.dynamics.declarations import event as event
 from gaitsweep.dynamics.declarations import instants as instants

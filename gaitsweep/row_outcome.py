@@ -86,7 +86,14 @@ class RowOutcome:
     def empty(
         cls, row: Int[np.ndarray, " rows"], numbers: Sequence[RowNumber], observables: int, width: int = 0
     ) -> RowOutcome:
-        """Rows without results, of recorders with `numbers` and with `width` numbers in a record."""
+        """Rows without results.
+
+        Args:
+            row: the numbers (n,) of the rows in their table.
+            numbers: those that the recorder declares.
+            observables: the number of the model's observables.
+            width: how many numbers a record has.
+        """
         arrays = {
             number.name: np.full((row.size, *number.shape(observables)), number.absent, number.dtype)
             for number in (*ENGINE_NUMBERS, *numbers)

@@ -21,7 +21,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import HybridModel, State
-from gaitsweep.engine.advance import Halt, advance, start
+from gaitsweep.engine.advance import advance
+from gaitsweep.engine.carry import Halt, start
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.numerics import step_of
 from gaitsweep.engine.poincare.maps import Coordinates, Points, Values

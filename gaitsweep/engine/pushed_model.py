@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import HybridModel, Model, Params, Quantity, Rates, Recommended, Simultaneous, State
-from gaitsweep.engine.advance import Carry, select
+from gaitsweep.engine.carry import Carry, select
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.shapes import Flag, Number
 from gaitsweep.engine.solver import METHODS

@@ -169,7 +169,13 @@ def examined_part(data: bytes, digest: str | None, layout: Layout, number: int) 
 
 
 def examined_parts(path: Path, layout: Layout, numbers: Iterable[int]) -> dict[int, Footer]:
-    """Return the footers of the valid parts among some, which other processes may have written."""
+    """Return the footers of the valid parts among some, which other processes may have written.
+
+    Args:
+        path: the result directory.
+        layout: that of its table.
+        numbers: the blocks.
+    """
     files = {number: path / TABLE / PARTS.name(number) for number in numbers}
     files = {number: file for number, file in files.items() if file.exists()}
     # digests are read after names, since the line of a file is written before its name

@@ -46,9 +46,15 @@ class PartRecords:
         self.parts: list[_Part] = []
         self.length = 0
 
-    def add(self, table: pa.Table, footer: Footer, a_row: float = 1.0) -> None:
-        """Add the records of a part, with about `a_row` records per row."""
-        self._room = self._room or math.ceil(a_row * self._n_rows)
+    def add(self, table: pa.Table, footer: Footer, records_per_row: float = 1.0) -> None:
+        """Add the records of a part.
+
+        Args:
+            table: the records.
+            footer: the part's footer.
+            records_per_row: about how many records a row has.
+        """
+        self._room = self._room or math.ceil(records_per_row * self._n_rows)
         columns: dict[str, np.ndarray | pa.ChunkedArray] = {}
         for name, column in zip(table.column_names, table.columns, strict=True):
             if name in footer.categories:
@@ -96,8 +102,8 @@ def frame_of(
         columns: the names of the columns, in their order; all by default.
     """
     together = PartRecords(n_rows)
-    for records, footer, a_row in parts:
-        together.add(records, footer, a_row)
+    for records, footer, records_per_row in parts:
+        together.add(records, footer, records_per_row)
     return joined_parts(Path(), together, columns)
 
 

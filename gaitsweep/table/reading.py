@@ -142,7 +142,11 @@ class Selection:
 
     @classmethod
     def of(cls, columns: Sequence[str] | None, rows: Rows | None, n_rows: int) -> Selection:
-        """The selection of `columns` and `rows` from a table of `n_rows` rows; see `load`.
+        """The selection of some columns and rows.
+
+        Args:
+            columns, rows: as for `load`.
+            n_rows: the number of rows of the table.
 
         Raises:
             TableError: the table does not have these rows, or they are not row numbers.
@@ -281,7 +285,10 @@ def load(
 def load_with_snapshot(
     path: str | Path, columns: Sequence[str] | None = None, rows: Rows | None = None
 ) -> tuple[Snapshot, pd.DataFrame]:
-    """Read the table of a result directory as `load` does, with the snapshot of the directory."""
+    """Read the table of a result directory, with the snapshot of the directory.
+
+    Arguments and errors are those of `load`.
+    """
     path = Path(path)
     n_rows = read_manifest(path)["rows"]
     selection = Selection.of(columns, rows, n_rows)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import Params, Status
-from gaitsweep.engine.advance import Carry, Halt, select
+from gaitsweep.engine.carry import Carry, Halt, select
 from gaitsweep.engine.pushed_model import PushedModel, restarted
 from gaitsweep.engine.recorders.bounds import change
 from gaitsweep.engine.recorders.orbits import from_first_crossing

@@ -16,6 +16,7 @@ from matplotlib.patches import Patch
 from gaitsweep.analysis.records import in_order
 from gaitsweep.contract import Outcome
 from gaitsweep.plot import theme
+from gaitsweep.plot.arguments import Horizontal, Hue, Panels, Title, Vertical
 from gaitsweep.plot.basins.cells import cell_grid, check_cells, colour_cells, hatch_cells
 from gaitsweep.plot.columns import (
     PlotError,
@@ -30,7 +31,7 @@ from gaitsweep.plot.columns import (
     written,
 )
 from gaitsweep.plot.figure_style import current
-from gaitsweep.plot.kind import Horizontal, Hue, Panels, Title, Vertical, figure_kind
+from gaitsweep.plot.kind import figure_kind
 from gaitsweep.run_columns import COLUMNS
 from gaitsweep.schema.numbers import Flag
 

@@ -21,9 +21,11 @@ from gaitsweep.analysis.basins.fractal_boundaries import BOX
 from gaitsweep.analysis.basins.measures import Basins, basins
 from gaitsweep.analysis.records import axes_of
 from gaitsweep.plot import theme
+from gaitsweep.plot.arguments import TEXT_COLUMNS, Column, Title
 from gaitsweep.plot.columns import axis_label, column, is_angle, rows_where, unit_of, written
 from gaitsweep.plot.figure_style import current
-from gaitsweep.plot.kind import TEXT_COLUMNS, Column, PlannedTable, Refusal, Title, figure_kind
+from gaitsweep.plot.kind import figure_kind
+from gaitsweep.plot.planned_table import PlannedTable, Refusal
 
 _MOST_NAMED = 6  # most lines in a legend; more lines have a colour bar
 

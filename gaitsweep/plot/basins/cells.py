@@ -16,7 +16,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from gaitsweep.plot.columns import is_drawn, is_logarithmic
-from gaitsweep.plot.kind import PlannedTable, Refusal
+from gaitsweep.plot.planned_table import PlannedTable, Refusal
 
 
 def check_cells(figure: Any, table: PlannedTable) -> Iterator[Refusal]:

@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import offset_copy
 
 from gaitsweep.plot import theme
+from gaitsweep.plot.arguments import Observable, Title
 from gaitsweep.plot.bifurcations.branch_lines import WORDS, draw_branch, key, looks_of_pieces, stretches
 from gaitsweep.plot.columns import (
     PlotError,
@@ -22,7 +23,7 @@ from gaitsweep.plot.columns import (
     require_columns,
     rows_where,
 )
-from gaitsweep.plot.kind import Observable, Title, figure_kind
+from gaitsweep.plot.kind import figure_kind
 from gaitsweep.plot.style_names import period_names
 
 STABLE_WIDTH = 2.2

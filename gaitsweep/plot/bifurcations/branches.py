@@ -15,18 +15,11 @@ from gaitsweep import near_miss
 from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.transitions.return_map import branches as find_branches
 from gaitsweep.plot import theme
+from gaitsweep.plot.arguments import TEXT_COLUMNS, AlongAxis, Bandwidth, Observed, Title
 from gaitsweep.plot.bifurcations.branch_lines import STABLE, UNSTABLE
 from gaitsweep.plot.columns import column, described, is_angle, log_axes, origin_of, require_columns
-from gaitsweep.plot.kind import (
-    TEXT_COLUMNS,
-    AlongAxis,
-    Bandwidth,
-    Observed,
-    PlannedTable,
-    Refusal,
-    Title,
-    figure_kind,
-)
+from gaitsweep.plot.kind import figure_kind
+from gaitsweep.plot.planned_table import PlannedTable, Refusal
 
 _COLOUR = {True: STABLE, False: UNSTABLE}
 

@@ -16,9 +16,10 @@ from pydantic import Field
 
 from gaitsweep.near_miss import allowing
 from gaitsweep.plot import theme
+from gaitsweep.plot.arguments import Column, Observable, Title
 from gaitsweep.plot.bifurcations.branch_lines import draw_branch, key, style_of_range
 from gaitsweep.plot.columns import PlotError, column, described, is_angle, moved_parameter, require_columns
-from gaitsweep.plot.kind import Column, Observable, Title, figure_kind
+from gaitsweep.plot.kind import figure_kind
 from gaitsweep.schema.numbers import Real, Text
 
 

@@ -15,9 +15,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from gaitsweep.plot import theme
+from gaitsweep.plot.arguments import GaitColumn, Title
 from gaitsweep.plot.bifurcations.branch_lines import stretches
 from gaitsweep.plot.columns import PlotError, described, require_columns, rows_where
-from gaitsweep.plot.kind import GaitColumn, Title, figure_kind
+from gaitsweep.plot.kind import figure_kind
 
 _TOGETHER = "#BFE6DA"  # a light tint of the colour of two gaits in a gait map
 _MARKS = {"cusp": ("*", 9.0), "curve lost": ("x", 5.0)}

@@ -17,6 +17,7 @@ from gaitsweep.analysis.records import in_order
 from gaitsweep.analysis.transitions.hysteresis import transition_points_by_gait
 from gaitsweep.contract import Outcome
 from gaitsweep.plot import theme
+from gaitsweep.plot.arguments import AlongAxis, Column, GaitColumn, Observed, Title
 from gaitsweep.plot.columns import (
     column,
     described,
@@ -29,7 +30,7 @@ from gaitsweep.plot.columns import (
     symbol,
     unit_of,
 )
-from gaitsweep.plot.kind import AlongAxis, Column, GaitColumn, Observed, Title, figure_kind
+from gaitsweep.plot.kind import figure_kind
 
 _OPEN = "#777777"
 

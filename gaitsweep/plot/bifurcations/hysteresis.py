@@ -17,12 +17,9 @@ from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.records import sound
-from gaitsweep.analysis.transitions.hysteresis import (
-    LEAST,
-    largest_jumps,
-    transition_points,
-)
+from gaitsweep.analysis.transitions.hysteresis import LEAST, largest_jumps, transition_points
 from gaitsweep.plot import theme
+from gaitsweep.plot.arguments import Observable, Observed, Panels, TableOrName, Title
 from gaitsweep.plot.bifurcations.branch_names import name_branches, named_gaits
 from gaitsweep.plot.bifurcations.hysteresis_panels import (
     Panel,
@@ -45,16 +42,8 @@ from gaitsweep.plot.columns import (
     written,
 )
 from gaitsweep.plot.figure_style import current
-from gaitsweep.plot.kind import (
-    Observable,
-    Observed,
-    Panels,
-    PlannedTable,
-    Refusal,
-    TableOrName,
-    Title,
-    figure_kind,
-)
+from gaitsweep.plot.kind import figure_kind
+from gaitsweep.plot.planned_table import PlannedTable, Refusal
 from gaitsweep.schema.numbers import Positive, Real, Text
 
 _PANELS_A_ROW = 3

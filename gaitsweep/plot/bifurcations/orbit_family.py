@@ -12,9 +12,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gaitsweep.plot import theme
+from gaitsweep.plot.arguments import Title
 from gaitsweep.plot.bifurcations.branch_lines import looks_of_pieces, stretches
 from gaitsweep.plot.columns import PlotError, described, moved_parameter, require_columns, rows_where
-from gaitsweep.plot.kind import Title, figure_kind
+from gaitsweep.plot.kind import figure_kind
 
 _LINES = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)))
 _MEANING = "first time in the cycle: "
