@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaitsweep.contract import Model, Params, Quantity, Status
+from gaitsweep.contract import FixedStepDynamics, Model, Params, Quantity, Status
 from gaitsweep.engine.advance import Carry
 from gaitsweep.engine.shapes import Integer, Number, Observed
 from gaitsweep.engine.tangents import from_section, on_section, orthonormalised
@@ -223,13 +223,14 @@ def may_turn(model: Model) -> bool:
     return len(coordinates) != 1 or coordinates[0].circular
 
 
-def exponent_numbers(count: int) -> tuple[RowNumber, ...]:
-    """The numbers of a row with so many exponents."""
+def exponent_numbers(model: Model, count: int) -> tuple[RowNumber, ...]:
+    """The numbers of a row with so many exponents; those of a plain map are per application."""
+    unit = "1" if isinstance(model, FixedStepDynamics) and model.is_return_map else "1/s"
     numbers: list[RowNumber] = []
     for i in range(1, count + 1):
         symbol = rf"\lambda_{i}"
-        exponent = Quantity(f"lyapunov_{i}", "1/s", f"Lyapunov exponent {i} of the return map", symbol=symbol)
-        error = Quantity(f"lyapunov_{i}_error", "1/s", f"standard error of Lyapunov exponent {i}")
+        exponent = Quantity(f"lyapunov_{i}", unit, f"Lyapunov exponent {i}", symbol=symbol)
+        error = Quantity(f"lyapunov_{i}_error", unit, f"standard error of Lyapunov exponent {i}")
         numbers += [RowNumber(q.name, np.float64, np.nan, q) for q in (exponent, error)]
     return tuple(numbers)
 
