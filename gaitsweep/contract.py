@@ -308,6 +308,11 @@ class Model(Jumps):
         _refuse_old_names(cls, RENAMED)
 
     @property
+    def original(self) -> Model:
+        """The model that its author wrote; a model that adds to another one returns that one."""
+        return self
+
+    @property
     def precisions(self) -> tuple[str, ...]:
         """The supported precisions: float64, float32, mixed (see `FixedStepDynamics.step`)."""
         return ("float64",)

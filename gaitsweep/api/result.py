@@ -159,6 +159,7 @@ class Result:
         return f"<p>{lines}</p>{self.table.head(_SHOWN_ROWS).to_html()}"
 
     def _summary(self) -> list[str]:
+        """Lines with the counts of rows, statuses and gaits, and the self-check."""
         known = self.manifest
         counts = {"rows": {"": known["rows"]}, "status": known.get("counts"), "gait": known.get("gaits")}
         lines = [
@@ -256,6 +257,7 @@ def warn(sentence: str, level: int = 1) -> None:
 
 
 def _remarked(result: Result) -> Result:
+    """Issue the remarks on a result as warnings, and return it."""
     for remark in remarks(result.manifest):
         warn(remark, 4)
     return result

@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import Chart, Model, Params, State
-from gaitsweep.engine.advance import Advance, Carry
+from gaitsweep.engine.advance import Advance
+from gaitsweep.engine.carry import Carry
 from gaitsweep.engine.leaves import AllVariables, float_leaves, with_float_leaves
 from gaitsweep.engine.shapes import Number
 

@@ -14,7 +14,7 @@ from gaitsweep.contract import RECURRENT, HybridModel, Model, Quantity, Status, 
 from gaitsweep.engine.recorders.recorder import unpacked
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.run_columns import COLUMNS
-from gaitsweep.table.reading import categorical, outcomes
+from gaitsweep.table.frames import categorical, outcomes
 
 AT_REST = "rest"  # what stands for the gait of a stationary point
 UNKNOWN_GAIT = "unknown"  # gait of a row whose label is not the index of a gait; the label follows
@@ -253,7 +253,7 @@ def quantities_of(model: Model, columns: Sequence[Column] = ()) -> dict[str, dic
         **{c.name: Quantity(c.name, *COLUMNS[c.name]) for c in columns if c.name in COLUMNS},
         **{c.name: c.quantity for c in columns if c.quantity is not None},
     }
-    if (fall := (type(model).failed.__doc__ or "").strip().partition("\n")[0]) and "status" in named:
+    if (fall := (type(model.original).failed.__doc__ or "").strip().partition("\n")[0]) and "status" in named:
         meaning = f"{named['status'].meaning}; fell: {fall[0].lower()}{fall[1:].removesuffix('.')}"
         named["status"] = dataclasses.replace(named["status"], meaning=meaning)
     return {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -12,7 +13,7 @@ from pydantic import Field, PlainValidator, WithJsonSchema
 from gaitsweep import near_miss
 from gaitsweep.contract import Model, Status
 from gaitsweep.design import Design
-from gaitsweep.engine.recorders.bounds import tolerances
+from gaitsweep.engine.recorders.bounds import TOLERANCE, tolerances
 from gaitsweep.engine.recorders.settle import FIRST_TEST, HOLD, MAX_PERIOD, SettleRecorder
 from gaitsweep.engine.solver import derivative_refusal
 from gaitsweep.engine.sweep.boundary_cells import Grid
@@ -65,32 +66,22 @@ def _period(value: Any) -> int:
     return read_whole(value, low=1, high=MOST_PERIOD)
 
 
-def tolerance_field(noun: str) -> Any:
+def tolerance_field(noun: str, default: float = TOLERANCE) -> Any:
     """The field with the tolerance on settled rows or stairs."""
     return Field(
-        default=1e-3,
+        default=default,
         description=f"largest change per cycle of a settled {noun}: of angles in rad, of other observables "
         "as a fraction of their scale; one number for all, or numbers by observable (1e-3 for the others)",
     )
 
 
-class Settle(RunKind):
-    """Follow each row until its state at the section stops changing or repeats; one record per row."""
+class SettlesRows(RunKind):
+    """The base of run kinds that follow rows until they settle."""
 
     compared: ClassVar = "settled"
     one_a_row: ClassVar[bool] = True
-    # without refinement every row runs, whatever the other two fields are; results are older than max_period
-    idle_without: ClassVar = {
-        "refine": ("refine", "over", "coarse"),
-        "max_period": ("max_period",),
-        "exponents": ("exponents",),
-    }
 
-    kind: Literal["settle"] = Field(
-        init=False,
-        description="settle: simulate until the state at the section stops changing, or repeats every 2 to "
-        "`max_period` crossings",
-    )
+    kind: Any = Field(init=False)  # first among the fields
     max_cycles: Count = Field(default=150, description="cycles after which a row is given up")
     tolerance: PositiveOrEach = tolerance_field("row")
     max_time: Positive | None = Field(
@@ -102,6 +93,51 @@ class Settle(RunKind):
         default=None,
         description=f"crossings of the longest orbits that settle, at most {MOST_PERIOD}; by default "
         f"{MAX_PERIOD}. They settle after {SETTLING_PERIODS} times as many crossings at the earliest",
+    )
+
+    def settling(self, model: Model) -> SettleRecorder:
+        """The recorder that settles a row."""
+        longest = self.max_period or MAX_PERIOD
+        return SettleRecorder(
+            model, self.max_cycles, tolerances(model, self.tolerance), self.max_time, longest
+        )
+
+    def columns_of_block(self, model: Model, block: RowOutcome) -> list[Column]:
+        return observed_on_orbits(model, block)
+
+    def check_settling(self, model: Model) -> list[Diagnostic]:
+        """Diagnostics about the fields with which rows settle."""
+        wrong = check_tolerance(self.tolerance, model)
+        if self.max_period and self.max_cycles < (needed := SETTLING_PERIODS * self.max_period):
+            text = (
+                f"is {self.max_period}, but orbits settle after {SETTLING_PERIODS} times as many crossings: "
+                f"give a run.max_cycles of {needed} or more; it is {self.max_cycles}."
+            )
+            wrong.append(Diagnostic(("run", "max_period"), text))
+        return wrong
+
+    def likely_cycles(self, period: float) -> tuple[float, float]:
+        """The likely and the largest number of cycles until a row settles."""
+        cycles = float(self.max_cycles)
+        if self.max_time is not None:
+            cycles = min(cycles, self.max_time / period)
+        return LIKELY_SHARE * cycles, cycles
+
+
+class Settle(SettlesRows):
+    """Follow each row until its state at the section stops changing or repeats; one record per row."""
+
+    # without refinement every row runs, whatever the other two fields are; results are older than max_period
+    idle_without: ClassVar = {
+        "refine": ("refine", "over", "coarse"),
+        "max_period": ("max_period",),
+        "exponents": ("exponents",),
+    }
+
+    kind: Literal["settle"] = Field(
+        init=False,
+        description="settle: simulate until the state at the section stops changing, or repeats every 2 to "
+        "`max_period` crossings",
     )
     exponents: CountOrZero = Field(
         default=0,
@@ -128,9 +164,7 @@ class Settle(RunKind):
     )
 
     def recorder(self, model: Model) -> SettleRecorder:
-        longest = self.max_period or MAX_PERIOD
-        tolerance = tolerances(model, self.tolerance)
-        return SettleRecorder(model, self.max_cycles, tolerance, self.max_time, longest, self.exponents)
+        return dataclasses.replace(self.settling(model), exponents=self.exponents)
 
     def columns(self, model: Model) -> list[Column]:
         return [
@@ -146,18 +180,12 @@ class Settle(RunKind):
             *label_fields(model),
         ]
 
-    def columns_of_block(self, model: Model, block: RowOutcome) -> list[Column]:
-        return observed_on_orbits(model, block)
-
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
-        wrong = [*check_tolerance(self.tolerance, rows.model), *self._check_refinement(rows)]
-        if self.max_period and self.max_cycles < (needed := SETTLING_PERIODS * self.max_period):
-            text = (
-                f"is {self.max_period}, but orbits settle after {SETTLING_PERIODS} times as many crossings: "
-                f"give a run.max_cycles of {needed} or more; it is {self.max_cycles}."
-            )
-            wrong.append(Diagnostic(("run", "max_period"), text))
-        return [*wrong, *self._check_exponents(rows.model, method)]
+        return [
+            *self.check_settling(rows.model),
+            *self._check_refinement(rows),
+            *self._check_exponents(rows.model, method),
+        ]
 
     def _check_exponents(self, model: Model, method: str) -> list[Diagnostic]:
         """Diagnostics about exponents of a map without a derivative, or more of them than it has."""
@@ -222,10 +250,8 @@ class Settle(RunKind):
         return wrong
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
-        cycles = float(self.max_cycles)
-        if self.max_time is not None:
-            cycles = min(cycles, self.max_time / period)
-        return Cost(LIKELY_SHARE * cycles * cycle, cycles * cycle)
+        likely, most = self.likely_cycles(period)
+        return Cost(likely * cycle, most * cycle)
 
 
 def check_tolerance(tolerance: float | Mapping[str, float], model: Model) -> list[Diagnostic]:

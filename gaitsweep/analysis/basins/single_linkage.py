@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pandas as pd
-import scipy.sparse
+import scipy
 from jaxtyping import Float, Int
 
 from gaitsweep.analysis.basins.state_space import Space, StateArray

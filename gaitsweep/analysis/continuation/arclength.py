@@ -97,7 +97,9 @@ class ContinuationProblem:
         weights[:, -1] = 1.0 / (high - low) ** 2
         return cls(mapping, parameter, low, high, values, constraints, weights)
 
-    def __getitem__(self, which: np.ndarray) -> ContinuationProblem:
+    def __getitem__(
+        self, which: Bool[np.ndarray, " rows"] | Int[np.ndarray, " chosen"]
+    ) -> ContinuationProblem:
         values = {name: column[which] for name, column in self.values.items()}
         return dataclasses.replace(self, values=values, held=self.held[which], weights=self.weights[which])
 

@@ -8,15 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaitsweep.contract import State
-from gaitsweep.engine.poincare.maps import (
-    Coordinates,
-    DerivedMap,
-    Events,
-    FollowedMap,
-    Image,
-    Points,
-    Values,
-)
+from gaitsweep.engine.poincare.maps import Coordinates, DerivedMap, Events, FollowedMap, Image, Points, Values
 
 
 @dataclasses.dataclass(frozen=True)

@@ -71,7 +71,9 @@ class ConservedConstraints:
                     values[:, place] = np.asarray(value, np.float64)
         return cls(which, values, np.array([mapping.conserved[k].circular for k in which], bool))
 
-    def __getitem__(self, rows: np.ndarray) -> ConservedConstraints:
+    def __getitem__(
+        self, rows: Bool[np.ndarray, " points"] | Int[np.ndarray, " chosen"]
+    ) -> ConservedConstraints:
         return dataclasses.replace(self, values=self.values[rows])
 
     def residuals(self, conserved: Float[np.ndarray, "points conserved"]) -> Drifts:

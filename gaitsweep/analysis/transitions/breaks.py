@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.ndimage
+import scipy
 from jaxtyping import Bool, Float
 
 Pairs = Float[np.ndarray, " pairs"]  # a number for each pair

@@ -10,7 +10,7 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
-import scipy.signal
+import scipy
 
 from gaitsweep.analysis.circular import unwrap_from
 from gaitsweep.analysis.transitions.breaks import PairFlags, Pairs

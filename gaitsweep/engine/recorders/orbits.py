@@ -20,10 +20,13 @@ def with_orbits(numbers: Mapping[str, Num[np.ndarray, "rows ..."]]) -> dict[str,
     """The numbers of ended rows with `orbit`, the crossings before the last one, the latest first.
 
     They are in the recorder's `window` (n, crossings, observables + 2), the last one first. Rows that settled
-    at one point have none.
+    at one point have none. Other numbers of several crossings (n, crossings, observables) become rows of
+    numbers, too.
     """
     if "window" not in numbers:
         return {**numbers}
+    of_crossings = {name for name, values in numbers.items() if values.ndim == 3 and name != "window"}
+    numbers = {**numbers, **{name: numbers[name].reshape(len(numbers[name]), -1) for name in of_crossings}}
     others = numbers["window"][:, 1:, :-2].reshape(len(numbers["window"]), -1)
     # a kernel's numbers are floats
     several = (numbers["period"] > 1) | RECURRENT.among(numbers["status"].astype(np.int32))

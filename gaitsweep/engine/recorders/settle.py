@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from gaitsweep.contract import HybridModel, Model, Params, Status
-from gaitsweep.engine.advance import Carry, Halt, select
+from gaitsweep.engine.carry import Carry, Halt, select
 from gaitsweep.engine.rarity import unlikely
 from gaitsweep.engine.recorders.bounds import (
     SETTLE_WINDOW,
@@ -72,7 +72,7 @@ LEAST_RATE = 1.0e-12
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Memory:
-    """Memory of a row.
+    """The memory of a row.
 
     `window` (w, n + 2) the last `SETTLE_WINDOW` crossings, or `max_period` if that is more: their
     observables, their time (s) and their distance from the crossing before them, in units of the bound;
@@ -142,10 +142,10 @@ class SettleRecorder(Recorder):
         record, sample, keep = self.unsampled(params, carry)
         last, dtype = record.last, record.last.dtype
         length = max(SETTLE_WINDOW, self.max_period)
-        seen = jnp.broadcast_to(last, (length, *last.shape))
+        observed = jnp.broadcast_to(last, (length, *last.shape))
         none = jnp.zeros((), jnp.int32)
         memory = Memory(
-            window=jnp.concatenate([seen, jnp.zeros((length, 2), dtype)], axis=1),
+            window=jnp.concatenate([observed, jnp.zeros((length, 2), dtype)], axis=1),
             moves=jnp.zeros((2, self.max_period), dtype),
             span=first_span(self.model, last),
             calm=none,

@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Real
 
 from gaitsweep.contract import Model, Params
-from gaitsweep.engine.advance import Carry, advance, start
+from gaitsweep.engine.advance import advance
+from gaitsweep.engine.carry import Carry, start
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics, step_of
 from gaitsweep.engine.recorders.recorder import LaneRecord, PollResult, Recorder
 from gaitsweep.engine.shapes import Flag, Number
