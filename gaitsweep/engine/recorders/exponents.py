@@ -174,7 +174,8 @@ class Exponents:
 
         Args:
             period: the crossings of the orbit on which the row has settled, 0 if it has not. On an orbit of
-                several crossings, exponents are the means over as many of its last turns as the window has.
+                several crossings, exponents are the means over as many of its last turns as the window has;
+                at a fixed point those over the window, if their error is less than that of the spans.
             ago: (w,) the times (s) since the crossings before this one, the latest first.
         """
         rates, errors = self.rates()
@@ -182,8 +183,11 @@ class Exponents:
         last = len(ago) // turn * turn
         duration = jnp.sum(jnp.where(place == last - 1, ago, 0.0))
         turns = jnp.sum(jnp.where((place < last)[:, None], self.logs, 0.0), axis=0) / duration
-        repeats = (period > 1) | ((period == 1) & jnp.isnan(errors[0]))
-        rates, errors = jnp.where(repeats, turns, rates), jnp.where(repeats, jnp.nan, errors)
+        deviation = self.logs * (len(ago) / ago[-1]) - turns[None, :]
+        own = jnp.sqrt(jnp.sum(deviation**2, axis=0) / (len(ago) * (len(ago) - 1)))
+        fixed = (period == 1) & ~(own[0] > errors[0])
+        rates = jnp.where((period > 1) | fixed, turns, rates)
+        errors = jnp.where(period > 1, jnp.nan, jnp.where(fixed, own, errors))
         named = {f"lyapunov_{i + 1}": rate for i, rate in enumerate(rates)}
         return named | {f"lyapunov_{i + 1}_error": error for i, error in enumerate(errors)}
 
