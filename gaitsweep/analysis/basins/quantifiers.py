@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool
+from jaxtyping import Bool, Shaped
 
 from gaitsweep.analysis.basins.attractor_matching import follow_attractors
 from gaitsweep.analysis.basins.fractions import LEVEL, fractions, panels_and_axes
@@ -86,12 +86,14 @@ def quantifiers(
     require(table, parameter, "status", "t_end")
     if label == "attractor" and label not in table:
         column = follow_attractors(table, parameter, **grouping).column
-        table = _with_column(table, label, column.astype(object))
+        table = _with_column(table, label, column.astype(object).to_numpy())
     require(table, label)
     table, by, axes = panels_and_axes(table, parameter, None)
     counted = {"": fractions(table, axes, label=label, by=by, level=level)}
     if within is not None:
-        early = table[label].astype(object).where(table["t_end"].to_numpy(float) <= within)
+        in_time = table["t_end"].to_numpy(float) <= within
+        early = np.array(table[label].astype(object))
+        early[~in_time] = None
         counted["within"] = fractions(
             _with_column(table, label, early), axes, label=label, by=by, level=level
         )
@@ -121,7 +123,7 @@ def _rows_of(table: pd.DataFrame, mask: Bool[np.ndarray, " rows"]) -> pd.DataFra
     return table.iloc[np.flatnonzero(mask)]
 
 
-def _with_column(table: pd.DataFrame, name: str, values: pd.Series) -> pd.DataFrame:
+def _with_column(table: pd.DataFrame, name: str, values: Shaped[np.ndarray, " rows"]) -> pd.DataFrame:
     """The table with other values in a column, and with its attributes."""
     changed = table.assign(**{name: values})
     changed.attrs = table.attrs
