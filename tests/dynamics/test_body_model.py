@@ -222,8 +222,9 @@ def test_an_axis_equals_the_edited_file(parameter: str, value: float, old: str, 
     """Rows of a sweep against the reloaded file; the ground's stiffness, which follows masses, is given."""
     assert old in HOPPER
     ground = {"foot_contact_stiffness": 2e4, "foot_contact_damping": 200.0, "foot_grip": 200.0}
-    options = {**HOP, **ground, "duration": 0.3, "every": 0.3, "numerics": EXACT}
-    varied = gs.simulate(Swinging(), **options, **{parameter: value})
+    options: dict[str, Any] = {**HOP, **ground, "duration": 0.3, "every": 0.3, "numerics": EXACT}
+    options_varied = options | {parameter: value}
+    varied = gs.simulate(Swinging(), **options_varied)
     edited = gs.simulate(of(HOPPER.replace(old, new)), **options)
     columns = ["q_0", "q_1", "q_2"]
     np.testing.assert_allclose(varied[columns].iloc[-1], edited[columns].iloc[-1], rtol=0, atol=1e-10)
