@@ -22,7 +22,9 @@ class SampledSet:
     def __init__(self, space: Space, rows: list[int], states: StateArray) -> None:
         self._space, self.rows, self.states = space, rows, states
         self._tree = space.tree(states)
-        self._within = float(np.asarray(self._tree.query(states, k=2)[0])[:, 1].mean())
+        nearest = np.asarray(self._tree.query(states, k=2)[0])[:, 1]
+        # one state alone is near to its equals only
+        self._within = float(nearest.mean()) if len(states) > 1 else 0.0
 
     def is_near(self, other: SampledSet) -> bool:
         """Whether the set with fewer states is a sample of the other one."""
