@@ -183,6 +183,19 @@ def steps_to_fall(
 
 
 @app.command()
+def quantifiers(directory: Directory, parameter: Parameter = None) -> None:
+    """Print how stable each attractor is along a parameter.
+
+    Shares of its basin with intervals, times of convergence, resilience and the least fatal shock.
+    """
+    from gaitsweep.analysis.basins import quantifiers as analysis
+
+    table = result_table(directory)
+    parameter = parameter or _from_job(table, "--parameter", "orbit", "x", [])
+    print_table(analysis.quantifiers(table, parameter))
+
+
+@app.command()
 def wada(directory: Directory, by: GroupColumns = None) -> None:
     """Print two tests of the Wada property of basins.
 
